@@ -1,0 +1,10 @@
+# While the parts of the first version land one by one: the sources of a list that exist already.
+function(scree_existing out)
+  set(found)
+  foreach(source IN LISTS ARGN)
+    if(EXISTS "${CMAKE_CURRENT_SOURCE_DIR}/${source}")
+      list(APPEND found "${source}")
+    endif()
+  endforeach()
+  set(${out} "${found}" PARENT_SCOPE)
+endfunction()

@@ -1,0 +1,39 @@
+# The libraries scree uses, from the distribution's packages (scripts/setup installs them). zstd, turbojpeg, jpeg, png,
+# z and xxhash are linked statically; meshoptimizer is packaged as a shared library only and is installed beside the
+# program, so that an installed folder runs on a machine that has none of them.
+find_package(Threads REQUIRED)
+
+function(scree_static_library target archive header)
+  find_library(${target}_archive NAMES ${archive} REQUIRED)
+  find_path(${target}_include NAMES ${header} REQUIRED)
+  add_library(scree::${target} STATIC IMPORTED)
+  set_target_properties(scree::${target} PROPERTIES
+    IMPORTED_LOCATION "${${target}_archive}"
+    INTERFACE_SYSTEM_INCLUDE_DIRECTORIES "${${target}_include}")
+endfunction()
+
+scree_static_library(zstd libzstd.a zstd.h)
+scree_static_library(xxhash libxxhash.a xxhash.h)
+scree_static_library(zlib libz.a zlib.h)
+scree_static_library(png libpng.a png.h)
+set_property(TARGET scree::png PROPERTY INTERFACE_LINK_LIBRARIES scree::zlib m)
+scree_static_library(jpeg libjpeg.a jpeglib.h)
+scree_static_library(turbojpeg libturbojpeg.a turbojpeg.h)
+
+find_library(meshoptimizer_library NAMES meshoptimizer REQUIRED)
+find_path(meshoptimizer_include NAMES meshoptimizer.h REQUIRED)
+add_library(scree::meshoptimizer UNKNOWN IMPORTED)
+set_target_properties(scree::meshoptimizer PROPERTIES
+  IMPORTED_LOCATION "${meshoptimizer_library}"
+  INTERFACE_SYSTEM_INCLUDE_DIRECTORIES "${meshoptimizer_include}")
+
+function(scree_header_library target header)
+  find_path(${target}_include NAMES ${header} REQUIRED)
+  add_library(scree::${target} INTERFACE IMPORTED)
+  set_target_properties(scree::${target} PROPERTIES
+    INTERFACE_SYSTEM_INCLUDE_DIRECTORIES "${${target}_include}")
+endfunction()
+
+scree_header_library(tinygltf tiny_gltf.h)
+scree_header_library(nlohmann_json nlohmann/json.hpp)
+scree_header_library(cli11 CLI/CLI.hpp)

@@ -1,0 +1,37 @@
+// Bit-packed streams: value i of width `bits` lies at bit i * bits, least significant bit first, in little-endian bytes.
+// The unpacking half runs in kernels too.
+#pragma once
+
+#include <cstdint>
+#include <cstring>
+
+#include "format/bytes.h"
+#include "format/hd.h"
+
+namespace scree::format {
+
+/// Zero bytes after the last value's byte, so that a reader may load 8 bytes from the byte any value starts in.
+inline constexpr uint64_t kPackedSlackBytes = 8;
+
+/// Bytes of a packed stream of `count` values: ceil(count * bits / 8) + slack, rounded up to 16. The caller keeps
+/// count * bits below 2^63 (count < 2^32 and bits <= 96 do). 0 where count or bits is 0.
+SCREE_HD constexpr uint64_t packed_bytes(uint64_t count, uint32_t bits) {
+  if (count == 0 || bits == 0) return 0;
+  return ((count * bits + 7) / 8 + kPackedSlackBytes + 15) & ~uint64_t{15};
+}
+
+/// The `bits` (0 to 32) at bit `bit_offset` (64-bit: indices times bits passes 2^32) of a stream that is 4-byte aligned and
+/// has its slack.
+SCREE_HD inline uint32_t unpack(const void* stream, uint64_t bit_offset, uint32_t bits) {
+#if defined(__CUDA_ARCH__)
+  const uint32_t* word = static_cast<const uint32_t*>(stream) + (bit_offset >> 5);
+  const uint32_t value = __funnelshift_r(word[0], word[1], static_cast<uint32_t>(bit_offset) & 31u);
+  return bits == 32 ? value : value & ((1u << bits) - 1u);
+#else
+  uint64_t window;
+  std::memcpy(&window, static_cast<const unsigned char*>(stream) + (bit_offset >> 3), sizeof window);
+  return static_cast<uint32_t>((window >> (bit_offset & 7u)) & ((uint64_t{1} << bits) - 1u));
+#endif
+}
+
+}  // namespace scree::format

@@ -1,0 +1,147 @@
+// Reading and writing .scree files (spec/container.md): header, table of contents, record tables, pages.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "format/layout.h"
+#include "format/result.h"
+
+namespace scree::format {
+
+/// The records of one kind. Strided, because a newer minor version may have made the records longer.
+template <class Record>
+class Table {
+ public:
+  Table() = default;
+  Table(const std::byte* first, uint64_t count, uint64_t stride) : first_(first), count_(count), stride_(stride) {}
+
+  uint64_t size() const { return count_; }
+  bool empty() const { return count_ == 0; }
+  const Record& operator[](uint64_t index) const {
+    return *reinterpret_cast<const Record*>(first_ + index * stride_);
+  }
+
+ private:
+  const std::byte* first_ = nullptr;
+  uint64_t count_ = 0;
+  uint64_t stride_ = sizeof(Record);
+};
+
+/// A validated view of a .scree file's bytes. open() checks the header, the table of contents, every table's checksum and
+/// every field of every record (indices into other tables, ranges, bit counts, prefix sums, finite numbers): what the
+/// accessors return can be used without further checks. It touches no page and allocates nothing per record; at most 20 ns
+/// a record. Page contents are checked by load_page. Views stay valid as long as the bytes given to open().
+class Container {
+ public:
+  /// `file`: the whole file, kTableAlignment-aligned in memory (a map is). Errors kFormat, kVersion, kTruncated, kTrailing,
+  /// kChecksum, kRange, kReserved.
+  static Result<Container> open(std::span<const std::byte> file);
+
+  const FileHeader& header() const;
+  Table<PageRecord> pages() const;
+  Table<MeshRecord> meshes() const;
+  Table<ChunkRecord> chunks() const;
+  Table<GroupRecord> groups() const;
+  Table<NodeRecord> nodes() const;
+  Table<InstanceRecord> instances() const;
+  Table<MatrixRecord> matrices() const;
+  Table<NodeInstanceRecord> node_instances() const;
+  Table<MaterialRecord> materials() const;
+  Table<TextureRecord> textures() const;
+  Table<ImageRecord> images() const;
+  Table<CameraRecord> cameras() const;
+  Table<SceneRecord> scenes() const;
+  Table<uint32_t> scene_roots() const;
+  Table<LeftOutRecord> left_out() const;
+  const SourceRecord& source() const;
+
+  /// The zero-terminated UTF-8 string at `offset` of the string table.
+  std::string_view string(uint32_t offset) const;
+
+  /// The stored bytes of a page, unchecked.
+  std::span<const std::byte> stored_page(uint32_t page) const;
+
+  /// Checks a page's checksum and gives its raw bytes: a view of the file where the page is raw, else of `scratch`, which is
+  /// resized. kGeometry raw bytes start 16-byte aligned. Reentrant with different scratch. Errors kChecksum, kTruncated,
+  /// kTrailing, kMemory.
+  Result<std::span<const std::byte>> load_page(uint32_t page, std::vector<std::byte>& scratch) const;
+
+ private:
+  struct Views;  // the tables' places in the file
+  std::span<const std::byte> file_;
+  std::shared_ptr<const Views> views_;
+};
+
+/// The bytes of a page, compressed if that made them smaller, and their record without its place in the file.
+struct SealedPage {
+  PageRecord record;
+  std::vector<std::byte> stored;
+};
+
+/// Compresses (zstd_level 1 to 22; 0 keeps the bytes raw) and checksums a page. Pure: the same bytes for the same arguments.
+SealedPage seal_page(PageKind kind, std::vector<std::byte> raw, int zstd_level);
+
+/// All strings of a file; equal strings are kept once, the empty string is at offset 0.
+class StringTable {
+ public:
+  StringTable();
+  uint32_t add(std::string_view text);  // up to 4 GiB in all; a zero byte ends the text
+  std::span<const char> bytes() const;
+
+ private:
+  struct Impl;
+  std::shared_ptr<Impl> impl_;
+};
+
+/// Everything of a file but its pages.
+struct TableSet {
+  std::vector<MeshRecord> meshes;
+  std::vector<ChunkRecord> chunks;
+  std::vector<GroupRecord> groups;
+  std::vector<NodeRecord> nodes;
+  std::vector<InstanceRecord> instances;
+  std::vector<MatrixRecord> matrices;
+  std::vector<NodeInstanceRecord> node_instances;
+  std::vector<MaterialRecord> materials;
+  std::vector<TextureRecord> textures;
+  std::vector<ImageRecord> images;
+  std::vector<CameraRecord> cameras;
+  std::vector<SceneRecord> scenes;
+  std::vector<uint32_t> scene_roots;
+  std::vector<LeftOutRecord> left_out;
+  SourceRecord source{};
+  StringTable strings;
+};
+
+/// Writes `path`.part and renames it to `path` in finish(). A writer destroyed before that removes the .part; the earlier
+/// `path` is untouched until the rename. Not thread-safe.
+class ContainerWriter {
+ public:
+  /// Errors kFile.
+  static Result<ContainerWriter> create(const std::string& path);
+  ContainerWriter(ContainerWriter&&) noexcept;
+  ContainerWriter& operator=(ContainerWriter&&) noexcept;
+  ~ContainerWriter();
+
+  /// Appends a page and returns its number, which counts from 0 in the order of the calls. Errors kFile (disk full).
+  Result<uint32_t> append(const SealedPage& page);
+
+  /// Bytes written so far.
+  uint64_t bytes() const;
+
+  /// Writes the tables and the header, syncs and renames. Returns the file's size in bytes. Errors kFile.
+  Result<uint64_t> finish(const TableSet& tables);
+
+ private:
+  struct Impl;
+  explicit ContainerWriter(std::unique_ptr<Impl> impl);
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace scree::format

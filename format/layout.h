@@ -1,0 +1,285 @@
+// Every fixed-size record of a .scree file, as it lies on disk (spec/container.md). Little-endian, no implicit padding:
+// each struct's size is asserted, reserved fields are written as zero and refused when set.
+#pragma once
+
+#include <cstdint>
+#include <type_traits>
+
+namespace scree::format {
+
+inline constexpr uint8_t kMagic[8] = {0x89, 'S', 'C', 'R', 'E', 'E', '\r', '\n'};
+inline constexpr uint16_t kVersionMajor = 1;  // a reader refuses a newer one
+inline constexpr uint16_t kVersionMinor = 0;  // a reader skips what a newer one adds
+
+inline constexpr uint64_t kPageAlignment = 4096;         // so that O_DIRECT can read pages
+inline constexpr uint64_t kPageTargetBytes = 1u << 20;   // a page is closed before a chunk would take it past this
+inline constexpr uint64_t kChunkAlignment = 16;          // of chunks in a page and of streams in a chunk
+inline constexpr uint64_t kTableAlignment = 64;
+inline constexpr uint32_t kNone = 0xffffffffu;           // no mesh, parent, texture, camera, ...
+inline constexpr uint32_t kMaxChunkTriangles = 65536;    // the default cut; --chunk-triangles 0 lifts it
+inline constexpr uint32_t kMaxPositionBits = 24;         // a lattice offset is exact in a float
+
+/// First bytes of the file. `checksum` is XXH3-64 (seed 0) of the 56 bytes before it.
+struct FileHeader {
+  uint8_t magic[8];
+  uint16_t version_major;
+  uint16_t version_minor;
+  uint32_t header_bytes;  // sizeof(FileHeader)
+  uint64_t file_bytes;    // of the whole file
+  uint64_t toc_offset;    // bytes from the start, kTableAlignment
+  uint32_t toc_count;     // entries
+  uint32_t reserved;
+  uint64_t toc_checksum;  // XXH3-64 of the entries
+  uint64_t reserved2;
+  uint64_t checksum;
+};
+static_assert(sizeof(FileHeader) == 64);
+
+enum class TableKind : uint32_t {
+  kPages = 1,
+  kMeshes = 2,
+  kChunks = 3,
+  kGroups = 4,
+  kNodes = 5,
+  kInstances = 6,
+  kMatrices = 7,
+  kNodeInstances = 8,
+  kMaterials = 9,
+  kTextures = 10,
+  kImages = 11,
+  kCameras = 12,
+  kScenes = 13,
+  kSceneRoots = 14,
+  kStrings = 15,
+  kSource = 16,
+  kLeftOut = 17,
+};
+
+/// One table. Kinds a reader does not know are skipped; a known kind with larger records (a newer minor version) is read
+/// with the stride `record_bytes`.
+struct TocEntry {
+  TableKind kind;
+  uint32_t record_bytes;
+  uint64_t record_count;
+  uint64_t offset;    // bytes from the start of the file, kTableAlignment
+  uint64_t checksum;  // XXH3-64 of the record_bytes * record_count bytes
+};
+static_assert(sizeof(TocEntry) == 32);
+
+enum class PageKind : uint32_t { kGeometry = 1, kImage = 2 };
+enum class PageCodec : uint32_t { kRaw = 0, kZstd = 1 };
+
+/// A run of the file that is read, checked, compressed and kept resident as one. Geometry pages hold chunks and are at most
+/// kPageTargetBytes, except that a chunk larger than that has a page of its own; an image page holds one image file.
+struct PageRecord {
+  uint64_t offset;        // kPageAlignment
+  uint64_t stored_bytes;  // in the file
+  uint64_t raw_bytes;     // after decompression; equal to stored_bytes when raw
+  uint64_t checksum;      // XXH3-64 of the stored bytes
+  PageKind kind;          // a reader skips kinds it does not know
+  PageCodec codec;        // kZstd: exactly one frame
+};
+static_assert(sizeof(PageRecord) == 40);
+
+enum class PositionEncoding : uint8_t { kLattice = 0, kFloat32 = 1 };
+
+/// Bits of MeshRecord::attributes: the streams each chunk of the mesh has, in this order after indices and positions.
+enum AttributeFlags : uint32_t {
+  kHasUv = 1,
+  kHasColor = 2,
+  kHasNormal = 4,
+  kHasSourceIds = 8,
+};
+
+/// A glTF primitive: triangles with one material. A lattice position is (lattice_min + offset) * 2^lattice_exponent, where
+/// offset < 2^lattice_bits on each axis; with float32 positions the lattice fields are zero.
+struct MeshRecord {
+  uint64_t triangle_count;
+  uint64_t vertex_count;         // stored, summed over chunks (border vertices count once a chunk)
+  uint64_t source_vertex_count;  // of the source's position accessor
+  uint64_t first_chunk;
+  uint64_t chunk_count;
+  int64_t lattice_min[3];
+  float bounds_min[3];  // of the decoded positions
+  float bounds_max[3];
+  double max_position_error;  // model units, per axis, stated bound: half a step and half an ulp; 0 for float32
+  float max_uv_error;         // per axis
+  int32_t lattice_exponent;   // the step is 2^lattice_exponent model units
+  uint8_t lattice_bits[3];    // 0 (flat) to kMaxPositionBits
+  PositionEncoding position_encoding;
+  uint32_t attributes;  // AttributeFlags
+  uint32_t material;    // or kNone: the default material
+  uint32_t group;
+};
+static_assert(sizeof(MeshRecord) == 120);
+
+enum class ChunkEncoding : uint8_t { kIndexed = 0 };
+
+/// Triangles of one mesh with the vertices they use (spec/codecs.md). Streams follow each other in the payload, each
+/// kChunkAlignment-aligned: indices, positions, then those of the mesh's attributes.
+struct ChunkRecord {
+  uint64_t offset;              // bytes from the start of the page's raw bytes, kChunkAlignment
+  uint64_t bytes;               // of the payload, a multiple of kChunkAlignment
+  uint64_t first_triangle;      // of the mesh; the sum of the triangle counts of the chunks before
+  uint32_t page;
+  uint32_t mesh;
+  uint32_t triangle_count;
+  uint32_t vertex_count;
+  uint32_t index_min;
+  uint32_t position_min[3];     // lattice offset of code 0, relative to MeshRecord::lattice_min
+  int64_t uv_min[2];            // lattice coordinate of code 0
+  int32_t uv_exponent;
+  uint8_t index_bits;           // 0 to 32
+  uint8_t position_bits[3];     // 0 to kMaxPositionBits; 32 each for float32
+  uint8_t uv_bits[2];           // 0 to 24
+  uint8_t normal_bits;          // per axis of the octahedral map; 0 without normals
+  uint8_t source_bits;          // 0 to 32
+  ChunkEncoding encoding;
+  uint8_t reserved[3];
+  uint64_t source_min;          // source triangle number of code 0
+};
+static_assert(sizeof(ChunkRecord) == 96);
+
+/// A glTF mesh: consecutive MeshRecords.
+struct GroupRecord {
+  uint32_t name;  // string offset
+  uint32_t first_mesh;
+  uint32_t mesh_count;
+  uint32_t reserved;
+};
+static_assert(sizeof(GroupRecord) == 16);
+
+enum NodeFlags : uint32_t { kNodeHasMatrix = 1 };
+
+/// A glTF node. A parent comes before its children.
+struct NodeRecord {
+  uint32_t name;
+  uint32_t parent;  // or kNone
+  uint32_t group;   // or kNone
+  uint32_t camera;  // or kNone
+  uint32_t flags;   // NodeFlags
+  uint32_t reserved;
+  uint64_t first_node_instance;  // EXT_mesh_gpu_instancing: kNodeInstances records of this node
+  uint64_t node_instance_count;  // 0: the node is drawn once
+  double local[16];  // kNodeHasMatrix: column-major matrix; else translation 3, rotation xyzw 4, scale 3, zeros
+};
+static_assert(sizeof(NodeRecord) == 168);
+
+/// A drawn mesh. Sorted by scene, then mesh, then node and place in the node. Global triangle ids are the exclusive prefix
+/// sum of the meshes' triangle counts over the instances of one scene.
+struct InstanceRecord {
+  uint32_t mesh;
+  uint32_t node;
+  uint32_t matrix;
+  uint32_t node_instance;  // place among the node's instances; 0 where it has none
+};
+static_assert(sizeof(InstanceRecord) == 16);
+
+/// A world matrix, composed in double from the nodes: three rows of (x, y, z, translation).
+struct MatrixRecord {
+  double rows[3][4];
+};
+static_assert(sizeof(MatrixRecord) == 96);
+
+struct NodeInstanceRecord {
+  float translation[3];
+  float rotation[4];  // xyzw, unit length
+  float scale[3];
+};
+static_assert(sizeof(NodeInstanceRecord) == 40);
+
+enum MaterialFlags : uint32_t {
+  kMaterialDoubleSided = 1,
+  kMaterialUnlit = 2,
+  kMaterialAlphaMask = 4,   // drawn opaque by this version; kept for export
+  kMaterialAlphaBlend = 8,  // likewise
+};
+
+struct MaterialRecord {
+  uint32_t name;
+  uint32_t texture;     // base colour, or kNone
+  float base_color[4];  // linear RGBA factor
+  float uv_offset[2];   // KHR_texture_transform
+  float uv_scale[2];
+  float uv_rotation;    // radians, counter-clockwise
+  float alpha_cutoff;
+  uint32_t flags;  // MaterialFlags
+  uint32_t reserved;
+};
+static_assert(sizeof(MaterialRecord) == 56);
+
+enum class Wrap : uint16_t { kRepeat = 0, kMirror = 1, kClamp = 2 };
+
+/// Filters are glTF's numbers (9728 nearest ... 9987 linear mipmap linear), 0 where the source named none.
+struct TextureRecord {
+  uint32_t name;
+  uint32_t image;
+  Wrap wrap_s;
+  Wrap wrap_t;
+  uint16_t mag_filter;
+  uint16_t min_filter;
+};
+static_assert(sizeof(TextureRecord) == 16);
+
+enum class ImageCodec : uint32_t { kJpeg = 1, kPng = 2 };
+
+struct ImageRecord {
+  uint32_t name;
+  uint32_t page;  // the image file's bytes as they came
+  ImageCodec codec;
+  uint32_t width;   // pixels
+  uint32_t height;
+  uint32_t channels;    // 1 to 4
+  uint32_t index_page;  // kNone; a later version's JPEG block index
+  uint32_t reserved;
+};
+static_assert(sizeof(ImageRecord) == 32);
+
+enum class CameraKind : uint32_t { kPerspective = 1, kOrthographic = 2 };
+
+struct CameraRecord {
+  uint32_t name;
+  CameraKind kind;
+  double y;       // perspective: vertical field of view in radians; orthographic: half height in units
+  double x;       // perspective: aspect ratio or 0; orthographic: half width
+  double z_near;
+  double z_far;   // 0: infinite
+};
+static_assert(sizeof(CameraRecord) == 40);
+
+struct SceneRecord {
+  uint32_t name;
+  uint32_t flags;  // 1: the document's default scene
+  uint64_t first_instance;
+  uint64_t instance_count;
+  uint64_t first_root;  // in kSceneRoots: u32 node indices
+  uint64_t root_count;
+  uint64_t triangle_count;  // drawn: summed over the instances
+};
+static_assert(sizeof(SceneRecord) == 48);
+
+/// One record: what the file was made from, for inspect's ratios.
+struct SourceRecord {
+  uint64_t json_bytes;
+  uint64_t buffer_bytes;
+  uint64_t image_bytes;
+  uint64_t index_bytes;     // of the index accessors used, each counted once
+  uint64_t position_bytes;  // of the position accessors used, each counted once
+  uint64_t attribute_bytes; // of all other vertex attributes of the primitives used, each accessor once
+  uint32_t name;            // file name without its folder
+  uint32_t options;         // the options that shaped the bytes, as one string
+  uint32_t generator;       // "scree 0.1.0"
+  uint32_t copyright;       // the source's asset.copyright
+};
+static_assert(sizeof(SourceRecord) == 64);
+
+/// Something the source has and this file has not: what (a string such as "NORMAL" or "skins"), how many, what it took there.
+struct LeftOutRecord {
+  uint32_t what;
+  uint32_t reserved;
+  uint64_t count;
+  uint64_t source_bytes;
+};
+static_assert(sizeof(LeftOutRecord) == 24);
+
+}  // namespace scree::format

@@ -1,0 +1,81 @@
+// How functions that meet bytes from outside report failure: a value or an Error, never an exception.
+#pragma once
+
+#include <cassert>
+#include <string>
+#include <utility>
+#include <variant>
+
+namespace scree {
+
+/// What went wrong. The first four name the exit code of the tools (exit_code); the rest are kinds of bad data.
+enum class ErrorCode {
+  kUsage,        // the caller's options make no sense
+  kFile,         // the operating system refused: missing, unreadable, full disk, I/O error
+  kDevice,       // no GPU, no driver, out of device memory
+  kMemory,       // more memory asked for than allowed or there is
+  kFormat,       // not the kind of file it should be, or malformed
+  kVersion,      // a newer major version than this program reads
+  kTruncated,    // ends before its data do
+  kTrailing,     // bytes left over after its data
+  kChecksum,     // bytes differ from what was written
+  kRange,        // an index, count, offset or size outside its limits
+  kReserved,     // a reserved bit or field is set
+  kUnsupported,  // valid, but asks for something this program does not do
+};
+
+struct Error {
+  ErrorCode code;
+  std::string message;  // one line: place, found, expected; no trailing period or newline
+};
+
+/// 1 usage, 2 file, 3 bad data, 4 device.
+inline int exit_code(ErrorCode code) {
+  switch (code) {
+    case ErrorCode::kUsage: return 1;
+    case ErrorCode::kFile: return 2;
+    case ErrorCode::kMemory: return 2;
+    case ErrorCode::kDevice: return 4;
+    default: return 3;
+  }
+}
+
+/// A T or an Error. Test it before use; value() of an error is a caller's slip (assert).
+template <class T>
+class [[nodiscard]] Result {
+ public:
+  Result(T value) : state_(std::in_place_index<0>, std::move(value)) {}
+  Result(Error error) : state_(std::in_place_index<1>, std::move(error)) {}
+
+  explicit operator bool() const { return state_.index() == 0; }
+  T& value() & { assert(*this); return *std::get_if<0>(&state_); }
+  const T& value() const& { assert(*this); return *std::get_if<0>(&state_); }
+  T&& value() && { assert(*this); return std::move(*std::get_if<0>(&state_)); }
+  T& operator*() & { return value(); }
+  const T& operator*() const& { return value(); }
+  T* operator->() { return &value(); }
+  const T* operator->() const { return &value(); }
+  const Error& error() const { assert(!*this); return *std::get_if<1>(&state_); }
+
+ private:
+  std::variant<T, Error> state_;
+};
+
+template <>
+class [[nodiscard]] Result<void> {
+ public:
+  Result() = default;
+  Result(Error error) : failed_(true), error_(std::move(error)) {}
+
+  explicit operator bool() const { return !failed_; }
+  const Error& error() const { assert(failed_); return error_; }
+
+ private:
+  bool failed_ = false;
+  Error error_{ErrorCode::kFormat, {}};
+};
+
+/// The same error with `place` and ": " before its message.
+inline Error at(const std::string& place, const Error& error) { return {error.code, place + ": " + error.message}; }
+
+}  // namespace scree

@@ -1,0 +1,9 @@
+// Catch2 2.13 (Debian 12, Ubuntu 24.04 has 3.x) under one include.
+#pragma once
+
+#if __has_include(<catch2/catch_all.hpp>)
+#include <catch2/catch_all.hpp>
+using Catch::Approx;
+#else
+#include <catch2/catch.hpp>
+#endif

@@ -1,0 +1,25 @@
+// What main.cpp asks of each subcommand.
+#pragma once
+
+#include <functional>
+
+#include <CLI/CLI.hpp>
+
+#include "format/result.h"
+
+namespace scree::tools {
+
+/// A subcommand: its options on `app`, and what to run once they are parsed. run() returns an Error for main to print as
+/// "scree NAME: message" and to turn into an exit code; nothing in it calls exit() or throws past it.
+struct Command {
+  CLI::App* app = nullptr;
+  std::function<Result<void>()> run;
+};
+
+[[gnu::weak]] Command add_convert(CLI::App& parent);
+[[gnu::weak]] Command add_inspect(CLI::App& parent);
+[[gnu::weak]] Command add_render(CLI::App& parent);
+[[gnu::weak]] Command add_synth(CLI::App& parent);
+[[gnu::weak]] Command add_export(CLI::App& parent);
+
+}  // namespace scree::tools

@@ -1,0 +1,58 @@
+// scree: dispatches subcommands, prints errors, sets exit codes.
+#include <cstdio>
+#include <exception>
+#include <new>
+#include <vector>
+
+#include "tools/common/command.h"
+#include "tools/common/suggest.h"
+
+namespace {
+
+/// CLI11 reports an unknown word as an extra; the nearest known option or subcommand goes into the message.
+int report_parse_error(const CLI::App& app, const CLI::ParseError& error) {
+  if (error.get_exit_code() == 0) return app.exit(error);  // --help, --version
+  const CLI::App* place = &app;
+  for (const CLI::App* chosen : app.get_subcommands()) place = chosen;
+  const std::string message = scree::tools::describe_parse_error(*place, error);
+  const std::string name = place == &app ? "scree" : "scree " + place->get_name();
+  std::fprintf(stderr, "%s: %s (see %s --help)\n", name.c_str(), message.c_str(), name.c_str());
+  return scree::exit_code(scree::ErrorCode::kUsage);
+}
+
+int run(int argc, char** argv) {
+  CLI::App app("Packs huge glTF scenes, checks them, draws them exactly.", "scree");
+  app.set_version_flag("--version", "scree " SCREE_VERSION);
+  app.require_subcommand(1);
+  std::vector<scree::tools::Command> commands;
+  for (const auto add : {scree::tools::add_convert, scree::tools::add_inspect, scree::tools::add_render,
+                         scree::tools::add_export, scree::tools::add_synth})
+    if (add != nullptr) commands.push_back(add(app));
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::ParseError& error) {
+    return report_parse_error(app, error);
+  }
+  for (const scree::tools::Command& command : commands) {
+    if (!command.app->parsed()) continue;
+    const scree::Result<void> result = command.run();
+    if (result) return 0;
+    std::fprintf(stderr, "scree %s: %s\n", command.app->get_name().c_str(), result.error().message.c_str());
+    return scree::exit_code(result.error().code);
+  }
+  return 0;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  try {
+    return run(argc, argv);
+  } catch (const std::bad_alloc&) {
+    std::fprintf(stderr, "scree: out of memory\n");
+    return scree::exit_code(scree::ErrorCode::kMemory);
+  } catch (const std::exception& error) {
+    std::fprintf(stderr, "scree: unexpected: %s\n", error.what());
+    return scree::exit_code(scree::ErrorCode::kFile);
+  }
+}
