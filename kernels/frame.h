@@ -1,0 +1,72 @@
+// One frame, seen from outside kernels/: what to draw, from where, into which buffers. The backends implement draw() and
+// shade() over the passes of passes.h.
+#pragma once
+
+#include <cstdint>
+#include <span>
+
+#include "format/result.h"
+#include "kernels/scene_view.h"
+#include "kernels/visbuffer.h"
+
+namespace scree::kernels {
+
+/// A camera. World space is right-handed; view space looks along `forward`, x right, y up; the picture's row 0 is its top.
+/// right, up and forward are orthonormal to 1e-12.
+struct View {
+  double eye[3];
+  double right[3];
+  double up[3];
+  double forward[3];
+  bool orthographic = false;
+  double half_width;   // at distance 1 (perspective: tan of half the horizontal field of view) or in units (orthographic)
+  double half_height;
+  double z_near;       // > 0 for perspective; triangles nearer are clipped
+  double z_far;        // orthographic only; perspective has no far plane
+  uint32_t width;      // samples (after supersampling), 1 to kMaxImageSide
+  uint32_t height;
+};
+
+enum class Show : uint32_t { kTexture, kColor, kUv, kNormal, kTriangle, kMesh, kStage, kDepth };
+
+struct ShadeOptions {
+  Show show = Show::kTexture;
+  bool light = true;            // diffuse light from the camera (kTexture and kColor)
+  float background[4] = {0, 0, 0, 0};  // linear RGBA
+};
+
+/// Which triangle and where: what picking prints and shading starts from.
+struct Hit {
+  uint64_t instance;  // of SceneView::instances
+  uint64_t chunk;     // of SceneView::chunks
+  uint32_t triangle;  // in the chunk
+};
+
+/// Counters of one frame.
+struct FrameStats {
+  uint64_t instances_drawn;
+  uint64_t draws;  // (instance, chunk) pairs after culling
+  uint64_t triangles;
+  uint64_t triangles_small;
+  uint64_t triangles_medium;
+  uint64_t triangles_large;
+  uint64_t triangles_clipped;
+};
+
+/// Draws with `threads` CPU threads into `samples` (width * height, row by row), which it clears first. The result does not
+/// depend on the number of threads or on the instruction set. Errors kRange: more than 2^36 - 1 drawn triangles, an image
+/// side over kMaxImageSide; kMemory.
+Result<FrameStats> draw_cpu(const SceneView& scene, const View& view, std::span<uint64_t> samples, uint32_t threads);
+
+/// Shades every sample: linear RGBA floats, 4 a sample, not premultiplied; background where there is no triangle.
+Result<void> shade_cpu(const SceneView& scene, const View& view, std::span<const uint64_t> samples,
+                       const ShadeOptions& options, std::span<float> rgba, uint32_t threads);
+
+/// The triangle of a global id below instance_base[instance_count]; binary search.
+Hit find_triangle(const SceneView& scene, uint64_t triangle_id);
+
+/// Distance from the eye's plane (perspective) or eye plane (orthographic) in world units at a depth code's centre;
+/// infinity for the background.
+double depth_of_code(const View& view, uint32_t depth_code);
+
+}  // namespace scree::kernels
