@@ -1,0 +1,148 @@
+#include "tools/common/chunk_decode.h"
+
+#include <unistd.h>
+
+#include <new>
+
+#include "format/attribute_codec.h"
+#include "format/bytes.h"
+#include "format/chunk_layout.h"
+#include "format/index_codec.h"
+#include "format/position_codec.h"
+
+namespace scree::tools {
+namespace {
+
+using format::ChunkRecord;
+using format::MeshRecord;
+
+/// Half of the machine's memory. A stream of 0 bits takes no bytes, so a chunk record of a few bytes can claim 2^32
+/// vertices: what no machine could hold is refused before it is allocated.
+uint64_t memory_limit() {
+  static const uint64_t limit = [] {
+    const long pages = sysconf(_SC_PHYS_PAGES), page_bytes = sysconf(_SC_PAGESIZE);
+    if (pages <= 0 || page_bytes <= 0) return uint64_t{1} << 36;
+    return static_cast<uint64_t>(pages) * static_cast<uint64_t>(page_bytes) / 2;
+  }();
+  return limit;
+}
+
+uint64_t decoded_bytes(const MeshRecord& mesh, const ChunkRecord& chunk, uint32_t parts) {
+  const uint64_t vertices = chunk.vertex_count, triangles = chunk.triangle_count;
+  uint64_t bytes = 0;
+  if (parts & kPartIndices) bytes += 12 * triangles;
+  if (parts & kPartPositions) bytes += 12 * vertices;
+  if ((parts & kPartUvs) && (mesh.attributes & format::kHasUv)) bytes += 8 * vertices;
+  if ((parts & kPartColors) && (mesh.attributes & format::kHasColor)) bytes += 16 * vertices;
+  if ((parts & kPartNormals) && (mesh.attributes & format::kHasNormal)) bytes += 12 * vertices;
+  if ((parts & kPartSourceIds) && (mesh.attributes & format::kHasSourceIds)) bytes += 8 * triangles;
+  return bytes;
+}
+
+/// Resizes `values` and lets go of memory that an earlier, much larger chunk took.
+template <class T>
+void set_size(std::vector<T>& values, uint64_t size) {
+  if (values.capacity() > 4 * size + (uint64_t{1} << 20)) std::vector<T>().swap(values);
+  values.resize(size);
+}
+
+}  // namespace
+
+std::string chunk_place(const format::Container& file, uint64_t chunk) {
+  const ChunkRecord& record = file.chunks()[chunk];
+  const std::string_view name = file.string(file.groups()[file.meshes()[record.mesh].group].name);
+  std::string place = "mesh " + std::to_string(record.mesh);
+  if (!name.empty()) place.append(" (").append(name).append(")");
+  return place + ", chunk " + std::to_string(chunk) + " (page " + std::to_string(record.page) + ", byte " +
+         std::to_string(record.offset) + ")";
+}
+
+Result<void> decode_chunk(const format::Container& file, uint64_t chunk, std::span<const std::byte> page,
+                          uint32_t parts, DecodedChunk& out) {
+  const ChunkRecord& record = file.chunks()[chunk];
+  const MeshRecord& mesh = file.meshes()[record.mesh];
+  const auto place = [&](const char* stream) { return chunk_place(file, chunk) + ": " + stream; };
+
+  const format::ChunkStreams streams = format::chunk_streams(mesh, record);
+  if (record.bytes != streams.bytes || !format::range_within(record.offset, record.bytes, page.size())) {
+    return Error{ErrorCode::kRange, chunk_place(file, chunk) + ": takes " + std::to_string(record.bytes) +
+                                        " bytes, but its streams take " + std::to_string(streams.bytes) +
+                                        " and the page has " + std::to_string(page.size())};
+  }
+  const uint64_t needed = decoded_bytes(mesh, record, parts);
+  if (needed > memory_limit()) {
+    return Error{ErrorCode::kMemory, chunk_place(file, chunk) + ": decodes to " + std::to_string(needed) +
+                                         " bytes, more than half of this machine's memory"};
+  }
+  const uint64_t vertices = record.vertex_count, triangles = record.triangle_count;
+  const auto wanted = [&](uint32_t part, uint32_t flag) { return (parts & part) && (mesh.attributes & flag); };
+  try {
+    set_size(out.indices, parts & kPartIndices ? 3 * triangles : 0);
+    set_size(out.positions, parts & kPartPositions ? 3 * vertices : 0);
+    set_size(out.uvs, wanted(kPartUvs, format::kHasUv) ? 2 * vertices : 0);
+    set_size(out.colors, wanted(kPartColors, format::kHasColor) ? 4 * vertices : 0);
+    set_size(out.normals, wanted(kPartNormals, format::kHasNormal) ? 3 * vertices : 0);
+    set_size(out.source_ids, wanted(kPartSourceIds, format::kHasSourceIds) ? triangles : 0);
+  } catch (const std::bad_alloc&) {
+    return Error{ErrorCode::kMemory,
+                 chunk_place(file, chunk) + ": no memory for its " + std::to_string(needed) + " bytes"};
+  }
+
+  const std::span<const std::byte> payload = page.subspan(record.offset, record.bytes);
+  const auto bytes_of = [&](const format::ChunkStream& stream) { return payload.subspan(stream.offset, stream.bytes); };
+  if (parts & kPartIndices) {
+    const format::IndexRange range{record.index_min, record.index_bits};
+    const auto done = format::decode_indices(out.indices, record.vertex_count, range, bytes_of(streams.indices));
+    if (!done) return at(place("indices"), done.error());
+  }
+  if (parts & kPartPositions) {
+    format::MeshLattice lattice;
+    lattice.exponent = mesh.lattice_exponent;
+    lattice.max_error = mesh.max_position_error;
+    format::PositionRange range;
+    for (size_t axis = 0; axis < 3; ++axis) {
+      lattice.min[axis] = mesh.lattice_min[axis];
+      lattice.bits[axis] = mesh.lattice_bits[axis];
+      range.min[axis] = record.position_min[axis];
+      range.bits[axis] = record.position_bits[axis];
+    }
+    const auto done = format::decode_positions(out.positions, lattice, range, bytes_of(streams.positions));
+    if (!done) return at(place("positions"), done.error());
+  }
+  if (!out.uvs.empty()) {
+    const format::UvRange range{
+        record.uv_exponent, {record.uv_min[0], record.uv_min[1]}, {record.uv_bits[0], record.uv_bits[1]}};
+    const auto done = format::decode_uvs(out.uvs, range, bytes_of(streams.uvs));
+    if (!done) return at(place("texture coordinates"), done.error());
+  }
+  if (!out.colors.empty()) {
+    const auto done = format::decode_colors(out.colors, bytes_of(streams.colors));
+    if (!done) return at(place("colours"), done.error());
+  }
+  if (!out.normals.empty()) {
+    const auto done = format::decode_normals(out.normals, record.normal_bits, bytes_of(streams.normals));
+    if (!done) return at(place("normals"), done.error());
+  }
+  if (!out.source_ids.empty()) {
+    const format::SourceIdRange range{record.source_min, record.source_bits};
+    const auto done = format::decode_source_ids(out.source_ids, range, bytes_of(streams.source_ids));
+    if (!done) return at(place("source triangle numbers"), done.error());
+  }
+  return {};
+}
+
+Result<const DecodedChunk*> ChunkReader::read(uint64_t chunk, uint32_t parts) {
+  const uint32_t page = file_->chunks()[chunk].page;
+  if (page != page_number_) {
+    page_number_ = format::kNone;
+    auto loaded = file_->load_page(page, scratch_);
+    if (!loaded) return at("page " + std::to_string(page), loaded.error());
+    page_ = *loaded;
+    page_number_ = page;
+  }
+  const Result<void> decoded = decode_chunk(*file_, chunk, page_, parts, chunk_);
+  if (!decoded) return decoded.error();
+  return static_cast<const DecodedChunk*>(&chunk_);
+}
+
+}  // namespace scree::tools

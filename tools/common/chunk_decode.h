@@ -1,0 +1,65 @@
+// Chunks of an opened container as plain arrays: what inspect --verify, export and the tests read.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "format/container.h"
+#include "format/layout.h"
+#include "format/result.h"
+
+namespace scree::tools {
+
+/// Which streams of a chunk are wanted.
+enum ChunkPart : uint32_t {
+  kPartIndices = 1,
+  kPartPositions = 2,
+  kPartUvs = 4,
+  kPartColors = 8,
+  kPartNormals = 16,
+  kPartSourceIds = 32,
+  kPartAll = 63,
+};
+
+/// The decoded streams of one chunk. A stream that the mesh does not have or that was not asked for is empty.
+struct DecodedChunk {
+  std::vector<uint32_t> indices;     // 3 a triangle, each < vertex_count of the chunk
+  std::vector<float> positions;      // x y z, model units, finite
+  std::vector<float> uvs;            // u v
+  std::vector<float> colors;         // linear RGBA, 0 to 1
+  std::vector<float> normals;        // x y z, unit length
+  std::vector<uint64_t> source_ids;  // 1 a triangle: its number in the source primitive
+};
+
+/// "mesh 12 (Rock), chunk 340 (page 7, byte 65536)", for messages. The name is the glTF mesh's, left out where it has
+/// none.
+std::string chunk_place(const format::Container& file, uint64_t chunk);
+
+/// Decodes the wanted streams of a chunk of `file` into `out`, whose memory is reused; every byte of them is checked,
+/// and with kPartAll every byte of the chunk. `page`: the raw bytes of the chunk's page, as Container::load_page gives
+/// them. Errors kRange, kTruncated, kTrailing, kFormat (place and stream named), kMemory; `out` is unspecified then.
+/// Reentrant.
+Result<void> decode_chunk(const format::Container& file, uint64_t chunk, std::span<const std::byte> page,
+                          uint32_t parts, DecodedChunk& out);
+
+/// Reads chunks one after the other and keeps the page of the last one. One reader a thread.
+class ChunkReader {
+ public:
+  /// `file` outlives the reader.
+  explicit ChunkReader(const format::Container& file) : file_(&file) {}
+
+  /// The chunk, valid until the next call. Errors as load_page (the page named) and decode_chunk.
+  Result<const DecodedChunk*> read(uint64_t chunk, uint32_t parts = kPartAll);
+
+ private:
+  const format::Container* file_;
+  std::vector<std::byte> scratch_;
+  std::span<const std::byte> page_;
+  uint32_t page_number_ = format::kNone;
+  DecodedChunk chunk_;
+};
+
+}  // namespace scree::tools
