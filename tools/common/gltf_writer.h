@@ -1,0 +1,165 @@
+// Streams a glTF 2.0 asset to disk: .gltf with a .bin (and image files) beside it, or one .glb. Buffer data go to disk
+// as they come, the document is written last, so memory is bounded by the number of nodes, meshes and accessors.
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <span>
+#include <string>
+#include <string_view>
+#include <utility>
+#include <vector>
+
+#include "format/layout.h"
+#include "format/result.h"
+
+namespace scree::tools {
+
+/// Numbers of glTF 2.0. Indices into the document are uint32_t, format::kNone where there is nothing; numbers are
+/// written in the shortest form that reads back as the same double, so give floats as they are and they read back bit
+/// for bit.
+enum class GltfComponent : uint16_t { kInt8 = 5120, kUint8, kInt16, kUint16, kUint32 = 5125, kFloat32 = 5126 };
+enum class GltfType : uint8_t { kScalar, kVec2, kVec3, kVec4 };
+enum class GltfTarget : uint16_t { kNone = 0, kVertices = 34962, kIndices = 34963 };
+
+struct GltfBufferView {
+  uint64_t offset = 0;  // bytes in the buffer, as reserve() and append() return it
+  uint64_t bytes = 0;   // >= 1
+  uint32_t stride = 0;  // bytes, 4 to 252; 0: tightly packed
+  GltfTarget target = GltfTarget::kNone;
+};
+
+struct GltfAccessor {
+  uint32_t buffer_view = format::kNone;
+  uint64_t offset = 0;  // bytes in the view
+  GltfComponent component = GltfComponent::kFloat32;
+  GltfType type = GltfType::kVec3;
+  bool normalized = false;
+  uint64_t count = 0;            // >= 1
+  std::vector<double> min, max;  // required of POSITION; empty: not written
+};
+
+struct GltfPrimitive {
+  std::vector<std::pair<std::string, uint32_t>> attributes;  // "POSITION" -> accessor
+  uint32_t indices = format::kNone;
+  uint32_t material = format::kNone;
+};
+
+struct GltfMesh {
+  std::string name;
+  std::vector<GltfPrimitive> primitives;
+};
+
+struct GltfNode {
+  std::string name;
+  uint32_t mesh = format::kNone;
+  uint32_t camera = format::kNone;
+  bool has_matrix = false;
+  /// As format::NodeRecord::local: a column-major matrix, or translation 3, rotation xyzw 4, scale 3 (parts that are
+  /// the identity are not written).
+  std::array<double, 16> local{0, 0, 0, 0, 0, 0, 1, 1, 1, 1};
+  std::vector<uint32_t> children;
+  /// EXT_mesh_gpu_instancing: "TRANSLATION", "ROTATION", "SCALE" -> accessor.
+  std::vector<std::pair<std::string, uint32_t>> instancing;
+};
+
+struct GltfCamera {
+  std::string name;
+  format::CameraKind kind = format::CameraKind::kPerspective;
+  double y = 1.0;  // perspective: vertical field of view in radians; orthographic: half height
+  double x = 0.0;  // perspective: aspect ratio, or 0 for none; orthographic: half width
+  double z_near = 0.1;
+  double z_far = 0.0;  // 0: infinite (perspective only)
+};
+
+/// KHR_texture_transform, not written where it is the identity.
+struct GltfTextureTransform {
+  double offset[2] = {0, 0};
+  double scale[2] = {1, 1};
+  double rotation = 0;  // radians, counter-clockwise
+};
+
+enum class GltfAlpha : uint8_t { kOpaque, kMask, kBlend };
+
+/// Not metallic, fully rough: scree keeps base colours only.
+struct GltfMaterial {
+  std::string name;
+  double base_color[4] = {1, 1, 1, 1};  // linear
+  uint32_t texture = format::kNone;
+  uint32_t tex_coord = 0;  // TEXCOORD_n of `texture`
+  GltfTextureTransform transform;
+  GltfAlpha alpha = GltfAlpha::kOpaque;
+  double alpha_cutoff = 0.5;
+  bool double_sided = false;
+  bool unlit = false;  // KHR_materials_unlit
+};
+
+struct GltfTexture {
+  std::string name;
+  uint32_t image = format::kNone;
+  format::Wrap wrap_s = format::Wrap::kRepeat;
+  format::Wrap wrap_t = format::Wrap::kRepeat;
+  uint16_t mag_filter = 0;  // glTF's numbers; 0: not written
+  uint16_t min_filter = 0;
+};
+
+struct GltfScene {
+  std::string name;
+  std::vector<uint32_t> nodes;
+};
+
+/// Writes to files with ".part" after their names and renames them in finish(); without finish(), or when it fails,
+/// nothing is left behind. Every Result is kFile with the file and what the system said, kRange for a .glb past 4 GiB.
+/// Only write_at() may be called from several threads at once.
+class GltfWriter {
+ public:
+  /// `path` ends in .gltf or .glb (else kUsage). "city.gltf" gets "city.bin" beside it. `copyright` may be empty.
+  static Result<GltfWriter> create(const std::string& path, std::string_view copyright = {});
+  GltfWriter(GltfWriter&&) noexcept;
+  GltfWriter& operator=(GltfWriter&&) noexcept;
+  ~GltfWriter();
+
+  /// The next `bytes` of the buffer, aligned (a power of two); returns their offset. They are zero until written.
+  Result<uint64_t> reserve(uint64_t bytes, uint64_t alignment = 4);
+  /// Writes within what is reserved. Thread-safe for ranges that do not overlap.
+  Result<void> write_at(uint64_t offset, std::span<const std::byte> bytes) const;
+  /// reserve() and write_at().
+  Result<uint64_t> append(std::span<const std::byte> bytes, uint64_t alignment = 4);
+  uint64_t buffer_bytes() const;
+
+  uint32_t add_buffer_view(const GltfBufferView& view);
+  uint32_t add_accessor(GltfAccessor accessor);
+  uint32_t add_mesh(GltfMesh mesh);
+  uint32_t add_node(GltfNode node);
+  /// Nodes may be filled in after their children are known.
+  GltfNode& node(uint32_t index);
+  uint32_t add_camera(GltfCamera camera);
+  uint32_t add_material(GltfMaterial material);
+  uint32_t add_texture(GltfTexture texture);
+  /// Stores an encoded JPEG or PNG: inside a .glb, else as a file "city_NAME.jpg" beside the .gltf (NAME made safe and
+  /// unique).
+  Result<uint32_t> add_image(std::string_view name, format::ImageCodec codec, std::span<const std::byte> bytes);
+  /// The first one added is the default scene unless set_default_scene() names another.
+  uint32_t add_scene(GltfScene scene);
+  void set_default_scene(uint32_t scene);
+  /// For extensions this writer does not add by itself (it adds EXT_mesh_gpu_instancing as required,
+  /// KHR_texture_transform and KHR_materials_unlit as used, where they are).
+  void use_extension(std::string_view name, bool required);
+
+  /// Writes the document, closes and renames. The files appear data first, the named file last. Call once, and nothing
+  /// after it.
+  Result<void> finish();
+
+  /// Sizes on disk after finish(): all files together.
+  uint64_t total_bytes() const;
+
+ private:
+  struct State;
+  explicit GltfWriter(std::unique_ptr<State> state);
+  std::unique_ptr<State> state_;
+};
+
+}  // namespace scree::tools
