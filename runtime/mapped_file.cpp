@@ -1,0 +1,115 @@
+#include "runtime/mapped_file.h"
+
+#include <algorithm>
+#include <cerrno>
+#include <cstring>
+#include <limits>
+#include <utility>
+
+#include <fcntl.h>
+#include <sys/mman.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+namespace scree::runtime {
+namespace {
+
+/// Closes a descriptor at the end of its scope: a map outlives its descriptor.
+class Descriptor {
+ public:
+  explicit Descriptor(int fd) : fd_(fd) {}
+  Descriptor(const Descriptor&) = delete;
+  Descriptor& operator=(const Descriptor&) = delete;
+  ~Descriptor() {
+    if (fd_ >= 0) ::close(fd_);
+  }
+  int get() const { return fd_; }
+
+ private:
+  int fd_;
+};
+
+Error system_error(const std::string& path, const char* doing, int number) {
+  const ErrorCode code = number == ENOMEM ? ErrorCode::kMemory : ErrorCode::kFile;
+  return {code, path + ": " + doing + ": " + std::strerror(number)};
+}
+
+int advice_of(Access access) {
+  switch (access) {
+    case Access::kSequential:
+      return MADV_SEQUENTIAL;
+    case Access::kRandom:
+      return MADV_RANDOM;
+    case Access::kNormal:
+      break;
+  }
+  return MADV_NORMAL;
+}
+
+uint64_t page_bytes() {
+  return static_cast<uint64_t>(::sysconf(_SC_PAGESIZE));
+}
+
+}  // namespace
+
+Result<MappedFile> MappedFile::open(const std::string& path, Access access) {
+  // Without O_NONBLOCK the open of a named pipe would wait for a writer; regular files ignore the flag.
+  const Descriptor file(::open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK));
+  if (file.get() < 0) return system_error(path, "cannot open", errno);
+  struct stat status {};
+  if (::fstat(file.get(), &status) != 0) return system_error(path, "cannot stat", errno);
+  if (S_ISDIR(status.st_mode)) return Error{ErrorCode::kFile, path + ": is a folder, expected a file"};
+  if (!S_ISREG(status.st_mode)) return Error{ErrorCode::kFile, path + ": is not a regular file"};
+
+  MappedFile mapped;
+  mapped.path_ = path;
+  const auto size = static_cast<uint64_t>(status.st_size);
+  if (size > std::numeric_limits<size_t>::max()) return system_error(path, "cannot map", ENOMEM);
+  if (size == 0) return mapped;  // mmap refuses an empty range
+  void* const address = ::mmap(nullptr, static_cast<size_t>(size), PROT_READ, MAP_PRIVATE, file.get(), 0);
+  if (address == MAP_FAILED) return system_error(path, "cannot map", errno);
+  mapped.data_ = static_cast<const std::byte*>(address);
+  mapped.size_ = size;
+  ::madvise(address, static_cast<size_t>(size), advice_of(access));
+  return mapped;
+}
+
+MappedFile::MappedFile(MappedFile&& other) noexcept
+    : data_(std::exchange(other.data_, nullptr)), size_(std::exchange(other.size_, 0)), path_(std::move(other.path_)) {}
+
+MappedFile& MappedFile::operator=(MappedFile&& other) noexcept {
+  if (this == &other) return *this;
+  unmap();
+  data_ = std::exchange(other.data_, nullptr);
+  size_ = std::exchange(other.size_, 0);
+  path_ = std::move(other.path_);
+  return *this;
+}
+
+MappedFile::~MappedFile() {
+  unmap();
+}
+
+void MappedFile::unmap() {
+  if (data_ != nullptr) ::munmap(const_cast<std::byte*>(data_), static_cast<size_t>(size_));
+  data_ = nullptr;
+}
+
+void MappedFile::will_need(uint64_t offset, uint64_t size) const {
+  if (offset >= size_) return;
+  const uint64_t first = offset & ~(page_bytes() - 1);
+  const uint64_t last = offset + std::min(size, size_ - offset);
+  ::madvise(const_cast<std::byte*>(data_ + first), static_cast<size_t>(last - first), MADV_WILLNEED);
+}
+
+void MappedFile::release(uint64_t offset, uint64_t size) const {
+  if (offset >= size_) return;
+  const uint64_t page = page_bytes();
+  const uint64_t end = offset + std::min(size, size_ - offset);
+  const uint64_t first = (offset + page - 1) & ~(page - 1);
+  const uint64_t last = end == size_ ? end : end & ~(page - 1);  // the file's last page may be a part of one
+  if (first >= last) return;
+  ::madvise(const_cast<std::byte*>(data_ + first), static_cast<size_t>(last - first), MADV_DONTNEED);
+}
+
+}  // namespace scree::runtime

@@ -1,0 +1,54 @@
+// A file of any size as read-only memory.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <span>
+#include <string>
+
+#include "format/result.h"
+
+namespace scree::runtime {
+
+/// How a mapped file will be read; the kernel's read-ahead follows.
+enum class Access {
+  kNormal,
+  kSequential,  // front to back, once
+  kRandom,      // no read-ahead: small reads all over a file that need not fit in memory
+};
+
+/// A read-only, private map of a whole file. The file must not shrink while it is mapped: touching bytes past its new
+/// end raises SIGBUS, which the tools turn into an error (tools/common/sigbus.h). Move-only; reading is thread-safe.
+class MappedFile {
+ public:
+  /// Maps `path`; an empty file gives an empty span. The span starts page-aligned. Errors kFile (missing, unreadable,
+  /// not a regular file), kMemory (no address space); the message is "path: reason".
+  static Result<MappedFile> open(const std::string& path, Access access = Access::kNormal);
+
+  MappedFile() = default;
+  MappedFile(MappedFile&& other) noexcept;
+  MappedFile& operator=(MappedFile&& other) noexcept;
+  MappedFile(const MappedFile&) = delete;
+  MappedFile& operator=(const MappedFile&) = delete;
+  ~MappedFile();
+
+  std::span<const std::byte> bytes() const { return {data_, static_cast<size_t>(size_)}; }
+  uint64_t size() const { return size_; }
+  const std::string& path() const { return path_; }
+
+  /// Asks for [offset, offset + size) to be read ahead; clipped to the file. A hint: nothing is reported.
+  void will_need(uint64_t offset, uint64_t size) const;
+
+  /// Says that [offset, offset + size) will not be read again soon, so that it no longer counts as resident. Only whole
+  /// pages inside the range are let go.
+  void release(uint64_t offset, uint64_t size) const;
+
+ private:
+  void unmap();
+
+  const std::byte* data_ = nullptr;
+  uint64_t size_ = 0;
+  std::string path_;
+};
+
+}  // namespace scree::runtime
