@@ -1,5 +1,5 @@
-// Bit-packed streams: value i of width `bits` lies at bit i * bits, least significant bit first, in little-endian bytes.
-// The unpacking half runs in kernels too.
+// Bit-packed streams: value i of width `bits` lies at bit i * bits, least significant bit first, in little-endian
+// bytes. The unpacking half runs in kernels too. Source: spec/codecs.md, packed streams.
 #pragma once
 
 #include <cstdint>
@@ -20,17 +20,19 @@ SCREE_HD constexpr uint64_t packed_bytes(uint64_t count, uint32_t bits) {
   return ((count * bits + 7) / 8 + kPackedSlackBytes + 15) & ~uint64_t{15};
 }
 
-/// The `bits` (0 to 32) at bit `bit_offset` (64-bit: indices times bits passes 2^32) of a stream that is 4-byte aligned and
-/// has its slack.
+/// The `bits` (0 to 32) at bit `bit_offset` (64-bit: indices times bits passes 2^32) of a stream that has its slack. In
+/// a kernel the stream is 4-byte aligned. 0 bits touch no memory: such a stream has no bytes.
 SCREE_HD inline uint32_t unpack(const void* stream, uint64_t bit_offset, uint32_t bits) {
+  if (bits == 0) return 0;
 #if defined(__CUDA_ARCH__)
+  // Two aligned words hold any 32 bits; the second ends within 8 bytes of the value's first byte, as the slack allows.
   const uint32_t* word = static_cast<const uint32_t*>(stream) + (bit_offset >> 5);
   const uint32_t value = __funnelshift_r(word[0], word[1], static_cast<uint32_t>(bit_offset) & 31u);
-  return bits == 32 ? value : value & ((1u << bits) - 1u);
+  return value & (0xffffffffu >> (32u - bits));
 #else
   uint64_t window;
   std::memcpy(&window, static_cast<const unsigned char*>(stream) + (bit_offset >> 3), sizeof window);
-  return static_cast<uint32_t>((window >> (bit_offset & 7u)) & ((uint64_t{1} << bits) - 1u));
+  return static_cast<uint32_t>(window >> (bit_offset & 7u)) & (0xffffffffu >> (32u - bits));
 #endif
 }
 

@@ -1,43 +1,75 @@
 // Lattice coordinates: value <-> integer multiple of a power of two. Source: spec/codecs.md, lattice.
 #pragma once
 
-#include <cmath>
 #include <cstdint>
+#include <cstring>
+#include <span>
 
 #include "format/hd.h"
 
 namespace scree::format {
 
+/// Every float32 is a multiple of 2^-149 and below 2^128: no finer and no coarser step is of use.
+inline constexpr int32_t kMinLatticeExponent = -149;
+inline constexpr int32_t kMaxLatticeExponent = 127;
+
+/// Coordinates stay below this in magnitude, so that a coordinate plus a code is exact in a double.
+inline constexpr int64_t kLatticeLimit = int64_t{1} << 52;
+
 /// 2^exponent, exact for -1022 <= exponent <= 1023.
 SCREE_HD inline double exp2i(int32_t exponent) {
-  union {
-    uint64_t bits;
-    double value;
-  } power{static_cast<uint64_t>(exponent + 1023) << 52};
-  return power.value;
+  const uint64_t bits = static_cast<uint64_t>(exponent + 1023) << 52;
+  double value;
+  memcpy(&value, &bits, sizeof value);
+  return value;
 }
 
-/// The value of a lattice coordinate, rounded once to float. Exact for |coordinate| < 2^53.
+/// The value of a lattice coordinate, rounded once to float: product and conversion to double are exact for
+/// |coordinate| <= 2^53 and exponents of the lattice.
 SCREE_HD inline float dequantize(int64_t coordinate, int32_t exponent) {
   return static_cast<float>(static_cast<double>(coordinate) * exp2i(exponent));
 }
 
-/// The coordinate nearest to a finite value, halves to even. The caller has checked that it fits (LatticeFit does).
+/// The coordinate nearest to a finite value, halves to even. The caller has checked that it fits: fits_lattice().
 inline int64_t quantize(float value, int32_t exponent) {
-  return static_cast<int64_t>(std::nearbyint(static_cast<double>(value) * exp2i(-exponent)));
+  // Adding 1.5 * 2^52 leaves no bits below 1, so the addition rounds, and costs less than a call of nearbyint(). Above
+  // 2^23 the scaled float is an integer with at most 24 significant bits, so both sums are exact there.
+  constexpr double kRounder = 6755399441055744.0;
+  const double scaled = static_cast<double>(value) * exp2i(-exponent);
+  return static_cast<int64_t>((scaled + kRounder) - kRounder);
 }
 
-/// Which lattice holds an interval.
+/// Whether quantize(value, exponent) is below kLatticeLimit in magnitude; value finite, exponent of the lattice.
+inline bool fits_lattice(float value, int32_t exponent) {
+  const double scaled = static_cast<double>(value) * exp2i(-exponent);
+  return scaled < static_cast<double>(kLatticeLimit) && scaled > -static_cast<double>(kLatticeLimit);
+}
+
+/// An interval on a lattice.
 struct LatticeAxis {
-  int64_t min;   // coordinate of code 0
-  uint32_t bits; // codes are below 2^bits
+  int64_t min;    // coordinate of code 0
+  uint32_t bits;  // codes are below 2^bits
 };
 
-/// The smallest exponent with which [lo, hi] takes at most `bits` bits on its lattice (1 to 24), or, for a flat interval,
-/// the finest that still represents `lo` exactly. lo <= hi, both finite.
-int32_t finest_exponent(float lo, float hi, uint32_t bits);
-
-/// The axis of [lo, hi] on the lattice of `exponent`: min = quantize(lo), bits = bit_width(quantize(hi) - min).
+/// The axis of [lo, hi] on the lattice of `exponent`: min = quantize(lo), bits = bit_width(quantize(hi) - min). Both
+/// fit the lattice.
 LatticeAxis lattice_axis(float lo, float hi, int32_t exponent);
+
+/// A closed interval of finite floats, lo <= hi.
+struct Interval {
+  float lo;
+  float hi;
+};
+
+/// The smallest exponent with which every interval takes at most `bits` bits (1 to 24) after its ends are rounded, and
+/// no coordinate reaches kLatticeLimit; but not below exact_exponent(), where a finer step changes nothing.
+int32_t finest_exponent(std::span<const Interval> axes, uint32_t bits);
+
+/// The largest exponent on whose lattice every float of every interval lies (of a one-point interval: that point), so
+/// that quantising loses nothing. 0 where all are the point 0.
+int32_t exact_exponent(std::span<const Interval> axes);
+
+/// The spacing of floats at `value` (towards infinity): 2^-149 at 0.
+double float_ulp(float value);
 
 }  // namespace scree::format
