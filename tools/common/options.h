@@ -1,0 +1,29 @@
+// Words of the command line that stand for amounts: sizes in bytes and lengths in model units.
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <string_view>
+
+#include "format/result.h"
+
+namespace scree::tools {
+
+/// "1234", "64KiB", "1.5 GiB", "2GB": bytes. KiB, MiB, GiB, TiB count in 1024s, kB, MB, GB, TB in 1000s; case does not
+/// matter. Errors kUsage: not a number, an unknown unit, negative, past 2^63.
+Result<uint64_t> parse_size(std::string_view text);
+
+/// "1e-3", "0.5mm", "2 cm": model units, where a glTF unit is one metre (um, mm, cm, m, km, in, ft). Positive and
+/// finite. Errors kUsage.
+Result<double> parse_length(std::string_view text);
+
+/// A whole number of [lowest, highest]. Errors kUsage; `what` names the option in the message.
+Result<uint64_t> parse_whole(std::string_view text, uint64_t lowest, uint64_t highest, std::string_view what);
+
+/// "812 bytes", "1.46 MiB": three significant digits from a KiB on.
+std::string format_bytes(uint64_t bytes);
+
+/// "950", "12.4 k", "8.31 M", "1.64 G": three significant digits from a thousand on.
+std::string format_count(double count);
+
+}  // namespace scree::tools

@@ -1,0 +1,66 @@
+#include "tools/common/progress.h"
+
+#include <unistd.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+
+#include "tools/common/options.h"
+
+namespace scree::tools {
+
+Progress::Progress(bool enabled)
+    : enabled_(enabled && isatty(STDERR_FILENO) == 1), start_(Clock::now()), last_(start_) {}
+
+Progress::~Progress() {
+  erase();
+}
+
+void Progress::stage(std::string name, uint64_t triangles) {
+  name_ = std::move(name);
+  total_ = triangles;
+  start_ = Clock::now();
+  last_ = start_;
+}
+
+void Progress::update(uint64_t triangles, uint64_t bytes) {
+  if (!enabled_) return;
+  const Clock::time_point now = Clock::now();
+  if (now - last_ < std::chrono::milliseconds(200)) return;
+  last_ = now;
+  const double seconds = std::chrono::duration<double>(now - start_).count();
+  const double rate = seconds > 0 ? static_cast<double>(triangles) / seconds : 0;
+  const double share = total_ > 0 ? static_cast<double>(triangles) / static_cast<double>(total_) : 0;
+  const std::string left =
+      rate > 0 && triangles <= total_ ? format_duration(static_cast<double>(total_ - triangles) / rate) + " left" : "";
+  // The clear code comes last: a shorter line leaves nothing of a longer one behind.
+  std::fprintf(stderr, "\r%s: %3.0f%%, %s, %s triangles/s, %s\x1b[K", name_.c_str(), std::floor(100 * share),
+               format_bytes(bytes).c_str(), format_count(rate).c_str(), left.c_str());
+  std::fflush(stderr);
+  shown_ = true;
+}
+
+void Progress::erase() {
+  if (!shown_) return;
+  std::fputs("\r\x1b[K", stderr);
+  std::fflush(stderr);
+  shown_ = false;
+}
+
+std::string format_duration(double seconds) {
+  const uint64_t whole = static_cast<uint64_t>(std::llround(std::clamp(seconds, 0.0, 1e15)));
+  char text[64];
+  if (whole < 60) {
+    std::snprintf(text, sizeof text, "%llu s", static_cast<unsigned long long>(whole));
+  } else if (whole < 3600) {
+    std::snprintf(text, sizeof text, "%llu min %02llu s", static_cast<unsigned long long>(whole / 60),
+                  static_cast<unsigned long long>(whole % 60));
+  } else {
+    std::snprintf(text, sizeof text, "%llu h %02llu min", static_cast<unsigned long long>(whole / 3600),
+                  static_cast<unsigned long long>(whole / 60 % 60));
+  }
+  return text;
+}
+
+}  // namespace scree::tools

@@ -1,0 +1,41 @@
+// One line on stderr that says how far a long job is, where stderr is a terminal.
+#pragma once
+
+#include <chrono>
+#include <cstdint>
+#include <string>
+
+namespace scree::tools {
+
+/// Rewrites one line at most five times a second and erases it at the end. Silent where stderr is no terminal or
+/// `enabled` is false. Not thread-safe: one thread owns it.
+class Progress {
+ public:
+  explicit Progress(bool enabled);
+  ~Progress();
+  Progress(const Progress&) = delete;
+  Progress& operator=(const Progress&) = delete;
+
+  /// Starts a stage of `triangles` in all; the line begins with `name`.
+  void stage(std::string name, uint64_t triangles);
+
+  /// `triangles` of the stage are done, with `bytes` read or written so far.
+  void update(uint64_t triangles, uint64_t bytes);
+
+  /// Erases the line, so that other text can be printed.
+  void erase();
+
+ private:
+  using Clock = std::chrono::steady_clock;
+  bool enabled_;
+  bool shown_ = false;
+  std::string name_;
+  uint64_t total_ = 0;
+  Clock::time_point start_;
+  Clock::time_point last_;
+};
+
+/// "5 s", "3 min 20 s", "2 h 05 min".
+std::string format_duration(double seconds);
+
+}  // namespace scree::tools

@@ -1,0 +1,160 @@
+// scree convert: the command line.
+#include "tools/common/command.h"
+
+#include <atomic>
+#include <csignal>
+#include <cstdio>
+#include <memory>
+#include <string>
+
+#include "tools/common/options.h"
+#include "tools/convert/convert.h"
+
+namespace scree::tools {
+namespace {
+
+static_assert(std::atomic<bool>::is_always_lock_free, "a signal handler may only touch lock-free atomics");
+std::atomic<bool> stop_requested{false};
+std::atomic<int> stop_signal{0};
+
+extern "C" void request_stop(int signal) {
+  stop_requested.store(true, std::memory_order_relaxed);
+  stop_signal.store(signal, std::memory_order_relaxed);
+}
+
+/// The first SIGINT, SIGTERM or SIGHUP asks the conversion to end, which removes what it has written; a second one ends
+/// the program as if nobody caught it (SA_RESETHAND).
+class StopOnSignal {
+ public:
+  StopOnSignal() {
+    struct sigaction action {};
+    action.sa_handler = request_stop;
+    action.sa_flags = static_cast<int>(SA_RESETHAND);
+    sigemptyset(&action.sa_mask);
+    for (size_t i = 0; i < 3; ++i) {
+      sigaction(kSignals[i], nullptr, &before_[i]);
+      if (before_[i].sa_handler != SIG_IGN) sigaction(kSignals[i], &action, nullptr);  // nohup stays nohup
+    }
+  }
+  ~StopOnSignal() {
+    for (size_t i = 0; i < 3; ++i) sigaction(kSignals[i], &before_[i], nullptr);
+  }
+  StopOnSignal(const StopOnSignal&) = delete;
+  StopOnSignal& operator=(const StopOnSignal&) = delete;
+
+ private:
+  static constexpr int kSignals[3] = {SIGINT, SIGTERM, SIGHUP};
+  struct sigaction before_[3]{};
+};
+
+struct Words {
+  std::string input;
+  std::string output;
+  std::string positions = "16";
+  std::string max_error;
+  std::string grid = "mesh";
+  std::string order = "fifo";
+  std::string chunk_triangles = std::to_string(format::kMaxChunkTriangles);
+  std::string zstd = "0";
+  std::string threads = "0";
+  std::string exclude;
+  bool normals = false;
+  bool source_ids = false;
+  bool drop_nonfinite = false;
+  bool quiet = false;
+};
+
+Result<convert::ConvertOptions> parse(const Words& words, bool positions_given) {
+  convert::ConvertOptions options;
+  options.input = words.input;
+  options.output = words.output;
+  options.float32 = words.positions == "float32";
+  if (!options.float32) {
+    const Result<uint64_t> bits = parse_whole(words.positions, 8, format::kMaxPositionBits, "--positions");
+    if (!bits) return Error{bits.error().code, bits.error().message + ", nor 'float32'"};
+    options.position_bits = static_cast<uint32_t>(*bits);
+  }
+  if (!words.max_error.empty()) {
+    const Result<double> length = parse_length(words.max_error);
+    if (!length) return at("--max-error", length.error());
+    if (positions_given)
+      return Error{ErrorCode::kUsage, "--max-error and --positions exclude each other: both pick the step"};
+    options.max_error = *length;
+  }
+  if (words.grid != "mesh" && words.grid != "scene")
+    return Error{ErrorCode::kUsage, "--grid: '" + words.grid + "' is neither 'mesh' nor 'scene'"};
+  options.grid = words.grid == "scene" ? convert::Grid::kScene : convert::Grid::kMesh;
+  if (words.order != "fifo" && words.order != "none")
+    return Error{ErrorCode::kUsage, "--order: '" + words.order + "' is neither 'fifo' nor 'none'"};
+  options.order = words.order == "none" ? convert::Order::kNone : convert::Order::kFifo;
+  const Result<uint64_t> chunk = parse_whole(words.chunk_triangles, 0, format::kMaxChunkTriangles, "--chunk-triangles");
+  if (!chunk) return chunk.error();
+  options.chunk_triangles = *chunk;
+  const Result<uint64_t> level = parse_whole(words.zstd, 0, 22, "--zstd");
+  if (!level) return level.error();
+  options.zstd_level = static_cast<int>(*level);
+  const Result<uint64_t> threads = parse_whole(words.threads, 0, 4096, "--threads");
+  if (!threads) return threads.error();
+  options.threads = static_cast<uint32_t>(*threads);
+  options.exclude = words.exclude;
+  options.normals = words.normals;
+  options.source_ids = words.source_ids;
+  options.drop_nonfinite = words.drop_nonfinite;
+  options.progress = !words.quiet;
+  return options;
+}
+
+Result<void> run(const Words& words, bool positions_given) {
+  Result<convert::ConvertOptions> options = parse(words, positions_given);
+  if (!options) return options.error();
+  Result<convert::ConvertReport> report = Error{ErrorCode::kFile, {}};
+  {
+    const StopOnSignal handlers;
+    options->stop = &stop_requested;
+    report = convert::convert(*options);
+  }
+  if (!report) {
+    // Whoever sent the signal learns that it was the signal that ended the program.
+    if (stop_requested.load()) std::raise(stop_signal.load());
+    return report.error();
+  }
+  for (const std::string& warning : report->warnings)
+    std::fprintf(stderr, "scree convert: warning: %s\n", warning.c_str());
+  if (!words.quiet) std::printf("%s\n", convert::describe(*options, *report).c_str());
+  if (std::fflush(stdout) != 0) return Error{ErrorCode::kFile, "standard output: cannot write"};
+  return {};
+}
+
+}  // namespace
+
+Command add_convert(CLI::App& parent) {
+  const auto words = std::make_shared<Words>();
+  CLI::App* app = parent.add_subcommand("convert", "Packs a glTF scene into a .scree file");
+  app->add_option("input", words->input, "The scene: .gltf or .glb")->required();
+  app->add_option("-o,--output", words->output, "The file to write (default: the input with the extension .scree)");
+  CLI::Option* positions =
+      app->add_option("--positions", words->positions,
+                      "Bits an axis of a mesh's positions, 8 to 24, or float32: as they are (default: 16)");
+  app->add_option("--max-error", words->max_error,
+                  "Largest position error an axis in a mesh's own units (0.5mm, 1e-3; a unit is a metre); picks the "
+                  "step instead of --positions");
+  app->add_option("--grid", words->grid,
+                  "mesh: each mesh has its own step (default); scene: meshes under one world matrix share the finest");
+  app->add_option("--order", words->order,
+                  "fifo: triangles in vertex-cache order, vertices by first use (default); none: as in the source");
+  app->add_option("--chunk-triangles", words->chunk_triangles,
+                  "Most triangles of a chunk, 1 to 65536 (default); 0: every mesh is one chunk, which takes memory for "
+                  "the whole of the largest mesh");
+  app->add_option("--zstd", words->zstd, "Compress pages with zstd at this level, 1 to 22; 0: not at all (default)");
+  app->add_flag("--normals", words->normals, "Store normals, 12 bits an axis of the octahedral map");
+  app->add_flag("--source-ids", words->source_ids, "Store every triangle's number in the source");
+  app->add_option("--exclude", words->exclude,
+                  "Leave out nodes whose name has a match of this regular expression, and those below them");
+  app->add_flag("--drop-nonfinite", words->drop_nonfinite,
+                "Leave out triangles with a position that is NaN or infinite instead of failing");
+  app->add_option("--threads", words->threads, "Threads; 0: one per processor (default)");
+  app->add_flag("-q,--quiet", words->quiet, "No progress and no closing line");
+  return {app, [words, positions] { return run(*words, positions->count() > 0); }};
+}
+
+}  // namespace scree::tools

@@ -1,0 +1,497 @@
+#include "tools/convert/convert.h"
+
+#include <sys/resource.h>
+
+#include <unistd.h>
+#include <algorithm>
+#include <cerrno>
+#include <chrono>
+#include <cmath>
+#include <cstdio>
+#include <cstring>
+#include <filesystem>
+#include <limits>
+#include <set>
+#include <thread>
+
+#include "format/container.h"
+#include "format/quantize.h"
+#include "tools/common/options.h"
+#include "tools/common/progress.h"
+#include "tools/convert/geometry_writer.h"
+#include "tools/convert/gltf_source.h"
+#include "tools/convert/images.h"
+#include "tools/convert/measure.h"
+#include "tools/convert/scene_tables.h"
+
+namespace scree::convert {
+namespace {
+
+using format::kNone;
+
+// What encoded windows in flight may take, beside each thread's scratch memory.
+constexpr uint64_t kFlightBytes = uint64_t{64} << 20;
+constexpr uint64_t kFlightBytesPerThread = uint64_t{12} << 20;
+constexpr uint64_t kJobsPerThread = 3;
+
+Result<void> check_options(const ConvertOptions& options) {
+  const auto usage = [](std::string message) { return Error{ErrorCode::kUsage, std::move(message)}; };
+  if (options.position_bits < 8 || options.position_bits > format::kMaxPositionBits)
+    return usage("--positions: " + std::to_string(options.position_bits) + " bits, but 8 to " +
+                 std::to_string(format::kMaxPositionBits) + " are possible");
+  if (!(options.max_error >= 0) || !std::isfinite(options.max_error)) return usage("--max-error: not a length above 0");
+  if (options.float32 && options.max_error > 0) return usage("--max-error and --positions float32 exclude each other");
+  if (options.float32 && options.grid == Grid::kScene)
+    return usage("--grid scene and --positions float32 exclude each other");
+  if (options.zstd_level < 0 || options.zstd_level > 22)
+    return usage("--zstd: level " + std::to_string(options.zstd_level) + ", but 0 to 22 are possible");
+  if (options.threads > 4096) return usage("--threads: more than 4096");
+  return {};
+}
+
+/// Fails early where the end of a long run would: the output is the input, a folder, or lies where nothing can be made.
+Result<void> check_output(const std::string& input, const std::string& output) {
+  namespace fs = std::filesystem;
+  std::error_code ignored;
+  if (fs::equivalent(input, output, ignored) || fs::equivalent(input, output + ".part", ignored))
+    return Error{ErrorCode::kUsage, output + ": the output is the input"};
+  if (fs::is_directory(output, ignored)) return Error{ErrorCode::kFile, output + ": is a folder"};
+  fs::path folder = fs::path(output).parent_path();
+  if (folder.empty()) folder = ".";
+  if (::access(folder.c_str(), W_OK | X_OK) != 0)
+    return Error{ErrorCode::kFile, folder.string() + ": " + std::strerror(errno)};
+  return {};
+}
+
+/// The options that shape the bytes, as they are typed.
+std::string describe_options(const ConvertOptions& options) {
+  char error[64];
+  std::snprintf(error, sizeof error, "--max-error %.17g", options.max_error);
+  std::string text = options.max_error > 0 ? std::string(error)
+                     : options.float32     ? std::string("--positions float32")
+                                           : "--positions " + std::to_string(options.position_bits);
+  text += options.grid == Grid::kScene ? " --grid scene" : " --grid mesh";
+  text += options.order == Order::kNone ? " --order none" : " --order fifo";
+  text += " --chunk-triangles " + std::to_string(options.chunk_triangles);
+  text += " --zstd " + std::to_string(options.zstd_level);
+  if (options.normals) text += " --normals";
+  if (options.source_ids) text += " --source-ids";
+  if (options.drop_nonfinite) text += " --drop-nonfinite";
+  if (!options.exclude.empty()) text += " --exclude " + options.exclude;
+  return text;
+}
+
+/// Sums the bytes of accessors, each counted once.
+class AccessorBytes {
+ public:
+  void add(const Accessor& accessor) {
+    if (!seen_.insert(accessor.index).second) return;
+    bytes_ += accessor.count * accessor.element_bytes();
+    ++count_;
+  }
+  uint64_t bytes() const { return bytes_; }
+  uint64_t count() const { return count_; }
+
+ private:
+  std::set<uint32_t> seen_;
+  uint64_t bytes_ = 0;
+  uint64_t count_ = 0;
+};
+
+class Converter {
+ public:
+  Converter(const ConvertOptions& options, const SourceScene& scene, WorkerPool& pool, tools::Progress& progress,
+            ConvertReport& report)
+      : options_(options), scene_(scene), pool_(pool), progress_(progress), report_(report) {}
+
+  Result<void> run() {
+    if (const Result<void> done = measure_primitives(); !done) return done;
+    add_meshes();
+    if (const Result<void> done = plan_images(); !done) return done;
+    if (const Result<void> done = add_nodes_and_scenes(scene_, tables_); !done) return done;
+    if (const Result<void> done = choose_lattices(); !done) return done;
+    add_source_record();
+    Result<format::ContainerWriter> writer = format::ContainerWriter::create(report_.output);
+    if (!writer) return writer.error();
+    if (const Result<void> done = encode(*writer); !done) return done;
+    if (const Result<void> done = write_images(scene_, images_, pool_, *writer); !done) return done;
+    tables_.images = images_.records;
+    add_left_out();
+    const Result<uint64_t> bytes = writer->finish(tables_);
+    if (!bytes) return bytes.error();
+    report_.output_bytes = *bytes;
+    fill_report();
+    return {};
+  }
+
+ private:
+  Result<void> measure_primitives() {
+    std::vector<bool> drawn(scene_.groups.size());
+    for (const SourceNode& node : scene_.nodes)
+      if (node.group != kNone) drawn[node.group] = true;
+    std::vector<bool> wanted(scene_.primitives.size());
+    uint64_t triangles = 0;
+    for (size_t i = 0; i < wanted.size(); ++i) {
+      wanted[i] = drawn[scene_.primitives[i].group];
+      if (wanted[i]) triangles += scene_.primitives[i].triangle_count();
+      if (!wanted[i]) ++undrawn_;
+    }
+    progress_.stage("measure", triangles);
+    Result<Measurement> measured = measure(scene_, wanted, {options_.drop_nonfinite, options_.chunk_triangles == 0},
+                                           pool_, [&](uint64_t done) { progress_.update(done, scene_.json_bytes); });
+    if (!measured) return measured.error();
+    measurement_ = std::move(*measured);
+    for (const Measured& primitive : measurement_.primitives) {
+      report_.dropped_degenerate += primitive.dropped_degenerate;
+      report_.dropped_nonfinite += primitive.dropped_nonfinite;
+    }
+    return {};
+  }
+
+  /// Groups and meshes: a mesh for every primitive that keeps a triangle.
+  void add_meshes() {
+    tables_.groups.resize(scene_.groups.size());
+    mesh_of_.assign(scene_.primitives.size(), kNone);
+    size_t primitive = 0;
+    for (uint32_t g = 0; g < scene_.groups.size(); ++g) {
+      format::GroupRecord& group = tables_.groups[g];
+      group.name = tables_.strings.add(scene_.groups[g].name);
+      group.first_mesh = static_cast<uint32_t>(tables_.meshes.size());
+      for (; primitive < scene_.primitives.size() && scene_.primitives[primitive].group == g; ++primitive) {
+        if (measurement_.primitives[primitive].triangles == 0) continue;
+        add_mesh(static_cast<uint32_t>(primitive));
+        ++group.mesh_count;
+      }
+    }
+  }
+
+  void add_mesh(uint32_t primitive) {
+    const Primitive& source = scene_.primitives[primitive];
+    const Measured& measured = measurement_.primitives[primitive];
+    MeshPlan plan;
+    plan.primitive = primitive;
+    plan.float32 = options_.float32;
+    plan.box = measured.box;
+    if (source.uv) plan.attributes |= format::kHasUv;
+    if (source.color && !measured.white) plan.attributes |= format::kHasColor;
+    if (source.normal && options_.normals) plan.attributes |= format::kHasNormal;
+    if (options_.source_ids) plan.attributes |= format::kHasSourceIds;
+
+    format::MeshRecord record{};
+    record.triangle_count = measured.triangles;
+    record.source_vertex_count = source.vertex_count();
+    record.position_encoding =
+        options_.float32 ? format::PositionEncoding::kFloat32 : format::PositionEncoding::kLattice;
+    record.attributes = plan.attributes;
+    record.material = source.material;  // numbered anew by plan_images
+    record.group = source.group;
+    std::copy(plan.box.lo.begin(), plan.box.lo.end(), record.bounds_min);
+    std::copy(plan.box.hi.begin(), plan.box.hi.end(), record.bounds_max);
+    mesh_of_[primitive] = static_cast<uint32_t>(tables_.meshes.size());
+    tables_.meshes.push_back(record);
+    plans_.push_back(plan);
+  }
+
+  /// Materials, textures and images of the meshes that are kept.
+  Result<void> plan_images() {
+    std::vector<bool> used(scene_.materials.size());
+    for (const format::MeshRecord& mesh : tables_.meshes)
+      if (mesh.material != kNone) used[mesh.material] = true;
+    const MaterialUse use = find_material_use(scene_, used);
+    for (format::MeshRecord& mesh : tables_.meshes)
+      if (mesh.material != kNone) mesh.material = use.materials[mesh.material];
+    std::vector<bool> wanted(scene_.images.size());
+    for (size_t i = 0; i < wanted.size(); ++i) wanted[i] = use.images[i] != kNone;
+    Result<ImagePlan> images = check_images(scene_, wanted, pool_);
+    if (!images) return images.error();
+    images_ = std::move(*images);
+    for (size_t i = 0; i < images_.records.size(); ++i)
+      images_.records[i].name = tables_.strings.add(scene_.images[images_.sources[i]].name);
+    report_.warnings.insert(report_.warnings.end(), images_.warnings.begin(), images_.warnings.end());
+    add_materials(scene_, use, images_.places, tables_);
+    return {};
+  }
+
+  Result<void> choose_lattices() {
+    if (options_.float32) return {};
+    for (MeshPlan& plan : plans_) {
+      const Result<format::MeshLattice> lattice =
+          format::choose_lattice(plan.box.lo.data(), plan.box.hi.data(), options_.position_bits, options_.max_error);
+      if (!lattice) return at(primitive_place(scene_, plan.primitive), lattice.error());
+      plan.lattice = *lattice;
+    }
+    if (options_.grid == Grid::kScene)
+      if (const Result<void> shared = share_steps(); !shared) return shared;
+    for (size_t i = 0; i < plans_.size(); ++i) {
+      const MeshPlan& plan = plans_[i];
+      format::MeshRecord& record = tables_.meshes[i];
+      std::copy(plan.lattice.min.begin(), plan.lattice.min.end(), record.lattice_min);
+      std::copy(plan.lattice.bits.begin(), plan.lattice.bits.end(), record.lattice_bits);
+      record.lattice_exponent = plan.lattice.exponent;
+      record.max_position_error = plan.lattice.max_error;
+      for (size_t axis = 0; axis < 3; ++axis) {
+        // Rounding is monotone: the codes of the box's corners are the extremes of all codes.
+        record.bounds_min[axis] = format::dequantize(plan.lattice.min[axis], plan.lattice.exponent);
+        record.bounds_max[axis] =
+            format::dequantize(format::quantize(plan.box.hi[axis], plan.lattice.exponent), plan.lattice.exponent);
+      }
+    }
+    return {};
+  }
+
+  /// --grid scene. A flat or single-point mesh asks for no step of its own: its exponent is only the finest that keeps
+  /// its one coordinate exact, so it takes its neighbours' unless it stands alone.
+  Result<void> share_steps() {
+    const std::vector<uint32_t> shared = meshes_sharing_matrices(tables_);
+    constexpr int32_t kUnset = std::numeric_limits<int32_t>::max();
+    std::vector<int32_t> exponent(plans_.size(), kUnset);
+    for (size_t i = 0; i < plans_.size(); ++i)
+      if (plans_[i].box.lo != plans_[i].box.hi)
+        exponent[shared[i]] = std::min(exponent[shared[i]], plans_[i].lattice.exponent);
+    for (size_t i = 0; i < plans_.size(); ++i) {
+      const int32_t common = exponent[shared[i]];
+      if (common == kUnset || common == plans_[i].lattice.exponent) continue;
+      const Result<format::MeshLattice> lattice =
+          format::lattice_of_exponent(plans_[i].box.lo.data(), plans_[i].box.hi.data(), common);
+      if (!lattice) {
+        const Error error = at(primitive_place(scene_, plans_[i].primitive), lattice.error());
+        return Error{error.code,
+                     error.message + " (--grid scene takes the finest step any mesh needs; --max-error sets one)"};
+      }
+      plans_[i].lattice = *lattice;
+    }
+    return {};
+  }
+
+  Result<void> encode(format::ContainerWriter& writer) {
+    const std::vector<WindowPlan>& windows = measurement_.windows;
+    const std::vector<Batch> batches = make_batches(windows);
+    const EncodeOptions encode_options{options_.order, options_.chunk_triangles, options_.drop_nonfinite};
+    std::vector<EncodeScratch> scratch(pool_.threads());
+    uint64_t source_triangles = 0;
+    for (const Batch& batch : batches) source_triangles += batch.triangles;
+    progress_.stage("encode", source_triangles);
+
+    const auto work = [&](uint64_t batch, uint32_t worker) -> Result<std::vector<EncodedWindow>> {
+      std::vector<EncodedWindow> encoded;
+      for (uint64_t i = batches[batch].first; i < batches[batch].first + batches[batch].count; ++i) {
+        const WindowPlan& window = windows[i];
+        Result<EncodedWindow> result =
+            encode_window(scene_.primitives[window.primitive], plans_[mesh_of_[window.primitive]], window,
+                          encode_options, scratch[worker]);
+        if (!result) return at(primitive_place(scene_, window.primitive), result.error());
+        encoded.push_back(std::move(*result));
+      }
+      return encoded;
+    };
+    const auto cost = [&](uint64_t batch) {
+      uint64_t bytes = 0;
+      for (uint64_t i = batches[batch].first; i < batches[batch].first + batches[batch].count; ++i)
+        bytes += encoded_bytes_estimate(plans_[mesh_of_[windows[i].primitive]], windows[i]);
+      return bytes;
+    };
+    GeometryWriter geometry(pool_, writer, options_.zstd_level);
+    uint64_t done = 0;
+    const auto take = [&](uint64_t batch, std::vector<EncodedWindow> encoded) -> Result<void> {
+      for (uint64_t i = 0; i < encoded.size(); ++i) {
+        const uint32_t mesh = mesh_of_[windows[batches[batch].first + i].primitive];
+        if (const Result<void> added = add_window(encoded[i], mesh, geometry); !added) return added;
+      }
+      done += batches[batch].triangles;
+      progress_.update(done, writer.bytes());
+      return {};
+    };
+    const InFlight limit{kJobsPerThread * pool_.threads(), kFlightBytes + kFlightBytesPerThread * pool_.threads()};
+    if (const Result<void> run =
+            run_ordered<std::vector<EncodedWindow>>(pool_, batches.size(), limit, work, cost, take);
+        !run)
+      return run;
+    return geometry.finish();
+  }
+
+  Result<void> add_window(EncodedWindow& window, uint32_t mesh, GeometryWriter& geometry) {
+    format::MeshRecord& record = tables_.meshes[mesh];
+    if (record.chunk_count == 0) {
+      record.first_chunk = tables_.chunks.size();
+      next_triangle_ = 0;
+    }
+    if (window.position_error > record.max_position_error)
+      return Error{ErrorCode::kRange, primitive_place(scene_, plans_[mesh].primitive) + ": a position error of " +
+                                          std::to_string(window.position_error) + ", but at most " +
+                                          std::to_string(record.max_position_error) + " is stated"};
+    record.max_uv_error = std::max(record.max_uv_error, window.uv_error);
+    for (EncodedChunk& chunk : window.chunks) {
+      chunk.record.mesh = mesh;
+      chunk.record.first_triangle = next_triangle_;
+      next_triangle_ += chunk.record.triangle_count;
+      if (const Result<void> added = geometry.add(chunk); !added) return added;
+      record.vertex_count += chunk.record.vertex_count;
+      ++record.chunk_count;
+      tables_.chunks.push_back(chunk.record);
+    }
+    report_.position_error = std::max(report_.position_error, window.position_error);
+    const double diagonal = box_diagonal(plans_[mesh].box);
+    if (diagonal > 0)
+      report_.relative_position_error = std::max(report_.relative_position_error, window.position_error / diagonal);
+    repaired_uvs_ += window.repaired_uvs;
+    repaired_colors_ += window.repaired_colors;
+    repaired_normals_ += window.repaired_normals;
+    return {};
+  }
+
+  static double box_diagonal(const Box& box) {
+    double sum = 0;
+    for (size_t axis = 0; axis < 3; ++axis) {
+      const double side = static_cast<double>(box.hi[axis]) - static_cast<double>(box.lo[axis]);
+      sum += side * side;
+    }
+    return std::sqrt(sum);
+  }
+
+  void add_source_record() {
+    AccessorBytes indices, positions, attributes;
+    std::set<const ByteSource*> buffers;
+    for (size_t i = 0; i < scene_.primitives.size(); ++i) {
+      if (mesh_of_[i] == kNone) continue;
+      const Primitive& primitive = scene_.primitives[i];
+      if (primitive.indices) indices.add(*primitive.indices);
+      positions.add(primitive.positions);
+      buffers.insert(primitive.positions.source.get());
+      for (const std::optional<Accessor>* attribute : {&primitive.uv, &primitive.color, &primitive.normal})
+        if (*attribute) attributes.add(**attribute);
+    }
+    format::SourceRecord& source = tables_.source;
+    source.json_bytes = scene_.json_bytes;
+    source.buffer_bytes = scene_.buffer_bytes;
+    source.image_bytes = images_.bytes;
+    source.index_bytes = indices.bytes();
+    source.position_bytes = positions.bytes();
+    source.attribute_bytes = attributes.bytes();
+    source.name = tables_.strings.add(scene_.file_name);
+    source.options = tables_.strings.add(describe_options(options_));
+    source.generator = tables_.strings.add("scree " SCREE_VERSION);
+    source.copyright = tables_.strings.add(scene_.copyright);
+
+    report_.input_bytes = scene_.json_bytes + scene_.buffer_bytes;
+    for (const uint32_t image : images_.sources) {
+      // An image in a buffer view is counted with its buffer.
+      const SourceImage& file = scene_.images[image];
+      const bool own_file =
+          file.offset == 0 && file.bytes == file.source->size() && !buffers.contains(file.source.get());
+      if (own_file) report_.input_bytes += file.bytes;
+    }
+  }
+
+  void add_left_out() {
+    const auto add = [&](std::string_view what, uint64_t count, uint64_t bytes) {
+      if (count == 0) return;
+      format::LeftOutRecord record{};
+      record.what = tables_.strings.add(what);
+      record.count = count;
+      record.source_bytes = bytes;
+      tables_.left_out.push_back(record);
+    };
+    AccessorBytes normals, white;
+    for (size_t i = 0; i < scene_.primitives.size(); ++i) {
+      if (mesh_of_[i] == kNone) continue;
+      const Primitive& primitive = scene_.primitives[i];
+      const uint32_t stored = plans_[mesh_of_[i]].attributes;
+      if (primitive.normal && !(stored & format::kHasNormal)) normals.add(*primitive.normal);
+      if (primitive.color && !(stored & format::kHasColor)) white.add(*primitive.color);
+    }
+    for (const LeftOut& entry : scene_.left_out) add(entry.what, entry.count, entry.source_bytes);
+    add("NORMAL", normals.count(), normals.bytes());
+    add("COLOR_0 (all white)", white.count(), white.bytes());
+    add("primitives no node draws", undrawn_, 0);
+    add("degenerate triangles of strips and fans", report_.dropped_degenerate, 0);
+    add("triangles with positions that are not finite", report_.dropped_nonfinite, 0);
+    add("texture coordinates that are not finite", repaired_uvs_, 0);
+    add("colours that are not finite", repaired_colors_, 0);
+    add("normals that are not finite or zero", repaired_normals_, 0);
+
+    const auto warn = [&](uint64_t count, const char* text) {
+      if (count > 0) report_.warnings.push_back(scene_.file_name + ": " + std::to_string(count) + " " + text);
+    };
+    warn(undrawn_, "primitives that no node draws are left out");
+    warn(report_.dropped_nonfinite, "triangles with positions that are not finite are left out");
+    warn(repaired_uvs_, "texture coordinates are not finite and became 0");
+    warn(repaired_colors_, "vertex colours are not finite and became 0");
+    warn(repaired_normals_, "normals are zero or not finite and became +z");
+    if (tables_.meshes.empty()) report_.warnings.push_back(scene_.file_name + ": there is nothing to draw");
+  }
+
+  void fill_report() {
+    report_.meshes = tables_.meshes.size();
+    report_.chunks = tables_.chunks.size();
+    for (const format::MeshRecord& mesh : tables_.meshes) {
+      report_.triangles += mesh.triangle_count;
+      report_.position_error_bound = std::max(report_.position_error_bound, mesh.max_position_error);
+    }
+    for (const format::SceneRecord& scene : tables_.scenes) report_.triangles_drawn += scene.triangle_count;
+  }
+
+  const ConvertOptions& options_;
+  const SourceScene& scene_;
+  WorkerPool& pool_;
+  tools::Progress& progress_;
+  ConvertReport& report_;
+  Measurement measurement_;
+  std::vector<MeshPlan> plans_;    // as tables_.meshes
+  std::vector<uint32_t> mesh_of_;  // of each primitive, or kNone
+  ImagePlan images_;
+  format::TableSet tables_;
+  uint64_t next_triangle_ = 0;  // of the mesh that is written
+  uint64_t undrawn_ = 0;
+  uint64_t repaired_uvs_ = 0;
+  uint64_t repaired_colors_ = 0;
+  uint64_t repaired_normals_ = 0;
+};
+
+uint64_t peak_resident_bytes() {
+  rusage usage{};
+  if (::getrusage(RUSAGE_SELF, &usage) != 0) return 0;
+  return static_cast<uint64_t>(usage.ru_maxrss) * 1024;
+}
+
+}  // namespace
+
+Result<ConvertReport> convert(const ConvertOptions& options) {
+  const auto start = std::chrono::steady_clock::now();
+  if (const Result<void> checked = check_options(options); !checked) return checked.error();
+  ConvertReport report;
+  report.output = options.output.empty() ? std::filesystem::path(options.input).replace_extension(".scree").string()
+                                         : options.output;
+  if (const Result<void> checked = check_output(options.input, report.output); !checked) return checked.error();
+  ImportOptions import_options;
+  import_options.exclude = options.exclude;
+  const Result<SourceScene> scene = import_gltf(options.input, import_options);
+  if (!scene) return scene.error();
+  report.warnings = scene->warnings;
+  const uint32_t threads = options.threads != 0 ? options.threads : std::max(1u, std::thread::hardware_concurrency());
+  {
+    tools::Progress progress(options.progress);
+    WorkerPool pool(threads, options.stop);
+    if (const Result<void> done = Converter(options, *scene, pool, progress, report).run(); !done) return done.error();
+  }
+  report.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  report.peak_bytes = peak_resident_bytes();
+  return report;
+}
+
+std::string describe(const ConvertOptions& options, const ConvertReport& report) {
+  char numbers[256];
+  const double in = static_cast<double>(report.input_bytes);
+  const double out = static_cast<double>(report.output_bytes);
+  const double triangles = static_cast<double>(report.triangles);
+  std::snprintf(numbers, sizeof numbers,
+                "ratio %.2f, %.2f bits/triangle, max position error %.3g (%.2g of the diagonal), %.2f s, "
+                "%s triangles/s, peak memory %s",
+                out > 0 ? in / out : 0.0, triangles > 0 ? 8 * out / triangles : 0.0, report.position_error,
+                report.relative_position_error, report.seconds,
+                tools::format_count(report.seconds > 0 ? triangles / report.seconds : 0).c_str(),
+                tools::format_bytes(report.peak_bytes).c_str());
+  return options.input + " -> " + report.output + ": " + tools::format_bytes(report.input_bytes) + " -> " +
+         tools::format_bytes(report.output_bytes) + ", " + numbers;
+}
+
+}  // namespace scree::convert

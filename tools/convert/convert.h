@@ -1,0 +1,71 @@
+// glTF in, .scree out. Memory stays bounded however big the scene is: two passes over windows of triangles, a bounded
+// number of them in flight.
+#pragma once
+
+#include <atomic>
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "format/layout.h"
+#include "format/result.h"
+#include "tools/convert/encode.h"
+
+namespace scree::convert {
+
+enum class Grid {
+  kMesh,   // every mesh has the finest step its own extent allows
+  kScene,  // all meshes under one world matrix have the finest step any of them needs
+};
+
+struct ConvertOptions {
+  std::string input;   // .gltf or .glb
+  std::string output;  // empty: the input with the extension .scree
+
+  // Options that shape the bytes.
+  bool float32 = false;         // positions as they are, instead of:
+  uint32_t position_bits = 16;  // 8 to 24 an axis
+  double max_error = 0;         // model units, an axis; above 0 it picks the step instead of position_bits
+  Grid grid = Grid::kMesh;
+  Order order = Order::kFifo;
+  uint64_t chunk_triangles = format::kMaxChunkTriangles;  // 1 and up; 0: every mesh is one chunk, memory without bound
+  int zstd_level = 0;                                     // 0 (raw pages) to 22
+  bool normals = false;
+  bool source_ids = false;
+  bool drop_nonfinite = false;
+  std::string exclude;  // ImportOptions::exclude
+
+  // Options that do not.
+  uint32_t threads = 0;   // 0: one per processor
+  bool progress = false;  // a line on stderr where that is a terminal
+  const std::atomic<bool>* stop =
+      nullptr;  // raised: the conversion ends with kFile "interrupted", nothing is left behind
+};
+
+struct ConvertReport {
+  std::string output;
+  uint64_t input_bytes = 0;  // JSON, buffers and image files
+  uint64_t output_bytes = 0;
+  uint64_t meshes = 0;
+  uint64_t chunks = 0;
+  uint64_t triangles = 0;              // stored
+  uint64_t triangles_drawn = 0;        // over all instances of all scenes
+  double position_error = 0;           // largest found, model units, per axis
+  double position_error_bound = 0;     // largest stated in a mesh record
+  double relative_position_error = 0;  // largest found / diagonal of the mesh's box
+  double seconds = 0;
+  uint64_t peak_bytes = 0;          // resident, of the whole process
+  uint64_t dropped_degenerate = 0;  // triangles of strips and fans with two equal indices
+  uint64_t dropped_nonfinite = 0;
+  std::vector<std::string> warnings;  // one line each
+};
+
+/// Converts. On an error nothing is left at `output` that was not there before. Errors kUsage (options that exclude
+/// each other or are out of range, output is the input), those of import_gltf, measure, check_images, encode_window and
+/// ContainerWriter. The bytes written are the same for any number of threads.
+Result<ConvertReport> convert(const ConvertOptions& options);
+
+/// "a.glb -> a.scree: 1.41 MiB -> 283 KiB, ratio 5.10, ..." in one line.
+std::string describe(const ConvertOptions& options, const ConvertReport& report);
+
+}  // namespace scree::convert

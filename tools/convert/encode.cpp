@@ -1,0 +1,411 @@
+#include "tools/convert/encode.h"
+
+#include <meshoptimizer.h>
+
+#include <algorithm>
+#include <bit>
+#include <cmath>
+#include <limits>
+
+#include "format/attribute_codec.h"
+#include "format/chunk_layout.h"
+#include "format/index_codec.h"
+#include "format/quantize.h"
+
+namespace scree::convert {
+namespace {
+
+using format::kNone;
+
+// The paper's hardware measurements and meshoptimizer's own default agree on 16 entries.
+constexpr unsigned kFifoCacheSize = 16;
+
+constexpr uint32_t kMaxUvBits = 24;
+
+/// Most bits a vertex takes in this mesh, whatever its chunk.
+uint64_t vertex_bits_bound(const MeshPlan& mesh) {
+  uint64_t bits = mesh.float32 ? 96 : uint64_t{mesh.lattice.bits[0]} + mesh.lattice.bits[1] + mesh.lattice.bits[2];
+  if (mesh.attributes & format::kHasUv) bits += 2 * kMaxUvBits;
+  if (mesh.attributes & format::kHasColor) bits += 32;
+  if (mesh.attributes & format::kHasNormal) bits += 2 * kNormalBits;
+  return bits;
+}
+
+/// Decides where a chunk ends: before the triangle with which its streams might pass a page.
+class ChunkLimit {
+ public:
+  ChunkLimit(const MeshPlan& mesh, const WindowPlan& plan, uint64_t most_triangles)
+      : most_triangles_(most_triangles),
+        vertex_bits_(vertex_bits_bound(mesh)),
+        triangle_bits_(mesh.attributes & format::kHasSourceIds ? std::bit_width(plan.count - 1) : 0u) {}
+
+  bool fits(uint64_t triangles, uint64_t vertices) const {
+    if (most_triangles_ == 0) return true;
+    if (triangles > most_triangles_) return false;
+    const uint64_t index_bits = static_cast<uint64_t>(std::bit_width(vertices - 1));
+    return triangles * (3 * index_bits + triangle_bits_) + vertices * vertex_bits_ <= kBudgetBits;
+  }
+
+ private:
+  // Six streams, each with its slack and rounded up to 16 bytes, always fit beside this.
+  static constexpr uint64_t kBudgetBits = 8 * (format::kPageTargetBytes - 6 * (format::kPackedSlackBytes + 16));
+
+  uint64_t most_triangles_;
+  uint64_t vertex_bits_;
+  uint64_t triangle_bits_;
+};
+
+/// Which triangle of `before` each triangle of `after` is; meshoptimizer only tells the corners. Both hold the same
+/// triangles with the same first corner. Equal triangles are told apart by their order.
+Result<void> match_triangles(std::span<const uint32_t> before, std::span<const uint32_t> after,
+                             std::vector<uint32_t>& order) {
+  const size_t count = before.size() / 3;
+  const auto hash = [](const uint32_t* corner) {
+    uint64_t h = corner[0] * 0x9e3779b97f4a7c15ull;
+    h = (std::rotl(h, 23) ^ corner[1]) * 0xbf58476d1ce4e5b9ull;
+    h = (std::rotl(h, 23) ^ corner[2]) * 0x94d049bb133111ebull;
+    return h ^ (h >> 32);
+  };
+  const auto equal = [](const uint32_t* a, const uint32_t* b) { return a[0] == b[0] && a[1] == b[1] && a[2] == b[2]; };
+  // Open addressing, at most half full; a slot heads the list of the equal triangles not yet matched.
+  const uint64_t mask = std::bit_ceil(2 * count + 2) - 1;
+  std::vector<uint32_t> heads(mask + 1, kNone);
+  std::vector<uint32_t> keys(mask + 1, kNone);
+  std::vector<uint32_t> next(count, kNone);
+  for (size_t i = count; i-- > 0;) {
+    const uint32_t* corner = &before[3 * i];
+    uint64_t slot = hash(corner) & mask;
+    while (keys[slot] != kNone && !equal(&before[3 * size_t{keys[slot]}], corner)) slot = (slot + 1) & mask;
+    if (keys[slot] == kNone) keys[slot] = static_cast<uint32_t>(i);
+    next[i] = heads[slot];
+    heads[slot] = static_cast<uint32_t>(i);
+  }
+  order.resize(count);
+  for (size_t i = 0; i < count; ++i) {
+    const uint32_t* corner = &after[3 * i];
+    uint64_t slot = hash(corner) & mask;
+    while (keys[slot] != kNone && !equal(&before[3 * size_t{keys[slot]}], corner)) slot = (slot + 1) & mask;
+    if (heads[slot] == kNone) return Error{ErrorCode::kFormat, "the reordered triangles are not those of the source"};
+    order[i] = heads[slot];
+    heads[slot] = next[heads[slot]];
+  }
+  return {};
+}
+
+/// Appends `bytes` zero bytes to the payload and returns them.
+std::span<std::byte> extend(std::vector<std::byte>& payload, uint64_t bytes) {
+  const size_t before = payload.size();
+  payload.resize(before + bytes);
+  return std::span<std::byte>(payload).subspan(before);
+}
+
+/// Encodes a window whose triangles are loaded, stream by stream: only one attribute is in memory at a time.
+class WindowEncoder {
+ public:
+  WindowEncoder(const Primitive& primitive, const MeshPlan& mesh, const WindowPlan& plan, const EncodeOptions& options,
+                EncodeScratch& scratch)
+      : primitive_(primitive), mesh_(mesh), plan_(plan), options_(options), s_(scratch) {}
+
+  Result<EncodedWindow> run() {
+    if (const Result<void> ordered = order(); !ordered) return ordered.error();
+    quantise();
+    cut();
+    encode_positions();
+    if (const Result<void> done = encode_uvs(); !done) return done.error();
+    if (const Result<void> done = encode_colors(); !done) return done.error();
+    if (const Result<void> done = encode_normals(); !done) return done.error();
+    encode_source_ids();
+    return std::move(out_);
+  }
+
+ private:
+  /// The part of chunk_order that belongs to chunk `i`.
+  std::span<const uint32_t> chunk_vertices(size_t i) const {
+    return std::span<const uint32_t>(s_.chunk_order).subspan(first_vertex_[i], out_.chunks[i].record.vertex_count);
+  }
+
+  Result<void> order() {
+    const std::span<const uint32_t> indices = s_.window.indices();
+    s_.ordered.resize(indices.size());
+    if (options_.order == Order::kNone) {
+      std::copy(indices.begin(), indices.end(), s_.ordered.begin());
+      return {};
+    }
+    // Checked by Window: a multiple of three corners, each below the number of vertices; meshoptimizer asserts on less.
+    meshopt_optimizeVertexCacheFifo(s_.ordered.data(), indices.data(), indices.size(), s_.window.vertices().size(),
+                                    kFifoCacheSize);
+    if (mesh_.attributes & format::kHasSourceIds) return match_triangles(indices, s_.ordered, s_.order);
+    return {};
+  }
+
+  void quantise() {
+    if (mesh_.float32) return;
+    const std::span<const float> positions = s_.window.positions();
+    s_.coordinates.resize(positions.size());
+    format::quantize_positions(s_.coordinates, positions, mesh_.lattice);
+    const std::array<int64_t, 3> lattice_min = mesh_.lattice.min;
+    const double step = format::exp2i(mesh_.lattice.exponent);
+    double largest = 0;
+    for (size_t i = 0; i + 2 < positions.size(); i += 3) {
+      for (size_t axis = 0; axis < 3; ++axis) {
+        const float decoded =
+            static_cast<float>(static_cast<double>(lattice_min[axis] + int64_t{s_.coordinates[i + axis]}) * step);
+        largest = std::max(largest, std::fabs(static_cast<double>(decoded) - static_cast<double>(positions[i + axis])));
+      }
+    }
+    out_.position_error = largest;
+  }
+
+  /// Cuts the ordered triangles into chunks, numbers the vertices of each, and encodes the indices on the way.
+  void cut() {
+    const uint64_t triangles = s_.ordered.size() / 3;
+    const ChunkLimit limit(mesh_, plan_, options_.chunk_triangles);
+    s_.slots.assign(s_.window.vertices().size(), kNone);
+    s_.chunk_order.clear();
+    for (uint64_t first = 0; first < triangles;) {
+      const size_t first_vertex = s_.chunk_order.size();
+      s_.chunk_indices.clear();
+      uint32_t vertices = 0;
+      uint64_t end = first;
+      for (; end < triangles; ++end) {
+        const uint32_t* corner = &s_.ordered[3 * end];
+        const uint32_t before = vertices;
+        uint32_t local[3];
+        for (size_t i = 0; i < 3; ++i) {
+          uint32_t& slot = s_.slots[corner[i]];
+          if (slot == kNone) {
+            slot = vertices++;
+            s_.chunk_order.push_back(corner[i]);
+          }
+          local[i] = slot;
+        }
+        if (end > first && !limit.fits(end + 1 - first, vertices)) {
+          for (; vertices > before; --vertices) {
+            s_.slots[s_.chunk_order.back()] = kNone;
+            s_.chunk_order.pop_back();
+          }
+          break;
+        }
+        s_.chunk_indices.insert(s_.chunk_indices.end(), local, local + 3);
+      }
+      const std::span<uint32_t> used = std::span<uint32_t>(s_.chunk_order).subspan(first_vertex);
+      if (options_.order == Order::kNone) {
+        std::sort(used.begin(), used.end());
+        for (uint32_t i = 0; i < vertices; ++i) s_.slots[used[i]] = i;
+        for (size_t i = 0; i < s_.chunk_indices.size(); ++i) s_.chunk_indices[i] = s_.slots[s_.ordered[3 * first + i]];
+      }
+      for (const uint32_t vertex : used) s_.slots[vertex] = kNone;
+
+      EncodedChunk chunk;
+      chunk.record.triangle_count = static_cast<uint32_t>(end - first);
+      chunk.record.vertex_count = vertices;
+      // Every vertex of a chunk is used and numbered from 0, so that the range is known without looking.
+      const format::IndexRange range{0, static_cast<uint32_t>(std::bit_width(vertices - 1))};
+      chunk.record.index_min = range.min;
+      chunk.record.index_bits = static_cast<uint8_t>(range.bits);
+      const uint64_t bytes = format::packed_bytes(s_.chunk_indices.size(), range.bits);
+      chunk.payload.reserve(bytes + (vertices * vertex_bits_bound(mesh_) + 7) / 8 +
+                            6 * (format::kPackedSlackBytes + 16));
+      format::encode_indices(extend(chunk.payload, bytes), s_.chunk_indices, range);
+      out_.chunks.push_back(std::move(chunk));
+      first_vertex_.push_back(first_vertex);
+      first_triangle_.push_back(first);
+      first = end;
+    }
+  }
+
+  /// The `components` values of each of the chunk's vertices, from those of the window.
+  template <class T>
+  void pick(size_t i, std::span<const T> values, size_t components, std::vector<T>& out) const {
+    const std::span<const uint32_t> vertices = chunk_vertices(i);
+    out.resize(vertices.size() * components);
+    T* at = out.data();
+    if (components == 3) {
+      for (const uint32_t vertex : vertices) {
+        const T* from = &values[3 * size_t{vertex}];
+        at[0] = from[0];
+        at[1] = from[1];
+        at[2] = from[2];
+        at += 3;
+      }
+      return;
+    }
+    for (const uint32_t vertex : vertices) at = std::copy_n(&values[components * size_t{vertex}], components, at);
+  }
+
+  void encode_positions() {
+    for (size_t i = 0; i < out_.chunks.size(); ++i) {
+      EncodedChunk& chunk = out_.chunks[i];
+      if (mesh_.float32) {
+        pick(i, s_.window.positions(), 3, s_.chunk_floats);
+        format::PositionRange range;
+        range.bits = {32, 32, 32};
+        format::encode_positions_float32(
+            extend(chunk.payload, format::position_stream_bytes(chunk.record.vertex_count, range)), s_.chunk_floats);
+        std::copy(range.bits.begin(), range.bits.end(), chunk.record.position_bits);
+        continue;
+      }
+      pick(i, std::span<const uint32_t>(s_.coordinates), 3, s_.chunk_coordinates);
+      const format::PositionRange range = format::position_range(s_.chunk_coordinates);
+      format::encode_positions(extend(chunk.payload, format::position_stream_bytes(chunk.record.vertex_count, range)),
+                               s_.chunk_coordinates, range);
+      std::copy(range.min.begin(), range.min.end(), chunk.record.position_min);
+      std::copy(range.bits.begin(), range.bits.end(), chunk.record.position_bits);
+    }
+  }
+
+  /// Reads an attribute of the window's vertices and sets values that are not finite to 0. Returns how many vertices
+  /// had such.
+  Result<uint64_t> read_attribute(const Accessor& accessor) {
+    if (const Result<void> read = read_vertices(accessor, s_.window.vertices(), s_.floats); !read) return read.error();
+    uint64_t repaired = 0;
+    const size_t components = accessor.components;
+    for (size_t i = 0; i < s_.floats.size(); i += components) {
+      bool bad = false;
+      for (size_t c = 0; c < components; ++c) {
+        if (std::isfinite(s_.floats[i + c])) continue;
+        s_.floats[i + c] = 0;
+        bad = true;
+      }
+      repaired += bad ? 1 : 0;
+    }
+    return repaired;
+  }
+
+  Result<void> encode_uvs() {
+    if (!(mesh_.attributes & format::kHasUv)) return {};
+    const Result<uint64_t> repaired = read_attribute(*primitive_.uv);
+    if (!repaired) return repaired.error();
+    out_.repaired_uvs = *repaired;
+    for (size_t i = 0; i < out_.chunks.size(); ++i) {
+      EncodedChunk& chunk = out_.chunks[i];
+      pick(i, std::span<const float>(s_.floats), 2, s_.chunk_floats);
+      const format::UvRange range = format::choose_uv_range(s_.chunk_floats);
+      format::encode_uvs(extend(chunk.payload, format::uv_stream_bytes(chunk.record.vertex_count, range)),
+                         s_.chunk_floats, range);
+      std::copy(range.min.begin(), range.min.end(), chunk.record.uv_min);
+      std::copy(range.bits.begin(), range.bits.end(), chunk.record.uv_bits);
+      chunk.record.uv_exponent = range.exponent;
+      out_.uv_error = std::max(out_.uv_error, uv_error_bound(range));
+    }
+    return {};
+  }
+
+  /// Half a step and half an ulp of the largest coordinate.
+  static float uv_error_bound(const format::UvRange& range) {
+    const double step = format::exp2i(range.exponent);
+    double largest = 0;
+    for (size_t axis = 0; axis < 2; ++axis) {
+      const int64_t end = range.min[axis] + (int64_t{1} << range.bits[axis]) - 1;
+      largest = std::max({largest, std::fabs(static_cast<double>(range.min[axis]) * step),
+                          std::fabs(static_cast<double>(end) * step)});
+    }
+    const float top = static_cast<float>(largest);
+    const double ulp =
+        static_cast<double>(std::nextafter(top, std::numeric_limits<float>::infinity())) - static_cast<double>(top);
+    const double bound = std::min(0.5 * step + 0.5 * ulp, static_cast<double>(std::numeric_limits<float>::max()));
+    return std::nextafter(static_cast<float>(bound), std::numeric_limits<float>::max());
+  }
+
+  Result<void> encode_colors() {
+    if (!(mesh_.attributes & format::kHasColor)) return {};
+    const Result<uint64_t> repaired = read_attribute(*primitive_.color);
+    if (!repaired) return repaired.error();
+    out_.repaired_colors = *repaired;
+    const size_t components = primitive_.color->components;
+    for (size_t i = 0; i < out_.chunks.size(); ++i) {
+      EncodedChunk& chunk = out_.chunks[i];
+      const std::span<const uint32_t> vertices = chunk_vertices(i);
+      s_.chunk_floats.resize(4 * vertices.size());
+      for (size_t v = 0; v < vertices.size(); ++v) {
+        const float* from = &s_.floats[components * size_t{vertices[v]}];
+        for (size_t c = 0; c < 4; ++c) s_.chunk_floats[4 * v + c] = c < components ? from[c] : 1.0f;
+      }
+      format::encode_colors(extend(chunk.payload, format::color_stream_bytes(vertices.size())), s_.chunk_floats);
+    }
+    return {};
+  }
+
+  Result<void> encode_normals() {
+    if (!(mesh_.attributes & format::kHasNormal)) return {};
+    if (const Result<void> read = read_vertices(*primitive_.normal, s_.window.vertices(), s_.floats); !read)
+      return read;
+    for (size_t i = 0; i + 2 < s_.floats.size(); i += 3) {
+      float* n = &s_.floats[i];
+      const float largest = std::max({std::fabs(n[0]), std::fabs(n[1]), std::fabs(n[2])});
+      const float sum = std::fabs(n[0]) + std::fabs(n[1]) + std::fabs(n[2]);
+      if (largest > 0 && std::isfinite(sum)) continue;
+      n[0] = n[1] = 0;
+      n[2] = 1;
+      ++out_.repaired_normals;
+    }
+    for (size_t i = 0; i < out_.chunks.size(); ++i) {
+      EncodedChunk& chunk = out_.chunks[i];
+      pick(i, std::span<const float>(s_.floats), 3, s_.chunk_floats);
+      chunk.record.normal_bits = kNormalBits;
+      format::encode_normals(extend(chunk.payload, format::normal_stream_bytes(chunk.record.vertex_count, kNormalBits)),
+                             s_.chunk_floats, kNormalBits);
+    }
+    return {};
+  }
+
+  void encode_source_ids() {
+    if (!(mesh_.attributes & format::kHasSourceIds)) return;
+    for (size_t i = 0; i < out_.chunks.size(); ++i) {
+      EncodedChunk& chunk = out_.chunks[i];
+      s_.chunk_ids.resize(chunk.record.triangle_count);
+      for (size_t t = 0; t < s_.chunk_ids.size(); ++t) {
+        const uint64_t place = first_triangle_[i] + t;
+        s_.chunk_ids[t] = s_.window.source_id(options_.order == Order::kNone ? place : s_.order[place]);
+      }
+      const format::SourceIdRange range = format::source_id_range(s_.chunk_ids);
+      chunk.record.source_min = range.min;
+      chunk.record.source_bits = static_cast<uint8_t>(range.bits);
+      format::encode_source_ids(extend(chunk.payload, format::packed_bytes(s_.chunk_ids.size(), range.bits)),
+                                s_.chunk_ids, range);
+    }
+  }
+
+  const Primitive& primitive_;
+  const MeshPlan& mesh_;
+  const WindowPlan& plan_;
+  const EncodeOptions& options_;
+  EncodeScratch& s_;
+  EncodedWindow out_;
+  std::vector<size_t> first_vertex_;      // of each chunk in chunk_order
+  std::vector<uint64_t> first_triangle_;  // of each chunk in the window
+};
+
+bool inside(const Box& box, const Box& outer) {
+  for (size_t axis = 0; axis < 3; ++axis)
+    if (box.lo[axis] < outer.lo[axis] || box.hi[axis] > outer.hi[axis]) return false;
+  return true;
+}
+
+}  // namespace
+
+Result<EncodedWindow> encode_window(const Primitive& primitive, const MeshPlan& mesh, const WindowPlan& plan,
+                                    const EncodeOptions& options, EncodeScratch& scratch) {
+  Window& window = scratch.window;
+  if (const Result<void> loaded =
+          window.load(primitive, plan.first, plan.count, options.drop_nonfinite, Window::Find::kTriangles);
+      !loaded)
+    return loaded.error();
+  // A file that changes between the passes must not put a coordinate outside its lattice.
+  if (window.triangle_count() != plan.kept || window.vertices().size() != plan.vertices ||
+      !inside(box_of(window.positions()), mesh.box))
+    return Error{ErrorCode::kFormat, "the source changed while it was converted"};
+  Result<EncodedWindow> encoded = WindowEncoder(primitive, mesh, plan, options, scratch).run();
+  if (!encoded) return encoded;
+  for (EncodedChunk& chunk : encoded->chunks) chunk.record.bytes = chunk.payload.size();
+  return encoded;
+}
+
+uint64_t encoded_bytes_estimate(const MeshPlan& mesh, const WindowPlan& plan) {
+  const uint64_t index_bits = 3 * static_cast<uint64_t>(std::bit_width(uint64_t{plan.vertices}));
+  const uint64_t id_bits = mesh.attributes & format::kHasSourceIds ? std::bit_width(plan.count) : 0u;
+  // A chunk's border vertices are stored once a chunk: a quarter more.
+  return (plan.kept * (index_bits + id_bits) + plan.vertices * vertex_bits_bound(mesh) * 5 / 4) / 8 + 256;
+}
+
+}  // namespace scree::convert

@@ -1,0 +1,77 @@
+// The second pass: a window of triangles becomes chunks, ordered, renumbered, quantised and bit-packed.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <vector>
+
+#include "format/layout.h"
+#include "format/position_codec.h"
+#include "format/result.h"
+#include "tools/convert/gltf_source.h"
+#include "tools/convert/measure.h"
+#include "tools/convert/window.h"
+
+namespace scree::convert {
+
+enum class Order {
+  kFifo,  // meshoptimizer's order for a FIFO vertex cache, vertices by first use
+  kNone,  // triangles as in the source, vertices ascending as in the source
+};
+
+/// Bits an axis of stored normals: the angle between a normal and its code stays below 0.05 degrees.
+inline constexpr uint32_t kNormalBits = 12;
+
+struct EncodeOptions {
+  Order order = Order::kFifo;
+  uint64_t chunk_triangles = format::kMaxChunkTriangles;  // at most; 0: the window is one chunk
+  bool drop_nonfinite = false;
+};
+
+/// A mesh of the output: what its chunks share.
+struct MeshPlan {
+  uint32_t primitive = 0;   // in SourceScene::primitives
+  uint32_t attributes = 0;  // format::AttributeFlags of the streams to write
+  bool float32 = false;
+  format::MeshLattice lattice;
+  Box box;  // of the positions measure saw
+};
+
+struct EncodedChunk {
+  format::ChunkRecord record{};  // page, offset, mesh and first_triangle unset
+  std::vector<std::byte> payload;
+};
+
+struct EncodedWindow {
+  std::vector<EncodedChunk> chunks;
+  double position_error = 0;      // largest found, model units, per axis
+  float uv_error = 0;             // largest possible, per axis
+  uint64_t repaired_uvs = 0;      // vertices whose texture coordinates were not finite and became 0
+  uint64_t repaired_colors = 0;   // likewise; became 0
+  uint64_t repaired_normals = 0;  // not finite or zero; became +z
+};
+
+/// What one thread reuses from window to window.
+struct EncodeScratch {
+  Window window;
+  std::vector<uint32_t> ordered;      // corners in the new order, places in the window's vertices
+  std::vector<uint32_t> order;        // source place of each triangle, where source ids are stored
+  std::vector<uint32_t> slots;        // number in the chunk of a window's vertex, or kNone
+  std::vector<uint32_t> chunk_order;  // window vertices of all chunks, one chunk after the other
+  std::vector<uint32_t> coordinates;  // lattice coordinates of the window's vertices
+  std::vector<uint32_t> chunk_indices;
+  std::vector<uint32_t> chunk_coordinates;
+  std::vector<float> floats;        // one attribute of the window
+  std::vector<float> chunk_floats;  // one attribute of a chunk
+  std::vector<uint64_t> chunk_ids;
+};
+
+/// Encodes one window of `primitive`. Errors as Window::load; kFormat: the window is not what measure saw (the source
+/// changed in between).
+Result<EncodedWindow> encode_window(const Primitive& primitive, const MeshPlan& mesh, const WindowPlan& plan,
+                                    const EncodeOptions& options, EncodeScratch& scratch);
+
+/// Bytes that encode_window's result takes at most, roughly; for bounding what is in flight.
+uint64_t encoded_bytes_estimate(const MeshPlan& mesh, const WindowPlan& plan);
+
+}  // namespace scree::convert

@@ -1,0 +1,58 @@
+#include "tools/convert/geometry_writer.h"
+
+#include <memory>
+#include <utility>
+
+namespace scree::convert {
+
+Result<void> GeometryWriter::add(EncodedChunk& chunk) {
+  if (open_ && page_.size() + chunk.payload.size() > format::kPageTargetBytes)
+    if (const Result<void> sealed = seal(); !sealed) return sealed;
+  chunk.record.page = number_;
+  chunk.record.offset = page_.size();
+  if (page_.empty() && chunk.payload.size() >= format::kPageTargetBytes / 2) {
+    page_ = std::move(chunk.payload);
+  } else {
+    if (page_.empty()) page_.reserve(format::kPageTargetBytes);
+    page_.insert(page_.end(), chunk.payload.begin(), chunk.payload.end());
+  }
+  open_ = true;
+  return {};
+}
+
+Result<void> GeometryWriter::finish() {
+  if (open_)
+    if (const Result<void> sealed = seal(); !sealed) return sealed;
+  while (pages_.size() > 0)
+    if (const Result<void> written = write_one(); !written) return written;
+  return {};
+}
+
+Result<void> GeometryWriter::seal() {
+  const auto raw = std::make_shared<std::vector<std::byte>>(std::move(page_));
+  page_.clear();
+  open_ = false;
+  ++number_;
+  const uint64_t cost = raw->size();
+  pages_.submit(
+      [raw, level = zstd_level_](uint32_t) -> Result<format::SealedPage> {
+        return format::seal_page(format::PageKind::kGeometry, std::move(*raw), level);
+      },
+      cost);
+  while (pages_.size() > limit_ || pages_.ready())
+    if (const Result<void> written = write_one(); !written) return written;
+  return {};
+}
+
+Result<void> GeometryWriter::write_one() {
+  const Result<format::SealedPage> page = pages_.take();
+  if (!page) return page.error();
+  const Result<uint32_t> number = writer_.append(*page);
+  if (!number) return number.error();
+  if (*number != written_)
+    return Error{ErrorCode::kFormat, "page " + std::to_string(written_) + " became page " + std::to_string(*number)};
+  ++written_;
+  return {};
+}
+
+}  // namespace scree::convert

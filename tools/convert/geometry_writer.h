@@ -1,0 +1,43 @@
+// Chunks into pages, pages into the file, in order.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <vector>
+
+#include "format/container.h"
+#include "format/result.h"
+#include "tools/convert/encode.h"
+#include "tools/convert/ordered_pool.h"
+
+namespace scree::convert {
+
+/// Fills geometry pages with chunks in the order they come; a page is closed before a chunk would take it past
+/// kPageTargetBytes. Pages are compressed on the pool and written in order by the calling thread. Destroy it before the
+/// pool.
+class GeometryWriter {
+ public:
+  GeometryWriter(WorkerPool& pool, format::ContainerWriter& writer, int zstd_level)
+      : pages_(pool, true), writer_(writer), zstd_level_(zstd_level), limit_(2 * uint64_t{pool.threads()} + 2) {}
+
+  /// Places a chunk: sets page and offset of its record. Errors of ContainerWriter::append.
+  Result<void> add(EncodedChunk& chunk);
+
+  /// Closes the last page and writes what is left.
+  Result<void> finish();
+
+ private:
+  Result<void> seal();
+  Result<void> write_one();
+
+  OrderedResults<format::SealedPage> pages_;
+  format::ContainerWriter& writer_;
+  int zstd_level_;
+  uint64_t limit_;
+  std::vector<std::byte> page_;
+  bool open_ = false;     // page_ holds a chunk, which may be empty: all its values equal
+  uint32_t number_ = 0;   // of the open page
+  uint32_t written_ = 0;  // pages in the file
+};
+
+}  // namespace scree::convert

@@ -1,0 +1,63 @@
+// The first pass over the source: checks every triangle and position before anything is written, and finds what the
+// lattice and the attributes of each mesh must hold.
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <string>
+#include <vector>
+
+#include "format/result.h"
+#include "tools/convert/gltf_source.h"
+#include "tools/convert/ordered_pool.h"
+#include "tools/convert/window.h"
+
+namespace scree::convert {
+
+/// Where a window lies, and after measure what it holds.
+struct WindowPlan {
+  uint32_t primitive = 0;  // in SourceScene::primitives
+  uint32_t vertices = 0;   // distinct ones used
+  uint64_t first = 0;      // source triangle
+  uint64_t count = 0;      // source triangles
+  uint64_t kept = 0;
+  Box box = empty_box();
+};
+
+/// A primitive after measure.
+struct Measured {
+  uint64_t triangles = 0;  // kept
+  uint64_t dropped_degenerate = 0;
+  uint64_t dropped_nonfinite = 0;
+  Box box = empty_box();  // of the vertices its kept triangles use
+  bool white = true;      // every used COLOR_0 is exactly (1, 1, 1, 1)
+};
+
+struct MeasureOptions {
+  bool drop_nonfinite = false;
+  bool whole_meshes = false;  // one window a primitive
+};
+
+struct Measurement {
+  std::vector<WindowPlan> windows;   // ordered by primitive, then first; windows that keep no triangle are left out
+  std::vector<Measured> primitives;  // as SourceScene::primitives
+};
+
+/// Consecutive windows that are worked on as one job, so that a scene of a million small meshes is not a million jobs.
+struct Batch {
+  uint64_t first = 0;
+  uint64_t count = 0;
+  uint64_t triangles = 0;  // of the source
+};
+std::vector<Batch> make_batches(const std::vector<WindowPlan>& windows);
+
+/// "city.gltf: mesh 12 (Rock), primitive 1".
+std::string primitive_place(const SourceScene& scene, uint32_t primitive);
+
+/// Measures all `wanted` primitives (others keep 0 triangles). `progress(triangles)`: done so far. Errors as
+/// Window::load with the primitive named, the first in source order; kUnsupported: a primitive past 2^32 / 3 triangles
+/// with whole_meshes.
+Result<Measurement> measure(const SourceScene& scene, const std::vector<bool>& wanted, const MeasureOptions& options,
+                            WorkerPool& pool, const std::function<void(uint64_t)>& progress);
+
+}  // namespace scree::convert

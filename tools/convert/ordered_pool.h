@@ -1,0 +1,156 @@
+// Threads whose results are taken in the order in which the jobs were given, so that what is written never depends on
+// how many threads there are or which of them is fast.
+#pragma once
+
+#include <atomic>
+#include <cstdint>
+#include <deque>
+#include <exception>
+#include <functional>
+#include <memory>
+#include <new>
+#include <optional>
+#include <string>
+#include <utility>
+
+#include "format/result.h"
+
+namespace scree::convert {
+
+/// A fixed number of worker threads. Jobs start in the order of submission, urgent ones first. The destructor forgets
+/// the jobs that have not started and waits for those that run: declare the pool after everything its jobs touch.
+class WorkerPool {
+ public:
+  /// `threads`: at least 1. `stop`: polled by wait(); may be null, outlives the pool.
+  WorkerPool(uint32_t threads, const std::atomic<bool>* stop);
+  ~WorkerPool();
+  WorkerPool(const WorkerPool&) = delete;
+  WorkerPool& operator=(const WorkerPool&) = delete;
+
+  uint32_t threads() const;
+
+  /// Runs `job(worker)` on one of the threads; worker < threads() names it, for its scratch memory. The job must not
+  /// throw and must not submit or wait.
+  void submit(std::function<void(uint32_t worker)> job, bool urgent);
+
+  /// Waits until `done` holds; it is called with the pool's lock held, whenever a job has ended. Errors kFile:
+  /// "interrupted", when the stop flag was raised.
+  Result<void> wait(const std::function<bool()>& done);
+
+  /// The same without looking at the stop flag.
+  void drain(const std::function<bool()>& done);
+
+  /// Runs `change` under the pool's lock and wakes those who wait.
+  void notify(const std::function<void()>& change);
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+/// Results of one kind of job in the order of submission. Used by one thread. Destroyed with jobs in flight it skips
+/// those that have not started and waits for the others, so that jobs may refer to whatever lives longer than it; the
+/// pool does.
+template <class T>
+class OrderedResults {
+ public:
+  using Work = std::function<Result<T>(uint32_t worker)>;
+
+  OrderedResults(WorkerPool& pool, bool urgent) : pool_(pool), urgent_(urgent) {}
+  ~OrderedResults() {
+    cancelled_->store(true, std::memory_order_relaxed);
+    for (const std::shared_ptr<Slot>& slot : slots_) pool_.drain([&] { return slot->done; });
+  }
+  OrderedResults(const OrderedResults&) = delete;
+  OrderedResults& operator=(const OrderedResults&) = delete;
+
+  /// `cost`: what the job and its result weigh (bytes); see cost().
+  void submit(Work work, uint64_t cost) {
+    auto slot = std::make_shared<Slot>();
+    slot->cost = cost;
+    slots_.push_back(slot);
+    cost_ += cost;
+    pool_.submit(
+        [slot, work = std::move(work), cancelled = cancelled_, &pool = pool_](uint32_t worker) {
+          std::optional<Result<T>> result;
+          try {
+            if (cancelled->load(std::memory_order_relaxed)) {
+              result.emplace(Error{ErrorCode::kFile, "interrupted"});
+            } else {
+              result.emplace(work(worker));
+            }
+          } catch (const std::bad_alloc&) {
+            result.emplace(Error{ErrorCode::kMemory, "out of memory"});
+          } catch (const std::exception& error) {
+            result.emplace(Error{ErrorCode::kMemory, std::string("unexpected: ") + error.what()});
+          }
+          pool.notify([&] {
+            slot->result = std::move(result);
+            slot->done = true;
+          });
+        },
+        urgent_);
+  }
+
+  uint64_t size() const { return slots_.size(); }
+
+  /// Sum of the costs of the jobs whose results have not been taken.
+  uint64_t cost() const { return cost_; }
+
+  /// Whether take() would return at once.
+  bool ready() {
+    if (slots_.empty()) return false;
+    bool done = false;
+    pool_.notify([&] { done = slots_.front()->done; });
+    return done;
+  }
+
+  /// Waits for the oldest job and gives its result; size() must not be 0.
+  Result<T> take() {
+    const std::shared_ptr<Slot> slot = slots_.front();
+    if (const Result<void> waited = pool_.wait([&] { return slot->done; }); !waited) return waited.error();
+    slots_.pop_front();  // after the wait: an interrupted one is still drained by the destructor
+    cost_ -= slot->cost;
+    return std::move(*slot->result);
+  }
+
+ private:
+  struct Slot {
+    bool done = false;  // under the pool's lock
+    uint64_t cost = 0;
+    std::optional<Result<T>> result;
+  };
+
+  WorkerPool& pool_;
+  bool urgent_;
+  std::shared_ptr<std::atomic<bool>> cancelled_ = std::make_shared<std::atomic<bool>>(false);
+  std::deque<std::shared_ptr<Slot>> slots_;
+  uint64_t cost_ = 0;
+};
+
+/// How much may be in flight; one job always may.
+struct InFlight {
+  uint64_t jobs = 1;
+  uint64_t cost = UINT64_MAX;
+};
+
+/// Runs work(i, worker) for i in [0, count) on the pool and take(i, result) on the calling thread, in order. Stops at
+/// the first error in that order, which is the same for any number of threads. `cost(i)`: see OrderedResults::submit.
+template <class T, class Work, class Cost, class Take>
+Result<void> run_ordered(WorkerPool& pool, uint64_t count, InFlight limit, Work work, Cost cost, Take take) {
+  OrderedResults<T> results(pool, false);
+  uint64_t next = 0;
+  for (uint64_t taken = 0; taken < count; ++taken) {
+    while (next < count && results.size() < limit.jobs &&
+           (results.size() == 0 || results.cost() + cost(next) <= limit.cost)) {
+      results.submit([work, next](uint32_t worker) { return work(next, worker); }, cost(next));
+      ++next;
+    }
+    Result<T> result = results.take();
+    if (!result) return result.error();
+    if (Result<void> done = take(taken, std::move(*result)); !done) return done;
+  }
+  return {};
+}
+
+}  // namespace scree::convert

@@ -1,0 +1,181 @@
+#include "tools/convert/window.h"
+
+#include <algorithm>
+#include <bit>
+#include <cmath>
+#include <cstdio>
+#include <limits>
+
+namespace scree::convert {
+namespace {
+
+/// A table with a place for every vertex number between the smallest and the largest is used up to this many numbers a
+/// corner; windows whose vertices are scattered wider are sorted.
+constexpr uint64_t kTableSpanPerCorner = 4;
+
+/// Sorts by the vertex number in the upper 32 bits, stable: 11 bits a pass.
+void sort_by_vertex(std::vector<uint64_t>& pairs, std::vector<uint64_t>& other) {
+  other.resize(pairs.size());
+  for (const uint32_t shift : {32u, 43u, 54u}) {
+    std::array<uint64_t, 2048> first{};
+    for (const uint64_t pair : pairs) ++first[(pair >> shift) & 2047];
+    uint64_t sum = 0;
+    for (uint64_t& count : first) {
+      const uint64_t next = sum + count;
+      count = sum;
+      sum = next;
+    }
+    for (const uint64_t pair : pairs) other[first[(pair >> shift) & 2047]++] = pair;
+    pairs.swap(other);
+  }
+}
+
+}  // namespace
+
+Box empty_box() {
+  constexpr float kInf = std::numeric_limits<float>::infinity();
+  return {{kInf, kInf, kInf}, {-kInf, -kInf, -kInf}};
+}
+
+Box box_of(std::span<const float> positions) {
+  Box box = empty_box();
+  for (size_t i = 0; i + 2 < positions.size(); i += 3) {
+    for (size_t axis = 0; axis < 3; ++axis) {
+      box.lo[axis] = std::min(box.lo[axis], positions[i + axis]);
+      box.hi[axis] = std::max(box.hi[axis], positions[i + axis]);
+    }
+  }
+  return box;
+}
+
+void grow(Box& box, const Box& other) {
+  for (size_t axis = 0; axis < 3; ++axis) {
+    box.lo[axis] = std::min(box.lo[axis], other.lo[axis]);
+    box.hi[axis] = std::max(box.hi[axis], other.hi[axis]);
+  }
+}
+
+Result<void> read_vertices(const Accessor& accessor, std::span<const uint32_t> ascending, std::vector<float>& out) {
+  out.resize(ascending.size() * accessor.components);
+  if (ascending.empty()) return {};
+  const uint64_t span = uint64_t{ascending.back()} - ascending.front() + 1;
+  if (span == ascending.size()) return read_floats(accessor, ascending.front(), span, out);
+  return gather_floats(accessor, ascending, out);
+}
+
+Result<void> Window::load(const Primitive& primitive, uint64_t first, uint64_t count, bool drop_nonfinite, Find find) {
+  first_ = first;
+  dropped_degenerate_ = 0;
+  dropped_nonfinite_ = 0;
+  kept_.clear();
+  indices_.resize(3 * count);
+  if (const Result<void> read = read_triangles(primitive, first, count, indices_); !read) return read;
+  if (primitive.mode != PrimitiveMode::kTriangles) drop_degenerate();
+  const bool renumber = find == Find::kTriangles;
+  find_vertices(renumber);
+  if (const Result<void> read = read_positions(primitive); !read) return read;
+  return check_positions(primitive, drop_nonfinite, renumber);
+}
+
+Result<void> Window::read_positions(const Primitive& primitive) {
+  return read_vertices(primitive.positions, vertices_, positions_);
+}
+
+void Window::drop_degenerate() {
+  std::vector<bool> keep(triangle_count());
+  for (size_t i = 0; i < keep.size(); ++i) {
+    const uint32_t* corner = &indices_[3 * i];
+    keep[i] = corner[0] != corner[1] && corner[1] != corner[2] && corner[2] != corner[0];
+  }
+  const uint64_t before = triangle_count();
+  keep_triangles(keep);
+  dropped_degenerate_ = before - triangle_count();
+}
+
+void Window::keep_triangles(const std::vector<bool>& keep) {
+  const size_t before = keep.size();
+  if (std::find(keep.begin(), keep.end(), false) == keep.end()) return;
+  std::vector<uint32_t> kept;
+  size_t count = 0;
+  for (size_t i = 0; i < before; ++i) {
+    if (!keep[i]) continue;
+    kept.push_back(kept_.empty() ? static_cast<uint32_t>(i) : kept_[i]);
+    for (size_t corner = 0; corner < 3; ++corner) indices_[3 * count + corner] = indices_[3 * i + corner];
+    ++count;
+  }
+  indices_.resize(3 * count);
+  kept_ = std::move(kept);
+}
+
+void Window::find_vertices(bool renumber) {
+  vertices_.clear();
+  if (indices_.empty()) return;
+  uint32_t lo = indices_[0];
+  uint32_t hi = indices_[0];
+  for (const uint32_t index : indices_) {
+    lo = std::min(lo, index);
+    hi = std::max(hi, index);
+  }
+  const uint64_t span = uint64_t{hi} - lo + 1;
+  if (span <= kTableSpanPerCorner * indices_.size() + 1024) {
+    places_.assign(span, 0);
+    for (const uint32_t index : indices_) places_[index - lo] = 1;
+    vertices_.resize(span);
+    uint32_t count = 0;
+    for (uint64_t i = 0; i < span; ++i) {
+      vertices_[count] = lo + static_cast<uint32_t>(i);
+      const uint32_t used = places_[i];
+      places_[i] = count;
+      count += used;
+    }
+    vertices_.resize(count);
+    if (renumber)
+      for (uint32_t& index : indices_) index = places_[index - lo];
+    return;
+  }
+  pairs_.resize(indices_.size());
+  for (size_t i = 0; i < indices_.size(); ++i) pairs_[i] = uint64_t{indices_[i]} << 32 | i;
+  sort_by_vertex(pairs_, sorted_);
+  for (const uint64_t pair : pairs_) {
+    const uint32_t vertex = static_cast<uint32_t>(pair >> 32);
+    if (vertices_.empty() || vertices_.back() != vertex) vertices_.push_back(vertex);
+    if (renumber) indices_[pair & 0xffffffffu] = static_cast<uint32_t>(vertices_.size() - 1);
+  }
+}
+
+Result<void> Window::check_positions(const Primitive& primitive, bool drop_nonfinite, bool renumber) {
+  // NaN and infinity have all exponent bits set; a loop without branches, since there is mostly nothing to find.
+  constexpr uint32_t kExponent = 0x7f800000u;
+  uint32_t found = 0;
+  for (const float value : positions_) found |= (std::bit_cast<uint32_t>(value) & kExponent) == kExponent ? 1u : 0u;
+  if (found == 0) return {};
+
+  std::vector<bool> bad(vertices_.size());
+  for (size_t i = 0; i < bad.size(); ++i) {
+    const float* p = &positions_[3 * i];
+    bad[i] = !std::isfinite(p[0]) || !std::isfinite(p[1]) || !std::isfinite(p[2]);
+    if (!bad[i] || drop_nonfinite) continue;
+    char text[160];
+    std::snprintf(text, sizeof text,
+                  "vertex %u: position (%g, %g, %g) is not finite (--drop-nonfinite leaves such out)", vertices_[i],
+                  static_cast<double>(p[0]), static_cast<double>(p[1]), static_cast<double>(p[2]));
+    return Error{ErrorCode::kRange, text};
+  }
+  std::vector<bool> keep(triangle_count(), true);
+  for (size_t i = 0; i < indices_.size(); ++i) {
+    size_t place = indices_[i];
+    if (!renumber)
+      place =
+          static_cast<size_t>(std::lower_bound(vertices_.begin(), vertices_.end(), indices_[i]) - vertices_.begin());
+    if (bad[place]) keep[i / 3] = false;
+  }
+  if (renumber)
+    for (uint32_t& index : indices_) index = vertices_[index];
+  const uint64_t before = triangle_count();
+  keep_triangles(keep);
+  dropped_nonfinite_ = before - triangle_count();
+  find_vertices(renumber);
+  return read_positions(primitive);
+}
+
+}  // namespace scree::convert

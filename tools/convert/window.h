@@ -1,0 +1,82 @@
+// A run of a primitive's triangles with the vertices they use, read from the source: the unit of work of measure and
+// encode. The window size is a constant, so that neither threads nor memory show in the bytes of the output.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "format/result.h"
+#include "tools/convert/gltf_source.h"
+
+namespace scree::convert {
+
+/// Triangles a window: large enough that meshoptimizer sees whole neighbourhoods and a window fills several pages,
+/// small enough that a thread's scratch memory stays below 64 MiB where no vertex is shared.
+inline constexpr uint64_t kWindowTriangles = 262144;
+
+/// A window and, once it is loaded, its triangles. Reused for one window after the other by one thread; load() keeps
+/// the memory of its vectors.
+class Window {
+ public:
+  enum class Find {
+    kVertices,   // the vertices only: indices() are left as in the source
+    kTriangles,  // indices() are places in vertices()
+  };
+
+  /// Reads triangles [first, first + count) of `primitive` with the positions they use. Dropped and counted: triangles
+  /// with two equal indices of strips and fans (they are how strips are joined and cover nothing), and with
+  /// `drop_nonfinite` those that use a position which is not finite. Errors: those of read_triangles and gather_floats;
+  /// kRange for a position that is not finite ("vertex 5: position (nan, 0, 1) is not finite").
+  Result<void> load(const Primitive& primitive, uint64_t first, uint64_t count, bool drop_nonfinite, Find find);
+
+  uint64_t triangle_count() const { return indices_.size() / 3; }
+  uint64_t dropped_degenerate() const { return dropped_degenerate_; }
+  uint64_t dropped_nonfinite() const { return dropped_nonfinite_; }
+
+  /// 3 a triangle.
+  std::span<const uint32_t> indices() const { return indices_; }
+
+  /// Numbers of the used vertices in the source, ascending; all used by the triangles that are kept.
+  std::span<const uint32_t> vertices() const { return vertices_; }
+
+  /// 3 a vertex, finite.
+  std::span<const float> positions() const { return positions_; }
+
+  /// The number of kept triangle `place` in the source primitive.
+  uint64_t source_id(uint64_t place) const { return first_ + (kept_.empty() ? place : kept_[place]); }
+
+ private:
+  Result<void> read_positions(const Primitive& primitive);
+  void drop_degenerate();
+  void find_vertices(bool renumber);
+  void keep_triangles(const std::vector<bool>& keep);
+  Result<void> check_positions(const Primitive& primitive, bool drop_nonfinite, bool renumber);
+
+  uint64_t first_ = 0;
+  uint64_t dropped_degenerate_ = 0;
+  uint64_t dropped_nonfinite_ = 0;
+  std::vector<uint32_t> indices_;
+  std::vector<uint32_t> kept_;  // places of the kept triangles; empty where all are
+  std::vector<uint32_t> vertices_;
+  std::vector<float> positions_;
+  std::vector<uint32_t> places_;  // of a vertex number in vertices_
+  std::vector<uint64_t> pairs_;   // (vertex number, corner) of wide windows
+  std::vector<uint64_t> sorted_;
+};
+
+/// Smallest and largest of a list of points, 3 floats each; {+inf, -inf} for none.
+struct Box {
+  std::array<float, 3> lo{};
+  std::array<float, 3> hi{};
+};
+Box empty_box();
+Box box_of(std::span<const float> positions);
+void grow(Box& box, const Box& other);
+
+/// Reads `accessor` at ascending vertex numbers into `out` (components a vertex): one read where they are neighbours.
+Result<void> read_vertices(const Accessor& accessor, std::span<const uint32_t> ascending, std::vector<float>& out);
+
+}  // namespace scree::convert
