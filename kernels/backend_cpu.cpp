@@ -1,0 +1,234 @@
+#include "kernels/backend_cpu.h"
+
+#include <array>
+#include <atomic>
+#include <cmath>
+#include <condition_variable>
+#include <cstdlib>
+#include <limits>
+#include <mutex>
+#include <new>
+#include <string>
+#include <system_error>
+#include <thread>
+#include <vector>
+
+#include "kernels/resolve.h"
+
+namespace scree::kernels {
+
+void* allocate_aligned(uint64_t bytes) {
+  if (bytes > (uint64_t{1} << 46)) return nullptr;
+  return ::operator new (bytes, std::align_val_t{64}, std::nothrow);
+}
+
+void release_aligned(void* memory) {
+  ::operator delete (memory, std::align_val_t{64});
+}
+
+struct ThreadPool::Impl {
+  std::vector<std::thread> workers;
+  std::vector<void*> scratch;
+  std::mutex mutex;
+  std::condition_variable work_ready;
+  std::condition_variable work_done;
+  uint64_t generation = 0;  // of the work below
+  uint32_t working = 0;
+  bool stop = false;
+
+  Run run = nullptr;
+  const void* context = nullptr;
+  uint64_t count = 0;
+  uint64_t grain = 1;
+  std::atomic<uint64_t> next{0};
+
+  void take_shares(uint32_t thread) {
+    for (;;) {
+      const uint64_t first = next.fetch_add(grain, std::memory_order_relaxed);
+      if (first >= count) return;
+      run(context, first, std::min(first + grain, count), thread);
+    }
+  }
+
+  void work(uint32_t thread) {
+    uint64_t seen = 0;
+    for (;;) {
+      {
+        std::unique_lock lock(mutex);
+        work_ready.wait(lock, [&] { return stop || generation != seen; });
+        if (stop) return;
+        seen = generation;
+      }
+      take_shares(thread);
+      std::lock_guard lock(mutex);
+      if (--working == 0) work_done.notify_one();
+    }
+  }
+};
+
+ThreadPool::ThreadPool(uint32_t threads) : impl_(std::make_unique<Impl>()) {
+  const uint32_t wanted = std::max(threads, 1u);
+  impl_->scratch.assign(wanted, nullptr);
+  impl_->workers.reserve(wanted - 1);
+  try {
+    for (uint32_t i = 1; i < wanted; ++i) impl_->workers.emplace_back([impl = impl_.get(), i] { impl->work(i); });
+  } catch (const std::system_error&) {
+    // Fewer threads than asked for draw the same picture.
+  }
+}
+
+ThreadPool::~ThreadPool() {
+  {
+    std::lock_guard lock(impl_->mutex);
+    impl_->stop = true;
+  }
+  impl_->work_ready.notify_all();
+  for (std::thread& worker : impl_->workers) worker.join();
+  for (void* memory : impl_->scratch) release_aligned(memory);
+}
+
+uint32_t ThreadPool::size() const {
+  return static_cast<uint32_t>(impl_->workers.size()) + 1;
+}
+
+void ThreadPool::for_each(uint64_t count, uint64_t grain, Run run, const void* context) {
+  if (count == 0) return;
+  // Waking the others costs more than a few items do.
+  if (impl_->workers.empty() || count <= grain) {
+    run(context, 0, count, 0);
+    return;
+  }
+  {
+    std::lock_guard lock(impl_->mutex);
+    impl_->run = run;
+    impl_->context = context;
+    impl_->count = count;
+    impl_->grain = grain;
+    impl_->next.store(0, std::memory_order_relaxed);
+    impl_->working = static_cast<uint32_t>(impl_->workers.size());
+    ++impl_->generation;
+  }
+  impl_->work_ready.notify_all();
+  impl_->take_shares(0);
+  std::unique_lock lock(impl_->mutex);
+  impl_->work_done.wait(lock, [&] { return impl_->working == 0; });
+}
+
+void* ThreadPool::scratch(uint32_t thread) {
+  void*& memory = impl_->scratch[thread];  // only its own thread touches it
+  if (memory == nullptr) memory = allocate_aligned(kScratchVertices * sizeof(ScreenVertex));
+  return memory;
+}
+
+InstructionSet best_instruction_set() {
+#if defined(SCREE_HAS_AVX2)
+  static const bool avx2 = __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma");
+  return avx2 ? InstructionSet::kAvx2 : InstructionSet::kBaseline;
+#else
+  return InstructionSet::kBaseline;
+#endif
+}
+
+namespace {
+
+const CpuPasses& passes_for([[maybe_unused]] InstructionSet set) {
+#if defined(SCREE_HAS_AVX2)
+  if (set == InstructionSet::kAvx2) return isa_avx2::kPasses;
+#endif
+  return isa_baseline::kPasses;
+}
+
+Result<void> check_picture(const View& view, uint64_t values, uint64_t values_a_sample, const char* what) {
+  if (view.width < 1 || view.width > kMaxImageSide || view.height < 1 || view.height > kMaxImageSide) {
+    return Error{ErrorCode::kRange, "image of " + std::to_string(view.width) + " x " + std::to_string(view.height) +
+                                        " samples, but a side is 1 to " + std::to_string(kMaxImageSide)};
+  }
+  const uint64_t expected = uint64_t{view.width} * view.height * values_a_sample;
+  if (values != expected) {
+    return Error{ErrorCode::kRange,
+                 std::to_string(values) + " " + what + ", but the image has " + std::to_string(expected)};
+  }
+  return {};
+}
+
+Result<void> check_view(const View& view) {
+  bool sane =
+      view.half_width > 0 && view.half_height > 0 && std::isfinite(view.half_width) && std::isfinite(view.half_height);
+  for (int i = 0; i < 3; ++i) {
+    sane = sane && std::isfinite(view.eye[i]) && std::isfinite(view.right[i]) && std::isfinite(view.up[i]) &&
+           std::isfinite(view.forward[i]);
+  }
+  if (view.orthographic) {
+    sane = sane && std::isfinite(view.z_near) && std::isfinite(view.z_far) && view.z_far > view.z_near;
+  } else {
+    sane = sane && std::isfinite(view.z_near) && view.z_near > 0;
+  }
+  if (sane) return {};
+  return Error{ErrorCode::kRange, "camera with an empty or infinite field of view, position or range of depth"};
+}
+
+Error out_of_memory() {
+  return {ErrorCode::kMemory, "no memory left for the queues of the frame"};
+}
+
+std::array<float, 256> make_srgb_table() {
+  std::array<float, 256> table{};
+  for (int i = 0; i < 256; ++i) {
+    const double value = i / 255.0;
+    table[static_cast<size_t>(i)] =
+        static_cast<float>(value <= 0.04045 ? value / 12.92 : std::pow((value + 0.055) / 1.055, 2.4));
+  }
+  return table;
+}
+
+}  // namespace
+
+Result<FrameStats> draw_cpu_with(const SceneView& scene, const View& view, std::span<uint64_t> samples,
+                                 uint32_t threads, InstructionSet set, const QueueSizes& sizes) {
+  if (auto checked = check_picture(view, samples.size(), 1, "samples"); !checked) return checked.error();
+  if (auto checked = check_view(view); !checked) return checked.error();
+  const uint64_t triangles = scene.instance_count == 0 ? 0 : scene.instance_base[scene.instance_count];
+  if (triangles > kIdMask) {
+    return Error{ErrorCode::kRange,
+                 std::to_string(triangles) + " drawn triangles, but ids end at " + std::to_string(kIdMask)};
+  }
+  try {
+    ThreadPool pool(threads);
+    FrameStats stats{};
+    if (!passes_for(set).draw(pool, scene, view, samples.data(), sizes, stats)) return out_of_memory();
+    return stats;
+  } catch (const std::bad_alloc&) {
+    return out_of_memory();
+  }
+}
+
+Result<FrameStats> draw_cpu(const SceneView& scene, const View& view, std::span<uint64_t> samples, uint32_t threads) {
+  return draw_cpu_with(scene, view, samples, threads, best_instruction_set(), QueueSizes{});
+}
+
+Result<void> shade_cpu(const SceneView& scene, const View& view, std::span<const uint64_t> samples,
+                       const ShadeOptions& options, std::span<float> rgba, uint32_t threads) {
+  if (auto checked = check_picture(view, samples.size(), 1, "samples"); !checked) return checked.error();
+  if (auto checked = check_picture(view, rgba.size(), 4, "values"); !checked) return checked.error();
+  if (auto checked = check_view(view); !checked) return checked.error();
+  static const std::array<float, 256> table = make_srgb_table();
+  try {
+    ThreadPool pool(threads);
+    passes_for(best_instruction_set()).shade(pool, scene, view, samples.data(), options, table.data(), rgba.data());
+    return {};
+  } catch (const std::bad_alloc&) {
+    return out_of_memory();
+  }
+}
+
+Hit find_triangle(const SceneView& scene, uint64_t triangle_id) {
+  return locate_triangle(scene, triangle_id);
+}
+
+double depth_of_code(const View& view, uint32_t depth_code) {
+  if (depth_code >= kFarthestDepthCode) return std::numeric_limits<double>::infinity();
+  const double value = depth_value_of_code(depth_code, view.orthographic);
+  return view.orthographic ? view.z_far - value * (view.z_far - view.z_near) : view.z_near / value;
+}
+
+}  // namespace scree::kernels

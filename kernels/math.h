@@ -1,0 +1,78 @@
+// Arithmetic that has the same bits on a CPU and on CUDA: + - * / and one fused multiply-add, built without
+// contraction.
+#pragma once
+
+#include <cstdint>
+#include <cstring>
+
+#include "format/hd.h"
+
+// cpu_passes.cpp is compiled once per instruction set. Everything it defines lies in a namespace of that set, so that
+// the linker cannot merge an inline function built for AVX2 into the baseline code.
+#ifndef SCREE_ISA
+#define SCREE_ISA isa_baseline
+#endif
+
+namespace scree::kernels {
+inline namespace SCREE_ISA {
+
+/// a * b + c, rounded once. Without -mfma a library call, with the same bits.
+SCREE_HD inline float fused(float a, float b, float c) {
+#if defined(__CUDA_ARCH__)
+  return __fmaf_rn(a, b, c);
+#else
+  return __builtin_fmaf(a, b, c);
+#endif
+}
+
+SCREE_HD inline uint32_t float_bits(float value) {
+#if defined(__CUDA_ARCH__)
+  return __float_as_uint(value);
+#else
+  uint32_t bits;
+  std::memcpy(&bits, &value, sizeof bits);
+  return bits;
+#endif
+}
+
+SCREE_HD inline float bits_float(uint32_t bits) {
+#if defined(__CUDA_ARCH__)
+  return __uint_as_float(bits);
+#else
+  float value;
+  std::memcpy(&value, &bits, sizeof value);
+  return value;
+#endif
+}
+
+// The second operand where either is NaN, on every machine (fminf and its kin differ).
+template <class T>
+SCREE_HD inline T min_of(T a, T b) {
+  return a < b ? a : b;
+}
+template <class T>
+SCREE_HD inline T max_of(T a, T b) {
+  return a > b ? a : b;
+}
+
+SCREE_HD inline double abs_of(double value) {
+  return value < 0 ? -value : value;
+}
+SCREE_HD inline float abs_of(float value) {
+  return bits_float(float_bits(value) & 0x7fffffffu);
+}
+
+/// Nearest integer, halves to even, of |value| <= 2^51. Adding 1.5 * 2^52 leaves no fraction bits.
+SCREE_HD inline double round_even(double value) {
+  constexpr double kMagic = 6755399441055744.0;
+  return (value + kMagic) - kMagic;
+}
+
+/// Nearest integer, halves to even, of |value| <= 2^23; other values come back as they are or worse, without trapping.
+SCREE_HD inline float round_even(float value) {
+  const float magic = bits_float((float_bits(value) & 0x80000000u) | 0x4b000000u);  // +-2^23
+  return (value + magic) - magic;
+}
+
+}  // namespace SCREE_ISA
+}  // namespace scree::kernels

@@ -1,0 +1,95 @@
+// Sampling a texture: wrap modes, bilinear in linear light, between mip levels.
+#pragma once
+
+#include <cmath>
+
+#include "kernels/math.h"
+#include "kernels/scene_view.h"
+
+namespace scree::kernels {
+inline namespace SCREE_ISA {
+
+/// A coordinate brought into [0, 1] by its wrap mode. In double, so that coordinates of thousands of repeats keep their
+/// texels.
+SCREE_HD inline double wrap_coordinate(double value, format::Wrap wrap) {
+  if (wrap == format::Wrap::kClamp) return min_of(max_of(value, 0.0), 1.0);
+  if (wrap == format::Wrap::kMirror) {
+    const double period = value - 2.0 * std::floor(value * 0.5);
+    return period > 1.0 ? 2.0 - period : period;
+  }
+  return value - std::floor(value);
+}
+
+/// The two texels around a wrapped coordinate and the weight of the second.
+struct TexelPair {
+  uint32_t first;
+  uint32_t second;
+  float weight;
+};
+
+SCREE_HD inline TexelPair texel_pair(double wrapped, uint32_t size, format::Wrap wrap) {
+  const double place = min_of(max_of(wrapped, 0.0), 1.0) * size - 0.5;
+  const double below = std::floor(place);
+  const int64_t first = static_cast<int64_t>(below);
+  TexelPair pair;
+  pair.weight = static_cast<float>(place - below);
+  const int64_t last = static_cast<int64_t>(size) - 1;
+  const int64_t second = first + 1;
+  if (wrap == format::Wrap::kRepeat) {
+    pair.first = static_cast<uint32_t>(first < 0 ? last : first);
+    pair.second = static_cast<uint32_t>(second > last ? 0 : second);
+  } else {  // mirrored neighbours are the edge texel itself
+    pair.first = static_cast<uint32_t>(first < 0 ? 0 : first);
+    pair.second = static_cast<uint32_t>(second > last ? last : second);
+  }
+  return pair;
+}
+
+/// `table`: linear light of the 256 sRGB codes.
+SCREE_HD inline void sample_level(const TextureView& texture, const float* table, uint32_t level, double u, double v,
+                                  bool nearest, float rgb[3]) {
+  const uint32_t width = max_of(texture.width >> level, 1u);
+  const uint32_t height = max_of(texture.height >> level, 1u);
+  const uint8_t* texels = texture.texels + 4 * texture.level_offset[level];
+  TexelPair column = texel_pair(u, width, texture.wrap_s);
+  TexelPair row = texel_pair(v, height, texture.wrap_t);
+  if (nearest) {
+    column.weight = column.weight < 0.5f ? 0.0f : 1.0f;
+    row.weight = row.weight < 0.5f ? 0.0f : 1.0f;
+  }
+  const uint8_t* top = texels + 4 * (uint64_t{row.first} * width);
+  const uint8_t* bottom = texels + 4 * (uint64_t{row.second} * width);
+  for (uint32_t c = 0; c < 3; ++c) {
+    const float a = table[top[4 * uint64_t{column.first} + c]];
+    const float b = table[top[4 * uint64_t{column.second} + c]];
+    const float e = table[bottom[4 * uint64_t{column.first} + c]];
+    const float f = table[bottom[4 * uint64_t{column.second} + c]];
+    const float above = a + (b - a) * column.weight;
+    const float below = e + (f - e) * column.weight;
+    rgb[c] = above + (below - above) * row.weight;
+  }
+}
+
+/// The colour at (u, v), any finite numbers. `footprint`: the larger side of a pixel in texels of level 0; picks the
+/// mip levels.
+SCREE_HD inline void sample_texture(const TextureView& texture, const float* table, double u, double v, float footprint,
+                                    float rgb[3]) {
+  rgb[0] = rgb[1] = rgb[2] = 1.0f;
+  if (texture.texels == nullptr || texture.level_count == 0) return;
+  const double wrapped_u = wrap_coordinate(u, texture.wrap_s);
+  const double wrapped_v = wrap_coordinate(v, texture.wrap_t);
+  const float last = static_cast<float>(texture.level_count - 1);
+  // NaN and infinite footprints (a plane seen edge-on) take the last level.
+  const float level = footprint <= 1.0f ? 0.0f : footprint < 1e9f ? min_of(std::log2(footprint), last) : last;
+  const uint32_t fine = static_cast<uint32_t>(level);
+  sample_level(texture, table, fine, wrapped_u, wrapped_v, texture.nearest && footprint <= 1.0f, rgb);
+  const float between = level - static_cast<float>(fine);
+  if (between > 0) {
+    float coarse[3];
+    sample_level(texture, table, fine + 1, wrapped_u, wrapped_v, false, coarse);
+    for (int c = 0; c < 3; ++c) rgb[c] = rgb[c] + (coarse[c] - rgb[c]) * between;
+  }
+}
+
+}  // namespace SCREE_ISA
+}  // namespace scree::kernels

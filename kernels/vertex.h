@@ -1,0 +1,191 @@
+// Fetching the vertices of a chunk and projecting them. Source: spec/rasterization.md, vertices.
+#pragma once
+
+#include "format/chunk_layout.h"
+#include "kernels/scene_view.h"
+#include "kernels/transform.h"
+
+namespace scree::kernels {
+inline namespace SCREE_ISA {
+
+// format/'s inline functions are the same symbols in both builds of cpu_passes.cpp; flattening keeps them inlined here.
+SCREE_HD [[gnu::flatten]] inline uint32_t unpack_bits(const void* stream, uint64_t bit_offset, uint32_t bits) {
+  return format::unpack(stream, bit_offset, bits);
+}
+SCREE_HD [[gnu::flatten]] inline format::ChunkStreams streams_of(const format::MeshRecord& mesh,
+                                                                 const format::ChunkRecord& chunk) {
+  return format::chunk_streams(mesh, chunk);
+}
+
+/// Why a projected vertex needs more than snapping. The first five (six) are tests against the view's planes, true for
+/// vertices behind the eye too; a triangle whose three vertices share one of them is not in the picture.
+enum VertexFlags : uint32_t {
+  kOutsideLeft = 1,
+  kOutsideRight = 2,
+  kOutsideTop = 4,
+  kOutsideBottom = 8,
+  kOutsideNear = 16,
+  kOutsideFar = 32,  // orthographic only
+  kOutsideMask = 63,
+  kNeedsClip =
+      64,  // before the near plane, behind the far one, outside the guard band or not finite: x and y mean nothing
+};
+
+/// A projected vertex: sub-pixels from the image's top left corner, 1/w (perspective) or t (orthographic), VertexFlags.
+struct alignas(16) ScreenVertex {
+  int32_t x;
+  int32_t y;
+  float depth;
+  uint32_t flags;
+};
+
+/// Projects d, a position relative to the transform's reference or center. No branches: the CPU runs it on vectors.
+template <bool kOrthographic>
+SCREE_HD inline ScreenVertex project(const Transform& transform, const FrameView& view, float dx, float dy, float dz) {
+  const float x = fused(transform.x[0], dx, fused(transform.x[1], dy, fused(transform.x[2], dz, transform.x[3])));
+  const float y = fused(transform.y[0], dx, fused(transform.y[1], dy, fused(transform.y[2], dz, transform.y[3])));
+  const float w = fused(transform.w[0], dx, fused(transform.w[1], dy, fused(transform.w[2], dz, transform.w[3])));
+  uint32_t flags = 0;
+  float depth;
+  float screen_x;
+  float screen_y;
+  bool in_range;
+  float scale;
+  if constexpr (kOrthographic) {
+    // Comparisons are written so that NaN is out of range.
+    in_range = (w <= 1.0f) & (w >= 0.0f);
+    flags |= w > 1.0f ? kOutsideNear : 0u;
+    flags |= w < 0.0f ? kOutsideFar : 0u;
+    depth = w;
+    screen_x = x;
+    screen_y = y;
+    scale = 1.0f;
+  } else {
+    in_range = w >= 1.0f;
+    flags |= in_range ? 0u : kOutsideNear;
+    depth = 1.0f / (in_range ? w : 1.0f);
+    screen_x = x * depth;
+    screen_y = y * depth;
+    scale = w;
+  }
+  flags |= x < -view.half_width * scale ? kOutsideLeft : 0u;
+  flags |= x > view.half_width * scale ? kOutsideRight : 0u;
+  flags |= y < -view.half_height * scale ? kOutsideTop : 0u;
+  flags |= y > view.half_height * scale ? kOutsideBottom : 0u;
+  in_range = in_range & (abs_of(screen_x) <= kGuardBand) & (abs_of(screen_y) <= kGuardBand);
+  flags |= in_range ? 0u : kNeedsClip;
+  // Out of range the conversion would be undefined (x86 and CUDA differ), so such vertices get 0.
+  const float snapped_x = round_even(in_range ? screen_x : 0.0f);
+  const float snapped_y = round_even(in_range ? screen_y : 0.0f);
+  return {static_cast<int32_t>(snapped_x) + view.width * (kSubpixels / 2),
+          static_cast<int32_t>(snapped_y) + view.height * (kSubpixels / 2), depth, flags};
+}
+
+/// Reads a chunk's vertices and indices. Everything in it follows from validated records.
+struct ChunkReader {
+  const std::byte* indices;
+  const std::byte* positions;
+  uint32_t index_min;
+  uint32_t index_bits;
+  uint32_t bits[3];
+  uint32_t stride;  // bits a vertex
+  int64_t base[3];  // lattice coordinate of code 0 minus the transform's reference
+  float center[3];  // float32 positions
+  bool float32;
+  bool narrow;  // base + code fits int32 on every axis
+
+  /// The three vertex numbers of a triangle of the chunk.
+  SCREE_HD void triangle(uint32_t number, uint32_t out[3]) const {
+    if (index_bits == 0) {
+      out[0] = out[1] = out[2] = index_min;
+      return;
+    }
+    const uint64_t bit = uint64_t{number} * (3 * index_bits);
+    for (uint32_t i = 0; i < 3; ++i) out[i] = index_min + unpack_bits(indices, bit + i * index_bits, index_bits);
+  }
+
+  SCREE_HD void code(uint32_t vertex, uint32_t out[3]) const {
+    uint64_t bit = uint64_t{vertex} * stride;
+    for (int i = 0; i < 3; ++i) {
+      out[i] = bits[i] == 0 ? 0u : unpack_bits(positions, bit, bits[i]);
+      bit += bits[i];
+    }
+  }
+
+  SCREE_HD float float_position(uint32_t vertex, int axis) const {
+#if defined(__CUDA_ARCH__)
+    return reinterpret_cast<const float*>(positions)[3 * uint64_t{vertex} + static_cast<uint64_t>(axis)];
+#else
+    float value;
+    std::memcpy(&value, positions + 12 * uint64_t{vertex} + 4 * static_cast<uint64_t>(axis), sizeof value);
+    return value;
+#endif
+  }
+
+  /// Relative position, rounded once to float.
+  SCREE_HD void relative(uint32_t vertex, float out[3]) const {
+    if (float32) {
+      for (int i = 0; i < 3; ++i) out[i] = float_position(vertex, i) - center[i];
+      return;
+    }
+    uint32_t codes[3];
+    code(vertex, codes);
+    if (narrow) {
+      for (int i = 0; i < 3; ++i)
+        out[i] = static_cast<float>(static_cast<int32_t>(base[i]) + static_cast<int32_t>(codes[i]));
+    } else {
+      for (int i = 0; i < 3; ++i) out[i] = static_cast<float>(base[i] + static_cast<int64_t>(codes[i]));
+    }
+  }
+
+  /// The same in double: exact for lattice positions below 2^53, once rounded for float32.
+  SCREE_HD void exact_relative(uint32_t vertex, double out[3]) const {
+    if (float32) {
+      for (int i = 0; i < 3; ++i) {
+        out[i] = static_cast<double>(float_position(vertex, i)) - static_cast<double>(center[i]);
+      }
+      return;
+    }
+    uint32_t codes[3];
+    code(vertex, codes);
+    for (int i = 0; i < 3; ++i) out[i] = static_cast<double>(base[i] + static_cast<int64_t>(codes[i]));
+  }
+};
+
+/// a + b and a - b that wrap: lattices beyond 2^62 draw nonsense, but nothing undefined.
+SCREE_HD inline int64_t wrapping_add(int64_t a, int64_t b) {
+  return static_cast<int64_t>(static_cast<uint64_t>(a) + static_cast<uint64_t>(b));
+}
+SCREE_HD inline int64_t wrapping_sub(int64_t a, int64_t b) {
+  return static_cast<int64_t>(static_cast<uint64_t>(a) - static_cast<uint64_t>(b));
+}
+
+/// `page`: the raw bytes of the chunk's page.
+SCREE_HD inline ChunkReader make_reader(const format::MeshRecord& mesh, const format::ChunkRecord& chunk,
+                                        const std::byte* page, const Transform& transform) {
+  const format::ChunkStreams streams = streams_of(mesh, chunk);
+  ChunkReader reader;
+  reader.indices = page + chunk.offset + streams.indices.offset;
+  reader.positions = page + chunk.offset + streams.positions.offset;
+  reader.index_min = chunk.index_min;
+  reader.index_bits = chunk.index_bits;
+  reader.float32 = mesh.position_encoding == format::PositionEncoding::kFloat32;
+  reader.stride = 0;
+  reader.narrow = true;
+  constexpr int64_t kNarrow = int64_t{1} << 30;
+  // Kept 2^32 away from the ends, so that adding a code cannot overflow.
+  constexpr int64_t kEnd = INT64_MAX - (int64_t{1} << 32);
+  for (int i = 0; i < 3; ++i) {
+    reader.bits[i] = chunk.position_bits[i];
+    reader.stride += chunk.position_bits[i];
+    reader.center[i] = transform.center[i];
+    const int64_t base = wrapping_sub(wrapping_add(mesh.lattice_min[i], static_cast<int64_t>(chunk.position_min[i])),
+                                      transform.reference[i]);
+    reader.base[i] = base < kEnd ? base : kEnd;
+    reader.narrow = reader.narrow && base < kNarrow && base > -kNarrow;
+  }
+  return reader;
+}
+
+}  // namespace SCREE_ISA
+}  // namespace scree::kernels

@@ -1,0 +1,300 @@
+// Small scenes in memory, through the format's own codecs, for the rasteriser's tests.
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstring>
+#include <deque>
+#include <memory>
+#include <vector>
+
+#include "format/attribute_codec.h"
+#include "format/chunk_layout.h"
+#include "format/index_codec.h"
+#include "format/position_codec.h"
+#include "kernels/frame.h"
+#include "tests/catch.h"
+
+namespace scree::tests {
+
+/// Triangles over float positions (3 a vertex). Optional attributes are empty or one entry a vertex.
+struct Soup {
+  std::vector<float> positions;
+  std::vector<uint32_t> indices;
+  std::vector<float> uvs;
+  std::vector<float> colors;
+  std::vector<float> normals;
+
+  uint32_t add(double x, double y, double z) {
+    for (double c : {x, y, z}) positions.push_back(static_cast<float>(c));
+    return static_cast<uint32_t>(positions.size() / 3 - 1);
+  }
+  void triangle(uint32_t a, uint32_t b, uint32_t c) { indices.insert(indices.end(), {a, b, c}); }
+};
+
+struct Encoding {
+  bool float32 = false;
+  int32_t exponent = -12;  // of the lattice
+  uint32_t chunk_triangles = 65536;
+  uint32_t material = format::kNone;
+};
+
+class SceneBuilder {
+ public:
+  /// Adds a mesh of the soup's triangles, cut into chunks that keep the soup's vertex order; returns its number.
+  uint32_t mesh(const Soup& soup, const Encoding& encoding) {
+    format::MeshRecord mesh{};
+    mesh.triangle_count = soup.indices.size() / 3;
+    mesh.first_chunk = chunks.size();
+    mesh.material = encoding.material;
+    mesh.attributes = (soup.uvs.empty() ? 0u : uint32_t{format::kHasUv}) |
+                      (soup.colors.empty() ? 0u : uint32_t{format::kHasColor}) |
+                      (soup.normals.empty() ? 0u : uint32_t{format::kHasNormal});
+    float lo[3] = {INFINITY, INFINITY, INFINITY};
+    float hi[3] = {-INFINITY, -INFINITY, -INFINITY};
+    for (size_t i = 0; i < soup.positions.size(); ++i) {
+      lo[i % 3] = std::min(lo[i % 3], soup.positions[i]);
+      hi[i % 3] = std::max(hi[i % 3], soup.positions[i]);
+    }
+    format::MeshLattice lattice;
+    if (!encoding.float32) {
+      auto chosen = format::lattice_of_exponent(lo, hi, encoding.exponent);
+      REQUIRE(chosen);
+      lattice = *chosen;
+    }
+    mesh.position_encoding = encoding.float32 ? format::PositionEncoding::kFloat32 : format::PositionEncoding::kLattice;
+    mesh.lattice_exponent = encoding.float32 ? 0 : encoding.exponent;
+    for (size_t i = 0; i < 3; ++i) {
+      mesh.lattice_min[i] = encoding.float32 ? 0 : lattice.min[i];
+      mesh.lattice_bits[i] = encoding.float32 ? uint8_t{0} : lattice.bits[i];
+      mesh.bounds_min[i] =
+          encoding.float32 ? lo[i] : format::dequantize(format::quantize(lo[i], encoding.exponent), encoding.exponent);
+      mesh.bounds_max[i] =
+          encoding.float32 ? hi[i] : format::dequantize(format::quantize(hi[i], encoding.exponent), encoding.exponent);
+    }
+    for (uint64_t first = 0; first < mesh.triangle_count; first += encoding.chunk_triangles) {
+      const uint64_t count = std::min<uint64_t>(encoding.chunk_triangles, mesh.triangle_count - first);
+      chunk(soup, encoding, lattice, mesh, first, count);
+    }
+    mesh.chunk_count = chunks.size() - mesh.first_chunk;
+    meshes.push_back(mesh);
+    return static_cast<uint32_t>(meshes.size() - 1);
+  }
+
+  uint32_t matrix(const std::array<double, 12>& rows) {
+    format::MatrixRecord record;
+    for (size_t i = 0; i < 12; ++i) record.rows[i / 4][i % 4] = rows[i];
+    matrices.push_back(record);
+    return static_cast<uint32_t>(matrices.size() - 1);
+  }
+  uint32_t identity() { return matrix({1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}); }
+
+  void instance(uint32_t mesh, uint32_t matrix) { instances.push_back({mesh, 0, matrix, 0}); }
+
+  uint32_t material(uint32_t flags) {
+    format::MaterialRecord record{};
+    record.texture = format::kNone;
+    for (float& c : record.base_color) c = 1;
+    record.uv_scale[0] = record.uv_scale[1] = 1;
+    record.flags = flags;
+    materials.push_back(record);
+    return static_cast<uint32_t>(materials.size() - 1);
+  }
+
+  /// `first_id`: added to all global ids.
+  kernels::SceneView view(uint64_t first_id = 0) {
+    bases.assign(1, first_id);
+    for (const format::InstanceRecord& i : instances) bases.push_back(bases.back() + meshes[i.mesh].triangle_count);
+    page_pointers.clear();
+    for (const std::vector<std::byte>& page : pages) page_pointers.push_back(page.data());
+    kernels::SceneView scene{};
+    scene.meshes = meshes.data();
+    scene.chunks = chunks.data();
+    scene.instances = instances.data();
+    scene.instance_base = bases.data();
+    scene.matrices = matrices.data();
+    scene.materials = materials.data();
+    scene.textures = textures.data();
+    scene.pages = page_pointers.data();
+    scene.mesh_count = meshes.size();
+    scene.chunk_count = chunks.size();
+    scene.instance_count = instances.size();
+    scene.matrix_count = matrices.size();
+    scene.material_count = materials.size();
+    scene.texture_count = textures.size();
+    return scene;
+  }
+
+  std::vector<format::MeshRecord> meshes;
+  std::vector<format::ChunkRecord> chunks;
+  std::vector<format::InstanceRecord> instances;
+  std::vector<uint64_t> bases;
+  std::vector<format::MatrixRecord> matrices;
+  std::vector<format::MaterialRecord> materials;
+  std::vector<kernels::TextureView> textures;
+  std::deque<std::vector<std::byte>> pages;  // one a chunk; operator new aligns them to 16
+  std::vector<const std::byte*> page_pointers;
+
+ private:
+  void chunk(const Soup& soup, const Encoding& encoding, const format::MeshLattice& lattice, format::MeshRecord& mesh,
+             uint64_t first, uint64_t count) {
+    const std::span<const uint32_t> global(soup.indices.data() + 3 * first, 3 * count);
+    std::vector<uint32_t> used(global.begin(), global.end());
+    std::sort(used.begin(), used.end());
+    used.erase(std::unique(used.begin(), used.end()), used.end());
+    std::vector<uint32_t> indices;
+    for (uint32_t i : global) {
+      indices.push_back(static_cast<uint32_t>(std::lower_bound(used.begin(), used.end(), i) - used.begin()));
+    }
+    const auto gather = [&](const std::vector<float>& values, size_t width) {
+      std::vector<float> out;
+      for (uint32_t v : used)
+        out.insert(out.end(), values.begin() + static_cast<ptrdiff_t>(width * v),
+                   values.begin() + static_cast<ptrdiff_t>(width * (v + 1)));
+      return out;
+    };
+    const std::vector<float> positions = gather(soup.positions, 3);
+
+    format::ChunkRecord record{};
+    record.first_triangle = first;
+    record.page = static_cast<uint32_t>(pages.size());
+    record.mesh = static_cast<uint32_t>(meshes.size());
+    record.triangle_count = static_cast<uint32_t>(count);
+    record.vertex_count = static_cast<uint32_t>(used.size());
+    const format::IndexRange range = format::index_range(indices);
+    record.index_min = range.min;
+    record.index_bits = static_cast<uint8_t>(range.bits);
+    std::vector<uint32_t> coordinates(positions.size());
+    format::PositionRange position_range;
+    if (encoding.float32) {
+      position_range.bits = {32, 32, 32};
+    } else {
+      format::quantize_positions(coordinates, positions, lattice);
+      position_range = format::position_range(coordinates);
+    }
+    for (size_t i = 0; i < 3; ++i) {
+      record.position_min[i] = position_range.min[i];
+      record.position_bits[i] = position_range.bits[i];
+    }
+    const std::vector<float> uvs = gather(soup.uvs, soup.uvs.empty() ? 0 : 2);
+    const format::UvRange uv_range = format::choose_uv_range(uvs);
+    if (!uvs.empty()) {
+      record.uv_exponent = uv_range.exponent;
+      for (size_t i = 0; i < 2; ++i) {
+        record.uv_min[i] = uv_range.min[i];
+        record.uv_bits[i] = uv_range.bits[i];
+      }
+    }
+    record.normal_bits = soup.normals.empty() ? 0 : 12;
+    const format::ChunkStreams streams = format::chunk_streams(mesh, record);
+    record.bytes = streams.bytes;
+    std::vector<std::byte>& page = pages.emplace_back(streams.bytes + 16);  // never empty
+    const auto at = [&](const format::ChunkStream& s) { return std::span<std::byte>(page.data() + s.offset, s.bytes); };
+    format::encode_indices(at(streams.indices), indices, range);
+    if (encoding.float32) {
+      format::encode_positions_float32(at(streams.positions), positions);
+    } else {
+      format::encode_positions(at(streams.positions), coordinates, position_range);
+    }
+    if (!uvs.empty()) format::encode_uvs(at(streams.uvs), uvs, uv_range);
+    if (!soup.colors.empty()) format::encode_colors(at(streams.colors), gather(soup.colors, 4));
+    if (!soup.normals.empty()) format::encode_normals(at(streams.normals), gather(soup.normals, 3), record.normal_bits);
+    mesh.vertex_count += used.size();
+    mesh.source_vertex_count = soup.positions.size() / 3;
+    chunks.push_back(record);
+  }
+};
+
+/// A perspective camera at `eye` looking at `target`.
+inline kernels::View look_at(std::array<double, 3> eye, std::array<double, 3> target, uint32_t width, uint32_t height,
+                             double z_near = 0.1, double fov = 1.0) {
+  kernels::View view{};
+  double f[3];
+  double length = 0;
+  for (size_t i = 0; i < 3; ++i) {
+    view.eye[i] = eye[i];
+    f[i] = target[i] - eye[i];
+    length += f[i] * f[i];
+  }
+  for (double& c : f) c /= std::sqrt(length);
+  const double up[3] = {0, std::fabs(f[1]) > 0.99 ? 0.0 : 1.0, std::fabs(f[1]) > 0.99 ? 1.0 : 0.0};
+  double r[3] = {f[1] * up[2] - f[2] * up[1], f[2] * up[0] - f[0] * up[2], f[0] * up[1] - f[1] * up[0]};
+  const double r_length = std::sqrt(r[0] * r[0] + r[1] * r[1] + r[2] * r[2]);
+  for (double& c : r) c /= r_length;
+  for (int i = 0; i < 3; ++i) {
+    view.forward[i] = f[i];
+    view.right[i] = r[i];
+  }
+  view.up[0] = r[1] * f[2] - r[2] * f[1];
+  view.up[1] = r[2] * f[0] - r[0] * f[2];
+  view.up[2] = r[0] * f[1] - r[1] * f[0];
+  view.half_height = std::tan(fov / 2);
+  view.half_width = view.half_height * width / height;
+  view.z_near = z_near;
+  view.width = width;
+  view.height = height;
+  return view;
+}
+
+inline std::vector<uint64_t> draw(const kernels::SceneView& scene, const kernels::View& view, uint32_t threads = 1) {
+  std::vector<uint64_t> samples(size_t{view.width} * view.height);
+  REQUIRE(kernels::draw_cpu(scene, view, samples, threads));
+  return samples;
+}
+
+inline uint64_t covered(const std::vector<uint64_t>& samples) {
+  return static_cast<uint64_t>(
+      std::count_if(samples.begin(), samples.end(), [](uint64_t s) { return s != kernels::kBackground; }));
+}
+
+/// A height field over [-1, 1]^2 in x and z of n x n quads, bumps of `amplitude`; counter-clockwise from above.
+inline Soup grid(uint32_t n, double amplitude) {
+  Soup soup;
+  for (uint32_t j = 0; j <= n; ++j) {
+    for (uint32_t i = 0; i <= n; ++i) {
+      const double x = 2.0 * i / n - 1.0;
+      const double z = 2.0 * j / n - 1.0;
+      soup.add(x, amplitude * std::sin(7 * x + 1) * std::cos(9 * z), z);
+    }
+  }
+  for (uint32_t j = 0; j < n; ++j) {
+    for (uint32_t i = 0; i < n; ++i) {
+      const uint32_t a = j * (n + 1) + i;
+      soup.triangle(a, a + n + 1, a + n + 2);
+      soup.triangle(a, a + n + 2, a + 1);
+    }
+  }
+  return soup;
+}
+
+/// A closed sphere with `n` rows of quads, radius 1, bumps of `amplitude`; counter-clockwise from outside.
+inline Soup sphere(uint32_t n, double amplitude) {
+  Soup soup;
+  const uint32_t columns = 2 * n;
+  const double pi = 3.14159265358979323846;
+  soup.add(0, 1, 0);
+  for (uint32_t j = 1; j < n; ++j) {
+    for (uint32_t i = 0; i < columns; ++i) {
+      const double a = pi * j / n;
+      const double b = 2 * pi * i / columns;
+      const double r = 1 + amplitude * std::sin(5 * b) * std::sin(4 * a);
+      soup.add(r * std::sin(a) * std::cos(b), r * std::cos(a), -r * std::sin(a) * std::sin(b));
+    }
+  }
+  const uint32_t south = soup.add(0, -1, 0);
+  const auto at = [&](uint32_t row, uint32_t column) { return 1 + (row - 1) * columns + column % columns; };
+  for (uint32_t i = 0; i < columns; ++i) {
+    soup.triangle(0, at(1, i), at(1, i + 1));
+    soup.triangle(south, at(n - 1, i + 1), at(n - 1, i));
+  }
+  for (uint32_t j = 1; j + 1 < n; ++j) {
+    for (uint32_t i = 0; i < columns; ++i) {
+      soup.triangle(at(j, i), at(j + 1, i), at(j + 1, i + 1));
+      soup.triangle(at(j, i), at(j + 1, i + 1), at(j, i + 1));
+    }
+  }
+  return soup;
+}
+
+}  // namespace scree::tests

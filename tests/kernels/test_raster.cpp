@@ -1,0 +1,164 @@
+#include <random>
+
+#include "kernels/backend_cpu.h"
+#include "kernels/resolve.h"
+#include "tests/kernels/scene_builder.h"
+
+using namespace scree;
+using namespace scree::kernels;
+using namespace scree::tests;
+
+namespace {
+
+/// The rules again, the slow way: every triangle against every pixel. Takes the snapped corners from the kernels (what
+/// rounding and clipping do is tested elsewhere); coverage is barycentric in 128 bits, with the top-left rule from its
+/// definition: the pixel's centre, nudged right and then less down, is inside.
+std::vector<uint64_t> brute_force(const SceneView& scene, const View& camera) {
+  const FrameView view = make_frame_view(camera);
+  std::vector<uint64_t> samples(size_t{camera.width} * camera.height, kBackground);
+  for (uint64_t number = 0; number < scene.instance_count; ++number) {
+    const format::InstanceRecord& instance = scene.instances[number];
+    const format::MeshRecord& mesh = scene.meshes[instance.mesh];
+    const bool double_sided =
+        mesh.material != format::kNone && (scene.materials[mesh.material].flags & format::kMaterialDoubleSided);
+    const Transform transform = make_transform(view, scene.matrices[instance.matrix], mesh.lattice_exponent,
+                                               mesh.position_encoding == format::PositionEncoding::kFloat32);
+    for (uint64_t c = mesh.first_chunk; c < mesh.first_chunk + mesh.chunk_count; ++c) {
+      const format::ChunkRecord& chunk = scene.chunks[c];
+      const ChunkReader reader = make_reader(mesh, chunk, scene.pages[chunk.page], transform);
+      for (uint32_t t = 0; t < chunk.triangle_count; ++t) {
+        const uint64_t id = scene.instance_base[number] + chunk.first_triangle + t;
+        uint32_t v[3];
+        reader.triangle(t, v);
+        ClipVertex polygon[kMaxPolygon];
+        uint32_t flags = 0;
+        for (int i = 0; i < 3; ++i) {
+          float d[3];
+          double exact[3];
+          reader.relative(v[i], d);
+          reader.exact_relative(v[i], exact);
+          const ScreenVertex projected = camera.orthographic ? project<true>(transform, view, d[0], d[1], d[2])
+                                                             : project<false>(transform, view, d[0], d[1], d[2]);
+          polygon[i] = clip_vertex(transform, exact, projected);
+          flags |= projected.flags;
+        }
+        int count = 3;
+        if (flags & kNeedsClip)
+          count = camera.orthographic ? clip_polygon<true>(polygon) : clip_polygon<false>(polygon);
+        ScreenVertex corner[kMaxPolygon];
+        for (int i = 0; i < count; ++i) {
+          corner[i] =
+              camera.orthographic ? snap_clipped<true>(polygon[i], view) : snap_clipped<false>(polygon[i], view);
+        }
+        for (int i = 2; i < count; ++i) {
+          __extension__ typedef __int128 Wide;
+          const ScreenVertex* p[3] = {&corner[0], &corner[i - 1], &corner[i]};
+          const auto cross = [](Wide ax, Wide ay, Wide bx, Wide by) { return ax * by - ay * bx; };
+          Wide area = cross(p[1]->x - p[0]->x, p[1]->y - p[0]->y, p[2]->x - p[0]->x, p[2]->y - p[0]->y);
+          if (area == 0) continue;
+          const bool front = (area < 0) != transform.mirrored;
+          if (!front && !double_sided) continue;
+          if (area < 0) {
+            std::swap(p[1], p[2]);
+            area = -area;
+          }
+          const float inverse_area = 1.0f / static_cast<float>(static_cast<int64_t>(area));
+          for (int32_t y = 0; y < view.height; ++y) {
+            for (int32_t x = 0; x < view.width; ++x) {
+              const Wide px = 256 * x + 128;
+              const Wide py = 256 * y + 128;
+              bool inside = true;
+              Wide edge[3];
+              for (int k = 0; k < 3; ++k) {
+                const ScreenVertex& a = *p[(k + 1) % 3];
+                const ScreenVertex& b = *p[(k + 2) % 3];
+                edge[k] = cross(b.x - a.x, b.y - a.y, px - a.x, py - a.y);
+                // The gradient of the edge value is (-dy, dx): the nudge by (2 eps, eps^2) has its sign.
+                const Wide nudge = b.y != a.y ? Wide{a.y - b.y} : Wide{b.x - a.x};
+                inside = inside && (edge[k] > 0 || (edge[k] == 0 && nudge > 0));
+              }
+              if (!inside) continue;
+              const float e1 = static_cast<float>(static_cast<int64_t>(edge[1])) * inverse_area;
+              const float e2 = static_cast<float>(static_cast<int64_t>(edge[2])) * inverse_area;
+              float depth =
+                  std::fma(e1, p[1]->depth - p[0]->depth, std::fma(e2, p[2]->depth - p[0]->depth, p[0]->depth));
+              depth = std::min(std::max(depth, std::min({p[0]->depth, p[1]->depth, p[2]->depth})),
+                               std::max({p[0]->depth, p[1]->depth, p[2]->depth}));
+              const uint32_t code =
+                  camera.orthographic ? orthographic_depth_code(depth) : perspective_depth_code(depth);
+              uint64_t& sample = samples[static_cast<size_t>(y) * camera.width + static_cast<size_t>(x)];
+              sample = std::min(sample, pack_sample(code, id));
+            }
+          }
+        }
+      }
+    }
+  }
+  return samples;
+}
+
+std::vector<uint64_t> draw_with(const SceneView& scene, const View& view, uint32_t threads, InstructionSet set,
+                                const QueueSizes& sizes) {
+  std::vector<uint64_t> samples(size_t{view.width} * view.height);
+  REQUIRE(draw_cpu_with(scene, view, samples, threads, set, sizes));
+  return samples;
+}
+
+/// Random triangles around the origin, some tiny, some huge.
+Soup random_soup(std::mt19937& random, uint32_t count) {
+  std::uniform_real_distribution<double> place(-2, 2);
+  std::uniform_real_distribution<double> size(-6, 2);
+  Soup soup;
+  for (uint32_t i = 0; i < count; ++i) {
+    const double x = place(random);
+    const double y = place(random);
+    const double z = place(random);
+    const double s = std::exp2(size(random));
+    const uint32_t first = soup.add(x + s * place(random), y + s * place(random), z + s * place(random));
+    soup.add(x + s * place(random), y + s * place(random), z + s * place(random));
+    soup.add(x + s * place(random), y + s * place(random), z + s * place(random));
+    soup.triangle(first, first + 1, first + 2);
+  }
+  return soup;
+}
+
+View orthographic(View view, double half, double z_near, double z_far) {
+  view.orthographic = true;
+  view.half_width = half * view.width / view.height;
+  view.half_height = half;
+  view.z_near = z_near;
+  view.z_far = z_far;
+  return view;
+}
+
+}  // namespace
+
+TEST_CASE("raster: every pixel as a loop over all triangles and pixels has it", "[raster]") {
+  std::mt19937 random(7);
+  for (int round = 0; round < 24; ++round) {
+    SceneBuilder builder;
+    Encoding encoding;
+    encoding.float32 = round % 3 == 0;
+    encoding.exponent = round % 3 == 1 ? -6 : -14;
+    encoding.chunk_triangles = 17;
+    encoding.material = builder.material(round % 2 ? uint32_t{format::kMaterialDoubleSided} : 0u);
+    const uint32_t mesh = builder.mesh(random_soup(random, 60), encoding);
+    builder.instance(mesh, builder.identity());
+    builder.instance(mesh, builder.matrix({-0.5, 0.1, 0, 0.3, 0, 0.7, 0.2, -0.2, 0.1, 0, 0.6, 1}));
+    const SceneView scene = builder.view();
+    const uint32_t sizes[][2] = {{1, 1}, {97, 61}, {200, 130}, {33, 1}, {1, 57}, {128, 128}};
+    const auto [width, height] = sizes[round % 6];
+    View view =
+        look_at({1.5 * std::sin(round), 0.4, 1.5 * std::cos(round)}, {0, 0.1 * round, 0}, width, height, 0.05, 1.2);
+    if (round % 4 == 3) view = orthographic(view, 1.5, -1, 3);
+    const std::vector<uint64_t> expected = brute_force(scene, view);
+    if (width > 90) REQUIRE(covered(expected) > 500);
+    for (InstructionSet set : {InstructionSet::kBaseline, best_instruction_set()}) {
+      for (uint32_t threads : {1u, 3u}) {
+        CHECK(draw_with(scene, view, threads, set, QueueSizes{}) == expected);
+        CHECK(draw_with(scene, view, threads, set, QueueSizes{1, 1, 1, 1, 1, 1}) == expected);
+        CHECK(draw_with(scene, view, threads, set, QueueSizes{2, 3, 1, 5, 2, 64}) == expected);
+      }
+    }
+  }
+}
