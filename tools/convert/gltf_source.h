@@ -1,6 +1,6 @@
-// A glTF document after import: every index, range, stride and count checked, buffers still on disk. Import never holds a
-// buffer in memory: the JSON is mapped, its "buffers" and "images" are parsed apart (docs/design.md, import), accessors are
-// read in windows.
+// A glTF document after import: every index, range, stride and count checked, buffers still on disk. Import never holds
+// a buffer in memory: the JSON is mapped, its "buffers" and "images" are parsed apart (docs/design.md, import),
+// accessors are read in windows.
 #pragma once
 
 #include <array>
@@ -17,8 +17,8 @@
 
 namespace scree::convert {
 
-/// Bytes that can be read anywhere: a .bin file, the binary chunk of a .glb, or a decoded data: URI. Reads are pread()s, so
-/// that nothing stays resident. Thread-safe.
+/// Bytes that can be read anywhere: a .bin file, the binary chunk of a .glb, or a decoded data: URI. Reads are
+/// pread()s, so that nothing stays resident. Thread-safe.
 class ByteSource {
  public:
   virtual ~ByteSource() = default;
@@ -52,24 +52,26 @@ struct Accessor {
   uint64_t element_bytes() const;
 };
 
-/// Reads elements [first, first + count) as floats (normalised integers scaled as glTF says), components * count values.
+/// Reads elements [first, first + count) as floats (normalised integers scaled as glTF says), components * count
+/// values.
 Result<void> read_floats(const Accessor& accessor, uint64_t first, uint64_t count, std::span<float> out);
 
-/// Reads the elements of an ascending list of numbers, each below accessor.count. Neighbouring elements are fetched with
-/// one read.
+/// Reads the elements of an ascending list of numbers, each below accessor.count. Neighbouring elements are fetched
+/// with one read.
 Result<void> gather_floats(const Accessor& accessor, std::span<const uint32_t> ascending, std::span<float> out);
 
 enum class PrimitiveMode : uint8_t { kTriangles = 4, kStrip = 5, kFan = 6 };
 
 /// A primitive that is kept: triangles, strips or fans.
 struct Primitive {
-  uint32_t group = 0;      // glTF mesh
-  uint32_t place = 0;      // of the primitive within its glTF mesh
+  uint32_t group = 0;  // glTF mesh, in SourceScene::groups
+  uint32_t place = 0;  // of the primitive within its glTF mesh
+  uint32_t mesh = 0;   // the glTF mesh's number in the document, for messages
   PrimitiveMode mode = PrimitiveMode::kTriangles;
   std::optional<Accessor> indices;  // 8, 16 or 32 bits, scalar
   Accessor positions;
-  std::optional<Accessor> uv;      // the set its base colour texture uses; present only where a texture needs it
-  std::optional<Accessor> color;   // COLOR_0, 3 or 4 components
+  std::optional<Accessor> uv;     // the set its base colour texture uses; present only where a texture needs it
+  std::optional<Accessor> color;  // COLOR_0, 3 or 4 components
   std::optional<Accessor> normal;
   uint32_t material = format::kNone;
 
@@ -77,8 +79,10 @@ struct Primitive {
   uint64_t triangle_count() const;  // degenerate triangles of strips included
 };
 
-/// Reads the vertex numbers of triangles [first, first + count) of a primitive, 3 a triangle, counter-clockwise (every other
-/// strip triangle is turned). Errors kFile, kRange: an index at or past vertex_count (place and value named).
+/// Reads the vertex numbers of triangles [first, first + count) of a primitive, 3 a triangle, counter-clockwise (every
+/// other strip triangle is turned). Errors kFile, kRange: an index at or past vertex_count, named with its place in the
+/// index accessor: "mesh 3 primitive 0: index 70211 at place 17, but the mesh has 65536 vertices" (glTF's numbers; the
+/// caller puts the file name before it).
 Result<void> read_triangles(const Primitive& primitive, uint64_t first, uint64_t count, std::span<uint32_t> out);
 
 struct SourceNode {
@@ -87,7 +91,7 @@ struct SourceNode {
   uint32_t group = format::kNone;
   uint32_t camera = format::kNone;
   bool has_matrix = false;
-  std::array<double, 16> local{};  // as NodeRecord::local
+  std::array<double, 16> local{};                     // as NodeRecord::local
   std::vector<format::NodeInstanceRecord> instances;  // EXT_mesh_gpu_instancing
 };
 
@@ -124,7 +128,9 @@ struct SourceSceneRoots {
   std::vector<uint32_t> roots;
 };
 
-/// Something the document has and the import leaves out; the warning lines are made of these.
+/// Something the document has and the import leaves out. Attributes are named as in glTF ("TANGENT", "TEXCOORD_1");
+/// "NORMAL" is among them although Primitive::normal offers it: whoever stores normals takes that entry out. Each
+/// accessor's bytes count once.
 struct LeftOut {
   std::string what;
   uint64_t count = 0;
@@ -150,12 +156,13 @@ struct SourceScene {
 };
 
 struct ImportOptions {
-  std::string exclude;        // regular expression (ECMAScript) searched in node names; matching nodes and those below are left out
+  std::string
+      exclude;  // regular expression (ECMAScript) searched in node names; matching nodes and those below are left out
   uint64_t max_json_bytes = uint64_t{1} << 31;
 };
 
-/// Opens a .gltf or .glb. Errors kFile, kFormat, kTruncated, kRange, kUnsupported (a required extension that scree does not
-/// do), kUsage (a bad regular expression), each with file and place: "city.gltf: mesh 12: ...".
+/// Opens a .gltf or .glb. Errors kFile, kFormat, kTruncated, kRange, kUnsupported (a required extension that scree does
+/// not do), kUsage (a bad regular expression), each with file and place: "city.gltf: mesh 12: ...".
 Result<SourceScene> import_gltf(const std::string& path, const ImportOptions& options);
 
 }  // namespace scree::convert

@@ -1,0 +1,151 @@
+#include "tools/convert/byte_source.h"
+
+#include <fcntl.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <atomic>
+#include <cerrno>
+#include <cstring>
+#include <utility>
+
+#include "format/bytes.h"
+
+namespace scree::convert {
+namespace {
+
+// Half of the usual limit of open files; the rest is for everything else the process has open.
+constexpr int kKeptDescriptors = 512;
+std::atomic<int> kept_descriptors{0};
+
+Error file_error(const std::string& path, int number) {
+  return {ErrorCode::kFile, path + ": " + std::strerror(number)};
+}
+
+// O_NONBLOCK: opening a FIFO must not wait for a writer; it has no effect on regular files.
+int open_read_only(const std::string& path) {
+  return ::open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK);
+}
+
+class FileSource final : public ByteSource {
+ public:
+  FileSource(std::string path, int descriptor, uint64_t size)
+      : path_(std::move(path)), descriptor_(descriptor), size_(size) {}
+  FileSource(const FileSource&) = delete;
+  FileSource& operator=(const FileSource&) = delete;
+  ~FileSource() override {
+    if (descriptor_ < 0) return;
+    ::close(descriptor_);
+    --kept_descriptors;
+  }
+
+  uint64_t size() const override { return size_; }
+
+  Result<void> read(uint64_t offset, std::span<std::byte> out) const override {
+    if (!format::range_within(offset, out.size(), size_))
+      return Error{ErrorCode::kTruncated, path_ + ": read of " + std::to_string(out.size()) + " bytes at " +
+                                              std::to_string(offset) + ", but the file has " + std::to_string(size_)};
+    const int descriptor = descriptor_ >= 0 ? descriptor_ : open_read_only(path_);
+    if (descriptor < 0) return file_error(path_, errno);
+    Result<void> result = read_from(descriptor, offset, out);
+    if (descriptor_ < 0) ::close(descriptor);
+    return result;
+  }
+
+ private:
+  Result<void> read_from(int descriptor, uint64_t offset, std::span<std::byte> out) const {
+    while (!out.empty()) {
+      // Linux moves at most 0x7ffff000 bytes a call.
+      const size_t part = std::min<size_t>(out.size(), size_t{1} << 30);
+      const ssize_t got = ::pread(descriptor, out.data(), part, static_cast<off_t>(offset));
+      if (got < 0) {
+        if (errno == EINTR) continue;
+        return file_error(path_, errno);
+      }
+      if (got == 0)
+        return Error{ErrorCode::kTruncated, path_ + ": ends at byte " + std::to_string(offset) + ", but had " +
+                                                std::to_string(size_) + " when it was opened"};
+      offset += static_cast<uint64_t>(got);
+      out = out.subspan(static_cast<size_t>(got));
+    }
+    return {};
+  }
+
+  std::string path_;
+  int descriptor_;  // -1: opened for each read
+  uint64_t size_;
+};
+
+class WindowSource final : public ByteSource {
+ public:
+  WindowSource(std::shared_ptr<const ByteSource> whole, uint64_t offset, uint64_t size)
+      : whole_(std::move(whole)), offset_(offset), size_(size) {}
+
+  uint64_t size() const override { return size_; }
+
+  Result<void> read(uint64_t offset, std::span<std::byte> out) const override {
+    if (!format::range_within(offset, out.size(), size_))
+      return Error{ErrorCode::kTruncated, "read of " + std::to_string(out.size()) + " bytes at " +
+                                              std::to_string(offset) + ", but the chunk has " + std::to_string(size_)};
+    return whole_->read(offset_ + offset, out);
+  }
+
+ private:
+  std::shared_ptr<const ByteSource> whole_;
+  uint64_t offset_;
+  uint64_t size_;
+};
+
+class MemorySource final : public ByteSource {
+ public:
+  explicit MemorySource(std::vector<std::byte> bytes) : bytes_(std::move(bytes)) {}
+
+  uint64_t size() const override { return bytes_.size(); }
+
+  Result<void> read(uint64_t offset, std::span<std::byte> out) const override {
+    if (!format::range_within(offset, out.size(), bytes_.size()))
+      return Error{ErrorCode::kTruncated, "read of " + std::to_string(out.size()) + " bytes at " +
+                                              std::to_string(offset) + ", but the data: URI has " +
+                                              std::to_string(bytes_.size())};
+    if (!out.empty()) std::memcpy(out.data(), bytes_.data() + offset, out.size());
+    return {};
+  }
+
+ private:
+  std::vector<std::byte> bytes_;
+};
+
+}  // namespace
+
+Result<std::shared_ptr<const ByteSource>> open_file_source(const std::string& path) {
+  const int descriptor = open_read_only(path);
+  if (descriptor < 0) return file_error(path, errno);
+  struct stat status {};
+  if (::fstat(descriptor, &status) != 0) {
+    const int number = errno;
+    ::close(descriptor);
+    return file_error(path, number);
+  }
+  if (!S_ISREG(status.st_mode)) {
+    ::close(descriptor);
+    return Error{ErrorCode::kFile, path + ": not a regular file"};
+  }
+  const uint64_t size = static_cast<uint64_t>(status.st_size);
+  if (kept_descriptors.fetch_add(1) < kKeptDescriptors)
+    return std::shared_ptr<const ByteSource>(std::make_shared<FileSource>(path, descriptor, size));
+  --kept_descriptors;
+  ::close(descriptor);
+  return std::shared_ptr<const ByteSource>(std::make_shared<FileSource>(path, -1, size));
+}
+
+std::shared_ptr<const ByteSource> window_source(std::shared_ptr<const ByteSource> whole, uint64_t offset,
+                                                uint64_t size) {
+  return std::make_shared<WindowSource>(std::move(whole), offset, size);
+}
+
+std::shared_ptr<const ByteSource> memory_source(std::vector<std::byte> bytes) {
+  return std::make_shared<MemorySource>(std::move(bytes));
+}
+
+}  // namespace scree::convert

@@ -1,0 +1,27 @@
+// Where the bytes of a scene lie: files, parts of files, and decoded data: URIs.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "format/result.h"
+#include "tools/convert/gltf_source.h"
+
+namespace scree::convert {
+
+/// Opens a regular file for pread(). The first few hundred files keep their descriptor; later ones are opened for each
+/// read, so that a scene of thousands of .bin files works within the usual limit of 1024. Errors kFile.
+Result<std::shared_ptr<const ByteSource>> open_file_source(const std::string& path);
+
+/// [offset, offset + size) of another source. The caller has checked the range.
+std::shared_ptr<const ByteSource> window_source(std::shared_ptr<const ByteSource> whole, uint64_t offset,
+                                                uint64_t size);
+
+/// Bytes held in memory.
+std::shared_ptr<const ByteSource> memory_source(std::vector<std::byte> bytes);
+
+}  // namespace scree::convert

@@ -1,0 +1,53 @@
+// From the numbers of a document to bytes that are there: buffers, buffer views and accessors, checked when they are
+// asked for. What a scene does not use is never opened.
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "format/result.h"
+#include "tools/convert/gltf_document.h"
+#include "tools/convert/gltf_source.h"
+
+namespace scree::convert {
+
+class GltfBuffers {
+ public:
+  /// `folder`: of the scene. `bin`: the binary chunk of a .glb, or null. `document` must outlive this.
+  GltfBuffers(const GltfDocument& document, std::string folder, std::shared_ptr<const ByteSource> bin);
+
+  struct View {
+    std::shared_ptr<const ByteSource> source;
+    uint64_t offset = 0;
+    uint64_t bytes = 0;
+    uint64_t stride = 0;  // 0: tightly packed
+  };
+
+  /// A buffer view inside its buffer, inside its file. Errors kRange, kTruncated, kFile, kUnsupported, kFormat.
+  Result<View> view(int32_t index);
+
+  /// An accessor whose every element lies inside its view. Errors as view().
+  Result<Accessor> accessor(int32_t index);
+
+  /// The bytes of an image: its view, file or data: URI. Errors as view().
+  Result<View> image(const DocImage& image);
+
+  /// Bytes of an accessor's elements (sparse ones not counted twice) as the document states them; 0 where it is
+  /// nonsense.
+  uint64_t stated_bytes(int32_t accessor) const;
+
+ private:
+  Result<std::shared_ptr<const ByteSource>> buffer(int32_t index);
+  Result<std::shared_ptr<const ByteSource>> open_buffer(int32_t index);
+  Result<void> check_sparse(const DocSparse& sparse, Accessor& accessor);
+
+  const GltfDocument& document_;
+  std::string folder_;
+  std::shared_ptr<const ByteSource> bin_;
+  std::vector<std::shared_ptr<const ByteSource>> buffers_;
+  std::vector<bool> sparse_checked_;
+};
+
+}  // namespace scree::convert

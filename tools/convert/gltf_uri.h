@@ -1,0 +1,24 @@
+// URIs of buffers and images: relative paths inside the scene's folder, and data: URIs (RFC 2397).
+#pragma once
+
+#include <cstddef>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "format/result.h"
+
+namespace scree::convert {
+
+/// Whether a URI is data:, in any case.
+bool is_data_uri(std::string_view uri);
+
+/// The bytes of a data: URI, percent-decoded or base64. Errors kFormat.
+Result<std::vector<std::byte>> decode_data_uri(std::string_view uri);
+
+/// The file a relative URI names, percent-decoded, in `folder` (of the scene, as given). Errors kUnsupported: a scheme,
+/// an absolute path, or a path that leaves the folder, also by way of a symbolic link (it must resolve inside the
+/// folder as resolved); kFormat: bad percent coding; kFile: no such file.
+Result<std::string> resolve_uri(const std::string& folder, std::string_view uri);
+
+}  // namespace scree::convert
