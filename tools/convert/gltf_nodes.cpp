@@ -44,9 +44,16 @@ Result<void> check_references(const GltfDocument& document) {
   return {};
 }
 
-Result<std::vector<uint32_t>> find_parents(const GltfDocument& document) {
+struct Trees {
+  std::vector<uint32_t> parent;  // by node, or kNone
+  std::vector<uint32_t> top;     // by node: the root above it, or itself
+};
+
+Result<Trees> find_trees(const GltfDocument& document) {
   const size_t count = document.nodes.size();
-  std::vector<uint32_t> parent(count, kNone);
+  Trees trees;
+  std::vector<uint32_t>& parent = trees.parent;
+  parent.assign(count, kNone);
   for (uint32_t i = 0; i < count; ++i) {
     for (const uint32_t child : document.nodes[i].children) {
       if (child >= count) return not_there(node_place(i), "child", child, count);
@@ -58,7 +65,8 @@ Result<std::vector<uint32_t>> find_parents(const GltfDocument& document) {
     }
   }
   // With one parent each, a node that no root reaches is on a cycle or below one: climbing from it ends on the cycle.
-  std::vector<bool> reached(count, false);
+  std::vector<uint32_t>& top = trees.top;
+  top.assign(count, kNone);
   std::vector<uint32_t> stack;
   for (uint32_t i = 0; i < count; ++i) {
     if (parent[i] == kNone) stack.push_back(i);
@@ -67,13 +75,13 @@ Result<std::vector<uint32_t>> find_parents(const GltfDocument& document) {
   while (!stack.empty()) {
     const uint32_t node = stack.back();
     stack.pop_back();
-    reached[node] = true;
+    top[node] = parent[node] == kNone ? node : top[parent[node]];
     ++reached_count;
     const auto& children = document.nodes[node].children;
     stack.insert(stack.end(), children.begin(), children.end());
   }
   if (reached_count < count) {
-    uint32_t node = static_cast<uint32_t>(std::find(reached.begin(), reached.end(), false) - reached.begin());
+    uint32_t node = static_cast<uint32_t>(std::find(top.begin(), top.end(), kNone) - top.begin());
     std::vector<bool> passed(count, false);
     while (!passed[node]) {
       passed[node] = true;
@@ -81,7 +89,7 @@ Result<std::vector<uint32_t>> find_parents(const GltfDocument& document) {
     }
     return Error{ErrorCode::kRange, node_place(node) + ": is its own ancestor"};
   }
-  return parent;
+  return trees;
 }
 
 Result<std::optional<std::regex>> compile(const std::string& exclude) {
@@ -102,15 +110,7 @@ Result<bool> matches(const std::regex& pattern, const std::string& name, const s
   }
 }
 
-bool below_listed(uint32_t node, uint64_t scene, const std::vector<uint32_t>& parent,
-                  const std::vector<uint64_t>& listed_in) {
-  for (node = parent[node]; node != kNone; node = parent[node]) {
-    if (listed_in[node] == scene) return true;
-  }
-  return false;
-}
-
-Result<void> check_scenes(const GltfDocument& document, const std::vector<uint32_t>& parent) {
+Result<void> check_scenes(const GltfDocument& document, const Trees& trees) {
   const size_t count = document.nodes.size();
   std::vector<uint64_t> listed_in(count, 0);  // scene number + 1
   for (size_t s = 0; s < document.scenes.size(); ++s) {
@@ -123,9 +123,9 @@ Result<void> check_scenes(const GltfDocument& document, const std::vector<uint32
     }
     // Some writers list children among the roots. Below a listed ancestor that changes nothing (plan_nodes drops them).
     for (const uint32_t root : document.scenes[s].roots) {
-      if (parent[root] != kNone && !below_listed(root, s + 1, parent, listed_in)) {
+      if (listed_in[trees.top[root]] != s + 1) {
         return Error{ErrorCode::kRange, place + ": node " + std::to_string(root) +
-                                            " is no root, it is a child of node " + std::to_string(parent[root])};
+                                            " is no root, it is a child of node " + std::to_string(trees.parent[root])};
       }
     }
   }
@@ -235,14 +235,14 @@ Result<std::vector<format::NodeInstanceRecord>> read_instances(const DocNode& no
 Result<NodePlan> plan_nodes(const GltfDocument& document, const std::string& exclude) {
   const size_t count = document.nodes.size();
   if (auto checked = check_references(document); !checked) return checked.error();
-  auto parent = find_parents(document);
-  if (!parent) return parent.error();
-  if (auto checked = check_scenes(document, *parent); !checked) return checked.error();
+  auto trees = find_trees(document);
+  if (!trees) return trees.error();
+  if (auto checked = check_scenes(document, *trees); !checked) return checked.error();
   auto pattern = compile(exclude);
   if (!pattern) return pattern.error();
 
   NodePlan plan;
-  plan.parent = std::move(parent).value();
+  plan.parent = std::move(trees->parent);
   std::vector<DocScene> implied;
   if (document.scenes.empty() && count > 0) {
     plan.implied_scene = true;
