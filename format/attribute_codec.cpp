@@ -12,7 +12,6 @@
 namespace scree::format {
 namespace {
 
-constexpr uint32_t kMaxUvBits = 24;
 constexpr int32_t kCoarsestUvExponent = -15;
 constexpr uint32_t kMinNormalBits = 2;
 constexpr uint32_t kMaxNormalBits = 16;

@@ -29,10 +29,9 @@ struct ChunkStreams {
   uint64_t bytes;  // of all of them; equals ChunkRecord::bytes in a valid file
 };
 
-/// The streams of `chunk`, a chunk of `mesh`. Defined for any records, valid or not: counts are 32-bit and widths
-/// 8-bit, so no stream passes 3 * 2^32 * 255 / 8 bytes and no sum passes 2^39. Whether a stream that the mesh's
-/// attributes name may have 0 bytes (all values equal) is the codec's business: a zero size here says "read nothing",
-/// not "absent".
+/// The streams of `chunk`, a chunk of `mesh`. Defined for any records, valid or not: counts are 32-bit and widths 8-bit, so
+/// the sum of all streams stays below 2^41 bytes. A stream whose values are all equal takes 0 bytes; whether the chunk has
+/// it is said by the mesh's attributes, not by its size.
 SCREE_HD constexpr ChunkStreams chunk_streams(const MeshRecord& mesh, const ChunkRecord& chunk) {
   const uint64_t triangles = chunk.triangle_count;
   const uint64_t vertices = chunk.vertex_count;

@@ -23,9 +23,7 @@ class Table {
 
   uint64_t size() const { return count_; }
   bool empty() const { return count_ == 0; }
-  const Record& operator[](uint64_t index) const {
-    return *reinterpret_cast<const Record*>(first_ + index * stride_);
-  }
+  const Record& operator[](uint64_t index) const { return *reinterpret_cast<const Record*>(first_ + index * stride_); }
 
  private:
   const std::byte* first_ = nullptr;
@@ -33,14 +31,14 @@ class Table {
   uint64_t stride_ = sizeof(Record);
 };
 
-/// A validated view of a .scree file's bytes. open() checks the header, the table of contents, every table's checksum and
-/// every field of every record (indices into other tables, ranges, bit counts, prefix sums, finite numbers): what the
-/// accessors return can be used without further checks. It touches no page and allocates nothing per record; at most 20 ns
-/// a record. Page contents are checked by load_page. Views stay valid as long as the bytes given to open().
+/// A validated view of a .scree file's bytes. open() checks the header, the table of contents, every table's checksum
+/// and every field of every record (indices into other tables, ranges, bit counts, prefix sums, finite numbers): what
+/// the accessors return can be used without further checks. It touches no page and allocates nothing per record; at
+/// most 20 ns a record. Page contents are checked by load_page. Views stay valid as long as the bytes given to open().
 class Container {
  public:
-  /// `file`: the whole file, kTableAlignment-aligned in memory (a map is). Errors kFormat, kVersion, kTruncated, kTrailing,
-  /// kChecksum, kRange, kReserved.
+  /// `file`: the whole file, kTableAlignment-aligned in memory (a map is). Errors kFormat, kVersion, kTruncated,
+  /// kTrailing, kChecksum, kRange, kReserved, each with the place in the file but without its name.
   static Result<Container> open(std::span<const std::byte> file);
 
   const FileHeader& header() const;
@@ -67,9 +65,11 @@ class Container {
   /// The stored bytes of a page, unchecked.
   std::span<const std::byte> stored_page(uint32_t page) const;
 
-  /// Checks a page's checksum and gives its raw bytes: a view of the file where the page is raw, else of `scratch`, which is
-  /// resized. kGeometry raw bytes start 16-byte aligned. Reentrant with different scratch. Errors kChecksum, kTruncated,
-  /// kTrailing, kMemory.
+  /// Checks a page's checksum and gives its raw bytes: a view of the file where the page is raw, else of `scratch`,
+  /// which is resized. kGeometry raw bytes start 16-byte aligned. Never takes more than raw_bytes, which a small file
+  /// cannot make large (kMaxZstdRatio). Reentrant with different scratch. Errors kChecksum, kReserved (padding after
+  /// the page that is not zero), kFormat, kTruncated, kTrailing (not exactly one zstd frame of raw_bytes), kRange (no
+  /// such page), kMemory.
   Result<std::span<const std::byte>> load_page(uint32_t page, std::vector<std::byte>& scratch) const;
 
  private:
@@ -84,7 +84,9 @@ struct SealedPage {
   std::vector<std::byte> stored;
 };
 
-/// Compresses (zstd_level 1 to 22; 0 keeps the bytes raw) and checksums a page. Pure: the same bytes for the same arguments.
+/// Compresses (zstd_level 1 to 22; 0 keeps the bytes raw) and checksums a page. Raw as well where zstd does not make it
+/// smaller, where a reader would refuse the size it unpacks to (kMaxZstdRatio), and where memory for compressing is
+/// short. Pure but for the last: the same bytes for the same arguments.
 SealedPage seal_page(PageKind kind, std::vector<std::byte> raw, int zstd_level);
 
 /// All strings of a file; equal strings are kept once, the empty string is at offset 0.
@@ -119,8 +121,10 @@ struct TableSet {
   StringTable strings;
 };
 
-/// Writes `path`.part and renames it to `path` in finish(). A writer destroyed before that removes the .part; the earlier
-/// `path` is untouched until the rename. Not thread-safe.
+/// Writes `path`.part and renames it to `path` in finish(). A writer destroyed before that, or that met an error,
+/// removes the .part; the earlier `path` is untouched until the rename. A .part that another writer is busy with is an
+/// error, one that was left behind is overwritten. Errors name the file. Equal pages and tables give equal bytes. Not
+/// thread-safe.
 class ContainerWriter {
  public:
   /// Errors kFile.

@@ -18,6 +18,12 @@ inline constexpr uint64_t kTableAlignment = 64;
 inline constexpr uint32_t kNone = 0xffffffffu;           // no mesh, parent, texture, camera, ...
 inline constexpr uint32_t kMaxChunkTriangles = 65536;    // the default cut; --chunk-triangles 0 lifts it
 inline constexpr uint32_t kMaxPositionBits = 24;         // a lattice offset is exact in a float
+inline constexpr uint32_t kMaxUvBits = 24;
+// What a zstd page may grow to, so that a small hostile file cannot ask for much memory: kPageTargetBytes, or more where the
+// file pays for it with at least one stored byte for kMaxZstdRatio raw ones, up to kMaxZstdPageBytes. Others are kept raw.
+inline constexpr uint64_t kMaxZstdRatio = 16;
+inline constexpr uint64_t kMaxZstdPageBytes = 1u << 30;
+inline constexpr uint32_t kMaxImageSide = 1u << 24;      // pixels; products of two sides and a pixel's bytes stay in 64 bits
 
 /// First bytes of the file. `checksum` is XXH3-64 (seed 0) of the 56 bytes before it.
 struct FileHeader {
@@ -104,7 +110,7 @@ struct MeshRecord {
   float bounds_max[3];
   double max_position_error;  // model units, per axis, stated bound: half a step and half an ulp; 0 for float32
   float max_uv_error;         // per axis
-  int32_t lattice_exponent;   // the step is 2^lattice_exponent model units
+  int32_t lattice_exponent;   // the step is 2^lattice_exponent model units; -149 to 127
   uint8_t lattice_bits[3];    // 0 (flat) to kMaxPositionBits
   PositionEncoding position_encoding;
   uint32_t attributes;  // AttributeFlags
@@ -123,12 +129,12 @@ struct ChunkRecord {
   uint64_t first_triangle;      // of the mesh; the sum of the triangle counts of the chunks before
   uint32_t page;
   uint32_t mesh;
-  uint32_t triangle_count;
-  uint32_t vertex_count;
+  uint32_t triangle_count;      // at least 1; at most kMaxChunkTriangles where index_bits is 0 (they take no bytes)
+  uint32_t vertex_count;        // at least 1, at most 3 * triangle_count
   uint32_t index_min;
   uint32_t position_min[3];     // lattice offset of code 0, relative to MeshRecord::lattice_min
   int64_t uv_min[2];            // lattice coordinate of code 0
-  int32_t uv_exponent;
+  int32_t uv_exponent;          // as MeshRecord::lattice_exponent
   uint8_t index_bits;           // 0 to 32
   uint8_t position_bits[3];     // 0 to kMaxPositionBits; 32 each for float32
   uint8_t uv_bits[2];           // 0 to 24
