@@ -114,11 +114,14 @@ uint32_t encode_octahedral(const float* normal, uint32_t bits) {
     v = (1 - std::fabs(u)) * (v < 0 ? -1 : 1);
     u = folded_u;
   }
-  const int32_t u0 = std::clamp(static_cast<int32_t>(std::floor(u * half)), -half, half);
-  const int32_t v0 = std::clamp(static_cast<int32_t>(std::floor(v * half)), -half, half);
+  // Truncation is rounding down once the values are not negative (std::floor is a library call on the baseline CPU).
+  const int32_t u0 = std::min(static_cast<int32_t>((u + 1) * half), 2 * half) - half;
+  const int32_t v0 = std::min(static_cast<int32_t>((v + 1) * half), 2 * half) - half;
   int32_t best_u = u0;
   int32_t best_v = v0;
-  double best = -2;
+  double best_dot =
+      -1;  // of a candidate: its dot product with the normal, times its magnitude; over the candidate's square
+  double best_square = 0;
   for (int32_t candidate_v = v0; candidate_v <= std::min(v0 + 1, half); ++candidate_v) {
     for (int32_t candidate_u = u0; candidate_u <= std::min(u0 + 1, half); ++candidate_u) {
       int32_t point[3];
@@ -126,9 +129,10 @@ uint32_t encode_octahedral(const float* normal, uint32_t bits) {
       const double dot = x * point[0] + y * point[1] + z * point[2];
       const double square = static_cast<double>(point[0]) * point[0] + static_cast<double>(point[1]) * point[1] +
                             static_cast<double>(point[2]) * point[2];
-      const double cosine = dot / (std::sqrt(square) * sum);  // times a constant of this normal
-      if (cosine > best) {
-        best = cosine;
+      const double signed_dot = dot * std::fabs(dot);
+      if (signed_dot * best_square > best_dot * square) {  // the larger cosine, without roots and divisions
+        best_dot = signed_dot;
+        best_square = square;
         best_u = candidate_u;
         best_v = candidate_v;
       }

@@ -212,9 +212,17 @@ Result<MeshLattice> choose_lattice(const float lo[3], const float hi[3], uint32_
   assert(max_error >= 0);
   const auto axes = intervals(lo, hi);
   if (max_error == 0) return lattice_of_exponent(lo, hi, finest_exponent(axes, bits));
-  // Where half an ulp takes all of the error asked for, the lattice that has every float of the box still keeps it.
-  const int32_t coarsest = coarsest_exponent(max_error, 0.5 * float_ulp(largest_magnitude(axes)));
-  return lattice_of_exponent(lo, hi, std::max(coarsest, exact_exponent(axes)));
+  const float largest = largest_magnitude(axes);
+  const double half_ulp = 0.5 * float_ulp(largest);
+  const int32_t coarsest = coarsest_exponent(max_error, half_ulp);
+  auto lattice = lattice_of_exponent(lo, hi, std::max(coarsest, exact_exponent(axes)));
+  // Where half an ulp takes all of the error asked for, the lattice that has every float of the box would still keep it.
+  if (!lattice && coarsest < kMinLatticeExponent) {
+    return bad_lattice("a maximum error of " + format_double(max_error) + " is not above " + format_double(half_ulp) +
+                       ", half the spacing of float32 at " + format_double(largest) +
+                       ": allow a larger one or use float32 positions");
+  }
+  return lattice;
 }
 
 uint64_t position_stream_bytes(uint64_t vertex_count, const PositionRange& range) {
