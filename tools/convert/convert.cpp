@@ -279,7 +279,7 @@ class Converter {
         Result<EncodedWindow> result =
             encode_window(scene_.primitives[window.primitive], plans_[mesh_of_[window.primitive]], window,
                           encode_options, scratch[worker]);
-        if (!result) return at(primitive_place(scene_, window.primitive), result.error());
+        if (!result) return at(scene_.file_name, result.error());
         encoded.push_back(std::move(*result));
       }
       return encoded;
@@ -399,7 +399,8 @@ class Converter {
       if (primitive.normal && !(stored & format::kHasNormal)) normals.add(*primitive.normal);
       if (primitive.color && !(stored & format::kHasColor)) white.add(*primitive.color);
     }
-    for (const LeftOut& entry : scene_.left_out) add(entry.what, entry.count, entry.source_bytes);
+    for (const LeftOut& entry : scene_.left_out)
+      if (entry.what != "NORMAL") add(entry.what, entry.count, entry.source_bytes);  // of all primitives, kept or not
     add("NORMAL", normals.count(), normals.bytes());
     add("COLOR_0 (all white)", white.count(), white.bytes());
     add("primitives no node draws", undrawn_, 0);

@@ -394,7 +394,8 @@ Result<EncodedWindow> encode_window(const Primitive& primitive, const MeshPlan& 
   // A file that changes between the passes must not put a coordinate outside its lattice.
   if (window.triangle_count() != plan.kept || window.vertices().size() != plan.vertices ||
       !inside(box_of(window.positions()), mesh.box))
-    return Error{ErrorCode::kFormat, "the source changed while it was converted"};
+    return Error{ErrorCode::kFormat, "mesh " + std::to_string(primitive.mesh) + " primitive " +
+                                         std::to_string(primitive.place) + " changed while it was converted"};
   Result<EncodedWindow> encoded = WindowEncoder(primitive, mesh, plan, options, scratch).run();
   if (!encoded) return encoded;
   for (EncodedChunk& chunk : encoded->chunks) chunk.record.bytes = chunk.payload.size();

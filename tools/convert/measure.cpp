@@ -60,10 +60,7 @@ std::vector<Batch> make_batches(const std::vector<WindowPlan>& windows) {
 
 std::string primitive_place(const SourceScene& scene, uint32_t primitive) {
   const Primitive& p = scene.primitives[primitive];
-  std::string place = scene.file_name + ": mesh " + std::to_string(p.group);
-  if (p.group < scene.groups.size() && !scene.groups[p.group].name.empty())
-    place += " (" + scene.groups[p.group].name + ")";
-  return place + ", primitive " + std::to_string(p.place);
+  return scene.file_name + ": mesh " + std::to_string(p.mesh) + " primitive " + std::to_string(p.place);
 }
 
 Result<Measurement> measure(const SourceScene& scene, const std::vector<bool>& wanted, const MeasureOptions& options,
@@ -96,7 +93,7 @@ Result<Measurement> measure(const SourceScene& scene, const std::vector<bool>& w
       const WindowPlan& plan = out.windows[i];
       Result<WindowFacts> measured =
           measure_window(scene.primitives[plan.primitive], plan, options.drop_nonfinite, scratch[worker]);
-      if (!measured) return at(primitive_place(scene, plan.primitive), measured.error());
+      if (!measured) return at(scene.file_name, measured.error());
       facts.push_back(*measured);
     }
     return facts;

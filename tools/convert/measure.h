@@ -51,7 +51,7 @@ struct Batch {
 };
 std::vector<Batch> make_batches(const std::vector<WindowPlan>& windows);
 
-/// "city.gltf: mesh 12 (Rock), primitive 1".
+/// "city.gltf: mesh 12 primitive 1", in glTF's numbers.
 std::string primitive_place(const SourceScene& scene, uint32_t primitive);
 
 /// Measures all `wanted` primitives (others keep 0 triangles). `progress(triangles)`: done so far. Errors as

@@ -155,10 +155,12 @@ Result<void> Window::check_positions(const Primitive& primitive, bool drop_nonfi
     const float* p = &positions_[3 * i];
     bad[i] = !std::isfinite(p[0]) || !std::isfinite(p[1]) || !std::isfinite(p[2]);
     if (!bad[i] || drop_nonfinite) continue;
-    char text[160];
+    char text[256];
     std::snprintf(text, sizeof text,
-                  "vertex %u: position (%g, %g, %g) is not finite (--drop-nonfinite leaves such out)", vertices_[i],
-                  static_cast<double>(p[0]), static_cast<double>(p[1]), static_cast<double>(p[2]));
+                  "mesh %u primitive %u: vertex %u: position (%g, %g, %g) is not finite "
+                  "(--drop-nonfinite leaves its triangles out)",
+                  primitive.mesh, primitive.place, vertices_[i], static_cast<double>(p[0]), static_cast<double>(p[1]),
+                  static_cast<double>(p[2]));
     return Error{ErrorCode::kRange, text};
   }
   std::vector<bool> keep(triangle_count(), true);

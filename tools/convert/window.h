@@ -29,7 +29,7 @@ class Window {
   /// Reads triangles [first, first + count) of `primitive` with the positions they use. Dropped and counted: triangles
   /// with two equal indices of strips and fans (they are how strips are joined and cover nothing), and with
   /// `drop_nonfinite` those that use a position which is not finite. Errors: those of read_triangles and gather_floats;
-  /// kRange for a position that is not finite ("vertex 5: position (nan, 0, 1) is not finite").
+  /// kRange for a position that is not finite ("mesh 3 primitive 0: vertex 5: position (nan, 0, 1) is not finite").
   Result<void> load(const Primitive& primitive, uint64_t first, uint64_t count, bool drop_nonfinite, Find find);
 
   uint64_t triangle_count() const { return indices_.size() / 3; }

@@ -1,0 +1,161 @@
+// Small glTF scenes for the tests of convert, written with the program's own glTF writer.
+#pragma once
+
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <limits>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "tests/catch.h"
+#include "tools/common/gltf_writer.h"
+
+namespace scree::tests {
+
+/// A wavy grid of columns x rows squares, two triangles each.
+struct GridSpec {
+  uint32_t columns = 4;
+  uint32_t rows = 4;
+  float size = 1;  // side, model units
+  std::array<float, 3> origin{0, 0, 0};
+  bool flat = false;
+  bool uv = false;
+  bool color = false;
+  bool white = false;
+  bool normal = false;
+  bool indexed = true;
+};
+
+class ModelMaker {
+ public:
+  explicit ModelMaker(const std::string& path) : writer_(open(path)) {}
+
+  tools::GltfWriter& writer() { return writer_; }
+
+  uint32_t floats(const std::vector<float>& values, tools::GltfType type, bool bounds = false) {
+    const uint32_t components = type == tools::GltfType::kScalar ? 1 : 2 + static_cast<uint32_t>(type) - 1;
+    tools::GltfAccessor accessor;
+    accessor.buffer_view = view(std::as_bytes(std::span(values)), tools::GltfTarget::kVertices);
+    accessor.component = tools::GltfComponent::kFloat32;
+    accessor.type = type;
+    accessor.count = values.size() / components;
+    if (bounds) {
+      accessor.min.assign(components, 0);
+      accessor.max.assign(components, 0);  // lies, as files may: nobody may rely on it
+    }
+    return writer_.add_accessor(accessor);
+  }
+
+  uint32_t indices(const std::vector<uint32_t>& values) {
+    tools::GltfAccessor accessor;
+    accessor.buffer_view = view(std::as_bytes(std::span(values)), tools::GltfTarget::kIndices);
+    accessor.component = tools::GltfComponent::kUint32;
+    accessor.type = tools::GltfType::kScalar;
+    accessor.count = values.size();
+    return writer_.add_accessor(accessor);
+  }
+
+  uint32_t positions(const std::vector<float>& values) { return floats(values, tools::GltfType::kVec3, true); }
+
+  tools::GltfPrimitive primitive(const std::vector<float>& points, const std::vector<uint32_t>& corners) {
+    tools::GltfPrimitive out;
+    out.attributes.emplace_back("POSITION", positions(points));
+    if (!corners.empty()) out.indices = indices(corners);
+    return out;
+  }
+
+  tools::GltfPrimitive grid(const GridSpec& spec, uint32_t material = format::kNone) {
+    std::vector<float> points, uvs, colors, normals;
+    std::vector<uint32_t> corners;
+    const uint32_t width = spec.columns + 1;
+    const auto add_vertex = [&](uint32_t x, uint32_t y) {
+      const float u = static_cast<float>(x) / static_cast<float>(spec.columns);
+      const float v = static_cast<float>(y) / static_cast<float>(spec.rows);
+      const float height = spec.flat ? 0.0f : 0.1f * spec.size * std::sin(7 * u) * std::cos(5 * v);
+      points.insert(points.end(),
+                    {spec.origin[0] + u * spec.size, spec.origin[1] + height, spec.origin[2] + v * spec.size});
+      uvs.insert(uvs.end(), {3 * u, 1 - v});
+      const float c = spec.white ? 1.0f : u;
+      colors.insert(colors.end(), {c, spec.white ? 1.0f : v, 1.0f, 1.0f});
+      const float length = std::sqrt(1 + u * u);
+      normals.insert(normals.end(), {u / length, 1 / length, 0.0f});
+    };
+    if (spec.indexed)
+      for (uint32_t y = 0; y <= spec.rows; ++y)
+        for (uint32_t x = 0; x <= spec.columns; ++x) add_vertex(x, y);
+    for (uint32_t y = 0; y < spec.rows; ++y) {
+      for (uint32_t x = 0; x < spec.columns; ++x) {
+        const uint32_t at[6][2] = {{x, y}, {x, y + 1}, {x + 1, y}, {x + 1, y}, {x, y + 1}, {x + 1, y + 1}};
+        for (const auto& corner : at) {
+          if (spec.indexed) {
+            corners.push_back(corner[1] * width + corner[0]);
+          } else {
+            add_vertex(corner[0], corner[1]);
+          }
+        }
+      }
+    }
+    tools::GltfPrimitive out = primitive(points, corners);
+    out.material = material;
+    if (spec.uv) out.attributes.emplace_back("TEXCOORD_0", floats(uvs, tools::GltfType::kVec2));
+    if (spec.color || spec.white) out.attributes.emplace_back("COLOR_0", floats(colors, tools::GltfType::kVec4));
+    if (spec.normal) out.attributes.emplace_back("NORMAL", floats(normals, tools::GltfType::kVec3));
+    return out;
+  }
+
+  uint32_t mesh(const std::string& name, std::vector<tools::GltfPrimitive> primitives) {
+    tools::GltfMesh out;
+    out.name = name;
+    out.primitives = std::move(primitives);
+    return writer_.add_mesh(out);
+  }
+
+  /// A root node that draws `mesh` at a place.
+  uint32_t node(const std::string& name, uint32_t mesh, std::array<double, 3> place = {0, 0, 0}) {
+    tools::GltfNode out;
+    out.name = name;
+    out.mesh = mesh;
+    for (size_t i = 0; i < 3; ++i) out.local[i] = place[i];
+    const uint32_t number = writer_.add_node(out);
+    roots_.push_back(number);
+    return number;
+  }
+
+  void finish(bool with_scene = true) {
+    if (with_scene) {
+      tools::GltfScene scene;
+      scene.name = "all";
+      scene.nodes = roots_;
+      writer_.add_scene(scene);
+    }
+    const Result<void> done = writer_.finish();
+    if (!done) FAIL(done.error().message);
+  }
+
+ private:
+  static tools::GltfWriter open(const std::string& path) {
+    Result<tools::GltfWriter> writer = tools::GltfWriter::create(path);
+    if (!writer) FAIL(writer.error().message);
+    return std::move(*writer);
+  }
+
+  uint32_t view(std::span<const std::byte> bytes, tools::GltfTarget target) {
+    const Result<uint64_t> offset = writer_.append(bytes);
+    REQUIRE(offset);
+    return writer_.add_buffer_view({*offset, bytes.size(), 0, target});
+  }
+
+  tools::GltfWriter writer_;
+  std::vector<uint32_t> roots_;
+};
+
+/// A file with one node of one mesh of the given primitives.
+inline void make_model(const std::string& path, const GridSpec& spec) {
+  ModelMaker maker(path);
+  maker.node("node", maker.mesh("mesh", {maker.grid(spec)}));
+  maker.finish();
+}
+
+}  // namespace scree::tests

@@ -1,0 +1,83 @@
+// Every real model: convert, open, decode, compare with the source within the stated error.
+#include <filesystem>
+#include <map>
+#include <string>
+#include <vector>
+
+#include "tests/catch.h"
+#include "tests/models.h"
+#include "tests/tools/source_compare.h"
+#include "tests/tools/temp_folder.h"
+#include "tools/convert/convert.h"
+
+using namespace scree;
+namespace fs = std::filesystem;
+
+namespace {
+
+std::vector<fs::path> model_files() {
+  std::vector<fs::path> files;
+  const fs::path root = tests::models_path();
+  if (root.empty()) return files;
+  for (const fs::directory_entry& entry : fs::recursive_directory_iterator(root / "scenes")) {
+    const std::string extension = entry.path().extension().string();
+    if (entry.is_regular_file() && (extension == ".gltf" || extension == ".glb")) files.push_back(entry.path());
+  }
+  std::sort(files.begin(), files.end());
+  return files;
+}
+
+}  // namespace
+
+TEST_CASE("every model converts to what it was within the stated error", "[models]") {
+  const std::vector<fs::path> files = model_files();
+  if (files.empty()) {
+    WARN("the models are not there: skipped");
+    return;
+  }
+  const tests::TempFolder folder;
+  const std::string output = folder.file("model.scree");
+  uint64_t converted = 0, triangles = 0;
+  std::map<std::string, uint64_t> refused;
+  for (const fs::path& path : files) {
+    INFO(path.string());
+    convert::ConvertOptions options;
+    options.input = path.string();
+    options.output = output;
+    options.source_ids = true;
+    options.normals = converted % 2 == 0;
+    options.threads = 2;
+    if (converted % 3 == 1) options.grid = convert::Grid::kScene;
+    if (converted % 5 == 1) options.zstd_level = 1;
+    Result<convert::ConvertReport> report = convert::convert(options);
+    if (!report && report.error().message.find("--grid scene") != std::string::npos) {
+      // A detailed mesh beside a very wide one: a common step may need more bits than there are.
+      REQUIRE(report.error().code == ErrorCode::kRange);
+      REQUIRE(options.grid == convert::Grid::kScene);
+      options.grid = convert::Grid::kMesh;
+      report = convert::convert(options);
+    }
+    if (!report) {
+      // Only what this program does not do at all, and documents whose nodes are no trees; a model that it should read
+      // must not be refused.
+      const std::string& message = report.error().message;
+      INFO(message);
+      CHECK((report.error().code == ErrorCode::kUnsupported || message.find("has two parents") != std::string::npos ||
+             message.find("is no root") != std::string::npos));
+      CHECK_FALSE(fs::exists(output));
+      CHECK_FALSE(fs::exists(output + ".part"));
+      ++refused[report.error().message];
+      continue;
+    }
+    const tests::Comparison comparison = tests::compare_with_source(path.string(), output);
+    CHECK(comparison.difference == "");
+    CHECK(comparison.triangles == report->triangles);
+    CHECK(comparison.position_error <= report->position_error_bound);
+    CHECK(comparison.position_error == report->position_error);
+    fs::remove(output);
+    ++converted;
+    triangles += report->triangles;
+  }
+  CHECK(converted >= 150);
+  CHECK(triangles >= 500000);
+}
