@@ -16,10 +16,10 @@ struct Command {
   std::function<Result<void>()> run;
 };
 
-[[gnu::weak]] Command add_convert(CLI::App& parent);
-[[gnu::weak]] Command add_inspect(CLI::App& parent);
+Command add_convert(CLI::App& parent);
+Command add_inspect(CLI::App& parent);
 [[gnu::weak]] Command add_render(CLI::App& parent);
 [[gnu::weak]] Command add_synth(CLI::App& parent);
-[[gnu::weak]] Command add_export(CLI::App& parent);
+Command add_export(CLI::App& parent);
 
 }  // namespace scree::tools

@@ -1,0 +1,16 @@
+// Numbers as people read them.
+#pragma once
+
+#include <cstdint>
+#include <string>
+
+namespace scree::tools {
+
+/// "18,900,000,000".
+std::string grouped(uint64_t number);
+
+/// Three significant digits without an exponent where that stays short ("0.000122", "37.4", "12,345"), else as
+/// "1.19e-07".
+std::string short_number(double number);
+
+}  // namespace scree::tools

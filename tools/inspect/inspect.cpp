@@ -1,0 +1,85 @@
+#include "tools/inspect/inspect.h"
+
+#include <cerrno>
+#include <cstring>
+#include <memory>
+#include <optional>
+
+#include "format/container.h"
+#include "runtime/mapped_file.h"
+#include "tools/common/command.h"
+#include "tools/common/human.h"
+#include "tools/inspect/report.h"
+#include "tools/inspect/stats.h"
+#include "tools/inspect/verify.h"
+
+namespace scree::inspect {
+namespace {
+
+void print(const std::string& text, std::FILE* out) {
+  std::fwrite(text.data(), 1, text.size(), out);
+}
+
+/// What the system said when a line could not be written: a full disk behind a redirection, a closed pipe.
+Result<void> check_written(std::FILE* out) {
+  errno = 0;
+  if (std::fflush(out) != 0 || std::ferror(out)) {
+    return Error{ErrorCode::kFile, std::string("standard output: ") + std::strerror(errno != 0 ? errno : EIO)};
+  }
+  return {};
+}
+
+}  // namespace
+
+Result<void> inspect_file(const std::string& path, const InspectOptions& options, std::FILE* out) {
+  const auto map = runtime::MappedFile::open(path);
+  if (!map) return map.error();
+  const auto file = format::Container::open(map->bytes());
+  if (!file) return at(path, file.error());
+
+  std::optional<VerifyReport> verified;
+  if (options.verify) verified = verify(*file, map->bytes(), options.threads);
+  const Stats stats = gather(*file, map->bytes(), options.top);
+  if (options.json) {
+    print_json(*file, stats, path, verified ? &*verified : nullptr, options.chunks, out);
+  } else {
+    print(text_report(*file, stats, path), out);
+    if (options.chunks) {
+      print("\n", out);
+      print_chunks(*file, out);
+    }
+    if (verified) print("\n" + text_verify(*verified), out);
+  }
+  const auto written = check_written(out);
+  if (!written) return written;
+  if (verified && verified->failure_count != 0) {
+    const uint64_t others = verified->failure_count - 1;
+    Error error = at(path, verified->failures.front().error);
+    if (others != 0) error.message += " (and " + tools::grouped(others) + " more)";
+    return error;
+  }
+  return {};
+}
+
+}  // namespace scree::inspect
+
+namespace scree::tools {
+
+Command add_inspect(CLI::App& parent) {
+  struct Arguments {
+    std::string path;
+    inspect::InspectOptions options;
+  };
+  auto arguments = std::make_shared<Arguments>();
+  inspect::InspectOptions& options = arguments->options;
+  CLI::App* app = parent.add_subcommand("inspect", "Show what a .scree file holds and costs, and check it");
+  app->add_option("FILE", arguments->path, "The .scree file")->required();
+  app->add_flag("--json", options.json, "One JSON object, amounts in bytes");
+  app->add_flag("--verify", options.verify, "Check every checksum and decode everything");
+  app->add_flag("--chunks", options.chunks, "Add a row for every chunk");
+  app->add_option("--top", options.top, "Meshes and images to list by name")->capture_default_str();
+  app->add_option("--threads", options.threads, "Threads of --verify; 0 is one a core")->capture_default_str();
+  return {app, [arguments] { return inspect::inspect_file(arguments->path, arguments->options, stdout); }};
+}
+
+}  // namespace scree::tools

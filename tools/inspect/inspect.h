@@ -1,0 +1,24 @@
+// `scree inspect`: what is in a file, what each part costs, how big the error is, and whether every byte is as written.
+#pragma once
+
+#include <cstdint>
+#include <cstdio>
+#include <string>
+
+#include "format/result.h"
+
+namespace scree::inspect {
+
+struct InspectOptions {
+  bool json = false;
+  bool verify = false;
+  bool chunks = false;
+  uint32_t top = 10;     // meshes and images listed by name
+  uint32_t threads = 0;  // of --verify; 0: one a core
+};
+
+/// Prints the report to `out`. Errors kFile, and what Container::open and verify() find: the first failure, named with
+/// the file, after all of them are printed.
+Result<void> inspect_file(const std::string& path, const InspectOptions& options, std::FILE* out);
+
+}  // namespace scree::inspect

@@ -1,0 +1,37 @@
+// What inspect prints: tables for people, or JSON.
+#pragma once
+
+#include <cstdio>
+#include <string>
+
+#include "format/container.h"
+#include "tools/inspect/stats.h"
+#include "tools/inspect/verify.h"
+
+namespace scree::inspect {
+
+/// Bytes of the source glTF that a kind of content stands against; 0 where the file does not know.
+struct SourceBytes {
+  uint64_t indices = 0;
+  uint64_t positions = 0;
+  uint64_t attributes = 0;
+  uint64_t images = 0;
+  uint64_t total = 0;
+};
+SourceBytes source_bytes(const format::Container& file);
+
+/// The tables, with footnotes. `path`: of the file, for the first line.
+std::string text_report(const format::Container& file, const Stats& stats, const std::string& path);
+
+/// What --verify checked and found.
+std::string text_verify(const VerifyReport& report);
+
+/// One row a chunk, to `out` as they come.
+void print_chunks(const format::Container& file, std::FILE* out);
+
+/// One JSON object, to `out`: names are stable, amounts are bytes, ratios plain numbers, and what has no value is
+/// absent. `verify`: null where it was not asked for. `with_chunks`: a member "chunk_rows" with an object a chunk.
+void print_json(const format::Container& file, const Stats& stats, const std::string& path, const VerifyReport* verify,
+                bool with_chunks, std::FILE* out);
+
+}  // namespace scree::inspect

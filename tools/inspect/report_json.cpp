@@ -1,0 +1,411 @@
+#include <string>
+
+#include "format/quantize.h"
+#include "tools/common/json_writer.h"
+#include "tools/inspect/report.h"
+
+namespace scree::inspect {
+namespace {
+
+using tools::JsonWriter;
+
+const char* codec_name(format::ImageCodec codec) {
+  return codec == format::ImageCodec::kJpeg ? "jpeg" : "png";
+}
+
+/// Ratios against nothing are left out: JSON has no word for them.
+void ratio(JsonWriter& json, const char* name, uint64_t part, uint64_t whole) {
+  if (whole != 0) json.member(name, static_cast<double>(part) / static_cast<double>(whole));
+}
+
+/// "bytes", "raw_bytes" and the ratios of one kind of content. `source`, `reference`: 0 where there is none.
+void cost(JsonWriter& json, const Stats& stats, const Cost& bytes, uint64_t source, uint64_t reference) {
+  json.member("bytes", bytes.stored);
+  json.member("raw_bytes", bytes.raw);
+  ratio(json, "share", bytes.stored, stats.file_bytes);
+  ratio(json, "bits_per_triangle", 8 * bytes.stored, stats.triangles);
+  if (source != 0) json.member("source_bytes", source);
+  ratio(json, "source_ratio", bytes.stored, source);
+  if (reference != 0) json.member("float32_bytes", reference);
+  ratio(json, "float32_ratio", bytes.stored, reference);
+}
+
+void spread(JsonWriter& json, const char* name, const Spread& values) {
+  json.key(name);
+  json.begin_object();
+  json.member("min", values.min);
+  json.member("median", values.median);
+  json.member("max", values.max);
+  json.end_object();
+}
+
+void file_member(JsonWriter& json, const format::Container& file, const Stats& stats, const std::string& path) {
+  const format::SourceRecord& source = file.source();
+  json.key("file");
+  json.begin_object();
+  json.member("path", path);
+  json.member("bytes", stats.file_bytes);
+  json.member("version_major", uint64_t{file.header().version_major});
+  json.member("version_minor", uint64_t{file.header().version_minor});
+  json.member("generator", file.string(source.generator));
+  json.member("options", file.string(source.options));
+  json.member("copyright", file.string(source.copyright));
+  json.end_object();
+  json.line();
+
+  json.key("source");
+  json.begin_object();
+  json.member("name", file.string(source.name));
+  json.member("json_bytes", source.json_bytes);
+  json.member("buffer_bytes", source.buffer_bytes);
+  json.member("image_bytes", source.image_bytes);
+  json.member("index_bytes", source.index_bytes);
+  json.member("position_bytes", source.position_bytes);
+  json.member("attribute_bytes", source.attribute_bytes);
+  json.end_object();
+  json.line();
+}
+
+void size_member(JsonWriter& json, const format::Container& file, const Stats& stats) {
+  const SourceBytes source = source_bytes(file);
+  json.key("size");
+  json.begin_object();
+  uint64_t reference = stats.images.raw;
+  for (size_t i = 0; i < kStreamCount; ++i) {
+    const auto stream = static_cast<Stream>(i);
+    json.key(stream_key(stream));
+    json.begin_object();
+    // The source's attribute bytes are one sum, given with "attributes".
+    const uint64_t source_of = stream == kIndices ? source.indices : stream == kPositions ? source.positions : 0;
+    cost(json, stats, stats.streams[i], source_of, stats.reference_bytes[i]);
+    json.end_object();
+    reference += stats.reference_bytes[i];
+  }
+  json.key("textures");
+  json.begin_object();
+  cost(json, stats, stats.images, source.images, 0);
+  json.end_object();
+  json.key("container");
+  json.begin_object();
+  cost(json, stats, {stats.container_bytes(), stats.container_bytes()}, 0, 0);
+  json.end_object();
+  json.key("total");
+  json.begin_object();
+  json.member("bytes", stats.file_bytes);
+  ratio(json, "bits_per_triangle", 8 * stats.file_bytes, stats.triangles);
+  if (source.total != 0) json.member("source_bytes", source.total);
+  ratio(json, "source_ratio", stats.file_bytes, source.total);
+  if (reference != 0) json.member("float32_bytes", reference);
+  ratio(json, "float32_ratio", stats.file_bytes, reference);
+  json.end_object();
+  json.end_object();
+  json.line();
+}
+
+void scene_member(JsonWriter& json, const format::Container& file) {
+  json.key("scene");
+  json.begin_object();
+  json.member("nodes", file.nodes().size());
+  json.member("groups", file.groups().size());
+  json.member("meshes", file.meshes().size());
+  json.member("instances", file.instances().size());
+  json.member("node_instances", file.node_instances().size());
+  json.member("matrices", file.matrices().size());
+  json.member("materials", file.materials().size());
+  json.member("textures", file.textures().size());
+  json.member("images", file.images().size());
+  json.member("cameras", file.cameras().size());
+  json.key("scenes");
+  json.begin_array();
+  const auto scenes = file.scenes();
+  for (uint64_t i = 0; i < scenes.size(); ++i) {
+    json.begin_object();
+    json.member("name", file.string(scenes[i].name));
+    json.member("default", (scenes[i].flags & 1) != 0);
+    json.member("roots", scenes[i].root_count);
+    json.member("instances", scenes[i].instance_count);
+    json.member("triangles_drawn", scenes[i].triangle_count);
+    json.end_object();
+  }
+  json.end_array();
+  json.end_object();
+  json.line();
+}
+
+void meshes_member(JsonWriter& json, const format::Container& file, const Stats& stats) {
+  json.key("meshes");
+  json.begin_object();
+  json.member("count", file.meshes().size());
+  json.member("triangles", stats.triangles);
+  json.member("vertices", stats.vertices);
+  json.member("source_vertices", stats.source_vertices);
+  json.member("bytes", stats.geometry_bytes());
+  json.member("max_position_error", stats.max_position_error);
+  spread(json, "triangles_each", stats.mesh_triangles);
+  json.key("top");
+  json.begin_array();
+  for (const MeshCost& entry : stats.top_meshes) {
+    const format::MeshRecord& mesh = file.meshes()[entry.mesh];
+    json.begin_object();
+    json.member("mesh", entry.mesh);
+    json.member("name", file.string(file.groups()[mesh.group].name));
+    json.member("group", mesh.group);
+    json.member("bytes", entry.stored);
+    json.member("triangles", mesh.triangle_count);
+    json.member("vertices", mesh.vertex_count);
+    json.member("source_vertices", mesh.source_vertex_count);
+    json.member("chunks", mesh.chunk_count);
+    const bool is_float32 = mesh.position_encoding == format::PositionEncoding::kFloat32;
+    json.member("float32", is_float32);
+    if (!is_float32) json.member("step", format::exp2i(mesh.lattice_exponent));
+    json.member("max_position_error", mesh.max_position_error);
+    json.member("max_uv_error", static_cast<double>(mesh.max_uv_error));
+    json.end_object();
+  }
+  json.end_array();
+  json.end_object();
+  json.line();
+}
+
+void chunks_member(JsonWriter& json, const format::Container& file, const Stats& stats) {
+  json.key("chunks");
+  json.begin_object();
+  json.member("count", file.chunks().size());
+  spread(json, "triangles_each", stats.chunk_triangles);
+  spread(json, "vertices_each", stats.chunk_vertices);
+  spread(json, "bytes_each", stats.chunk_bytes);
+  json.member("pages", stats.pages);
+  json.member("geometry_pages", stats.geometry_pages);
+  json.member("compressed_pages", stats.compressed_pages);
+  json.end_object();
+  json.line();
+
+  json.key("index_bits");
+  json.begin_array();
+  for (size_t bits = 0; bits < stats.index_bits.size(); ++bits) {
+    if (stats.index_bits[bits].chunks == 0) continue;
+    json.begin_object();
+    json.member("bits", uint64_t{bits});
+    json.member("chunks", stats.index_bits[bits].chunks);
+    json.member("triangles", stats.index_bits[bits].triangles);
+    json.end_object();
+  }
+  json.end_array();
+  json.line();
+
+  json.key("position_steps");
+  json.begin_array();
+  for (const LatticeStats& lattice : stats.lattices) {
+    json.begin_object();
+    json.member("float32", lattice.is_float32);
+    if (!lattice.is_float32) {
+      json.member("step", format::exp2i(lattice.exponent));
+      json.key("exponent");
+      json.value(static_cast<double>(lattice.exponent));
+    }
+    json.member("meshes", lattice.meshes);
+    json.member("triangles", lattice.triangles);
+    json.member("vertices", lattice.vertices);
+    json.member("bytes", lattice.stored);
+    json.member("max_error", lattice.max_error);
+    json.end_object();
+  }
+  json.end_array();
+  json.line();
+}
+
+void attributes_member(JsonWriter& json, const format::Container& file, const Stats& stats) {
+  json.key("attributes");
+  json.begin_object();
+  const SourceBytes source = source_bytes(file);
+  json.member("bytes", stats.attribute_bytes());
+  if (source.attributes != 0) json.member("source_bytes", source.attributes);
+  ratio(json, "source_ratio", stats.attribute_bytes(), source.attributes);
+  for (const Stream stream : {kUvs, kColors, kNormals, kSourceIds}) {
+    json.key(stream_key(stream));
+    json.begin_object();
+    json.member("meshes", stats.stream_meshes[stream]);
+    json.member(stream == kSourceIds ? "triangles" : "vertices", stats.stream_elements[stream]);
+    json.member("bytes", stats.streams[stream].stored);
+    if (stream == kUvs) json.member("max_error", stats.max_uv_error);
+    if (stream == kNormals) json.member("min_bits", stats.min_normal_bits);
+    json.end_object();
+  }
+  json.end_object();
+  json.line();
+}
+
+void textures_member(JsonWriter& json, const format::Container& file, const Stats& stats) {
+  json.key("textures");
+  json.begin_object();
+  json.member("count", file.textures().size());
+  json.member("images", file.images().size());
+  for (const format::ImageCodec codec : {format::ImageCodec::kJpeg, format::ImageCodec::kPng}) {
+    const ImageStats& kind = stats.image_kinds[static_cast<size_t>(codec)];
+    json.key(codec_name(codec));
+    json.begin_object();
+    json.member("images", kind.images);
+    json.member("pixels", kind.pixels);
+    json.member("bytes", kind.cost.stored);
+    json.end_object();
+  }
+  json.key("top");
+  json.begin_array();
+  for (const uint32_t number : stats.top_images) {
+    const format::ImageRecord& image = file.images()[number];
+    json.begin_object();
+    json.member("image", number);
+    json.member("name", file.string(image.name));
+    json.member("codec", codec_name(image.codec));
+    json.member("width", image.width);
+    json.member("height", image.height);
+    json.member("channels", image.channels);
+    json.member("bytes", file.pages()[image.page].stored_bytes);
+    json.end_object();
+  }
+  json.end_array();
+  json.end_object();
+  json.line();
+}
+
+void container_member(JsonWriter& json, const format::Container& file, const Stats& stats) {
+  json.key("container");
+  json.begin_object();
+  json.member("bytes", stats.container_bytes());
+  json.member("header_bytes", stats.header_bytes);
+  json.member("toc_bytes", stats.toc_bytes);
+  json.member("page_gap_bytes", stats.page_gaps.stored);
+  json.member("other_page_bytes", stats.other_pages);
+  json.member("padding_bytes", stats.padding_bytes);
+  json.key("tables");
+  json.begin_array();
+  for (const TableCost& table : stats.tables) {
+    json.begin_object();
+    json.member("name", table.name);
+    json.member("kind", static_cast<uint32_t>(table.kind));
+    json.member("records", table.records);
+    json.member("record_bytes", table.record_bytes);
+    json.member("bytes", table.bytes);
+    json.end_object();
+  }
+  json.end_array();
+  json.end_object();
+  json.line();
+
+  json.key("left_out");
+  json.begin_array();
+  const auto left_out = file.left_out();
+  for (uint64_t i = 0; i < left_out.size(); ++i) {
+    json.begin_object();
+    json.member("what", file.string(left_out[i].what));
+    json.member("count", left_out[i].count);
+    json.member("source_bytes", left_out[i].source_bytes);
+    json.end_object();
+  }
+  json.end_array();
+}
+
+void verify_member(JsonWriter& json, const VerifyReport& report) {
+  json.key("verify");
+  json.begin_object();
+  json.member("ok", report.failure_count == 0);
+  json.member("tables", report.tables);
+  json.member("pages", report.pages);
+  json.member("page_bytes", report.page_bytes);
+  json.member("raw_bytes", report.raw_bytes);
+  json.member("padding_bytes", report.padding_bytes);
+  json.member("chunks", report.chunks);
+  json.member("triangles", report.triangles);
+  json.member("vertices", report.vertices);
+  json.member("meshes", report.meshes);
+  json.member("images", report.images);
+  json.member("pixels", report.pixels);
+  json.key("warnings");
+  json.begin_array();
+  for (const std::string& warning : report.warnings) json.value(warning);
+  json.end_array();
+  json.member("failure_count", report.failure_count);
+  json.key("failures");
+  json.begin_array();
+  for (const Failure& failure : report.failures) {
+    json.begin_object();
+    json.member("offset", failure.offset);
+    json.member("message", failure.error.message);
+    json.end_object();
+  }
+  json.end_array();
+  json.end_object();
+}
+
+/// Streams: a file may have millions of chunks.
+void chunk_rows_member(JsonWriter& json, const format::Container& file, std::string& text, std::FILE* out) {
+  constexpr size_t kDrainBytes = size_t{1} << 20;
+  json.key("chunk_rows");
+  json.begin_array();
+  const auto chunks = file.chunks();
+  for (uint64_t i = 0; i < chunks.size(); ++i) {
+    const format::ChunkRecord& chunk = chunks[i];
+    const uint32_t attributes = file.meshes()[chunk.mesh].attributes;
+    json.line();
+    json.begin_object();
+    json.member("chunk", i);
+    json.member("mesh", chunk.mesh);
+    json.member("page", chunk.page);
+    json.member("offset", chunk.offset);
+    json.member("bytes", chunk.bytes);
+    json.member("first_triangle", chunk.first_triangle);
+    json.member("triangles", chunk.triangle_count);
+    json.member("vertices", chunk.vertex_count);
+    json.member("index_bits", uint32_t{chunk.index_bits});
+    json.key("position_bits");
+    json.begin_array();
+    for (const uint8_t bits : chunk.position_bits) json.value(uint32_t{bits});
+    json.end_array();
+    if (attributes & format::kHasUv) {
+      json.key("uv_bits");
+      json.begin_array();
+      for (const uint8_t bits : chunk.uv_bits) json.value(uint32_t{bits});
+      json.end_array();
+    }
+    if (attributes & format::kHasNormal) json.member("normal_bits", uint32_t{chunk.normal_bits});
+    if (attributes & format::kHasSourceIds) json.member("source_bits", uint32_t{chunk.source_bits});
+    json.end_object();
+    if (text.size() > kDrainBytes) {
+      std::fwrite(text.data(), 1, text.size(), out);
+      text.clear();
+    }
+  }
+  json.end_array();
+}
+
+}  // namespace
+
+void print_json(const format::Container& file, const Stats& stats, const std::string& path, const VerifyReport* verify,
+                bool with_chunks, std::FILE* out) {
+  std::string text;
+  JsonWriter json(text);
+  json.begin_object();
+  json.line();
+  file_member(json, file, stats, path);
+  size_member(json, file, stats);
+  scene_member(json, file);
+  meshes_member(json, file, stats);
+  chunks_member(json, file, stats);
+  attributes_member(json, file, stats);
+  textures_member(json, file, stats);
+  container_member(json, file, stats);
+  if (verify != nullptr) {
+    json.line();
+    verify_member(json, *verify);
+  }
+  if (with_chunks) {
+    json.line();
+    chunk_rows_member(json, file, text, out);
+  }
+  json.line();
+  json.end_object();
+  json.line();
+  std::fwrite(text.data(), 1, text.size(), out);
+}
+
+}  // namespace scree::inspect

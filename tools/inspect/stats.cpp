@@ -1,0 +1,311 @@
+#include "tools/inspect/stats.h"
+
+#include <algorithm>
+#include <map>
+#include <numeric>
+#include <utility>
+
+#include "format/bytes.h"
+#include "format/chunk_layout.h"
+
+namespace scree::inspect {
+namespace {
+
+using format::ChunkRecord;
+using format::MeshRecord;
+using format::PageKind;
+
+const char* table_name(format::TableKind kind) {
+  switch (kind) {
+    case format::TableKind::kPages:
+      return "pages";
+    case format::TableKind::kMeshes:
+      return "meshes";
+    case format::TableKind::kChunks:
+      return "chunks";
+    case format::TableKind::kGroups:
+      return "groups";
+    case format::TableKind::kNodes:
+      return "nodes";
+    case format::TableKind::kInstances:
+      return "instances";
+    case format::TableKind::kMatrices:
+      return "matrices";
+    case format::TableKind::kNodeInstances:
+      return "node_instances";
+    case format::TableKind::kMaterials:
+      return "materials";
+    case format::TableKind::kTextures:
+      return "textures";
+    case format::TableKind::kImages:
+      return "images";
+    case format::TableKind::kCameras:
+      return "cameras";
+    case format::TableKind::kScenes:
+      return "scenes";
+    case format::TableKind::kSceneRoots:
+      return "scene_roots";
+    case format::TableKind::kStrings:
+      return "strings";
+    case format::TableKind::kSource:
+      return "source";
+    case format::TableKind::kLeftOut:
+      return "left_out";
+  }
+  return "unknown";
+}
+
+std::array<uint64_t, kStreamCount> stream_bytes(const MeshRecord& mesh, const ChunkRecord& chunk) {
+  const format::ChunkStreams streams = format::chunk_streams(mesh, chunk);
+  return {streams.indices.bytes, streams.positions.bytes, streams.uvs.bytes,
+          streams.colors.bytes,  streams.normals.bytes,   streams.source_ids.bytes};
+}
+
+/// Hands out the stored bytes of a page piece by piece in proportion to their raw bytes; the pieces add up to the page.
+class PageShares {
+ public:
+  void add_raw(uint64_t bytes) { raw_ += bytes; }
+  uint64_t raw() const { return raw_; }
+
+  /// Call after all raw bytes are known. `page_raw`: of the page; larger than raw() where it has gaps.
+  void start(uint64_t stored, uint64_t page_raw) {
+    stored_ = stored;
+    total_ = std::max(raw_, page_raw);
+    raw_ = 0;
+  }
+  uint64_t take(uint64_t raw) {
+    const uint64_t before = given(raw_);
+    raw_ += raw;
+    return given(raw_) - before;
+  }
+  uint64_t left_raw() const { return total_ - raw_; }
+
+ private:
+  uint64_t given(uint64_t raw) const {
+    if (total_ == 0) return 0;
+    __extension__ using Wide = unsigned __int128;
+    return static_cast<uint64_t>(Wide{stored_} * raw / total_);
+  }
+
+  uint64_t stored_ = 0;
+  uint64_t total_ = 0;
+  uint64_t raw_ = 0;
+};
+
+Spread spread_of(std::vector<uint64_t>& values) {
+  if (values.empty()) return {};
+  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+  std::nth_element(values.begin(), middle, values.end());
+  const auto [least, most] = std::minmax_element(values.begin(), values.end());
+  return {*least, *middle, *most};
+}
+
+/// The numbers of the `top` largest of `values`, largest first; equal ones by number.
+std::vector<uint32_t> largest(const std::vector<uint64_t>& values, uint32_t top) {
+  std::vector<uint32_t> order(values.size());
+  std::iota(order.begin(), order.end(), 0u);
+  const size_t count = std::min<size_t>(top, order.size());
+  std::partial_sort(order.begin(), order.begin() + static_cast<std::ptrdiff_t>(count), order.end(),
+                    [&](uint32_t a, uint32_t b) { return values[a] != values[b] ? values[a] > values[b] : a < b; });
+  order.resize(count);
+  return order;
+}
+
+void count_container(const format::Container& file, std::span<const std::byte> bytes, Stats& stats) {
+  const format::FileHeader& header = file.header();
+  stats.header_bytes = header.header_bytes;
+  stats.toc_bytes = uint64_t{header.toc_count} * sizeof(format::TocEntry);
+  for (uint32_t i = 0; i < header.toc_count; ++i) {
+    const auto entry = format::load<format::TocEntry>(bytes.data() + header.toc_offset + i * sizeof(format::TocEntry));
+    const uint64_t table_bytes = entry.record_count * entry.record_bytes;
+    stats.tables.push_back({entry.kind, table_name(entry.kind), entry.record_count, entry.record_bytes, table_bytes});
+    stats.tables_bytes += table_bytes;
+  }
+}
+
+/// Bytes of every stream, per mesh and over all.
+void count_geometry(const format::Container& file, std::vector<PageShares>& pages, std::vector<uint64_t>& mesh_bytes,
+                    std::map<std::pair<bool, int32_t>, LatticeStats>& lattices, Stats& stats) {
+  const auto meshes = file.meshes();
+  const auto chunks = file.chunks();
+  std::vector<uint64_t> triangles, vertices, payloads;
+  triangles.reserve(chunks.size());
+  vertices.reserve(chunks.size());
+  payloads.reserve(chunks.size());
+  for (uint64_t i = 0; i < chunks.size(); ++i) {
+    const ChunkRecord& chunk = chunks[i];
+    const MeshRecord& mesh = meshes[chunk.mesh];
+    const auto raw = stream_bytes(mesh, chunk);
+    for (size_t stream = 0; stream < kStreamCount; ++stream) {
+      const uint64_t stored = pages[chunk.page].take(raw[stream]);
+      stats.streams[stream].raw += raw[stream];
+      stats.streams[stream].stored += stored;
+      mesh_bytes[chunk.mesh] += stored;
+      if (stream == kPositions) {
+        const bool is_float32 = mesh.position_encoding == format::PositionEncoding::kFloat32;
+        lattices[{is_float32, is_float32 ? 0 : mesh.lattice_exponent}].stored += stored;
+      }
+    }
+    triangles.push_back(chunk.triangle_count);
+    vertices.push_back(chunk.vertex_count);
+    payloads.push_back(chunk.bytes);
+    IndexBits& bits = stats.index_bits[std::min<size_t>(chunk.index_bits, 32)];
+    ++bits.chunks;
+    bits.triangles += chunk.triangle_count;
+    if ((mesh.attributes & format::kHasNormal) &&
+        (stats.min_normal_bits == 0 || chunk.normal_bits < stats.min_normal_bits)) {
+      stats.min_normal_bits = chunk.normal_bits;
+    }
+  }
+  stats.chunk_triangles = spread_of(triangles);
+  stats.chunk_vertices = spread_of(vertices);
+  stats.chunk_bytes = spread_of(payloads);
+}
+
+void count_meshes(const format::Container& file, std::map<std::pair<bool, int32_t>, LatticeStats>& lattices,
+                  Stats& stats) {
+  const auto meshes = file.meshes();
+  std::vector<uint64_t> triangles;
+  triangles.reserve(meshes.size());
+  for (uint64_t i = 0; i < meshes.size(); ++i) {
+    const MeshRecord& mesh = meshes[i];
+    const uint64_t reference = std::min(mesh.vertex_count, mesh.source_vertex_count);
+    triangles.push_back(mesh.triangle_count);
+    stats.triangles += mesh.triangle_count;
+    stats.vertices += mesh.vertex_count;
+    stats.source_vertices += mesh.source_vertex_count;
+    stats.reference_vertices += reference;
+    stats.max_position_error = std::max(stats.max_position_error, mesh.max_position_error);
+
+    const auto add = [&](Stream stream, uint64_t elements, uint64_t reference_bytes) {
+      ++stats.stream_meshes[stream];
+      stats.stream_elements[stream] += elements;
+      stats.reference_bytes[stream] += reference_bytes;
+    };
+    add(kIndices, 3 * mesh.triangle_count, 12 * mesh.triangle_count);
+    add(kPositions, mesh.vertex_count, 12 * reference);
+    if (mesh.attributes & format::kHasUv) {
+      add(kUvs, mesh.vertex_count, 8 * reference);
+      stats.max_uv_error = std::max(stats.max_uv_error, static_cast<double>(mesh.max_uv_error));
+    }
+    if (mesh.attributes & format::kHasColor) add(kColors, mesh.vertex_count, 16 * reference);
+    if (mesh.attributes & format::kHasNormal) add(kNormals, mesh.vertex_count, 12 * reference);
+    if (mesh.attributes & format::kHasSourceIds) add(kSourceIds, mesh.triangle_count, 0);
+
+    const bool is_float32 = mesh.position_encoding == format::PositionEncoding::kFloat32;
+    stats.float32_meshes += is_float32;
+    LatticeStats& lattice = lattices[{is_float32, is_float32 ? 0 : mesh.lattice_exponent}];
+    lattice.is_float32 = is_float32;
+    lattice.exponent = is_float32 ? 0 : mesh.lattice_exponent;
+    ++lattice.meshes;
+    lattice.triangles += mesh.triangle_count;
+    lattice.vertices += mesh.vertex_count;
+    lattice.max_error = std::max(lattice.max_error, mesh.max_position_error);
+  }
+  stats.mesh_triangles = spread_of(triangles);
+}
+
+void count_images(const format::Container& file, uint32_t top, Stats& stats) {
+  const auto pages = file.pages();
+  const auto images = file.images();
+  std::vector<bool> seen(pages.size());
+  std::vector<uint64_t> image_bytes(images.size());
+  for (uint32_t i = 0; i < images.size(); ++i) {
+    const format::PageRecord& page = pages[images[i].page];
+    const size_t codec = static_cast<size_t>(images[i].codec);
+    image_bytes[i] = page.stored_bytes;
+    if (codec < stats.image_kinds.size()) {
+      ++stats.image_kinds[codec].images;
+      stats.image_kinds[codec].pixels += uint64_t{images[i].width} * images[i].height;
+    }
+    if (seen[images[i].page]) continue;  // images may share a page; its bytes count once
+    seen[images[i].page] = true;
+    stats.images.stored += page.stored_bytes;
+    stats.images.raw += page.raw_bytes;
+    if (codec < stats.image_kinds.size()) {
+      stats.image_kinds[codec].cost.stored += page.stored_bytes;
+      stats.image_kinds[codec].cost.raw += page.raw_bytes;
+    }
+  }
+  for (uint64_t i = 0; i < pages.size(); ++i) {
+    if (pages[i].kind != PageKind::kGeometry && !seen[i]) stats.other_pages += pages[i].stored_bytes;
+  }
+  stats.top_images = largest(image_bytes, top);
+}
+
+}  // namespace
+
+const char* stream_key(Stream stream) {
+  static constexpr const char* kKeys[kStreamCount] = {"indices", "positions", "uvs", "colors", "normals", "source_ids"};
+  return kKeys[stream];
+}
+
+const char* stream_title(Stream stream) {
+  static constexpr const char* kTitles[kStreamCount] = {"indices",        "positions", "texture coordinates",
+                                                        "vertex colours", "normals",   "source numbers"};
+  return kTitles[stream];
+}
+
+uint64_t Stats::geometry_bytes() const {
+  uint64_t sum = 0;
+  for (const Cost& cost : streams) sum += cost.stored;
+  return sum;
+}
+
+uint64_t Stats::attribute_bytes() const {
+  return streams[kUvs].stored + streams[kColors].stored + streams[kNormals].stored;
+}
+
+uint64_t Stats::container_bytes() const {
+  return header_bytes + toc_bytes + tables_bytes + page_gaps.stored + other_pages + padding_bytes;
+}
+
+Stats gather(const format::Container& file, std::span<const std::byte> bytes, uint32_t top) {
+  Stats stats;
+  stats.file_bytes = bytes.size();
+  count_container(file, bytes, stats);
+
+  const auto pages = file.pages();
+  const auto chunks = file.chunks();
+  std::vector<PageShares> shares(pages.size());
+  for (uint64_t i = 0; i < chunks.size(); ++i) {
+    for (const uint64_t raw : stream_bytes(file.meshes()[chunks[i].mesh], chunks[i]))
+      shares[chunks[i].page].add_raw(raw);
+  }
+  uint64_t page_bytes = 0;
+  for (uint64_t i = 0; i < pages.size(); ++i) {
+    page_bytes += pages[i].stored_bytes;
+    ++stats.pages;
+    stats.geometry_pages += pages[i].kind == PageKind::kGeometry;
+    stats.compressed_pages += pages[i].codec == format::PageCodec::kZstd;
+    if (pages[i].kind == PageKind::kGeometry) shares[i].start(pages[i].stored_bytes, pages[i].raw_bytes);
+  }
+
+  std::map<std::pair<bool, int32_t>, LatticeStats> lattices;
+  std::vector<uint64_t> mesh_bytes(file.meshes().size());
+  count_meshes(file, lattices, stats);
+  count_geometry(file, shares, mesh_bytes, lattices, stats);
+  for (uint64_t i = 0; i < pages.size(); ++i) {
+    if (pages[i].kind != PageKind::kGeometry) continue;
+    const uint64_t gap = shares[i].left_raw();
+    stats.page_gaps.raw += gap;
+    stats.page_gaps.stored += shares[i].take(gap);
+  }
+  for (const uint32_t mesh : largest(mesh_bytes, top)) stats.top_meshes.push_back({mesh, mesh_bytes[mesh]});
+  for (auto entry = lattices.rbegin(); entry != lattices.rend(); ++entry) stats.lattices.push_back(entry->second);
+  count_images(file, top, stats);
+
+  stats.padding_bytes = stats.file_bytes - stats.header_bytes - stats.toc_bytes - stats.tables_bytes - page_bytes;
+  return stats;
+}
+
+std::string mesh_name(const format::Container& file, uint32_t mesh) {
+  const format::GroupRecord& group = file.groups()[file.meshes()[mesh].group];
+  const std::string_view name = file.string(group.name);
+  if (name.empty()) return "mesh " + std::to_string(mesh);
+  std::string text(name);
+  if (group.mesh_count > 1) text += " #" + std::to_string(mesh - group.first_mesh);
+  return text;
+}
+
+}  // namespace scree::inspect

@@ -1,0 +1,36 @@
+// Columns of text that line up.
+#pragma once
+
+#include <string>
+#include <string_view>
+#include <vector>
+
+namespace scree::inspect {
+
+/// Rows of cells, printed with every column as wide as its widest cell: the first `left` columns flush left, the others
+/// flush right. Cells are UTF-8; a letter counts as one column.
+class TextTable {
+ public:
+  explicit TextTable(size_t left = 1, size_t indent = 2) : left_(left), indent_(indent) {}
+
+  void row(std::vector<std::string> cells) { rows_.push_back({std::move(cells), false}); }
+  /// A line under or above the cells.
+  void rule() { rows_.push_back({{}, true}); }
+  bool empty() const { return rows_.empty(); }
+  std::string text() const;
+
+ private:
+  struct Row {
+    std::vector<std::string> cells;
+    bool is_rule;
+  };
+  size_t left_;
+  size_t indent_;
+  std::vector<Row> rows_;
+};
+
+/// `name` as one printable line of at most `width` letters: control characters, which could move a terminal's cursor,
+/// and bytes that are not UTF-8 become '?', what is too long ends in "...".
+std::string printable(std::string_view name, size_t width = 40);
+
+}  // namespace scree::inspect

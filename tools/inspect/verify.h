@@ -1,0 +1,50 @@
+// Checks every byte of a .scree file: what opening it left unread.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "format/container.h"
+#include "format/result.h"
+
+namespace scree::inspect {
+
+/// One thing that is wrong.
+struct Failure {
+  uint64_t offset = 0;  // bytes from the start of the file: where the page, table or padding lies
+  Error error;          // the message names the page or chunk and the offset
+};
+
+/// What was checked and what was found.
+struct VerifyReport {
+  uint64_t tables = 0;
+  uint64_t pages = 0;
+  uint64_t page_bytes = 0;  // stored
+  uint64_t raw_bytes = 0;   // after decompression
+  uint64_t padding_bytes = 0;
+  uint64_t chunks = 0;
+  uint64_t triangles = 0;
+  uint64_t vertices = 0;
+  uint64_t meshes = 0;  // whose box was compared with the decoded positions
+  uint64_t images = 0;
+  uint64_t pixels = 0;
+  std::vector<Failure> failures;  // by place in the file; at most kMaxFailures
+  uint64_t failure_count = 0;
+  std::vector<std::string> warnings;  // images that a decoder puts up with although they are damaged
+};
+
+inline constexpr size_t kMaxFailures = 100;
+
+/// Checks, beyond what Container::open has checked: the checksum of every table and page; that every page decompresses
+/// to its size; that every chunk decodes, with indices below its vertex count, positions inside its lattice and unused
+/// bits zero; that bytes of pages in no chunk, between chunks, and between and after tables and pages are zero; that
+/// nothing overlaps; that the box and the vertex count of every mesh are those of its decoded chunks; that every image
+/// decodes to the size its record says. `bytes`: the whole file that `file` was opened on. `threads`: 0 is one a core.
+/// The report is the same for any number. Memory: a page, its decoded chunks and a decoded image a thread, 8 bytes a
+/// chunk, 25 a mesh.
+VerifyReport verify(const format::Container& file, std::span<const std::byte> bytes, uint32_t threads);
+
+}  // namespace scree::inspect
