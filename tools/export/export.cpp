@@ -1,0 +1,296 @@
+#include "tools/export/export.h"
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <cstdio>
+#include <map>
+#include <memory>
+#include <thread>
+#include <utility>
+#include <vector>
+
+#include "runtime/mapped_file.h"
+#include "tools/common/command.h"
+#include "tools/common/gltf_writer.h"
+#include "tools/common/human.h"
+#include "tools/common/options.h"
+#include "tools/export/primitives.h"
+
+namespace scree::tools {
+namespace {
+
+using format::kNone;
+
+// glTF keeps index 2^32 - 1 for primitive restart.
+constexpr uint64_t kMaxPrimitiveVertices = 0xffffffffu;
+
+/// The document's materials. glTF wants TEXCOORD_0 wherever a material has a texture, while a source may use one
+/// material on primitives with and without texture coordinates: those without get a copy without the texture.
+class Materials {
+ public:
+  Materials(const format::Container& file, GltfWriter& writer) : file_(file), writer_(writer) {
+    for (uint32_t i = 0; i < file.materials().size(); ++i) writer.add_material(material(i));
+  }
+
+  /// The material of a mesh, in the document.
+  uint32_t of(uint32_t number, bool has_uv) {
+    if (number == kNone || has_uv || file_.materials()[number].texture == kNone) return number;
+    const auto [found, is_new] = untextured_.try_emplace(number, 0);
+    if (is_new) {
+      GltfMaterial copy = material(number);
+      copy.texture = kNone;
+      copy.transform = {};
+      found->second = writer_.add_material(std::move(copy));
+    }
+    return found->second;
+  }
+
+ private:
+  GltfMaterial material(uint32_t number) const {
+    const format::MaterialRecord& record = file_.materials()[number];
+    GltfMaterial material;
+    material.name = file_.string(record.name);
+    for (size_t i = 0; i < 4; ++i) material.base_color[i] = static_cast<double>(record.base_color[i]);
+    material.texture = record.texture;
+    if (record.texture != kNone) {
+      for (size_t i = 0; i < 2; ++i) {
+        material.transform.offset[i] = static_cast<double>(record.uv_offset[i]);
+        material.transform.scale[i] = static_cast<double>(record.uv_scale[i]);
+      }
+      material.transform.rotation = static_cast<double>(record.uv_rotation);
+    }
+    if (record.flags & format::kMaterialAlphaMask) {
+      material.alpha = GltfAlpha::kMask;
+      material.alpha_cutoff = static_cast<double>(record.alpha_cutoff);
+    } else if (record.flags & format::kMaterialAlphaBlend) {
+      material.alpha = GltfAlpha::kBlend;
+    }
+    material.double_sided = record.flags & format::kMaterialDoubleSided;
+    material.unlit = record.flags & format::kMaterialUnlit;
+    return material;
+  }
+
+  const format::Container& file_;
+  GltfWriter& writer_;
+  std::map<uint32_t, uint32_t> untextured_;
+};
+
+Result<void> add_images(const format::Container& file, GltfWriter& writer) {
+  std::vector<std::byte> scratch;
+  const auto images = file.images();
+  for (uint32_t i = 0; i < images.size(); ++i) {
+    const auto bytes = file.load_page(images[i].page, scratch);
+    if (!bytes) return at("image " + std::to_string(i) + ", page " + std::to_string(images[i].page), bytes.error());
+    const auto added = writer.add_image(file.string(images[i].name), images[i].codec, *bytes);
+    if (!added) return added.error();
+  }
+  return {};
+}
+
+void add_textures(const format::Container& file, GltfWriter& writer) {
+  const auto textures = file.textures();
+  for (uint32_t i = 0; i < textures.size(); ++i) {
+    GltfTexture texture;
+    texture.name = file.string(textures[i].name);
+    texture.image = textures[i].image;
+    texture.wrap_s = textures[i].wrap_s;
+    texture.wrap_t = textures[i].wrap_t;
+    texture.mag_filter = textures[i].mag_filter;
+    texture.min_filter = textures[i].min_filter;
+    writer.add_texture(std::move(texture));
+  }
+}
+
+void add_cameras(const format::Container& file, GltfWriter& writer) {
+  const auto cameras = file.cameras();
+  for (uint32_t i = 0; i < cameras.size(); ++i) {
+    GltfCamera camera;
+    camera.name = file.string(cameras[i].name);
+    camera.kind = cameras[i].kind;
+    camera.x = cameras[i].x;
+    camera.y = cameras[i].y;
+    camera.z_near = cameras[i].z_near;
+    camera.z_far = cameras[i].z_far;
+    writer.add_camera(std::move(camera));
+  }
+}
+
+/// One mesh of the document a group; kNone for groups that have no triangles (glTF has no empty meshes). `primitives`
+/// are in the order of the meshes and are moved from.
+std::vector<uint32_t> add_meshes(const format::Container& file, GltfWriter& writer, Materials& materials,
+                                 std::vector<ExportedPrimitive>& primitives) {
+  const auto groups = file.groups();
+  std::vector<uint32_t> numbers(groups.size(), kNone);
+  for (size_t first = 0, last = 0; first < primitives.size(); first = last) {
+    const uint32_t group = file.meshes()[primitives[first].mesh].group;
+    GltfMesh mesh;
+    mesh.name = file.string(groups[group].name);
+    for (; last < primitives.size() && file.meshes()[primitives[last].mesh].group == group; ++last) {
+      ExportedPrimitive& exported = primitives[last];
+      exported.primitive.material = materials.of(file.meshes()[exported.mesh].material, exported.has_uv);
+      mesh.primitives.push_back(std::move(exported.primitive));
+    }
+    numbers[group] = writer.add_mesh(std::move(mesh));
+  }
+  return numbers;
+}
+
+/// A quaternion of unit length to double precision; the identity for one that has no length.
+void normalize(double* rotation) {
+  double length = 0;
+  for (int i = 0; i < 4; ++i) length = std::hypot(length, rotation[i]);
+  for (int i = 0; i < 4; ++i) rotation[i] = length > 0 ? rotation[i] / length : (i == 3 ? 1.0 : 0.0);
+}
+
+/// The three accessors of EXT_mesh_gpu_instancing.
+Result<void> add_node_instances(const format::Container& file, GltfWriter& writer, const format::NodeRecord& record,
+                                GltfNode& node) {
+  const uint64_t count = record.node_instance_count;
+  const auto instances = file.node_instances();
+  struct Attribute {
+    const char* name;
+    size_t components;
+    GltfType type;
+    const float* (*values)(const format::NodeInstanceRecord&);
+  };
+  const Attribute attributes[] = {
+      {"TRANSLATION", 3, GltfType::kVec3, [](const format::NodeInstanceRecord& r) { return +r.translation; }},
+      {"ROTATION", 4, GltfType::kVec4, [](const format::NodeInstanceRecord& r) { return +r.rotation; }},
+      {"SCALE", 3, GltfType::kVec3, [](const format::NodeInstanceRecord& r) { return +r.scale; }},
+  };
+  std::vector<float> values;
+  for (const Attribute& attribute : attributes) {
+    values.clear();
+    values.reserve(attribute.components * count);
+    for (uint64_t i = 0; i < count; ++i) {
+      const float* of_instance = attribute.values(instances[record.first_node_instance + i]);
+      values.insert(values.end(), of_instance, of_instance + attribute.components);
+    }
+    const auto bytes = std::as_bytes(std::span(values));
+    const auto offset = writer.append(bytes);
+    if (!offset) return offset.error();
+    GltfBufferView view;
+    view.offset = *offset;
+    view.bytes = bytes.size();
+    GltfAccessor accessor;
+    accessor.buffer_view = writer.add_buffer_view(view);
+    accessor.type = attribute.type;
+    accessor.count = count;
+    node.instancing.emplace_back(attribute.name, writer.add_accessor(std::move(accessor)));
+  }
+  return {};
+}
+
+Result<void> add_nodes(const format::Container& file, GltfWriter& writer, const std::vector<uint32_t>& mesh_of_group) {
+  const auto nodes = file.nodes();
+  for (uint32_t i = 0; i < nodes.size(); ++i) {
+    const format::NodeRecord& record = nodes[i];
+    GltfNode node;
+    node.name = file.string(record.name);
+    node.camera = record.camera;
+    if (record.group != kNone) node.mesh = mesh_of_group[record.group];
+    node.has_matrix = record.flags & format::kNodeHasMatrix;
+    std::copy(std::begin(record.local), std::end(record.local), node.local.begin());
+    if (!node.has_matrix) normalize(node.local.data() + 3);
+    if (node.mesh != kNone && record.node_instance_count != 0) {
+      const auto added = add_node_instances(file, writer, record, node);
+      if (!added) return at("node " + std::to_string(i), added.error());
+    }
+    writer.add_node(std::move(node));
+    if (record.parent != kNone) writer.node(record.parent).children.push_back(i);
+  }
+  return {};
+}
+
+Result<void> add_scenes(const format::Container& file, GltfWriter& writer) {
+  const auto scenes = file.scenes();
+  const auto roots = file.scene_roots();
+  for (uint32_t i = 0; i < scenes.size(); ++i) {
+    GltfScene scene;
+    scene.name = file.string(scenes[i].name);
+    for (uint64_t place = 0; place < scenes[i].root_count; ++place) {
+      const uint32_t root = roots[scenes[i].first_root + place];
+      if (const uint32_t parent = file.nodes()[root].parent; parent != kNone) {
+        return Error{ErrorCode::kUnsupported, "scene " + std::to_string(i) + ": its root, node " +
+                                                  std::to_string(root) + ", is a child of node " +
+                                                  std::to_string(parent) + ", which glTF cannot say"};
+      }
+      scene.nodes.push_back(root);
+    }
+    writer.add_scene(std::move(scene));
+    if (scenes[i].flags & 1) writer.set_default_scene(i);
+  }
+  return {};
+}
+
+struct Arguments {
+  std::string input;
+  std::string output;
+  ExportOptions options;
+};
+
+Result<void> run_export(const Arguments& arguments) {
+  const auto start = std::chrono::steady_clock::now();
+  const auto map = runtime::MappedFile::open(arguments.input, runtime::Access::kSequential);
+  if (!map) return map.error();
+  const auto file = format::Container::open(map->bytes());
+  if (!file) return at(arguments.input, file.error());
+  const auto summary = export_gltf(*file, arguments.output, arguments.options);
+  if (!summary) return at(arguments.input, summary.error());
+  const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  std::fprintf(stderr, "%s (%s) -> %s (%s): %s triangles, %s vertices, %s primitives, %s images in %.2f s\n",
+               arguments.input.c_str(), format_bytes(map->size()).c_str(), arguments.output.c_str(),
+               format_bytes(summary->bytes).c_str(), grouped(summary->triangles).c_str(),
+               grouped(summary->vertices).c_str(), grouped(summary->primitives).c_str(),
+               grouped(summary->images).c_str(), seconds);
+  return {};
+}
+
+}  // namespace
+
+Result<ExportSummary> export_gltf(const format::Container& file, const std::string& path,
+                                  const ExportOptions& options) {
+  auto created = GltfWriter::create(path, file.string(file.source().copyright));
+  if (!created) return created.error();
+  GltfWriter& writer = *created;
+
+  const uint32_t threads = options.threads != 0 ? options.threads : std::max(1u, std::thread::hardware_concurrency());
+  auto primitives = write_primitives(file, writer, threads, kMaxPrimitiveVertices);
+  if (!primitives) return primitives.error();
+  ExportSummary summary;
+  summary.primitives = primitives->size();
+  for (const ExportedPrimitive& primitive : *primitives) {
+    summary.vertices += primitive.vertices;
+    summary.triangles += primitive.triangles;
+  }
+
+  const auto images = add_images(file, writer);
+  if (!images) return images.error();
+  summary.images = file.images().size();
+  add_textures(file, writer);
+  Materials materials(file, writer);
+  const std::vector<uint32_t> mesh_of_group = add_meshes(file, writer, materials, *primitives);
+  add_cameras(file, writer);
+  const auto nodes = add_nodes(file, writer, mesh_of_group);
+  if (!nodes) return nodes.error();
+  const auto scenes = add_scenes(file, writer);
+  if (!scenes) return scenes.error();
+
+  const auto finished = writer.finish();
+  if (!finished) return finished.error();
+  summary.bytes = writer.total_bytes();
+  return summary;
+}
+
+Command add_export(CLI::App& parent) {
+  auto arguments = std::make_shared<Arguments>();
+  CLI::App* app = parent.add_subcommand("export", "Decode a .scree file to glTF again");
+  app->add_option("FILE", arguments->input, "The .scree file")->required();
+  app->add_option("-o,--output", arguments->output, "What to write: .glb, or .gltf with .bin and images beside it")
+      ->required();
+  app->add_option("--threads", arguments->options.threads, "Threads; 0 is one a core")->capture_default_str();
+  return {app, [arguments] { return run_export(*arguments); }};
+}
+
+}  // namespace scree::tools

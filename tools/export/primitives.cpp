@@ -1,0 +1,328 @@
+#include "tools/export/primitives.h"
+
+#include <algorithm>
+#include <array>
+#include <atomic>
+#include <cmath>
+#include <limits>
+#include <mutex>
+#include <new>
+#include <optional>
+#include <thread>
+#include <utility>
+
+#include "format/bytes.h"
+#include "tools/common/chunk_decode.h"
+
+namespace scree::tools {
+namespace {
+
+// Small meshes share buffer views, so that a million of them do not make a million views; large ones keep views of a
+// size that a viewer can upload as one.
+constexpr uint64_t kBatchBytes = uint64_t{16} << 20;
+
+// The vertex counts up to which 16-bit indices fit: glTF keeps the largest index for primitive restart.
+constexpr uint64_t kMaxShortVertices = 65535;
+
+enum Stream : size_t { kPositions, kNormals, kUvs, kColors, kShortIndices, kIndices, kStreamCount };
+
+struct StreamFormat {
+  const char* attribute;
+  uint32_t element_bytes;
+  GltfComponent component;
+  GltfType type;
+  bool normalized;
+};
+
+constexpr StreamFormat kStreams[kStreamCount] = {
+    {"POSITION", 12, GltfComponent::kFloat32, GltfType::kVec3, false},
+    {"NORMAL", 12, GltfComponent::kFloat32, GltfType::kVec3, false},
+    {"TEXCOORD_0", 8, GltfComponent::kFloat32, GltfType::kVec2, false},
+    {"COLOR_0", 4, GltfComponent::kUint8, GltfType::kVec4, true},
+    {nullptr, 2, GltfComponent::kUint16, GltfType::kScalar, false},
+    {nullptr, 4, GltfComponent::kUint32, GltfType::kScalar, false},
+};
+
+/// Consecutive chunks of one mesh that become one primitive.
+struct Part {
+  uint32_t mesh = 0;
+  uint64_t first_chunk = 0;
+  uint64_t chunk_count = 0;
+  uint64_t vertices = 0;
+  uint64_t triangles = 0;
+  std::array<uint64_t, kStreamCount> offset{};  // in the buffer
+  std::array<uint32_t, kStreamCount> view{};
+  std::array<uint64_t, kStreamCount> view_offset{};
+  std::array<float, 3> min;
+  std::array<float, 3> max;
+
+  bool has_short_indices() const { return vertices <= kMaxShortVertices; }
+
+  uint64_t elements(Stream stream, uint32_t attributes) const {
+    switch (stream) {
+      case kPositions:
+        return vertices;
+      case kNormals:
+        return attributes & format::kHasNormal ? vertices : 0;
+      case kUvs:
+        return attributes & format::kHasUv ? vertices : 0;
+      case kColors:
+        return attributes & format::kHasColor ? vertices : 0;
+      case kShortIndices:
+        return has_short_indices() ? 3 * triangles : 0;
+      case kIndices:
+        return has_short_indices() ? 0 : 3 * triangles;
+      default:
+        return 0;
+    }
+  }
+};
+
+/// Chunks of one part on one page: what a thread takes at a time.
+struct Job {
+  uint64_t first_chunk;
+  uint64_t chunk_count;
+  uint64_t first_vertex;  // of the part
+  uint64_t first_triangle;
+  size_t part;
+};
+
+struct Plan {
+  std::vector<Part> parts;
+  std::vector<Job> jobs;
+};
+
+Plan make_plan(const format::Container& file, uint64_t max_vertices) {
+  Plan plan;
+  const auto meshes = file.meshes();
+  const auto chunks = file.chunks();
+  constexpr float kInfinity = std::numeric_limits<float>::infinity();
+  for (uint32_t mesh = 0; mesh < meshes.size(); ++mesh) {
+    const format::MeshRecord& record = meshes[mesh];
+    bool open = false;
+    for (uint64_t chunk = record.first_chunk; chunk < record.first_chunk + record.chunk_count; ++chunk) {
+      const format::ChunkRecord& piece = chunks[chunk];
+      if (piece.triangle_count == 0 || piece.vertex_count == 0) {
+        open = false;  // nothing to draw; the chunks of a part stay consecutive
+        continue;
+      }
+      if (!open || plan.parts.back().vertices + piece.vertex_count > max_vertices) {
+        Part part;
+        part.mesh = mesh;
+        part.first_chunk = chunk;
+        part.min.fill(kInfinity);
+        part.max.fill(-kInfinity);
+        plan.parts.push_back(part);
+        open = true;
+      }
+      Part& part = plan.parts.back();
+      if (part.chunk_count == 0 || plan.jobs.back().part + 1 != plan.parts.size() ||
+          chunks[plan.jobs.back().first_chunk].page != piece.page) {
+        plan.jobs.push_back({chunk, 0, part.vertices, part.triangles, plan.parts.size() - 1});
+      }
+      ++plan.jobs.back().chunk_count;
+      ++part.chunk_count;
+      part.vertices += piece.vertex_count;
+      part.triangles += piece.triangle_count;
+    }
+  }
+  return plan;
+}
+
+/// Places the streams of parts [first, last) in views of their own.
+Result<void> place_batch(const format::Container& file, GltfWriter& writer, std::span<Part> parts) {
+  for (size_t stream = 0; stream < kStreamCount; ++stream) {
+    const uint64_t element_bytes = kStreams[stream].element_bytes;
+    uint64_t bytes = 0, users = 0;
+    for (Part& part : parts) {
+      const uint64_t elements = part.elements(static_cast<Stream>(stream), file.meshes()[part.mesh].attributes);
+      part.view_offset[stream] = bytes;
+      bytes += elements * element_bytes;
+      users += elements != 0;
+    }
+    if (bytes == 0) continue;
+    const auto offset = writer.reserve(bytes);
+    if (!offset) return offset.error();
+    const bool is_vertex = kStreams[stream].attribute != nullptr;
+    GltfBufferView view;
+    view.offset = *offset;
+    view.bytes = bytes;
+    view.stride =
+        is_vertex && users > 1 ? kStreams[stream].element_bytes : 0;  // glTF asks for it where a view is shared
+    view.target = is_vertex ? GltfTarget::kVertices : GltfTarget::kIndices;
+    const uint32_t number = writer.add_buffer_view(view);
+    for (Part& part : parts) {
+      part.view[stream] = number;
+      part.offset[stream] = *offset + part.view_offset[stream];
+    }
+  }
+  return {};
+}
+
+Result<void> place_parts(const format::Container& file, GltfWriter& writer, std::span<Part> parts) {
+  size_t first = 0;
+  uint64_t batch_bytes = 0;
+  for (size_t i = 0; i <= parts.size(); ++i) {
+    uint64_t bytes = 0;
+    if (i < parts.size()) {
+      for (size_t stream = 0; stream < kStreamCount; ++stream)
+        bytes += parts[i].elements(static_cast<Stream>(stream), file.meshes()[parts[i].mesh].attributes) *
+                 kStreams[stream].element_bytes;
+    }
+    if (i > first && (i == parts.size() || batch_bytes + bytes > kBatchBytes)) {
+      const auto placed = place_batch(file, writer, parts.subspan(first, i - first));
+      if (!placed) return placed.error();
+      first = i;
+      batch_bytes = 0;
+    }
+    batch_bytes += bytes;
+  }
+  return {};
+}
+
+/// Decodes jobs and writes them where they belong; one a thread.
+class JobWriter {
+ public:
+  JobWriter(const format::Container& file, const GltfWriter& writer) : file_(file), writer_(writer), reader_(file) {}
+
+  /// Widens `min` and `max` by the positions of the job.
+  Result<void> write(const Job& job, const Part& part, std::array<float, 3>& min, std::array<float, 3>& max) {
+    uint64_t vertex = job.first_vertex, triangle = job.first_triangle;
+    for (uint64_t chunk = job.first_chunk; chunk < job.first_chunk + job.chunk_count; ++chunk) {
+      const auto read = reader_.read(chunk, kPartAll & ~uint32_t{kPartSourceIds});
+      if (!read) return read.error();
+      const DecodedChunk& decoded = **read;
+      for (size_t i = 0; i < decoded.positions.size(); ++i) {
+        min[i % 3] = std::min(min[i % 3], decoded.positions[i]);
+        max[i % 3] = std::max(max[i % 3], decoded.positions[i]);
+      }
+      for (const Result<void>& done :
+           {put(part, kPositions, vertex, std::as_bytes(std::span(decoded.positions))),
+            put(part, kNormals, vertex, std::as_bytes(std::span(decoded.normals))),
+            put(part, kUvs, vertex, std::as_bytes(std::span(decoded.uvs))), put_colors(part, vertex, decoded),
+            put_indices(part, vertex, triangle, decoded)}) {
+        if (!done) return done.error();
+      }
+      vertex += file_.chunks()[chunk].vertex_count;
+      triangle += file_.chunks()[chunk].triangle_count;
+    }
+    return {};
+  }
+
+ private:
+  Result<void> put(const Part& part, Stream stream, uint64_t element, std::span<const std::byte> bytes) const {
+    if (bytes.empty()) return {};
+    return writer_.write_at(part.offset[stream] + element * kStreams[stream].element_bytes, bytes);
+  }
+
+  Result<void> put_colors(const Part& part, uint64_t vertex, const DecodedChunk& decoded) {
+    bytes_.resize(decoded.colors.size());
+    for (size_t i = 0; i < bytes_.size(); ++i)  // exact: they are stored as RGBA8
+      bytes_[i] = static_cast<std::byte>(std::lround(std::clamp(decoded.colors[i], 0.0f, 1.0f) * 255.0f));
+    return put(part, kColors, vertex, bytes_);
+  }
+
+  Result<void> put_indices(const Part& part, uint64_t vertex, uint64_t triangle, const DecodedChunk& decoded) {
+    if (part.has_short_indices()) {
+      short_indices_.resize(decoded.indices.size());
+      for (size_t i = 0; i < short_indices_.size(); ++i)
+        short_indices_[i] = static_cast<uint16_t>(vertex + decoded.indices[i]);
+      return put(part, kShortIndices, 3 * triangle, std::as_bytes(std::span(short_indices_)));
+    }
+    indices_.resize(decoded.indices.size());
+    for (size_t i = 0; i < indices_.size(); ++i) indices_[i] = static_cast<uint32_t>(vertex + decoded.indices[i]);
+    return put(part, kIndices, 3 * triangle, std::as_bytes(std::span(indices_)));
+  }
+
+  const format::Container& file_;
+  const GltfWriter& writer_;
+  ChunkReader reader_;
+  std::vector<std::byte> bytes_;
+  std::vector<uint16_t> short_indices_;
+  std::vector<uint32_t> indices_;
+};
+
+Result<void> write_jobs(const format::Container& file, const GltfWriter& writer, Plan& plan, uint32_t threads) {
+  std::atomic<size_t> next{0};
+  std::mutex mutex;  // of the parts' boxes and the first error
+  std::optional<std::pair<size_t, Error>> failed;
+  const auto work = [&] {
+    JobWriter job_writer(file, writer);
+    for (size_t i = next.fetch_add(1); i < plan.jobs.size(); i = next.fetch_add(1)) {
+      const Job& job = plan.jobs[i];
+      Part& part = plan.parts[job.part];
+      constexpr float kInfinity = std::numeric_limits<float>::infinity();
+      std::array<float, 3> min{kInfinity, kInfinity, kInfinity}, max{-kInfinity, -kInfinity, -kInfinity};
+      Result<void> done;
+      try {
+        done = job_writer.write(job, part, min, max);
+      } catch (const std::bad_alloc&) {
+        done = Error{ErrorCode::kMemory, "mesh " + std::to_string(part.mesh) + ": out of memory"};
+      }
+      const std::lock_guard lock(mutex);
+      if (!done) {
+        // The first in file order: jobs are taken in order, so every one before it has been taken and is waited for.
+        if (!failed || i < failed->first) failed.emplace(i, done.error());
+        next.store(plan.jobs.size());
+        return;
+      }
+      for (size_t axis = 0; axis < 3; ++axis) {
+        part.min[axis] = std::min(part.min[axis], min[axis]);
+        part.max[axis] = std::max(part.max[axis], max[axis]);
+      }
+    }
+  };
+  std::vector<std::thread> workers;
+  for (uint32_t i = 1; i < threads && i < plan.jobs.size(); ++i) workers.emplace_back(work);
+  work();
+  for (std::thread& worker : workers) worker.join();
+  if (failed) return failed->second;
+  return {};
+}
+
+}  // namespace
+
+Result<std::vector<ExportedPrimitive>> write_primitives(const format::Container& file, GltfWriter& writer,
+                                                        uint32_t threads, uint64_t max_vertices) {
+  Plan plan = make_plan(file, max_vertices);
+  const auto placed = place_parts(file, writer, plan.parts);
+  if (!placed) return placed.error();
+  const auto written = write_jobs(file, writer, plan, threads);
+  if (!written) return written.error();
+
+  std::vector<ExportedPrimitive> primitives;
+  primitives.reserve(plan.parts.size());
+  for (const Part& part : plan.parts) {
+    const uint32_t attributes = file.meshes()[part.mesh].attributes;
+    ExportedPrimitive exported;
+    exported.mesh = part.mesh;
+    exported.has_uv = attributes & format::kHasUv;
+    exported.vertices = part.vertices;
+    exported.triangles = part.triangles;
+    for (size_t stream = 0; stream < kStreamCount; ++stream) {
+      const uint64_t elements = part.elements(static_cast<Stream>(stream), attributes);
+      if (elements == 0) continue;
+      GltfAccessor accessor;
+      accessor.buffer_view = part.view[stream];
+      accessor.offset = part.view_offset[stream];
+      accessor.component = kStreams[stream].component;
+      accessor.type = kStreams[stream].type;
+      accessor.normalized = kStreams[stream].normalized;
+      accessor.count = elements;
+      if (stream == kPositions) {
+        accessor.min.assign(part.min.begin(), part.min.end());
+        accessor.max.assign(part.max.begin(), part.max.end());
+      }
+      const uint32_t number = writer.add_accessor(std::move(accessor));
+      if (kStreams[stream].attribute != nullptr) {
+        exported.primitive.attributes.emplace_back(kStreams[stream].attribute, number);
+      } else {
+        exported.primitive.indices = number;
+      }
+    }
+    primitives.push_back(std::move(exported));
+  }
+  return primitives;
+}
+
+}  // namespace scree::tools

@@ -1,0 +1,28 @@
+// The geometry half of export: where each mesh's accessors lie in the buffer, and their bytes.
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "format/container.h"
+#include "format/result.h"
+#include "tools/common/gltf_writer.h"
+
+namespace scree::tools {
+
+/// A mesh, or the part of it that glTF's 32-bit indices can hold, as accessors of the document.
+struct ExportedPrimitive {
+  uint32_t mesh = 0;
+  bool has_uv = false;
+  uint64_t vertices = 0;
+  uint64_t triangles = 0;
+  GltfPrimitive primitive;  // without its material
+};
+
+/// Decodes every chunk of `file` with `threads` threads into the buffer of `writer` and adds views and accessors. In
+/// the order of the meshes; meshes without triangles have none. A mesh is cut between chunks before its vertices pass
+/// `max_vertices` (at most 2^32 - 1: glTF keeps the largest index for itself). Errors as ChunkReader and GltfWriter.
+Result<std::vector<ExportedPrimitive>> write_primitives(const format::Container& file, GltfWriter& writer,
+                                                        uint32_t threads, uint64_t max_vertices);
+
+}  // namespace scree::tools
