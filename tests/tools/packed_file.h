@@ -1,0 +1,88 @@
+// What the tests of export and inspect share: a temporary folder, and a glTF converted and opened.
+#pragma once
+
+#include <unistd.h>
+
+#include <algorithm>
+#include <atomic>
+#include <filesystem>
+#include <fstream>
+#include <iterator>
+#include <string>
+#include <vector>
+
+#include "format/container.h"
+#include "format/result.h"
+#include "runtime/mapped_file.h"
+#include "tools/convert/convert.h"
+
+namespace scree::tests {
+
+/// A folder of its own, removed with all in it.
+class TempFolder {
+ public:
+  TempFolder() {
+    static std::atomic<unsigned> count{0};
+    path_ = std::filesystem::temp_directory_path() /
+            ("scree-test-" + std::to_string(::getpid()) + "-" + std::to_string(count.fetch_add(1)));
+    std::filesystem::create_directories(path_);
+  }
+  TempFolder(const TempFolder&) = delete;
+  TempFolder& operator=(const TempFolder&) = delete;
+  ~TempFolder() {
+    std::error_code ignored;
+    std::filesystem::remove_all(path_, ignored);
+  }
+  const std::filesystem::path& path() const { return path_; }
+  std::string file(const std::string& name) const { return (path_ / name).string(); }
+
+ private:
+  std::filesystem::path path_;
+};
+
+/// A .scree file, mapped and opened.
+struct PackedFile {
+  runtime::MappedFile map;
+  format::Container file;
+};
+
+inline Result<PackedFile> open_packed(const std::string& path) {
+  auto map = runtime::MappedFile::open(path);
+  if (!map) return map.error();
+  auto file = format::Container::open(map->bytes());
+  if (!file) return file.error();
+  return PackedFile{std::move(*map), std::move(*file)};
+}
+
+/// Converts with 2 threads and opens what came of it.
+inline Result<PackedFile> pack(const std::string& input, const std::string& output,
+                               convert::ConvertOptions options = {}) {
+  options.input = input;
+  options.output = output;
+  options.threads = 2;
+  const auto report = convert::convert(options);
+  if (!report) return report.error();
+  return open_packed(output);
+}
+
+/// All .gltf and .glb files below `folder`, in the order of their paths.
+inline std::vector<std::filesystem::path> gltf_files(const std::filesystem::path& folder) {
+  std::vector<std::filesystem::path> files;
+  for (const auto& entry : std::filesystem::recursive_directory_iterator(folder)) {
+    const auto extension = entry.path().extension();
+    if (entry.is_regular_file() && (extension == ".gltf" || extension == ".glb")) files.push_back(entry.path());
+  }
+  std::sort(files.begin(), files.end());
+  return files;
+}
+
+inline std::string read_file(const std::filesystem::path& path) {
+  std::ifstream in(path, std::ios::binary);
+  return {std::istreambuf_iterator<char>(in), {}};
+}
+
+inline void write_file(const std::filesystem::path& path, const std::string& bytes) {
+  std::ofstream(path, std::ios::binary) << bytes;
+}
+
+}  // namespace scree::tests
