@@ -13,7 +13,7 @@
 #include "format/chunk_layout.h"
 #include "format/index_codec.h"
 #include "format/position_codec.h"
-#include "kernels/frame.h"
+#include "kernels/backend_cpu.h"
 #include "tests/catch.h"
 
 namespace scree::tests {
@@ -241,6 +241,23 @@ inline std::vector<uint64_t> draw(const kernels::SceneView& scene, const kernels
   std::vector<uint64_t> samples(size_t{view.width} * view.height);
   REQUIRE(kernels::draw_cpu(scene, view, samples, threads));
   return samples;
+}
+
+inline std::vector<uint64_t> draw_with(const kernels::SceneView& scene, const kernels::View& view, uint32_t threads,
+                                       kernels::InstructionSet set, const kernels::QueueSizes& sizes) {
+  std::vector<uint64_t> samples(size_t{view.width} * view.height);
+  REQUIRE(kernels::draw_cpu_with(scene, view, samples, threads, set, sizes));
+  return samples;
+}
+
+/// The same camera, orthographic: `half` units above and below the axis.
+inline kernels::View orthographic(kernels::View view, double half, double z_near, double z_far) {
+  view.orthographic = true;
+  view.half_width = half * view.width / view.height;
+  view.half_height = half;
+  view.z_near = z_near;
+  view.z_far = z_far;
+  return view;
 }
 
 inline uint64_t covered(const std::vector<uint64_t>& samples) {

@@ -97,13 +97,6 @@ std::vector<uint64_t> brute_force(const SceneView& scene, const View& camera) {
   return samples;
 }
 
-std::vector<uint64_t> draw_with(const SceneView& scene, const View& view, uint32_t threads, InstructionSet set,
-                                const QueueSizes& sizes) {
-  std::vector<uint64_t> samples(size_t{view.width} * view.height);
-  REQUIRE(draw_cpu_with(scene, view, samples, threads, set, sizes));
-  return samples;
-}
-
 /// Random triangles around the origin, some tiny, some huge.
 Soup random_soup(std::mt19937& random, uint32_t count) {
   std::uniform_real_distribution<double> place(-2, 2);
@@ -120,15 +113,6 @@ Soup random_soup(std::mt19937& random, uint32_t count) {
     soup.triangle(first, first + 1, first + 2);
   }
   return soup;
-}
-
-View orthographic(View view, double half, double z_near, double z_far) {
-  view.orthographic = true;
-  view.half_width = half * view.width / view.height;
-  view.half_height = half;
-  view.z_near = z_near;
-  view.z_far = z_far;
-  return view;
 }
 
 }  // namespace
@@ -159,6 +143,161 @@ TEST_CASE("raster: every pixel as a loop over all triangles and pixels has it", 
         CHECK(draw_with(scene, view, threads, set, QueueSizes{1, 1, 1, 1, 1, 1}) == expected);
         CHECK(draw_with(scene, view, threads, set, QueueSizes{2, 3, 1, 5, 2, 64}) == expected);
       }
+    }
+  }
+}
+
+TEST_CASE("raster: a picture does not depend on threads, instruction set or sizes of queues", "[raster]") {
+  SceneBuilder builder;
+  Encoding encoding;
+  encoding.chunk_triangles = 500;
+  const uint32_t ground = builder.mesh(grid(60, 0.3), encoding);
+  encoding.float32 = true;
+  encoding.material = builder.material(format::kMaterialDoubleSided);
+  const uint32_t ball = builder.mesh(sphere(20, 0.2), encoding);
+  for (int i = 0; i < 40; ++i) {
+    const double scale = 0.05 + 0.01 * i;
+    builder.instance(i % 2 ? ground : ball, builder.matrix({scale, 0, 0, 0.3 * (i % 7) - 1, 0, scale, 0, 0.1 * (i % 5),
+                                                            0, 0, scale, 0.2 * (i % 9) - 1}));
+  }
+  const SceneView scene = builder.view();
+  const View view = look_at({0.5, 0.8, 2}, {0, 0, 0}, 641, 359, 0.01, 1.2);
+  const std::vector<uint64_t> expected = draw_with(scene, view, 1, InstructionSet::kBaseline, QueueSizes{});
+  CHECK(covered(expected) > 50000);
+  for (InstructionSet set : {InstructionSet::kBaseline, best_instruction_set()}) {
+    for (uint32_t threads : {1u, 2u, 7u}) {
+      CHECK(draw_with(scene, view, threads, set, QueueSizes{}) == expected);
+      CHECK(draw_with(scene, view, threads, set, QueueSizes{3, 2, 1, 1, 5, 2}) == expected);
+    }
+  }
+}
+
+TEST_CASE("raster: meshes of all three sizes of triangles give the statistics of their stages", "[raster]") {
+  SceneBuilder builder;
+  Soup soup;
+  const auto add = [&](double x, double y, double size) {
+    const uint32_t a = soup.add(x, y, 0);
+    soup.add(x + size, y, 0);
+    soup.add(x, y + size, 0);
+    soup.triangle(a, a + 1, a + 2);
+  };
+  add(-0.9, -0.9, 0.05);  // of 2 units over 200 pixels: 5 x 5, 30 x 30 and 120 x 120 pixels
+  add(0.2, -0.8, 0.3);
+  add(-0.7, -0.7, 1.2);
+  builder.instance(builder.mesh(soup, Encoding{}), builder.identity());
+  View view = orthographic(look_at({0, 0, 1}, {0, 0, 0}, 200, 200), 1, 0, 2);
+  std::vector<uint64_t> samples(200 * 200);
+  const auto drawn = draw_cpu(builder.view(), view, samples, 2);
+  REQUIRE(drawn);
+  CHECK(drawn->instances_drawn == 1);
+  CHECK(drawn->draws == 1);
+  CHECK(drawn->triangles == 3);
+  CHECK(drawn->triangles_small == 1);
+  CHECK(drawn->triangles_medium == 1);
+  CHECK(drawn->triangles_large == 1);
+  CHECK(drawn->triangles_clipped == 0);
+  std::vector<float> rgba(4 * samples.size());
+  ShadeOptions options;
+  options.show = Show::kStage;
+  REQUIRE(shade_cpu(builder.view(), view, samples, options, rgba, 2));
+  for (size_t i = 0; i < samples.size(); ++i) {
+    if (samples[i] == kBackground) continue;
+    for (size_t c = 0; c < 3; ++c) REQUIRE((rgba[4 * i + c] == 1.0f) == (sample_id(samples[i]) == c));
+  }
+}
+
+TEST_CASE("raster: every pixel of a fan of random triangles belongs to exactly one", "[raster]") {
+  // A flat patch of jittered quads: any pixel inside is in one triangle, so that drawing each triangle alone must count
+  // every pixel once. Corners often fall on pixel centres: the lattice is a multiple of half a pixel.
+  std::mt19937 random(3);
+  for (int round = 0; round < 6; ++round) {
+    const uint32_t n = 9;
+    std::uniform_int_distribution<int> jitter(-3, 3);
+    Soup patch;
+    for (uint32_t j = 0; j <= n; ++j) {
+      for (uint32_t i = 0; i <= n; ++i) {
+        const bool border = i == 0 || j == 0 || i == n || j == n;
+        patch.add((12 * static_cast<int>(i) + (border ? 0 : jitter(random)) - 54) / 128.0,
+                  (12 * static_cast<int>(j) + (border ? 0 : jitter(random)) - 54) / 128.0, 0);
+      }
+    }
+    View view = orthographic(look_at({0, 0, 1}, {0, 0, 0}, 64, 64), 0.5, 0, 2);  // 64 pixels a unit
+    if (round >= 3) {
+      view = look_at({0, 0, 1}, {0, 0, 0}, 64, 64, 0.1, 0.9);
+      for (int i = 0; i < 3; ++i) view.right[i] = -view.right[i], view.up[i] = -view.up[i];  // upside down
+    }
+    std::vector<uint32_t> count(64 * 64);
+    std::vector<uint32_t> quads;
+    for (uint32_t j = 0; j < n; ++j) {
+      for (uint32_t i = 0; i < n; ++i) {
+        const uint32_t a = j * (n + 1) + i;
+        quads.insert(quads.end(), {a, a + 1, a + n + 2, a, a + n + 2, a + n + 1});
+      }
+    }
+    Soup all = patch;
+    all.indices = quads;
+    Encoding encoding;
+    encoding.exponent = -7;
+    SceneBuilder together;
+    together.instance(together.mesh(all, encoding), together.identity());
+    const std::vector<uint64_t> whole = draw(together.view(), view);
+    for (size_t t = 0; t < quads.size(); t += 3) {
+      Soup one = patch;
+      one.indices.assign(quads.begin() + static_cast<ptrdiff_t>(t), quads.begin() + static_cast<ptrdiff_t>(t + 3));
+      SceneBuilder builder;
+      builder.instance(builder.mesh(one, encoding), builder.identity());
+      const std::vector<uint64_t> samples = draw(builder.view(), view);
+      for (size_t i = 0; i < samples.size(); ++i) count[i] += samples[i] != kBackground;
+    }
+    uint32_t once = 0;
+    for (size_t i = 0; i < count.size(); ++i) {
+      INFO("round " << round << " pixel " << i % 64 << ", " << i / 64);
+      REQUIRE(count[i] <= 1);
+      REQUIRE(count[i] == (whole[i] != kBackground));
+      once += count[i];
+    }
+    CHECK(once > 1500);
+    if (round < 3) CHECK(once == 54 * 54);  // 108 / 128 of a unit, to the pixel
+  }
+}
+
+TEST_CASE("raster: equal lattice points in different meshes and chunks leave no crack", "[raster]") {
+  const Soup whole = grid(24, 0.0);
+  Soup left = whole;
+  Soup right = whole;
+  left.indices.clear();
+  right.indices.clear();
+  for (size_t t = 0; t < whole.indices.size(); t += 3) {
+    // Split along a staircase, so that borders run in all directions.
+    Soup& side = (t / 6 + t / 96) % 5 < 2 ? left : right;
+    side.indices.insert(side.indices.end(), whole.indices.begin() + static_cast<ptrdiff_t>(t),
+                        whole.indices.begin() + static_cast<ptrdiff_t>(t + 3));
+  }
+  const auto used_only = [](const Soup& soup) {
+    Soup out;
+    for (uint32_t i : soup.indices) {
+      const float* p = soup.positions.data() + 3 * i;
+      out.indices.push_back(out.add(p[0], p[1], p[2]));
+    }
+    return out;
+  };
+  for (uint32_t cut : {7u, 65536u}) {
+    Encoding encoding;
+    encoding.exponent = -11;
+    encoding.chunk_triangles = cut;
+    SceneBuilder one;
+    one.instance(one.mesh(whole, encoding), one.identity());
+    SceneBuilder two;
+    const uint32_t identity = two.identity();
+    two.instance(two.mesh(used_only(left), encoding), identity);
+    two.instance(two.mesh(used_only(right), encoding), identity);
+    for (int round = 0; round < 12; ++round) {
+      const View view = look_at({0.7 * std::sin(round), 0.02 + 0.1 * round, 0.9 * std::cos(round)},
+                                {0.1, 0, 0.1 * round - 0.5}, 150, 90, 0.05);
+      const std::vector<uint64_t> a = draw(one.view(), view);
+      const std::vector<uint64_t> b = draw(two.view(), view);
+      for (size_t i = 0; i < a.size(); ++i) REQUIRE(a[i] >> kIdBits == b[i] >> kIdBits);
+      CHECK(covered(a) > 1000);
     }
   }
 }
