@@ -282,7 +282,8 @@ Result<void> gather_floats(const Accessor& accessor, std::span<const uint32_t> a
   return {};
 }
 
-Result<void> read_triangles(const Primitive& primitive, uint64_t first, uint64_t count, std::span<uint32_t> out) {
+Result<void> read_triangles(const Primitive& primitive, uint64_t first, [[maybe_unused]] uint64_t count,
+                            std::span<uint32_t> out) {
   assert(first <= primitive.triangle_count() && count <= primitive.triangle_count() - first);
   assert(out.size() == count * 3);
   if (primitive.mode == PrimitiveMode::kTriangles) return read_indices(primitive, first * 3, out);
