@@ -80,7 +80,7 @@ class Container {
 
 /// The bytes of a page, compressed if that made them smaller, and their record without its place in the file.
 struct SealedPage {
-  PageRecord record;
+  PageRecord record{};
   std::vector<std::byte> stored;
 };
 

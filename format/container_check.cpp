@@ -542,7 +542,7 @@ Result<void> Checker::images() const {
     }
     if (image.channels < 1 || image.channels > 4) return fail(kRange, "image ", i, ": ", image.channels, " channels");
     if (image.index_page != kNone && !(tables_.newer_minor && image.index_page < pages_.size())) {
-      return fail_index("image", i, "index page", image.index_page, pages_.size(), "pages, none of that kind");
+      return fail(kRange, "image ", i, ": index page ", image.index_page, ", which this version does not have");
     }
     if (image.reserved) return fail(kReserved, "image ", i, ": a reserved field is set");
   }

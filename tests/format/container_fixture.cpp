@@ -277,8 +277,8 @@ RawTable& RawFile::table(TableKind kind) {
 }
 
 Bytes RawFile::build() const {
-  Bytes file(kPageAlignment);
-  file.insert(file.end(), page_area.begin(), page_area.end());
+  Bytes file(kPageAlignment + page_area.size());
+  std::copy(page_area.begin(), page_area.end(), file.begin() + kPageAlignment);
   std::vector<TocEntry> toc;
   for (const RawTable& table : tables) {
     file.resize(align_up(file.size(), kTableAlignment));

@@ -199,8 +199,10 @@ class WindowEncoder {
       EncodedChunk chunk;
       chunk.record.triangle_count = static_cast<uint32_t>(end - first);
       chunk.record.vertex_count = vertices;
-      // Every vertex of a chunk is used and numbered from 0, so that the range is known without looking.
-      const format::IndexRange range{0, static_cast<uint32_t>(std::bit_width(vertices - 1))};
+      // Every vertex of a chunk is used and numbered from 0, so that the range is known without looking. 0 bits are not
+      // allowed past kMaxChunkTriangles (spec/container.md, chunks): a few bytes would ask for gigabytes.
+      const uint32_t least_bits = end - first > format::kMaxChunkTriangles ? 1 : 0;
+      const format::IndexRange range{0, std::max(least_bits, static_cast<uint32_t>(std::bit_width(vertices - 1)))};
       chunk.record.index_min = range.min;
       chunk.record.index_bits = static_cast<uint8_t>(range.bits);
       const uint64_t bytes = format::packed_bytes(s_.chunk_indices.size(), range.bits);
