@@ -136,7 +136,8 @@ struct RasterSmall {
   /// Out of line: rare, and long enough to cost the common path its registers.
   template <class Team>
   SCREE_HD [[gnu::noinline]] void draw_clipped(Team team, Context& context, uint32_t number, const uint32_t v[3],
-                                    const ScreenVertex& a, const ScreenVertex& b, const ScreenVertex& c) const {
+                                               const ScreenVertex& a, const ScreenVertex& b,
+                                               const ScreenVertex& c) const {
     ++context.clipped;
     const ScreenVertex* corners[3] = {&a, &b, &c};
     ClipVertex polygon[kMaxPolygon];
