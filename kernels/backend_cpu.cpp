@@ -207,14 +207,21 @@ Result<FrameStats> draw_cpu(const SceneView& scene, const View& view, std::span<
 }
 
 Result<void> shade_cpu(const SceneView& scene, const View& view, std::span<const uint64_t> samples,
-                       const ShadeOptions& options, std::span<float> rgba, uint32_t threads) {
+                       const ShadeOptions& options, std::span<float> rgba, uint32_t threads, uint32_t first_row) {
   if (auto checked = check_picture(view, samples.size(), 1, "samples"); !checked) return checked.error();
-  if (auto checked = check_picture(view, rgba.size(), 4, "values"); !checked) return checked.error();
+  const uint64_t row_values = uint64_t{4} * view.width;
+  const uint64_t row_count = rgba.size() / row_values;
+  if (rgba.size() != row_count * row_values || first_row > view.height || row_count > view.height - first_row)
+    return Error{ErrorCode::kRange, std::to_string(rgba.size()) + " values from row " + std::to_string(first_row) +
+                                        ", but the picture is " + std::to_string(view.width) + " x " +
+                                        std::to_string(view.height)};
   if (auto checked = check_view(view); !checked) return checked.error();
   static const std::array<float, 256> table = make_srgb_table();
   try {
     ThreadPool pool(threads);
-    passes_for(best_instruction_set()).shade(pool, scene, view, samples.data(), options, table.data(), rgba.data());
+    passes_for(best_instruction_set())
+        .shade(pool, scene, view, samples.data(), options, table.data(), first_row, static_cast<uint32_t>(row_count),
+               rgba.data());
     return {};
   } catch (const std::bad_alloc&) {
     return out_of_memory();

@@ -54,7 +54,8 @@ struct CpuPasses {
   bool (*draw)(ThreadPool& pool, const SceneView& scene, const View& view, uint64_t* samples, const QueueSizes& sizes,
                FrameStats& stats);
   void (*shade)(ThreadPool& pool, const SceneView& scene, const View& view, const uint64_t* samples,
-                const ShadeOptions& options, const float* srgb_table, float* rgba);
+                const ShadeOptions& options, const float* srgb_table, uint32_t first_row, uint32_t row_count,
+                float* rgba);
 };
 namespace isa_baseline {
 extern const CpuPasses kPasses;

@@ -15,9 +15,10 @@ bool draw(ThreadPool& pool, const SceneView& scene, const View& view, uint64_t* 
 
 template <bool kOrthographic>
 void shade_with(ThreadPool& pool, const SceneView& scene, const View& view, const uint64_t* samples,
-                const ShadeOptions& options, const float* srgb_table, float* rgba) {
-  Shade<kOrthographic> pass{scene,      make_frame_view(view), view, options, samples,
-                            srgb_table, kFarthestDepthCode,    0,    rgba};
+                const ShadeOptions& options, const float* srgb_table, uint32_t first_row, uint32_t row_count,
+                float* rgba) {
+  Shade<kOrthographic> pass{scene,      make_frame_view(view), view, options,   samples,
+                            srgb_table, kFarthestDepthCode,    0,    first_row, rgba};
   if (options.show == Show::kDepth) {
     for (uint64_t i = 0; i < uint64_t{view.width} * view.height; ++i) {
       if (samples[i] == kBackground) continue;
@@ -26,15 +27,15 @@ void shade_with(ThreadPool& pool, const SceneView& scene, const View& view, cons
     }
   }
   CpuBackend backend(pool);
-  backend.for_each(view.height, pass);
+  backend.for_each(row_count, pass);
 }
 
 void shade(ThreadPool& pool, const SceneView& scene, const View& view, const uint64_t* samples,
-           const ShadeOptions& options, const float* srgb_table, float* rgba) {
+           const ShadeOptions& options, const float* srgb_table, uint32_t first_row, uint32_t row_count, float* rgba) {
   if (view.orthographic) {
-    shade_with<true>(pool, scene, view, samples, options, srgb_table, rgba);
+    shade_with<true>(pool, scene, view, samples, options, srgb_table, first_row, row_count, rgba);
   } else {
-    shade_with<false>(pool, scene, view, samples, options, srgb_table, rgba);
+    shade_with<false>(pool, scene, view, samples, options, srgb_table, first_row, row_count, rgba);
   }
 }
 

@@ -58,9 +58,11 @@ struct FrameStats {
 /// side over kMaxImageSide; kMemory.
 Result<FrameStats> draw_cpu(const SceneView& scene, const View& view, std::span<uint64_t> samples, uint32_t threads);
 
-/// Shades every sample: linear RGBA floats, 4 a sample, not premultiplied; background where there is no triangle.
+/// Shades a band of rows: linear RGBA floats, 4 a sample, not premultiplied; background where there is no triangle.
+/// `samples`: the whole picture's. `rgba`: whole rows from `first_row` on; its size says how many, so that the floats of a
+/// large picture need not all be there at once. Show::kDepth spreads its greys over the whole picture.
 Result<void> shade_cpu(const SceneView& scene, const View& view, std::span<const uint64_t> samples,
-                       const ShadeOptions& options, std::span<float> rgba, uint32_t threads);
+                       const ShadeOptions& options, std::span<float> rgba, uint32_t threads, uint32_t first_row = 0);
 
 /// The triangle of a global id below instance_base[instance_count]; binary search.
 Hit find_triangle(const SceneView& scene, uint64_t triangle_id);

@@ -104,7 +104,7 @@ SCREE_HD inline void world_normal(const ResolvedChunk& chunk, const ResolvedTria
   normalize3(normal);
 }
 
-/// One row of samples an item.
+/// One row of samples an item, from `first_row` on.
 template <bool kOrthographic>
 struct Shade {
   SceneView scene;
@@ -115,20 +115,22 @@ struct Shade {
   const float* srgb_table;  // linear light of the 256 sRGB codes
   uint32_t nearest_code;    // Show::kDepth: the range of the picture
   uint32_t farthest_code;
-  float* rgba;
+  uint32_t first_row;
+  float* rgba;  // of row first_row
 
   template <class Team>
   SCREE_HD void operator()(uint32_t item, Team team) const {
-    const uint64_t start = uint64_t{item} * static_cast<uint64_t>(view.width);
+    const uint64_t width = static_cast<uint64_t>(view.width);
+    const uint32_t y = first_row + item;
     ResolvedChunk chunk;
     for (uint32_t x = team.rank(); x < static_cast<uint32_t>(view.width); x += team.size()) {
-      const uint64_t sample = samples[start + x];
-      float* out = rgba + 4 * (start + x);
+      const uint64_t sample = samples[y * width + x];
+      float* out = rgba + 4 * (item * width + x);
       if (sample == kBackground) {
         for (int c = 0; c < 4; ++c) out[c] = options.background[c];
         continue;
       }
-      shade(sample, static_cast<int32_t>(x), static_cast<int32_t>(item), chunk, out);
+      shade(sample, static_cast<int32_t>(x), static_cast<int32_t>(y), chunk, out);
       out[3] = 1.0f;
     }
   }

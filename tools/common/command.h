@@ -18,7 +18,7 @@ struct Command {
 
 Command add_convert(CLI::App& parent);
 Command add_inspect(CLI::App& parent);
-[[gnu::weak]] Command add_render(CLI::App& parent);
+Command add_render(CLI::App& parent);
 [[gnu::weak]] Command add_synth(CLI::App& parent);
 Command add_export(CLI::App& parent);
 

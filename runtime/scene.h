@@ -1,0 +1,101 @@
+// One scene of a .scree file, ready to draw: pages loaded and checked, textures decoded.
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "format/container.h"
+#include "format/result.h"
+#include "kernels/scene_view.h"
+#include "runtime/mapped_file.h"
+#include "runtime/scene_pages.h"
+#include "runtime/texture.h"
+
+namespace scree::runtime {
+
+/// A mapped and opened .scree file: what can be asked without loading a page.
+class SceneFile {
+ public:
+  /// Errors as MappedFile::open and Container::open, the file named.
+  static Result<SceneFile> open(const std::string& path);
+
+  const MappedFile& map() const { return map_; }
+  const format::Container& container() const { return container_; }
+  const std::string& path() const { return map_.path(); }
+
+  /// The scene of that name, else of that number, else (empty) the document's default scene, else its first. Errors
+  /// kUsage (no such scene; those there are are listed), kUnsupported (the file has none).
+  Result<uint32_t> find_scene(const std::string& name_or_index) const;
+
+ private:
+  MappedFile map_;
+  format::Container container_;
+};
+
+struct SceneOptions {
+  bool textures = true;  // false: texture views have no texels
+  uint32_t threads = 1;
+};
+
+struct LoadStats {
+  uint64_t pages = 0;          // geometry pages loaded and checked
+  uint64_t stored_bytes = 0;   // of them, in the file
+  uint64_t decoded_bytes = 0;  // of those that were compressed, in memory of their own
+  uint64_t images = 0;         // decoded
+  uint64_t texture_bytes = 0;  // of their levels
+  double geometry_ms = 0;
+  double texture_ms = 0;
+};
+
+/// Owns what view() points to. Raw pages are used where they lie in the map; only compressed ones have a copy.
+class Scene {
+ public:
+  /// Loads the pages that the instances of scene number `scene` (below the container's count) use, validates every
+  /// chunk of them, and decodes the images of their materials, each once. Errors, with the file and the place named:
+  /// those of load_page; kRange, kFormat, kTrailing, kTruncated (a chunk or an image); kRange (more than 2^36 - 1 drawn
+  /// triangles); kMemory.
+  static Result<Scene> load(SceneFile file, uint32_t scene, const SceneOptions& options);
+
+  Scene(Scene&&) = default;
+  Scene& operator=(Scene&&) = default;
+
+  const SceneFile& file() const { return file_; }
+  const format::Container& container() const { return file_.container(); }
+  uint32_t scene_index() const { return scene_; }
+  const kernels::SceneView& view() const { return view_; }
+  const LoadStats& stats() const { return stats_; }
+
+  /// Images that decoded with a complaint; one line each, without the file.
+  const std::vector<std::string>& warnings() const { return warnings_; }
+
+ private:
+  /// The records of a table side by side: the table itself, or a copy where a newer file has longer records.
+  template <class Record>
+  static const Record* dense(const format::Table<Record>& table, std::vector<Record>& copy);
+
+  explicit Scene(SceneFile file) : file_(std::move(file)) {}
+  Result<void> number_instances();
+  Result<void> load_geometry(uint32_t threads);
+  Result<void> load_textures(const SceneOptions& options);
+
+  SceneFile file_;
+  uint32_t scene_ = 0;
+  kernels::SceneView view_{};
+  std::vector<format::MeshRecord> meshes_;
+  std::vector<format::ChunkRecord> chunks_;
+  std::vector<format::InstanceRecord> instances_;
+  std::vector<format::MatrixRecord> matrices_;
+  std::vector<format::MaterialRecord> materials_;
+  std::vector<uint64_t> instance_base_;
+  std::vector<bool> mesh_drawn_;
+  PageSet pages_;
+  std::vector<MipChain> mips_;  // by image; empty where no drawn material uses it
+  std::vector<kernels::TextureView> textures_;
+  std::vector<std::string> warnings_;
+  LoadStats stats_;
+};
+
+}  // namespace scree::runtime

@@ -1,0 +1,168 @@
+#include "runtime/scene_pages.h"
+
+#include <algorithm>
+#include <mutex>
+#include <new>
+#include <string>
+#include <utility>
+
+#include "format/attribute_codec.h"
+#include "format/bytes.h"
+#include "format/chunk_layout.h"
+#include "format/index_codec.h"
+#include "format/position_codec.h"
+#include "runtime/parallel.h"
+
+namespace scree::runtime {
+namespace {
+
+using format::ChunkRecord;
+using format::ChunkStream;
+using format::MeshRecord;
+
+Result<void> check_chunk_positions(const MeshRecord& mesh, const ChunkRecord& chunk, std::span<const std::byte> bytes) {
+  format::MeshLattice lattice;
+  lattice.exponent = mesh.lattice_exponent;
+  lattice.max_error = mesh.max_position_error;
+  format::PositionRange range;
+  for (size_t axis = 0; axis < 3; ++axis) {
+    lattice.min[axis] = mesh.lattice_min[axis];
+    lattice.bits[axis] = mesh.lattice_bits[axis];
+    range.min[axis] = chunk.position_min[axis];
+    range.bits[axis] = chunk.position_bits[axis];
+  }
+  return format::check_positions(chunk.vertex_count, lattice, range, bytes);
+}
+
+/// "mesh 12 (Rock), chunk 340 (page 7)".
+std::string chunk_place(const format::Container& container, uint64_t index) {
+  const ChunkRecord& chunk = container.chunks()[index];
+  const std::string_view name = container.string(container.groups()[container.meshes()[chunk.mesh].group].name);
+  std::string place = "mesh " + std::to_string(chunk.mesh);
+  if (!name.empty()) place.append(" (").append(name).append(")");
+  return place + ", chunk " + std::to_string(index) + " (page " + std::to_string(chunk.page) + ")";
+}
+
+struct PageChunk {
+  uint32_t page;
+  uint64_t chunk;
+};
+
+/// The chunks of the drawn meshes, page by page.
+std::vector<PageChunk> chunks_by_page(const format::Container& container, const std::vector<bool>& drawn) {
+  std::vector<PageChunk> found;
+  const auto meshes = container.meshes();
+  const auto chunks = container.chunks();
+  for (uint64_t m = 0; m < meshes.size(); ++m) {
+    if (!drawn[m]) continue;
+    const MeshRecord& mesh = meshes[m];
+    for (uint64_t c = mesh.first_chunk; c < mesh.first_chunk + mesh.chunk_count; ++c)
+      found.push_back({chunks[c].page, c});
+  }
+  const auto before = [](const PageChunk& a, const PageChunk& b) {
+    return a.page != b.page ? a.page < b.page : a.chunk < b.chunk;
+  };
+  if (!std::is_sorted(found.begin(), found.end(), before)) std::sort(found.begin(), found.end(), before);
+  return found;
+}
+
+/// The error of the lowest page, from whichever thread.
+class FirstError {
+ public:
+  void report(uint64_t place, Error error) {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    if (place >= place_.load()) return;
+    place_ = place;
+    error_ = std::move(error);
+  }
+  /// Whether an earlier page has failed, so that this one makes no difference.
+  bool is_moot(uint64_t place) const { return place > place_.load(); }
+  bool any() const { return place_.load() != kNoPlace; }
+  const Error& error() const { return error_; }
+
+ private:
+  static constexpr uint64_t kNoPlace = ~uint64_t{0};
+  std::mutex mutex_;
+  std::atomic<uint64_t> place_{kNoPlace};
+  Error error_{ErrorCode::kFormat, {}};
+};
+
+}  // namespace
+
+Result<void> check_chunk(const MeshRecord& mesh, const ChunkRecord& chunk, std::span<const std::byte> page) {
+  const format::ChunkStreams streams = format::chunk_streams(mesh, chunk);
+  if (streams.bytes != chunk.bytes || !format::range_within(chunk.offset, chunk.bytes, page.size()))
+    return Error{ErrorCode::kRange, std::to_string(chunk.bytes) + " bytes at " + std::to_string(chunk.offset) +
+                                        " of a page of " + std::to_string(page.size()) + ", but its streams take " +
+                                        std::to_string(streams.bytes)};
+  const std::span<const std::byte> payload = page.subspan(chunk.offset, chunk.bytes);
+  const auto bytes_of = [&](const ChunkStream& stream) { return payload.subspan(stream.offset, stream.bytes); };
+
+  Result<void> checked = format::check_indices(uint64_t{3} * chunk.triangle_count, chunk.vertex_count,
+                                               {chunk.index_min, chunk.index_bits}, bytes_of(streams.indices));
+  if (!checked) return at("indices", checked.error());
+  checked = check_chunk_positions(mesh, chunk, bytes_of(streams.positions));
+  if (!checked) return at("positions", checked.error());
+  if (mesh.attributes & format::kHasUv) {
+    const format::UvRange range{
+        chunk.uv_exponent, {chunk.uv_min[0], chunk.uv_min[1]}, {chunk.uv_bits[0], chunk.uv_bits[1]}};
+    checked = format::check_uvs(chunk.vertex_count, range, bytes_of(streams.uvs));
+    if (!checked) return at("texture coordinates", checked.error());
+  }
+  if (mesh.attributes & format::kHasColor) {
+    checked = format::check_colors(chunk.vertex_count, bytes_of(streams.colors));
+    if (!checked) return at("colours", checked.error());
+  }
+  if (mesh.attributes & format::kHasNormal) {
+    checked = format::check_normals(chunk.vertex_count, chunk.normal_bits, bytes_of(streams.normals));
+    if (!checked) return at("normals", checked.error());
+  }
+  if (mesh.attributes & format::kHasSourceIds) {
+    checked = format::check_source_ids(chunk.triangle_count, {chunk.source_min, chunk.source_bits},
+                                       bytes_of(streams.source_ids));
+    if (!checked) return at("source triangle numbers", checked.error());
+  }
+  return {};
+}
+
+Result<PageSet> load_pages(const format::Container& container, const MappedFile& map, const std::vector<bool>& drawn,
+                           uint32_t threads) {
+  try {
+    PageSet set;
+    const auto pages = container.pages();
+    set.raw.assign(pages.size(), nullptr);
+    set.decoded.resize(pages.size());
+    const std::vector<PageChunk> chunks = chunks_by_page(container, drawn);
+    std::vector<uint64_t> first_chunk;  // of each page used, in `chunks`
+    for (uint64_t i = 0; i < chunks.size(); ++i)
+      if (i == 0 || chunks[i].page != chunks[i - 1].page) first_chunk.push_back(i);
+    set.page_count = first_chunk.size();
+    first_chunk.push_back(chunks.size());
+
+    FirstError failure;
+    parallel_for(set.page_count, threads, [&](uint64_t i) {
+      if (failure.is_moot(i)) return;
+      const uint32_t page = chunks[first_chunk[i]].page;
+      map.will_need(pages[page].offset, pages[page].stored_bytes);
+      const Result<std::span<const std::byte>> raw = container.load_page(page, set.decoded[page]);
+      if (!raw) return failure.report(i, raw.error());
+      for (uint64_t c = first_chunk[i]; c < first_chunk[i + 1]; ++c) {
+        const ChunkRecord& chunk = container.chunks()[chunks[c].chunk];
+        const Result<void> checked = check_chunk(container.meshes()[chunk.mesh], chunk, *raw);
+        if (!checked) return failure.report(i, at(chunk_place(container, chunks[c].chunk), checked.error()));
+      }
+      set.raw[page] = raw->data();
+    });
+    if (failure.any()) return failure.error();
+    for (uint64_t i = 0; i < set.page_count; ++i) {
+      const uint32_t page = chunks[first_chunk[i]].page;
+      set.stored_bytes += pages[page].stored_bytes;
+      set.decoded_bytes += set.decoded[page].size();
+    }
+    return set;
+  } catch (const std::bad_alloc&) {
+    return Error{ErrorCode::kMemory, "no memory left for its pages"};
+  }
+}
+
+}  // namespace scree::runtime

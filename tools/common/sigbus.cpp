@@ -1,0 +1,49 @@
+#include "tools/common/sigbus.h"
+
+#include <algorithm>
+#include <csignal>
+#include <cstddef>
+#include <string>
+
+#include <unistd.h>
+
+#include "format/result.h"
+
+namespace scree::tools {
+namespace {
+
+// A signal handler may not allocate: the line is made beforehand, in memory that stays. Paths are at most 4 KiB.
+constexpr size_t kLineBytes = 8192;
+char line[kLineBytes];
+volatile sig_atomic_t line_size = 0;
+int exit_status = 2;
+
+extern "C" void on_sigbus(int) {
+  size_t written = 0;
+  const auto size = static_cast<size_t>(line_size);
+  while (written < size) {
+    const ssize_t count = ::write(STDERR_FILENO, line + written, size - written);
+    if (count <= 0) break;
+    written += static_cast<size_t>(count);
+  }
+  ::_exit(exit_status);
+}
+
+}  // namespace
+
+void report_sigbus(std::string_view command, std::string_view file) {
+  std::string text("scree ");
+  text.append(command).append(": ").append(file);
+  text.append(": cannot read: the file was cut short while it was read, or its disk failed (SIGBUS)\n");
+  line_size = 0;
+  const size_t size = std::min(text.size(), kLineBytes);
+  std::copy_n(text.begin(), size, line);
+  line_size = static_cast<sig_atomic_t>(size);
+  exit_status = exit_code(ErrorCode::kFile);
+  struct sigaction action {};
+  action.sa_handler = on_sigbus;
+  sigemptyset(&action.sa_mask);
+  sigaction(SIGBUS, &action, nullptr);
+}
+
+}  // namespace scree::tools

@@ -1,0 +1,234 @@
+// scree render: draws a packed scene.
+#include <chrono>
+#include <cmath>
+#include <cstdio>
+#include <memory>
+#include <new>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <utility>
+#include <vector>
+
+#include "runtime/image.h"
+#include "runtime/renderer.h"
+#include "runtime/scene.h"
+#include "tools/common/command.h"
+#include "tools/common/options.h"
+#include "tools/common/sigbus.h"
+#include "tools/render/render_options.h"
+
+namespace scree::tools {
+namespace {
+
+using Clock = std::chrono::steady_clock;
+
+double milliseconds_since(Clock::time_point start) {
+  return std::chrono::duration<double, std::milli>(Clock::now() - start).count();
+}
+
+/// "12 (Rock)"; names come from files, so what a terminal would obey is not printed.
+std::string number_and_name(uint64_t number, std::string_view name) {
+  std::string text = std::to_string(number);
+  if (name.empty()) return text;
+  text += " (";
+  for (const char c : name) text += static_cast<unsigned char>(c) < 0x20 || c == 0x7f ? '?' : c;
+  return text + ")";
+}
+
+std::string milliseconds(double ms) {
+  char text[32];
+  std::snprintf(text, sizeof text, ms < 100 ? "%.1f ms" : "%.0f ms", ms);
+  return text;
+}
+
+void list_cameras(const runtime::SceneFile& file, uint32_t scene) {
+  const format::Container& container = file.container();
+  const std::vector<runtime::PlacedCamera> cameras = runtime::placed_cameras(container, scene);
+  for (const runtime::PlacedCamera& placed : cameras) {
+    const format::CameraRecord& camera = container.cameras()[placed.camera];
+    const std::string place = "camera " + number_and_name(placed.camera, container.string(camera.name)) + " at node " +
+                              number_and_name(placed.node, container.string(container.nodes()[placed.node].name));
+    if (camera.kind == format::CameraKind::kOrthographic) {
+      std::printf("%s: orthographic, %g x %g units, from %g to %g\n", place.c_str(), 2 * camera.x, 2 * camera.y,
+                  camera.z_near, camera.z_far);
+    } else {
+      std::printf("%s: perspective, %g degrees high, from %g\n", place.c_str(), camera.y * 180 / 3.14159265358979323846,
+                  camera.z_near);
+    }
+  }
+  if (cameras.empty()) std::printf("scene %u has no cameras\n", scene);
+}
+
+void print_pick(const format::Container& container, PixelPlace place, const std::optional<runtime::Pick>& pick) {
+  if (!pick) {
+    std::printf("pick %u,%u: nothing\n", place.x, place.y);
+    return;
+  }
+  const format::MeshRecord& mesh = container.meshes()[pick->mesh];
+  const std::string node = number_and_name(pick->node, container.string(container.nodes()[pick->node].name));
+  const std::string mesh_name = number_and_name(pick->mesh, container.string(container.groups()[mesh.group].name));
+  std::string line = "node " + node;
+  if (container.nodes()[pick->node].node_instance_count > 0)
+    line += ", instance " + std::to_string(pick->node_instance);
+  line += ", mesh " + mesh_name + ", triangle " + std::to_string(pick->mesh_triangle);
+  if (pick->source_triangle) line += ", source triangle " + std::to_string(*pick->source_triangle);
+  std::printf("pick %u,%u: %s, depth %.9g\n", place.x, place.y, line.c_str(), pick->depth);
+}
+
+struct Times {
+  double open_ms = 0;
+  double shade_ms = 0;
+  double write_ms = 0;
+};
+
+void print_stats(const runtime::Scene& scene, const runtime::Frame& frame, const kernels::View& view,
+                 const Times& times) {
+  const runtime::LoadStats& load = scene.stats();
+  const kernels::FrameStats& drawn = frame.stats();
+  std::printf("open: %s\n", milliseconds(times.open_ms).c_str());
+  std::printf("geometry: %llu pages, %s in the file, %s decompressed, %s\n",
+              static_cast<unsigned long long>(load.pages), format_bytes(load.stored_bytes).c_str(),
+              format_bytes(load.decoded_bytes).c_str(), milliseconds(load.geometry_ms).c_str());
+  std::printf("textures: %llu images, %s with levels, %s\n", static_cast<unsigned long long>(load.images),
+              format_bytes(load.texture_bytes).c_str(), milliseconds(load.texture_ms).c_str());
+  std::printf("view: eye %.9g,%.9g,%.9g forward %.6f,%.6f,%.6f up %.6f,%.6f,%.6f near %g\n", view.eye[0], view.eye[1],
+              view.eye[2], view.forward[0], view.forward[1], view.forward[2], view.up[0], view.up[1], view.up[2],
+              view.z_near);
+  std::printf(
+      "draws: %llu of %llu instances, %llu draws, %llu triangles: %llu small, %llu medium, %llu large, %llu "
+      "clipped\n",
+      static_cast<unsigned long long>(drawn.instances_drawn),
+      static_cast<unsigned long long>(scene.view().instance_count), static_cast<unsigned long long>(drawn.draws),
+      static_cast<unsigned long long>(drawn.triangles), static_cast<unsigned long long>(drawn.triangles_small),
+      static_cast<unsigned long long>(drawn.triangles_medium), static_cast<unsigned long long>(drawn.triangles_large),
+      static_cast<unsigned long long>(drawn.triangles_clipped));
+  std::printf("draw: %s, shade: %s, write: %s\n", milliseconds(frame.draw_ms()).c_str(),
+              milliseconds(times.shade_ms).c_str(), milliseconds(times.write_ms).c_str());
+}
+
+/// One line: what was drawn, how fast, where it is.
+void print_summary(const RenderOptions& options, const runtime::Scene& scene, const runtime::Frame& frame,
+                   const Times& times) {
+  std::string places;
+  for (const std::string* path : {&options.output, &options.depth, &options.visbuffer})
+    if (!path->empty()) places += (places.empty() ? "" : ", ") + *path;
+  if (places.empty()) return;  // picks only
+  const runtime::LoadStats& load = scene.stats();
+  const uint64_t triangles = scene.view().instance_base[scene.view().instance_count];
+  std::string size = std::to_string(frame.width()) + " x " + std::to_string(frame.height());
+  if (options.samples_per_side > 1)
+    size += " (" + std::to_string(options.samples_per_side * options.samples_per_side) + " samples a pixel)";
+  std::printf("%s: %s triangles at %s in %s (shading %s, loading %s) -> %s\n", options.file.c_str(),
+              format_count(static_cast<double>(triangles)).c_str(), size.c_str(), milliseconds(frame.draw_ms()).c_str(),
+              milliseconds(times.shade_ms).c_str(),
+              milliseconds(times.open_ms + load.geometry_ms + load.texture_ms).c_str(), places.c_str());
+}
+
+Result<void> write_outputs(const RenderOptions& options, const runtime::Frame& frame, Times& times) {
+  if (!options.output.empty()) {
+    const Clock::time_point start = Clock::now();
+    const Result<runtime::Picture> picture = frame.shade(options.shade, options.threads);
+    if (!picture) return at(options.file, picture.error());
+    times.shade_ms = milliseconds_since(start);
+    const Clock::time_point write_start = Clock::now();
+    const Result<void> written =
+        runtime::write_png(options.output, picture->width, picture->height, picture->channels, picture->pixels);
+    if (!written) return written.error();
+    times.write_ms = milliseconds_since(write_start);
+  }
+  if (!options.depth.empty()) {
+    const Result<void> written = runtime::write_pfm(options.depth, frame.width(), frame.height(), frame.depth());
+    if (!written) return written.error();
+  }
+  if (!options.visbuffer.empty()) {
+    const Result<void> written = runtime::write_visibility(options.visbuffer, frame.samples());
+    if (!written) return written.error();
+  }
+  return {};
+}
+
+Result<void> render(const RenderOptions& options) {
+  Times times;
+  const Clock::time_point start = Clock::now();
+  report_sigbus("render", options.file);
+  Result<runtime::SceneFile> file = runtime::SceneFile::open(options.file);
+  if (!file) return file.error();
+  const Result<uint32_t> scene_index = file->find_scene(options.scene);
+  if (!scene_index) return scene_index.error();
+  if (options.list_cameras) {
+    list_cameras(*file, *scene_index);
+    return {};
+  }
+  times.open_ms = milliseconds_since(start);
+
+  runtime::SceneOptions load;
+  load.textures = !options.output.empty() && options.shade.show == kernels::Show::kTexture;
+  load.threads = options.threads;
+  const Result<runtime::Scene> scene = runtime::Scene::load(std::move(*file), *scene_index, load);
+  if (!scene) return scene.error();
+  if (!options.quiet)
+    for (const std::string& warning : scene->warnings())
+      std::fprintf(stderr, "scree render: warning: %s: %s\n", options.file.c_str(), warning.c_str());
+  const Result<kernels::View> view =
+      runtime::make_view(scene->container(), *scene_index, scene->view(), options.camera);
+  if (!view) return at(options.file, view.error());
+
+  const Result<runtime::Frame> frame = runtime::Frame::draw(*scene, *view, options.samples_per_side, options.threads);
+  if (!frame) return at(options.file, frame.error());
+  if (const Result<void> written = write_outputs(options, *frame, times); !written) return written.error();
+  for (const PixelPlace& place : options.picks) print_pick(scene->container(), place, frame->pick(place.x, place.y));
+  if (options.stats) print_stats(*scene, *frame, *view, times);
+  if (!options.quiet) print_summary(options, *scene, *frame, times);
+  return {};
+}
+
+Result<void> run(const RenderWords& words) {
+  const Result<RenderOptions> options = parse_render_options(words);
+  if (!options) return options.error();
+  const Result<void> done = render(*options);
+  if (!done) return done.error();
+  if (std::fflush(stdout) != 0) return Error{ErrorCode::kFile, "standard output: cannot write"};
+  return {};
+}
+
+}  // namespace
+
+Command add_render(CLI::App& parent) {
+  const auto words = std::make_shared<RenderWords>();
+  CLI::App* app = parent.add_subcommand("render", "Draws a packed scene");
+  app->add_option("file", words->file, "The scene: a .scree file")->required();
+  app->add_option("-o,--output", words->output, "The picture to write, a .png (default: beside the file)");
+  app->add_option("--size", words->size, "Pixels, WxH (default: 1920x1080)");
+  app->add_option("--samples", words->samples, "Samples a pixel along each side: 1 (default), 2 or 4");
+  app->add_option("--scene", words->scene, "Scene of the file, by name or number (default: the file's default)");
+  app->add_option("--camera", words->camera, "Camera of the file, by name, node name or number");
+  app->add_flag("--list-cameras", words->list_cameras, "List the scene's cameras and draw nothing");
+  app->add_option("--eye", words->eye, "Where to look from, X,Y,Z (default: where all of the scene is seen)");
+  app->add_option("--target", words->target, "Where --eye looks to, X,Y,Z (default: the middle of the scene)");
+  app->add_option("--up", words->up, "What is up in the picture, X,Y,Z (default: 0,1,0)");
+  app->add_option("--fov", words->fov, "Vertical field of view in degrees (default: 45, or the camera's)");
+  app->add_option(
+      "--show", words->show,
+      "texture (default), color: without textures, uv, normal, triangle, mesh, stage: of the rasteriser, or "
+      "depth");
+  app->add_flag("--no-light", words->no_light, "Surfaces as they are, without the camera's light");
+  app->add_option("--background", words->background, "#rgb, #rrggbb, #rrggbbaa, a name, or none: transparent");
+  app->add_option(
+      "--depth", words->depth,
+      "Write the depth image, a PFM: distances from the eye's plane in the scene's units, inf where nothing is");
+  app->add_option(
+      "--visbuffer", words->visbuffer,
+      "Write the visibility buffer: a little-endian 64-bit word a sample, rows from the top, 28 bits of depth "
+      "code over 36 of triangle id, all ones where nothing is");
+  app->add_option("--pick", words->picks, "Print what lies under the pixel X,Y; may be given several times")
+      ->type_size(1)
+      ->expected(1)
+      ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll);
+  app->add_option("--threads", words->threads, "Threads; 0: one per processor (default)");
+  app->add_flag("--stats", words->stats, "Print counts and times of every step");
+  app->add_flag("-q,--quiet", words->quiet, "No closing line and no warnings");
+  return {app, [words] { return run(*words); }};
+}
+
+}  // namespace scree::tools

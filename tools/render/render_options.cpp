@@ -1,0 +1,247 @@
+#include "tools/render/render_options.h"
+
+#include <algorithm>
+#include <cctype>
+#include <charconv>
+#include <cmath>
+#include <filesystem>
+#include <optional>
+#include <thread>
+#include <utility>
+
+#include "kernels/visbuffer.h"
+#include "runtime/srgb.h"
+#include "tools/common/options.h"
+
+namespace scree::tools {
+namespace {
+
+Error usage(std::string_view option, std::string_view text, const std::string& expected) {
+  return {ErrorCode::kUsage, std::string(option) + ": '" + std::string(text) + "' is not " + expected};
+}
+
+struct NamedShow {
+  const char* name;
+  kernels::Show show;
+};
+
+constexpr std::array<NamedShow, 8> kShows{{{"texture", kernels::Show::kTexture},
+                                           {"color", kernels::Show::kColor},
+                                           {"uv", kernels::Show::kUv},
+                                           {"normal", kernels::Show::kNormal},
+                                           {"triangle", kernels::Show::kTriangle},
+                                           {"mesh", kernels::Show::kMesh},
+                                           {"stage", kernels::Show::kStage},
+                                           {"depth", kernels::Show::kDepth}}};
+
+struct NamedColor {
+  std::string_view name;
+  std::string_view code;
+};
+
+constexpr std::array<NamedColor, 9> kColors{{{"black", "#000000"},
+                                             {"white", "#ffffff"},
+                                             {"gray", "#808080"},
+                                             {"grey", "#808080"},
+                                             {"red", "#ff0000"},
+                                             {"green", "#008000"},
+                                             {"blue", "#0000ff"},
+                                             {"skyblue", "#87ceeb"},
+                                             {"none", "#00000000"}}};
+
+std::string lower_case(std::string_view text) {
+  std::string out(text);
+  std::transform(out.begin(), out.end(), out.begin(),
+                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+  return out;
+}
+
+/// The parts of "a,b,c"; a text without the separator is one part.
+std::vector<std::string_view> split(std::string_view text, char separator) {
+  std::vector<std::string_view> parts;
+  for (;;) {
+    const size_t end = text.find(separator);
+    parts.push_back(text.substr(0, end));
+    if (end == std::string_view::npos) return parts;
+    text.remove_prefix(end + 1);
+  }
+}
+
+std::optional<double> number(std::string_view text) {
+  while (!text.empty() && text.front() == ' ') text.remove_prefix(1);
+  while (!text.empty() && text.back() == ' ') text.remove_suffix(1);
+  if (text.starts_with('+')) text.remove_prefix(1);
+  double value = 0;
+  const auto [rest, status] = std::from_chars(text.data(), text.data() + text.size(), value);
+  if (status != std::errc{} || rest != text.data() + text.size() || !std::isfinite(value)) return std::nullopt;
+  return value;
+}
+
+std::optional<uint32_t> whole(std::string_view text) {
+  uint32_t value = 0;
+  const auto [rest, status] = std::from_chars(text.data(), text.data() + text.size(), value);
+  if (status != std::errc{} || rest != text.data() + text.size()) return std::nullopt;
+  return value;
+}
+
+Result<kernels::Show> parse_show(std::string_view text) {
+  std::string names;
+  for (const NamedShow& named : kShows) {
+    if (text == named.name) return named.show;
+    names += (names.empty() ? "" : ", ") + std::string(named.name);
+  }
+  return usage("--show", text, "one of " + names);
+}
+
+Result<PixelPlace> parse_pick(std::string_view text, uint32_t width, uint32_t height) {
+  const std::vector<std::string_view> parts = split(text, ',');
+  const std::string expected = "a pixel X,Y with X below " + std::to_string(width) + " and Y below " +
+                               std::to_string(height) + ", counted from the top left";
+  if (parts.size() != 2) return usage("--pick", text, expected);
+  const auto x = whole(parts[0]);
+  const auto y = whole(parts[1]);
+  if (!x || !y || *x >= width || *y >= height) return usage("--pick", text, expected);
+  return PixelPlace{*x, *y};
+}
+
+/// The vectors and the angle of `words`.
+Result<void> parse_camera(const RenderWords& words, runtime::CameraOptions& camera) {
+  camera.camera = words.camera;
+  const std::pair<const std::string*, std::optional<runtime::Vec3>*> vectors[] = {
+      {&words.eye, &camera.eye}, {&words.target, &camera.target}, {&words.up, &camera.up}};
+  const char* const names[] = {"--eye", "--target", "--up"};
+  for (size_t i = 0; i < 3; ++i) {
+    if (vectors[i].first->empty()) continue;
+    if (!words.camera.empty())
+      return Error{ErrorCode::kUsage, std::string("--camera and ") + names[i] + " exclude each other"};
+    const Result<runtime::Vec3> vector = parse_vector(*vectors[i].first, names[i]);
+    if (!vector) return vector.error();
+    *vectors[i].second = *vector;
+  }
+  if (camera.target && !camera.eye) return Error{ErrorCode::kUsage, "--target needs --eye"};
+  if (!words.fov.empty()) {
+    const std::optional<double> degrees = number(words.fov);
+    if (!degrees || !(*degrees > 0 && *degrees < 180))
+      return usage("--fov", words.fov, "an angle above 0 and below 180 degrees");
+    camera.fov_degrees = *degrees;
+  }
+  return {};
+}
+
+/// Outputs: a picture is a .png, and nothing is written over the file that is read.
+Result<void> check_outputs(const RenderOptions& options) {
+  const std::filesystem::path picture(options.output);
+  if (!options.output.empty() && lower_case(picture.extension().string()) != ".png")
+    return usage("--output", options.output, "a .png file, the one kind of picture that is written");
+  const std::pair<const char*, const std::string*> outputs[] = {
+      {"--output", &options.output}, {"--depth", &options.depth}, {"--visbuffer", &options.visbuffer}};
+  for (const auto& [name, path] : outputs) {
+    if (path->empty()) continue;
+    std::error_code ignored;
+    if (std::filesystem::equivalent(*path, options.file, ignored))
+      return Error{ErrorCode::kUsage, std::string(name) + ": " + *path + " is the file to draw"};
+    for (const auto& [other_name, other] : outputs)
+      if (other != path && *other == *path)
+        return Error{ErrorCode::kUsage, std::string(name) + " and " + other_name + " are both " + *path};
+  }
+  return {};
+}
+
+}  // namespace
+
+Result<std::array<float, 4>> parse_color(std::string_view text) {
+  const std::string expected =
+      "a colour: #rgb, #rrggbb, #rrggbbaa, none, black, white, gray, red, green, blue or skyblue";
+  std::string code = lower_case(text);
+  for (const NamedColor& named : kColors)
+    if (code == named.name) code = named.code;
+  if (!code.starts_with('#')) return usage("--background", text, expected);
+  code.erase(0, 1);
+  if (code.size() == 3) code = {code[0], code[0], code[1], code[1], code[2], code[2]};
+  if (code.size() == 6) code += "ff";
+  if (code.size() != 8) return usage("--background", text, expected);
+  std::array<uint8_t, 4> bytes{};
+  for (size_t i = 0; i < 4; ++i) {
+    const char* const first = code.data() + 2 * i;
+    const auto [rest, status] = std::from_chars(first, first + 2, bytes[i], 16);
+    if (status != std::errc{} || rest != first + 2) return usage("--background", text, expected);
+  }
+  return std::array<float, 4>{runtime::linear_of_srgb(bytes[0]), runtime::linear_of_srgb(bytes[1]),
+                              runtime::linear_of_srgb(bytes[2]), static_cast<float>(bytes[3]) / 255.0f};
+}
+
+Result<runtime::Vec3> parse_vector(std::string_view text, std::string_view what) {
+  const std::vector<std::string_view> parts = split(text, ',');
+  if (parts.size() != 3) return usage(what, text, "three numbers X,Y,Z");
+  runtime::Vec3 out{};
+  for (size_t i = 0; i < 3; ++i) {
+    const std::optional<double> value = number(parts[i]);
+    if (!value) return usage(what, text, "three numbers X,Y,Z");
+    out[i] = *value;
+  }
+  return out;
+}
+
+Result<std::array<uint32_t, 2>> parse_picture_size(std::string_view text) {
+  const std::string expected = "WxH with each side 1 to " + std::to_string(kernels::kMaxImageSide);
+  const std::vector<std::string_view> parts = split(text, 'x');
+  if (parts.size() != 2) return usage("--size", text, expected);
+  std::array<uint32_t, 2> out{};
+  for (size_t i = 0; i < 2; ++i) {
+    const std::optional<uint32_t> side = whole(parts[i]);
+    if (!side || *side < 1 || *side > kernels::kMaxImageSide) return usage("--size", text, expected);
+    out[i] = *side;
+  }
+  return out;
+}
+
+Result<RenderOptions> parse_render_options(const RenderWords& words) {
+  RenderOptions options;
+  options.file = words.file;
+  options.output = words.output;
+  options.depth = words.depth;
+  options.visbuffer = words.visbuffer;
+  options.scene = words.scene;
+  options.list_cameras = words.list_cameras;
+  options.stats = words.stats;
+  options.quiet = words.quiet;
+
+  const Result<std::array<uint32_t, 2>> size = parse_picture_size(words.size);
+  if (!size) return size.error();
+  options.camera.width = (*size)[0];
+  options.camera.height = (*size)[1];
+  if (words.samples != "1" && words.samples != "2" && words.samples != "4")
+    return usage("--samples", words.samples, "1, 2 or 4");
+  options.samples_per_side = *whole(words.samples);
+  const uint64_t longest = uint64_t{std::max((*size)[0], (*size)[1])} * options.samples_per_side;
+  if (longest > kernels::kMaxImageSide)
+    return Error{ErrorCode::kUsage, "--size " + words.size + " with --samples " + words.samples + " makes " +
+                                        std::to_string(longest) + " samples a side, at most " +
+                                        std::to_string(kernels::kMaxImageSide)};
+  if (const Result<void> camera = parse_camera(words, options.camera); !camera) return camera.error();
+
+  const Result<kernels::Show> show = parse_show(words.show);
+  if (!show) return show.error();
+  options.shade.show = *show;
+  options.shade.light = !words.no_light;
+  const Result<std::array<float, 4>> background = parse_color(words.background);
+  if (!background) return background.error();
+  std::copy(background->begin(), background->end(), options.shade.background);
+
+  const Result<uint64_t> threads = parse_whole(words.threads, 0, 4096, "--threads");
+  if (!threads) return threads.error();
+  options.threads = *threads != 0 ? static_cast<uint32_t>(*threads) : std::max(1u, std::thread::hardware_concurrency());
+  for (const std::string& text : words.picks) {
+    const Result<PixelPlace> place = parse_pick(text, options.camera.width, options.camera.height);
+    if (!place) return place.error();
+    options.picks.push_back(*place);
+  }
+  if (options.output.empty() && options.depth.empty() && options.visbuffer.empty() && options.picks.empty() &&
+      !options.list_cameras) {
+    options.output = std::filesystem::path(options.file).replace_extension(".png").string();
+  }
+  if (const Result<void> checked = check_outputs(options); !checked) return checked.error();
+  return options;
+}
+
+}  // namespace scree::tools

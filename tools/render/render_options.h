@@ -1,0 +1,74 @@
+// The words of `scree render`'s command line and what they mean.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "format/result.h"
+#include "kernels/frame.h"
+#include "runtime/camera.h"
+
+namespace scree::tools {
+
+/// As typed; empty where nothing was.
+struct RenderWords {
+  std::string file;
+  std::string output;
+  std::string depth;
+  std::string visbuffer;
+  std::string size = "1920x1080";
+  std::string scene;
+  std::string camera;
+  std::string eye;
+  std::string target;
+  std::string up;
+  std::string fov;
+  std::string show = "texture";
+  std::string samples = "1";
+  std::string background = "#9aa4b0";
+  std::string threads = "0";
+  std::vector<std::string> picks;
+  bool no_light = false;
+  bool list_cameras = false;
+  bool stats = false;
+  bool quiet = false;
+};
+
+struct PixelPlace {
+  uint32_t x;
+  uint32_t y;
+};
+
+struct RenderOptions {
+  std::string file;
+  std::string output;     // of the picture; empty: none
+  std::string depth;      // likewise
+  std::string visbuffer;  // likewise
+  std::string scene;
+  runtime::CameraOptions camera;  // its size is the picture's, in pixels
+  kernels::ShadeOptions shade;
+  uint32_t samples_per_side = 1;
+  uint32_t threads = 1;
+  std::vector<PixelPlace> picks;
+  bool list_cameras = false;
+  bool stats = false;
+  bool quiet = false;
+};
+
+/// Checks every word. Where nothing at all is asked for, the picture goes beside the file, with the extension .png.
+/// Errors kUsage: the option, what was typed, what is allowed.
+Result<RenderOptions> parse_render_options(const RenderWords& words);
+
+/// "#rgb", "#rrggbb", "#rrggbbaa", "none" or a name, as linear RGBA. Errors kUsage.
+Result<std::array<float, 4>> parse_color(std::string_view text);
+
+/// "1,-2.5,3e4": three finite numbers. Errors kUsage; `what` names the option.
+Result<runtime::Vec3> parse_vector(std::string_view text, std::string_view what);
+
+/// "1920x1080", each side 1 to kernels::kMaxImageSide. Errors kUsage.
+Result<std::array<uint32_t, 2>> parse_picture_size(std::string_view text);
+
+}  // namespace scree::tools
