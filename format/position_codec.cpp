@@ -41,7 +41,8 @@ float largest_magnitude(std::span<const Interval> axes) {
 /// The coarsest exponent whose half step and `half_ulp` together stay within max_error; below kMinLatticeExponent where
 /// half_ulp alone takes all of it.
 int32_t coarsest_exponent(double max_error, double half_ulp) {
-  const double half_step = max_error - half_ulp;
+  const double half_step =
+      std::min(max_error, exp2i(kMaxLatticeExponent)) - half_ulp;  // ilogb of infinity is no number
   if (!(half_step > 0)) return kMinLatticeExponent - 1;
   int32_t exponent = std::min(std::ilogb(half_step) + 2, kMaxLatticeExponent);
   while (exponent >= kMinLatticeExponent && 0.5 * exp2i(exponent) + half_ulp > max_error) --exponent;
@@ -216,7 +217,8 @@ Result<MeshLattice> choose_lattice(const float lo[3], const float hi[3], uint32_
   const double half_ulp = 0.5 * float_ulp(largest);
   const int32_t coarsest = coarsest_exponent(max_error, half_ulp);
   auto lattice = lattice_of_exponent(lo, hi, std::max(coarsest, exact_exponent(axes)));
-  // Where half an ulp takes all of the error asked for, the lattice that has every float of the box would still keep it.
+  // Where half an ulp takes all of the error asked for, the lattice that has every float of the box would still keep
+  // it.
   if (!lattice && coarsest < kMinLatticeExponent) {
     return bad_lattice("a maximum error of " + format_double(max_error) + " is not above " + format_double(half_ulp) +
                        ", half the spacing of float32 at " + format_double(largest) +

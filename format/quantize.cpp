@@ -10,6 +10,7 @@ namespace {
 
 constexpr int32_t kMantissaBits = 23;
 constexpr int32_t kNoExponent = 1 << 20;
+constexpr int32_t kAllRoundToZero = 130;  // half of this step is above every float: any interval fits
 
 /// The exponent of float_ulp(value).
 int32_t ulp_exponent(float value) {
@@ -67,7 +68,7 @@ int32_t finest_exponent(std::span<const Interval> axes, uint32_t bits) {
              lattice_axis(axis.lo, axis.hi, exponent).bits <= bits;
     });
   };
-  while (!fits()) ++exponent;
+  while (exponent < kAllRoundToZero && !fits()) ++exponent;
   return exponent;
 }
 

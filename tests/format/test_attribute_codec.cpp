@@ -226,6 +226,34 @@ TEST_CASE("a texture coordinate decoder stays inside its bytes and checks its ra
   CHECK(outcome(check_uvs(uint64_t{1} << 60, range, bytes)) == "range");
 }
 
+TEST_CASE("random bytes and ranges never take a texture coordinate decoder past its limits", "[attribute_codec][uv]") {
+  std::mt19937_64 random(7);
+  int accepted = 0;
+  for (int round = 0; round < 10000; ++round) {
+    const size_t count = random() % 12;
+    UvRange range;
+    range.exponent = random() % 8 == 0 ? static_cast<int32_t>(random()) : static_cast<int32_t>(random() % 281) - 151;
+    for (size_t axis = 0; axis < 2; ++axis) {
+      range.min[axis] = static_cast<int64_t>(random()) >> (random() % 8 == 0 ? 0 : 12 + random() % 52);
+      range.bits[axis] = static_cast<uint8_t>(random() % 8 == 0 ? random() : random() % 26);
+    }
+    GuardedBytes guarded(uv_stream_bytes(count, range) + (random() % 8 == 0 ? random() % 3 : 0));
+    for (uint64_t bit = 0; bit < count * range.stride_bits(); ++bit) {
+      if (random() % 2) guarded.bytes()[bit / 8] |= std::byte{1} << (bit % 8);
+    }
+    std::vector<float> out(2 * count);
+    const auto decoded = decode_uvs(out, range, guarded.bytes());
+    const auto checked = check_uvs(count, range, guarded.bytes());
+    if (outcome(decoded) != outcome(checked)) FAIL(outcome(decoded) << " but check says " << outcome(checked));
+    if (!decoded) continue;
+    ++accepted;
+    for (const float value : out) {
+      if (!std::isfinite(value)) FAIL("a texture coordinate that is not finite");
+    }
+  }
+  CHECK(accepted > 1000);
+}
+
 TEST_CASE("colours round to the nearest of 256 and come back", "[attribute_codec][color]") {
   std::vector<float> all(256);
   for (size_t i = 0; i < all.size(); ++i) all[i] = static_cast<float>(i) / 255.0f;

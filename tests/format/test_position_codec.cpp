@@ -359,6 +359,52 @@ TEST_CASE("an error asked for picks the coarsest step that keeps it", "[position
   }
 }
 
+TEST_CASE("any error above the size of a mesh is kept by one point", "[position_codec]") {
+  const float lo[3] = {-1, 0, 2};
+  const float hi[3] = {1, 0.5f, 3};
+  for (const double asked : {1e9, 1e38, 1e300, std::numeric_limits<double>::infinity()}) {
+    const auto lattice = choose_lattice(lo, hi, 16, asked);
+    REQUIRE(lattice);
+    CHECK(lattice->bits == std::array<uint8_t, 3>{0, 0, 0});
+    CHECK(lattice->exponent <= kMaxLatticeExponent);
+    CHECK(lattice->max_error <= asked);
+  }
+}
+
+TEST_CASE("random bytes and ranges never take a position decoder past its limits", "[position_codec]") {
+  std::mt19937_64 random(8);
+  int accepted = 0;
+  for (int round = 0; round < 20000; ++round) {
+    const size_t count = random() % 12;
+    // Mostly near the limits, sometimes anything.
+    MeshLattice lattice;
+    PositionRange range;
+    lattice.exponent = random() % 8 == 0 ? static_cast<int32_t>(random()) : static_cast<int32_t>(random() % 281) - 151;
+    for (size_t axis = 0; axis < 3; ++axis) {
+      lattice.min[axis] = static_cast<int64_t>(random()) >> (random() % 8 == 0 ? 0 : 12 + random() % 52);
+      lattice.bits[axis] = static_cast<uint8_t>(random() % 8 == 0 ? random() : random() % 25);
+      range.bits[axis] = static_cast<uint8_t>(random() % 32 == 0 ? random() : random() % (lattice.bits[axis] % 25 + 1));
+      range.min[axis] = static_cast<uint32_t>(random() % 4 == 0 ? random() >> (random() % 64) : 0);
+    }
+    if (round % 16 == 0) range = {{0, 0, 0}, {32, 32, 32}};
+    const uint64_t data_bits = count * (range.is_float32() ? 96 : range.stride_bits());
+    GuardedBytes guarded(position_stream_bytes(count, range) + (random() % 8 == 0 ? random() % 3 : 0));
+    for (uint64_t bit = 0; bit < std::min<uint64_t>(data_bits, 8 * guarded.bytes().size()); ++bit) {
+      if (random() % 2) guarded.bytes()[bit / 8] |= std::byte{1} << (bit % 8);
+    }
+    std::vector<float> out(3 * count);
+    const auto decoded = decode_positions(out, lattice, range, guarded.bytes());
+    const auto checked = check_positions(count, lattice, range, guarded.bytes());
+    if (outcome(decoded) != outcome(checked)) FAIL(outcome(decoded) << " but check says " << outcome(checked));
+    if (!decoded) continue;
+    ++accepted;
+    for (const float value : out) {
+      if (!std::isfinite(value)) FAIL("a position that is not finite");
+    }
+  }
+  CHECK(accepted > 1000);
+}
+
 TEST_CASE("a lattice that cannot be is refused with the reason", "[position_codec]") {
   const float lo[3] = {-1000, 0, 0};
   const float hi[3] = {1000, 1, 1};
