@@ -41,6 +41,7 @@ class FileSource final : public ByteSource {
   }
 
   uint64_t size() const override { return size_; }
+  const std::string& path() const override { return path_; }
 
   Result<void> read(uint64_t offset, std::span<std::byte> out) const override {
     if (!format::range_within(offset, out.size(), size_))
@@ -83,6 +84,7 @@ class WindowSource final : public ByteSource {
       : whole_(std::move(whole)), offset_(offset), size_(size) {}
 
   uint64_t size() const override { return size_; }
+  const std::string& path() const override { return whole_->path(); }
 
   Result<void> read(uint64_t offset, std::span<std::byte> out) const override {
     if (!format::range_within(offset, out.size(), size_))
@@ -117,6 +119,11 @@ class MemorySource final : public ByteSource {
 };
 
 }  // namespace
+
+const std::string& ByteSource::path() const {
+  static const std::string none;
+  return none;
+}
 
 Result<std::shared_ptr<const ByteSource>> open_file_source(const std::string& path) {
   const int descriptor = open_read_only(path);

@@ -49,18 +49,49 @@ Result<void> check_options(const ConvertOptions& options) {
   return {};
 }
 
-/// Fails early where the end of a long run would: the output is the input, a folder, or lies where nothing can be made.
-Result<void> check_output(const std::string& input, const std::string& output) {
+/// Fails early where the end of a long run would: a folder, or a place where nothing can be made.
+Result<void> check_output(const std::string& output) {
   namespace fs = std::filesystem;
   std::error_code ignored;
-  if (fs::equivalent(input, output, ignored) || fs::equivalent(input, output + ".part", ignored))
-    return Error{ErrorCode::kUsage, output + ": the output is the input"};
   if (fs::is_directory(output, ignored)) return Error{ErrorCode::kFile, output + ": is a folder"};
   fs::path folder = fs::path(output).parent_path();
   if (folder.empty()) folder = ".";
   if (::access(folder.c_str(), W_OK | X_OK) != 0)
     return Error{ErrorCode::kFile, folder.string() + ": " + std::strerror(errno)};
   return {};
+}
+
+/// The output must not replace what it is made from.
+Result<void> check_not_source(const std::set<std::string>& files, const std::string& output) {
+  std::error_code ignored;
+  for (const std::string& file : files)
+    for (const std::string& written : {output, output + ".part"})
+      if (std::filesystem::equivalent(file, written, ignored))
+        return Error{ErrorCode::kUsage,
+                     written + ": the output would replace " + (file == written ? "a file of the source" : file)};
+  return {};
+}
+
+/// All files the scene is read from: the input and what it names.
+std::set<std::string> source_files(const std::string& input, const SourceScene& scene) {
+  std::set<std::string> files{input};
+  const auto add = [&](const std::shared_ptr<const ByteSource>& source) {
+    if (source != nullptr && !source->path().empty()) files.insert(source->path());
+  };
+  const auto add_accessor = [&](const Accessor& accessor) {
+    add(accessor.source);
+    if (!accessor.sparse) return;
+    add(accessor.sparse->index_source);
+    add(accessor.sparse->value_source);
+  };
+  for (const Primitive& primitive : scene.primitives) {
+    add_accessor(primitive.positions);
+    for (const std::optional<Accessor>* accessor :
+         {&primitive.indices, &primitive.uv, &primitive.color, &primitive.normal})
+      if (*accessor) add_accessor(**accessor);
+  }
+  for (const SourceImage& image : scene.images) add(image.source);
+  return files;
 }
 
 /// The options that shape the bytes, as they are typed.
@@ -146,6 +177,12 @@ class Converter {
       report_.dropped_nonfinite += primitive.dropped_nonfinite;
     }
     return {};
+  }
+
+  /// For the progress line: buffers are read evenly with the triangles, near enough.
+  uint64_t bytes_read(uint64_t done, uint64_t total) const {
+    const double share = total > 0 ? static_cast<double>(done) / static_cast<double>(total) : 0;
+    return static_cast<uint64_t>(share * static_cast<double>(scene_.buffer_bytes));
   }
 
   /// Groups and meshes: a mesh for every primitive that keeps a triangle.
@@ -350,13 +387,11 @@ class Converter {
 
   void add_source_record() {
     AccessorBytes indices, positions, attributes;
-    std::set<const ByteSource*> buffers;
     for (size_t i = 0; i < scene_.primitives.size(); ++i) {
       if (mesh_of_[i] == kNone) continue;
       const Primitive& primitive = scene_.primitives[i];
       if (primitive.indices) indices.add(*primitive.indices);
       positions.add(primitive.positions);
-      buffers.insert(primitive.positions.source.get());
       for (const std::optional<Accessor>* attribute : {&primitive.uv, &primitive.color, &primitive.normal})
         if (*attribute) attributes.add(**attribute);
     }
@@ -371,15 +406,6 @@ class Converter {
     source.options = tables_.strings.add(describe_options(options_));
     source.generator = tables_.strings.add("scree " SCREE_VERSION);
     source.copyright = tables_.strings.add(scene_.copyright);
-
-    report_.input_bytes = scene_.json_bytes + scene_.buffer_bytes;
-    for (const uint32_t image : images_.sources) {
-      // An image in a buffer view is counted with its buffer.
-      const SourceImage& file = scene_.images[image];
-      const bool own_file =
-          file.offset == 0 && file.bytes == file.source->size() && !buffers.contains(file.source.get());
-      if (own_file) report_.input_bytes += file.bytes;
-    }
   }
 
   void add_left_out() {
@@ -462,12 +488,19 @@ Result<ConvertReport> convert(const ConvertOptions& options) {
   ConvertReport report;
   report.output = options.output.empty() ? std::filesystem::path(options.input).replace_extension(".scree").string()
                                          : options.output;
-  if (const Result<void> checked = check_output(options.input, report.output); !checked) return checked.error();
+  if (const Result<void> checked = check_output(report.output); !checked) return checked.error();
   ImportOptions import_options;
   import_options.exclude = options.exclude;
   const Result<SourceScene> scene = import_gltf(options.input, import_options);
   if (!scene) return scene.error();
   report.warnings = scene->warnings;
+  const std::set<std::string> files = source_files(options.input, *scene);
+  if (const Result<void> checked = check_not_source(files, report.output); !checked) return checked.error();
+  for (const std::string& file : files) {
+    std::error_code ignored;
+    const uint64_t bytes = std::filesystem::file_size(file, ignored);
+    if (!ignored) report.input_bytes += bytes;
+  }
   const uint32_t threads = options.threads != 0 ? options.threads : std::max(1u, std::thread::hardware_concurrency());
   {
     tools::Progress progress(options.progress);

@@ -44,7 +44,7 @@ struct ConvertOptions {
 
 struct ConvertReport {
   std::string output;
-  uint64_t input_bytes = 0;  // JSON, buffers and image files
+  uint64_t input_bytes = 0;  // of the input and the buffer and image files it names
   uint64_t output_bytes = 0;
   uint64_t meshes = 0;
   uint64_t chunks = 0;

@@ -25,6 +25,8 @@ class ByteSource {
   virtual uint64_t size() const = 0;
   /// Fills `out` from `offset`. Errors kFile (I/O error), kTruncated (the file shrank).
   virtual Result<void> read(uint64_t offset, std::span<std::byte> out) const = 0;
+  /// The file the bytes come from; empty where they are held in memory.
+  virtual const std::string& path() const;
 };
 
 enum class ComponentType : uint16_t { kInt8 = 5120, kUint8, kInt16, kUint16, kUint32 = 5125, kFloat32 = 5126 };
