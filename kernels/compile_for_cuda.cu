@@ -9,6 +9,7 @@ namespace {
 /// One warp: what a pass may ask of a team.
 struct WarpTeam {
   static constexpr bool kCachesVertices = false;
+  static constexpr bool kDrawsRuns = false;
 
   __device__ uint32_t rank() const { return threadIdx.x & 31u; }
   __device__ static constexpr uint32_t size() { return 32; }

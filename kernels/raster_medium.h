@@ -10,6 +10,10 @@ inline namespace SCREE_ISA {
 template <bool kOrthographic, class Int, class Team>
 SCREE_HD inline void draw_box_with_team(Team team, const Target& target, const Triangle& triangle, const PixelBox& box,
                                         int64_t area) {
+  if constexpr (Team::kDrawsRuns) {
+    team.template draw_runs<kOrthographic, Int>(target, triangle, box, area);
+    return;
+  }
   const Edges<Int> edges = make_edges<Int>(triangle, box.x0, box.y0);
   const DepthPlane plane = make_depth_plane(triangle, area);
   const uint32_t width = static_cast<uint32_t>(box.x1 - box.x0 + 1);

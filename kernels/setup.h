@@ -139,14 +139,18 @@ SCREE_HD inline DepthPlane make_depth_plane(const Triangle& triangle, int64_t ar
   return plane;
 }
 
+/// The depth value from the weights of corners 1 and 2.
+SCREE_HD inline float depth_of_weights(const DepthPlane& plane, float weight1, float weight2) {
+  const float depth = fused(weight1, plane.slope1, fused(weight2, plane.slope2, plane.origin));
+  return min_of(max_of(depth, plane.farthest), plane.nearest);
+}
+
 /// The depth value at a pixel from its true edge values (`exclusive` added back) opposite corners 1 and 2: exact
 /// integers, each rounded once to float, so int32 and int64 edges give the same.
 template <class Int>
 SCREE_HD inline float depth_at(const DepthPlane& plane, Int edge1, Int edge2) {
-  const float weight1 = static_cast<float>(edge1) * plane.inverse_area;
-  const float weight2 = static_cast<float>(edge2) * plane.inverse_area;
-  const float depth = fused(weight1, plane.slope1, fused(weight2, plane.slope2, plane.origin));
-  return min_of(max_of(depth, plane.farthest), plane.nearest);
+  return depth_of_weights(plane, static_cast<float>(edge1) * plane.inverse_area,
+                          static_cast<float>(edge2) * plane.inverse_area);
 }
 
 }  // namespace SCREE_ISA

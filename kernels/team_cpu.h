@@ -50,11 +50,58 @@ inline void project_range(const ChunkReader& reader, const Transform& transform,
   }
 }
 
+/// Whether a triangle of plain vertices has an empty pixel_box(), on vectors of (x, y, -, flags): most triangles of a
+/// dense mesh go here.
+class BoxTest {
+ public:
+  explicit BoxTest(const FrameView& view) : last_{view.width - 1, view.height - 1, 0, 0} {}
+
+  bool operator()(const ScreenVertex& a, const ScreenVertex& b, const ScreenVertex& c) const {
+    const Vector va = load(a);
+    const Vector vb = load(b);
+    const Vector vc = load(c);
+    const Vector low_ab = va < vb ? va : vb;
+    const Vector high_ab = va > vb ? va : vb;
+    const Vector low = ((low_ab < vc ? low_ab : vc) + 127) >> 8;
+    const Vector high = ((high_ab > vc ? high_ab : vc) - 128) >> 8;
+    const Vector zero{};
+    const Vector first = low > zero ? low : zero;
+    const Vector last = high < last_ ? high : last_;
+    const Vector empty = first > last;
+    const Vector flags = va | vb | vc;
+    return ((empty[0] | empty[1]) != 0) & ((flags[3] & static_cast<int32_t>(kNeedsClip)) == 0);
+  }
+
+ private:
+  typedef int32_t Vector __attribute__((vector_size(16)));
+  static Vector load(const ScreenVertex& vertex) {
+    Vector out;
+    std::memcpy(&out, &vertex, sizeof out);
+    return out;
+  }
+  Vector last_;
+};
+
+/// The float nearest to an edge value. Edge values are below 2^50: exact in double, by integer arithmetic on its bits,
+/// which AVX2 has for four at a time (a conversion from int64 it has not), and then rounded once.
+inline float edge_to_float(int64_t edge) {
+  constexpr uint64_t kMagicBits = 0x4338000000000000u;  // 1.5 * 2^52
+  const uint64_t bits = static_cast<uint64_t>(edge) + kMagicBits;
+  double value;
+  std::memcpy(&value, &bits, sizeof value);
+  return static_cast<float>(value - 6755399441055744.0);
+}
+inline float edge_to_float(int32_t edge) {
+  return static_cast<float>(edge);
+}
+
 class CpuTeam {
  public:
   static constexpr bool kCachesVertices = true;
+  static constexpr bool kDrawsRuns = true;
 
-  explicit CpuTeam(ScreenVertex* scratch) : scratch_(scratch) {}
+  /// `alone`: no other thread draws.
+  CpuTeam(ScreenVertex* scratch, bool alone) : scratch_(scratch), alone_(alone) {}
 
   static constexpr uint32_t rank() { return 0; }
   static constexpr uint32_t size() { return 1; }
@@ -64,8 +111,12 @@ class CpuTeam {
   }
 
   /// The smaller of the sample and `value` stays. Reads first: most pixels that are drawn again lose.
-  static void keep_min(uint64_t* sample, uint64_t value) {
+  void keep_min(uint64_t* sample, uint64_t value) const {
     uint64_t seen = __atomic_load_n(sample, __ATOMIC_RELAXED);
+    if (alone_) {
+      if (value < seen) *sample = value;
+      return;
+    }
     while (value < seen) {
       if (__atomic_compare_exchange_n(sample, &seen, value, true, __ATOMIC_RELAXED, __ATOMIC_RELAXED)) break;
     }
@@ -95,16 +146,89 @@ class CpuTeam {
     }
     if (count > kScratchVertices || count > 3 * uint64_t{block.triangle_count}) return false;
     project_range<kOrthographic>(reader, *context.transform, pass.view, first, static_cast<uint32_t>(count), scratch_);
-    for (uint32_t i = block.first_triangle; i < end; ++i) {
-      uint32_t v[3];
-      reader.triangle(i, v);
-      pass.draw(*this, context, i, v, scratch_[v[0] - first], scratch_[v[1] - first], scratch_[v[2] - first]);
+    const BoxTest misses(pass.view);
+    if (reader.index_bits != 0 && reader.index_bits <= 19) {
+      // One load holds the three codes of a triangle.
+      const uint32_t bits = reader.index_bits;
+      const uint32_t mask = (1u << bits) - 1;
+      const uint32_t offset = reader.index_min - first;  // modulo 2^32
+      uint64_t bit = uint64_t{block.first_triangle} * (3 * bits);
+      for (uint32_t i = block.first_triangle; i < end; ++i, bit += 3 * bits) {
+        uint64_t window;
+        std::memcpy(&window, reader.indices + (bit >> 3), sizeof window);
+        window >>= bit & 7;
+        const uint32_t codes[3] = {static_cast<uint32_t>(window) & mask, static_cast<uint32_t>(window >> bits) & mask,
+                                   static_cast<uint32_t>(window >> (2 * bits)) & mask};
+        const ScreenVertex& a = scratch_[codes[0] + offset];
+        const ScreenVertex& b = scratch_[codes[1] + offset];
+        const ScreenVertex& c = scratch_[codes[2] + offset];
+        if (misses(a, b, c)) continue;
+        const uint32_t v[3] = {codes[0] + reader.index_min, codes[1] + reader.index_min, codes[2] + reader.index_min};
+        pass.draw(*this, context, i, v, a, b, c);
+      }
+    } else {
+      for (uint32_t i = block.first_triangle; i < end; ++i) {
+        uint32_t v[3];
+        reader.triangle(i, v);
+        pass.draw(*this, context, i, v, scratch_[v[0] - first], scratch_[v[1] - first], scratch_[v[2] - first]);
+      }
     }
     return true;
   }
 
+  /// Draws the covered samples of a box in runs of kRun along its rows: edges and depth codes of a run in a loop that
+  /// the compiler makes vectors of, then a look at each sample. Where a row is no multiple of kRun its last run
+  /// overlaps the one before, since drawing twice changes nothing.
+  template <bool kOrthographic, class Int>
+  void draw_runs(const Target& target, const Triangle& triangle, const PixelBox& box, int64_t area) const {
+    constexpr int32_t kRun = 16;
+    const Edges<Int> edges = make_edges<Int>(triangle, box.x0, box.y0);
+    const DepthPlane plane = make_depth_plane(triangle, area);
+    const int32_t width = box.x1 - box.x0 + 1;
+    Int along[3][kRun];  // steps within a run; a short row repeats its last sample
+    for (int i = 0; i < 3; ++i) {
+      for (int32_t k = 0; k < kRun; ++k) along[i][k] = static_cast<Int>(min_of(k, width - 1)) * edges.step_x[i];
+    }
+    const int32_t last_run = max_of(width - kRun, 0);
+    Int row[3] = {edges.value[0], edges.value[1], edges.value[2]};
+    for (int32_t y = box.y0; y <= box.y1; ++y) {
+      uint64_t* samples = target.row(y) + box.x0;
+      for (int32_t start = 0;;) {
+        Int value[3];
+        bool outside = false;
+        for (int i = 0; i < 3; ++i) {
+          value[i] = row[i] + static_cast<Int>(start) * edges.step_x[i];
+          outside = outside | (max_of<Int>(value[i], value[i] + along[i][kRun - 1]) < 0);
+        }
+        if (!outside) {
+          uint32_t codes[kRun];
+          for (int32_t k = 0; k < kRun; ++k) {
+            const Int value0 = value[0] + along[0][k];
+            const Int value1 = value[1] + along[1][k];
+            const Int value2 = value[2] + along[2][k];
+            const float depth = depth_of_weights(plane, edge_to_float(value1 + edges.exclusive[1]) * plane.inverse_area,
+                                                 edge_to_float(value2 + edges.exclusive[2]) * plane.inverse_area);
+            const uint32_t code = depth_code<kOrthographic>(depth);
+            codes[k] = (value0 | value1 | value2) >= 0 ? code : UINT32_MAX;
+          }
+          const int32_t count = min_of(kRun, width);
+          for (int32_t k = 0; k < count; ++k) {
+            uint64_t* sample = samples + start + k;
+            if (codes[k] <= sample_depth_code(__atomic_load_n(sample, __ATOMIC_RELAXED))) {
+              keep_min(sample, pack_sample(codes[k], triangle.id));
+            }
+          }
+        }
+        if (start == last_run) break;
+        start = min_of(start + kRun, last_run);
+      }
+      for (int i = 0; i < 3; ++i) row[i] += edges.step_y[i];
+    }
+  }
+
  private:
   ScreenVertex* scratch_;
+  bool alone_;
 };
 
 class CpuBackend {
@@ -139,7 +263,7 @@ class CpuBackend {
   template <class Pass>
   static void run(const void* context, uint64_t first, uint64_t end, uint32_t thread) {
     const Bound<Pass>& bound = *static_cast<const Bound<Pass>*>(context);
-    const CpuTeam team(static_cast<ScreenVertex*>(bound.pool->scratch(thread)));
+    const CpuTeam team(static_cast<ScreenVertex*>(bound.pool->scratch(thread)), bound.pool->size() == 1);
     for (uint64_t item = first; item < end; ++item) (*bound.pass)(static_cast<uint32_t>(item), team);
   }
 

@@ -94,3 +94,43 @@ TEST_CASE("bench: small triangles", "[.bench]") {
     }
   }
 }
+
+TEST_CASE("bench: medium and large triangles", "[.bench]") {
+  // Layers of quads facing the camera, back to front and front to back.
+  for (uint32_t quads : {1u, 16u, 64u, 160u}) {
+    SceneBuilder builder;
+    Soup soup;
+    const int layers = 8;
+    for (int layer = 0; layer < layers; ++layer) {
+      const double z = -0.01 * layer;
+      const uint32_t first = static_cast<uint32_t>(soup.positions.size() / 3);
+      for (uint32_t j = 0; j <= quads; ++j) {
+        for (uint32_t i = 0; i <= quads; ++i) soup.add(-2 + 4.0 * i / quads, -2 + 4.0 * j / quads, z);
+      }
+      for (uint32_t j = 0; j < quads; ++j) {
+        for (uint32_t i = 0; i < quads; ++i) {
+          const uint32_t a = first + j * (quads + 1) + i;
+          soup.triangle(a, a + 1, a + quads + 2);
+          soup.triangle(a, a + quads + 2, a + quads + 1);
+        }
+      }
+    }
+    builder.instance(builder.mesh(soup, Encoding{}), builder.identity());
+    std::vector<uint64_t> samples(1920 * 1080);
+    for (double side : {1.0, -1.0}) {
+      builder.material(format::kMaterialDoubleSided);
+      builder.meshes[0].material = 0;
+      const View view = look_at({0.1, 0.2, side}, {0.1, 0.2, 0}, 1920, 1080, 0.1, 1.0);
+      const SceneView both = builder.view();
+      double best_cpu = 1e9;
+      for (int run = 0; run < 5; ++run) {
+        const double start = cpu_seconds();
+        REQUIRE(draw_cpu(both, view, samples, 1));
+        best_cpu = std::min(best_cpu, cpu_seconds() - start);
+      }
+      std::printf("%3u x %3u quads of %4.0f pixels, %s: %7.2f ms of CPU, %6.1f M samples/s\n", quads, quads,
+                  1976.0 * 4 / 2 / quads, side > 0 ? "front to back" : "back to front", 1e3 * best_cpu,
+                  layers * 1920 * 1080 / best_cpu * 1e-6);
+    }
+  }
+}
