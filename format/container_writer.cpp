@@ -123,6 +123,7 @@ struct ContainerWriter::Impl {
 /// Opens, locks and empties the .part. A stale one (of a run that was killed) is taken over; one that a running writer
 /// holds is not.
 Result<void> ContainerWriter::Impl::open() {
+  if (path.empty()) return Error{ErrorCode::kFile, "a file without a name cannot be written"};
   struct stat target;
   if (::stat(path.c_str(), &target) == 0 && !S_ISREG(target.st_mode)) {
     return Error{ErrorCode::kFile, path + (S_ISDIR(target.st_mode) ? ": is a folder" : ": is not a regular file")};
@@ -160,7 +161,7 @@ Result<void> ContainerWriter::Impl::open() {
 }
 
 Result<void> ContainerWriter::Impl::write(uint64_t offset, std::span<const std::byte> bytes) {
-  if (file < 0) return Error{ErrorCode::kFile, path + ".part: was given up after an earlier error"};
+  if (file < 0) return Error{ErrorCode::kFile, path + ".part: is not open any more"};
   while (!bytes.empty()) {
     const ssize_t written = ::pwrite(file, bytes.data(), bytes.size(), static_cast<off_t>(offset));
     if (written < 0) {
@@ -193,7 +194,11 @@ Result<void> ContainerWriter::Impl::write_table(std::vector<TocEntry>& toc, Tabl
 
 /// The data must be on the disk before the name is, and the name before the caller is told.
 Result<void> ContainerWriter::Impl::rename_into_place() {
-  if (::fsync(file) != 0) return fail("sync", errno);
+  int flushed;
+  do {
+    flushed = ::fsync(file);
+  } while (flushed != 0 && errno == EINTR);
+  if (flushed != 0) return fail("sync", errno);
   if (::rename(part.c_str(), path.c_str()) != 0) return fail("rename", errno);
   part.clear();
   discard();

@@ -76,6 +76,9 @@ TEST_CASE("container writer: the name appears at the end, the .part goes", "[con
     CHECK(fs::file_size(path) == *size);
     CHECK(!fs::exists(path + ".part"));
     CHECK(file_count(folder) == 1);
+    const auto again = writer->finish({});
+    REQUIRE(!again);
+    CHECK(again.error().message == path + ".part: is not open any more");
   }
   CHECK(fs::exists(path));
   CHECK(!verify_copy(read_file(path)));
@@ -126,6 +129,7 @@ TEST_CASE("container writer: places that cannot be written", "[container]") {
   CHECK(error(folder.path().string()) == folder.path().string() + ": is a folder");
   const std::string missing = folder.file("missing/a.scree");
   CHECK(error(missing) == missing + ".part: open: No such file or directory");
+  CHECK(error("") == "a file without a name cannot be written");
   CHECK(error("/dev/full") == "/dev/full: is not a regular file");
   const std::string path = folder.file("a.scree");
   fs::create_symlink("/dev/full", path + ".part");
