@@ -362,8 +362,11 @@ TEST_CASE("raster: pages that are not there are left out, wrong sizes refused", 
   blind.z_near = 0;
   std::vector<uint64_t> enough(80 * 60);
   CHECK(draw_cpu(scene, blind, enough, 1).error().code == ErrorCode::kRange);
-  std::vector<float> rgba(80 * 60 * 3);
-  CHECK(!shade_cpu(scene, view, samples, ShadeOptions{}, rgba, 1));
+  std::vector<float> rgba(80 * 4 * 7 + 1);
+  CHECK(!shade_cpu(scene, view, samples, ShadeOptions{}, rgba, 1));  // no whole rows
+  rgba.resize(80 * 4 * 7);
+  CHECK(shade_cpu(scene, view, samples, ShadeOptions{}, rgba, 1, 53));
+  CHECK(!shade_cpu(scene, view, samples, ShadeOptions{}, rgba, 1, 54));
   scene.instance_count = 0;
   CHECK(covered(draw(scene, view)) == 0);
 }

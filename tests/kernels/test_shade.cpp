@@ -361,4 +361,11 @@ TEST_CASE("shade: triangles, meshes and depth", "[shade]") {
     }
   }
   CHECK(rgba[4 * brightest] == 1.0f);
+  // A band of rows is the same as those rows of the whole picture.
+  for (Show show : {Show::kTexture, Show::kDepth, Show::kStage, Show::kNormal}) {
+    colors(show);
+    std::vector<float> band(4 * 160 * 11);
+    REQUIRE(shade_cpu(scene, view, samples, options, band, 2, 37));
+    CHECK(std::equal(band.begin(), band.end(), rgba.begin() + 4 * 160 * 37));
+  }
 }
