@@ -215,8 +215,280 @@ def two_instances():
     m.save_gltf()
 
 
-textured_cube()
-two_instances()
+def index_types():
+    """The same tetrahedron with 8, 16 and 32-bit indices and with none."""
+    m = Model("index_types")
+    positions = m.positions(TETRAHEDRON)
+    for i, component in enumerate((UBYTE, USHORT, UINT)):
+        mesh = m.mesh({"attributes": {"POSITION": positions},
+                       "indices": m.accessor(TETRAHEDRON_INDICES, component)}, name="u%d" % (8 << i))
+        m.node(mesh=mesh, translation=[2 * i, 0, 0])
+    flat = m.positions([TETRAHEDRON[i] for i in TETRAHEDRON_INDICES])
+    m.node(mesh=m.mesh({"attributes": {"POSITION": flat}}, name="none"), translation=[6, 0, 0])
+    m.save_glb()
+
+
+def modes():
+    """Lists, strips and fans with and without indices; points and lines, which are left out."""
+    m = Model("modes")
+    ribbon = [(float(i // 2), float(i % 2), 0.0) for i in range(8)]
+    strip = m.positions([(p[0], p[1], 0.0) for p in ribbon])
+    disc = [(0.0, 0.0, 0.0)] + [(math.cos(a), math.sin(a), 0.0) for a in (i * math.pi / 4 for i in range(9))]
+    fan = m.positions(disc)
+    triangles = m.positions(QUAD + [(9.0, 9.0, 9.0)])
+    m.node(mesh=m.mesh({"attributes": {"POSITION": strip}, "mode": 5}, name="strip"))
+    m.node(mesh=m.mesh({"attributes": {"POSITION": strip}, "mode": 5,
+                        "indices": m.accessor([0, 1, 2, 3, 3, 4, 4, 5, 6, 7], USHORT)}, name="strip indexed"))
+    m.node(mesh=m.mesh({"attributes": {"POSITION": fan}, "mode": 6}, name="fan"))
+    m.node(mesh=m.mesh({"attributes": {"POSITION": fan}, "mode": 6,
+                        "indices": m.accessor([0, 2, 4, 6, 8], UBYTE)}, name="fan indexed"))
+    m.node(mesh=m.mesh({"attributes": {"POSITION": triangles}, "mode": 4,
+                        "indices": m.accessor(QUAD_INDICES, UINT)}, name="list"))
+    m.node(mesh=m.mesh({"attributes": {"POSITION": fan}, "mode": 0}, name="points"))
+    m.node(mesh=m.mesh(*({"attributes": {"POSITION": fan}, "mode": mode} for mode in (1, 2, 3)), name="lines"))
+    m.save_glb()
+
+
+def interleaved():
+    """One buffer view of 40-byte vertices: position, normal, texture coordinates, colour, padding."""
+    m = Model("interleaved")
+    rows = b"".join(struct.pack("<3f3f2f4B4x", *p, 0, 0, 1, *uv, *c) for p, uv, c in zip(
+        QUAD, QUAD_UV, ((255, 0, 0, 255), (0, 255, 0, 255), (0, 0, 255, 255), (255, 255, 255, 128))))
+    view = m.view(rows, 40)
+    def part(offset, component, kind, **more):
+        return m.add("accessors", dict(bufferView=view, byteOffset=offset, componentType=component, count=4, type=kind,
+                                       **more))
+    attributes = {"POSITION": part(0, FLOAT, "VEC3", min=[-1, -1, 0], max=[1, 1, 0]), "NORMAL": part(12, FLOAT, "VEC3"),
+                  "TEXCOORD_0": part(24, FLOAT, "VEC2"), "COLOR_0": part(32, UBYTE, "VEC4", normalized=True)}
+    texture = m.texture({"bufferView": m.view(TILES_JPEG), "mimeType": "image/jpeg"}, wrapS=33071, wrapT=33071)
+    m.node(mesh=m.mesh({"attributes": attributes, "indices": m.accessor(QUAD_INDICES, USHORT),
+                        "material": m.material("tiles", texture)}))
+    m.save_glb()
+
+
+def sparse():
+    """Sparse accessors: positions over a base, positions over nothing, indices."""
+    m = Model("sparse")
+    grid = [(float(x), float(y), 0.0) for y in range(3) for x in range(3)]
+    quads = [i for y in range(2) for x in range(2)
+             for a in [y * 3 + x] for i in (a, a + 1, a + 4, a, a + 4, a + 3)]
+    indices = m.accessor(quads, UBYTE)
+
+    def over(accessor, places, component, values, low=None, high=None):
+        m.buffer += b"\0" * (-len(m.buffer) % 4)
+        index_view = m.view(struct.pack("<%d%s" % (len(places), FORMAT[component]), *places))
+        value_view = m.view(values)
+        m.json["accessors"][accessor]["sparse"] = {
+            "count": len(places), "indices": {"bufferView": index_view, "componentType": component},
+            "values": {"bufferView": value_view}}
+        if low:
+            m.json["accessors"][accessor].update(min=low, max=high)
+        return accessor
+
+    raised = over(m.positions(grid), [4, 8], USHORT, struct.pack("<6f", 1, 1, 0.5, 2.5, 2.5, 1), [0, 0, 0],
+                  [2.5, 2.5, 1])
+    m.node(name="over a base", mesh=m.mesh({"attributes": {"POSITION": raised}, "indices": indices}))
+    bare = m.add("accessors", {"componentType": FLOAT, "count": 9, "type": "VEC3"})
+    over(bare, [1, 2, 3, 4, 5, 6, 7, 8], UINT, b"".join(struct.pack("<3f", *p) for p in grid[1:]), [0, 0, 0], [2, 2, 0])
+    m.node(name="over zeros", mesh=m.mesh({"attributes": {"POSITION": bare}, "indices": indices}), translation=[4, 0, 0])
+    turned = over(m.accessor(quads, UBYTE), [22, 23], UBYTE, struct.pack("<2B", 4, 4))
+    m.node(name="indices", mesh=m.mesh({"attributes": {"POSITION": m.positions(grid)}, "indices": turned}),
+           translation=[8, 0, 0])
+    m.save_gltf()
+
+
+def quantized():
+    """Every integer type of KHR_mesh_quantization, plain and normalised."""
+    m = Model("quantized")
+    m.json["extensionsUsed"] = m.json["extensionsRequired"] = ["KHR_mesh_quantization"]
+    texture = m.texture({"bufferView": m.view(CHECKER_PNG), "mimeType": "image/png"})
+    material = m.material("checker", texture)
+    indices = m.accessor(TETRAHEDRON_INDICES, USHORT)
+    limits = {BYTE: 127, UBYTE: 255, SHORT: 32767, USHORT: 65535}
+    n = math.sqrt(1 / 3)
+    for i, component in enumerate((BYTE, UBYTE, SHORT, USHORT)):
+        for normalized in (False, True):
+            top = limits[component]
+            rows = [tuple(int(v) * top for v in p) for p in TETRAHEDRON]
+            if component in (BYTE, SHORT):
+                rows[0] = (-top - 1,) * 3  # one past the symmetric range: reads as -1 where it is normalised
+            signed = component if component in (BYTE, SHORT) else (BYTE if component == UBYTE else SHORT)
+            normals = [tuple(round(v * limits[signed]) for v in p)
+                       for p in ((-n, -n, -n), (1, 0, 0), (0, 1, 0), (0, 0, 1))]
+            uvs = [(0, 0), (top, 0), (0, top), (top, top)] if normalized else [(0, 0), (2, 0), (0, 2), (2, 2)]
+            attributes = {"POSITION": m.positions(rows, component, normalized),
+                          "NORMAL": m.accessor(normals, signed, True),
+                          "TEXCOORD_0": m.accessor(uvs, component, normalized)}
+            scale = 1.0 if normalized else 1.0 / top
+            m.node(name="%s%s" % (FORMAT[component], "n" if normalized else ""), scale=[scale] * 3,
+                   translation=[3 * i, 3 * normalized, 0],
+                   mesh=m.mesh({"attributes": attributes, "indices": indices, "material": material}))
+    m.save_glb()
+
+
+def materials():
+    """Base-colour textures by file, buffer view and data: URI, samplers, KHR_texture_transform, unlit, alpha modes."""
+    m = Model("materials")
+    m.json["extensionsUsed"] = ["KHR_texture_transform", "KHR_materials_unlit"]
+    FILES["tiles #1 \u00e9.jpg"] = TILES_JPEG
+    FILES["checker.png"] = CHECKER_PNG
+    checker = m.texture({"uri": "checker.png", "name": "checker"}, magFilter=9728, minFilter=9728)
+    tiles = m.texture({"uri": "tiles%20%231%20%C3%A9.jpg"}, wrapS=33071, wrapT=33648, magFilter=9729, minFilter=9986)
+    inline = m.texture({"uri": "data:image/png;base64," + base64.b64encode(ALPHA_PNG).decode()})
+    again = m.add("textures", {"source": 0, "name": "checker again"})
+    attributes = {"POSITION": m.positions(QUAD), "TEXCOORD_0": m.accessor(QUAD_UV),
+                  "TEXCOORD_1": m.accessor([(2 * u, 3 * v) for u, v in QUAD_UV])}
+    indices = m.accessor(QUAD_INDICES, UBYTE)
+    transform = {"offset": [0.25, 0.5], "scale": [2, -3], "rotation": 0.5, "texCoord": 1}
+    kinds = [
+        m.material("plain", color=[0.8, 0.4, 0.2, 1]),
+        m.material("checker", checker),
+        m.material("tiles", tiles, doubleSided=True),
+        m.material("inline", inline, alphaMode="MASK", alphaCutoff=0.25),
+        m.material("transformed", {"index": again, "texCoord": 0,
+                                   "extensions": {"KHR_texture_transform": transform}}),
+        m.material("second set", {"index": checker, "texCoord": 1}, color=[1, 0.5, 1, 0.5], alphaMode="BLEND"),
+        m.material("unlit", checker, extensions={"KHR_materials_unlit": {}}),
+        None,
+    ]
+    m.material("unused", inline)
+    for i, material in enumerate(kinds):
+        primitive = {"attributes": attributes, "indices": indices}
+        if material is not None:
+            primitive["material"] = material
+        m.node(mesh=m.mesh(primitive), translation=[2.5 * (i % 4), 2.5 * (i // 4), 0])
+    m.save_gltf()
+
+
+def colors():
+    """COLOR_0 of every type glTF allows, a quad each."""
+    m = Model("colors")
+    positions = m.positions(QUAD)
+    indices = m.accessor(QUAD_INDICES, UBYTE)
+    corners = [(1, 0, 0, 1), (0, 1, 0, 1), (0, 0, 1, 1), (1, 1, 1, 0)]
+    for i, (component, top) in enumerate(((UBYTE, 255), (USHORT, 65535), (FLOAT, 1))):
+        for width in (3, 4):
+            rows = [tuple((float(v) if component == FLOAT else v * top) for v in c[:width]) for c in corners]
+            color = m.accessor(rows, component, component != FLOAT)
+            m.node(mesh=m.mesh({"attributes": {"POSITION": positions, "COLOR_0": color}, "indices": indices}),
+                   translation=[2.5 * i, 2.5 * (width - 3), 0])
+    m.save_glb()
+
+
+def gpu_instancing():
+    m = Model("gpu_instancing")
+    m.json["extensionsUsed"] = ["EXT_mesh_gpu_instancing"]
+    mesh = m.mesh({"attributes": {"POSITION": m.positions(TETRAHEDRON)},
+                   "indices": m.accessor(TETRAHEDRON_INDICES, UBYTE)})
+    count = 6
+    half = round(math.sqrt(0.5) * 32767)
+    attributes = {
+        "TRANSLATION": m.accessor([(2.0 * i, 0.0, 0.5 * i) for i in range(count)]),
+        "ROTATION": m.accessor([(0, 0, half, half) if i % 2 else (0, 0, 0, 32767) for i in range(count)], SHORT, True),
+        "SCALE": m.accessor([(1.0, 1.0 + i, -1.0 if i == 3 else 1.0) for i in range(count)]),
+        "_ID": m.accessor([float(i) for i in range(count)]),
+    }
+    parent = m.node(name="parent", translation=[0, 0, 1], scale=[2, 2, 2])
+    m.json["nodes"][parent]["children"] = [m.node(
+        root=False, name="all", mesh=mesh, extensions={"EXT_mesh_gpu_instancing": {"attributes": attributes}})]
+    moved = {"TRANSLATION": m.accessor([(0.0, -5.0, 0.0), (1.0, -5.0, 0.0)])}
+    m.node(name="translations", mesh=mesh, extensions={"EXT_mesh_gpu_instancing": {"attributes": moved}})
+    m.save_glb()
+
+
+def nodes():
+    """Trees with children before parents, matrices, negative scales, several scenes, cameras, nodes nobody draws."""
+    m = Model("nodes")
+    mesh = m.mesh({"attributes": {"POSITION": m.positions(TETRAHEDRON)},
+                   "indices": m.accessor(TETRAHEDRON_INDICES, UBYTE)}, name="tetrahedron")
+    m.mesh({"attributes": {"POSITION": 0}, "indices": 1}, name="never drawn")
+    perspective = m.add("cameras", {"type": "perspective", "name": "wide",
+                                    "perspective": {"yfov": 1.0, "znear": 0.1, "aspectRatio": 1.5}})
+    orthographic = m.add("cameras", {"type": "orthographic", "name": "plan",
+                                     "orthographic": {"xmag": 4, "ymag": 3, "znear": 0, "zfar": 100}})
+    m.json["nodes"] = [
+        {"name": "leaf", "mesh": mesh, "scale": [-1, 1, 1]},
+        {"name": "branch", "children": [0, 3], "rotation": [0.5, 0.5, 0.5, 0.5]},
+        {"name": "root", "children": [1], "matrix": [0, 1, 0, 0, -1, 0, 0, 0, 0, 0, 1, 0, 10, 20, 30, 1]},
+        {"name": "FogCard.001", "mesh": mesh},
+        {"name": "eye", "camera": perspective, "translation": [0, 0, 5]},
+        {"name": "above", "camera": orthographic, "translation": [0, 8, 0],
+         "rotation": [-math.sqrt(0.5), 0, 0, math.sqrt(0.5)]},
+        {"name": "flat", "mesh": mesh, "scale": [1, 1, 0]},
+        {"name": "empty"},
+        {"name": "outside every scene", "mesh": mesh},
+    ]
+    m.json["scenes"] = [{"name": "first", "nodes": [2, 4]}, {"name": "second", "nodes": [5, 6, 7, 2]}]
+    m.json["scene"] = 1
+    m.save_gltf()
+
+
+def multi_primitive():
+    """Primitives with different materials, attributes and modes in one mesh, some with nothing to draw; a mesh of those."""
+    m = Model("multi_primitive")
+    red, green = m.material("red", color=[1, 0, 0, 1]), m.material("green", color=[0, 1, 0, 1])
+    quad = m.positions(QUAD)
+    indices = m.accessor(QUAD_INDICES, UBYTE)
+    nothing = {"attributes": {"POSITION": m.positions(QUAD[:2])}}
+    m.node(name="mixed", mesh=m.mesh(
+        {"attributes": {"POSITION": quad}, "indices": indices, "material": red}, nothing,
+        {"attributes": {"POSITION": m.positions([(x, y, 1.0) for x, y, z in QUAD]), "NORMAL": m.accessor([(0.0, 0.0, 1.0)] * 4)},
+         "indices": indices, "material": green},
+        {"attributes": {"NORMAL": m.accessor([(0.0, 0.0, 1.0)] * 3)}, "material": green}))
+    m.node(name="nothing to draw", mesh=m.mesh(nothing))
+    m.node(name="no mesh")
+    m.save_glb()
+
+
+def left_out():
+    """Skins, morph targets, animations, tangents and other attributes that are named and left out."""
+    m = Model("left_out")
+    count = 4
+    attributes = {"POSITION": m.positions(QUAD), "NORMAL": m.accessor([(0.0, 0.0, 1.0)] * count),
+                  "TANGENT": m.accessor([(1.0, 0.0, 0.0, 1.0)] * count), "TEXCOORD_0": m.accessor(QUAD_UV),
+                  "TEXCOORD_1": m.accessor(QUAD_UV), "COLOR_0": m.accessor([(1.0, 1.0, 1.0)] * count),
+                  "COLOR_1": m.accessor([(1.0, 1.0, 1.0)] * count),
+                  "JOINTS_0": m.accessor([(0, 0, 0, 0)] * count, UBYTE), "WEIGHTS_0": m.accessor([(1.0, 0.0, 0.0, 0.0)] * count),
+                  "_TEMPERATURE": m.accessor([20.0] * count)}
+    moved = m.positions([(0.0, 0.0, 0.5)] * count)
+    mesh = m.mesh({"attributes": attributes, "indices": m.accessor(QUAD_INDICES, UBYTE), "targets": [{"POSITION": moved}]})
+    m.json["meshes"][mesh]["weights"] = [0.5]
+    joint = m.node(name="joint")
+    inverse = m.accessor([tuple(float(i % 5 == 0) for i in range(16))])
+    m.add("skins", {"joints": [joint], "inverseBindMatrices": inverse})
+    m.node(name="skinned", mesh=mesh, skin=0)
+    times = m.accessor([0.0, 1.0], min=[0], max=[1])
+    values = m.accessor([(0.0, 0.0, 0.0), (1.0, 0.0, 0.0)])
+    m.add("animations", {"samplers": [{"input": times, "output": values}],
+                         "channels": [{"sampler": 0, "target": {"node": joint, "path": "translation"}}]})
+    m.save_glb()
+
+
+def data_uri():
+    m = Model("data_uri")
+    m.node(name="tetrahedron", mesh=m.mesh({"attributes": {"POSITION": m.positions(TETRAHEDRON)},
+                                            "indices": m.accessor(TETRAHEDRON_INDICES, UBYTE)}))
+    m.save_data_uri()
+
+
+def grid():
+    """A curved, textured, double-sided sheet of 32 x 32 quads: the largest model here, 1089 vertices."""
+    m = Model("grid")
+    size = 33
+    rows = [(x / 8 - 2, y / 8 - 2, 0.25 * math.sin(x / 3) * math.cos(y / 4)) for y in range(size) for x in range(size)]
+    quads = [i for y in range(size - 1) for x in range(size - 1)
+             for a in [y * size + x] for i in (a, a + 1, a + size + 1, a, a + size + 1, a + size)]
+    uvs = [(4 * x / (size - 1), 4 * y / (size - 1)) for y in range(size) for x in range(size)]
+    texture = m.texture({"bufferView": m.view(TILES_JPEG), "mimeType": "image/jpeg", "name": "tiles"})
+    m.node(name="sheet", mesh=m.mesh({"attributes": {"POSITION": m.positions(rows), "TEXCOORD_0": m.accessor(uvs)},
+                                      "indices": m.accessor(quads, USHORT),
+                                      "material": m.material("tiles", texture, doubleSided=True)}, name="sheet"))
+    m.save_glb()
+
+
+for make in (textured_cube, two_instances, index_types, modes, interleaved, sparse, quantized, materials, colors,
+             gpu_instancing, nodes, multi_primitive, left_out, data_uri, grid):
+    make()
 
 
 def main():

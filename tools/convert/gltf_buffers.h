@@ -15,20 +15,20 @@ namespace scree::convert {
 
 class GltfBuffers {
  public:
-  /// `folder`: of the scene. `bin`: the binary chunk of a .glb, or null. `document` must outlive this.
+  /// `folder`: of the scene. `bin`: the binary chunk of a .glb, or null. `document` has passed check_document() and
+  /// outlives this. Indices given to the functions below are in range.
   GltfBuffers(const GltfDocument& document, std::string folder, std::shared_ptr<const ByteSource> bin);
 
   struct View {
     std::shared_ptr<const ByteSource> source;
     uint64_t offset = 0;
     uint64_t bytes = 0;
-    uint64_t stride = 0;  // 0: tightly packed
   };
 
-  /// A buffer view inside its buffer, inside its file. Errors kRange, kTruncated, kFile, kUnsupported, kFormat.
+  /// A buffer view, its buffer no shorter than the document says. Errors kTruncated, kFile, kUnsupported, kFormat.
   Result<View> view(int32_t index);
 
-  /// An accessor whose every element lies inside its view. Errors as view().
+  /// An accessor of scalars or vectors, its sparse indices read and checked. Errors as view(), and kRange.
   Result<Accessor> accessor(int32_t index);
 
   /// The bytes of an image: its view, file or data: URI. Errors as view().
@@ -41,7 +41,7 @@ class GltfBuffers {
  private:
   Result<std::shared_ptr<const ByteSource>> buffer(int32_t index);
   Result<std::shared_ptr<const ByteSource>> open_buffer(int32_t index);
-  Result<void> check_sparse(const DocSparse& sparse, Accessor& accessor);
+  Result<void> read_sparse(size_t slot, Accessor& accessor);
 
   const GltfDocument& document_;
   std::string folder_;

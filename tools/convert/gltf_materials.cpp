@@ -112,10 +112,6 @@ class MaterialMaker {
 
   // Place in SourceScene::textures, or kNone where its image cannot be drawn.
   Result<uint32_t> texture(int32_t index) {
-    if (static_cast<size_t>(index) >= document_.textures.size()) {
-      return Error{ErrorCode::kRange, "texture " + std::to_string(index) + " is not there, the document has " +
-                                          std::to_string(document_.textures.size())};
-    }
     uint32_t& slot = texture_places_[static_cast<size_t>(index)];
     if (slot != kUnknown) return slot;
     auto made = make_texture(document_.textures[static_cast<size_t>(index)]);
@@ -128,13 +124,7 @@ class MaterialMaker {
     NamedTexture to;
     to.name = from.name;
     DocSampler sampler;
-    if (from.sampler != kAbsent) {
-      if (static_cast<size_t>(from.sampler) >= document_.samplers.size()) {
-        return Error{ErrorCode::kRange, "sampler " + std::to_string(from.sampler) + " is not there, the document has " +
-                                            std::to_string(document_.samplers.size())};
-      }
-      sampler = document_.samplers[static_cast<size_t>(from.sampler)];
-    }
+    if (from.sampler != kAbsent) sampler = document_.samplers[static_cast<size_t>(from.sampler)];
     const auto wrap_s = wrap_of(sampler.wrap_s);
     const auto wrap_t = wrap_of(sampler.wrap_t);
     if (!wrap_s || !wrap_t || !is_filter(sampler.mag_filter, false) || !is_filter(sampler.min_filter, true)) {
@@ -166,10 +156,6 @@ class MaterialMaker {
 
   // Place in SourceScene::images, or kNone with the reason in `why`.
   Result<uint32_t> image(int32_t index, std::string& why) {
-    if (static_cast<size_t>(index) >= document_.images.size()) {
-      return Error{ErrorCode::kRange, "image " + std::to_string(index) + " is not there, the document has " +
-                                          std::to_string(document_.images.size())};
-    }
     const size_t number = static_cast<size_t>(index);
     if (reasons_.empty()) reasons_.resize(document_.images.size());
     uint32_t& slot = image_places_[number];

@@ -47,6 +47,7 @@ Result<void> check_references(const GltfDocument& document) {
 struct Trees {
   std::vector<uint32_t> parent;  // by node, or kNone
   std::vector<uint32_t> top;     // by node: the root above it, or itself
+  std::vector<bool> sole;        // by node: the nodes above it have no other child, no mesh and no camera
 };
 
 Result<Trees> find_trees(const GltfDocument& document) {
@@ -67,6 +68,7 @@ Result<Trees> find_trees(const GltfDocument& document) {
   // With one parent each, a node that no root reaches is on a cycle or below one: climbing from it ends on the cycle.
   std::vector<uint32_t>& top = trees.top;
   top.assign(count, kNone);
+  trees.sole.assign(count, true);
   std::vector<uint32_t> stack;
   for (uint32_t i = 0; i < count; ++i) {
     if (parent[i] == kNone) stack.push_back(i);
@@ -77,7 +79,10 @@ Result<Trees> find_trees(const GltfDocument& document) {
     stack.pop_back();
     top[node] = parent[node] == kNone ? node : top[parent[node]];
     ++reached_count;
-    const auto& children = document.nodes[node].children;
+    const DocNode& from = document.nodes[node];
+    const auto& children = from.children;
+    const bool sole = trees.sole[node] && children.size() == 1 && from.mesh == kAbsent && from.camera == kAbsent;
+    for (const uint32_t child : children) trees.sole[child] = sole;
     stack.insert(stack.end(), children.begin(), children.end());
   }
   if (reached_count < count) {
@@ -110,28 +115,35 @@ Result<bool> matches(const std::regex& pattern, const std::string& name, const s
   }
 }
 
-Result<void> check_scenes(const GltfDocument& document, const Trees& trees) {
+// The roots of each scene. A scene should list roots only; writers also list children, which is the same thing where
+// the root above is listed too, or where it has nothing else below it and nothing of its own to draw.
+Result<std::vector<std::vector<uint32_t>>> find_scene_roots(const GltfDocument& document, const Trees& trees) {
   const size_t count = document.nodes.size();
+  std::vector<std::vector<uint32_t>> scenes(document.scenes.size());
   std::vector<uint64_t> listed_in(count, 0);  // scene number + 1
   for (size_t s = 0; s < document.scenes.size(); ++s) {
     const std::string place = "scene " + std::to_string(s);
-    for (const uint32_t root : document.scenes[s].roots) {
-      if (root >= count) return not_there(place, "node", root, count);
-      if (listed_in[root] == s + 1)
-        return Error{ErrorCode::kRange, place + ": node " + std::to_string(root) + " is there twice"};
-      listed_in[root] = s + 1;
+    for (const uint32_t node : document.scenes[s].roots) {
+      if (node >= count) return not_there(place, "node", node, count);
+      if (listed_in[node] == s + 1)
+        return Error{ErrorCode::kRange, place + ": node " + std::to_string(node) + " is there twice"};
+      listed_in[node] = s + 1;
+      if (trees.parent[node] == kNone) scenes[s].push_back(node);
     }
-    // Some writers list children among the roots. Below a listed ancestor that changes nothing (plan_nodes drops them).
-    for (const uint32_t root : document.scenes[s].roots) {
-      if (listed_in[trees.top[root]] != s + 1) {
-        return Error{ErrorCode::kRange, place + ": node " + std::to_string(root) +
-                                            " is no root, it is a child of node " + std::to_string(trees.parent[root])};
+    for (const uint32_t node : document.scenes[s].roots) {
+      const uint32_t top = trees.top[node];
+      if (listed_in[top] == s + 1) continue;
+      if (!trees.sole[node]) {
+        return Error{ErrorCode::kRange, place + ": node " + std::to_string(node) +
+                                            " is no root, it is a child of node " + std::to_string(trees.parent[node])};
       }
+      listed_in[top] = s + 1;
+      scenes[s].push_back(top);
     }
   }
   if (document.scene != kAbsent && static_cast<size_t>(document.scene) >= document.scenes.size())
     return not_there("document", "scene", document.scene, document.scenes.size());
-  return {};
+  return scenes;
 }
 
 bool finite(const double* values, size_t count) {
@@ -237,29 +249,28 @@ Result<NodePlan> plan_nodes(const GltfDocument& document, const std::string& exc
   if (auto checked = check_references(document); !checked) return checked.error();
   auto trees = find_trees(document);
   if (!trees) return trees.error();
-  if (auto checked = check_scenes(document, *trees); !checked) return checked.error();
+  auto scenes = find_scene_roots(document, *trees);
+  if (!scenes) return scenes.error();
   auto pattern = compile(exclude);
   if (!pattern) return pattern.error();
 
   NodePlan plan;
   plan.parent = std::move(trees->parent);
-  std::vector<DocScene> implied;
-  if (document.scenes.empty() && count > 0) {
+  if (scenes->empty() && count > 0) {
     plan.implied_scene = true;
-    implied.emplace_back();
+    scenes->emplace_back();
     for (uint32_t i = 0; i < count; ++i) {
-      if (plan.parent[i] == kNone) implied[0].roots.push_back(i);
+      if (plan.parent[i] == kNone) scenes->front().push_back(i);
     }
   }
-  const std::vector<DocScene>& scenes = document.scenes.empty() ? implied : document.scenes;
 
   // Down from the scenes' roots; a node that is excluded takes everything below it along.
   enum : uint8_t { kUnseen, kKept, kExcluded };
   std::vector<uint8_t> state(count, kUnseen);
   std::vector<std::pair<uint32_t, bool>> stack;  // node, below an excluded one
-  for (const DocScene& scene : scenes) {
-    for (const uint32_t root : scene.roots) {
-      if (plan.parent[root] == kNone && state[root] == kUnseen) stack.emplace_back(root, false);
+  for (const std::vector<uint32_t>& roots : *scenes) {
+    for (const uint32_t root : roots) {
+      if (state[root] == kUnseen) stack.emplace_back(root, false);
       while (!stack.empty()) {
         const auto [node, below] = stack.back();
         stack.pop_back();
@@ -294,12 +305,12 @@ Result<NodePlan> plan_nodes(const GltfDocument& document, const std::string& exc
   }
 
   const size_t drawn = document.scene == kAbsent ? 0 : static_cast<size_t>(document.scene);
-  for (size_t s = 0; s < scenes.size(); ++s) {
+  for (size_t s = 0; s < scenes->size(); ++s) {
     SourceSceneRoots roots;
-    roots.name = scenes[s].name;
+    if (!plan.implied_scene) roots.name = document.scenes[s].name;
     roots.is_default = s == drawn;
-    for (const uint32_t root : scenes[s].roots) {
-      if (plan.parent[root] == kNone && state[root] == kKept) roots.roots.push_back(plan.place[root]);
+    for (const uint32_t root : (*scenes)[s]) {
+      if (state[root] == kKept) roots.roots.push_back(plan.place[root]);
     }
     plan.scenes.push_back(std::move(roots));
   }

@@ -15,6 +15,7 @@
 #include "tools/convert/byte_source.h"
 #include "tools/convert/glb.h"
 #include "tools/convert/gltf_buffers.h"
+#include "tools/convert/gltf_check.h"
 #include "tools/convert/gltf_document.h"
 #include "tools/convert/gltf_json.h"
 #include "tools/convert/gltf_materials.h"
@@ -81,6 +82,9 @@ class LeftOutList {
  public:
   LeftOutList(const GltfDocument& document, const GltfBuffers& buffers)
       : buffers_(buffers), seen_(document.accessors.size(), false) {}
+
+  /// An accessor that is taken over: its bytes count nowhere below.
+  void keep(const Accessor& accessor) { seen_[accessor.index] = true; }
 
   void add(const std::string& what, uint64_t count) { entries_[what].count += count; }
 
@@ -154,6 +158,7 @@ class Importer {
 
   Result<void> run(const ImportOptions& options) {
     if (auto checked = check_extensions(document_, scene_); !checked) return checked;
+    if (auto checked = check_document(document_); !checked) return checked;
     scene_.copyright = document_.copyright;
     for (const DocBuffer& buffer : document_.buffers)
       scene_.buffer_bytes = format::checked_add(scene_.buffer_bytes, buffer.bytes).value_or(scene_.buffer_bytes);
@@ -170,6 +175,7 @@ class Importer {
     if (auto made = make_cameras(); !made) return made;
     if (auto made = make_primitives(*plan); !made) return made;
     if (auto made = finish_primitives(); !made) return made;
+    count_left_out();
     auto nodes = make_nodes(document_, *plan, group_of_mesh_, buffers_);
     if (!nodes) return nodes.error();
     scene_.nodes = std::move(nodes).value();
@@ -232,19 +238,13 @@ class Importer {
   }
 
   Result<void> make_primitive(const DocPrimitive& from, uint32_t mesh, uint32_t place) {
-    if (from.mode < 0 || from.mode > 6)
-      return Error{ErrorCode::kRange, "mode is " + std::to_string(from.mode) + ", expected 0 to 6"};
-    if (from.material != kAbsent && static_cast<size_t>(from.material) >= document_.materials.size()) {
-      return Error{ErrorCode::kRange, "material " + std::to_string(from.material) + " is not there, the document has " +
-                                          std::to_string(document_.materials.size())};
-    }
     const int32_t position = find(from, "POSITION");
     if (from.mode < 4) {
-      leave_out(from.mode == 0 ? "points" : "lines", from);
+      dropped_.emplace_back(from.mode == 0 ? "points" : "lines", &from);
       return {};
     }
     if (position == kAbsent) {
-      leave_out("primitives without POSITION", from);
+      dropped_.emplace_back("primitives without POSITION", &from);
       return {};
     }
 
@@ -266,7 +266,7 @@ class Importer {
       to.indices = std::move(indices).value();
     }
     if (to.triangle_count() == 0) {
-      leave_out("primitives without triangles", from);
+      dropped_.emplace_back("primitives without triangles", &from);
       return {};
     }
     for (const auto& [name, slot] : {std::pair{"COLOR_0", &to.color}, std::pair{"NORMAL", &to.normal}}) {
@@ -277,11 +277,6 @@ class Importer {
       *slot = std::move(accessor).value();
     }
     if (from.material != kAbsent) material_used_[static_cast<size_t>(from.material)] = true;
-    if (from.targets > 0) {
-      left_out_.add("morph targets", from.targets);
-      ++morphed_;
-      for (const int32_t accessor : from.target_accessors) left_out_.add_accessor_bytes("morph targets", accessor);
-    }
     scene_.primitives.push_back(std::move(to));
     return {};
   }
@@ -307,10 +302,6 @@ class Importer {
       } else if (!uv_name.empty()) {
         ++without_uv;
       }
-      for (const auto& [name, accessor] : from.attributes) {
-        if (name == "POSITION" || name == "COLOR_0" || name == uv_name) continue;
-        left_out_.add_accessor(attribute_kind(name), accessor);
-      }
     }
     if (without_uv > 0) {
       scene_.warnings.push_back(counted(without_uv, "primitive has", "primitives have") +
@@ -325,11 +316,28 @@ class Importer {
     return found == primitive.attributes.end() || found->first != name ? kAbsent : found->second;
   }
 
-  // Points, lines and the like: a count, and the bytes of everything they name.
-  void leave_out(const std::string& what, const DocPrimitive& primitive) {
-    left_out_.add(what, 1);
-    for (const auto& [name, accessor] : primitive.attributes) left_out_.add_accessor_bytes(what, accessor);
-    if (primitive.indices != kAbsent) left_out_.add_accessor_bytes(what, primitive.indices);
+  // Counts what kept primitives do not use and what primitives are dropped: after all that is kept is known, because
+  // accessors are shared.
+  void count_left_out() {
+    for (const Primitive& primitive : scene_.primitives) {
+      left_out_.keep(primitive.positions);
+      for (const auto* accessor : {&primitive.indices, &primitive.uv, &primitive.color}) {
+        if (*accessor) left_out_.keep(**accessor);
+      }
+    }
+    for (const Primitive& primitive : scene_.primitives) {
+      const DocPrimitive& from = document_.meshes[primitive.mesh].primitives[primitive.place];
+      for (const auto& [name, accessor] : from.attributes) left_out_.add_accessor(attribute_kind(name), accessor);
+      if (from.targets == 0) continue;
+      left_out_.add("morph targets", from.targets);
+      ++morphed_;
+      for (const int32_t accessor : from.target_accessors) left_out_.add_accessor_bytes("morph targets", accessor);
+    }
+    for (const auto& [what, from] : dropped_) {
+      left_out_.add(what, 1);
+      for (const auto& [name, accessor] : from->attributes) left_out_.add_accessor_bytes(what, accessor);
+      if (from->indices != kAbsent) left_out_.add_accessor_bytes(what, from->indices);
+    }
   }
 
   Result<void> check_draco(bool draco, const Accessor& accessor) const {
@@ -443,6 +451,7 @@ class Importer {
   LeftOutList left_out_;
   std::vector<uint32_t> group_of_mesh_;
   std::vector<bool> material_used_;
+  std::vector<std::pair<const char*, const DocPrimitive*>> dropped_;  // why, what
   uint64_t morphed_ = 0;
   uint64_t undeclared_quantization_ = 0;
   uint64_t unflagged_colors_ = 0;
