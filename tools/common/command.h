@@ -19,7 +19,7 @@ struct Command {
 Command add_convert(CLI::App& parent);
 Command add_inspect(CLI::App& parent);
 Command add_render(CLI::App& parent);
-[[gnu::weak]] Command add_synth(CLI::App& parent);
+Command add_synth(CLI::App& parent);
 Command add_export(CLI::App& parent);
 
 }  // namespace scree::tools

@@ -1,0 +1,514 @@
+// The measured scenes are their definition bit for bit; the files say so, for any number of threads, or are not there.
+#include "tools/synth/synth.h"
+
+#include <sys/resource.h>
+
+#include <algorithm>
+#include <bit>
+#include <cmath>
+#include <csignal>
+#include <cstring>
+#include <filesystem>
+#include <fstream>
+#include <nlohmann/json.hpp>
+#include <random>
+
+#include "tests/catch.h"
+#include "tools/synth/slope.h"
+#include "tools/synth/textures.h"
+
+using namespace scree;
+using namespace scree::synth;
+using nlohmann::json;
+
+namespace {
+
+struct Folder {
+  Folder() {
+    std::string pattern = (std::filesystem::temp_directory_path() / "scree-synth-XXXXXX").string();
+    REQUIRE(mkdtemp(pattern.data()) != nullptr);
+    path = pattern;
+  }
+  ~Folder() { std::filesystem::remove_all(path); }
+  std::string file(const std::string& name) const { return (path / name).string(); }
+  std::filesystem::path path;
+};
+
+std::string read_file(const std::string& path) {
+  std::ifstream in(path, std::ios::binary);
+  REQUIRE(in);
+  return {std::istreambuf_iterator<char>(in), {}};
+}
+
+SynthOptions scene_options(const char* scene, MeshOrder order = MeshOrder::kRow) {
+  SynthOptions options;
+  options.scene = scene;
+  options.order = order;
+  return options;
+}
+
+/// The sums of the definition: scene, order, positions, indices.
+struct Expected {
+  const char* scene;
+  MeshOrder order;
+  uint64_t positions;
+  uint64_t indices;
+};
+
+void check_sums(const Expected& expected) {
+  SynthOptions options = scene_options(expected.scene, expected.order);
+  options.checks = true;
+  const Result<SynthReport> report = synthesize(options);
+  REQUIRE(report);
+  CHECK(report->position_sum == expected.positions);
+  CHECK(report->index_sum == expected.indices);
+}
+
+/// A written scene, read back without the importer.
+struct Document {
+  explicit Document(const std::string& path) : root(json::parse(read_file(path))) {
+    buffer = read_file(std::filesystem::path(path).replace_extension(".bin").string());
+    CHECK(root["buffers"][0]["byteLength"] == buffer.size());
+  }
+  template <class T>
+  std::vector<T> values(size_t accessor_index, size_t components) const {
+    const json& accessor = root["accessors"][accessor_index];
+    const json& view = root["bufferViews"][accessor["bufferView"].get<size_t>()];
+    const size_t count = accessor["count"].get<size_t>() * components;
+    REQUIRE(view["byteLength"].get<size_t>() == count * sizeof(T));
+    const size_t offset = view.value("byteOffset", size_t{0});
+    REQUIRE(offset + count * sizeof(T) <= buffer.size());
+    std::vector<T> out(count);
+    std::memcpy(out.data(), &buffer[offset], count * sizeof(T));
+    return out;
+  }
+  json root;
+  std::string buffer;
+};
+
+using Matrix = std::array<double, 16>;
+
+Matrix multiply(const Matrix& a, const Matrix& b) {
+  Matrix out{};
+  for (size_t column = 0; column < 4; ++column)
+    for (size_t row = 0; row < 4; ++row)
+      for (size_t k = 0; k < 4; ++k) out[column * 4 + row] += a[k * 4 + row] * b[column * 4 + k];
+  return out;
+}
+
+Matrix node_matrix(const json& node) {
+  if (node.contains("matrix")) return node["matrix"].get<Matrix>();
+  return {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1};
+}
+
+}  // namespace
+
+TEST_CASE("the sums of the definition: B and D", "[synth]") {
+  check_sums({"B", MeshOrder::kRow, 0xf0e272c633601e8a, 0x8594704c9338c711});
+  check_sums({"B", MeshOrder::kBlock, 0x5cc377213b4bf0ad, 0x8e3db63e2a0998a6});
+  check_sums({"D", MeshOrder::kRow, 0xa0f47004a686832c, 0x8306755979cb9ce2});
+}
+
+TEST_CASE("the sums of the definition: A and C", "[.slow]") {
+  check_sums({"A", MeshOrder::kRow, 0xd19e4df716b2312b, 0x0601895a3b61b968});
+  check_sums({"A", MeshOrder::kBlock, 0xb0e2cb7a129fafb7, 0x3763687f5b9703e2});
+  check_sums({"C", MeshOrder::kRow, 0x5337121d344b94ab, 0x3d3e0f728ff1ff02});
+  check_sums({"C", MeshOrder::kBlock, 0x08a83478eb693d51, 0xdbc1e07a3262c27d});
+}
+
+TEST_CASE("the measured scenes have the stated sizes", "[synth]") {
+  const Scene a = terrain_scene(MeshOrder::kRow, 1), b = lantern_scene(MeshOrder::kRow, 1);
+  const Scene c = zorahlike_scene(MeshOrder::kRow, 1), d = sponzalike_scene(1);
+  CHECK(a.unique_triangles() == 399513600);
+  CHECK(a.instances.size() == 12);
+  CHECK(b.unique_triangles() == 995328);
+  CHECK(b.drawn_triangles() == 2985984000);
+  CHECK(c.unique_triangles() == 1447883520);
+  CHECK(c.instances.size() == 26000);
+  CHECK(c.drawn_triangles() == 18733401600);
+  CHECK(d.unique_triangles() == 262176);
+  CHECK(d.meshes.size() == 100);
+  const std::array<float, 16> identity{1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1};
+  for (const SceneInstance& instance : a.instances) CHECK(instance.matrix == identity);
+}
+
+TEST_CASE("block order is a permutation of row order", "[synth]") {
+  MeshRecipe mesh;
+  mesh.seed = 7;
+  mesh.octaves = 2;
+  mesh.amplitude = 0.1;
+  mesh.frequency = 2;
+  mesh.n = 24;
+  MeshRecipe blocks = mesh;
+  blocks.order = MeshOrder::kBlock;
+  const auto triangles = [](const MeshRecipe& recipe) {
+    std::vector<std::array<float, 9>> all;
+    for (uint32_t quad = 0; quad < triangle_count(recipe) / 2; ++quad) {
+      uint32_t corners[6];
+      quad_indices(recipe, quad, corners);
+      for (int t = 0; t < 2; ++t) {
+        std::array<float, 9> triangle{};
+        for (size_t i = 0; i < 3; ++i) {
+          REQUIRE(corners[static_cast<size_t>(t) * 3 + i] < vertex_count(recipe));
+          const Float3 p = vertex_position(recipe, corners[static_cast<size_t>(t) * 3 + i]);
+          triangle[i * 3] = p.x;
+          triangle[i * 3 + 1] = p.y;
+          triangle[i * 3 + 2] = p.z;
+        }
+        all.push_back(triangle);
+      }
+    }
+    std::sort(all.begin(), all.end());
+    return all;
+  };
+  CHECK(triangles(mesh) == triangles(blocks));
+  for (uint32_t vertex = 0; vertex < 25 * 25; ++vertex) {
+    uint32_t x, y;
+    grid_place(MeshOrder::kBlock, 24, vertex, &x, &y);
+    CHECK(grid_vertex(MeshOrder::kBlock, 24, x, y) == vertex);
+  }
+}
+
+TEST_CASE("a written scene holds the definition's vertices, indices, instances and cameras", "[synth]") {
+  const Folder folder;
+  for (const char* name : {"A", "B", "C", "D"}) {
+    const bool zorahlike = name[0] == 'C', hall = name[0] == 'D';
+    const MeshOrder order = hall ? MeshOrder::kRow : MeshOrder::kBlock;
+    SynthOptions options = scene_options(name, order);
+    options.scale = zorahlike ? 1e-9 : 0.0001;  // C: 8 quads a side
+    if (hall) options.scale = 1;
+    options.checks = true;
+    options.output = folder.file(std::string(name) + ".gltf");
+    const Result<SynthReport> report = synthesize(options);
+    REQUIRE(report);
+    const Scene scene = name[0] == 'A'   ? terrain_scene(order, options.scale)
+                        : name[0] == 'B' ? lantern_scene(order, options.scale)
+                        : zorahlike      ? zorahlike_scene(order, options.scale)
+                                         : sponzalike_scene(options.scale);
+    const Document document(options.output);
+    CHECK(report->file_bytes == document.buffer.size() + std::filesystem::file_size(options.output));
+
+    // The sums over what lies in the file.
+    uint64_t position_sum = 0, index_sum = 0;
+    bool bounds_right = true, indices_right = true;
+    for (size_t m = 0; m < scene.meshes.size(); ++m) {
+      const json& primitive = document.root["meshes"][m]["primitives"][0];
+      const size_t position = primitive["attributes"]["POSITION"], index = primitive["indices"];
+      const std::vector<float> positions = document.values<float>(position, 3);
+      REQUIRE(positions.size() == vertex_count(scene.meshes[m]) * 3);
+      std::array<float, 3> min{1e30f, 1e30f, 1e30f}, max{-1e30f, -1e30f, -1e30f};
+      for (size_t i = 0; i < positions.size(); ++i) {
+        position_sum += check_term(uint64_t{m} << 40 | i, std::bit_cast<uint32_t>(positions[i]));
+        min[i % 3] = std::min(min[i % 3], positions[i]);
+        max[i % 3] = std::max(max[i % 3], positions[i]);
+      }
+      const json& accessor = document.root["accessors"][position];
+      for (size_t axis = 0; axis < 3; ++axis)
+        bounds_right = bounds_right && accessor["min"][axis].get<double>() == min[axis] &&
+                       accessor["max"][axis].get<double>() == max[axis];
+      const bool short_indices = document.root["accessors"][index]["componentType"] == 5123;
+      CHECK(short_indices == (vertex_count(scene.meshes[m]) <= 65535));
+      std::vector<uint32_t> indices;
+      if (short_indices) {
+        const std::vector<uint16_t> shorts = document.values<uint16_t>(index, 1);
+        indices.assign(shorts.begin(), shorts.end());
+      } else {
+        indices = document.values<uint32_t>(index, 1);
+      }
+      indices_right = indices_right && indices.size() == triangle_count(scene.meshes[m]) * 3;
+      for (size_t i = 0; i < indices.size(); ++i) index_sum += check_term(uint64_t{m} << 40 | i, indices[i]);
+    }
+    CHECK(bounds_right);
+    CHECK(indices_right);
+    CHECK(position_sum == report->position_sum);
+    CHECK(index_sum == report->index_sum);
+
+    // The nodes: one root that turns z up to y up, then instances and cameras.
+    const json& nodes = document.root["nodes"];
+    REQUIRE(document.root["scenes"][0]["nodes"] == json{0});
+    const Matrix root = node_matrix(nodes[0]);
+    REQUIRE(nodes.size() == 1 + scene.instances.size() + scene.cameras.size());
+    bool matrices_right = true;
+    for (size_t i = 0; i < scene.instances.size(); ++i) {
+      const json& node = nodes[nodes[0]["children"][i].get<size_t>()];
+      const Matrix matrix = node_matrix(node);
+      matrices_right = matrices_right && node["mesh"] == scene.instances[i].mesh;
+      for (size_t k = 0; k < 16; ++k)
+        matrices_right = matrices_right && matrix[k] == double{scene.instances[i].matrix[k]};
+    }
+    CHECK(matrices_right);
+    for (size_t c = 0; c < scene.cameras.size(); ++c) {
+      const SceneCamera& camera = scene.cameras[c];
+      const json& node = nodes[nodes[0]["children"][scene.instances.size() + c].get<size_t>()];
+      const json& lens = document.root["cameras"][node["camera"].get<size_t>()];
+      CHECK(lens["name"] == camera.name);
+      CHECK(lens["perspective"]["yfov"].get<double>() == Approx(3.14159265358979 / 3));
+      const Matrix world = multiply(root, node_matrix(node));
+      // In the world (x, z, -y): the eye, and -z towards the target.
+      const double eye[3] = {camera.eye[0], camera.eye[2], -camera.eye[1]};
+      double forward[3] = {camera.target[0] - camera.eye[0], camera.target[2] - camera.eye[2],
+                           -(camera.target[1] - camera.eye[1])};
+      const double length = std::hypot(forward[0], forward[1], forward[2]);
+      double determinant = world[0] * (world[5] * world[10] - world[9] * world[6]) -
+                           world[4] * (world[1] * world[10] - world[9] * world[2]) +
+                           world[8] * (world[1] * world[6] - world[5] * world[2]);
+      CHECK(determinant == Approx(1));
+      CHECK(world[1] == Approx(0).margin(1e-12));  // the horizon is level
+      CHECK(world[5] > 0);                         // and up is up
+      for (size_t k = 0; k < 3; ++k) {
+        CHECK(world[12 + k] == eye[k]);
+        CHECK(-world[8 + k] == Approx(forward[k] / length).margin(1e-12));
+      }
+    }
+  }
+}
+
+TEST_CASE("smaller versions keep the instances and the view", "[synth]") {
+  const Scene quarter = terrain_scene(MeshOrder::kRow, 0.25);
+  CHECK(quarter.meshes[0].n == 2040);
+  CHECK(quarter.unique_triangles() == 399513600 / 4);
+  const Scene tiny = terrain_scene(MeshOrder::kRow, 0.0001);
+  CHECK(tiny.meshes[0].n == 40);  // 40.8
+  // The last corner lies where it lies at full scale, within the grid's jitter.
+  const MeshRecipe& tile = tiny.meshes.back();
+  const Float3 corner = vertex_position(tile, static_cast<uint32_t>(vertex_count(tile) - 1));
+  CHECK(corner.x * tiny.instances.back().matrix[0] == Approx(1020).margin(2));
+  CHECK(corner.y * tiny.instances.back().matrix[5] == Approx(765).margin(2));
+  // The close-up eye stays above the ground of its own terrain.
+  const double stretch = 4080.0 / 40;
+  const Double3 ground =
+      terrain_position(static_cast<int>(std::lround(4800 / stretch)), static_cast<int>(std::lround(3200 / stretch)));
+  CHECK(tiny.cameras[1].eye[2] == ground.z + 14);
+
+  CHECK(lantern_scene(MeshOrder::kBlock, 0.01).meshes[0].n == 32);
+  CHECK(lantern_scene(MeshOrder::kBlock, 0.01).instances.size() == 3000);
+  const Scene zorahlike = zorahlike_scene(MeshOrder::kBlock, 0.01);
+  CHECK(zorahlike.instances.size() == 26000);
+  for (const MeshRecipe& mesh : zorahlike.meshes) CHECK(mesh.n % 8 == 0);
+  CHECK(sponzalike_scene(1e-6).unique_triangles() == 100 * 12);
+}
+
+TEST_CASE("the same bytes for any number of threads", "[synth]") {
+  const Folder folder;
+  for (const char* name : {"B", "slope"}) {
+    std::string first;
+    for (const uint32_t threads : {1u, 2u, 5u}) {
+      SynthOptions options = scene_options(name);
+      options.scale = 0.05;
+      options.normals = options.uvs = name[0] == 'B';
+      options.threads = threads;
+      options.texture_size = 64;
+      options.output = folder.file(std::string(name) + ".glb");
+      REQUIRE(synthesize(options));
+      const std::string bytes = read_file(options.output);
+      if (threads == 1) first = bytes;
+      CHECK(bytes == first);
+    }
+  }
+}
+
+TEST_CASE("normals point outwards and have unit length", "[synth]") {
+  const Folder folder;
+  SynthOptions options = scene_options("B");
+  options.scale = 0.003;
+  options.normals = options.uvs = true;
+  options.output = folder.file("b.gltf");
+  REQUIRE(synthesize(options));
+  const Document document(options.output);
+  const json& attributes = document.root["meshes"][0]["primitives"][0]["attributes"];
+  const std::vector<float> positions = document.values<float>(attributes["POSITION"], 3);
+  const std::vector<float> normals = document.values<float>(attributes["NORMAL"], 3);
+  const std::vector<float> uvs = document.values<float>(attributes["TEXCOORD_0"], 2);
+  REQUIRE(normals.size() == positions.size());
+  bool unit = true, outwards = true, inside = true;
+  for (size_t i = 0; i < normals.size(); i += 3) {
+    const double length = std::hypot(normals[i], normals[i + 1], normals[i + 2]);
+    const double along =
+        normals[i] * positions[i] + normals[i + 1] * positions[i + 1] + normals[i + 2] * positions[i + 2];
+    unit = unit && std::abs(length - 1) < 1e-6;
+    outwards = outwards && along > 0;
+  }
+  for (const float part : uvs) inside = inside && part >= 0 && part <= 1;
+  CHECK(unit);
+  CHECK(outwards);
+  CHECK(inside);
+  CHECK(std::filesystem::exists(folder.file("b_granite.jpg")));
+}
+
+TEST_CASE("instances through EXT_mesh_gpu_instancing stand where the matrices put them", "[synth]") {
+  const Folder folder;
+  SynthOptions options = scene_options("C");
+  options.scale = 1e-9;
+  options.gpu_instancing = true;
+  options.output = folder.file("c.gltf");
+  REQUIRE(synthesize(options));
+  const Document document(options.output);
+  CHECK(document.root["extensionsRequired"] == json{"EXT_mesh_gpu_instancing"});
+  const Scene scene = zorahlike_scene(MeshOrder::kRow, options.scale);
+  std::vector<std::vector<const SceneInstance*>> of_mesh(scene.meshes.size());
+  for (const SceneInstance& instance : scene.instances) of_mesh[instance.mesh].push_back(&instance);
+  double worst = 0;
+  size_t seen = 0;
+  for (const json& node : document.root["nodes"]) {
+    if (!node.contains("extensions")) continue;
+    const json& attributes = node["extensions"]["EXT_mesh_gpu_instancing"]["attributes"];
+    const std::vector<float> t = document.values<float>(attributes["TRANSLATION"], 3);
+    const std::vector<float> q = document.values<float>(attributes["ROTATION"], 4);
+    const std::vector<float> s = document.values<float>(attributes["SCALE"], 3);
+    const auto& instances = of_mesh[node["mesh"].get<size_t>()];
+    REQUIRE(instances.size() * 3 == t.size());
+    for (size_t i = 0; i < instances.size(); ++i, ++seen) {
+      const auto& matrix = instances[i]->matrix;
+      const double z = q[i * 4 + 2], w = q[i * 4 + 3];
+      const double c = 1 - 2 * z * z, sine = 2 * z * w;
+      const double expected[] = {c * s[i * 3], sine * s[i * 3], -sine * s[i * 3 + 1], c * s[i * 3 + 1]};
+      const double found[] = {matrix[0], matrix[1], matrix[4], matrix[5]};
+      for (size_t k = 0; k < 4; ++k) worst = std::max(worst, std::abs(expected[k] - found[k]));
+      for (size_t k = 0; k < 3; ++k) CHECK(t[i * 3 + k] == matrix[12 + k]);
+    }
+  }
+  CHECK(seen == 26000);
+  CHECK(worst < 1e-6);
+}
+
+TEST_CASE("the slope", "[synth]") {
+  const Folder folder;
+  SynthOptions options = scene_options("slope");
+  options.scale = 0.02;
+  options.texture_size = 128;
+  options.output = folder.file("slope.gltf");
+  const Result<SynthReport> report = synthesize(options);
+  REQUIRE(report);
+  CHECK(report->unique_triangles <= 300000);
+  CHECK(report->instances > 200);
+  const Document document(options.output);
+  CHECK(document.root["images"].size() == 4);
+  for (const json& image : document.root["images"]) {
+    const std::string uri = image["uri"];
+    const std::string bytes = read_file(folder.file(uri));
+    CHECK(bytes.substr(0, 2) == (image["mimeType"] == "image/png" ? "\x89P" : "\xff\xd8"));
+  }
+  CHECK(document.root["cameras"][0]["name"] == "view");
+  for (const json& mesh : document.root["meshes"]) {
+    const json& primitive = mesh["primitives"][0];
+    const size_t vertices = document.root["accessors"][primitive["attributes"]["POSITION"].get<size_t>()]["count"];
+    const size_t index = primitive["indices"];
+    uint32_t largest = 0;
+    if (document.root["accessors"][index]["componentType"] == 5123) {
+      for (const uint16_t value : document.values<uint16_t>(index, 1)) largest = std::max<uint32_t>(largest, value);
+    } else {
+      for (const uint32_t value : document.values<uint32_t>(index, 1)) largest = std::max(largest, value);
+    }
+    CHECK(largest == vertices - 1);
+  }
+  // Rocks turn their front outwards: the signed volume is positive.
+  for (const size_t m : {size_t{0}, size_t{5}}) {
+    const json& primitive = document.root["meshes"][m]["primitives"][0];
+    const std::vector<float> p = document.values<float>(primitive["attributes"]["POSITION"], 3);
+    double volume = 0;
+    const std::vector<uint16_t> indices = document.values<uint16_t>(primitive["indices"], 1);
+    for (size_t i = 0; i < indices.size(); i += 3) {
+      const float *a = &p[indices[i] * 3u], *b = &p[indices[i + 1] * 3u], *c = &p[indices[i + 2] * 3u];
+      volume +=
+          a[0] * (b[1] * c[2] - b[2] * c[1]) + a[1] * (b[2] * c[0] - b[0] * c[2]) + a[2] * (b[0] * c[1] - b[1] * c[0]);
+    }
+    CHECK(volume / 6 > 0.5);
+    CHECK(volume / 6 < 6);
+  }
+  options.seed = 2;
+  options.output = folder.file("other.gltf");
+  REQUIRE(synthesize(options));
+  CHECK(read_file(folder.file("other.gltf")) != read_file(folder.file("slope.gltf")));
+}
+
+TEST_CASE("textures tile", "[synth]") {
+  for (const TextureKind kind :
+       {TextureKind::kGranite, TextureKind::kSandstone, TextureKind::kSlate, TextureKind::kGround}) {
+    constexpr uint32_t kSize = 256;
+    const std::vector<uint8_t> rgb = make_texture(kind, kSize, 2);
+    // Neighbours across the border differ no more than neighbours inside do.
+    const auto step = [&](uint32_t x0, uint32_t x1, bool transposed) {
+      double sum = 0;
+      for (uint32_t i = 0; i < kSize; ++i)
+        for (uint32_t c = 0; c < 3; ++c) {
+          const uint32_t a = transposed ? x0 * kSize + i : i * kSize + x0;
+          const uint32_t b = transposed ? x1 * kSize + i : i * kSize + x1;
+          sum += std::abs(int{rgb[a * 3 + c]} - int{rgb[b * 3 + c]});
+        }
+      return sum / (kSize * 3);
+    };
+    for (const bool transposed : {false, true}) {
+      double inside = 0;
+      for (uint32_t x = 0; x + 1 < kSize; ++x) inside += step(x, x + 1, transposed) / (kSize - 1);
+      CHECK(step(kSize - 1, 0, transposed) < inside * 1.4);
+      CHECK(step(kSize / 2, 0, transposed) > inside * 1.05);  // else the test could not fail
+    }
+  }
+}
+
+TEST_CASE("what synth refuses", "[synth]") {
+  const Folder folder;
+  const auto code = [](const SynthOptions& options) {
+    const Result<SynthReport> report = synthesize(options);
+    REQUIRE(!report);
+    return report.error().code;
+  };
+  SynthOptions options = scene_options("E");
+  options.output = folder.file("x.gltf");
+  CHECK(code(options) == ErrorCode::kUsage);
+  options.scene = "D";
+  options.order = MeshOrder::kBlock;
+  CHECK(code(options) == ErrorCode::kUsage);
+  options.order = MeshOrder::kRow;
+  for (const double scale : {0.0, -1.0, 1.5, std::nan("")}) {
+    options.scale = scale;
+    CHECK(code(options) == ErrorCode::kUsage);
+  }
+  options.scale = 1;
+  options.seed = 3;
+  CHECK(code(options) == ErrorCode::kUsage);
+  options.seed = 1;
+  for (const uint32_t size : {0u, 63u, 100u, 16384u}) {
+    options.texture_size = size;
+    CHECK(code(options) == ErrorCode::kUsage);
+  }
+  options.texture_size = 64;
+  options.output.clear();
+  CHECK(code(options) == ErrorCode::kUsage);
+  options.output = folder.file("x.obj");
+  CHECK(code(options) == ErrorCode::kUsage);
+  options.output = folder.file("missing/x.glb");
+  CHECK(code(options) == ErrorCode::kFile);
+  options = scene_options("A");  // 7 GB
+  options.output = folder.file("x.glb");
+  CHECK(code(options) == ErrorCode::kRange);
+  options = scene_options("slope");
+  options.output = folder.file("x.glb");
+  options.uvs = true;
+  CHECK(code(options) == ErrorCode::kUsage);
+  CHECK(std::filesystem::is_empty(folder.path));
+}
+
+TEST_CASE("a full disk ends synth with nothing left behind", "[synth]") {
+  const Folder folder;
+  rlimit before{};
+  REQUIRE(getrlimit(RLIMIT_FSIZE, &before) == 0);
+  const auto handler = std::signal(SIGXFSZ, SIG_IGN);
+  rlimit limited = before;
+  limited.rlim_cur = 1 << 20;
+  REQUIRE(setrlimit(RLIMIT_FSIZE, &limited) == 0);
+  std::vector<ErrorCode> codes;
+  for (const char* name : {"B", "slope"}) {
+    SynthOptions options = scene_options(name);
+    options.threads = 3;
+    options.texture_size = 64;
+    options.scale = name[0] == 'B' ? 1 : 0.01;
+    options.output = folder.file(std::string(name) + ".gltf");
+    const Result<SynthReport> report = synthesize(options);
+    codes.push_back(report ? ErrorCode::kUsage : report.error().code);
+  }
+  setrlimit(RLIMIT_FSIZE, &before);
+  std::signal(SIGXFSZ, handler);
+  CHECK(codes == std::vector<ErrorCode>{ErrorCode::kFile, ErrorCode::kFile});
+  CHECK(std::filesystem::is_empty(folder.path));
+}

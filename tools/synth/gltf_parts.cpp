@@ -1,0 +1,67 @@
+#include "tools/synth/gltf_parts.h"
+
+#include <algorithm>
+#include <atomic>
+#include <map>
+#include <thread>
+
+namespace scree::synth {
+
+using namespace tools;
+
+uint32_t add_stream(GltfWriter& writer, uint64_t offset, uint64_t bytes, GltfAccessor accessor, GltfTarget target) {
+  accessor.buffer_view = writer.add_buffer_view({offset, bytes, 0, target});
+  return writer.add_accessor(std::move(accessor));
+}
+
+Result<void> add_instanced_nodes(GltfWriter& writer, std::span<const Placement> placements,
+                                 std::vector<uint32_t>& nodes) {
+  struct Streams {
+    std::vector<float> translations, rotations, scales;
+  };
+  std::map<uint32_t, Streams> of_mesh;
+  for (const Placement& placement : placements) {
+    Streams& streams = of_mesh[placement.mesh];
+    for (const double part : placement.translation) streams.translations.push_back(static_cast<float>(part));
+    for (const double part : placement.rotation) streams.rotations.push_back(static_cast<float>(part));
+    for (const double part : placement.scale) streams.scales.push_back(static_cast<float>(part));
+  }
+  for (const auto& [mesh, streams] : of_mesh) {
+    GltfNode node;
+    node.name = "instances of mesh" + std::to_string(mesh);
+    node.mesh = mesh;
+    const auto attribute = [&](const char* semantic, const std::vector<float>& values, GltfType type,
+                               uint64_t components) -> Result<void> {
+      GltfAccessor accessor;
+      accessor.type = type;
+      accessor.count = values.size() / components;
+      const Result<uint32_t> added = append_stream(writer, values, std::move(accessor), GltfTarget::kNone);
+      if (!added) return added.error();
+      node.instancing.emplace_back(semantic, *added);
+      return {};
+    };
+    Result<void> added = attribute("TRANSLATION", streams.translations, GltfType::kVec3, 3);
+    if (added) added = attribute("ROTATION", streams.rotations, GltfType::kVec4, 4);
+    if (added) added = attribute("SCALE", streams.scales, GltfType::kVec3, 3);
+    if (!added) return added;
+    nodes.push_back(writer.add_node(std::move(node)));
+  }
+  return {};
+}
+
+uint64_t thread_count(uint32_t wanted, uint64_t items) {
+  const uint64_t count = wanted != 0 ? wanted : std::thread::hardware_concurrency();
+  return std::max<uint64_t>(1, std::min(count, items));
+}
+
+void for_each(uint64_t items, uint32_t threads, const std::function<void(uint64_t)>& body) {
+  std::atomic<uint64_t> next{0};
+  const auto work = [&] {
+    for (uint64_t item = next++; item < items; item = next++) body(item);
+  };
+  std::vector<std::jthread> helpers;
+  for (uint64_t i = 1; i < thread_count(threads, items); ++i) helpers.emplace_back(work);
+  work();
+}
+
+}  // namespace scree::synth

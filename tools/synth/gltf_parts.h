@@ -1,0 +1,48 @@
+// What the scene writers share: streams, instances, row-parallel loops.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <functional>
+#include <span>
+#include <vector>
+
+#include "format/result.h"
+#include "tools/common/gltf_writer.h"
+
+namespace scree::synth {
+
+/// A drawn mesh: scaled, turned (quaternion xyzw), moved.
+struct Placement {
+  uint32_t mesh = 0;
+  std::array<double, 3> translation{};
+  std::array<double, 4> rotation{0, 0, 0, 1};
+  std::array<double, 3> scale{1, 1, 1};
+};
+
+/// Makes a buffer view of `bytes` at `offset` and `accessor` its only accessor; returns the accessor's index.
+uint32_t add_stream(tools::GltfWriter& writer, uint64_t offset, uint64_t bytes, tools::GltfAccessor accessor,
+                    tools::GltfTarget target);
+
+/// Appends `values` and does the same.
+template <class T>
+Result<uint32_t> append_stream(tools::GltfWriter& writer, const std::vector<T>& values, tools::GltfAccessor accessor,
+                               tools::GltfTarget target) {
+  const std::span<const std::byte> bytes = std::as_bytes(std::span(values));
+  const Result<uint64_t> offset = writer.append(bytes);
+  if (!offset) return offset.error();
+  return add_stream(writer, *offset, bytes.size(), std::move(accessor), target);
+}
+
+/// Adds one node per mesh that is placed, with EXT_mesh_gpu_instancing (float translations, quaternions and scales),
+/// and their indices to `nodes`.
+Result<void> add_instanced_nodes(tools::GltfWriter& writer, std::span<const Placement> placements,
+                                 std::vector<uint32_t>& nodes);
+
+/// The threads `wanted` stands for: itself, or as many as the machine runs at once for 0; at most `items`, at least 1.
+uint64_t thread_count(uint32_t wanted, uint64_t items);
+
+/// Calls body(item) for every item below `items`, from several threads; in no order.
+void for_each(uint64_t items, uint32_t threads, const std::function<void(uint64_t)>& body);
+
+}  // namespace scree::synth

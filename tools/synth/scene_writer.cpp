@@ -1,0 +1,377 @@
+// Scenes A to D as glTF: threads generate windows of vertices and quads and write each where it belongs.
+#include <algorithm>
+#include <atomic>
+#include <bit>
+#include <cmath>
+#include <limits>
+#include <mutex>
+#include <numbers>
+#include <optional>
+#include <thread>
+#include <vector>
+
+#include "tools/common/gltf_writer.h"
+#include "tools/common/progress.h"
+#include "tools/synth/gltf_parts.h"
+#include "tools/synth/synth.h"
+#include "tools/synth/textures.h"
+
+namespace scree::synth {
+namespace {
+
+using namespace tools;
+
+// 1.5 MiB of positions and normals, or 1.5 MiB of indices: large enough for the disk, small enough for many threads.
+constexpr uint32_t kWindowVertices = 65536;
+constexpr uint32_t kWindowQuads = 65536;
+constexpr uint64_t kMaxShortVertices = 65535;  // index 65535 would be a primitive restart
+
+/// Where the streams of a mesh lie in the buffer.
+struct MeshPlace {
+  uint64_t positions = 0, normals = 0, uvs = 0, indices = 0;  // byte offsets
+  bool short_indices = false;
+};
+
+struct Bounds {
+  Float3 min{std::numeric_limits<float>::infinity(), std::numeric_limits<float>::infinity(),
+             std::numeric_limits<float>::infinity()};
+  Float3 max{-std::numeric_limits<float>::infinity(), -std::numeric_limits<float>::infinity(),
+             -std::numeric_limits<float>::infinity()};
+
+  void add(const Float3& low, const Float3& high) {
+    min = {std::min(min.x, low.x), std::min(min.y, low.y), std::min(min.z, low.z)};
+    max = {std::max(max.x, high.x), std::max(max.y, high.y), std::max(max.z, high.z)};
+  }
+};
+
+/// A piece of work: vertices or quads [first, first + count) of a mesh.
+struct Window {
+  uint32_t mesh;
+  bool quads;
+  uint32_t first;
+  uint32_t count;
+};
+
+struct Sums {
+  uint64_t positions = 0;
+  uint64_t indices = 0;
+};
+
+uint64_t check_key(uint32_t mesh, uint64_t place) {
+  return uint64_t{mesh} << 40 | place;
+}
+
+/// The surface's normal at a vertex: the cross product of central differences along the grid, one-sided where the grid
+/// ends (a blob's faces meet in edges, the terrain's tiles go on in their neighbours but not below 0).
+Float3 vertex_normal(const MeshRecipe& mesh, uint32_t face, int x, int y) {
+  const int n = static_cast<int>(mesh.n);
+  const bool terrain = mesh.kind == MeshKind::kTerrain;
+  const int low_x = terrain ? -static_cast<int>(mesh.tile_x) * n : 0;
+  const int low_y = terrain ? -static_cast<int>(mesh.tile_y) * n : 0;
+  const int high = terrain ? n + 1 : n;
+  const Double3 x0 = surface_position(mesh, face, std::max(x - 1, low_x), y);
+  const Double3 x1 = surface_position(mesh, face, std::min(x + 1, high), y);
+  const Double3 y0 = surface_position(mesh, face, x, std::max(y - 1, low_y));
+  const Double3 y1 = surface_position(mesh, face, x, std::min(y + 1, high));
+  const Double3 a{x1.x - x0.x, x1.y - x0.y, x1.z - x0.z}, b{y1.x - y0.x, y1.y - y0.y, y1.z - y0.z};
+  const Double3 c{a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x};
+  const double length = std::sqrt(c.x * c.x + c.y * c.y + c.z * c.z);
+  if (!(length > 0)) return {0, 0, 1};
+  return {static_cast<float>(c.x / length), static_cast<float>(c.y / length), static_cast<float>(c.z / length)};
+}
+
+/// What one thread needs: buffers that live as long as it does, and its sums.
+class Generator {
+ public:
+  Generator(const Scene& scene, const SynthOptions& options, const GltfWriter* writer,
+            const std::vector<MeshPlace>& places)
+      : scene_(scene), options_(options), writer_(writer), places_(places) {}
+
+  /// `bounds`: of the window's vertices.
+  Result<void> run(const Window& window, Bounds& bounds) {
+    return window.quads ? make_quads(window) : make_vertices(window, bounds);
+  }
+  const Sums& sums() const { return sums_; }
+
+ private:
+  Result<void> make_vertices(const Window& window, Bounds& bounds) {
+    const MeshRecipe& mesh = scene_.meshes[window.mesh];
+    floats_.resize(uint64_t{window.count} * 3);
+    for (uint32_t i = 0; i < window.count; ++i) {
+      const Float3 p = vertex_position(mesh, window.first + i);
+      bounds.add(p, p);
+      const float xyz[3] = {p.x, p.y, p.z};
+      std::copy(xyz, xyz + 3, &floats_[uint64_t{i} * 3]);
+    }
+    if (options_.checks) {
+      const uint64_t first = check_key(window.mesh, uint64_t{window.first} * 3);
+      for (uint64_t i = 0; i < floats_.size(); ++i)
+        sums_.positions += check_term(first + i, std::bit_cast<uint32_t>(floats_[i]));
+    }
+    if (writer_ == nullptr) return {};
+    const MeshPlace& place = places_[window.mesh];
+    Result<void> written = write(place.positions + uint64_t{window.first} * 12, floats_);
+    if (!written || !(options_.normals || options_.uvs)) return written;
+
+    const uint32_t per_face = (mesh.n + 1) * (mesh.n + 1);
+    uvs_.resize(options_.uvs ? uint64_t{window.count} * 2 : 0);
+    for (uint32_t i = 0; i < window.count; ++i) {
+      const uint32_t face = (window.first + i) / per_face;
+      uint32_t x, y;
+      grid_place(mesh.order, mesh.n, window.first + i - face * per_face, &x, &y);
+      if (options_.normals) {
+        const Float3 normal = vertex_normal(mesh, face, static_cast<int>(x), static_cast<int>(y));
+        const float xyz[3] = {normal.x, normal.y, normal.z};
+        std::copy(xyz, xyz + 3, &floats_[uint64_t{i} * 3]);
+      }
+      if (options_.uvs) {
+        uvs_[uint64_t{i} * 2] = static_cast<float>(static_cast<double>(x) / mesh.n);
+        uvs_[uint64_t{i} * 2 + 1] = static_cast<float>(1.0 - static_cast<double>(y) / mesh.n);  // v goes down
+      }
+    }
+    if (options_.normals) written = write(place.normals + uint64_t{window.first} * 12, floats_);
+    if (written && options_.uvs) written = write(place.uvs + uint64_t{window.first} * 8, uvs_);
+    return written;
+  }
+
+  Result<void> make_quads(const Window& window) {
+    const MeshRecipe& mesh = scene_.meshes[window.mesh];
+    indices_.resize(uint64_t{window.count} * 6);
+    for (uint32_t i = 0; i < window.count; ++i) quad_indices(mesh, window.first + i, &indices_[uint64_t{i} * 6]);
+    const uint64_t first = uint64_t{window.first} * 6;
+    if (options_.checks) {
+      const uint64_t key = check_key(window.mesh, first);
+      for (uint64_t i = 0; i < indices_.size(); ++i) sums_.indices += check_term(key + i, indices_[i]);
+    }
+    if (writer_ == nullptr) return {};
+    const MeshPlace& place = places_[window.mesh];
+    if (!place.short_indices) return write(place.indices + first * 4, indices_);
+    shorts_.resize(indices_.size());
+    std::transform(indices_.begin(), indices_.end(), shorts_.begin(),
+                   [](uint32_t index) { return static_cast<uint16_t>(index); });
+    return write(place.indices + first * 2, shorts_);
+  }
+
+  template <class T>
+  Result<void> write(uint64_t offset, const std::vector<T>& values) const {
+    return writer_->write_at(offset, std::as_bytes(std::span(values)));
+  }
+
+  const Scene& scene_;
+  const SynthOptions& options_;
+  const GltfWriter* writer_;
+  const std::vector<MeshPlace>& places_;
+  std::vector<float> floats_, uvs_;
+  std::vector<uint32_t> indices_;
+  std::vector<uint16_t> shorts_;
+  Sums sums_;
+};
+
+std::vector<Window> make_windows(const Scene& scene) {
+  std::vector<Window> windows;
+  for (uint32_t m = 0; m < scene.meshes.size(); ++m) {
+    const uint32_t vertices = static_cast<uint32_t>(vertex_count(scene.meshes[m]));
+    for (uint32_t first = 0; first < vertices; first += kWindowVertices)
+      windows.push_back({m, false, first, std::min(kWindowVertices, vertices - first)});
+    const uint32_t quads = static_cast<uint32_t>(triangle_count(scene.meshes[m]) / 2);
+    for (uint32_t first = 0; first < quads; first += kWindowQuads)
+      windows.push_back({m, true, first, std::min(kWindowQuads, quads - first)});
+  }
+  return windows;
+}
+
+/// Makes every window; fills in the meshes' bounds.
+Result<Sums> generate(const Scene& scene, const SynthOptions& options, const GltfWriter* writer,
+                      const std::vector<MeshPlace>& places, std::vector<Bounds>& mesh_bounds) {
+  const std::vector<Window> windows = make_windows(scene);
+  std::vector<Bounds> window_bounds(windows.size());
+  std::atomic<uint64_t> next{0};
+  std::mutex mutex;
+  std::optional<Error> failed;
+  Sums sums;
+  Progress progress(options.progress);
+  const uint64_t triangles = scene.unique_triangles();
+  progress.stage("synth " + options.scene, triangles);
+  const auto work = [&](bool reports) {
+    Generator generator(scene, options, writer, places);
+    for (uint64_t i = next++; i < windows.size(); i = next++) {
+      if (reports) {
+        const double share = static_cast<double>(i) / static_cast<double>(windows.size());
+        const uint64_t bytes = writer == nullptr ? 0 : writer->buffer_bytes();
+        progress.update(static_cast<uint64_t>(share * static_cast<double>(triangles)),
+                        static_cast<uint64_t>(share * static_cast<double>(bytes)));
+      }
+      const Result<void> done = generator.run(windows[i], window_bounds[i]);
+      if (done) continue;
+      next = windows.size();
+      const std::lock_guard lock(mutex);
+      if (!failed) failed = done.error();
+      return;
+    }
+    const std::lock_guard lock(mutex);
+    sums.positions += generator.sums().positions;
+    sums.indices += generator.sums().indices;
+  };
+  {
+    const uint64_t count = thread_count(options.threads, windows.size());
+    std::vector<std::jthread> threads;
+    for (uint64_t i = 1; i < count; ++i) threads.emplace_back(work, false);
+    work(true);
+  }
+  if (failed) return *failed;
+  for (uint64_t i = 0; i < windows.size(); ++i)
+    if (!windows[i].quads) mesh_bounds[windows[i].mesh].add(window_bounds[i].min, window_bounds[i].max);
+  return sums;
+}
+
+Result<std::vector<MeshPlace>> reserve_streams(GltfWriter& writer, const Scene& scene, const SynthOptions& options) {
+  std::vector<MeshPlace> places;
+  std::optional<Error> failed;
+  const auto reserve = [&](uint64_t bytes) -> uint64_t {
+    const Result<uint64_t> offset = writer.reserve(bytes);
+    if (offset) return *offset;
+    if (!failed) failed = offset.error();
+    return 0;
+  };
+  for (const MeshRecipe& mesh : scene.meshes) {
+    const uint64_t vertices = vertex_count(mesh);
+    MeshPlace place;
+    place.short_indices = vertices <= kMaxShortVertices;
+    place.positions = reserve(vertices * 12);
+    if (options.normals) place.normals = reserve(vertices * 12);
+    if (options.uvs) place.uvs = reserve(vertices * 8);
+    place.indices = reserve(triangle_count(mesh) * (place.short_indices ? 6 : 12));
+    places.push_back(place);
+  }
+  if (failed) return *failed;
+  return places;
+}
+
+void add_mesh(GltfWriter& writer, uint32_t number, const MeshRecipe& mesh, const MeshPlace& place, const Bounds& bounds,
+              const SynthOptions& options, uint32_t material) {
+  const uint64_t vertices = vertex_count(mesh), indices = triangle_count(mesh) * 3;
+  GltfPrimitive primitive;
+  primitive.material = material;
+  GltfAccessor accessor;
+  accessor.count = vertices;
+  if (options.normals)
+    primitive.attributes.emplace_back(
+        "NORMAL", add_stream(writer, place.normals, vertices * 12, accessor, GltfTarget::kVertices));
+  accessor.min = {bounds.min.x, bounds.min.y, bounds.min.z};
+  accessor.max = {bounds.max.x, bounds.max.y, bounds.max.z};
+  primitive.attributes.emplace_back(
+      "POSITION", add_stream(writer, place.positions, vertices * 12, accessor, GltfTarget::kVertices));
+  accessor.min.clear();
+  accessor.max.clear();
+  accessor.type = GltfType::kVec2;
+  if (options.uvs)
+    primitive.attributes.emplace_back("TEXCOORD_0",
+                                      add_stream(writer, place.uvs, vertices * 8, accessor, GltfTarget::kVertices));
+  accessor.type = GltfType::kScalar;
+  accessor.component = place.short_indices ? GltfComponent::kUint16 : GltfComponent::kUint32;
+  accessor.count = indices;
+  primitive.indices =
+      add_stream(writer, place.indices, indices * (place.short_indices ? 2 : 4), accessor, GltfTarget::kIndices);
+  writer.add_mesh({"mesh" + std::to_string(number), {std::move(primitive)}});
+}
+
+/// The scene's instances without their matrices.
+std::vector<Placement> placements_of(const Scene& scene) {
+  std::vector<Placement> placements;
+  for (const SceneInstance& instance : scene.instances) {
+    Placement placement{instance.mesh, instance.translation, {}, instance.scale};
+    const double half_sine = std::sqrt(std::max(0.0, (1 - instance.cosine) / 2));
+    const double half_cosine = std::sqrt(std::max(0.0, (1 + instance.cosine) / 2));
+    placement.rotation = {0, 0, instance.sine < 0 ? -half_sine : half_sine, half_cosine};
+    placements.push_back(placement);
+  }
+  return placements;
+}
+
+void add_plain_nodes(GltfWriter& writer, const Scene& scene, std::vector<uint32_t>& children) {
+  for (uint32_t i = 0; i < scene.instances.size(); ++i) {
+    GltfNode node;
+    node.name = "instance" + std::to_string(i);
+    node.mesh = scene.instances[i].mesh;
+    node.has_matrix = true;
+    std::copy(scene.instances[i].matrix.begin(), scene.instances[i].matrix.end(), node.local.begin());
+    children.push_back(writer.add_node(std::move(node)));
+  }
+}
+
+void add_cameras(GltfWriter& writer, const Scene& scene, std::vector<uint32_t>& children) {
+  for (const SceneCamera& camera : scene.cameras) {
+    GltfCamera lens;
+    lens.name = camera.name;
+    lens.y = std::numbers::pi / 3;
+    lens.x = static_cast<double>(scene.width) / scene.height;
+    lens.z_near = 0.1;
+    GltfNode node;
+    node.name = camera.name;
+    node.camera = writer.add_camera(lens);
+    node.has_matrix = true;
+    node.local = camera_to_world(camera);
+    children.push_back(writer.add_node(std::move(node)));
+  }
+}
+
+}  // namespace
+
+Result<SynthReport> write_scene(const Scene& scene, const SynthOptions& options) {
+  SynthReport report;
+  report.unique_triangles = scene.unique_triangles();
+  report.drawn_triangles = scene.drawn_triangles();
+  for (const MeshRecipe& mesh : scene.meshes) report.vertices += vertex_count(mesh);
+  report.instances = scene.instances.size();
+
+  std::vector<Bounds> bounds(scene.meshes.size());
+  if (options.output.empty()) {
+    const Result<Sums> sums = generate(scene, options, nullptr, {}, bounds);
+    if (!sums) return sums.error();
+    report.position_sum = sums->positions;
+    report.index_sum = sums->indices;
+    return report;
+  }
+
+  Result<GltfWriter> writer = GltfWriter::create(options.output);
+  if (!writer) return writer.error();
+  const Result<std::vector<MeshPlace>> places = reserve_streams(*writer, scene, options);
+  if (!places) return places.error();
+  const Result<Sums> sums = generate(scene, options, &*writer, *places, bounds);
+  if (!sums) return sums.error();
+  report.position_sum = sums->positions;
+  report.index_sum = sums->indices;
+
+  uint32_t material = format::kNone;
+  if (options.uvs) {
+    const Result<uint32_t> texture = add_texture(*writer, {"granite", TextureKind::kGranite, 512}, options.threads);
+    if (!texture) return texture.error();
+    GltfMaterial granite;
+    granite.name = "granite";
+    granite.texture = *texture;
+    material = writer->add_material(granite);
+  }
+  for (uint32_t m = 0; m < scene.meshes.size(); ++m)
+    add_mesh(*writer, m, scene.meshes[m], (*places)[m], bounds[m], options, material);
+
+  // The definition's z is up, glTF's y: (x, y, z) -> (x, z, -y), exactly.
+  GltfNode root;
+  root.name = scene.name;
+  root.has_matrix = true;
+  root.local = {1, 0, 0, 0, 0, 0, -1, 0, 0, 1, 0, 0, 0, 0, 0, 1};
+  const uint32_t root_node = writer->add_node(std::move(root));
+  std::vector<uint32_t> children;
+  if (options.gpu_instancing) {
+    if (Result<void> added = add_instanced_nodes(*writer, placements_of(scene), children); !added) return added.error();
+  } else {
+    add_plain_nodes(*writer, scene, children);
+  }
+  add_cameras(*writer, scene, children);
+  writer->node(root_node).children = std::move(children);
+  writer->add_scene({scene.name, {root_node}});
+  if (Result<void> finished = writer->finish(); !finished) return finished.error();
+  report.file_bytes = writer->total_bytes();
+  return report;
+}
+
+}  // namespace scree::synth

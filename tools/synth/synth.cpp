@@ -1,0 +1,111 @@
+#include "tools/synth/synth.h"
+
+#include <bit>
+#include <chrono>
+#include <cinttypes>
+#include <cmath>
+#include <cstdio>
+#include <map>
+#include <memory>
+#include <string>
+
+#include "tools/common/command.h"
+#include "tools/synth/slope.h"
+
+namespace scree::synth {
+namespace {
+
+Error usage(const std::string& message) {
+  return {ErrorCode::kUsage, message};
+}
+
+Result<void> check_options(const SynthOptions& options) {
+  const bool slope = options.scene == "slope";
+  if (!(options.scale > 0 && options.scale <= 1)) return usage("--scale lies above 0 and is at most 1");
+  if (options.output.empty() && !options.checks) return usage("where to? (-o FILE.gltf or FILE.glb)");
+  if (slope && options.output.empty()) return usage("where to? (-o FILE.gltf or FILE.glb)");
+  if (slope && options.checks) return usage("--checks is for the scenes A, B, C and D");
+  if (slope && (options.normals || options.uvs)) return usage("--normals and --uvs are for the scenes A, B, C and D");
+  if (slope && options.order != MeshOrder::kRow) return usage("--order is for the scenes A, B and C");
+  if (options.scene == "D" && options.order != MeshOrder::kRow) return usage("scene D has row order only");
+  if (!std::has_single_bit(options.texture_size) || options.texture_size < 64 || options.texture_size > 8192)
+    return usage("--texture-size is a power of two from 64 to 8192");
+  if (!slope && options.seed != 1) return usage("--seed is for the slope: the other scenes are fixed");
+  return {};
+}
+
+}  // namespace
+
+Result<SynthReport> synthesize(const SynthOptions& options) {
+  if (Result<void> checked = check_options(options); !checked) return checked.error();
+  if (options.scene == "slope") return write_slope(options);
+  if (options.scene == "A") return write_scene(terrain_scene(options.order, options.scale), options);
+  if (options.scene == "B") return write_scene(lantern_scene(options.order, options.scale), options);
+  if (options.scene == "C") return write_scene(zorahlike_scene(options.order, options.scale), options);
+  if (options.scene == "D") return write_scene(sponzalike_scene(options.scale), options);
+  return usage("no scene \"" + options.scene + "\": A, B, C, D or slope");
+}
+
+}  // namespace scree::synth
+
+namespace scree::tools {
+namespace {
+
+Result<void> run_synth(const synth::SynthOptions& options) {
+  const auto start = std::chrono::steady_clock::now();
+  const Result<synth::SynthReport> report = synth::synthesize(options);
+  if (!report) return report.error();
+  const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  if (options.checks)
+    std::printf("%s %s 0 %016" PRIx64 " %016" PRIx64 "\n", options.scene.c_str(),
+                options.order == synth::MeshOrder::kRow ? "row" : "block", report->position_sum, report->index_sum);
+  std::fprintf(stderr,
+               "scene %s -> %s: %" PRIu64 " triangles in %" PRIu64 " instances (%" PRIu64 " unique), %" PRIu64
+               " bytes, %.2f s, %.2f M vertices/s\n",
+               options.scene.c_str(), options.output.empty() ? "(no file)" : options.output.c_str(),
+               report->drawn_triangles, report->instances, report->unique_triangles, report->file_bytes, seconds,
+               static_cast<double>(report->vertices) / seconds * 1e-6);
+  return {};
+}
+
+}  // namespace
+
+Command add_synth(CLI::App& parent) {
+  const auto options = std::make_shared<synth::SynthOptions>();
+  CLI::App* app = parent.add_subcommand(
+      "synth",
+      "Writes a generated scene as glTF, streaming: the measured scenes A (terrain), B (one mesh 3000 times), C (2000\n"
+      "meshes, 26,000 instances) and D (a small hall), or a slope of textured stones.");
+  app->add_option("scene", options->scene, "A, B, C, D or slope")->required()->type_name("SCENE");
+  app->add_option("-o,--output", options->output, "FILE.gltf (with FILE.bin beside it) or FILE.glb (up to 4 GiB)")
+      ->type_name("FILE");
+  app->add_option("--scale", options->scale,
+                  "Share of the triangles to keep, above 0 to 1: A to D have coarser grids (n * sqrt(scale)) under\n"
+                  "the same cameras (A's tiles are stretched to cover the same ground), the slope fewer stones")
+      ->capture_default_str()
+      ->type_name("SHARE");
+  const std::map<std::string, synth::MeshOrder> orders{{"row", synth::MeshOrder::kRow},
+                                                       {"block", synth::MeshOrder::kBlock}};
+  app->add_option("--order", options->order, "Order of triangles and vertices: row, or blocks of 8 x 8 quads (A, B, C)")
+      ->transform(CLI::CheckedTransformer(orders))
+      ->type_name("ORDER");
+  app->add_flag("--normals", options->normals, "A to D: add normals");
+  app->add_flag("--uvs", options->uvs, "A to D: add texture coordinates and a texture");
+  app->add_flag("--gpu-instancing", options->gpu_instancing, "EXT_mesh_gpu_instancing instead of a node an instance");
+  app->add_flag(
+      "--checks", options->checks,
+      "A to D: print scene, order, 0 and the order-independent sums of positions and indices (-o is not needed)");
+  app->add_option("--threads", options->threads, "Threads; 0: as many as the machine runs at once")
+      ->capture_default_str()
+      ->type_name("N");
+  app->add_option("--seed", options->seed, "Slope: another scattering of the stones")
+      ->capture_default_str()
+      ->type_name("N");
+  app->add_option("--texture-size", options->texture_size, "Slope: texels a side, a power of two from 64 to 8192")
+      ->capture_default_str()
+      ->type_name("N");
+  options->progress = true;
+  return {app, [options] { return run_synth(*options); }};
+}
+
+}  // namespace scree::tools

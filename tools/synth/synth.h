@@ -1,0 +1,45 @@
+// Writes generated scenes as glTF: the measured scenes A, B, C and D, and the slope of stones.
+#pragma once
+
+#include <cstdint>
+#include <string>
+
+#include "format/result.h"
+#include "tools/synth/scenes.h"
+
+namespace scree::synth {
+
+struct SynthOptions {
+  std::string scene;   // "A", "B", "C", "D" or "slope"
+  std::string output;  // .gltf or .glb; empty with `checks`: nothing is written
+  double scale = 1;    // 0 < scale <= 1: scenes.h, slope.h
+  MeshOrder order = MeshOrder::kRow;
+  bool normals = false;  // A to D: NORMAL of the surface, by central differences (one-sided at a blob's face edges)
+  bool uvs = false;      // A to D: TEXCOORD_0, every grid the unit square, and a texture to show
+  bool gpu_instancing =
+      false;            // EXT_mesh_gpu_instancing (float TRS; bit-exact matrices for A, B and D) instead of a node each
+  bool checks = false;  // A to D: the sums
+  uint32_t threads = 0;          // 0: as many as the machine runs at once; the bytes do not depend on it
+  uint32_t seed = 1;             // slope only
+  uint32_t texture_size = 1024;  // slope: texels a side, a power of two from 64 to 8192
+  bool progress = false;         // A to D: a line on stderr where that is a terminal
+};
+
+struct SynthReport {
+  uint64_t unique_triangles = 0;
+  uint64_t drawn_triangles = 0;
+  uint64_t vertices = 0;
+  uint64_t instances = 0;
+  uint64_t file_bytes = 0;
+  uint64_t position_sum = 0;  // of check_term over all position floats
+  uint64_t index_sum = 0;     // likewise over all indices
+};
+
+/// Makes the scene and writes it. Memory: about 2 MiB a thread, besides 200 bytes an instance. Errors kUsage (options
+/// that make no sense together), kFile, kRange (a .glb past 4 GiB), after which nothing is left on disk.
+Result<SynthReport> synthesize(const SynthOptions& options);
+
+/// Writes scene A, B, C or D; a part of synthesize().
+Result<SynthReport> write_scene(const Scene& scene, const SynthOptions& options);
+
+}  // namespace scree::synth

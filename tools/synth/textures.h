@@ -1,0 +1,35 @@
+// Procedural stone textures: tileable, the same bytes for the same size and any number of threads.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "format/layout.h"
+#include "format/result.h"
+#include "tools/common/gltf_writer.h"
+
+namespace scree::synth {
+
+enum class TextureKind : uint8_t { kGranite, kSandstone, kSlate, kGround };
+
+/// `size` x `size` sRGB pixels, 3 bytes each, rows top to bottom; `size` is a power of two, at least 32. The texture
+/// goes on seamlessly over all its borders. Source of the colours: made up, after photographs of Alpine scree.
+std::vector<uint8_t> make_texture(TextureKind kind, uint32_t size, uint32_t threads);
+
+/// Encodes RGB pixels: JPEG of quality 90, 4:2:0, or PNG. Errors kMemory, kFormat (what the library said).
+Result<std::vector<std::byte>> encode_image(format::ImageCodec codec, uint32_t size, const std::vector<uint8_t>& rgb);
+
+/// A texture to make and the name it takes in the document.
+struct TextureRecipe {
+  std::string name;
+  TextureKind kind = TextureKind::kGranite;
+  uint32_t size = 512;
+  format::ImageCodec codec = format::ImageCodec::kJpeg;
+};
+
+/// Makes the texture, stores it and returns its index in the document (repeating, trilinear).
+Result<uint32_t> add_texture(tools::GltfWriter& writer, const TextureRecipe& recipe, uint32_t threads);
+
+}  // namespace scree::synth
