@@ -1,4 +1,5 @@
 // scree: dispatches subcommands, prints errors, sets exit codes.
+#include <csignal>
 #include <cstdio>
 #include <exception>
 #include <new>
@@ -24,10 +25,9 @@ int run(int argc, char** argv) {
   CLI::App app("Packs huge glTF scenes, checks them, draws them exactly.", "scree");
   app.set_version_flag("--version", "scree " SCREE_VERSION);
   app.require_subcommand(1);
-  std::vector<scree::tools::Command> commands;
-  for (const auto add : {scree::tools::add_convert, scree::tools::add_inspect, scree::tools::add_render,
-                         scree::tools::add_export, scree::tools::add_synth})
-    if (add != nullptr) commands.push_back(add(app));
+  const std::vector<scree::tools::Command> commands = {
+      scree::tools::add_convert(app), scree::tools::add_inspect(app), scree::tools::add_render(app),
+      scree::tools::add_export(app), scree::tools::add_synth(app)};
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {
@@ -46,6 +46,7 @@ int run(int argc, char** argv) {
 }  // namespace
 
 int main(int argc, char** argv) {
+  std::signal(SIGXFSZ, SIG_IGN);  // a file past the size limit is an error of write(), not the end of the program
   try {
     return run(argc, argv);
   } catch (const std::bad_alloc&) {

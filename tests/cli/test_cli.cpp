@@ -1,0 +1,113 @@
+// The command line itself: every *.cli file beside this one is a list of commands with what they must print and return.
+//
+//   $ scree convert missing.gltf     run by sh in an empty folder; `scree` is the program built here, $DATA is tests/data
+//   exit 2                           its exit code (0 where no line says otherwise)
+//   err missing.gltf                 stderr contains the text
+//   out 12 triangles                 stdout contains the text
+//   errlines 1                       stderr has so many lines
+//   absent out.scree                 no such file afterwards
+//   exists out.scree                 there is one
+#include <sys/wait.h>
+
+#include <algorithm>
+#include <cstdlib>
+#include <filesystem>
+#include <fstream>
+#include <sstream>
+#include <string>
+#include <vector>
+
+#include "tests/catch.h"
+#include "tests/models.h"
+
+namespace {
+
+namespace fs = std::filesystem;
+
+std::string read_text(const fs::path& path) {
+  std::ifstream in(path, std::ios::binary);
+  std::stringstream text;
+  text << in.rdbuf();
+  return text.str();
+}
+
+struct Expectation {
+  std::string verb;
+  std::string text;
+};
+
+struct Step {
+  size_t line = 0;
+  std::string command;
+  std::vector<Expectation> expected;
+};
+
+std::vector<Step> parse_steps(const fs::path& path) {
+  std::vector<Step> steps;
+  std::ifstream in(path);
+  std::string line;
+  for (size_t number = 1; std::getline(in, line); ++number) {
+    if (line.empty() || line[0] == '#') continue;
+    if (line.starts_with("$ ")) {
+      steps.push_back({number, line.substr(2), {}});
+      continue;
+    }
+    const size_t space = line.find(' ');
+    REQUIRE(!steps.empty());
+    REQUIRE(space != std::string::npos);
+    steps.back().expected.push_back({line.substr(0, space), line.substr(space + 1)});
+  }
+  return steps;
+}
+
+void run_step(const Step& step, const fs::path& folder) {
+  const fs::path out = folder / ".stdout";
+  const fs::path err = folder / ".stderr";
+  const std::string script = "cd '" + folder.string() + "' && PATH='" + fs::path(SCREE_PROGRAM).parent_path().string() +
+                             "':\"$PATH\" DATA='" SCREE_TEST_DATA "' && export PATH DATA && { " + step.command + "\n} >'" +
+                             out.string() + "' 2>'" + err.string() + "' </dev/null";
+  const int status = std::system(script.c_str());
+  const std::string out_text = read_text(out);
+  const std::string err_text = read_text(err);
+  INFO("line " << step.line << ": " << step.command << "\nstdout: " << out_text << "\nstderr: " << err_text);
+  REQUIRE(WIFEXITED(status));
+  int expected_exit = 0;
+  for (const Expectation& expected : step.expected) {
+    INFO("expected: " << expected.verb << " " << expected.text);
+    if (expected.verb == "exit") {
+      expected_exit = std::stoi(expected.text);
+    } else if (expected.verb == "out") {
+      CHECK(out_text.find(expected.text) != std::string::npos);
+    } else if (expected.verb == "err") {
+      CHECK(err_text.find(expected.text) != std::string::npos);
+    } else if (expected.verb == "errlines") {
+      CHECK(std::count(err_text.begin(), err_text.end(), '\n') == std::stoi(expected.text));
+    } else if (expected.verb == "exists") {
+      CHECK(fs::exists(folder / expected.text));
+    } else if (expected.verb == "absent") {
+      CHECK_FALSE(fs::exists(folder / expected.text));
+    } else {
+      FAIL("unknown expectation " << expected.verb);
+    }
+  }
+  CHECK(WEXITSTATUS(status) == expected_exit);
+}
+
+}  // namespace
+
+TEST_CASE("the command line does what tests/cli says", "[cli]") {
+  std::vector<fs::path> files;
+  for (const auto& entry : fs::directory_iterator(SCREE_CLI_TESTS))
+    if (entry.path().extension() == ".cli") files.push_back(entry.path());
+  std::sort(files.begin(), files.end());
+  REQUIRE(!files.empty());
+  for (const fs::path& file : files) {
+    DYNAMIC_SECTION(file.stem().string()) {
+      std::string pattern = (fs::temp_directory_path() / "scree_cli_XXXXXX").string();
+      REQUIRE(mkdtemp(pattern.data()) != nullptr);
+      const fs::path folder = pattern;
+      for (const Step& step : parse_steps(file)) run_step(step, folder);
+      fs::remove_all(folder);
+    }
+  }
+}

@@ -1,0 +1,31 @@
+#include "tools/common/suggest.h"
+
+#include "tests/catch.h"
+
+namespace {
+
+/// What is said of one wrong word after `scree draw`.
+std::string complaint(const char* word) {
+  CLI::App app("test", "scree");
+  CLI::App* draw = app.add_subcommand("draw", "");
+  std::string size;
+  std::string camera;
+  draw->add_option("--size", size, "");
+  draw->add_option("--camera", camera, "");
+  const char* arguments[] = {"scree", "draw", word};
+  try {
+    app.parse(3, arguments);
+  } catch (const CLI::ParseError& error) {
+    return scree::tools::describe_parse_error(*draw, error);
+  }
+  return "";
+}
+
+}  // namespace
+
+TEST_CASE("a mistyped option is answered with the nearest one", "[suggest]") {
+  CHECK(complaint("--sise") == "unknown option --sise; did you mean --size?");
+  CHECK(complaint("--camra=3") == "unknown option --camra; did you mean --camera?");
+  CHECK(complaint("--background") == "unknown option --background");
+  CHECK(complaint("picture") == "unknown argument picture");
+}
