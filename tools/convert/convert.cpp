@@ -168,8 +168,9 @@ class Converter {
       if (!wanted[i]) ++undrawn_;
     }
     progress_.stage("measure", triangles);
-    Result<Measurement> measured = measure(scene_, wanted, {options_.drop_nonfinite, options_.chunk_triangles == 0},
-                                           pool_, [&](uint64_t done) { progress_.update(done, scene_.json_bytes); });
+    Result<Measurement> measured =
+        measure(scene_, wanted, {options_.drop_nonfinite, options_.chunk_triangles == 0}, pool_,
+                [&](uint64_t done) { progress_.update(done, bytes_read(done, triangles)); });
     if (!measured) return measured.error();
     measurement_ = std::move(*measured);
     for (const Measured& primitive : measurement_.primitives) {
@@ -480,9 +481,7 @@ uint64_t peak_resident_bytes() {
   return static_cast<uint64_t>(usage.ru_maxrss) * 1024;
 }
 
-}  // namespace
-
-Result<ConvertReport> convert(const ConvertOptions& options) {
+Result<ConvertReport> convert_or_throw(const ConvertOptions& options) {
   const auto start = std::chrono::steady_clock::now();
   if (const Result<void> checked = check_options(options); !checked) return checked.error();
   ConvertReport report;
@@ -510,6 +509,18 @@ Result<ConvertReport> convert(const ConvertOptions& options) {
   report.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   report.peak_bytes = peak_resident_bytes();
   return report;
+}
+
+}  // namespace
+
+Result<ConvertReport> convert(const ConvertOptions& options) {
+  try {
+    return convert_or_throw(options);
+  } catch (const std::bad_alloc&) {
+    return Error{ErrorCode::kMemory, options.input + ": out of memory"};
+  } catch (const std::exception& error) {  // no thread to be had
+    return Error{ErrorCode::kMemory, options.input + ": " + error.what()};
+  }
 }
 
 std::string describe(const ConvertOptions& options, const ConvertReport& report) {
