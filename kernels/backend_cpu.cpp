@@ -1,15 +1,15 @@
 #include "kernels/backend_cpu.h"
 
+#include <algorithm>
 #include <array>
 #include <atomic>
 #include <cmath>
 #include <condition_variable>
-#include <cstdlib>
+#include <exception>
 #include <limits>
 #include <mutex>
 #include <new>
 #include <string>
-#include <system_error>
 #include <thread>
 #include <vector>
 
@@ -67,13 +67,14 @@ struct ThreadPool::Impl {
 };
 
 ThreadPool::ThreadPool(uint32_t threads) : impl_(std::make_unique<Impl>()) {
-  const uint32_t wanted = std::max(threads, 1u);
+  constexpr uint32_t kMostThreads = 1024;
+  const uint32_t wanted = std::clamp(threads, 1u, kMostThreads);
   impl_->scratch.assign(wanted, nullptr);
   impl_->workers.reserve(wanted - 1);
   try {
     for (uint32_t i = 1; i < wanted; ++i) impl_->workers.emplace_back([impl = impl_.get(), i] { impl->work(i); });
-  } catch (const std::system_error&) {
-    // Fewer threads than asked for draw the same picture.
+  } catch (const std::exception&) {
+    // Refused, or no memory: fewer threads than asked for draw the same picture.
   }
 }
 

@@ -7,12 +7,6 @@
 namespace scree::kernels {
 inline namespace SCREE_ISA {
 
-/// A box in the coordinates a Transform takes: d of lattice coordinates or float32 positions.
-struct RelativeBox {
-  double center[3];
-  double extent[3];  // half sides, >= 0
-};
-
 /// False only where no vertex in the box, nor any triangle of such vertices, can touch a pixel centre. The slack of
 /// 2^-20 of all terms exceeds what single-precision projection may be off (a few 2^-24), and the planes lie half a
 /// pixel outside the outermost centres, which is more than snapping moves a vertex. Boxes with NaN or infinity are
@@ -51,36 +45,6 @@ SCREE_HD inline bool may_be_seen(const Transform& transform, const FrameView& vi
     return false;
   }
   return true;
-}
-
-/// The mesh's box. Its bounds are rounded to float, which far from the origin is more than a step: hence the widening.
-SCREE_HD inline RelativeBox mesh_box(const format::MeshRecord& mesh, const Transform& transform) {
-  RelativeBox box;
-  const bool float32 = mesh.position_encoding == format::PositionEncoding::kFloat32;
-  const double scale = float32 ? 1.0 : format::exp2i(-mesh.lattice_exponent);
-  for (int i = 0; i < 3; ++i) {
-    const double low = static_cast<double>(mesh.bounds_min[i]);
-    const double high = static_cast<double>(mesh.bounds_max[i]);
-    const double origin =
-        float32 ? static_cast<double>(transform.center[i]) : static_cast<double>(transform.reference[i]);
-    box.center[i] = 0.5 * (low + high) * scale - origin;
-    box.extent[i] = (0.5 * (high - low) + (abs_of(low) + abs_of(high)) * (1.0 / (1 << 22))) * scale;
-  }
-  return box;
-}
-
-/// The box of a chunk of a lattice mesh: exact.
-SCREE_HD inline RelativeBox chunk_box(const format::MeshRecord& mesh, const format::ChunkRecord& chunk,
-                                      const Transform& transform) {
-  RelativeBox box;
-  for (int i = 0; i < 3; ++i) {
-    const int64_t low = wrapping_sub(wrapping_add(mesh.lattice_min[i], static_cast<int64_t>(chunk.position_min[i])),
-                                     transform.reference[i]);
-    const double side = static_cast<double>((uint64_t{1} << (chunk.position_bits[i] & 31)) - 1);
-    box.extent[i] = 0.5 * side;
-    box.center[i] = static_cast<double>(low) + 0.5 * side;
-  }
-  return box;
 }
 
 /// One team an instance: culls it, then its chunks with the lanes, and appends the blocks of those that remain.

@@ -73,8 +73,9 @@ struct RasterSmall {
     const format::InstanceRecord& instance = scene.instances[block.instance];
     const format::MeshRecord& mesh = scene.meshes[instance.mesh];
     const format::ChunkRecord& chunk = scene.chunks[block.chunk];
-    const Transform transform = make_transform(view, scene.matrices[instance.matrix], mesh.lattice_exponent,
-                                               mesh.position_encoding == format::PositionEncoding::kFloat32);
+    Transform transform = make_transform(view, scene.matrices[instance.matrix], mesh.lattice_exponent,
+                                         mesh.position_encoding == format::PositionEncoding::kFloat32);
+    set_error(transform, vertex_box(mesh, chunk, transform));
     const ChunkReader reader = make_reader(mesh, chunk, scene.pages[chunk.page], transform);
     Context context{
         &reader, &transform,

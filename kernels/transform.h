@@ -65,6 +65,11 @@ struct Transform {
   int64_t reference[3];
   float center[3];
   bool mirrored;  // the world matrix has a negative determinant
+  // By how much x, y and w may be off for the vertices this transform is used for: set_error(). A vertex counts as
+  // outside a plane of the view only beyond that.
+  float error_x;
+  float error_y;
+  float error_w;
 };
 
 /// The eye in object space; 0 on all axes where the matrix has no finite inverse. Also whether the matrix mirrors.
@@ -103,10 +108,17 @@ SCREE_HD inline bool object_space_eye(const FrameView& view, const format::Matri
   return determinant < 0;
 }
 
+/// A box in the coordinates a Transform takes: d of lattice coordinates or float32 positions.
+struct RelativeBox {
+  double center[3];
+  double extent[3];  // half sides, >= 0
+};
+
 /// The transform of positions on the lattice of `exponent`, or of float32 positions.
 SCREE_HD inline Transform make_transform(const FrameView& view, const format::MatrixRecord& matrix, int32_t exponent,
                                          bool float32) {
   Transform out;
+  out.error_x = out.error_y = out.error_w = 0;
   double eye[3];
   out.mirrored = object_space_eye(view, matrix, eye);
   const double step = float32 ? 1.0 : format::exp2i(exponent);
@@ -144,6 +156,18 @@ SCREE_HD inline Transform make_transform(const FrameView& view, const format::Ma
     for (int j = 0; j < 4; ++j) rounded[r][j] = static_cast<float>(exact[r][j]);
   }
   return out;
+}
+
+/// Bounds what single precision does to the vertices of a box: 2^-21 of the largest sum of terms, where five roundings
+/// of 2^-24 happen.
+SCREE_HD inline void set_error(Transform& transform, const RelativeBox& box) {
+  const double* rows[3] = {transform.exact_x, transform.exact_y, transform.exact_w};
+  float* errors[3] = {&transform.error_x, &transform.error_y, &transform.error_w};
+  for (int r = 0; r < 3; ++r) {
+    double terms = abs_of(rows[r][3]);
+    for (int i = 0; i < 3; ++i) terms += abs_of(rows[r][i]) * (abs_of(box.center[i]) + box.extent[i]);
+    *errors[r] = static_cast<float>(terms * (1.0 / (1 << 21)));
+  }
 }
 
 }  // namespace SCREE_ISA

@@ -17,7 +17,7 @@ SCREE_HD [[gnu::flatten]] inline format::ChunkStreams streams_of(const format::M
   return format::chunk_streams(mesh, chunk);
 }
 
-/// Why a projected vertex needs more than snapping. The first five (six) are tests against the view's planes, true for
+/// Why a projected vertex needs more than snapping. The outside flags are tests against the view's planes, true for
 /// vertices behind the eye too; a triangle whose three vertices share one of them is not in the picture.
 enum VertexFlags : uint32_t {
   kOutsideLeft = 1,
@@ -51,27 +51,33 @@ SCREE_HD inline ScreenVertex project(const Transform& transform, const FrameView
   float screen_y;
   bool in_range;
   float scale;
+  float slack_x;
+  float slack_y;
   if constexpr (kOrthographic) {
-    // Comparisons are written so that NaN is out of range.
+    // Comparisons are written so that NaN is out of range, and outside of no plane.
     in_range = (w <= 1.0f) & (w >= 0.0f);
-    flags |= w > 1.0f ? kOutsideNear : 0u;
-    flags |= w < 0.0f ? kOutsideFar : 0u;
+    flags |= w > 1.0f + transform.error_w ? kOutsideNear : 0u;
+    flags |= w < 0.0f - transform.error_w ? kOutsideFar : 0u;
     depth = w;
     screen_x = x;
     screen_y = y;
     scale = 1.0f;
+    slack_x = transform.error_x;
+    slack_y = transform.error_y;
   } else {
     in_range = w >= 1.0f;
-    flags |= in_range ? 0u : kOutsideNear;
+    flags |= w < 1.0f - transform.error_w ? kOutsideNear : 0u;
     depth = 1.0f / (in_range ? w : 1.0f);
     screen_x = x * depth;
     screen_y = y * depth;
     scale = w;
+    slack_x = fused(view.half_width, transform.error_w, transform.error_x);
+    slack_y = fused(view.half_height, transform.error_w, transform.error_y);
   }
-  flags |= x < -view.half_width * scale ? kOutsideLeft : 0u;
-  flags |= x > view.half_width * scale ? kOutsideRight : 0u;
-  flags |= y < -view.half_height * scale ? kOutsideTop : 0u;
-  flags |= y > view.half_height * scale ? kOutsideBottom : 0u;
+  flags |= x < -view.half_width * scale - slack_x ? kOutsideLeft : 0u;
+  flags |= x > view.half_width * scale + slack_x ? kOutsideRight : 0u;
+  flags |= y < -view.half_height * scale - slack_y ? kOutsideTop : 0u;
+  flags |= y > view.half_height * scale + slack_y ? kOutsideBottom : 0u;
   in_range = in_range & (abs_of(screen_x) <= kGuardBand) & (abs_of(screen_y) <= kGuardBand);
   flags |= in_range ? 0u : kNeedsClip;
   // Out of range the conversion would be undefined (x86 and CUDA differ), so such vertices get 0.
@@ -185,6 +191,43 @@ SCREE_HD inline ChunkReader make_reader(const format::MeshRecord& mesh, const fo
     reader.narrow = reader.narrow && base < kNarrow && base > -kNarrow;
   }
   return reader;
+}
+
+/// The mesh's box. Its bounds are rounded to float, which far from the origin is more than a step: hence the widening.
+SCREE_HD inline RelativeBox mesh_box(const format::MeshRecord& mesh, const Transform& transform) {
+  RelativeBox box;
+  const bool float32 = mesh.position_encoding == format::PositionEncoding::kFloat32;
+  const double scale = float32 ? 1.0 : format::exp2i(-mesh.lattice_exponent);
+  for (int i = 0; i < 3; ++i) {
+    const double low = static_cast<double>(mesh.bounds_min[i]);
+    const double high = static_cast<double>(mesh.bounds_max[i]);
+    const double origin =
+        float32 ? static_cast<double>(transform.center[i]) : static_cast<double>(transform.reference[i]);
+    box.center[i] = 0.5 * (low + high) * scale - origin;
+    box.extent[i] = (0.5 * (high - low) + (abs_of(low) + abs_of(high)) * (1.0 / (1 << 22))) * scale;
+  }
+  return box;
+}
+
+/// The box of a chunk of a lattice mesh: exact.
+SCREE_HD inline RelativeBox chunk_box(const format::MeshRecord& mesh, const format::ChunkRecord& chunk,
+                                      const Transform& transform) {
+  RelativeBox box;
+  for (int i = 0; i < 3; ++i) {
+    const int64_t low = wrapping_sub(wrapping_add(mesh.lattice_min[i], static_cast<int64_t>(chunk.position_min[i])),
+                                     transform.reference[i]);
+    const double side = static_cast<double>((uint64_t{1} << (chunk.position_bits[i] & 31)) - 1);
+    box.extent[i] = 0.5 * side;
+    box.center[i] = static_cast<double>(low) + 0.5 * side;
+  }
+  return box;
+}
+
+/// The smallest box known of a chunk's vertices.
+SCREE_HD inline RelativeBox vertex_box(const format::MeshRecord& mesh, const format::ChunkRecord& chunk,
+                                       const Transform& transform) {
+  return mesh.position_encoding == format::PositionEncoding::kFloat32 ? mesh_box(mesh, transform)
+                                                                      : chunk_box(mesh, chunk, transform);
 }
 
 }  // namespace SCREE_ISA

@@ -126,6 +126,57 @@ TEST_CASE("raster: projection is within a few ulps of double precision, snapped 
   }
 }
 
+TEST_CASE("raster: a vertex counts as outside a plane of the view only where double precision agrees", "[raster]") {
+  std::mt19937 random(41);
+  std::uniform_real_distribution<double> unit(-1, 1);
+  uint64_t unsure = 0;
+  for (int round = 0; round < 4000; ++round) {
+    View camera = look_at({unit(random), unit(random), unit(random)},
+                          {3 * unit(random), 3 * unit(random), 5 * unit(random)}, 64, 48, 0.01, 1.0);
+    if (round % 4 == 0) camera = orthographic(camera, 2e4, -1e5, 1e5);
+    const FrameView view = make_frame_view(camera);
+    format::MatrixRecord matrix{};
+    for (size_t i = 0; i < 3; ++i) matrix.rows[i][i] = 1 + 0.5 * unit(random);
+    Transform transform = make_transform(view, matrix, 0, true);
+    RelativeBox box{{0, 0, 0}, {3e5, 3e5, 3e5}};
+    Transform rounded = transform;
+    set_error(transform, box);
+    // A vertex within a few ulps of a plane, ahead or behind.
+    const double depth = 1e5 * unit(random);
+    const double reach = camera.orthographic ? 1.0 : depth;
+    double local[3] = {camera.half_width * reach * unit(random), camera.half_height * reach * unit(random), depth};
+    const int plane = round % 3;
+    const double nudge = 1 + 3e-7 * unit(random);
+    if (plane == 0) local[0] = camera.half_width * reach * (unit(random) < 0 ? -1 : 1) * nudge;
+    if (plane == 1) local[1] = camera.half_height * reach * (unit(random) < 0 ? -1 : 1) * nudge;
+    if (plane == 2) local[2] = camera.z_near * nudge;
+    float d[3];
+    for (int i = 0; i < 3; ++i) {
+      d[i] = static_cast<float>((camera.right[i] * local[0] + camera.up[i] * local[1] + camera.forward[i] * local[2]) /
+                                matrix.rows[i][i]);
+    }
+    const double exact[3] = {static_cast<double>(d[0]), static_cast<double>(d[1]), static_cast<double>(d[2])};
+    const ClipVertex v = clip_vertex(transform, exact, ScreenVertex{});
+    const double w = camera.orthographic ? 1.0 : v.w;
+    uint32_t outside = 0;
+    if (v.x < -static_cast<double>(view.half_width) * w) outside |= kOutsideLeft;
+    if (v.x > static_cast<double>(view.half_width) * w) outside |= kOutsideRight;
+    if (v.y < -static_cast<double>(view.half_height) * w) outside |= kOutsideTop;
+    if (v.y > static_cast<double>(view.half_height) * w) outside |= kOutsideBottom;
+    if (camera.orthographic ? v.w > 1 : v.w < 1) outside |= kOutsideNear;
+    if (camera.orthographic && v.w < 0) outside |= kOutsideFar;
+    const auto flags = [&](const Transform& t) {
+      return (camera.orthographic ? project<true>(t, view, d[0], d[1], d[2])
+                                  : project<false>(t, view, d[0], d[1], d[2]))
+                 .flags &
+             kOutsideMask;
+    };
+    CHECK((flags(transform) & ~outside) == 0);
+    unsure += (flags(rounded) & ~outside) != 0;
+  }
+  CHECK(unsure > 20);  // without the bound on the error some would be wrong
+}
+
 TEST_CASE("raster: facing, mirroring and double-sided materials", "[raster]") {
   Soup soup;
   soup.add(-0.5, -0.5, 0);
