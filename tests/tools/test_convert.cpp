@@ -440,6 +440,42 @@ TEST_CASE("attributes are kept only where they are needed", "[convert]") {
   CHECK(left_out["NORMAL"] >= 3);
 }
 
+TEST_CASE("attributes that are not finite are repaired and counted", "[convert]") {
+  const TempFolder folder;
+  const std::vector<uint8_t> pixels(4 * 4 * 3, 200);
+  REQUIRE(runtime::write_png(folder.file("a.png"), 4, 4, 3, pixels));
+  const std::string png = tests::read_whole(folder.file("a.png"));
+  {
+    ModelMaker maker(folder.file("in.glb"));
+    const Result<uint32_t> image =
+        maker.writer().add_image("a", format::ImageCodec::kPng, std::as_bytes(std::span(png)));
+    REQUIRE(image);
+    tools::GltfTexture texture;
+    texture.image = *image;
+    tools::GltfMaterial material;
+    material.texture = maker.writer().add_texture(texture);
+    tools::GltfPrimitive primitive = maker.primitive({0, 0, 0, 1, 0, 0, 0, 1, 0, 1, 1, 0}, {0, 1, 2, 1, 3, 2});
+    primitive.material = maker.writer().add_material(material);
+    primitive.attributes.emplace_back("TEXCOORD_0",
+                                      maker.floats({0, 0, kNan, 1, 0.5f, kInf, 3, 3}, tools::GltfType::kVec2));
+    primitive.attributes.emplace_back("COLOR_0",
+                                      maker.floats({kNan, 0, 0, 2, 0, -5, 0, 1, 1, 1, 1, 1}, tools::GltfType::kVec3));
+    primitive.attributes.emplace_back(
+        "NORMAL", maker.floats({0, 0, 0, kNan, 0, 0, 0, 1, 0, 0, 3e38f, 3e38f}, tools::GltfType::kVec3));
+    maker.node("a", maker.mesh("a", {primitive}));
+    maker.finish();
+  }
+  convert::ConvertOptions options = options_of(folder);
+  options.normals = true;
+  const convert::ConvertReport report = must_match(options);
+  std::string all;
+  for (const std::string& warning : report.warnings) all += warning + "\n";
+  INFO(all);
+  CHECK(all.find("2 texture coordinates") != std::string::npos);
+  CHECK(all.find("1 vertex colours") != std::string::npos);
+  CHECK(all.find(" normals are zero or not finite") != std::string::npos);
+}
+
 TEST_CASE("a broken image is named and nothing is written", "[convert]") {
   const TempFolder folder;
   const std::vector<uint8_t> pixels(16 * 16 * 3, 77);

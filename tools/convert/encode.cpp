@@ -334,9 +334,14 @@ class WindowEncoder {
       return read;
     for (size_t i = 0; i + 2 < s_.floats.size(); i += 3) {
       float* n = &s_.floats[i];
+      const bool finite = std::isfinite(n[0]) && std::isfinite(n[1]) && std::isfinite(n[2]);
       const float largest = std::max({std::fabs(n[0]), std::fabs(n[1]), std::fabs(n[2])});
-      const float sum = std::fabs(n[0]) + std::fabs(n[1]) + std::fabs(n[2]);
-      if (largest > 0 && std::isfinite(sum)) continue;
+      if (finite && largest > 0) {
+        // The codec adds the three: out of float's range for the largest, short of bits for the smallest.
+        if (largest > 1e30f || largest < 1e-30f)
+          for (size_t axis = 0; axis < 3; ++axis) n[axis] = static_cast<float>(double{n[axis]} / double{largest});
+        continue;
+      }
       n[0] = n[1] = 0;
       n[2] = 1;
       ++out_.repaired_normals;

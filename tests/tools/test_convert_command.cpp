@@ -1,0 +1,100 @@
+// scree convert, the program: exit codes, messages, signals.
+#include <fcntl.h>
+#include <spawn.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <chrono>
+#include <csignal>
+#include <filesystem>
+#include <fstream>
+#include <thread>
+
+#include "tests/catch.h"
+#include "tests/tools/model_maker.h"
+#include "tests/tools/temp_folder.h"
+
+using namespace scree;
+using tests::GridSpec;
+using tests::TempFolder;
+
+namespace {
+
+/// Starts the program; its output goes to `log`.
+pid_t start_program(const std::vector<std::string>& words, const std::string& log) {
+  std::vector<char*> arguments;
+  std::vector<std::string> all{SCREE_PROGRAM};
+  all.insert(all.end(), words.begin(), words.end());
+  for (std::string& word : all) arguments.push_back(word.data());
+  arguments.push_back(nullptr);
+  posix_spawn_file_actions_t files;
+  posix_spawn_file_actions_init(&files);
+  posix_spawn_file_actions_addopen(&files, STDOUT_FILENO, log.c_str(), O_WRONLY | O_CREAT | O_TRUNC, 0666);
+  posix_spawn_file_actions_adddup2(&files, STDOUT_FILENO, STDERR_FILENO);
+  pid_t child = -1;
+  REQUIRE(posix_spawn(&child, SCREE_PROGRAM, &files, nullptr, arguments.data(), environ) == 0);
+  posix_spawn_file_actions_destroy(&files);
+  return child;
+}
+
+int wait_for(pid_t child) {
+  int status = 0;
+  REQUIRE(waitpid(child, &status, 0) == child);
+  return status;
+}
+
+}  // namespace
+
+TEST_CASE("the convert command: exit codes, one line each way", "[convert]") {
+  const TempFolder folder;
+  tests::make_model(folder.file("in.glb"), {});
+  std::ofstream(folder.file("bad.glb")) << "no glTF at all";
+  const auto run = [&](std::vector<std::string> words, const std::string& expected) {
+    words.insert(words.begin(), "convert");
+    const int status = wait_for(start_program(words, folder.file("log")));
+    const std::string log = tests::read_whole(folder.file("log"));
+    INFO(log);
+    CHECK(log.find(expected) != std::string::npos);
+    CHECK(std::count(log.begin(), log.end(), '\n') == (expected.empty() ? 0 : 1));
+    REQUIRE(WIFEXITED(status));
+    return WEXITSTATUS(status);
+  };
+  const std::string in = folder.file("in.glb");
+  CHECK(run({in}, "ratio") == 0);
+  CHECK(std::filesystem::exists(folder.file("in.scree")));  // the default name
+  CHECK(run({in, "--max-error", "0.5mm", "--grid", "scene", "--order", "none", "--threads", "1"}, "ratio") == 0);
+  CHECK(run({in, "-q"}, "") == 0);
+  CHECK(run({in, "--positions", "7"}, "--positions") == 1);
+  CHECK(run({in, "--positions", "float16"}, "float32") == 1);
+  CHECK(run({in, "--max-error", "1 parsec"}, "--max-error") == 1);
+  CHECK(run({in, "--max-error", "1mm", "--positions", "16"}, "exclude each other") == 1);
+  CHECK(run({in, "--grid", "world"}, "--grid") == 1);
+  CHECK(run({in, "--order", "lifo"}, "--order") == 1);
+  CHECK(run({in, "--chunk-triangles", "65537"}, "--chunk-triangles") == 1);
+  CHECK(run({in, "--zstd", "-1"}, "--zstd") == 1);
+  CHECK(run({in, "--threads", "many"}, "--threads") == 1);
+  CHECK(run({in, "--exclude", "("}, "--exclude") == 1);
+  CHECK(run({in, "--positons", "16"}, "did you mean --positions?") == 1);
+  CHECK(run({folder.file("none.glb")}, "none.glb") == 2);
+  CHECK(run({folder.file("bad.glb")}, "bad.glb") == 3);
+}
+
+TEST_CASE("a signal ends the command and removes what it wrote", "[convert]") {
+  const TempFolder folder;
+  GridSpec spec;
+  spec.columns = 700;
+  spec.rows = 400;
+  tests::make_model(folder.file("in.glb"), spec);
+  // Level 22 takes seconds: the signal finds it at work.
+  const pid_t child = start_program(
+      {"convert", folder.file("in.glb"), "-o", folder.file("out.scree"), "--zstd", "22", "--threads", "1"},
+      folder.file("log"));
+  for (int i = 0; i < 6000 && !std::filesystem::exists(folder.file("out.scree.part")); ++i)
+    std::this_thread::sleep_for(std::chrono::milliseconds(5));
+  kill(child, SIGTERM);
+  const int status = wait_for(child);
+  REQUIRE(WIFSIGNALED(status));
+  CHECK(WTERMSIG(status) == SIGTERM);
+  CHECK(folder.names() == std::vector<std::string>{"in.glb", "log"});
+}
