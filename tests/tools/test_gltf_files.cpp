@@ -80,6 +80,8 @@ TEST_CASE("GLB chunks are found, unknown ones skipped, padding tolerated", "[imp
     CHECK(*positions == expected);
   }
 
+  std::string many;
+  for (int i = 0; i < 63; ++i) many += chunk("XYZ ", "");
   struct Bad {
     std::string bytes;
     ErrorCode code;
@@ -96,6 +98,8 @@ TEST_CASE("GLB chunks are found, unknown ones skipped, padding tolerated", "[imp
            {glb(json + bin + bin), ErrorCode::kFormat, "GLB chunk 2: the BIN chunk"},
            {glb(json + bin) + std::string(100, 'x'), ErrorCode::kTrailing, "GLB header: length is"},
            {glb(json + bin) + std::string(10000, '\0'), ErrorCode::kTrailing, "GLB header: length is"},
+           {glb(json + bin + many), ErrorCode::kFormat, "GLB chunk 64: at most 64 are read"},
+           {glb(chunk("JSON", "") + bin), ErrorCode::kFormat, "GLB chunk 0: the JSON chunk is empty"},
            {glb(""), ErrorCode::kFormat, "too short for a chunk"},
            {glb(json + bin.substr(0, 6)), ErrorCode::kTruncated, "GLB chunk 1: 6 bytes left for its header"},
            {glb(json + bin.substr(0, 30)), ErrorCode::kTruncated, "GLB chunk 1: length is 36, but 22 bytes are left"},

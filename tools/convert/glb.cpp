@@ -16,6 +16,8 @@ constexpr uint32_t kBinChunk = 0x004e4942;   // "BIN\0"
 constexpr uint64_t kHeaderBytes = 12;
 constexpr uint64_t kChunkHeaderBytes = 8;
 constexpr uint64_t kWrap = uint64_t{1} << 32;
+// glTF has two chunks and extensions may add a few; 4 GiB of zeros would read as half a billion empty ones.
+constexpr uint32_t kMaxChunks = 64;
 constexpr uint64_t kMaxPadding = 4096;  // of bytes after the end, all zero or blank: writers that pad to a sector
 
 struct ChunkHeader {
@@ -74,6 +76,8 @@ Result<GlbLayout> read_glb_layout(const ByteSource& file) {
   uint64_t at = kHeaderBytes;
   for (uint32_t number = 0; at < length; ++number) {
     const std::string place = "GLB chunk " + std::to_string(number);
+    if (number == kMaxChunks)
+      return Error{ErrorCode::kFormat, place + ": at most " + std::to_string(kMaxChunks) + " are read"};
     if (length - at < kChunkHeaderBytes) {
       if (number > 0 && length - at < 4) break;  // padding counted into the length
       return Error{ErrorCode::kTruncated, place + ": " + std::to_string(length - at) + " bytes left for its header"};
@@ -89,6 +93,7 @@ Result<GlbLayout> read_glb_layout(const ByteSource& file) {
     // Lengths should be multiples of 4. Writers that forget it (trimesh once did) put the next chunk right behind.
     if (number == 0) {
       if (chunk->type != kJsonChunk) return Error{ErrorCode::kFormat, place + ": expected the JSON chunk first"};
+      if (chunk->bytes == 0) return Error{ErrorCode::kFormat, place + ": the JSON chunk is empty"};
       layout.json_offset = at;
       layout.json_bytes = chunk->bytes;
     } else if (chunk->type == kJsonChunk) {

@@ -128,7 +128,8 @@ std::string_view view(std::span<const char> text, JsonRange range) {
   return {text.data() + range.begin, static_cast<size_t>(range.end - range.begin)};
 }
 
-void empty_extras(std::span<char> text, JsonRange range) {
+Result<void> empty_extras(std::span<char> text, JsonRange range) {
+  Result<void> result;
   for_each_key(text, range, [&](JsonRange key, uint32_t) {
     if (view(text, key) != "\"extras\"") return key.end;
     uint64_t at = skip_space(text, key.end);
@@ -137,10 +138,13 @@ void empty_extras(std::span<char> text, JsonRange range) {
     if (at >= range.end || (text[at] != '{' && text[at] != '[')) return key.end;
     const auto end = value_end(text, at, range.end);
     if (!end) return key.end;
+    if (result && !nlohmann::json::accept(text.data() + at, text.data() + *end))
+      result = error_at(at, "extras are malformed");
     std::fill(text.begin() + static_cast<std::ptrdiff_t>(at + 1), text.begin() + static_cast<std::ptrdiff_t>(*end - 1),
               ' ');
     return *end;
   });
+  return result;
 }
 
 Result<std::string> decoded_key(std::span<const char> text, JsonRange range) {
@@ -204,7 +208,7 @@ Result<std::vector<JsonMember>> split_document(std::span<char> text) {
     return Error{ErrorCode::kTrailing, "JSON byte " + std::to_string(rest) + ": " + std::to_string(text.size() - rest) +
                                            " bytes after the end of the document"};
   }
-  empty_extras(text, {at, *end});
+  if (auto emptied = empty_extras(text, {at, *end}); !emptied) return emptied.error();
 
   std::vector<JsonMember> members;
   const uint64_t last = *end - 1;  // the closing brace

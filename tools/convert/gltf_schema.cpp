@@ -1,6 +1,6 @@
 #include "tools/convert/gltf_schema.h"
 
-#include <array>
+#include <algorithm>
 #include <cmath>
 #include <cstddef>
 #include <limits>
@@ -42,6 +42,7 @@ struct ObjectRule {
 };
 
 constexpr bool kRequired = true;
+constexpr size_t kMaxNames = 256;  // of attributes; they are looked up one by one
 
 // Material, texture information and the extensions that scree reads.
 constexpr Member kTransformMembers[] = {{"offset", Kind::kNumbers, nullptr, 2},
@@ -333,6 +334,7 @@ class Checker {
         break;
       case Kind::kIndexMap:
         frame.each = &kIndexMember;
+        frame.map = true;
         break;
       default:
         return leaf("an object");
@@ -376,6 +378,12 @@ class Checker {
     Frame& frame = frames_.back();
     frame.key = name.substr(0, 60);
     frame.member = &kAnyMember;
+    if (frame.map) {
+      if (std::find(frame.names.begin(), frame.names.end(), name) != frame.names.end())
+        return fail(ErrorCode::kFormat, "is there twice");
+      if (frame.names.size() == kMaxNames) return fail(ErrorCode::kRange, "is one of too many");
+      frame.names.push_back(name);
+    }
     if (frame.rule == nullptr) return true;
     for (size_t i = 0; i < frame.rule->members.size(); ++i) {
       const Member& member = frame.rule->members[i];
@@ -435,6 +443,8 @@ class Checker {
     const Member* each = nullptr;              // what every element or member must be
     const Member* member = &kAnyMember;        // of the current key
     bool array = false;
+    bool map = false;                // names have no rules, but each comes once
+    std::vector<std::string> names;  // of a map
     uint32_t length = 0;
     uint32_t seen = 0;
     uint64_t elements = 0;

@@ -513,15 +513,19 @@ Result<SourceScene> import_checked(const std::string& path, const ImportOptions&
 }  // namespace
 
 Result<SourceScene> import_gltf(const std::string& path, const ImportOptions& options) {
+  Error error{ErrorCode::kFormat, {}};
   try {
     auto scene = import_checked(path, options);
-    if (!scene) return at(path, scene.error());
-    return scene;
+    if (scene) return scene;
+    error = scene.error();
   } catch (const std::bad_alloc&) {
-    return Error{ErrorCode::kMemory, path + ": not enough memory for its document"};
+    error = {ErrorCode::kMemory, "not enough memory for its document"};
   } catch (const std::exception& exception) {
-    return Error{ErrorCode::kFormat, path + ": " + exception.what()};
+    error = {ErrorCode::kFormat, exception.what()};
   }
+  // Names and paths of the document stand in messages, and JSON strings hold line breaks and terminal codes as well.
+  for (char& c : error.message) c = static_cast<unsigned char>(c) < 0x20 || c == 0x7f ? '?' : c;
+  return at(path, error);
 }
 
 }  // namespace scree::convert
