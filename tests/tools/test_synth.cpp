@@ -14,6 +14,7 @@
 #include <random>
 
 #include "tests/catch.h"
+#include "tests/tools/validator.h"
 #include "tools/synth/slope.h"
 #include "tools/synth/textures.h"
 
@@ -419,6 +420,25 @@ TEST_CASE("the slope", "[synth]") {
   options.output = folder.file("other.gltf");
   REQUIRE(synthesize(options));
   CHECK(read_file(folder.file("other.gltf")) != read_file(folder.file("slope.gltf")));
+}
+
+TEST_CASE("the Khronos validator accepts what synth writes", "[synth]") {
+  const Folder folder;
+  for (const char* name : {"A", "B", "C", "D", "slope"})
+    for (const bool full : {false, true}) {
+      SynthOptions options = scene_options(name);
+      const bool slope = name[0] == 's';
+      options.scale = name[0] == 'C' ? 1e-9 : (slope ? 0.01 : 0.0001);
+      options.texture_size = 64;
+      options.normals = options.uvs = full && !slope;
+      options.gpu_instancing = full;
+      options.output = folder.file(std::string(name) + (full ? ".glb" : ".gltf"));
+      REQUIRE(synthesize(options));
+    }
+  const tests::ValidatorRun validated = tests::run_validator(folder.path);
+  if (!tests::validator_result_is_there(validated)) return;
+  INFO(validated.output);
+  CHECK(validated.exit_code == 0);
 }
 
 TEST_CASE("textures tile", "[synth]") {

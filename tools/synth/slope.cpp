@@ -294,7 +294,7 @@ Mesh make_rock(uint32_t kind, uint32_t n, double repeat) {
         const double rough = fbm(seed, 5, d[0] * 1.7, d[1] * 1.7, d[2] * 1.7);
         const double fine = fbm(seed + 7, 4, d[0] * 7.0, d[1] * 7.0, d[2] * 7.0);
         const double r = (1.0 + 0.16 * rough + 0.05 * fine) / inverse;
-        const double light = 0.9 + 0.5 * rough + 0.55 * fine + 0.12 * d[1];
+        const double light = 0.9 + 0.5 * rough + 0.55 * fine + 0.22 * d[1];
         // The four sides take one strip of the texture, seamless around; u runs to the right seen from outside.
         const double u = positive != 0 ? a : b, v = positive != 0 ? b : a;
         mesh.add_vertex({d[0] * r * shape[0], d[1] * r * shape[1], d[2] * r * shape[2]},
@@ -558,10 +558,9 @@ Result<SynthReport> write_slope(const SynthOptions& options) {
   if (options.gpu_instancing) {
     if (Result<void> added = add_instanced_nodes(*writer, placements, children); !added) return added.error();
   } else {
-    for (uint64_t i = 0; i < placements.size(); ++i) {
-      const Placement& placement = placements[i];
+    for (const Placement& placement : placements) {
       GltfNode node;
-      node.name = meshes[placement.mesh].name + "_" + std::to_string(i);
+      node.name = meshes[placement.mesh].name;
       node.mesh = placement.mesh;
       std::copy(placement.translation.begin(), placement.translation.end(), node.local.begin());
       std::copy(placement.rotation.begin(), placement.rotation.end(), node.local.begin() + 3);
