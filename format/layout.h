@@ -267,8 +267,8 @@ static_assert(sizeof(SceneRecord) == 48);
 /// One record: what the file was made from, for inspect's ratios.
 struct SourceRecord {
   uint64_t json_bytes;
-  uint64_t buffer_bytes;
-  uint64_t image_bytes;
+  uint64_t buffer_bytes;    // of all buffers, as declared
+  uint64_t file_bytes;      // of the files it was read from: document, buffers, images
   uint64_t index_bytes;     // of the index accessors used, each counted once
   uint64_t position_bytes;  // of the position accessors used, each counted once
   uint64_t attribute_bytes; // of all other vertex attributes of the primitives used, each accessor once

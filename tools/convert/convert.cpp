@@ -399,7 +399,7 @@ class Converter {
     format::SourceRecord& source = tables_.source;
     source.json_bytes = scene_.json_bytes;
     source.buffer_bytes = scene_.buffer_bytes;
-    source.image_bytes = images_.bytes;
+    source.file_bytes = report_.input_bytes;
     source.index_bytes = indices.bytes();
     source.position_bytes = positions.bytes();
     source.attribute_bytes = attributes.bytes();

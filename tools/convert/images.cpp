@@ -79,7 +79,6 @@ Result<ImagePlan> check_images(const SourceScene& scene, const std::vector<bool>
     record.channels = checked.info.channels;
     plan.records.push_back(record);
     plan.sources.push_back(images[i]);
-    plan.bytes += bytes;
     if (!checked.warning.empty()) plan.warnings.push_back(checked.warning);
     return {};
   };

@@ -18,7 +18,6 @@ struct ImagePlan {
   std::vector<uint32_t> sources;             // for each ImageRecord: the image of the source it is
   std::vector<format::ImageRecord> records;  // name and page unset
   std::vector<std::string> warnings;         // what the decoder put up with, image named
-  uint64_t bytes = 0;                        // of the records' files
 };
 
 /// "city.gltf: image 3 (bark)".

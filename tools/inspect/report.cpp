@@ -96,7 +96,7 @@ void add_size(const format::Container& file, const Stats& stats, std::string& te
       stats.reference_bytes[kUvs] + stats.reference_bytes[kColors] + stats.reference_bytes[kNormals];
   if (attribute_reference != 0) row("attributes", stats.attribute_bytes(), source.attributes, attribute_reference);
   stream(kSourceIds, 0);
-  if (!file.images().empty()) row("textures", stats.images.stored, source.images, 0);
+  if (!file.images().empty()) row("textures", stats.images.stored, stats.images.raw, 0);
   row("container", stats.container_bytes(), 0, 0);
   table.rule();
   uint64_t reference = stats.images.raw;
@@ -325,7 +325,7 @@ void add_footnotes(const Stats& stats, std::string& text) {
       "  [1] 8 x bytes / stored triangles; a mesh counts once, however many instances draw it.\n"
       "  [2] bytes / what the same takes in the source: of the accessors used, each once; images as they came; for "
       "the\n"
-      "      file, the source's JSON, buffers and image files.\n"
+      "      file, the files of the source: document, buffers, images.\n"
       "  [3] bytes / the same plainly stored: 12 bytes a triangle (32-bit indices), 12 a position, 12 a normal, 8 a "
       "texture\n"
       "      coordinate, 16 a colour (float32); of vertices the fewer of source's and stored, mesh by mesh; images as "
@@ -347,8 +347,7 @@ void add_footnotes(const Stats& stats, std::string& text) {
 
 SourceBytes source_bytes(const format::Container& file) {
   const format::SourceRecord& source = file.source();
-  return {source.index_bytes, source.position_bytes, source.attribute_bytes, source.image_bytes,
-          source.json_bytes + source.buffer_bytes + source.image_bytes};
+  return {source.index_bytes, source.position_bytes, source.attribute_bytes, source.file_bytes};
 }
 
 std::string text_report(const format::Container& file, const Stats& stats, const std::string& path) {

@@ -10,13 +10,13 @@
 
 namespace scree::inspect {
 
-/// Bytes of the source glTF that a kind of content stands against; 0 where the file does not know.
+/// Bytes of the source glTF that a kind of content stands against; 0 where the file does not know. Images are carried
+/// over as they came, so what they take in the source is what they take here before compression.
 struct SourceBytes {
   uint64_t indices = 0;
   uint64_t positions = 0;
   uint64_t attributes = 0;
-  uint64_t images = 0;
-  uint64_t total = 0;
+  uint64_t total = 0;  // of its files
 };
 SourceBytes source_bytes(const format::Container& file);
 

@@ -58,7 +58,7 @@ void file_member(JsonWriter& json, const format::Container& file, const Stats& s
   json.member("name", file.string(source.name));
   json.member("json_bytes", source.json_bytes);
   json.member("buffer_bytes", source.buffer_bytes);
-  json.member("image_bytes", source.image_bytes);
+  json.member("file_bytes", source.file_bytes);
   json.member("index_bytes", source.index_bytes);
   json.member("position_bytes", source.position_bytes);
   json.member("attribute_bytes", source.attribute_bytes);
@@ -83,7 +83,7 @@ void size_member(JsonWriter& json, const format::Container& file, const Stats& s
   }
   json.key("textures");
   json.begin_object();
-  cost(json, stats, stats.images, source.images, 0);
+  cost(json, stats, stats.images, stats.images.raw, 0);
   json.end_object();
   json.key("container");
   json.begin_object();
