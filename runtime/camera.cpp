@@ -4,8 +4,13 @@
 #include <charconv>
 #include <cmath>
 #include <limits>
+#include <new>
+#include <span>
 #include <string_view>
 #include <utility>
+
+#include "format/chunk_layout.h"
+#include "format/position_codec.h"
 
 namespace scree::runtime {
 namespace {
@@ -93,6 +98,80 @@ void for_each_corner(const kernels::SceneView& scene, const Visit& visit) {
   }
 }
 
+/// What the default view is fitted to: every vertex that is drawn where they are few, so that the empty corners of
+/// boxes do not push the scene out of the middle; else the corners of the instances' boxes.
+class Outline {
+ public:
+  explicit Outline(const kernels::SceneView& scene) : scene_(scene) {
+    uint64_t count = 0;
+    for (uint64_t i = 0; i < scene.instance_count && count <= kMostVertices; ++i)
+      count += scene.meshes[scene.instances[i].mesh].vertex_count;
+    if (count <= kMostVertices && !collect()) points_.clear();
+  }
+
+  template <class Visit>
+  void for_each(const Visit& visit) const {
+    if (points_.empty()) {
+      for_each_corner(scene_, visit);
+    } else {
+      for (const Vec3& point : points_) visit(point);
+    }
+  }
+
+ private:
+  static constexpr uint64_t kMostVertices = 1u << 20;  // 24 MiB, a few milliseconds
+
+  bool collect() {
+    uint32_t decoded_mesh = format::kNone;  // instances of one mesh follow each other
+    std::vector<float> positions;
+    for (uint64_t i = 0; i < scene_.instance_count; ++i) {
+      const format::InstanceRecord& instance = scene_.instances[i];
+      if (instance.mesh != decoded_mesh && !decode(instance.mesh, positions)) return false;
+      decoded_mesh = instance.mesh;
+      const format::MatrixRecord& m = scene_.matrices[instance.matrix];
+      for (size_t v = 0; v + 3 <= positions.size(); v += 3) {
+        Vec3 point;
+        for (size_t r = 0; r < 3; ++r)
+          point[r] = m.rows[r][0] * static_cast<double>(positions[v]) +
+                     m.rows[r][1] * static_cast<double>(positions[v + 1]) +
+                     m.rows[r][2] * static_cast<double>(positions[v + 2]) + m.rows[r][3];
+        points_.push_back(point);
+      }
+    }
+    return true;
+  }
+
+  bool decode(uint32_t mesh_index, std::vector<float>& positions) const {
+    const format::MeshRecord& mesh = scene_.meshes[mesh_index];
+    positions.resize(3 * mesh.vertex_count);
+    format::MeshLattice lattice;
+    lattice.exponent = mesh.lattice_exponent;
+    for (size_t axis = 0; axis < 3; ++axis) {
+      lattice.min[axis] = mesh.lattice_min[axis];
+      lattice.bits[axis] = mesh.lattice_bits[axis];
+    }
+    uint64_t first = 0;
+    for (uint64_t c = mesh.first_chunk; c < mesh.first_chunk + mesh.chunk_count; ++c) {
+      const format::ChunkRecord& chunk = scene_.chunks[c];
+      format::PositionRange range;
+      for (size_t axis = 0; axis < 3; ++axis) {
+        range.min[axis] = chunk.position_min[axis];
+        range.bits[axis] = chunk.position_bits[axis];
+      }
+      const format::ChunkStream stream = format::chunk_streams(mesh, chunk).positions;
+      if (first + chunk.vertex_count > mesh.vertex_count) return false;
+      const std::span<float> out(positions.data() + 3 * first, 3 * size_t{chunk.vertex_count});
+      const std::span<const std::byte> bytes(scene_.pages[chunk.page] + chunk.offset + stream.offset, stream.bytes);
+      if (!format::decode_positions(out, lattice, range, bytes)) return false;
+      first += chunk.vertex_count;
+    }
+    return true;
+  }
+
+  const kernels::SceneView& scene_;
+  std::vector<Vec3> points_;
+};
+
 /// Sets right, up and forward: `forward` of unit length, `up` anything.
 bool orient(View& view, const Vec3& forward, const Vec3& up) {
   const auto upright = normalized(up - dot(up, forward) * forward);
@@ -124,7 +203,7 @@ double near_of_box(const WorldBox& box, const Vec3& eye) {
   return near > 0 && std::isfinite(near) ? near : 0.01;
 }
 
-/// Which corners lie outermost along one direction of the picture, seen from (offset, depth).
+/// Which points lie outermost along one direction of the picture, seen from (offset, depth).
 struct Extremes {
   double high = -kInfinity, low = kInfinity;  // tangents
   double high_offset = 0, high_depth = 0, low_offset = 0, low_depth = 0;
@@ -142,14 +221,15 @@ struct Extremes {
       low_depth = depth;
     }
   }
-  /// How far to move the eye so that these two corners are equally far from the middle.
+  /// How far to move the eye so that these two points are equally far from the middle.
   double shift() const { return (high_offset * low_depth + low_offset * high_depth) / (high_depth + low_depth); }
 };
 
-/// Puts the eye as near to the scene as it can be with every corner in the picture and a margin around, and the scene
-/// in the middle. Along the view direction a corner (x, y, z) is inside when |x - ex| <= hw (z - ez), and y likewise:
+/// Puts the eye as near to the scene as it can be with every point in the picture and a margin around, and the scene
+/// in the middle. Along the view direction a point (x, y, z) is inside when |x - ex| <= hw (z - ez), and y likewise:
 /// the four extremes of x - hw z, -x - hw z, y - hh z and -y - hh z say where the eye may be.
 void frame(View& view, const kernels::SceneView& scene) {
+  const Outline outline(scene);
   constexpr double kMargin = 0.94;  // of the picture's half sides
   const double hw = kMargin * view.half_width;
   const double hh = kMargin * view.half_height;
@@ -157,7 +237,7 @@ void frame(View& view, const kernels::SceneView& scene) {
   const Vec3 up{view.up[0], view.up[1], view.up[2]};
   const Vec3 forward{view.forward[0], view.forward[1], view.forward[2]};
   double x_high = -kInfinity, x_low = -kInfinity, y_high = -kInfinity, y_low = -kInfinity, nearest = kInfinity;
-  for_each_corner(scene, [&](const Vec3& p) {
+  outline.for_each([&](const Vec3& p) {
     const double x = dot(p, right), y = dot(p, up), z = dot(p, forward);
     x_high = std::max(x_high, x - hw * z);
     x_low = std::max(x_low, -x - hw * z);
@@ -173,10 +253,10 @@ void frame(View& view, const kernels::SceneView& scene) {
   ez = std::min(ez, nearest - (size > 0 ? 1e-3 * size : 1e-3));
 
   // The direction that does not decide the distance has room to spare; moving the eye along it evens the two sides out.
-  // The outermost corners may change with it, but settle in a few rounds.
+  // The outermost points may change with it, but settle in a few rounds.
   for (int round = 0; round < 8; ++round) {
     Extremes across, along;
-    for_each_corner(scene, [&](const Vec3& p) {
+    outline.for_each([&](const Vec3& p) {
       const double depth = dot(p, forward) - ez;
       across.add(dot(p, right) - ex, depth);
       along.add(dot(p, up) - ey, depth);
@@ -257,6 +337,33 @@ Result<View> eye_view(const kernels::SceneView& drawn, View view, const CameraOp
   return view;
 }
 
+Result<View> default_view(const kernels::SceneView& drawn, View view, const CameraOptions& options) {
+  // From 30 degrees to the right of the front and 20 above.
+  const double turn = 30 * kDegree, rise = 20 * kDegree;
+  const Vec3 up = options.up.value_or(Vec3{0, 1, 0});
+  const auto upright = normalized(up);
+  if (!upright) return Error{ErrorCode::kUsage, "up has no direction"};
+  // The front is +z where it can be, whatever is up.
+  Vec3 front = Vec3{0, 0, 1} - (*upright)[2] * *upright;
+  if (length(front) < 0.5) front = Vec3{0, -1, 0} + (*upright)[1] * *upright;
+  front = *normalized(front);
+  const Vec3 side = cross(*upright, front);
+  const Vec3 towards_eye =
+      std::cos(rise) * (std::cos(turn) * front + std::sin(turn) * side) + std::sin(rise) * *upright;
+  orient(view, *normalized(-1.0 * towards_eye), *upright);
+  if (scene_box(drawn).is_empty()) {
+    set_eye(view, 3.0 * towards_eye);
+    view.z_near = 0.01;
+    return view;
+  }
+  try {
+    frame(view, drawn);
+  } catch (const std::bad_alloc&) {
+    return Error{ErrorCode::kMemory, "no memory left to find a view of the scene"};
+  }
+  return view;
+}
+
 }  // namespace
 
 WorldBox scene_box(const kernels::SceneView& scene) {
@@ -306,26 +413,7 @@ Result<View> make_view(const format::Container& container, uint32_t scene, const
   if (options.eye) return eye_view(drawn, view, options);
   if (options.target) return Error{ErrorCode::kUsage, "a target needs an eye"};
 
-  // From 30 degrees to the right of the front and 20 above.
-  const double turn = 30 * kDegree, rise = 20 * kDegree;
-  const Vec3 up = options.up.value_or(Vec3{0, 1, 0});
-  const auto upright = normalized(up);
-  if (!upright) return Error{ErrorCode::kUsage, "up has no direction"};
-  // The front is +z where it can be, whatever is up.
-  Vec3 front = Vec3{0, 0, 1} - (*upright)[2] * *upright;
-  if (length(front) < 0.5) front = Vec3{0, -1, 0} + (*upright)[1] * *upright;
-  front = *normalized(front);
-  const Vec3 side = cross(*upright, front);
-  const Vec3 towards_eye =
-      std::cos(rise) * (std::cos(turn) * front + std::sin(turn) * side) + std::sin(rise) * *upright;
-  orient(view, *normalized(-1.0 * towards_eye), *upright);
-  if (scene_box(drawn).is_empty()) {
-    set_eye(view, 3.0 * towards_eye);
-    view.z_near = 0.01;
-  } else {
-    frame(view, drawn);
-  }
-  return view;
+  return default_view(drawn, view, options);
 }
 
 }  // namespace scree::runtime

@@ -220,7 +220,8 @@ Result<void> write_png(const std::string& path, uint32_t width, uint32_t height,
   const bool written = guarded(png, [&] {
     png_set_write_fn(png, file, write_png_bytes, flush_png_bytes);
     png_set_user_limits(png, 0x7fffffff, 0x7fffffff);
-    // Measured on a 1920 x 1080 render: levels above 3 take several times as long for a few per cent.
+    // 1920 x 1080 of a textured scene on one EPYC core: level 3 takes 172 ms and 3.89 MB, level 6 (the default) 443 ms
+    // and 3.69 MB.
     png_set_compression_level(png, 3);
     png_set_IHDR(png, info, width, height, 8, channels == 4 ? PNG_COLOR_TYPE_RGB_ALPHA : PNG_COLOR_TYPE_RGB,
                  PNG_INTERLACE_NONE, PNG_COMPRESSION_TYPE_DEFAULT, PNG_FILTER_TYPE_DEFAULT);

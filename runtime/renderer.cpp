@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cassert>
-#include <chrono>
 #include <cmath>
 #include <cstddef>
 #include <new>
@@ -18,7 +17,8 @@ namespace {
 
 /// One pixel of `side` x `side` samples whose first is at `rgba`, rows `row_floats` apart. The light of a pixel is that
 /// of its samples weighted by their alpha, so that a transparent background does not bleed into an edge.
-void resolve_pixel(const float* rgba, uint64_t row_floats, uint32_t side, uint32_t channels, uint8_t* out) {
+void resolve_pixel(const Srgb& srgb, const float* rgba, uint64_t row_floats, uint32_t side, uint32_t channels,
+                   uint8_t* out) {
   float light[3] = {0, 0, 0};
   float alpha = 0;
   for (uint32_t j = 0; j < side; ++j) {
@@ -29,7 +29,7 @@ void resolve_pixel(const float* rgba, uint64_t row_floats, uint32_t side, uint32
     }
   }
   const float scale = alpha > 0 ? 1.0f / alpha : 0.0f;
-  for (size_t c = 0; c < 3; ++c) out[c] = srgb_of_linear(light[c] * scale);
+  for (size_t c = 0; c < 3; ++c) out[c] = srgb.code(light[c] * scale);
   if (channels == 4) {
     const float share = alpha / static_cast<float>(side * side);
     out[3] = static_cast<uint8_t>(std::lrint(std::clamp(share, 0.0f, 1.0f) * 255.0f));
@@ -67,11 +67,11 @@ Result<Frame> Frame::draw(const Scene& scene, const kernels::View& view, uint32_
   } catch (const std::bad_alloc&) {
     return Error{ErrorCode::kMemory, "no memory left for " + std::to_string(width * height) + " samples"};
   }
-  const auto start = std::chrono::steady_clock::now();
+  const Stopwatch watch;
   Result<kernels::FrameStats> stats = kernels::draw_cpu(scene.view(), frame.view_, frame.samples_, threads);
   if (!stats) return stats.error();
   frame.stats_ = *stats;
-  frame.draw_ms_ = std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
+  frame.draw_time_ = watch.elapsed();
   return frame;
 }
 
@@ -96,8 +96,9 @@ Result<Picture> Frame::shade(const kernels::ShadeOptions& options, uint32_t thre
       parallel_for(rows, threads, [&](uint64_t row) {
         uint8_t* out = picture.pixels.data() + (first + row) * picture.width * picture.channels;
         const float* in = rgba.data() + row * side * row_floats;
+        const Srgb& srgb = Srgb::tables();
         for (uint32_t x = 0; x < picture.width; ++x, out += picture.channels, in += 4 * side)
-          resolve_pixel(in, row_floats, side, picture.channels, out);
+          resolve_pixel(srgb, in, row_floats, side, picture.channels, out);
       });
     }
     return picture;

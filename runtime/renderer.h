@@ -9,6 +9,7 @@
 #include "format/result.h"
 #include "kernels/frame.h"
 #include "runtime/scene.h"
+#include "runtime/stopwatch.h"
 
 namespace scree::runtime {
 
@@ -58,7 +59,7 @@ class Frame {
   uint32_t width() const { return view_.width / samples_per_side_; }
   uint32_t height() const { return view_.height / samples_per_side_; }
   const kernels::FrameStats& stats() const { return stats_; }
-  double draw_ms() const { return draw_ms_; }
+  const Duration& draw_time() const { return draw_time_; }
 
  private:
   Frame() = default;
@@ -68,7 +69,7 @@ class Frame {
   uint32_t samples_per_side_ = 1;
   std::vector<uint64_t> samples_;
   kernels::FrameStats stats_{};
-  double draw_ms_ = 0;
+  Duration draw_time_;
 };
 
 }  // namespace scree::runtime

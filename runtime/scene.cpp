@@ -1,7 +1,6 @@
 #include "runtime/scene.h"
 
 #include <charconv>
-#include <chrono>
 #include <new>
 #include <span>
 #include <utility>
@@ -13,10 +12,6 @@
 
 namespace scree::runtime {
 namespace {
-
-double milliseconds_since(std::chrono::steady_clock::time_point start) {
-  return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
-}
 
 std::string quoted_list(const format::Container& container) {
   std::string text;
@@ -114,12 +109,12 @@ Result<Scene> Scene::load(SceneFile file, uint32_t scene_index, const SceneOptio
     view.instance_count = record.instance_count;
 
     if (const Result<void> numbered = scene.number_instances(); !numbered) return at(path, numbered.error());
-    const auto start = std::chrono::steady_clock::now();
+    const Stopwatch geometry_watch;
     if (const Result<void> loaded = scene.load_geometry(options.threads); !loaded) return at(path, loaded.error());
-    scene.stats_.geometry_ms = milliseconds_since(start);
-    const auto textures_start = std::chrono::steady_clock::now();
+    scene.stats_.geometry = geometry_watch.elapsed();
+    const Stopwatch texture_watch;
     if (const Result<void> loaded = scene.load_textures(options); !loaded) return at(path, loaded.error());
-    scene.stats_.texture_ms = milliseconds_since(textures_start);
+    scene.stats_.textures = texture_watch.elapsed();
   } catch (const std::bad_alloc&) {
     return Error{ErrorCode::kMemory, path + ": no memory left to load it"};
   }

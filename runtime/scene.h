@@ -12,6 +12,7 @@
 #include "kernels/scene_view.h"
 #include "runtime/mapped_file.h"
 #include "runtime/scene_pages.h"
+#include "runtime/stopwatch.h"
 #include "runtime/texture.h"
 
 namespace scree::runtime {
@@ -46,8 +47,8 @@ struct LoadStats {
   uint64_t decoded_bytes = 0;  // of those that were compressed, in memory of their own
   uint64_t images = 0;         // decoded
   uint64_t texture_bytes = 0;  // of their levels
-  double geometry_ms = 0;
-  double texture_ms = 0;
+  Duration geometry;
+  Duration textures;
 };
 
 /// Owns what view() points to. Raw pages are used where they lie in the map; only compressed ones have a copy.

@@ -146,6 +146,8 @@ Result<PageSet> load_pages(const format::Container& container, const MappedFile&
       map.will_need(pages[page].offset, pages[page].stored_bytes);
       const Result<std::span<const std::byte>> raw = container.load_page(page, set.decoded[page]);
       if (!raw) return failure.report(i, raw.error());
+      // What was decompressed is not read again; it need not stay resident twice.
+      if (pages[page].codec != format::PageCodec::kRaw) map.release(pages[page].offset, pages[page].stored_bytes);
       for (uint64_t c = first_chunk[i]; c < first_chunk[i + 1]; ++c) {
         const ChunkRecord& chunk = container.chunks()[chunks[c].chunk];
         const Result<void> checked = check_chunk(container.meshes()[chunk.mesh], chunk, *raw);

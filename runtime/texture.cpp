@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <array>
 #include <cassert>
-#include <cmath>
 #include <utility>
 
 #include "runtime/srgb.h"
@@ -46,14 +45,35 @@ std::vector<Taps> make_taps(uint32_t size) {
 
 using Texel = std::array<float, 4>;  // linear colour, alpha / 255
 
-Texel decode_texel(const uint8_t* rgba) {
-  return {linear_of_srgb(rgba[0]), linear_of_srgb(rgba[1]), linear_of_srgb(rgba[2]),
-          static_cast<float>(rgba[3]) / 255.0f};
+void decode_row(const uint8_t* rgba, std::vector<Texel>& out) {
+  const Srgb& srgb = Srgb::tables();
+  for (size_t x = 0; x < out.size(); ++x, rgba += 4)
+    out[x] = {srgb.linear(rgba[0]), srgb.linear(rgba[1]), srgb.linear(rgba[2]),
+              static_cast<float>(rgba[3]) * (1.0f / 255.0f)};
 }
 
-void encode_texel(uint8_t* rgba, const Texel& texel) {
-  for (size_t c = 0; c < 3; ++c) rgba[c] = srgb_of_linear(texel[c]);
-  rgba[3] = static_cast<uint8_t>(std::lrint(std::clamp(texel[3], 0.0f, 1.0f) * 255.0f));
+void encode_texels(const std::vector<Texel>& texels, uint8_t* rgba) {
+  const Srgb& srgb = Srgb::tables();
+  for (const Texel& texel : texels) {
+    for (size_t c = 0; c < 3; ++c) rgba[c] = srgb.code(texel[c]);
+    rgba[3] = static_cast<uint8_t>(std::clamp(texel[3], 0.0f, 1.0f) * 255.0f + 0.5f);
+    rgba += 4;
+  }
+}
+
+/// Adds `weight` times a row of texels, each of `across` taps, to `out`.
+void add_row(const Texel* source, const std::vector<Taps>& across, bool is_even, float weight, Texel* out) {
+  if (is_even) {
+    weight *= 0.5f;
+    for (size_t x = 0; x < across.size(); ++x)
+      for (size_t c = 0; c < 4; ++c) out[x][c] += weight * (source[2 * x][c] + source[2 * x + 1][c]);
+    return;
+  }
+  for (size_t x = 0; x < across.size(); ++x) {
+    const Taps& tap = across[x];
+    for (uint32_t i = 0; i < tap.count; ++i)
+      for (size_t c = 0; c < 4; ++c) out[x][c] += weight * tap.weight[i] * source[tap.first + i][c];
+  }
 }
 
 /// The next level of `width` x `height` texels that `row(y)` gives row by row.
@@ -62,21 +82,9 @@ std::vector<Texel> halve(uint32_t width, uint32_t height, const Row& row) {
   const std::vector<Taps> across = make_taps(width);
   const std::vector<Taps> down = make_taps(height);
   std::vector<Texel> half(across.size() * down.size());
-  for (size_t y = 0; y < down.size(); ++y) {
-    Texel* const out = half.data() + y * across.size();
-    for (uint32_t j = 0; j < down[y].count; ++j) {
-      const Texel* const source = row(down[y].first + j);
-      const float row_weight = down[y].weight[j];
-      for (size_t x = 0; x < across.size(); ++x) {
-        const Taps& tap = across[x];
-        for (uint32_t i = 0; i < tap.count; ++i) {
-          const Texel& texel = source[tap.first + i];
-          const float weight = row_weight * tap.weight[i];
-          for (size_t c = 0; c < 4; ++c) out[x][c] += weight * texel[c];
-        }
-      }
-    }
-  }
+  for (size_t y = 0; y < down.size(); ++y)
+    for (uint32_t j = 0; j < down[y].count; ++j)
+      add_row(row(down[y].first + j), across, width % 2 == 0, down[y].weight[j], half.data() + y * across.size());
   return half;
 }
 
@@ -108,15 +116,13 @@ MipChain make_mips(Image image) {
     const auto row = [&](uint32_t y) -> const Texel* {
       if (level > 1) return above.data() + uint64_t{y} * width;
       if (y != decoded_y) {
-        const uint8_t* const rgba = chain.texels.data() + uint64_t{4} * width * y;
-        for (size_t x = 0; x < width; ++x) decoded_row[x] = decode_texel(rgba + 4 * x);
+        decode_row(chain.texels.data() + uint64_t{4} * width * y, decoded_row);
         decoded_y = y;
       }
       return decoded_row.data();
     };
     std::vector<Texel> half = halve(width, height, row);
-    uint8_t* const out = chain.texels.data() + 4 * chain.level_offset[level];
-    for (size_t i = 0; i < half.size(); ++i) encode_texel(out + 4 * i, half[i]);
+    encode_texels(half, chain.texels.data() + 4 * chain.level_offset[level]);
     above = std::move(half);
   }
   return chain;

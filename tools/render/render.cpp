@@ -1,5 +1,4 @@
 // scree render: draws a packed scene.
-#include <chrono>
 #include <cmath>
 #include <cstdio>
 #include <memory>
@@ -13,6 +12,7 @@
 #include "runtime/image.h"
 #include "runtime/renderer.h"
 #include "runtime/scene.h"
+#include "runtime/stopwatch.h"
 #include "tools/common/command.h"
 #include "tools/common/options.h"
 #include "tools/common/sigbus.h"
@@ -21,11 +21,8 @@
 namespace scree::tools {
 namespace {
 
-using Clock = std::chrono::steady_clock;
-
-double milliseconds_since(Clock::time_point start) {
-  return std::chrono::duration<double, std::milli>(Clock::now() - start).count();
-}
+using runtime::Duration;
+using runtime::Stopwatch;
 
 /// "12 (Rock)"; names come from files, so what a terminal would obey is not printed.
 std::string number_and_name(uint64_t number, std::string_view name) {
@@ -40,6 +37,11 @@ std::string milliseconds(double ms) {
   char text[32];
   std::snprintf(text, sizeof text, ms < 100 ? "%.1f ms" : "%.0f ms", ms);
   return text;
+}
+
+/// "41.2 ms (80.3 ms of processor time)".
+std::string both_times(const Duration& time) {
+  return milliseconds(time.wall_ms) + " (" + milliseconds(time.cpu_ms) + " of processor time)";
 }
 
 void list_cameras(const runtime::SceneFile& file, uint32_t scene) {
@@ -77,21 +79,21 @@ void print_pick(const format::Container& container, PixelPlace place, const std:
 }
 
 struct Times {
-  double open_ms = 0;
-  double shade_ms = 0;
-  double write_ms = 0;
+  Duration open;
+  Duration shade;
+  Duration write;
 };
 
 void print_stats(const runtime::Scene& scene, const runtime::Frame& frame, const kernels::View& view,
                  const Times& times) {
   const runtime::LoadStats& load = scene.stats();
   const kernels::FrameStats& drawn = frame.stats();
-  std::printf("open: %s\n", milliseconds(times.open_ms).c_str());
+  std::printf("open: %s\n", both_times(times.open).c_str());
   std::printf("geometry: %llu pages, %s in the file, %s decompressed, %s\n",
               static_cast<unsigned long long>(load.pages), format_bytes(load.stored_bytes).c_str(),
-              format_bytes(load.decoded_bytes).c_str(), milliseconds(load.geometry_ms).c_str());
+              format_bytes(load.decoded_bytes).c_str(), both_times(load.geometry).c_str());
   std::printf("textures: %llu images, %s with levels, %s\n", static_cast<unsigned long long>(load.images),
-              format_bytes(load.texture_bytes).c_str(), milliseconds(load.texture_ms).c_str());
+              format_bytes(load.texture_bytes).c_str(), both_times(load.textures).c_str());
   std::printf("view: eye %.9g,%.9g,%.9g forward %.6f,%.6f,%.6f up %.6f,%.6f,%.6f near %g\n", view.eye[0], view.eye[1],
               view.eye[2], view.forward[0], view.forward[1], view.forward[2], view.up[0], view.up[1], view.up[2],
               view.z_near);
@@ -103,8 +105,8 @@ void print_stats(const runtime::Scene& scene, const runtime::Frame& frame, const
       static_cast<unsigned long long>(drawn.triangles), static_cast<unsigned long long>(drawn.triangles_small),
       static_cast<unsigned long long>(drawn.triangles_medium), static_cast<unsigned long long>(drawn.triangles_large),
       static_cast<unsigned long long>(drawn.triangles_clipped));
-  std::printf("draw: %s, shade: %s, write: %s\n", milliseconds(frame.draw_ms()).c_str(),
-              milliseconds(times.shade_ms).c_str(), milliseconds(times.write_ms).c_str());
+  std::printf("draw: %s\nshade: %s\nwrite: %s\n", both_times(frame.draw_time()).c_str(),
+              both_times(times.shade).c_str(), both_times(times.write).c_str());
 }
 
 /// One line: what was drawn, how fast, where it is.
@@ -120,22 +122,22 @@ void print_summary(const RenderOptions& options, const runtime::Scene& scene, co
   if (options.samples_per_side > 1)
     size += " (" + std::to_string(options.samples_per_side * options.samples_per_side) + " samples a pixel)";
   std::printf("%s: %s triangles at %s in %s (shading %s, loading %s) -> %s\n", options.file.c_str(),
-              format_count(static_cast<double>(triangles)).c_str(), size.c_str(), milliseconds(frame.draw_ms()).c_str(),
-              milliseconds(times.shade_ms).c_str(),
-              milliseconds(times.open_ms + load.geometry_ms + load.texture_ms).c_str(), places.c_str());
+              format_count(static_cast<double>(triangles)).c_str(), size.c_str(),
+              milliseconds(frame.draw_time().wall_ms).c_str(), milliseconds(times.shade.wall_ms).c_str(),
+              milliseconds(times.open.wall_ms + load.geometry.wall_ms + load.textures.wall_ms).c_str(), places.c_str());
 }
 
 Result<void> write_outputs(const RenderOptions& options, const runtime::Frame& frame, Times& times) {
   if (!options.output.empty()) {
-    const Clock::time_point start = Clock::now();
+    const Stopwatch shade_watch;
     const Result<runtime::Picture> picture = frame.shade(options.shade, options.threads);
     if (!picture) return at(options.file, picture.error());
-    times.shade_ms = milliseconds_since(start);
-    const Clock::time_point write_start = Clock::now();
+    times.shade = shade_watch.elapsed();
+    const Stopwatch write_watch;
     const Result<void> written =
         runtime::write_png(options.output, picture->width, picture->height, picture->channels, picture->pixels);
     if (!written) return written.error();
-    times.write_ms = milliseconds_since(write_start);
+    times.write = write_watch.elapsed();
   }
   if (!options.depth.empty()) {
     const Result<void> written = runtime::write_pfm(options.depth, frame.width(), frame.height(), frame.depth());
@@ -150,7 +152,7 @@ Result<void> write_outputs(const RenderOptions& options, const runtime::Frame& f
 
 Result<void> render(const RenderOptions& options) {
   Times times;
-  const Clock::time_point start = Clock::now();
+  const Stopwatch open_watch;
   report_sigbus("render", options.file);
   Result<runtime::SceneFile> file = runtime::SceneFile::open(options.file);
   if (!file) return file.error();
@@ -160,7 +162,7 @@ Result<void> render(const RenderOptions& options) {
     list_cameras(*file, *scene_index);
     return {};
   }
-  times.open_ms = milliseconds_since(start);
+  times.open = open_watch.elapsed();
 
   runtime::SceneOptions load;
   load.textures = !options.output.empty() && options.shade.show == kernels::Show::kTexture;
