@@ -5,7 +5,6 @@
 #include <cinttypes>
 #include <cmath>
 #include <cstdio>
-#include <map>
 #include <memory>
 #include <string>
 
@@ -84,10 +83,10 @@ Command add_synth(CLI::App& parent) {
                   "the same cameras (A's tiles are stretched to cover the same ground), the slope fewer stones")
       ->capture_default_str()
       ->type_name("SHARE");
-  const std::map<std::string, synth::MeshOrder> orders{{"row", synth::MeshOrder::kRow},
-                                                       {"block", synth::MeshOrder::kBlock}};
-  app->add_option("--order", options->order, "Order of triangles and vertices: row, or blocks of 8 x 8 quads (A, B, C)")
-      ->transform(CLI::CheckedTransformer(orders))
+  const auto order = std::make_shared<std::string>("row");
+  app->add_option("--order", *order, "Order of triangles and vertices: row, or block: blocks of 8 x 8 quads (A, B, C)")
+      ->check(CLI::IsMember({"row", "block"}))
+      ->capture_default_str()
       ->type_name("ORDER");
   app->add_flag("--normals", options->normals, "A to D: add normals");
   app->add_flag("--uvs", options->uvs, "A to D: add texture coordinates and a texture");
@@ -105,7 +104,10 @@ Command add_synth(CLI::App& parent) {
       ->capture_default_str()
       ->type_name("N");
   options->progress = true;
-  return {app, [options] { return run_synth(*options); }};
+  return {app, [options, order] {
+            if (*order == "block") options->order = synth::MeshOrder::kBlock;
+            return run_synth(*options);
+          }};
 }
 
 }  // namespace scree::tools
