@@ -184,15 +184,21 @@ std::array<float, 256> make_srgb_table() {
 
 }  // namespace
 
+Result<void> check_frame(const View& view, uint64_t triangle_count) {
+  if (auto checked = check_picture(view, uint64_t{view.width} * view.height, 1, "samples"); !checked) return checked;
+  if (auto checked = check_view(view); !checked) return checked;
+  if (triangle_count > kIdMask) {
+    return Error{ErrorCode::kRange,
+                 std::to_string(triangle_count) + " drawn triangles, but ids end at " + std::to_string(kIdMask)};
+  }
+  return {};
+}
+
 Result<FrameStats> draw_cpu_with(const SceneView& scene, const View& view, std::span<uint64_t> samples,
                                  uint32_t threads, InstructionSet set, const QueueSizes& sizes) {
   if (auto checked = check_picture(view, samples.size(), 1, "samples"); !checked) return checked.error();
-  if (auto checked = check_view(view); !checked) return checked.error();
   const uint64_t triangles = scene.instance_count == 0 ? 0 : scene.instance_base[scene.instance_count];
-  if (triangles > kIdMask) {
-    return Error{ErrorCode::kRange,
-                 std::to_string(triangles) + " drawn triangles, but ids end at " + std::to_string(kIdMask)};
-  }
+  if (auto checked = check_frame(view, triangles); !checked) return checked.error();
   try {
     ThreadPool pool(threads);
     FrameStats stats{};

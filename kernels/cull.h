@@ -52,7 +52,8 @@ struct Cull {
   SceneView scene;
   FrameView view;
   Queues queues;
-  uint64_t first;  // instance of item 0
+  uint64_t first;            // instance of item 0
+  uint32_t block_triangles;  // the most of a draw block
 
   template <class Team>
   SCREE_HD void operator()(uint32_t item, Team team) const {
@@ -71,11 +72,11 @@ struct Cull {
       if (!float32 && mesh.chunk_count > 1 && !may_be_seen(transform, view, chunk_box(mesh, chunk, transform)))
         continue;
       ++draws;
-      for (uint64_t start = 0; start < chunk.triangle_count; start += kBlockTriangles) {
+      for (uint64_t start = 0; start < chunk.triangle_count; start += block_triangles) {
         const uint64_t left = chunk.triangle_count - start;
         push(team, &queues.counters->blocks, queues.blocks, queues.block_capacity,
              DrawBlock{number, mesh.first_chunk + i, static_cast<uint32_t>(start),
-                       static_cast<uint32_t>(min_of<uint64_t>(left, kBlockTriangles))});
+                       static_cast<uint32_t>(min_of<uint64_t>(left, block_triangles))});
       }
     }
     if (draws != 0) team.add(&queues.counters->draws, draws);

@@ -53,6 +53,10 @@ struct FrameStats {
   uint64_t triangles_clipped;
 };
 
+/// What every backend asks of a frame. Errors kRange: an image side of 0 or over kMaxImageSide, a camera that is not
+/// finite or sees nothing, more than 2^36 - 1 drawn triangles.
+Result<void> check_frame(const View& view, uint64_t triangle_count);
+
 /// Draws with `threads` CPU threads into `samples` (width * height, row by row), which it clears first. The result does not
 /// depend on the number of threads or on the instruction set. Errors kRange: more than 2^36 - 1 drawn triangles, an image
 /// side over kMaxImageSide; kMemory.

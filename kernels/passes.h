@@ -22,6 +22,7 @@ struct QueueSizes {
   uint64_t tiles = 1u << 17;
   uint64_t instances_at_a_time = 1u << 20;
   uint64_t blocks_at_a_time = 1u << 12;
+  uint32_t block_triangles = 65536;  // of a draw block
 };
 
 inline namespace SCREE_ISA {
@@ -71,7 +72,7 @@ class FrameDrawer {
     for (uint64_t first = 0; first < scene_.instance_count;) {
       const uint64_t count = min_of(share, scene_.instance_count - first);
       backend_.write_counters(Counters{});
-      backend_.for_each(count, Cull{scene_, view_, queues_, first});
+      backend_.for_each(count, Cull{scene_, view_, queues_, first, max_of(sizes_.block_triangles, 1u)});
       const Counters culled = backend_.read_counters();
       if (culled.blocks > queues_.block_capacity) {
         if (count > 1 && culled.blocks > kMostBlocks) {

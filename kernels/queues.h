@@ -8,9 +8,7 @@
 namespace scree::kernels {
 inline namespace SCREE_ISA {
 
-inline constexpr uint32_t kBlockTriangles = 65536;
-
-/// Up to kBlockTriangles triangles of one chunk, drawn for one instance: what one team takes at a time.
+/// Up to QueueSizes::block_triangles triangles of one chunk, drawn for one instance: what one team takes at a time.
 struct DrawBlock {
   uint64_t instance;
   uint64_t chunk;

@@ -48,7 +48,8 @@ std::optional<uint64_t> source_triangle(const kernels::SceneView& scene, const k
 
 }  // namespace
 
-Result<Frame> Frame::draw(const Scene& scene, const kernels::View& view, uint32_t samples_per_side, uint32_t threads) {
+Result<Frame> Frame::draw(const Scene& scene, const kernels::View& view, uint32_t samples_per_side, uint32_t threads,
+                          DeviceScene* device) {
   assert(samples_per_side == 1 || samples_per_side == 2 || samples_per_side == 4);
   const uint64_t width = uint64_t{view.width} * samples_per_side;
   const uint64_t height = uint64_t{view.height} * samples_per_side;
@@ -58,6 +59,7 @@ Result<Frame> Frame::draw(const Scene& scene, const kernels::View& view, uint32_
                                         " a side"};
   Frame frame;
   frame.scene_ = &scene;
+  frame.device_ = device;
   frame.view_ = view;
   frame.view_.width = static_cast<uint32_t>(width);
   frame.view_.height = static_cast<uint32_t>(height);
@@ -68,7 +70,9 @@ Result<Frame> Frame::draw(const Scene& scene, const kernels::View& view, uint32_
     return Error{ErrorCode::kMemory, "no memory left for " + std::to_string(width * height) + " samples"};
   }
   const Stopwatch watch;
-  Result<kernels::FrameStats> stats = kernels::draw_cpu(scene.view(), frame.view_, frame.samples_, threads);
+  Result<kernels::FrameStats> stats =
+      device != nullptr ? device->draw(frame.view_, frame.samples_)
+                        : kernels::draw_cpu(scene.view(), frame.view_, frame.samples_, threads);
   if (!stats) return stats.error();
   frame.stats_ = *stats;
   frame.draw_time_ = watch.elapsed();
@@ -91,7 +95,9 @@ Result<Picture> Frame::shade(const kernels::ShadeOptions& options, uint32_t thre
       const uint32_t rows = std::min(band, picture.height - first);
       const std::span<float> floats(rgba.data(), row_floats * side * rows);
       const Result<void> shaded =
-          kernels::shade_cpu(scene_->view(), view_, samples_, options, floats, threads, first * side);
+          device_ != nullptr
+              ? device_->shade(view_, samples_, options, floats, first * side)
+              : kernels::shade_cpu(scene_->view(), view_, samples_, options, floats, threads, first * side);
       if (!shaded) return shaded.error();
       parallel_for(rows, threads, [&](uint64_t row) {
         uint8_t* out = picture.pixels.data() + (first + row) * picture.width * picture.channels;

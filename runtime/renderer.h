@@ -8,6 +8,7 @@
 
 #include "format/result.h"
 #include "kernels/frame.h"
+#include "runtime/device_scene.h"
 #include "runtime/scene.h"
 #include "runtime/stopwatch.h"
 
@@ -39,7 +40,10 @@ class Frame {
   /// Draws `view` at `samples_per_side` x `samples_per_side` samples a pixel (1, 2 or 4); view.width and view.height
   /// are in pixels. Errors kRange (a side of more than kernels::kMaxImageSide samples), kMemory, those of
   /// kernels::draw_cpu.
-  static Result<Frame> draw(const Scene& scene, const kernels::View& view, uint32_t samples_per_side, uint32_t threads);
+  /// With a `device` (a copy of `scene`, which also outlives the frame) the GPU draws and shades; the samples are the
+  /// same.
+  static Result<Frame> draw(const Scene& scene, const kernels::View& view, uint32_t samples_per_side, uint32_t threads,
+                            DeviceScene* device = nullptr);
 
   /// Shades every sample and averages a pixel's in linear light, weighted by alpha. Works in bands of rows: beside the
   /// picture it holds at most kBandBytes of floats (or one row of pixels). RGBA where the background is not opaque.
@@ -65,6 +69,7 @@ class Frame {
   Frame() = default;
 
   const Scene* scene_ = nullptr;
+  DeviceScene* device_ = nullptr;
   kernels::View view_{};  // in samples
   uint32_t samples_per_side_ = 1;
   std::vector<uint64_t> samples_;

@@ -1,12 +1,10 @@
 // The command line itself: every *.cli file beside this one is a list of commands with what they must print and return.
 //
-//   $ scree convert missing.gltf     run by sh in an empty folder; `scree` is the program built here, $DATA is tests/data
-//   exit 2                           its exit code (0 where no line says otherwise)
-//   err missing.gltf                 stderr contains the text
-//   out 12 triangles                 stdout contains the text
-//   errlines 1                       stderr has so many lines
-//   absent out.scree                 no such file afterwards
-//   exists out.scree                 there is one
+//   $ scree convert missing.gltf     run by sh in an empty folder; `scree` is the program built here, $DATA is
+//   tests/data exit 2                           its exit code (0 where no line says otherwise) err missing.gltf stderr
+//   contains the text out 12 triangles                 stdout contains the text errlines 1                       stderr
+//   has so many lines absent out.scree                 no such file afterwards exists out.scree                 there
+//   is one
 #include <sys/wait.h>
 
 #include <algorithm>
@@ -64,8 +62,8 @@ void run_step(const Step& step, const fs::path& folder) {
   const fs::path out = folder / ".stdout";
   const fs::path err = folder / ".stderr";
   const std::string script = "cd '" + folder.string() + "' && PATH='" + fs::path(SCREE_PROGRAM).parent_path().string() +
-                             "':\"$PATH\" DATA='" SCREE_TEST_DATA "' && export PATH DATA && { " + step.command + "\n} >'" +
-                             out.string() + "' 2>'" + err.string() + "' </dev/null";
+                             "':\"$PATH\" DATA='" SCREE_TEST_DATA "' && export PATH DATA && { " + step.command +
+                             "\n} >'" + out.string() + "' 2>'" + err.string() + "' </dev/null";
   const int status = std::system(script.c_str());
   const std::string out_text = read_text(out);
   const std::string err_text = read_text(err);

@@ -1,10 +1,7 @@
 // What the tests of export and inspect share: a temporary folder, and a glTF converted and opened.
 #pragma once
 
-#include <unistd.h>
-
 #include <algorithm>
-#include <atomic>
 #include <filesystem>
 #include <fstream>
 #include <iterator>
@@ -14,31 +11,10 @@
 #include "format/container.h"
 #include "format/result.h"
 #include "runtime/mapped_file.h"
+#include "tests/tools/temp_folder.h"
 #include "tools/convert/convert.h"
 
 namespace scree::tests {
-
-/// A folder of its own, removed with all in it.
-class TempFolder {
- public:
-  TempFolder() {
-    static std::atomic<unsigned> count{0};
-    path_ = std::filesystem::temp_directory_path() /
-            ("scree-test-" + std::to_string(::getpid()) + "-" + std::to_string(count.fetch_add(1)));
-    std::filesystem::create_directories(path_);
-  }
-  TempFolder(const TempFolder&) = delete;
-  TempFolder& operator=(const TempFolder&) = delete;
-  ~TempFolder() {
-    std::error_code ignored;
-    std::filesystem::remove_all(path_, ignored);
-  }
-  const std::filesystem::path& path() const { return path_; }
-  std::string file(const std::string& name) const { return (path_ / name).string(); }
-
- private:
-  std::filesystem::path path_;
-};
 
 /// A .scree file, mapped and opened.
 struct PackedFile {

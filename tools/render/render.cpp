@@ -9,6 +9,7 @@
 #include <utility>
 #include <vector>
 
+#include "runtime/device_scene.h"
 #include "runtime/image.h"
 #include "runtime/renderer.h"
 #include "runtime/scene.h"
@@ -150,6 +151,16 @@ Result<void> write_outputs(const RenderOptions& options, const runtime::Frame& f
   return {};
 }
 
+/// The scene's copy on the GPU, or nothing where the CPU is to draw. --backend auto takes a GPU that is there and holds
+/// the scene.
+Result<std::optional<runtime::DeviceScene>> choose_device(const RenderOptions& options, const runtime::Scene& scene) {
+  if (options.backend == BackendChoice::kCpu) return std::optional<runtime::DeviceScene>{};
+  Result<runtime::DeviceScene> device = runtime::DeviceScene::upload(scene, options.device_memory, options.threads);
+  if (device) return std::optional<runtime::DeviceScene>(std::move(*device));
+  if (options.backend == BackendChoice::kAuto) return std::optional<runtime::DeviceScene>{};
+  return device.error();
+}
+
 Result<void> render(const RenderOptions& options) {
   Times times;
   const Stopwatch open_watch;
@@ -176,7 +187,10 @@ Result<void> render(const RenderOptions& options) {
       runtime::make_view(scene->container(), *scene_index, scene->view(), options.camera);
   if (!view) return at(options.file, view.error());
 
-  const Result<runtime::Frame> frame = runtime::Frame::draw(*scene, *view, options.samples_per_side, options.threads);
+  Result<std::optional<runtime::DeviceScene>> device = choose_device(options, *scene);
+  if (!device) return at(options.file, device.error());
+  const Result<runtime::Frame> frame = runtime::Frame::draw(*scene, *view, options.samples_per_side, options.threads,
+                                                            device->has_value() ? &**device : nullptr);
   if (!frame) return at(options.file, frame.error());
   if (const Result<void> written = write_outputs(options, *frame, times); !written) return written.error();
   for (const PixelPlace& place : options.picks) print_pick(scene->container(), place, frame->pick(place.x, place.y));
@@ -228,6 +242,10 @@ Command add_render(CLI::App& parent) {
       ->expected(1)
       ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll);
   app->add_option("--threads", words->threads, "Threads; 0: one per processor (default)");
+  app->add_option("--backend", words->backend,
+                  "cpu, cuda, or auto: the GPU where there is one that holds the scene (default)");
+  app->add_option("--device-memory", words->device_memory,
+                  "The most the scene may take of the GPU's memory, such as 8GiB (default: what is free)");
   app->add_flag("--stats", words->stats, "Print counts and times of every step");
   app->add_flag("-q,--quiet", words->quiet, "No closing line and no warnings");
   return {app, [words] { return run(*words); }};

@@ -30,6 +30,8 @@ struct RenderWords {
   std::string samples = "1";
   std::string background = "#9aa4b0";
   std::string threads = "0";
+  std::string backend = "auto";
+  std::string device_memory;
   std::vector<std::string> picks;
   bool no_light = false;
   bool list_cameras = false;
@@ -42,6 +44,8 @@ struct PixelPlace {
   uint32_t y;
 };
 
+enum class BackendChoice { kAuto, kCpu, kCuda };
+
 struct RenderOptions {
   std::string file;
   std::string output;     // of the picture; empty: none
@@ -52,6 +56,8 @@ struct RenderOptions {
   kernels::ShadeOptions shade;
   uint32_t samples_per_side = 1;
   uint32_t threads = 1;
+  BackendChoice backend = BackendChoice::kAuto;
+  uint64_t device_memory = 0;  // bytes the scene may take on the GPU; 0: what is free
   std::vector<PixelPlace> picks;
   bool list_cameras = false;
   bool stats = false;

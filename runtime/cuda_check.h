@@ -1,0 +1,47 @@
+// CUDA calls as Results, and device memory that frees itself.
+#pragma once
+
+#include <cuda_runtime_api.h>
+
+#include <cstdint>
+#include <string>
+#include <utility>
+
+#include "format/result.h"
+
+namespace scree::runtime {
+
+/// `what`: what the call was for.
+inline Result<void> cuda_check(cudaError_t status, const char* what) {
+  if (status == cudaSuccess) return {};
+  return Error{ErrorCode::kDevice, std::string("CUDA: ") + what + ": " + cudaGetErrorString(status)};
+}
+
+/// Owns a cudaMalloc() allocation.
+class DeviceBuffer {
+ public:
+  DeviceBuffer() = default;
+  DeviceBuffer(DeviceBuffer&& other) noexcept : data_(std::exchange(other.data_, nullptr)), bytes_(other.bytes_) {}
+  DeviceBuffer& operator=(DeviceBuffer&& other) noexcept {
+    std::swap(data_, other.data_);
+    std::swap(bytes_, other.bytes_);
+    return *this;
+  }
+  ~DeviceBuffer() { (void)cudaFree(data_); }
+
+  static Result<DeviceBuffer> allocate(uint64_t bytes, const char* what) {
+    DeviceBuffer buffer;
+    if (Result<void> done = cuda_check(cudaMalloc(&buffer.data_, bytes), what); !done) return done.error();
+    buffer.bytes_ = bytes;
+    return buffer;
+  }
+
+  std::byte* data() const { return static_cast<std::byte*>(data_); }
+  uint64_t bytes() const { return bytes_; }
+
+ private:
+  void* data_ = nullptr;
+  uint64_t bytes_ = 0;
+};
+
+}  // namespace scree::runtime

@@ -1,0 +1,35 @@
+// DeviceScene where the program is built without CUDA.
+#include "runtime/device_scene.h"
+
+namespace scree::runtime {
+
+struct DeviceScene::Impl {};
+
+Result<void> find_device() {
+  return Error{ErrorCode::kDevice, "this program was built without CUDA; use --backend cpu"};
+}
+
+DeviceScene::DeviceScene(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
+DeviceScene::DeviceScene(DeviceScene&&) noexcept = default;
+DeviceScene& DeviceScene::operator=(DeviceScene&&) noexcept = default;
+DeviceScene::~DeviceScene() = default;
+
+Result<DeviceScene> DeviceScene::upload(const Scene&, uint64_t, uint32_t) {
+  return find_device().error();
+}
+
+Result<kernels::FrameStats> DeviceScene::draw(const kernels::View&, std::span<uint64_t>) {
+  return find_device().error();
+}
+
+Result<void> DeviceScene::shade(const kernels::View&, std::span<const uint64_t>, const kernels::ShadeOptions&,
+                                std::span<float>, uint32_t) {
+  return find_device();
+}
+
+const UploadStats& DeviceScene::stats() const {
+  static const UploadStats none;
+  return none;
+}
+
+}  // namespace scree::runtime

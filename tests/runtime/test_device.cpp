@@ -1,0 +1,110 @@
+// The GPU against the CPU: the same visibility buffer, bit for bit, twice in a row, and the same picture to one level.
+#include "runtime/device_scene.h"
+
+#include <algorithm>
+#include <cstdlib>
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "runtime/camera.h"
+#include "runtime/renderer.h"
+#include "tests/catch.h"
+#include "tests/models.h"
+#include "tests/tools/temp_folder.h"
+#include "tools/convert/convert.h"
+
+using scree::Result;
+using scree::kernels::Show;
+using scree::kernels::View;
+using scree::runtime::DeviceScene;
+using scree::runtime::Frame;
+using scree::runtime::Picture;
+using scree::runtime::Scene;
+using scree::runtime::SceneFile;
+
+namespace {
+
+Scene load(const std::string& path) {
+  Result<SceneFile> file = SceneFile::open(path);
+  REQUIRE(file);
+  Result<Scene> scene = Scene::load(std::move(*file), 0, {true, 2});
+  REQUIRE(scene);
+  return std::move(*scene);
+}
+
+/// Pixels whose channels differ by more than one level.
+size_t differing(const Picture& a, const Picture& b) {
+  REQUIRE(a.pixels.size() == b.pixels.size());
+  size_t count = 0;
+  for (size_t i = 0; i < a.pixels.size(); ++i) count += std::abs(a.pixels[i] - b.pixels[i]) > 1 ? 1 : 0;
+  return count;
+}
+
+void compare(const Scene& scene, DeviceScene& device, const View& view, uint32_t samples_per_side) {
+  const Result<Frame> cpu = Frame::draw(scene, view, samples_per_side, 2);
+  const Result<Frame> gpu = Frame::draw(scene, view, samples_per_side, 2, &device);
+  const Result<Frame> again = Frame::draw(scene, view, samples_per_side, 2, &device);
+  REQUIRE(cpu);
+  REQUIRE(gpu);
+  REQUIRE(again);
+  CHECK(std::equal(cpu->samples().begin(), cpu->samples().end(), gpu->samples().begin(), gpu->samples().end()));
+  CHECK(std::equal(gpu->samples().begin(), gpu->samples().end(), again->samples().begin(), again->samples().end()));
+  for (const Show show : {Show::kTexture, Show::kColor, Show::kUv, Show::kNormal, Show::kTriangle, Show::kMesh,
+                          Show::kStage, Show::kDepth}) {
+    scree::kernels::ShadeOptions options;
+    options.show = show;
+    const Result<Picture> on_cpu = cpu->shade(options, 2);
+    const Result<Picture> on_gpu = again->shade(options, 2);
+    REQUIRE(on_cpu);
+    REQUIRE(on_gpu);
+    CHECK(differing(*on_cpu, *on_gpu) <= on_cpu->pixels.size() / 10000);
+  }
+}
+
+}  // namespace
+
+TEST_CASE("the GPU draws what the CPU draws", "[cuda]") {
+  if (const Result<void> device = scree::runtime::find_device(); !device) {
+    CHECK(device.error().code == scree::ErrorCode::kDevice);
+    WARN("skipped: " << device.error().message);
+    return;
+  }
+  for (const auto& entry : std::filesystem::directory_iterator(SCREE_TEST_DATA)) {
+    const std::filesystem::path source = entry.path();
+    if (source.extension() != ".glb" && source.extension() != ".gltf") continue;
+    INFO(source.filename().string());
+    const scree::tests::TempFolder folder;
+    scree::convert::ConvertOptions convert;
+    convert.input = source.string();
+    convert.output = folder.file("scene.scree");
+    if (!scree::convert::convert(convert)) continue;
+    const Scene scene = load(convert.output);
+    Result<DeviceScene> device = DeviceScene::upload(scene, 0, 2);
+    REQUIRE(device);
+    scree::runtime::CameraOptions camera;
+    camera.width = 321;
+    camera.height = 123;
+    const Result<View> view = scree::runtime::make_view(scene.container(), 0, scene.view(), camera);
+    REQUIRE(view);
+    compare(scene, *device, *view, 1);
+    compare(scene, *device, *view, 2);
+  }
+}
+
+TEST_CASE("a scene over the device's budget is refused with both sizes", "[cuda]") {
+  if (!scree::runtime::find_device()) {
+    WARN("skipped: no GPU");
+    return;
+  }
+  const scree::tests::TempFolder folder;
+  scree::convert::ConvertOptions convert;
+  convert.input = scree::tests::data_path("textured_cube.glb").string();
+  convert.output = folder.file("scene.scree");
+  REQUIRE(scree::convert::convert(convert));
+  const Scene scene = load(convert.output);
+  const Result<DeviceScene> device = DeviceScene::upload(scene, 16, 1);
+  REQUIRE_FALSE(device);
+  CHECK(device.error().code == scree::ErrorCode::kDevice);
+  CHECK(device.error().message.find("16 are allowed") != std::string::npos);
+}
