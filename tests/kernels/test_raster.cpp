@@ -1,4 +1,5 @@
 #include <random>
+#include <set>
 
 #include "kernels/backend_cpu.h"
 #include "kernels/resolve.h"
@@ -203,6 +204,73 @@ TEST_CASE("raster: meshes of all three sizes of triangles give the statistics of
   for (size_t i = 0; i < samples.size(); ++i) {
     if (samples[i] == kBackground) continue;
     for (size_t c = 0; c < 3; ++c) REQUIRE((rgba[4 * i + c] == 1.0f) == (sample_id(samples[i]) == c));
+  }
+}
+
+TEST_CASE("raster: centres on an edge belong to the triangle below or right of it", "[raster]") {
+  // 64 samples a unit, the image's centre on a corner of samples: centres at odd multiples of 1 / 128.
+  const View view = orthographic(look_at({0, 0, 1}, {0, 0, 0}, 64, 64), 0.5, 0, 2);
+  Encoding encoding;
+  encoding.exponent = -7;
+  const auto rows_and_columns = [&](std::initializer_list<std::array<int, 2>> corners) {
+    SceneBuilder builder;
+    Soup soup;
+    for (const auto& [x, y] : corners) soup.add(x / 128.0, -y / 128.0, 0);  // y down, as samples have it
+    soup.triangle(0, 1, 2);
+    if (corners.size() == 4) soup.triangle(0, 2, 3);
+    Encoding sides = encoding;
+    sides.material = builder.material(format::kMaterialDoubleSided);
+    builder.instance(builder.mesh(soup, sides), builder.identity());
+    const std::vector<uint64_t> samples = draw(builder.view(), view);
+    std::set<std::array<int, 2>> covered_centres;  // in 1 / 128 from the image's centre
+    for (int y = 0; y < 64; ++y) {
+      for (int x = 0; x < 64; ++x) {
+        if (samples[static_cast<size_t>(64 * y + x)] != kBackground) covered_centres.insert({2 * x - 63, 2 * y - 63});
+      }
+    }
+    return covered_centres;
+  };
+  // A square between centres: its left and top edge are in, its right and bottom edge are not, however it is turned.
+  for (const auto& square : {std::initializer_list<std::array<int, 2>>{{-11, -7}, {9, -7}, {9, 13}, {-11, 13}},
+                             std::initializer_list<std::array<int, 2>>{{9, 13}, {9, -7}, {-11, -7}, {-11, 13}}}) {
+    const auto found = rows_and_columns(square);
+    CHECK(found.size() == 100);
+    for (const auto& [x, y] : found) CHECK((x >= -11 && x < 9 && y >= -7 && y < 13));
+  }
+  // Diagonals through centres: of the two halves of a square the one right of the edge has them.
+  const auto left_below = rows_and_columns({{-11, -11}, {9, 9}, {-11, 9}});
+  const auto right_above = rows_and_columns({{-11, -11}, {9, 9}, {9, -11}});
+  CHECK(left_below.count({-11, -11}) == 0);
+  CHECK(left_below.count({-1, -1}) == 0);
+  CHECK(left_below.count({-11, -9}) == 1);
+  CHECK(right_above.count({-11, -11}) == 1);
+  CHECK(right_above.count({-1, -1}) == 1);
+  CHECK(right_above.count({9, 9}) == 0);
+  CHECK(left_below.size() + right_above.size() == 100);
+}
+
+TEST_CASE("raster: the depth of a pixel lies within the corners' range, in both arithmetics", "[raster]") {
+  std::mt19937 random(37);
+  std::uniform_int_distribution<int32_t> place(0, 3000);
+  std::uniform_real_distribution<float> depth(0.0f, 1.0f);
+  for (int round = 0; round < 3000; ++round) {
+    Triangle triangle{};
+    for (int i = 0; i < 3; ++i) {
+      triangle.x[i] = place(random);
+      triangle.y[i] = place(random);
+      triangle.depth[i] = round % 3 == 0 && i > 0 ? triangle.depth[0] : depth(random);
+    }
+    int64_t area;
+    if (orient(triangle, area, false, true) == Facing::kCulled) continue;
+    const DepthPlane plane = make_depth_plane(triangle, area);
+    const int32_t whole = static_cast<int32_t>(area);
+    for (const auto& [e1, e2] :
+         {std::array<int32_t, 2>{0, 0}, {whole, 0}, {0, whole}, {whole / 3, whole - whole / 3}}) {
+      const float z = depth_at<int32_t>(plane, e1, e2);
+      REQUIRE(z == depth_at<int64_t>(plane, e1, e2));
+      REQUIRE(z >= std::min({triangle.depth[0], triangle.depth[1], triangle.depth[2]}));
+      REQUIRE(z <= std::max({triangle.depth[0], triangle.depth[1], triangle.depth[2]}));
+    }
   }
 }
 

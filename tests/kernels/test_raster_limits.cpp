@@ -19,13 +19,17 @@ TEST_CASE("raster: far from the world's origin the picture is the one at the ori
     const View view = look_at({0.5, 0.75, 2.5}, {0, 0, 0}, 200, 160);
     const std::vector<uint64_t> expected = draw(builder.view(), view);
     CHECK(covered(expected) > 3000);
-    const double away[3] = {1e7, -3e7, 2.5e6};
-    View moved = view;
-    for (int i = 0; i < 3; ++i) {
-      builder.matrices[0].rows[i][3] += away[i];
-      moved.eye[i] += away[i];
+    const format::MatrixRecord at_origin = builder.matrices[0];
+    // The second so far that a rounding to the coordinates there is 1/4096: still exact, for eye and matrix are.
+    for (const std::array<double, 3>& away : {std::array<double, 3>{1e7, -3e7, 2.5e6}, {0x1p40, -0x1.8p40, 0x1p39}}) {
+      View moved = view;
+      builder.matrices[0] = at_origin;
+      for (size_t i = 0; i < 3; ++i) {
+        builder.matrices[0].rows[i][3] += away[i];
+        moved.eye[i] += away[i];
+      }
+      CHECK(draw(builder.view(), moved) == expected);
     }
-    CHECK(draw(builder.view(), moved) == expected);
   }
   // The same with the lattice itself far away: coordinates around 2^40 steps.
   SceneBuilder builder;
