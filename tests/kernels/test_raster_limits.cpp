@@ -445,7 +445,7 @@ TEST_CASE("raster: one chunk of more triangles than a block, and vertices far ap
     cut.instance(cut.mesh(soup, small), cut.identity());
     SceneBuilder whole;
     whole.instance(whole.mesh(soup, large), whole.identity());
-    REQUIRE(whole.chunks[0].triangle_count > kBlockTriangles);
+    REQUIRE(whole.chunks[0].triangle_count > kernels::QueueSizes{}.block_triangles);
     CHECK(draw(cut.view(), view) == draw(whole.view(), view));
   }
 }
