@@ -1,6 +1,7 @@
+#include <algorithm>
+#include <atomic>
 #include <cstring>
 #include <filesystem>
-#include <nlohmann/json.hpp>
 #include <set>
 #include <string>
 #include <vector>
@@ -35,6 +36,12 @@ convert::ConvertOptions variant(size_t number) {
   return options;
 }
 
+tools::ExportOptions with_threads(uint32_t threads) {
+  tools::ExportOptions options;
+  options.threads = threads;
+  return options;
+}
+
 /// Converts, verifies, exports, imports again and compares. False where the source does not convert.
 bool round_trip(const fs::path& source_path, size_t number, const std::string& exported,
                 const tests::TempFolder& folder) {
@@ -53,7 +60,7 @@ bool round_trip(const fs::path& source_path, size_t number, const std::string& e
   CHECK(verified.chunks == packed->file.chunks().size());
   CHECK(verified.images == packed->file.images().size());
 
-  const auto summary = tools::export_gltf(packed->file, exported, {2});
+  const auto summary = tools::export_gltf(packed->file, exported, with_threads(2));
   if (!summary) {
     FAIL_CHECK(summary.error().message);
     return true;
@@ -134,8 +141,8 @@ TEST_CASE("export: the same bytes for any number of threads", "[export]") {
   options.chunk_triangles = 3;
   const auto packed = tests::pack(small_model().string(), folder.file("a.scree"), options);
   REQUIRE(packed);
-  REQUIRE(tools::export_gltf(packed->file, folder.file("one.glb"), {1}));
-  REQUIRE(tools::export_gltf(packed->file, folder.file("many.glb"), {7}));
+  REQUIRE(tools::export_gltf(packed->file, folder.file("one.glb"), with_threads(1)));
+  REQUIRE(tools::export_gltf(packed->file, folder.file("many.glb"), with_threads(7)));
   const std::string one = tests::read_file(folder.file("one.glb"));
   CHECK(!one.empty());
   CHECK(one == tests::read_file(folder.file("many.glb")));
@@ -152,7 +159,7 @@ TEST_CASE("export: a mesh with more vertices than an index can name is cut betwe
   auto writer = tools::GltfWriter::create(folder.file("cut.glb"));
   REQUIRE(writer);
   const uint64_t limit = mesh.vertex_count / 2 + 1;
-  const auto cut = tools::write_primitives(packed->file, *writer, 2, limit);
+  const auto cut = tools::write_primitives(packed->file, *writer, with_threads(2), limit);
   REQUIRE(cut);
   CHECK(cut->size() > packed->file.meshes().size());
   uint64_t triangles = 0, vertices = 0;
@@ -169,6 +176,37 @@ TEST_CASE("export: a mesh with more vertices than an index can name is cut betwe
   }
   CHECK(triangles == all_triangles);
   CHECK(vertices == all_vertices);
+}
+
+TEST_CASE("export: progress is reported, the file let go, and a stop leaves nothing behind", "[export]") {
+  const tests::TempFolder folder;
+  convert::ConvertOptions options;
+  options.chunk_triangles = 2;
+  const auto packed = tests::pack(small_model().string(), folder.file("a.scree"), options);
+  REQUIRE(packed);
+  std::vector<uint64_t> done;
+  uint64_t released = 0;
+  tools::ExportOptions watched = with_threads(1);
+  watched.progress = [&](uint64_t triangles, uint64_t) { done.push_back(triangles); };
+  watched.is_done_with = [&](uint64_t offset, uint64_t bytes) {
+    CHECK(offset + bytes <= packed->map.size());
+    ++released;
+  };
+  const auto summary = tools::export_gltf(packed->file, folder.file("a.glb"), watched);
+  REQUIRE(summary);
+  REQUIRE(!done.empty());
+  CHECK(std::is_sorted(done.begin(), done.end()));
+  CHECK(done.back() == summary->triangles);
+  CHECK(released == done.size());
+
+  const std::atomic<bool> stop{true};
+  watched.stop = &stop;
+  const auto stopped = tools::export_gltf(packed->file, folder.file("b.glb"), watched);
+  REQUIRE(!stopped);
+  CHECK(stopped.error().message.find("interrupted") != std::string::npos);
+  size_t files = 0;
+  for (const auto& entry : fs::directory_iterator(folder.path())) files += entry.is_regular_file();
+  CHECK(files == 2);
 }
 
 TEST_CASE("export: what cannot be written is an error and leaves nothing behind", "[export]") {

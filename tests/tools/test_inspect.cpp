@@ -196,7 +196,7 @@ TEST_CASE("inspect: the rows account for every byte of the file", "[inspect]") {
       const std::string path = folder.file("a.scree");
       if (const auto packed = tests::pack(model.string(), path, options); !packed) continue;
       ++packed_count;
-      const auto [text, result] = inspect_text(path, {true, true, true, 0xffffffffu, 2});
+      const auto [text, result] = inspect_text(path, {true, true, true, 0xffffffffu, 2, false});
       CHECK(result);
       json report;
       REQUIRE_NOTHROW(report = json::parse(text));
@@ -285,13 +285,13 @@ TEST_CASE("inspect: a failure is named, printed and ends in an error", "[inspect
   const std::string bad = folder.file("bad.scree");
   tests::write_file(bad, bytes);
 
-  const auto [text, result] = inspect_text(bad, {false, true, false, 10, 2});
+  const auto [text, result] = inspect_text(bad, {false, true, false, 10, 2, false});
   REQUIRE(!result);
   CHECK(exit_code(result.error().code) == 3);
   CHECK(result.error().message.find(bad + ": page 0 at byte " + std::to_string(offset)) != std::string::npos);
   CHECK(text.find("FAILED page 0") != std::string::npos);
 
-  const auto [json_text, json_result] = inspect_text(bad, {true, true, false, 10, 2});
+  const auto [json_text, json_result] = inspect_text(bad, {true, true, false, 10, 2, false});
   CHECK(!json_result);
   const json report = json::parse(json_text);
   CHECK(report.at("verify").at("ok") == false);
@@ -316,7 +316,7 @@ TEST_CASE("inspect: names cannot break the JSON or the terminal", "[inspect]") {
     tables.groups[0].name = tables.strings.add(name);
     tables.scenes[0].name = tables.strings.add("\xff\xfe bad");
   });
-  const auto [text, result] = inspect_text(path, {true, false, true, 10, 1});
+  const auto [text, result] = inspect_text(path, {true, false, true, 10, 1, false});
   CHECK(result);
   const json report = json::parse(text);
   CHECK(report.at("meshes").at("top").at(0).at("name") == name);

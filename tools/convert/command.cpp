@@ -1,51 +1,16 @@
 // scree convert: the command line.
 #include "tools/common/command.h"
 
-#include <atomic>
-#include <csignal>
 #include <cstdio>
 #include <memory>
 #include <string>
 
 #include "tools/common/options.h"
+#include "tools/common/stop_signal.h"
 #include "tools/convert/convert.h"
 
 namespace scree::tools {
 namespace {
-
-static_assert(std::atomic<bool>::is_always_lock_free, "a signal handler may only touch lock-free atomics");
-std::atomic<bool> stop_requested{false};
-std::atomic<int> stop_signal{0};
-
-extern "C" void request_stop(int signal) {
-  stop_requested.store(true, std::memory_order_relaxed);
-  stop_signal.store(signal, std::memory_order_relaxed);
-}
-
-/// The first SIGINT, SIGTERM or SIGHUP asks the conversion to end, which removes what it has written; a second one ends
-/// the program as if nobody caught it (SA_RESETHAND).
-class StopOnSignal {
- public:
-  StopOnSignal() {
-    struct sigaction action {};
-    action.sa_handler = request_stop;
-    action.sa_flags = static_cast<int>(SA_RESETHAND);
-    sigemptyset(&action.sa_mask);
-    for (size_t i = 0; i < 3; ++i) {
-      sigaction(kSignals[i], nullptr, &before_[i]);
-      if (before_[i].sa_handler != SIG_IGN) sigaction(kSignals[i], &action, nullptr);  // nohup stays nohup
-    }
-  }
-  ~StopOnSignal() {
-    for (size_t i = 0; i < 3; ++i) sigaction(kSignals[i], &before_[i], nullptr);
-  }
-  StopOnSignal(const StopOnSignal&) = delete;
-  StopOnSignal& operator=(const StopOnSignal&) = delete;
-
- private:
-  static constexpr int kSignals[3] = {SIGINT, SIGTERM, SIGHUP};
-  struct sigaction before_[3]{};
-};
 
 struct Words {
   std::string input;
@@ -110,12 +75,11 @@ Result<void> run(const Words& words, bool positions_given) {
   Result<convert::ConvertReport> report = Error{ErrorCode::kFile, {}};
   {
     const StopOnSignal handlers;
-    options->stop = &stop_requested;
+    options->stop = StopOnSignal::flag();
     report = convert::convert(*options);
   }
   if (!report) {
-    // Whoever sent the signal learns that it was the signal that ended the program.
-    if (stop_requested.load()) std::raise(stop_signal.load());
+    StopOnSignal::end_where_signalled();
     return report.error();
   }
   for (const std::string& warning : report->warnings)

@@ -6,7 +6,6 @@
 #include <cstdio>
 #include <map>
 #include <memory>
-#include <thread>
 #include <utility>
 #include <vector>
 
@@ -15,6 +14,9 @@
 #include "tools/common/gltf_writer.h"
 #include "tools/common/human.h"
 #include "tools/common/options.h"
+#include "tools/common/progress.h"
+#include "tools/common/sigbus.h"
+#include "tools/common/stop_signal.h"
 #include "tools/export/primitives.h"
 
 namespace scree::tools {
@@ -76,10 +78,11 @@ class Materials {
   std::map<uint32_t, uint32_t> untextured_;
 };
 
-Result<void> add_images(const format::Container& file, GltfWriter& writer) {
+Result<void> add_images(const format::Container& file, GltfWriter& writer, const ExportOptions& options) {
   std::vector<std::byte> scratch;
   const auto images = file.images();
   for (uint32_t i = 0; i < images.size(); ++i) {
+    if (options.stop != nullptr && options.stop->load()) return Error{ErrorCode::kFile, "interrupted"};
     const auto bytes = file.load_page(images[i].page, scratch);
     if (!bytes) return at("image " + std::to_string(i) + ", page " + std::to_string(images[i].page), bytes.error());
     const auto added = writer.add_image(file.string(images[i].name), images[i].codec, *bytes);
@@ -227,17 +230,36 @@ Result<void> add_scenes(const format::Container& file, GltfWriter& writer) {
 struct Arguments {
   std::string input;
   std::string output;
-  ExportOptions options;
+  uint32_t threads = 0;
 };
+
+Result<ExportSummary> export_mapped(const Arguments& arguments, const runtime::MappedFile& map) {
+  const auto file = format::Container::open(map.bytes());
+  if (!file) return file.error();
+  uint64_t triangles = 0;
+  for (uint64_t i = 0; i < file->meshes().size(); ++i) triangles += file->meshes()[i].triangle_count;
+  Progress progress(true);
+  progress.stage("export", triangles);
+  ExportOptions options;
+  options.threads = arguments.threads;
+  options.stop = StopOnSignal::flag();
+  options.progress = [&](uint64_t done, uint64_t bytes) { progress.update(done, bytes); };
+  // What is written need not stay resident: the file may be larger than memory.
+  options.is_done_with = [&](uint64_t offset, uint64_t bytes) { map.release(offset, bytes); };
+  const StopOnSignal handlers;
+  return export_gltf(*file, arguments.output, options);
+}
 
 Result<void> run_export(const Arguments& arguments) {
   const auto start = std::chrono::steady_clock::now();
+  report_sigbus("export", arguments.input);
   const auto map = runtime::MappedFile::open(arguments.input, runtime::Access::kSequential);
   if (!map) return map.error();
-  const auto file = format::Container::open(map->bytes());
-  if (!file) return at(arguments.input, file.error());
-  const auto summary = export_gltf(*file, arguments.output, arguments.options);
-  if (!summary) return at(arguments.input, summary.error());
+  const auto summary = export_mapped(arguments, *map);
+  if (!summary) {
+    StopOnSignal::end_where_signalled();
+    return at(arguments.input, summary.error());
+  }
   const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   std::fprintf(stderr, "%s (%s) -> %s (%s): %s triangles, %s vertices, %s primitives, %s images in %.2f s\n",
                arguments.input.c_str(), format_bytes(map->size()).c_str(), arguments.output.c_str(),
@@ -255,8 +277,7 @@ Result<ExportSummary> export_gltf(const format::Container& file, const std::stri
   if (!created) return created.error();
   GltfWriter& writer = *created;
 
-  const uint32_t threads = options.threads != 0 ? options.threads : std::max(1u, std::thread::hardware_concurrency());
-  auto primitives = write_primitives(file, writer, threads, kMaxPrimitiveVertices);
+  auto primitives = write_primitives(file, writer, options, kMaxPrimitiveVertices);
   if (!primitives) return primitives.error();
   ExportSummary summary;
   summary.primitives = primitives->size();
@@ -265,7 +286,7 @@ Result<ExportSummary> export_gltf(const format::Container& file, const std::stri
     summary.triangles += primitive.triangles;
   }
 
-  const auto images = add_images(file, writer);
+  const auto images = add_images(file, writer, options);
   if (!images) return images.error();
   summary.images = file.images().size();
   add_textures(file, writer);
@@ -289,7 +310,7 @@ Command add_export(CLI::App& parent) {
   app->add_option("FILE", arguments->input, "The .scree file")->required();
   app->add_option("-o,--output", arguments->output, "What to write: .glb, or .gltf with .bin and images beside it")
       ->required();
-  app->add_option("--threads", arguments->options.threads, "Threads; 0 is one a core")->capture_default_str();
+  app->add_option("--threads", arguments->threads, "Threads; 0 is one a core")->capture_default_str();
   return {app, [arguments] { return run_export(*arguments); }};
 }
 

@@ -1,7 +1,9 @@
 // A .scree file back to glTF 2.0.
 #pragma once
 
+#include <atomic>
 #include <cstdint>
+#include <functional>
 #include <string>
 
 #include "format/container.h"
@@ -10,7 +12,11 @@
 namespace scree::tools {
 
 struct ExportOptions {
-  uint32_t threads = 0;  // 0: one a core; the bytes written are the same for any number
+  uint32_t threads = 0;                     // 0: one a core; the bytes written are the same for any number
+  const std::atomic<bool>* stop = nullptr;  // raised: the export ends with kFile "interrupted"
+  std::function<void(uint64_t triangles, uint64_t bytes)>
+      progress;  // written so far; called by the caller's own thread
+  std::function<void(uint64_t offset, uint64_t bytes)> is_done_with;  // a part of the .scree file; called by any thread
 };
 
 /// What was written.

@@ -43,6 +43,20 @@ constexpr StreamFormat kStreams[kStreamCount] = {
     {nullptr, 4, GltfComponent::kUint32, GltfType::kScalar, false},
 };
 
+constexpr float kInfinity = std::numeric_limits<float>::infinity();
+
+struct Box {
+  std::array<float, 3> min{kInfinity, kInfinity, kInfinity};
+  std::array<float, 3> max{-kInfinity, -kInfinity, -kInfinity};
+
+  void add(const Box& other) {
+    for (size_t axis = 0; axis < 3; ++axis) {
+      min[axis] = std::min(min[axis], other.min[axis]);
+      max[axis] = std::max(max[axis], other.max[axis]);
+    }
+  }
+};
+
 /// Consecutive chunks of one mesh that become one primitive.
 struct Part {
   uint32_t mesh = 0;
@@ -53,8 +67,7 @@ struct Part {
   std::array<uint64_t, kStreamCount> offset{};  // in the buffer
   std::array<uint32_t, kStreamCount> view{};
   std::array<uint64_t, kStreamCount> view_offset{};
-  std::array<float, 3> min;
-  std::array<float, 3> max;
+  Box box;
 
   bool has_short_indices() const { return vertices <= kMaxShortVertices; }
 
@@ -84,6 +97,7 @@ struct Job {
   uint64_t chunk_count;
   uint64_t first_vertex;  // of the part
   uint64_t first_triangle;
+  uint64_t triangles;
   size_t part;
 };
 
@@ -96,7 +110,6 @@ Plan make_plan(const format::Container& file, uint64_t max_vertices) {
   Plan plan;
   const auto meshes = file.meshes();
   const auto chunks = file.chunks();
-  constexpr float kInfinity = std::numeric_limits<float>::infinity();
   for (uint32_t mesh = 0; mesh < meshes.size(); ++mesh) {
     const format::MeshRecord& record = meshes[mesh];
     bool open = false;
@@ -110,17 +123,16 @@ Plan make_plan(const format::Container& file, uint64_t max_vertices) {
         Part part;
         part.mesh = mesh;
         part.first_chunk = chunk;
-        part.min.fill(kInfinity);
-        part.max.fill(-kInfinity);
         plan.parts.push_back(part);
         open = true;
       }
       Part& part = plan.parts.back();
       if (part.chunk_count == 0 || plan.jobs.back().part + 1 != plan.parts.size() ||
           chunks[plan.jobs.back().first_chunk].page != piece.page) {
-        plan.jobs.push_back({chunk, 0, part.vertices, part.triangles, plan.parts.size() - 1});
+        plan.jobs.push_back({chunk, 0, part.vertices, part.triangles, 0, plan.parts.size() - 1});
       }
       ++plan.jobs.back().chunk_count;
+      plan.jobs.back().triangles += piece.triangle_count;
       ++part.chunk_count;
       part.vertices += piece.vertex_count;
       part.triangles += piece.triangle_count;
@@ -185,16 +197,16 @@ class JobWriter {
  public:
   JobWriter(const format::Container& file, const GltfWriter& writer) : file_(file), writer_(writer), reader_(file) {}
 
-  /// Widens `min` and `max` by the positions of the job.
-  Result<void> write(const Job& job, const Part& part, std::array<float, 3>& min, std::array<float, 3>& max) {
+  /// Widens `box` by the positions of the job.
+  Result<void> write(const Job& job, const Part& part, Box& box) {
     uint64_t vertex = job.first_vertex, triangle = job.first_triangle;
     for (uint64_t chunk = job.first_chunk; chunk < job.first_chunk + job.chunk_count; ++chunk) {
       const auto read = reader_.read(chunk, kPartAll & ~uint32_t{kPartSourceIds});
       if (!read) return read.error();
       const DecodedChunk& decoded = **read;
       for (size_t i = 0; i < decoded.positions.size(); ++i) {
-        min[i % 3] = std::min(min[i % 3], decoded.positions[i]);
-        max[i % 3] = std::max(max[i % 3], decoded.positions[i]);
+        box.min[i % 3] = std::min(box.min[i % 3], decoded.positions[i]);
+        box.max[i % 3] = std::max(box.max[i % 3], decoded.positions[i]);
       }
       for (const Result<void>& done :
            {put(part, kPositions, vertex, std::as_bytes(std::span(decoded.positions))),
@@ -242,52 +254,76 @@ class JobWriter {
   std::vector<uint32_t> indices_;
 };
 
-Result<void> write_jobs(const format::Container& file, const GltfWriter& writer, Plan& plan, uint32_t threads) {
-  std::atomic<size_t> next{0};
-  std::mutex mutex;  // of the parts' boxes and the first error
-  std::optional<std::pair<size_t, Error>> failed;
-  const auto work = [&] {
-    JobWriter job_writer(file, writer);
-    for (size_t i = next.fetch_add(1); i < plan.jobs.size(); i = next.fetch_add(1)) {
-      const Job& job = plan.jobs[i];
-      Part& part = plan.parts[job.part];
-      constexpr float kInfinity = std::numeric_limits<float>::infinity();
-      std::array<float, 3> min{kInfinity, kInfinity, kInfinity}, max{-kInfinity, -kInfinity, -kInfinity};
-      Result<void> done;
-      try {
-        done = job_writer.write(job, part, min, max);
-      } catch (const std::bad_alloc&) {
-        done = Error{ErrorCode::kMemory, "mesh " + std::to_string(part.mesh) + ": out of memory"};
+/// The threads share what is left to do, the boxes of the parts and the first error.
+class JobRunner {
+ public:
+  JobRunner(const format::Container& file, const GltfWriter& writer, const ExportOptions& options, Plan& plan)
+      : file_(file), writer_(writer), options_(options), plan_(plan) {}
+
+  Result<void> run() {
+    const uint32_t threads =
+        options_.threads != 0 ? options_.threads : std::max(1u, std::thread::hardware_concurrency());
+    std::vector<std::thread> workers;
+    for (uint32_t i = 1; i < threads && i < plan_.jobs.size(); ++i) workers.emplace_back([this] { work(false); });
+    work(true);
+    for (std::thread& worker : workers) worker.join();
+    if (failed_) return failed_->second;
+    return {};
+  }
+
+ private:
+  void work(bool is_caller) {
+    JobWriter writer(file_, writer_);
+    for (size_t i = next_.fetch_add(1); i < plan_.jobs.size(); i = next_.fetch_add(1)) {
+      const Job& job = plan_.jobs[i];
+      Box box;
+      const Result<void> done = write(writer, job, box);
+      const format::PageRecord& page = file_.pages()[file_.chunks()[job.first_chunk].page];
+      if (options_.is_done_with) options_.is_done_with(page.offset, page.stored_bytes);
+      uint64_t triangles = 0;
+      {
+        const std::lock_guard lock(mutex_);
+        if (!done) {
+          // The first in file order: jobs are taken in order, so those before it have been taken and are waited for.
+          if (!failed_ || i < failed_->first) failed_.emplace(i, done.error());
+          next_.store(plan_.jobs.size());
+          return;
+        }
+        plan_.parts[job.part].box.add(box);
+        triangles = triangles_ += job.triangles;
       }
-      const std::lock_guard lock(mutex);
-      if (!done) {
-        // The first in file order: jobs are taken in order, so every one before it has been taken and is waited for.
-        if (!failed || i < failed->first) failed.emplace(i, done.error());
-        next.store(plan.jobs.size());
-        return;
-      }
-      for (size_t axis = 0; axis < 3; ++axis) {
-        part.min[axis] = std::min(part.min[axis], min[axis]);
-        part.max[axis] = std::max(part.max[axis], max[axis]);
-      }
+      if (is_caller && options_.progress) options_.progress(triangles, writer_.buffer_bytes());
     }
-  };
-  std::vector<std::thread> workers;
-  for (uint32_t i = 1; i < threads && i < plan.jobs.size(); ++i) workers.emplace_back(work);
-  work();
-  for (std::thread& worker : workers) worker.join();
-  if (failed) return failed->second;
-  return {};
-}
+  }
+
+  Result<void> write(JobWriter& writer, const Job& job, Box& box) const {
+    if (options_.stop != nullptr && options_.stop->load(std::memory_order_relaxed))
+      return Error{ErrorCode::kFile, "interrupted"};
+    try {
+      return writer.write(job, plan_.parts[job.part], box);
+    } catch (const std::bad_alloc&) {
+      return Error{ErrorCode::kMemory, "mesh " + std::to_string(plan_.parts[job.part].mesh) + ": out of memory"};
+    }
+  }
+
+  const format::Container& file_;
+  const GltfWriter& writer_;
+  const ExportOptions& options_;
+  Plan& plan_;
+  std::atomic<size_t> next_{0};
+  std::mutex mutex_;  // of the boxes in plan_ and all below
+  uint64_t triangles_ = 0;
+  std::optional<std::pair<size_t, Error>> failed_;
+};
 
 }  // namespace
 
 Result<std::vector<ExportedPrimitive>> write_primitives(const format::Container& file, GltfWriter& writer,
-                                                        uint32_t threads, uint64_t max_vertices) {
+                                                        const ExportOptions& options, uint64_t max_vertices) {
   Plan plan = make_plan(file, max_vertices);
   const auto placed = place_parts(file, writer, plan.parts);
   if (!placed) return placed.error();
-  const auto written = write_jobs(file, writer, plan, threads);
+  const auto written = JobRunner(file, writer, options, plan).run();
   if (!written) return written.error();
 
   std::vector<ExportedPrimitive> primitives;
@@ -310,8 +346,8 @@ Result<std::vector<ExportedPrimitive>> write_primitives(const format::Container&
       accessor.normalized = kStreams[stream].normalized;
       accessor.count = elements;
       if (stream == kPositions) {
-        accessor.min.assign(part.min.begin(), part.min.end());
-        accessor.max.assign(part.max.begin(), part.max.end());
+        accessor.min.assign(part.box.min.begin(), part.box.min.end());
+        accessor.max.assign(part.box.max.begin(), part.box.max.end());
       }
       const uint32_t number = writer.add_accessor(std::move(accessor));
       if (kStreams[stream].attribute != nullptr) {

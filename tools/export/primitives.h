@@ -7,6 +7,7 @@
 #include "format/container.h"
 #include "format/result.h"
 #include "tools/common/gltf_writer.h"
+#include "tools/export/export.h"
 
 namespace scree::tools {
 
@@ -19,10 +20,11 @@ struct ExportedPrimitive {
   GltfPrimitive primitive;  // without its material
 };
 
-/// Decodes every chunk of `file` with `threads` threads into the buffer of `writer` and adds views and accessors. In
-/// the order of the meshes; meshes without triangles have none. A mesh is cut between chunks before its vertices pass
-/// `max_vertices` (at most 2^32 - 1: glTF keeps the largest index for itself). Errors as ChunkReader and GltfWriter.
+/// Decodes every chunk of `file` with options.threads threads into the buffer of `writer` and adds views and accessors.
+/// In the order of the meshes; meshes without triangles have none. A mesh is cut between chunks before its vertices
+/// pass `max_vertices` (at most 2^32 - 1: glTF keeps the largest index for itself). Errors as ChunkReader and
+/// GltfWriter.
 Result<std::vector<ExportedPrimitive>> write_primitives(const format::Container& file, GltfWriter& writer,
-                                                        uint32_t threads, uint64_t max_vertices);
+                                                        const ExportOptions& options, uint64_t max_vertices);
 
 }  // namespace scree::tools

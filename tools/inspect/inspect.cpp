@@ -9,6 +9,8 @@
 #include "runtime/mapped_file.h"
 #include "tools/common/command.h"
 #include "tools/common/human.h"
+#include "tools/common/progress.h"
+#include "tools/common/sigbus.h"
 #include "tools/inspect/report.h"
 #include "tools/inspect/stats.h"
 #include "tools/inspect/verify.h"
@@ -38,7 +40,17 @@ Result<void> inspect_file(const std::string& path, const InspectOptions& options
   if (!file) return at(path, file.error());
 
   std::optional<VerifyReport> verified;
-  if (options.verify) verified = verify(*file, map->bytes(), options.threads);
+  if (options.verify) {
+    tools::Progress progress(options.progress);
+    uint64_t triangles = 0;
+    for (uint64_t i = 0; i < file->meshes().size(); ++i) triangles += file->meshes()[i].triangle_count;
+    progress.stage("verify", triangles);
+    VerifyHooks hooks;
+    hooks.progress = [&](uint64_t done, uint64_t bytes) { progress.update(done, bytes); };
+    // What is checked need not stay resident: the file may be larger than memory.
+    hooks.is_done_with = [&](uint64_t offset, uint64_t bytes) { map->release(offset, bytes); };
+    verified = verify(*file, map->bytes(), options.threads, hooks);
+  }
   const Stats stats = gather(*file, map->bytes(), options.top);
   if (options.json) {
     print_json(*file, stats, path, verified ? &*verified : nullptr, options.chunks, out);
@@ -79,7 +91,11 @@ Command add_inspect(CLI::App& parent) {
   app->add_flag("--chunks", options.chunks, "Add a row for every chunk");
   app->add_option("--top", options.top, "Meshes and images to list by name")->capture_default_str();
   app->add_option("--threads", options.threads, "Threads of --verify; 0 is one a core")->capture_default_str();
-  return {app, [arguments] { return inspect::inspect_file(arguments->path, arguments->options, stdout); }};
+  return {app, [arguments] {
+            report_sigbus("inspect", arguments->path);
+            arguments->options.progress = true;
+            return inspect::inspect_file(arguments->path, arguments->options, stdout);
+          }};
 }
 
 }  // namespace scree::tools

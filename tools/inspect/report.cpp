@@ -136,8 +136,8 @@ std::string spread(const Spread& values, uint64_t sum, uint64_t count, bool in_b
 void add_meshes(const format::Container& file, const Stats& stats, std::string& text) {
   const auto meshes = file.meshes();
   text += "\nMeshes\n  " + times(meshes.size(), "mesh", "meshes") + " [4], " +
-          times(stats.triangles, "triangle", "triangles") + ", " + grouped(stats.vertices) + " stored of " +
-          times(stats.source_vertices, "source vertex", "source vertices") + " [5]\n";
+          times(stats.triangles, "triangle", "triangles") + ", " + times(stats.vertices, "vertex", "vertices") +
+          " stored, " + grouped(stats.source_vertices) + " in the source [5]\n";
   if (meshes.empty()) return;
   text += "  triangles a mesh: " + spread(stats.mesh_triangles, stats.triangles, meshes.size(), false) + "\n";
   if (stats.top_meshes.empty()) return;
@@ -184,7 +184,7 @@ void add_chunks(const format::Container& file, const Stats& stats, std::string& 
   table.row({"bytes each", spread(stats.chunk_bytes, payload, chunks, true)});
   table.row({"vertices a triangle", fixed(divided(stats.vertices, stats.triangles), 3)});
   std::string pages = times(stats.geometry_pages, "of geometry", "of geometry") + ", " +
-                      grouped(stats.pages - stats.geometry_pages) + " others";
+                      times(stats.pages - stats.geometry_pages, "other", "others");
   if (stats.compressed_pages != 0) {
     pages += ", " + grouped(stats.compressed_pages) + " compressed: geometry " + human_bytes(payload) + " -> " +
              human_bytes(stats.geometry_bytes()) + " (" + percent(stats.geometry_bytes(), payload) + ") [8]";

@@ -44,7 +44,8 @@ constexpr Box kEmptyBox{{kInfinity, kInfinity, kInfinity}, {-kInfinity, -kInfini
 
 class Verifier {
  public:
-  Verifier(const format::Container& file, std::span<const std::byte> bytes) : file_(file), bytes_(bytes) {
+  Verifier(const format::Container& file, std::span<const std::byte> bytes, const VerifyHooks& hooks)
+      : file_(file), bytes_(bytes), hooks_(hooks) {
     boxes_.assign(file.meshes().size(), kEmptyBox);
     vertices_.assign(file.meshes().size(), 0);
     undecoded_.assign(file.meshes().size(), false);
@@ -153,7 +154,7 @@ class Verifier {
   void check_pages(uint32_t threads) {
     const uint64_t pages = file_.pages().size();
     std::atomic<uint64_t> next{0};
-    const auto work = [&] {
+    const auto work = [&](bool is_caller) {
       std::vector<std::byte> scratch;
       tools::DecodedChunk decoded;
       for (uint64_t page = next.fetch_add(1); page < pages; page = next.fetch_add(1)) {
@@ -162,11 +163,18 @@ class Verifier {
         } catch (const std::bad_alloc&) {
           fail(file_.pages()[page].offset, {ErrorCode::kMemory, page_place(page) + ": out of memory"});
         }
+        if (hooks_.is_done_with) hooks_.is_done_with(file_.pages()[page].offset, file_.pages()[page].stored_bytes);
+        if (is_caller && hooks_.progress) {
+          std::unique_lock lock(mutex_);
+          const uint64_t triangles = report_.triangles, page_bytes = report_.page_bytes;
+          lock.unlock();
+          hooks_.progress(triangles, page_bytes);
+        }
       }
     };
     std::vector<std::thread> workers;
-    for (uint64_t i = 1; i < threads && i < pages; ++i) workers.emplace_back(work);
-    work();
+    for (uint64_t i = 1; i < threads && i < pages; ++i) workers.emplace_back(work, false);
+    work(true);
     for (std::thread& worker : workers) worker.join();
   }
 
@@ -322,6 +330,7 @@ class Verifier {
 
   const format::Container& file_;
   std::span<const std::byte> bytes_;
+  const VerifyHooks& hooks_;
   std::vector<uint64_t> chunk_starts_, chunk_list_, image_starts_, image_list_;
 
   std::mutex mutex_;  // of everything below
@@ -335,9 +344,10 @@ class Verifier {
 
 }  // namespace
 
-VerifyReport verify(const format::Container& file, std::span<const std::byte> bytes, uint32_t threads) {
+VerifyReport verify(const format::Container& file, std::span<const std::byte> bytes, uint32_t threads,
+                    const VerifyHooks& hooks) {
   if (threads == 0) threads = std::max(1u, std::thread::hardware_concurrency());
-  return Verifier(file, bytes).run(threads);
+  return Verifier(file, bytes, hooks).run(threads);
 }
 
 }  // namespace scree::inspect

@@ -3,6 +3,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <functional>
 #include <span>
 #include <string>
 #include <vector>
@@ -38,6 +39,12 @@ struct VerifyReport {
 
 inline constexpr size_t kMaxFailures = 100;
 
+/// What a caller may want to do meanwhile. Either may be empty.
+struct VerifyHooks {
+  std::function<void(uint64_t triangles, uint64_t bytes)> progress;   // done so far; called by the caller's own thread
+  std::function<void(uint64_t offset, uint64_t bytes)> is_done_with;  // a part of the file; called by any thread
+};
+
 /// Checks, beyond what Container::open has checked: the checksum of every table and page; that every page decompresses
 /// to its size; that every chunk decodes, with indices below its vertex count, positions inside its lattice and unused
 /// bits zero; that bytes of pages in no chunk, between chunks, and between and after tables and pages are zero; that
@@ -45,6 +52,7 @@ inline constexpr size_t kMaxFailures = 100;
 /// decodes to the size its record says. `bytes`: the whole file that `file` was opened on. `threads`: 0 is one a core.
 /// The report is the same for any number. Memory: a page, its decoded chunks and a decoded image a thread, 8 bytes a
 /// chunk, 25 a mesh.
-VerifyReport verify(const format::Container& file, std::span<const std::byte> bytes, uint32_t threads);
+VerifyReport verify(const format::Container& file, std::span<const std::byte> bytes, uint32_t threads,
+                    const VerifyHooks& hooks = {});
 
 }  // namespace scree::inspect
