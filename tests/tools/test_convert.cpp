@@ -575,7 +575,7 @@ TEST_CASE("a document without scenes draws all its roots", "[convert]") {
   CHECK(opened.file.scenes()[0].instance_count == 2);
 }
 
-TEST_CASE("--exclude leaves out nodes and what only they need", "[convert]") {
+TEST_CASE("the option --exclude leaves out nodes and what only they need", "[convert]") {
   const TempFolder folder;
   {
     ModelMaker maker(folder.file("in.glb"));

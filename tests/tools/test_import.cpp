@@ -373,7 +373,7 @@ TEST_CASE("nodes come parents first, with cameras and scenes", "[import]") {
   CHECK(find_left_out(scene, "nodes outside every scene")->count == 1);
 }
 
-TEST_CASE("--exclude drops the nodes it matches and all below them", "[import]") {
+TEST_CASE("the option --exclude drops the nodes it matches and all below them", "[import]") {
   ImportOptions options;
   options.exclude = "^FogCard|Plane";
   const SourceScene scene = import_data("nodes.gltf", options);
