@@ -239,7 +239,7 @@ void add_positions(const Stats& stats, std::string& text) {
 
 void add_attributes(const Stats& stats, std::string& text) {
   TextTable table;
-  table.row({"", "meshes", "vertices", "bytes", "bits/vertex", "bits/tri [1]", "max error"});
+  table.row({"", "meshes", "vertices", "bytes", "share", "bits/vertex", "bits/tri [1]", "of float32 [3]", "max error"});
   bool any = false;
   for (const Stream stream : {kUvs, kColors, kNormals, kSourceIds}) {
     if (stats.stream_meshes[stream] == 0) continue;
@@ -251,8 +251,8 @@ void add_attributes(const Stats& stats, std::string& text) {
                               : stream == kNormals ? std::to_string(stats.min_normal_bits) + " bits an axis"
                                                    : "0";
     table.row({stream_title(stream), grouped(stats.stream_meshes[stream]), is_per_vertex ? grouped(elements) : "-",
-               human_bytes(bytes), is_per_vertex ? bits_each(bytes, elements) : "-", bits_each(bytes, stats.triangles),
-               error});
+               human_bytes(bytes), percent(bytes, stats.file_bytes), is_per_vertex ? bits_each(bytes, elements) : "-",
+               bits_each(bytes, stats.triangles), percent(bytes, stats.reference_bytes[stream]), error});
   }
   if (any) text += "\nAttributes\n" + table.text();
 }
