@@ -221,7 +221,12 @@ TEST_CASE("export: progress is reported, the file let go, and a stop leaves noth
   std::vector<uint64_t> done;
   uint64_t released = 0;
   tools::ExportOptions watched = with_threads(1);
-  watched.progress = [&](uint64_t triangles, uint64_t) { done.push_back(triangles); };
+  uint64_t written = 0;
+  watched.progress = [&](uint64_t triangles, uint64_t bytes) {
+    done.push_back(triangles);
+    CHECK(bytes > written);
+    written = bytes;
+  };
   watched.is_done_with = [&](uint64_t offset, uint64_t bytes) {
     CHECK(offset + bytes <= packed->map.size());
     ++released;
@@ -232,6 +237,7 @@ TEST_CASE("export: progress is reported, the file let go, and a stop leaves noth
   CHECK(std::is_sorted(done.begin(), done.end()));
   CHECK(done.back() == summary->triangles);
   CHECK(released == done.size());
+  CHECK(written < summary->bytes);
 
   const std::atomic<bool> stop{true};
   watched.stop = &stop;

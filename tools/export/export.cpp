@@ -231,6 +231,7 @@ struct Arguments {
   std::string input;
   std::string output;
   uint32_t threads = 0;
+  bool quiet = false;
 };
 
 Result<ExportSummary> export_mapped(const Arguments& arguments, const runtime::MappedFile& map) {
@@ -238,7 +239,7 @@ Result<ExportSummary> export_mapped(const Arguments& arguments, const runtime::M
   if (!file) return file.error();
   uint64_t triangles = 0;
   for (uint64_t i = 0; i < file->meshes().size(); ++i) triangles += file->meshes()[i].triangle_count;
-  Progress progress(true);
+  Progress progress(!arguments.quiet);
   progress.stage("export", triangles);
   ExportOptions options;
   options.threads = arguments.threads;
@@ -258,14 +259,18 @@ Result<void> run_export(const Arguments& arguments) {
   const auto summary = export_mapped(arguments, *map);
   if (!summary) {
     StopOnSignal::end_where_signalled();
-    return at(arguments.input, summary.error());
+    const Error& error = summary.error();
+    const bool names_output = error.code == ErrorCode::kUsage || error.code == ErrorCode::kFile;
+    return names_output ? error : at(arguments.input, error);
   }
+  if (arguments.quiet) return {};
   const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
-  std::fprintf(stderr, "%s (%s) -> %s (%s): %s triangles, %s vertices, %s primitives, %s images in %.2f s\n",
-               arguments.input.c_str(), format_bytes(map->size()).c_str(), arguments.output.c_str(),
-               format_bytes(summary->bytes).c_str(), grouped(summary->triangles).c_str(),
-               grouped(summary->vertices).c_str(), grouped(summary->primitives).c_str(),
-               grouped(summary->images).c_str(), seconds);
+  std::printf("%s (%s) -> %s (%s): %s triangles, %s vertices, %s primitives, %s images in %.2f s\n",
+              arguments.input.c_str(), format_bytes(map->size()).c_str(), arguments.output.c_str(),
+              format_bytes(summary->bytes).c_str(), grouped(summary->triangles).c_str(),
+              grouped(summary->vertices).c_str(), grouped(summary->primitives).c_str(),
+              grouped(summary->images).c_str(), seconds);
+  if (std::fflush(stdout) != 0) return Error{ErrorCode::kFile, "standard output: cannot write"};
   return {};
 }
 
@@ -310,6 +315,7 @@ Command add_export(CLI::App& parent) {
   app->add_option("FILE", arguments->input, "The .scree file")->required();
   app->add_option("-o,--output", arguments->output, "What to write: .glb, or .gltf with .bin and images beside it")
       ->required();
+  app->add_flag("-q,--quiet", arguments->quiet, "No progress and no closing line");
   app->add_option("--threads", arguments->threads, "Threads; 0 is one a core")->capture_default_str();
   return {app, [arguments] { return run_export(*arguments); }};
 }

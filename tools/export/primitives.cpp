@@ -8,6 +8,7 @@
 #include <mutex>
 #include <new>
 #include <optional>
+#include <system_error>
 #include <thread>
 #include <utility>
 
@@ -197,6 +198,9 @@ class JobWriter {
  public:
   JobWriter(const format::Container& file, const GltfWriter& writer) : file_(file), writer_(writer), reader_(file) {}
 
+  /// Bytes written so far.
+  uint64_t written() const { return written_; }
+
   /// Widens `box` by the positions of the job.
   Result<void> write(const Job& job, const Part& part, Box& box) {
     uint64_t vertex = job.first_vertex, triangle = job.first_triangle;
@@ -222,8 +226,9 @@ class JobWriter {
   }
 
  private:
-  Result<void> put(const Part& part, Stream stream, uint64_t element, std::span<const std::byte> bytes) const {
+  Result<void> put(const Part& part, Stream stream, uint64_t element, std::span<const std::byte> bytes) {
     if (bytes.empty()) return {};
+    written_ += bytes.size();
     return writer_.write_at(part.offset[stream] + element * kStreams[stream].element_bytes, bytes);
   }
 
@@ -249,6 +254,7 @@ class JobWriter {
   const format::Container& file_;
   const GltfWriter& writer_;
   ChunkReader reader_;
+  uint64_t written_ = 0;
   std::vector<std::byte> bytes_;
   std::vector<uint16_t> short_indices_;
   std::vector<uint32_t> indices_;
@@ -264,7 +270,13 @@ class JobRunner {
     const uint32_t threads =
         options_.threads != 0 ? options_.threads : std::max(1u, std::thread::hardware_concurrency());
     std::vector<std::thread> workers;
-    for (uint32_t i = 1; i < threads && i < plan_.jobs.size(); ++i) workers.emplace_back([this] { work(false); });
+    for (uint32_t i = 1; i < threads && i < plan_.jobs.size(); ++i) {
+      try {
+        workers.emplace_back([this] { work(false); });
+      } catch (const std::system_error&) {
+        break;  // fewer threads do the same work
+      }
+    }
     work(true);
     for (std::thread& worker : workers) worker.join();
     if (failed_) return failed_->second;
@@ -277,10 +289,11 @@ class JobRunner {
     for (size_t i = next_.fetch_add(1); i < plan_.jobs.size(); i = next_.fetch_add(1)) {
       const Job& job = plan_.jobs[i];
       Box box;
+      const uint64_t before = writer.written();
       const Result<void> done = write(writer, job, box);
       const format::PageRecord& page = file_.pages()[file_.chunks()[job.first_chunk].page];
       if (options_.is_done_with) options_.is_done_with(page.offset, page.stored_bytes);
-      uint64_t triangles = 0;
+      uint64_t triangles = 0, bytes = 0;
       {
         const std::lock_guard lock(mutex_);
         if (!done) {
@@ -291,8 +304,9 @@ class JobRunner {
         }
         plan_.parts[job.part].box.add(box);
         triangles = triangles_ += job.triangles;
+        bytes = bytes_ += writer.written() - before;
       }
-      if (is_caller && options_.progress) options_.progress(triangles, writer_.buffer_bytes());
+      if (is_caller && options_.progress) options_.progress(triangles, bytes);
     }
   }
 
@@ -313,6 +327,7 @@ class JobRunner {
   std::atomic<size_t> next_{0};
   std::mutex mutex_;  // of the boxes in plan_ and all below
   uint64_t triangles_ = 0;
+  uint64_t bytes_ = 0;
   std::optional<std::pair<size_t, Error>> failed_;
 };
 

@@ -9,6 +9,7 @@
 #include <limits>
 #include <mutex>
 #include <new>
+#include <system_error>
 #include <thread>
 #include <utility>
 
@@ -173,7 +174,13 @@ class Verifier {
       }
     };
     std::vector<std::thread> workers;
-    for (uint64_t i = 1; i < threads && i < pages; ++i) workers.emplace_back(work, false);
+    for (uint64_t i = 1; i < threads && i < pages; ++i) {
+      try {
+        workers.emplace_back(work, false);
+      } catch (const std::system_error&) {
+        break;  // fewer threads do the same work
+      }
+    }
     work(true);
     for (std::thread& worker : workers) worker.join();
   }
