@@ -1,7 +1,5 @@
 #include "tools/inspect/inspect.h"
 
-#include <cerrno>
-#include <cstring>
 #include <memory>
 #include <optional>
 
@@ -22,12 +20,9 @@ void print(const std::string& text, std::FILE* out) {
   std::fwrite(text.data(), 1, text.size(), out);
 }
 
-/// What the system said when a line could not be written: a full disk behind a redirection, a closed pipe.
+/// Whether all of it went out: a full disk behind a redirection, a closed pipe.
 Result<void> check_written(std::FILE* out) {
-  errno = 0;
-  if (std::fflush(out) != 0 || std::ferror(out)) {
-    return Error{ErrorCode::kFile, std::string("standard output: ") + std::strerror(errno != 0 ? errno : EIO)};
-  }
+  if (std::fflush(out) != 0 || std::ferror(out)) return Error{ErrorCode::kFile, "standard output: cannot write"};
   return {};
 }
 
