@@ -4,6 +4,7 @@
 
 #include <sys/resource.h>
 
+#include <array>
 #include <csignal>
 #include <filesystem>
 #include <fstream>
@@ -286,7 +287,8 @@ TEST_CASE("neighbours under --grid scene share their border points", "[convert]"
 
 TEST_CASE("positions that are not finite", "[convert]") {
   const TempFolder folder;
-  const float bad = GENERATE(kNan, kInf, -kInf);
+  // Of the values themselves Catch2 2.13 loses the last one when gcc optimises.
+  const float bad = std::array{kNan, kInf, -kInf}[GENERATE(size_t{0}, size_t{1}, size_t{2})];
   {
     ModelMaker maker(folder.file("in.glb"));
     // Vertex 4 is bad and used by one triangle of three, vertex 5 is bad and used by none.
