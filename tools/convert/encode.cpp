@@ -288,24 +288,15 @@ class WindowEncoder {
       std::copy(range.min.begin(), range.min.end(), chunk.record.uv_min);
       std::copy(range.bits.begin(), range.bits.end(), chunk.record.uv_bits);
       chunk.record.uv_exponent = range.exponent;
-      out_.uv_error = std::max(out_.uv_error, uv_error_bound(range));
+      out_.uv_error = std::max(out_.uv_error, stated_uv_error(range));
     }
     return {};
   }
 
-  /// Half a step and half an ulp of the largest coordinate.
-  static float uv_error_bound(const format::UvRange& range) {
-    const double step = format::exp2i(range.exponent);
-    double largest = 0;
-    for (size_t axis = 0; axis < 2; ++axis) {
-      const int64_t end = range.min[axis] + (int64_t{1} << range.bits[axis]) - 1;
-      largest = std::max({largest, std::fabs(static_cast<double>(range.min[axis]) * step),
-                          std::fabs(static_cast<double>(end) * step)});
-    }
-    const float top = static_cast<float>(largest);
-    const double ulp =
-        static_cast<double>(std::nextafter(top, std::numeric_limits<float>::infinity())) - static_cast<double>(top);
-    const double bound = std::min(0.5 * step + 0.5 * ulp, static_cast<double>(std::numeric_limits<float>::max()));
+  /// Rounded up, so that the record's float never states less than the codec does.
+  static float stated_uv_error(const format::UvRange& range) {
+    const double bound =
+        std::min(format::uv_error_bound(range), static_cast<double>(std::numeric_limits<float>::max()));
     return std::nextafter(static_cast<float>(bound), std::numeric_limits<float>::max());
   }
 
