@@ -1,7 +1,6 @@
 #include "kernels/backend_cpu.h"
 
 #include <algorithm>
-#include <array>
 #include <atomic>
 #include <cmath>
 #include <condition_variable>
@@ -172,14 +171,9 @@ Error out_of_memory() {
   return {ErrorCode::kMemory, "no memory left for the queues of the frame"};
 }
 
-std::array<float, 256> make_srgb_table() {
-  std::array<float, 256> table{};
-  for (int i = 0; i < 256; ++i) {
-    const double value = i / 255.0;
-    table[static_cast<size_t>(i)] =
-        static_cast<float>(value <= 0.04045 ? value / 12.92 : std::pow((value + 0.055) / 1.055, 2.4));
-  }
-  return table;
+const SrgbTables& srgb_tables() {
+  static const SrgbTables tables = make_srgb_tables();
+  return tables;
 }
 
 }  // namespace
@@ -223,16 +217,62 @@ Result<void> shade_cpu(const SceneView& scene, const View& view, std::span<const
                                         ", but the picture is " + std::to_string(view.width) + " x " +
                                         std::to_string(view.height)};
   if (auto checked = check_view(view); !checked) return checked.error();
-  static const std::array<float, 256> table = make_srgb_table();
   try {
     ThreadPool pool(threads);
     passes_for(best_instruction_set())
-        .shade(pool, scene, view, samples.data(), options, table.data(), first_row, static_cast<uint32_t>(row_count),
+        .shade(pool, scene, view, samples.data(), options, srgb_tables(), first_row, static_cast<uint32_t>(row_count),
                rgba.data());
     return {};
   } catch (const std::bad_alloc&) {
     return out_of_memory();
   }
+}
+
+Result<void> check_resolve(const View& view, uint32_t samples_per_side) {
+  if (samples_per_side != 1 && samples_per_side != 2 && samples_per_side != 4)
+    return Error{ErrorCode::kRange, std::to_string(samples_per_side) + " samples a pixel's side, expected 1, 2 or 4"};
+  if (view.width % samples_per_side != 0 || view.height % samples_per_side != 0)
+    return Error{ErrorCode::kRange, std::to_string(view.width) + " x " + std::to_string(view.height) +
+                                        " samples make no whole pixels of " + std::to_string(samples_per_side) +
+                                        " a side"};
+  return check_frame(view, 0);
+}
+
+Result<void> resolve_cpu(const SceneView& scene, const View& view, uint32_t samples_per_side,
+                         std::span<const uint64_t> samples, const ShadeOptions& options, uint32_t channels,
+                         std::span<uint8_t> pixels, uint32_t threads) {
+  if (auto checked = check_resolve(view, samples_per_side); !checked) return checked;
+  if (auto checked = check_picture(view, samples.size(), 1, "samples"); !checked) return checked;
+  const uint64_t count = uint64_t{view.width / samples_per_side} * (view.height / samples_per_side);
+  if ((channels != 3 && channels != 4) || pixels.size() != count * channels)
+    return Error{ErrorCode::kRange, std::to_string(pixels.size()) + " bytes of " + std::to_string(channels) +
+                                        " channels, but the picture has " + std::to_string(count) + " pixels"};
+  try {
+    ThreadPool pool(threads);
+    passes_for(best_instruction_set())
+        .resolve(pool, scene, view, samples_per_side, samples.data(), options, srgb_tables(), channels, pixels.data());
+    return {};
+  } catch (const std::bad_alloc&) {
+    return out_of_memory();
+  }
+}
+
+SrgbTables make_srgb_tables() {
+  const auto decode = [](double code) {
+    return static_cast<float>(code <= 0.04045 ? code / 12.92 : std::pow((code + 0.055) / 1.055, 2.4));
+  };
+  SrgbTables tables;
+  for (uint32_t i = 0; i < 256; ++i) {
+    tables.linear[i] = decode(i / 255.0);
+    tables.first_light[i] = i == 0 ? 0.0f : decode((i - 0.5) / 255.0);
+  }
+  tables.first_light[256] = std::numeric_limits<float>::infinity();
+  uint32_t code = 0;
+  for (uint32_t i = 0; i <= SrgbTables::kBuckets; ++i) {
+    while (tables.first_light[code + 1] <= static_cast<float>(i) / SrgbTables::kBuckets) ++code;
+    tables.bucket_code[i] = static_cast<uint8_t>(code);
+  }
+  return tables;
 }
 
 Hit find_triangle(const SceneView& scene, uint64_t triangle_id) {

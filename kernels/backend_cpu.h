@@ -8,6 +8,7 @@
 
 #include "kernels/frame.h"
 #include "kernels/passes.h"
+#include "kernels/srgb.h"
 
 namespace scree::kernels {
 
@@ -54,8 +55,10 @@ struct CpuPasses {
   bool (*draw)(ThreadPool& pool, const SceneView& scene, const View& view, uint64_t* samples, const QueueSizes& sizes,
                FrameStats& stats);
   void (*shade)(ThreadPool& pool, const SceneView& scene, const View& view, const uint64_t* samples,
-                const ShadeOptions& options, const float* srgb_table, uint32_t first_row, uint32_t row_count,
+                const ShadeOptions& options, const SrgbTables& srgb, uint32_t first_row, uint32_t row_count,
                 float* rgba);
+  void (*resolve)(ThreadPool& pool, const SceneView& scene, const View& view, uint32_t side, const uint64_t* samples,
+                  const ShadeOptions& options, const SrgbTables& srgb, uint32_t channels, uint8_t* pixels);
 };
 namespace isa_baseline {
 extern const CpuPasses kPasses;

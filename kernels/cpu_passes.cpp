@@ -1,6 +1,6 @@
 // Compiled once for each instruction set (CMakeLists.txt): SCREE_ISA names the namespace that all of it lies in.
 #include "kernels/passes.h"
-#include "kernels/shade.h"
+#include "kernels/pixels.h"
 #include "kernels/team_cpu.h"
 
 namespace scree::kernels {
@@ -13,36 +13,36 @@ bool draw(ThreadPool& pool, const SceneView& scene, const View& view, uint64_t* 
   return draw_frame(backend, scene, make_frame_view(view), samples, sizes, stats);
 }
 
-template <bool kOrthographic>
-void shade_with(ThreadPool& pool, const SceneView& scene, const View& view, const uint64_t* samples,
-                const ShadeOptions& options, const float* srgb_table, uint32_t first_row, uint32_t row_count,
-                float* rgba) {
-  Shade<kOrthographic> pass{scene,      make_frame_view(view), view, options,   samples,
-                            srgb_table, kFarthestDepthCode,    0,    first_row, rgba};
-  if (options.show == Show::kDepth) {
-    for (uint64_t i = 0; i < uint64_t{view.width} * view.height; ++i) {
-      if (samples[i] == kBackground) continue;
-      pass.nearest_code = min_of(pass.nearest_code, sample_depth_code(samples[i]));
-      pass.farthest_code = max_of(pass.farthest_code, sample_depth_code(samples[i]));
-    }
-  }
-  CpuBackend backend(pool);
-  backend.for_each(row_count, pass);
+/// Calls visit(shader) with what the samples of the picture are shaded by.
+template <class Visit>
+void with_shader(CpuBackend& backend, const SceneView& scene, const View& view, const uint64_t* samples,
+                 const ShadeOptions& options, const SrgbTables& srgb, const Visit& visit) {
+  DepthRange range;
+  if (options.show == Show::kDepth) backend.for_each(view.height, FindDepthRange{samples, view.width, &range});
+  visit_shader(make_shade_inputs(scene, view, options, nullptr, &srgb, &range), visit);
 }
 
 void shade(ThreadPool& pool, const SceneView& scene, const View& view, const uint64_t* samples,
-           const ShadeOptions& options, const float* srgb_table, uint32_t first_row, uint32_t row_count, float* rgba) {
-  if (view.orthographic) {
-    shade_with<true>(pool, scene, view, samples, options, srgb_table, first_row, row_count, rgba);
-  } else {
-    shade_with<false>(pool, scene, view, samples, options, srgb_table, first_row, row_count, rgba);
-  }
+           const ShadeOptions& options, const SrgbTables& srgb, uint32_t first_row, uint32_t row_count, float* rgba) {
+  CpuBackend backend(pool);
+  with_shader(backend, scene, view, samples, options, srgb, [&]<class Shader>(const Shader& shader) {
+    backend.for_each(row_count, ShadeRows<Shader>{shader, samples, first_row, rgba});
+  });
+}
+
+void resolve(ThreadPool& pool, const SceneView& scene, const View& view, uint32_t side, const uint64_t* samples,
+             const ShadeOptions& options, const SrgbTables& srgb, uint32_t channels, uint8_t* pixels) {
+  CpuBackend backend(pool);
+  const PixelTiles tiles{view.width / side, 0, view.height / side};
+  with_shader(backend, scene, view, samples, options, srgb, [&]<class Shader>(const Shader& shader) {
+    backend.for_each(tiles.count(), Resolve<Shader>{shader, tiles, samples, side, nullptr, channels, pixels});
+  });
 }
 
 }  // namespace
 
 extern const CpuPasses kPasses;
-const CpuPasses kPasses = {draw, shade};
+const CpuPasses kPasses = {draw, shade, resolve};
 
 }  // namespace SCREE_ISA
 }  // namespace scree::kernels

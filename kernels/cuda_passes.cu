@@ -2,7 +2,6 @@
 #include "kernels/backend_cuda.cuh"
 #include "kernels/frame_cuda.h"
 #include "kernels/passes.h"
-#include "kernels/shade.h"
 
 namespace scree::kernels {
 
@@ -30,23 +29,6 @@ Result<FrameStats> draw_cuda(const SceneView& scene, uint64_t triangle_count, co
                  "no device memory left for the queues of the frame; --backend cpu draws without it"};
   }
   return stats;
-}
-
-Result<void> shade_cuda(const SceneView& scene, const View& view, const uint64_t* samples, const ShadeOptions& options,
-                        DepthCodes codes, uint32_t first_row, uint32_t row_count, const float* srgb_table,
-                        float* rgba) {
-  CudaBackend backend;
-  const FrameView frame = make_frame_view(view);
-  if (view.orthographic) {
-    backend.for_each(row_count, Shade<true>{scene, frame, view, options, samples, srgb_table, codes.nearest,
-                                            codes.farthest, first_row, rgba});
-  } else {
-    backend.for_each(row_count, Shade<false>{scene, frame, view, options, samples, srgb_table, codes.nearest,
-                                             codes.farthest, first_row, rgba});
-  }
-  backend.synchronize("shading");
-  if (backend.failed()) return backend.error();
-  return {};
 }
 
 }  // namespace scree::kernels

@@ -1,5 +1,5 @@
-// One frame, seen from outside kernels/: what to draw, from where, into which buffers. The backends implement draw() and
-// shade() over the passes of passes.h.
+// One frame, seen from outside kernels/: what to draw, from where, into which buffers. The backends implement draw()
+// and shade() over the passes of passes.h.
 #pragma once
 
 #include <cstdint>
@@ -11,19 +11,20 @@
 
 namespace scree::kernels {
 
-/// A camera. World space is right-handed; view space looks along `forward`, x right, y up; the picture's row 0 is its top.
-/// right, up and forward are orthonormal to 1e-12.
+/// A camera. World space is right-handed; view space looks along `forward`, x right, y up; the picture's row 0 is its
+/// top. right, up and forward are orthonormal to 1e-12.
 struct View {
   double eye[3];
   double right[3];
   double up[3];
   double forward[3];
   bool orthographic = false;
-  double half_width;   // at distance 1 (perspective: tan of half the horizontal field of view) or in units (orthographic)
+  double
+      half_width;  // at distance 1 (perspective: tan of half the horizontal field of view) or in units (orthographic)
   double half_height;
-  double z_near;       // > 0 for perspective; triangles nearer are clipped
-  double z_far;        // orthographic only; perspective has no far plane
-  uint32_t width;      // samples (after supersampling), 1 to kMaxImageSide
+  double z_near;   // > 0 for perspective; triangles nearer are clipped
+  double z_far;    // orthographic only; perspective has no far plane
+  uint32_t width;  // samples (after supersampling), 1 to kMaxImageSide
   uint32_t height;
 };
 
@@ -31,8 +32,14 @@ enum class Show : uint32_t { kTexture, kColor, kUv, kNormal, kTriangle, kMesh, k
 
 struct ShadeOptions {
   Show show = Show::kTexture;
-  bool light = true;            // diffuse light from the camera (kTexture and kColor)
+  bool light = true;                   // diffuse light from the camera (kTexture and kColor)
   float background[4] = {0, 0, 0, 0};  // linear RGBA
+};
+
+/// Times of one resolve by the GPU's clock.
+struct ResolveTimes {
+  float occlusion_ms = 0;  // ambient occlusion and eye-dome lighting: 0 where neither is asked for
+  float resolve_ms = 0;    // shading, averaging and coding
 };
 
 /// Which triangle and where: what picking prints and shading starts from.
@@ -57,16 +64,29 @@ struct FrameStats {
 /// finite or sees nothing, more than 2^36 - 1 drawn triangles.
 Result<void> check_frame(const View& view, uint64_t triangle_count);
 
-/// Draws with `threads` CPU threads into `samples` (width * height, row by row), which it clears first. The result does not
-/// depend on the number of threads or on the instruction set. Errors kRange: more than 2^36 - 1 drawn triangles, an image
-/// side over kMaxImageSide; kMemory.
+/// What every backend asks of a picture to resolve: whole pixels of `samples_per_side` (1, 2 or 4) samples a side, and
+/// a camera as check_frame() wants it. Errors kRange.
+Result<void> check_resolve(const View& view, uint32_t samples_per_side);
+
+/// Draws with `threads` CPU threads into `samples` (width * height, row by row), which it clears first. The result does
+/// not depend on the number of threads or on the instruction set. Errors kRange: more than 2^36 - 1 drawn triangles, an
+/// image side over kMaxImageSide; kMemory.
 Result<FrameStats> draw_cpu(const SceneView& scene, const View& view, std::span<uint64_t> samples, uint32_t threads);
 
 /// Shades a band of rows: linear RGBA floats, 4 a sample, not premultiplied; background where there is no triangle.
-/// `samples`: the whole picture's. `rgba`: whole rows from `first_row` on; its size says how many, so that the floats of a
-/// large picture need not all be there at once. Show::kDepth spreads its greys over the whole picture.
+/// `samples`: the whole picture's. `rgba`: whole rows from `first_row` on; its size says how many, so that the floats
+/// of a large picture need not all be there at once. Show::kDepth spreads its greys over the whole picture.
 Result<void> shade_cpu(const SceneView& scene, const View& view, std::span<const uint64_t> samples,
                        const ShadeOptions& options, std::span<float> rgba, uint32_t threads, uint32_t first_row = 0);
+
+/// Finished pixels: every sample shaded, `samples_per_side` squared of them averaged a pixel in linear light weighted
+/// by their alpha, coded as 8-bit sRGB. `view` and `samples`: the whole picture's, in samples; both sides are multiples
+/// of `samples_per_side` (1, 2 or 4). `pixels`: width * height pixels of `channels` bytes, row by row: 4 are RGBA,
+/// alpha linear and not premultiplied; 3 leave the alpha out. Errors kRange (sizes that do not fit each other),
+/// kMemory.
+Result<void> resolve_cpu(const SceneView& scene, const View& view, uint32_t samples_per_side,
+                         std::span<const uint64_t> samples, const ShadeOptions& options, uint32_t channels,
+                         std::span<uint8_t> pixels, uint32_t threads);
 
 /// The triangle of a global id below instance_base[instance_count]; binary search.
 Hit find_triangle(const SceneView& scene, uint64_t triangle_id);

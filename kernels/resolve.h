@@ -45,104 +45,224 @@ SCREE_HD inline Hit locate_triangle(const SceneView& scene, uint64_t id) {
   return hit;
 }
 
-/// What the pixels of one (instance, chunk) share; kept while neighbouring pixels fall into the same.
-struct ResolvedChunk {
-  uint64_t first_id = 1;  // ids first_id .. end_id - 1
-  uint64_t end_id = 0;
-  uint64_t instance;
-  const format::MeshRecord* mesh;
-  const format::ChunkRecord* chunk;
-  const format::MatrixRecord* matrix;
-  const std::byte* payload;
-  format::ChunkStreams streams;
-  Transform transform;
+/// Where the ids of one (instance, chunk) lie; kept from sample to sample, for neighbours often fall into the same.
+struct Location {
+  uint64_t first_id = 0;
+  uint64_t instance = 0;
+  uint64_t chunk = 0;
+  uint32_t count = 0;  // of ids; 0: nothing was found yet
+
+  SCREE_HD bool holds(uint64_t id) const { return id - first_id < count; }
+};
+
+/// As last_not_above() with the lanes of a team for one key: each looks at one of team.size() parts.
+template <class Team, class Value>
+SCREE_HD inline uint64_t last_not_above_together(Team team, uint64_t count, uint64_t key, const Value& value) {
+  constexpr uint32_t kParts = Team::size() < 2 ? 2 : Team::size();
+  uint64_t low = 0;
+  uint64_t high = count;
+  while (high - low > 1) {
+    const uint64_t part = (high - low + kParts - 1) / kParts;
+    const uint64_t place = low + part * (team.rank() + 1);
+    const bool passed = place < high && value(place) <= key;
+    const uint64_t parts = count_bits(team.ballot(passed));
+    high = min_of(high, low + part * (parts + 1));
+    low = low + part * parts;
+  }
+  return low;
+}
+
+template <class Team>
+SCREE_HD inline Location locate_together(Team team, const SceneView& scene, uint64_t id) {
+  Location at;
+  at.instance = last_not_above_together(team, scene.instance_count, id, InstanceBases{scene.instance_base});
+  const format::MeshRecord& mesh = scene.meshes[scene.instances[at.instance].mesh];
+  const uint64_t base = scene.instance_base[at.instance];
+  const format::ChunkRecord* chunks = scene.chunks + mesh.first_chunk;
+  const uint64_t chunk = last_not_above_together(team, mesh.chunk_count, id - base, ChunkBases{chunks});
+  at.chunk = mesh.first_chunk + chunk;
+  at.first_id = base + chunks[chunk].first_triangle;
+  at.count = chunks[chunk].triangle_count;
+  return at;
+}
+
+/// Finds the (instance, chunk) of every lane's id; `wanted`: whether the lane has one. All lanes of the team call it.
+/// The lanes of a tile fall into few chunks, which they search for together, one after the other; where they are many,
+/// each lane goes on alone.
+template <class Team>
+SCREE_HD inline void locate(Team team, const SceneView& scene, uint64_t id, bool wanted, Location& at) {
+  constexpr int kRounds = 4;
+  for (int round = 0; round < kRounds; ++round) {
+    const uint32_t missing = team.ballot(wanted && !at.holds(id));
+    if (missing == 0) return;
+    const Location found = locate_together(team, scene, team.share(id, lowest_bit(missing)));
+    if (found.holds(id)) at = found;
+  }
+  if (wanted && !at.holds(id)) {
+    const Hit hit = locate_triangle(scene, id);
+    at.instance = hit.instance;
+    at.chunk = hit.chunk;
+    at.first_id = id - hit.triangle;
+    at.count = scene.chunks[hit.chunk].triangle_count;
+  }
+}
+
+/// A chunk under a transform: what shading a sample of it reads.
+struct PlacedChunk {
+  const format::MeshRecord& mesh;
+  const format::ChunkRecord& chunk;
+  const Transform& transform;
+  const std::byte* page;
   ChunkReader reader;
 };
 
-SCREE_HD inline void resolve_chunk(const SceneView& scene, const FrameView& view, uint64_t id, ResolvedChunk& out) {
-  if (id >= out.first_id && id < out.end_id) return;
-  const Hit hit = locate_triangle(scene, id);
-  const format::InstanceRecord& instance = scene.instances[hit.instance];
-  out.instance = hit.instance;
-  out.mesh = &scene.meshes[instance.mesh];
-  out.chunk = &scene.chunks[hit.chunk];
-  out.matrix = &scene.matrices[instance.matrix];
-  out.first_id = id - hit.triangle;
-  out.end_id = out.first_id + out.chunk->triangle_count;
-  out.streams = streams_of(*out.mesh, *out.chunk);
-  out.transform = make_transform(view, *out.matrix, out.mesh->lattice_exponent,
-                                 out.mesh->position_encoding == format::PositionEncoding::kFloat32);
-  const std::byte* page = scene.pages[out.chunk->page];
-  out.payload = page + out.chunk->offset;
-  out.reader = make_reader(*out.mesh, *out.chunk, page, out.transform);
+SCREE_HD inline PlacedChunk place_chunk(const SceneView& scene, const Location& at, const Transform& transform) {
+  const format::ChunkRecord& chunk = scene.chunks[at.chunk];
+  const format::MeshRecord& mesh = scene.meshes[chunk.mesh];
+  const std::byte* page = scene.pages[chunk.page];
+  return {mesh, chunk, transform, page, make_reader(mesh, chunk, page, transform)};
 }
 
-/// A triangle's corners in double: d, and homogeneous with x and y in sub-pixels from the image's centre times w.
-struct ResolvedTriangle {
-  uint32_t vertex[3];
-  double d[3][3];
-  double x[3];
-  double y[3];
-  double w[3];  // 1 with an orthographic camera
+/// Corner 0 relative to the transform's reference or center, and the edges from it to corners 1 and 2. An edge is the
+/// difference of two codes, so it keeps its shape however far from the camera it stands.
+template <class Real>
+struct Corners {
+  Real first[3];
+  Real edge[2][3];
 };
 
-SCREE_HD inline ResolvedTriangle resolve_triangle(const ResolvedChunk& chunk, uint32_t triangle, bool orthographic) {
-  ResolvedTriangle out;
-  chunk.reader.triangle(triangle, out.vertex);
-  const Transform& m = chunk.transform;
-  for (int i = 0; i < 3; ++i) {
-    chunk.reader.exact_relative(out.vertex[i], out.d[i]);
-    const double* d = out.d[i];
-    out.x[i] = m.exact_x[0] * d[0] + m.exact_x[1] * d[1] + m.exact_x[2] * d[2] + m.exact_x[3];
-    out.y[i] = m.exact_y[0] * d[0] + m.exact_y[1] * d[1] + m.exact_y[2] * d[2] + m.exact_y[3];
-    out.w[i] = orthographic ? 1.0 : m.exact_w[0] * d[0] + m.exact_w[1] * d[1] + m.exact_w[2] * d[2] + m.exact_w[3];
+template <class Real>
+SCREE_HD inline Corners<Real> fetch_corners(const ChunkReader& reader, const uint32_t vertex[3]) {
+  Corners<Real> out;
+  if (reader.float32) {
+    for (int axis = 0; axis < 3; ++axis) {
+      const Real first = static_cast<Real>(reader.float_position(vertex[0], axis));
+      out.first[axis] = first - static_cast<Real>(reader.center[axis]);
+      for (int n = 0; n < 2; ++n)
+        out.edge[n][axis] = static_cast<Real>(reader.float_position(vertex[n + 1], axis)) - first;
+    }
+    return out;
+  }
+  uint32_t first[3];
+  reader.code(vertex[0], first);
+  for (int axis = 0; axis < 3; ++axis)
+    out.first[axis] = static_cast<Real>(reader.base[axis] + static_cast<int64_t>(first[axis]));
+  for (int n = 0; n < 2; ++n) {
+    uint32_t code[3];
+    reader.code(vertex[n + 1], code);
+    for (int axis = 0; axis < 3; ++axis)
+      out.edge[n][axis] = static_cast<Real>(static_cast<int32_t>(code[axis]) - static_cast<int32_t>(first[axis]));
   }
   return out;
 }
 
-/// Where the ray through (x, y), sub-pixels from the image's centre, meets the triangle's plane: weights of the corners
-/// in object space, adding up to 1, not clamped to the triangle. False where the ray and the plane are parallel;
-/// `turned` is the sign of the plane towards the ray, which differs from the pixel's own where a neighbour's ray meets
-/// it only behind.
-SCREE_HD inline bool meet_plane(const ResolvedTriangle& triangle, double x, double y, double weights[3], bool& turned) {
-  double qx[3];
-  double qy[3];
-  for (int i = 0; i < 3; ++i) {
-    qx[i] = triangle.x[i] - x * triangle.w[i];
-    qy[i] = triangle.y[i] - y * triangle.w[i];
-  }
-  const double e0 = qx[1] * qy[2] - qx[2] * qy[1];
-  const double e1 = qx[2] * qy[0] - qx[0] * qy[2];
-  const double e2 = qx[0] * qy[1] - qx[1] * qy[0];
-  const double sum = e0 + e1 + e2;
-  turned = sum < 0;
-  if (!(abs_of(sum) > 0) || !(abs_of(sum) < 1e300)) return false;
-  weights[0] = e0 / sum;
-  weights[1] = e1 / sum;
-  weights[2] = e2 / sum;
-  return true;
+/// a * b + c, rounded once or twice: for shading, which is not held to the bit.
+SCREE_HD inline float multiply_add(float a, float b, float c) {
+#if defined(__CUDA_ARCH__)
+  return __fmaf_rn(a, b, c);
+#else
+  return a * b + c;
+#endif
+}
+SCREE_HD inline double multiply_add(double a, double b, double c) {
+#if defined(__CUDA_ARCH__)
+  return __fma_rn(a, b, c);
+#else
+  return a * b + c;
+#endif
 }
 
-/// Brings weights into the triangle: snapping lets a pixel centre lie a little outside, edge-on triangles far outside.
-SCREE_HD inline void clamp_weights(double weights[3]) {
-  double sum = 0;
+template <class Real>
+struct TransformRows {
+  const Real* x;
+  const Real* y;
+  const Real* w;
+};
+SCREE_HD inline TransformRows<float> rows_of(const Transform& transform, float) {
+  return {transform.x, transform.y, transform.w};
+}
+SCREE_HD inline TransformRows<double> rows_of(const Transform& transform, double) {
+  return {transform.exact_x, transform.exact_y, transform.exact_w};
+}
+
+/// A triangle as one sample's ray sees it: homogeneous, x and y in sub-pixels from the sample times w. With a
+/// perspective camera all is divided by the sum of the corners' |w|, which changes no ratio and keeps products within a
+/// float.
+template <class Real>
+struct Meeting {
+  Real x;  // corner 0
+  Real y;
+  Real w;  // 1 with an orthographic camera
+  Real edge_x[2];
+  Real edge_y[2];
+  Real edge_w[2];  // of the depth row in both kinds of camera
+  Real area;       // of the triangle, twice: 0 when seen edge-on
+};
+
+/// (x, y): the sample, sub-pixels from the image's centre.
+template <bool kOrthographic, class Real>
+SCREE_HD inline Meeting<Real> meet(const Transform& transform, const Corners<Real>& corners, Real x, Real y) {
+  const TransformRows<Real> rows = rows_of(transform, Real{});
+  Meeting<Real> out;
+  Real row_x[4];
+  Real row_y[4];
+  for (int i = 0; i < 4; ++i) {
+    row_x[i] = kOrthographic ? rows.x[i] : multiply_add(-x, rows.w[i], rows.x[i]);
+    row_y[i] = kOrthographic ? rows.y[i] : multiply_add(-y, rows.w[i], rows.y[i]);
+  }
+  const auto dot = [](const Real* row, const Real* d, Real start) {
+    return multiply_add(row[0], d[0], multiply_add(row[1], d[1], multiply_add(row[2], d[2], start)));
+  };
+  out.x = dot(row_x, corners.first, kOrthographic ? row_x[3] - x : row_x[3]);
+  out.y = dot(row_y, corners.first, kOrthographic ? row_y[3] - y : row_y[3]);
+  out.w = kOrthographic ? Real{1} : dot(rows.w, corners.first, rows.w[3]);
+  for (int n = 0; n < 2; ++n) {
+    out.edge_x[n] = dot(row_x, corners.edge[n], Real{0});
+    out.edge_y[n] = dot(row_y, corners.edge[n], Real{0});
+    out.edge_w[n] = dot(rows.w, corners.edge[n], Real{0});
+  }
+  if constexpr (!kOrthographic) {
+    const Real scale = Real{1} / (abs_of(out.w) + abs_of(out.w + out.edge_w[0]) + abs_of(out.w + out.edge_w[1]));
+    out.x = out.x * scale;
+    out.y = out.y * scale;
+    out.w = out.w * scale;
+    for (int n = 0; n < 2; ++n) {
+      out.edge_x[n] = out.edge_x[n] * scale;
+      out.edge_y[n] = out.edge_y[n] * scale;
+      out.edge_w[n] = out.edge_w[n] * scale;
+    }
+  }
+  out.area = out.edge_x[0] * out.edge_y[1] - out.edge_y[0] * out.edge_x[1];
+  return out;
+}
+
+/// Weights of the corners, in object space, of the point where the ray meets the triangle's plane. They are brought
+/// into the triangle: snapping lets a sample's centre lie a little outside, edge-on triangles far outside.
+template <class Real>
+SCREE_HD inline void hit_weights(const Meeting<Real>& m, Real weights[3]) {
+  const Real inverse = Real{1} / m.area;
+  weights[1] = (m.edge_x[1] * m.y - m.edge_y[1] * m.x) * inverse;
+  weights[2] = (m.x * m.edge_y[0] - m.y * m.edge_x[0]) * inverse;
+  weights[0] = Real{1} - weights[1] - weights[2];
+  Real sum{0};
   for (int i = 0; i < 3; ++i) {
-    weights[i] = weights[i] > 0 ? min_of(weights[i], 1.0) : 0.0;
+    weights[i] = weights[i] > 0 ? min_of(weights[i], Real{1}) : Real{0};  // NaN, of an area of 0, too
     sum += weights[i];
   }
-  for (int i = 0; i < 3; ++i) weights[i] = sum > 0 ? weights[i] / sum : 1.0 / 3.0;
+  const Real share = sum > 0 ? Real{1} / sum : Real{0};
+  for (int i = 0; i < 3; ++i) weights[i] = sum > 0 ? weights[i] * share : Real{1} / Real{3};
 }
 
 /// Which stage (1, 2 or 3) drew this pixel of the triangle: that of the piece, where it was clipped, that covers the
 /// pixel.
 template <bool kOrthographic>
-SCREE_HD inline int stage_of(const ResolvedChunk& chunk, const ResolvedTriangle& resolved, const FrameView& view,
-                             int32_t x, int32_t y) {
+SCREE_HD inline int stage_of(const PlacedChunk& chunk, const uint32_t vertex[3], const FrameView& view, int32_t x,
+                             int32_t y) {
   ScreenVertex corners[3];
   uint32_t flags = 0;
   for (int i = 0; i < 3; ++i) {
     float d[3];
-    chunk.reader.relative(resolved.vertex[i], d);
+    chunk.reader.relative(vertex[i], d);
     corners[i] = project<kOrthographic>(chunk.transform, view, d[0], d[1], d[2]);
     flags |= corners[i].flags;
   }
@@ -150,7 +270,11 @@ SCREE_HD inline int stage_of(const ResolvedChunk& chunk, const ResolvedTriangle&
   int count = 3;
   if ((flags & kNeedsClip) != 0) {
     ClipVertex polygon[kMaxPolygon];
-    for (int i = 0; i < 3; ++i) polygon[i] = clip_vertex(chunk.transform, resolved.d[i], corners[i]);
+    for (int i = 0; i < 3; ++i) {
+      double d[3];
+      chunk.reader.exact_relative(vertex[i], d);
+      polygon[i] = clip_vertex(chunk.transform, d, corners[i]);
+    }
     count = clip_polygon<kOrthographic>(polygon);
     for (int i = 0; i < count; ++i) polygon_corners[i] = snap_clipped<kOrthographic>(polygon[i], view);
   }

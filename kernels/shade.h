@@ -1,11 +1,11 @@
-// The last pass: the colour of every sample. Source: spec/rasterization.md, resolve.
+// The colour of a sample. Source: spec/rasterization.md, resolve.
 #pragma once
 
 #include <cmath>
 
 #include "format/attribute_codec.h"
-#include "kernels/queues.h"
 #include "kernels/resolve.h"
+#include "kernels/srgb.h"
 #include "kernels/texture.h"
 
 namespace scree::kernels {
@@ -46,38 +46,74 @@ SCREE_HD inline void normalize3(double v[3]) {
   for (int i = 0; i < 3; ++i) v[i] = v[i] / length;
 }
 
-/// The texture coordinates of a vertex as the source has them.
-SCREE_HD inline void vertex_uv(const ResolvedChunk& chunk, uint32_t vertex, double uv[2]) {
-  const format::ChunkRecord& record = *chunk.chunk;
-  const std::byte* stream = chunk.payload + chunk.streams.uvs.offset;
-  uint64_t bit = uint64_t{vertex} * (uint32_t{record.uv_bits[0]} + record.uv_bits[1]);
-  const double step = format::exp2i(record.uv_exponent);
-  for (int i = 0; i < 2; ++i) {
-    const uint32_t code = record.uv_bits[i] == 0 ? 0u : unpack_bits(stream, bit, record.uv_bits[i]);
-    bit += record.uv_bits[i];
-    uv[i] = static_cast<double>(wrapping_add(record.uv_min[i], static_cast<int64_t>(code))) * step;
+/// 1 / sqrt(x), on CUDA to 2 ulp; infinite for 0.
+SCREE_HD inline float inverse_root(float value) {
+#if defined(__CUDA_ARCH__)
+  return rsqrtf(value);
+#else
+  return 1.0f / std::sqrt(value);
+#endif
+}
+
+/// The nearest and the farthest depth code of a picture: what Show::kDepth spreads its greys over.
+struct DepthRange {
+  uint32_t nearest = kFarthestDepthCode;
+  uint32_t farthest = 0;
+};
+
+/// What every sample of a picture is shaded from, whatever is shown.
+struct ShadeInputs {
+  SceneView scene;
+  FrameView view;
+  ShadeOptions options;
+  const Transform* transforms;  // by instance; null where the team makes its own (Team::kMakesTransforms)
+  const SrgbTables* srgb;
+  const DepthRange* depth_range;  // Show::kDepth alone
+  // View space in sub-pixels: x as it is, y times `aspect`, the depth row times `focal`.
+  float aspect;
+  float focal;
+};
+
+inline ShadeInputs make_shade_inputs(const SceneView& scene, const View& view, const ShadeOptions& options,
+                                     const Transform* transforms, const SrgbTables* srgb,
+                                     const DepthRange* depth_range) {
+  ShadeInputs out{scene, make_frame_view(view), options, transforms, srgb, depth_range, 1.0f, 1.0f};
+  const double per_x = static_cast<double>(out.view.half_width) / view.half_width;
+  const double per_y = static_cast<double>(out.view.half_height) / view.half_height;
+  out.aspect = static_cast<float>(per_x / per_y);
+  out.focal = static_cast<float>(view.orthographic ? per_x * (view.z_far - view.z_near) : per_x);
+  return out;
+}
+
+/// Vertex normals between the corners, in object space, any length.
+SCREE_HD inline void vertex_normal(const PlacedChunk& at, const uint32_t vertex[3], const float weights[3],
+                                   float normal[3]) {
+  const std::byte* stream = at.page + at.chunk.offset + streams_of(at.mesh, at.chunk).normals.offset;
+  const uint32_t bits = at.chunk.normal_bits;
+  normal[0] = normal[1] = normal[2] = 0;
+  for (int i = 0; i < 3; ++i) {
+    const uint64_t bit = uint64_t{vertex[i]} * (2u * bits);
+    float unit[3];
+    format::decode_octahedral(unpack_bits(stream, bit, bits), unpack_bits(stream, bit + bits, bits), bits, unit);
+    for (int j = 0; j < 3; ++j) normal[j] = multiply_add(weights[i], unit[j], normal[j]);
   }
+}
+
+SCREE_HD inline bool has_vertex_normals(const PlacedChunk& at) {
+  return (at.mesh.attributes & format::kHasNormal) != 0 && at.chunk.normal_bits >= 2;
 }
 
 /// The normal of a face in world space, outwards for glTF's counter-clockwise fronts, also under mirroring matrices; or
 /// the mesh's own normals between the corners.
-SCREE_HD inline void world_normal(const ResolvedChunk& chunk, const ResolvedTriangle& triangle, const double weights[3],
-                                  double normal[3]) {
-  const format::ChunkRecord& record = *chunk.chunk;
-  const double(*m)[4] = chunk.matrix->rows;
-  if ((chunk.mesh->attributes & format::kHasNormal) != 0 && record.normal_bits >= 2) {
-    const std::byte* stream = chunk.payload + chunk.streams.normals.offset;
-    double object[3] = {0, 0, 0};
-    for (int i = 0; i < 3; ++i) {
-      const uint64_t bit = uint64_t{triangle.vertex[i]} * (2u * record.normal_bits);
-      float unit[3];
-      format::decode_octahedral(unpack_bits(stream, bit, record.normal_bits),
-                                unpack_bits(stream, bit + record.normal_bits, record.normal_bits), record.normal_bits,
-                                unit);
-      for (int j = 0; j < 3; ++j) object[j] += weights[i] * static_cast<double>(unit[j]);
-    }
+SCREE_HD inline void world_normal(const PlacedChunk& at, const format::MatrixRecord& matrix, const uint32_t vertex[3],
+                                  const Corners<double>& corners, const float weights[3], double normal[3]) {
+  const double(*m)[4] = matrix.rows;
+  if (has_vertex_normals(at)) {
+    float object[3];
+    vertex_normal(at, vertex, weights, object);
+    const double wide[3] = {object[0], object[1], object[2]};
     // The inverse transpose is the cofactor matrix over the determinant, whose sign is all that matters here.
-    const double sign = chunk.transform.mirrored ? -1.0 : 1.0;
+    const double sign = at.transform.mirrored ? -1.0 : 1.0;
     for (int i = 0; i < 3; ++i) {
       const int a = (i + 1) % 3;
       const int b = (i + 2) % 3;
@@ -85,143 +121,337 @@ SCREE_HD inline void world_normal(const ResolvedChunk& chunk, const ResolvedTria
       const double row_a[3] = {m[a][0], m[a][1], m[a][2]};
       const double row_b[3] = {m[b][0], m[b][1], m[b][2]};
       cross3(row_a, row_b, cofactors);
-      normal[i] = sign * dot3(cofactors, object);
+      normal[i] = sign * dot3(cofactors, wide);
     }
     normalize3(normal);
     if (dot3(normal, normal) > 0) return;
   }
   double edge[2][3];
-  for (int i = 0; i < 2; ++i) {
-    double object[3];
-    for (int j = 0; j < 3; ++j) object[j] = triangle.d[i + 1][j] - triangle.d[0][j];
-    for (int j = 0; j < 3; ++j) edge[i][j] = m[j][0] * object[0] + m[j][1] * object[1] + m[j][2] * object[2];
-    normalize3(edge[i]);
+  for (int n = 0; n < 2; ++n) {
+    for (int j = 0; j < 3; ++j) edge[n][j] = dot3(m[j], corners.edge[n]);
+    normalize3(edge[n]);
   }
   cross3(edge[0], edge[1], normal);
-  if (chunk.transform.mirrored) {
+  if (at.transform.mirrored) {
     for (int i = 0; i < 3; ++i) normal[i] = -normal[i];
   }
   normalize3(normal);
 }
 
-/// One row of samples an item, from `first_row` on.
+/// |n . l| of the face's normal and the sample's ray. In view space the edges less what they advance along the ray lie
+/// in the picture's plane, where their product is the area that meet() has.
 template <bool kOrthographic>
-struct Shade {
-  SceneView scene;
-  FrameView view;
-  View camera;
-  ShadeOptions options;
-  const uint64_t* samples;
-  const float* srgb_table;  // linear light of the 256 sRGB codes
-  uint32_t nearest_code;    // Show::kDepth: the range of the picture
-  uint32_t farthest_code;
-  uint32_t first_row;
-  float* rgba;  // of row first_row
+SCREE_HD inline float face_cosine(const ShadeInputs& in, const Meeting<float>& m, float x, float y) {
+  float edge[2][3];
+  float product = abs_of(m.area) * in.aspect;
+  for (int n = 0; n < 2; ++n) {
+    float* e = edge[n];
+    e[0] = kOrthographic ? m.edge_x[n] : multiply_add(x, m.edge_w[n], m.edge_x[n]);
+    e[1] = (kOrthographic ? m.edge_y[n] : multiply_add(y, m.edge_w[n], m.edge_y[n])) * in.aspect;
+    e[2] = m.edge_w[n] * in.focal;
+    const float scale = inverse_root(e[0] * e[0] + e[1] * e[1] + e[2] * e[2]);
+    for (int i = 0; i < 3; ++i) e[i] = e[i] * scale;
+    product = product * scale;
+  }
+  const float nx = edge[0][1] * edge[1][2] - edge[0][2] * edge[1][1];
+  const float ny = edge[0][2] * edge[1][0] - edge[0][0] * edge[1][2];
+  const float nz = edge[0][0] * edge[1][1] - edge[0][1] * edge[1][0];
+  float squared = nx * nx + ny * ny + nz * nz;
+  if constexpr (!kOrthographic) {
+    const float ray_y = y * in.aspect;
+    product = product * in.focal;
+    squared = squared * (x * x + ray_y * ray_y + in.focal * in.focal);
+  }
+  return product * inverse_root(squared);
+}
 
-  template <class Team>
-  SCREE_HD void operator()(uint32_t item, Team team) const {
-    const uint64_t width = static_cast<uint64_t>(view.width);
-    const uint32_t y = first_row + item;
-    ResolvedChunk chunk;
-    for (uint32_t x = team.rank(); x < static_cast<uint32_t>(view.width); x += team.size()) {
-      const uint64_t sample = samples[y * width + x];
-      float* out = rgba + 4 * (item * width + x);
-      if (sample == kBackground) {
-        for (int c = 0; c < 4; ++c) out[c] = options.background[c];
-        continue;
+/// |n . l| of vertex normals; not a number where they have no direction.
+template <bool kOrthographic>
+SCREE_HD inline float vertex_cosine(const ShadeInputs& in, const PlacedChunk& at, const float object[3], float x,
+                                    float y) {
+  // The rows of the transform in view space; their cofactors are the inverse transpose but for a factor.
+  float rows[3][3];
+  float largest = 0;
+  for (int j = 0; j < 3; ++j) {
+    rows[0][j] = at.transform.x[j];
+    rows[1][j] = at.transform.y[j] * in.aspect;
+    rows[2][j] = at.transform.w[j] * in.focal;
+    for (int i = 0; i < 3; ++i) largest = max_of(largest, abs_of(rows[i][j]));
+  }
+  const float scale = 1.0f / largest;
+  for (int i = 0; i < 3; ++i) {
+    for (int j = 0; j < 3; ++j) rows[i][j] = rows[i][j] * scale;
+  }
+  const float ray[3] = {kOrthographic ? 0.0f : x, kOrthographic ? 0.0f : y * in.aspect,
+                        kOrthographic ? 1.0f : in.focal};
+  float product = 0;
+  float normal_squared = 0;
+  float ray_squared = 0;
+  for (int i = 0; i < 3; ++i) {
+    const float* a = rows[(i + 1) % 3];
+    const float* b = rows[(i + 2) % 3];
+    const float n = (a[1] * b[2] - a[2] * b[1]) * object[0] + (a[2] * b[0] - a[0] * b[2]) * object[1] +
+                    (a[0] * b[1] - a[1] * b[0]) * object[2];
+    product = multiply_add(n, ray[i], product);
+    normal_squared = multiply_add(n, n, normal_squared);
+    ray_squared = multiply_add(ray[i], ray[i], ray_squared);
+  }
+  return abs_of(product) * inverse_root(normal_squared) * inverse_root(ray_squared);
+}
+
+/// A place on a texture.
+struct TexturePlace {
+  double u;
+  double v;
+  float footprint;  // texels of level 0, infinite where a neighbour's ray misses the plane
+  bool exact;       // single precision was enough
+};
+
+/// Where the ray meets the triangle's plane in texture coordinates, and how far the rays of the samples to the right
+/// and below are from there. `material`: for KHR_texture_transform; null for plain coordinates.
+template <bool kOrthographic, class Real>
+SCREE_HD inline TexturePlace texture_place(const ShadeInputs& in, const PlacedChunk& at, const uint32_t vertex[3],
+                                           const format::MaterialRecord* material, float width, float height,
+                                           const Meeting<Real>& m, const Real weights[3]) {
+  const format::ChunkRecord& chunk = at.chunk;
+  const std::byte* stream = at.page + chunk.offset + streams_of(at.mesh, chunk).uvs.offset;
+  const uint32_t stride = uint32_t{chunk.uv_bits[0]} + chunk.uv_bits[1];
+  const double step = format::exp2i(chunk.uv_exponent);
+  TexturePlace place{};
+  Real edge[2][2];  // corner 0 to 1 and 2, u and v
+  double first[2];
+  uint32_t codes[2];
+  for (int n = 0; n < 3; ++n) {
+    const uint64_t bit = uint64_t{vertex[n]} * stride;
+    for (int c = 0; c < 2; ++c) {
+      const uint32_t bits = chunk.uv_bits[c];
+      const uint32_t code = bits == 0 ? 0u : unpack_bits(stream, bit + (c == 0 ? 0u : chunk.uv_bits[0]), bits);
+      if (n == 0) {
+        codes[c] = code;
+        first[c] = static_cast<double>(wrapping_add(chunk.uv_min[c], static_cast<int64_t>(code))) * step;
+      } else {
+        edge[n - 1][c] =
+            static_cast<Real>(static_cast<int32_t>(code) - static_cast<int32_t>(codes[c])) * static_cast<Real>(step);
       }
-      shade(sample, static_cast<int32_t>(x), static_cast<int32_t>(y), chunk, out);
-      out[3] = 1.0f;
     }
   }
+  if (material != nullptr) {
+    // Scale, then rotation, then offset: affine, so that corner and edges can take it.
+    const float* scale = material->uv_scale;
+    for (int c = 0; c < 2; ++c) {
+      first[c] = first[c] * static_cast<double>(scale[c]);
+      for (int n = 0; n < 2; ++n) edge[n][c] = edge[n][c] * static_cast<Real>(scale[c]);
+    }
+    if (material->uv_rotation != 0) {
+      const double cosine = std::cos(static_cast<double>(material->uv_rotation));
+      const double sine = std::sin(static_cast<double>(material->uv_rotation));
+      const double turned[2] = {cosine * first[0] + sine * first[1], cosine * first[1] - sine * first[0]};
+      first[0] = turned[0];
+      first[1] = turned[1];
+      for (int n = 0; n < 2; ++n) {
+        const Real u = edge[n][0];
+        const Real v = edge[n][1];
+        edge[n][0] = static_cast<Real>(cosine) * u + static_cast<Real>(sine) * v;
+        edge[n][1] = static_cast<Real>(cosine) * v - static_cast<Real>(sine) * u;
+      }
+    }
+    for (int c = 0; c < 2; ++c) first[c] = first[c] + static_cast<double>(material->uv_offset[c]);
+  }
+  place.u = first[0] + static_cast<double>(weights[1] * edge[0][0] + weights[2] * edge[1][0]);
+  place.v = first[1] + static_cast<double>(weights[1] * edge[0][1] + weights[2] * edge[1][1]);
 
-  SCREE_HD void shade(uint64_t sample, int32_t x, int32_t y, ResolvedChunk& chunk, float rgb[3]) const {
+  // One sample to the side, corner 0 moves by -256 w and the edges by -256 of theirs: what that does to areas and
+  // weights, written so that nothing large cancels.
+  const Real inverse = Real{1} / m.area;
+  const Real share[2] = {(m.edge_x[1] * m.y - m.edge_y[1] * m.x) * inverse,
+                         (m.x * m.edge_y[0] - m.y * m.edge_x[0]) * inverse};
+  for (int side = 0; side < 2; ++side) {
+    const Real* along = side == 0 ? m.edge_y : m.edge_x;
+    const Real start = side == 0 ? m.y : m.x;
+    const Real sign = static_cast<Real>(side == 0 ? -kSubpixels : kSubpixels);
+    const Real g0 = kOrthographic ? Real{0} : m.edge_w[0];
+    const Real g1 = kOrthographic ? Real{0} : m.edge_w[1];
+    const Real area = sign * (g0 * along[1] - g1 * along[0]);
+    const Real e1 = sign * (g1 * start - m.w * along[1]);
+    const Real e2 = sign * (m.w * along[0] - g0 * start);
+    const Real moved = m.area + area;
+    if ((moved > 0) != (m.area > 0)) {
+      place.footprint = 1e30f;
+      continue;
+    }
+    const Real scale = Real{1} / moved;
+    const Real t1 = (e1 - share[0] * area) * scale;
+    const Real t2 = (e2 - share[1] * area) * scale;
+    const float du = static_cast<float>(t1 * edge[0][0] + t2 * edge[1][0]) * width;
+    const float dv = static_cast<float>(t1 * edge[0][1] + t2 * edge[1][1]) * height;
+    place.footprint = max_of(place.footprint, std::sqrt(min_of(du * du + dv * dv, 1e30f)));
+  }
+  // Weights in single precision are off by 2^-22 or so: of a triangle's texels, and where corners are far more distant
+  // than the point that is seen, of their distance in pixels.
+  Real spread{0};
+  Real reach = static_cast<Real>(max_of(in.view.half_width, in.view.half_height));
+  for (int n = 0; n < 2; ++n) {
+    spread = max_of(spread, max_of(abs_of(edge[n][0]) * width, abs_of(edge[n][1]) * height));
+    reach = max_of(reach, max_of(abs_of(m.edge_x[n]), abs_of(m.edge_y[n])));
+  }
+  const Real w = kOrthographic ? m.w : m.w + weights[1] * m.edge_w[0] + weights[2] * m.edge_w[1];
+  place.exact = spread < Real{1 << 16} && reach < static_cast<Real>(1 << 23) * w;
+  return place;
+}
+
+/// Gives a sample's transform: the frame's array.
+template <bool kMakes>
+struct TransformSource {
+  SCREE_HD const Transform& get(const ShadeInputs& in, uint64_t instance) { return in.transforms[instance]; }
+};
+
+/// Where there may be no array, the transform is made when another instance comes.
+template <>
+struct TransformSource<true> {
+  Transform own;
+  uint64_t own_instance = ~uint64_t{0};
+
+  SCREE_HD const Transform& get(const ShadeInputs& in, uint64_t instance) {
+    if (in.transforms != nullptr) return in.transforms[instance];
+    if (own_instance != instance) {
+      const format::InstanceRecord& record = in.scene.instances[instance];
+      const format::MeshRecord& mesh = in.scene.meshes[record.mesh];
+      own = make_transform(in.view, in.scene.matrices[record.matrix], mesh.lattice_exponent,
+                           mesh.position_encoding == format::PositionEncoding::kFloat32);
+      own_instance = instance;
+    }
+    return own;
+  }
+};
+
+/// What a lane keeps from sample to sample.
+template <class Team>
+struct ShadeState {
+  Location at;
+  TransformSource<Team::kMakesTransforms> source;
+};
+
+/// The colour of a sample: one kind of picture and of camera, so that no kind pays for another's registers. `Real`:
+/// what places on textures start in; double stands in where float does not do.
+template <bool kOrthographic, Show kShow, class Real = float>
+struct Shader {
+  ShadeInputs in;
+
+  /// All lanes of a team call it; `wanted`: whether the lane has a sample that is not background. Sample (x, y) of the
+  /// picture, linear light.
+  template <class Team>
+  SCREE_HD void operator()(Team team, bool wanted, uint64_t sample, int32_t x, int32_t y, ShadeState<Team>& state,
+                           float rgb[3]) const {
     const uint64_t id = sample_id(sample);
     // The pictures that are not of light are seen as 8-bit sRGB; they are given so that the code is the value.
-    switch (options.show) {
-      case Show::kTriangle:
-        return random_color(id, rgb);
-      case Show::kDepth: {
-        const float grey = srgb_to_linear(depth_grey(sample_depth_code(sample)));
-        rgb[0] = rgb[1] = rgb[2] = grey;
-        return;
-      }
-      default:
-        break;
-    }
-    resolve_chunk(scene, view, id, chunk);
-    if (options.show == Show::kMesh) return random_color(scene.instances[chunk.instance].mesh, rgb);
-    const ResolvedTriangle triangle =
-        resolve_triangle(chunk, static_cast<uint32_t>(id - chunk.first_id), kOrthographic);
-    if (options.show == Show::kStage) {
-      const int stage = stage_of<kOrthographic>(chunk, triangle, view, x, y);
-      for (int c = 0; c < 3; ++c) rgb[c] = stage == c + 1 ? 1.0f : 0.05f;
-      return;
-    }
-    const double center_x = static_cast<double>(x * kSubpixels + kSubpixels / 2) - static_cast<double>(view.half_width);
-    const double center_y =
-        static_cast<double>(y * kSubpixels + kSubpixels / 2) - static_cast<double>(view.half_height);
-    double weights[3];
-    bool turned;
-    if (!meet_plane(triangle, center_x, center_y, weights, turned)) weights[0] = weights[1] = weights[2] = 1.0 / 3.0;
-    clamp_weights(weights);
-    if (options.show == Show::kNormal) {
-      double normal[3];
-      world_normal(chunk, triangle, weights, normal);
-      for (int c = 0; c < 3; ++c) rgb[c] = srgb_to_linear(static_cast<float>(0.5 + 0.5 * normal[c]));
-      return;
-    }
-    const bool has_uv = (chunk.mesh->attributes & format::kHasUv) != 0;
-    double corner_uv[3][2] = {};
-    if (has_uv) {
-      for (int i = 0; i < 3; ++i) vertex_uv(chunk, triangle.vertex[i], corner_uv[i]);
-    }
-    if (options.show == Show::kUv) {
-      for (int c = 0; c < 2; ++c) {
-        const double uv = weights[0] * corner_uv[0][c] + weights[1] * corner_uv[1][c] + weights[2] * corner_uv[2][c];
-        rgb[c] = srgb_to_linear(static_cast<float>(uv - std::floor(uv)));
-      }
-      rgb[2] = 0.0f;
-      return;
-    }
-    rgb[0] = rgb[1] = rgb[2] = 1.0f;
-    bool lit = options.light;
-    if (chunk.mesh->material != format::kNone) {
-      const format::MaterialRecord& material = scene.materials[chunk.mesh->material];
-      if ((material.flags & format::kMaterialUnlit) != 0) lit = false;
-      if (options.show == Show::kTexture && has_uv && material.texture != format::kNone) {
-        texture_color(scene.textures[material.texture], material, triangle, corner_uv, weights, center_x, center_y,
-                      turned, rgb);
-      }
-      for (int c = 0; c < 3; ++c) rgb[c] = rgb[c] * material.base_color[c];
-    }
-    if ((chunk.mesh->attributes & format::kHasColor) != 0) {
-      const uint8_t* colors = reinterpret_cast<const uint8_t*>(chunk.payload + chunk.streams.colors.offset);
-      for (uint32_t c = 0; c < 3; ++c) {
-        double color = 0;
-        for (int i = 0; i < 3; ++i)
-          color += weights[i] * static_cast<double>(colors[4 * uint64_t{triangle.vertex[i]} + c]);
-        rgb[c] = rgb[c] * static_cast<float>(color * (1.0 / 255.0));
-      }
-    }
-    if (lit) {
-      double normal[3];
-      world_normal(chunk, triangle, weights, normal);
-      double ray[3];
-      for (int i = 0; i < 3; ++i) {
-        ray[i] = camera.forward[i];
-        if (!kOrthographic) {
-          ray[i] += camera.right[i] * (center_x / static_cast<double>(view.half_width) * camera.half_width) -
-                    camera.up[i] * (center_y / static_cast<double>(view.half_height) * camera.half_height);
+    if constexpr (kShow == Show::kTriangle) {
+      random_color(id, rgb);
+    } else if constexpr (kShow == Show::kDepth) {
+      rgb[0] = rgb[1] = rgb[2] = srgb_to_linear(depth_grey(sample_depth_code(sample)));
+    } else {
+      locate(team, in.scene, id, wanted, state.at);
+      if (!wanted) return;
+      if constexpr (kShow == Show::kMesh) {
+        random_color(in.scene.instances[state.at.instance].mesh, rgb);
+      } else {
+        const PlacedChunk at = place_chunk(in.scene, state.at, state.source.get(in, state.at.instance));
+        uint32_t vertex[3];
+        at.reader.triangle(static_cast<uint32_t>(id - state.at.first_id), vertex);
+        if constexpr (kShow == Show::kStage) {
+          const int stage = stage_of<kOrthographic>(at, vertex, in.view, x, y);
+          for (int c = 0; c < 3; ++c) rgb[c] = stage == c + 1 ? 1.0f : 0.05f;
+        } else {
+          const float center_x = static_cast<float>(x * kSubpixels + kSubpixels / 2) - in.view.half_width;
+          const float center_y = static_cast<float>(y * kSubpixels + kSubpixels / 2) - in.view.half_height;
+          shade(at, state.at.instance, vertex, center_x, center_y, rgb);
         }
       }
-      normalize3(ray);
-      const float diffuse = kAmbient + (1.0f - kAmbient) * static_cast<float>(abs_of(dot3(normal, ray)));
-      for (int c = 0; c < 3; ++c) rgb[c] = rgb[c] * diffuse;
     }
   }
 
  private:
+  static constexpr bool kLight = kShow == Show::kTexture || kShow == Show::kColor;
+
+  SCREE_HD void shade(const PlacedChunk& at, uint64_t instance, const uint32_t vertex[3], float x, float y,
+                      float rgb[3]) const {
+    const Meeting<float> m = meet<kOrthographic>(at.transform, fetch_corners<float>(at.reader, vertex), x, y);
+    float weights[3];
+    hit_weights(m, weights);
+    if constexpr (kShow == Show::kNormal) {
+      double normal[3];
+      world_normal(at, in.scene.matrices[in.scene.instances[instance].matrix], vertex,
+                   fetch_corners<double>(at.reader, vertex), weights, normal);
+      for (int c = 0; c < 3; ++c) rgb[c] = srgb_to_linear(static_cast<float>(0.5 + 0.5 * normal[c]));
+    } else if constexpr (kShow == Show::kUv) {
+      rgb[0] = rgb[1] = rgb[2] = 0;
+      if ((at.mesh.attributes & format::kHasUv) == 0) return;
+      const TexturePlace place = find_place(at, vertex, nullptr, 1.0f, 1.0f, m, weights, x, y);
+      rgb[0] = srgb_to_linear(static_cast<float>(place.u - std::floor(place.u)));
+      rgb[1] = srgb_to_linear(static_cast<float>(place.v - std::floor(place.v)));
+    } else if constexpr (kLight) {
+      rgb[0] = rgb[1] = rgb[2] = 1.0f;
+      bool lit = in.options.light;
+      if (at.mesh.material != format::kNone) {
+        const format::MaterialRecord& material = in.scene.materials[at.mesh.material];
+        if ((material.flags & format::kMaterialUnlit) != 0) lit = false;
+        if constexpr (kShow == Show::kTexture) {
+          if ((at.mesh.attributes & format::kHasUv) != 0 && material.texture != format::kNone) {
+            const TextureView& texture = in.scene.textures[material.texture];
+            if (texture.texels != nullptr) {
+              const TexturePlace place = find_place(at, vertex, &material, static_cast<float>(texture.width),
+                                                    static_cast<float>(texture.height), m, weights, x, y);
+              sample_texture(texture, in.srgb->linear, place.u, place.v, place.footprint, rgb);
+            }
+          }
+        }
+        for (int c = 0; c < 3; ++c) rgb[c] = rgb[c] * material.base_color[c];
+      }
+      if ((at.mesh.attributes & format::kHasColor) != 0) vertex_color(at, vertex, weights, rgb);
+      if (lit) {
+        float cosine = -1.0f;
+        if (has_vertex_normals(at)) {
+          float normal[3];
+          vertex_normal(at, vertex, weights, normal);
+          cosine = vertex_cosine<kOrthographic>(in, at, normal, x, y);
+        }
+        if (!(cosine >= 0)) cosine = face_cosine<kOrthographic>(in, m, x, y);
+        const float diffuse = kAmbient + (1.0f - kAmbient) * (cosine >= 0 ? min_of(cosine, 1.0f) : 0.0f);
+        for (int c = 0; c < 3; ++c) rgb[c] = rgb[c] * diffuse;
+      }
+    }
+  }
+
+  SCREE_HD TexturePlace find_place(const PlacedChunk& at, const uint32_t vertex[3],
+                                   const format::MaterialRecord* material, float width, float height,
+                                   const Meeting<float>& m, const float weights[3], float x, float y) const {
+    if constexpr (sizeof(Real) == sizeof(float)) {
+      const TexturePlace place = texture_place<kOrthographic>(in, at, vertex, material, width, height, m, weights);
+      if (place.exact) return place;
+    }
+    return exact_place(at, vertex, material, width, height, x, y);
+  }
+
+  SCREE_HD TexturePlace exact_place(const PlacedChunk& at, const uint32_t vertex[3],
+                                    const format::MaterialRecord* material, float width, float height, float x,
+                                    float y) const {
+    const Meeting<double> m = meet<kOrthographic>(at.transform, fetch_corners<double>(at.reader, vertex),
+                                                  static_cast<double>(x), static_cast<double>(y));
+    double weights[3];
+    hit_weights(m, weights);
+    return texture_place<kOrthographic>(in, at, vertex, material, width, height, m, weights);
+  }
+
+  SCREE_HD static void vertex_color(const PlacedChunk& at, const uint32_t vertex[3], const float weights[3],
+                                    float rgb[3]) {
+    const std::byte* stream = at.page + at.chunk.offset + streams_of(at.mesh, at.chunk).colors.offset;
+    float color[3] = {0, 0, 0};
+    for (int i = 0; i < 3; ++i) {
+      const uint8_t* texel = reinterpret_cast<const uint8_t*>(stream) + 4 * uint64_t{vertex[i]};
+      for (int c = 0; c < 3; ++c) color[c] = multiply_add(weights[i], static_cast<float>(texel[c]), color[c]);
+    }
+    for (int c = 0; c < 3; ++c) rgb[c] = rgb[c] * (color[c] * (1.0f / 255.0f));
+  }
+
   SCREE_HD static void random_color(uint64_t number, float rgb[3]) {
     const uint64_t bits = mix_bits(number);
     for (int c = 0; c < 3; ++c) {
@@ -231,51 +461,39 @@ struct Shade {
 
   /// White for the nearest sample of the picture to nearly black for the farthest; perspective codes are logarithmic.
   SCREE_HD float depth_grey(uint32_t code) const {
-    const float range = static_cast<float>(farthest_code - nearest_code);
-    const float place = range > 0 ? static_cast<float>(code - nearest_code) / range : 0.0f;
+    const float range = static_cast<float>(in.depth_range->farthest - in.depth_range->nearest);
+    const float place = range > 0 ? static_cast<float>(code - in.depth_range->nearest) / range : 0.0f;
     return 1.0f - 0.95f * min_of(max_of(place, 0.0f), 1.0f);
   }
-
-  SCREE_HD void texture_color(const TextureView& texture, const format::MaterialRecord& material,
-                              const ResolvedTriangle& triangle, double corner_uv[3][2], const double weights[3],
-                              double center_x, double center_y, bool turned, float rgb[3]) const {
-    // KHR_texture_transform: scale, then rotation, then offset. It is affine, so corners can take it.
-    const double cosine = std::cos(static_cast<double>(material.uv_rotation));
-    const double sine = std::sin(static_cast<double>(material.uv_rotation));
-    for (int i = 0; i < 3; ++i) {
-      const double u = corner_uv[i][0] * static_cast<double>(material.uv_scale[0]);
-      const double v = corner_uv[i][1] * static_cast<double>(material.uv_scale[1]);
-      corner_uv[i][0] = cosine * u + sine * v + static_cast<double>(material.uv_offset[0]);
-      corner_uv[i][1] = cosine * v - sine * u + static_cast<double>(material.uv_offset[1]);
-    }
-    double uv[2];
-    interpolate(corner_uv, weights, uv);
-    // The plane under the rays of the pixels to the right and below says how many texels a pixel spans.
-    float footprint = 0;
-    for (int side = 0; side < 2; ++side) {
-      double moved[3];
-      bool moved_turned;
-      const bool met = meet_plane(triangle, center_x + (side == 0 ? kSubpixels : 0),
-                                  center_y + (side == 1 ? kSubpixels : 0), moved, moved_turned);
-      if (!met || moved_turned != turned) {
-        footprint = 1e30f;
-        continue;
-      }
-      double there[2];
-      interpolate(corner_uv, moved, there);
-      const double du = (there[0] - uv[0]) * texture.width;
-      const double dv = (there[1] - uv[1]) * texture.height;
-      footprint = max_of(footprint, static_cast<float>(min_of(std::sqrt(du * du + dv * dv), 1e30)));
-    }
-    sample_texture(texture, srgb_table, uv[0], uv[1], footprint, rgb);
-  }
-
-  SCREE_HD static void interpolate(const double corner_uv[3][2], const double weights[3], double uv[2]) {
-    for (int c = 0; c < 2; ++c) {
-      uv[c] = weights[0] * corner_uv[0][c] + weights[1] * corner_uv[1][c] + weights[2] * corner_uv[2][c];
-    }
-  }
 };
+
+/// Calls visit(shader) with the shader of a camera and a kind of picture; a scene without textures does not pay for
+/// them.
+template <class Visit>
+inline void visit_shader(const ShadeInputs& in, const Visit& visit) {
+  const auto with_camera = [&]<bool kOrthographic>() {
+    switch (in.options.show) {
+      case Show::kTexture:
+        if (in.scene.texture_count == 0) return visit(Shader<kOrthographic, Show::kColor>{in});
+        return visit(Shader<kOrthographic, Show::kTexture>{in});
+      case Show::kColor:
+        return visit(Shader<kOrthographic, Show::kColor>{in});
+      case Show::kUv:
+        return visit(Shader<kOrthographic, Show::kUv>{in});
+      case Show::kNormal:
+        return visit(Shader<kOrthographic, Show::kNormal>{in});
+      case Show::kTriangle:
+        return visit(Shader<kOrthographic, Show::kTriangle>{in});
+      case Show::kMesh:
+        return visit(Shader<kOrthographic, Show::kMesh>{in});
+      case Show::kStage:
+        return visit(Shader<kOrthographic, Show::kStage>{in});
+      case Show::kDepth:
+        return visit(Shader<kOrthographic, Show::kDepth>{in});
+    }
+  };
+  in.view.orthographic ? with_camera.template operator()<true>() : with_camera.template operator()<false>();
+}
 
 }  // namespace SCREE_ISA
 }  // namespace scree::kernels

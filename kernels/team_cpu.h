@@ -99,6 +99,7 @@ class CpuTeam {
  public:
   static constexpr bool kCachesVertices = true;
   static constexpr bool kDrawsRuns = true;
+  static constexpr bool kMakesTransforms = true;
 
   /// `alone`: no other thread draws.
   CpuTeam(ScreenVertex* scratch, bool alone) : scratch_(scratch), alone_(alone) {}
@@ -119,6 +120,24 @@ class CpuTeam {
     }
     while (value < seen) {
       if (__atomic_compare_exchange_n(sample, &seen, value, true, __ATOMIC_RELAXED, __ATOMIC_RELAXED)) break;
+    }
+  }
+
+  /// One bit a lane.
+  static uint32_t ballot(bool value) { return value ? 1 : 0; }
+  /// The value that `lane` has.
+  static uint64_t share(uint64_t value, uint32_t) { return value; }
+
+  static void keep_least(uint32_t* place, uint32_t value) {
+    uint32_t seen = __atomic_load_n(place, __ATOMIC_RELAXED);
+    while (value < seen &&
+           !__atomic_compare_exchange_n(place, &seen, value, true, __ATOMIC_RELAXED, __ATOMIC_RELAXED)) {
+    }
+  }
+  static void keep_most(uint32_t* place, uint32_t value) {
+    uint32_t seen = __atomic_load_n(place, __ATOMIC_RELAXED);
+    while (value > seen &&
+           !__atomic_compare_exchange_n(place, &seen, value, true, __ATOMIC_RELAXED, __ATOMIC_RELAXED)) {
     }
   }
 

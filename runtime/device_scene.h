@@ -34,10 +34,10 @@ class DeviceScene {
   /// As kernels::draw_cpu, on the device, into host memory.
   Result<kernels::FrameStats> draw(const kernels::View& view, std::span<uint64_t> samples);
 
-  /// Shades rows of the picture that draw() made last, from `first_row` on, as many as `rgba` (host memory) holds, as
-  /// kernels::shade_cpu. `samples`: what draw() gave, for the range of depths that Show::kDepth needs.
-  Result<void> shade(const kernels::View& view, std::span<const uint64_t> samples, const kernels::ShadeOptions& options,
-                     std::span<float> rgba, uint32_t first_row);
+  /// Resolves the picture that draw() made last, as kernels::resolve_cpu with 4 channels, on the device; `view` as
+  /// draw() had it. `pixels`: RGBA8, red in the low byte, read back; may be empty where the time is all that is wanted.
+  Result<void> resolve(const kernels::View& view, uint32_t samples_per_side, const kernels::ShadeOptions& options,
+                       std::span<uint32_t> pixels, kernels::ResolveTimes* times = nullptr);
 
   const UploadStats& stats() const;
 

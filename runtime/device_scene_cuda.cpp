@@ -9,10 +9,10 @@
 #include <vector>
 
 #include "kernels/frame_cuda.h"
+#include "kernels/resolve_cuda.h"
 #include "runtime/cuda_check.h"
 #include "runtime/device_scene.h"
 #include "runtime/parallel.h"
-#include "runtime/srgb.h"
 
 namespace scree::runtime {
 namespace {
@@ -145,9 +145,9 @@ struct DeviceScene::Impl {
   const Scene* scene = nullptr;
   DeviceBuffer arena;
   DeviceBuffer samples;
-  DeviceBuffer rgba;
+  DeviceBuffer pixels;
+  kernels::CudaResolver resolver;
   kernels::SceneView view{};
-  const float* srgb_table = nullptr;
   UploadStats stats;
 };
 
@@ -169,8 +169,6 @@ Result<DeviceScene> DeviceScene::upload(const Scene& scene, uint64_t budget_byte
   // The tables of pointers are filled once the arena's address is known; their places are laid out now.
   std::vector<const std::byte*> page_pointers(container.pages().size());
   std::vector<kernels::TextureView> textures(host.textures, host.textures + host.texture_count);
-  std::vector<float> srgb(256);
-  for (uint32_t code = 0; code < 256; ++code) srgb[code] = linear_of_srgb(static_cast<uint8_t>(code));
 
   Layout layout;
   const uint64_t meshes = layout.add_array(host.meshes, host.mesh_count);
@@ -181,7 +179,6 @@ Result<DeviceScene> DeviceScene::upload(const Scene& scene, uint64_t budget_byte
   const uint64_t materials = layout.add_array(host.materials, host.material_count);
   const uint64_t texture_views = layout.add_array(textures.data(), textures.size());
   const uint64_t page_table = layout.add_array(page_pointers.data(), page_pointers.size());
-  const uint64_t srgb_table = layout.add_array(srgb.data(), srgb.size());
   std::vector<uint64_t> page_offset(page_pointers.size());
   for (uint64_t i = 0; i < page_pointers.size(); ++i)
     if (host.pages[i] != nullptr) page_offset[i] = layout.add(host.pages[i], container.pages()[i].raw_bytes);
@@ -226,7 +223,6 @@ Result<DeviceScene> DeviceScene::upload(const Scene& scene, uint64_t budget_byte
   impl->view.materials = reinterpret_cast<const format::MaterialRecord*>(base + materials);
   impl->view.textures = reinterpret_cast<const kernels::TextureView*>(base + texture_views);
   impl->view.pages = reinterpret_cast<const std::byte* const*>(base + page_table);
-  impl->srgb_table = reinterpret_cast<const float*>(base + srgb_table);
   impl->stats.device_bytes = layout.bytes();
   impl->stats.upload_ms = std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
   return DeviceScene(std::move(impl));
@@ -251,29 +247,31 @@ Result<kernels::FrameStats> DeviceScene::draw(const kernels::View& view, std::sp
   return stats;
 }
 
-Result<void> DeviceScene::shade(const kernels::View& view, std::span<const uint64_t> samples,
-                                const kernels::ShadeOptions& options, std::span<float> rgba, uint32_t first_row) {
-  kernels::DepthCodes codes{kernels::kFarthestDepthCode, 0};
-  if (options.show == kernels::Show::kDepth) {
-    for (const uint64_t sample : samples) {
-      if (sample == kernels::kBackground) continue;
-      codes.nearest = std::min(codes.nearest, kernels::sample_depth_code(sample));
-      codes.farthest = std::max(codes.farthest, kernels::sample_depth_code(sample));
-    }
-  }
-  if (impl_->rgba.bytes() < rgba.size_bytes()) {
-    impl_->rgba = DeviceBuffer();
-    Result<DeviceBuffer> buffer = DeviceBuffer::allocate(rgba.size_bytes(), "allocating the shaded rows");
+Result<void> DeviceScene::resolve(const kernels::View& view, uint32_t samples_per_side,
+                                  const kernels::ShadeOptions& options, std::span<uint32_t> pixels,
+                                  kernels::ResolveTimes* times) {
+  if (impl_->samples.bytes() != uint64_t{view.width} * view.height * sizeof(uint64_t))
+    return Error{ErrorCode::kRange, "no picture of " + std::to_string(view.width) + " x " +
+                                        std::to_string(view.height) + " samples was drawn"};
+  if (auto checked = kernels::check_resolve(view, samples_per_side); !checked) return checked;
+  const uint64_t count = uint64_t{view.width / samples_per_side} * (view.height / samples_per_side);
+  if (impl_->pixels.bytes() < count * sizeof(uint32_t)) {
+    impl_->pixels = DeviceBuffer();
+    Result<DeviceBuffer> buffer = DeviceBuffer::allocate(count * sizeof(uint32_t), "allocating the picture");
     if (!buffer) return buffer.error();
-    impl_->rgba = std::move(*buffer);
+    impl_->pixels = std::move(*buffer);
   }
-  const auto rows = static_cast<uint32_t>(rgba.size() / (uint64_t{4} * view.width));
-  const auto device_rgba = reinterpret_cast<float*>(impl_->rgba.data());
-  if (auto done = kernels::shade_cuda(impl_->view, view, reinterpret_cast<const uint64_t*>(impl_->samples.data()),
-                                      options, codes, first_row, rows, impl_->srgb_table, device_rgba);
+  const auto device_pixels = reinterpret_cast<uint32_t*>(impl_->pixels.data());
+  if (auto done = impl_->resolver.resolve(impl_->view, view, samples_per_side,
+                                          reinterpret_cast<const uint64_t*>(impl_->samples.data()), nullptr, options,
+                                          device_pixels, nullptr, times);
       !done)
     return done;
-  return cuda_check(cudaMemcpy(rgba.data(), device_rgba, rgba.size_bytes(), cudaMemcpyDeviceToHost),
+  if (pixels.empty()) return {};
+  if (pixels.size() != count)
+    return Error{ErrorCode::kRange,
+                 std::to_string(pixels.size()) + " pixels, but the picture has " + std::to_string(count)};
+  return cuda_check(cudaMemcpy(pixels.data(), device_pixels, pixels.size_bytes(), cudaMemcpyDeviceToHost),
                     "reading the picture");
 }
 

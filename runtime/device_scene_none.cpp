@@ -22,8 +22,8 @@ Result<kernels::FrameStats> DeviceScene::draw(const kernels::View&, std::span<ui
   return find_device().error();
 }
 
-Result<void> DeviceScene::shade(const kernels::View&, std::span<const uint64_t>, const kernels::ShadeOptions&,
-                                std::span<float>, uint32_t) {
+Result<void> DeviceScene::resolve(const kernels::View&, uint32_t, const kernels::ShadeOptions&, std::span<uint32_t>,
+                                  kernels::ResolveTimes*) {
   return find_device();
 }
 

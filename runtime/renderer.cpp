@@ -10,31 +10,9 @@
 #include "format/bitpack.h"
 #include "format/chunk_layout.h"
 #include "runtime/parallel.h"
-#include "runtime/srgb.h"
 
 namespace scree::runtime {
 namespace {
-
-/// One pixel of `side` x `side` samples whose first is at `rgba`, rows `row_floats` apart. The light of a pixel is that
-/// of its samples weighted by their alpha, so that a transparent background does not bleed into an edge.
-void resolve_pixel(const Srgb& srgb, const float* rgba, uint64_t row_floats, uint32_t side, uint32_t channels,
-                   uint8_t* out) {
-  float light[3] = {0, 0, 0};
-  float alpha = 0;
-  for (uint32_t j = 0; j < side; ++j) {
-    for (uint32_t i = 0; i < side; ++i) {
-      const float* const sample = rgba + j * row_floats + 4 * i;
-      alpha += sample[3];
-      for (size_t c = 0; c < 3; ++c) light[c] += sample[3] * sample[c];
-    }
-  }
-  const float scale = alpha > 0 ? 1.0f / alpha : 0.0f;
-  for (size_t c = 0; c < 3; ++c) out[c] = srgb.code(light[c] * scale);
-  if (channels == 4) {
-    const float share = alpha / static_cast<float>(side * side);
-    out[3] = static_cast<uint8_t>(std::lrint(std::clamp(share, 0.0f, 1.0f) * 255.0f));
-  }
-}
 
 std::optional<uint64_t> source_triangle(const kernels::SceneView& scene, const kernels::Hit& hit) {
   const format::ChunkRecord& chunk = scene.chunks[hit.chunk];
@@ -70,9 +48,9 @@ Result<Frame> Frame::draw(const Scene& scene, const kernels::View& view, uint32_
     return Error{ErrorCode::kMemory, "no memory left for " + std::to_string(width * height) + " samples"};
   }
   const Stopwatch watch;
-  Result<kernels::FrameStats> stats =
-      device != nullptr ? device->draw(frame.view_, frame.samples_)
-                        : kernels::draw_cpu(scene.view(), frame.view_, frame.samples_, threads);
+  Result<kernels::FrameStats> stats = device != nullptr
+                                          ? device->draw(frame.view_, frame.samples_)
+                                          : kernels::draw_cpu(scene.view(), frame.view_, frame.samples_, threads);
   if (!stats) return stats.error();
   frame.stats_ = *stats;
   frame.draw_time_ = watch.elapsed();
@@ -86,27 +64,21 @@ Result<Picture> Frame::shade(const kernels::ShadeOptions& options, uint32_t thre
     picture.height = height();
     picture.channels = options.background[3] >= 1.0f ? 3 : 4;
     picture.pixels.resize(uint64_t{picture.width} * picture.height * picture.channels);
-    const uint32_t side = samples_per_side_;
-    const uint64_t row_floats = uint64_t{4} * view_.width;
-    const uint64_t pixel_row_bytes = row_floats * sizeof(float) * side;
-    const auto band = static_cast<uint32_t>(std::clamp<uint64_t>(kBandBytes / pixel_row_bytes, 1, picture.height));
-    std::vector<float> rgba(row_floats * side * band);
-    for (uint32_t first = 0; first < picture.height; first += band) {
-      const uint32_t rows = std::min(band, picture.height - first);
-      const std::span<float> floats(rgba.data(), row_floats * side * rows);
-      const Result<void> shaded =
-          device_ != nullptr
-              ? device_->shade(view_, samples_, options, floats, first * side)
-              : kernels::shade_cpu(scene_->view(), view_, samples_, options, floats, threads, first * side);
-      if (!shaded) return shaded.error();
-      parallel_for(rows, threads, [&](uint64_t row) {
-        uint8_t* out = picture.pixels.data() + (first + row) * picture.width * picture.channels;
-        const float* in = rgba.data() + row * side * row_floats;
-        const Srgb& srgb = Srgb::tables();
-        for (uint32_t x = 0; x < picture.width; ++x, out += picture.channels, in += 4 * side)
-          resolve_pixel(srgb, in, row_floats, side, picture.channels, out);
-      });
+    if (device_ == nullptr) {
+      const Result<void> resolved = kernels::resolve_cpu(scene_->view(), view_, samples_per_side_, samples_, options,
+                                                         picture.channels, picture.pixels, threads);
+      if (!resolved) return resolved.error();
+      return picture;
     }
+    std::vector<uint32_t> rgba(uint64_t{picture.width} * picture.height);
+    if (const Result<void> resolved = device_->resolve(view_, samples_per_side_, options, rgba); !resolved)
+      return resolved.error();
+    parallel_for(picture.height, threads, [&](uint64_t row) {
+      uint8_t* out = picture.pixels.data() + row * picture.width * picture.channels;
+      const uint32_t* in = rgba.data() + row * picture.width;
+      for (uint32_t x = 0; x < picture.width; ++x, ++in)
+        for (uint32_t c = 0; c < picture.channels; ++c) *out++ = static_cast<uint8_t>(*in >> (8 * c));
+    });
     return picture;
   } catch (const std::bad_alloc&) {
     return Error{ErrorCode::kMemory, "no memory left for the picture"};

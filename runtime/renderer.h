@@ -45,10 +45,9 @@ class Frame {
   static Result<Frame> draw(const Scene& scene, const kernels::View& view, uint32_t samples_per_side, uint32_t threads,
                             DeviceScene* device = nullptr);
 
-  /// Shades every sample and averages a pixel's in linear light, weighted by alpha. Works in bands of rows: beside the
-  /// picture it holds at most kBandBytes of floats (or one row of pixels). RGBA where the background is not opaque.
+  /// Shades every sample and averages a pixel's in linear light, weighted by alpha. RGBA where the background is not
+  /// opaque. Errors kMemory, those of kernels::resolve_cpu and DeviceScene::resolve.
   Result<Picture> shade(const kernels::ShadeOptions& options, uint32_t threads) const;
-  static constexpr uint64_t kBandBytes = uint64_t{64} << 20;
 
   /// Distance from the eye's plane in world units, one float a pixel, rows top to bottom: of the nearest sample of a
   /// pixel; infinity where all are background. Throws std::bad_alloc.

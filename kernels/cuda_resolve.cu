@@ -1,0 +1,171 @@
+// CudaResolver: the passes of pixels.h on a stream of the caller's, a warp a tile of 8 x 4 pixels.
+#include <cuda_runtime.h>
+
+#include <string>
+#include <utility>
+
+#include "kernels/pixels.h"
+#include "kernels/resolve_cuda.h"
+
+namespace scree::kernels {
+namespace {
+
+/// One warp; all its lanes are there, in every pass.
+struct PixelTeam {
+  static constexpr bool kMakesTransforms = false;
+
+  __device__ static uint32_t rank() { return threadIdx.x & 31u; }
+  SCREE_HD static constexpr uint32_t size() { return 32; }
+  __device__ static uint32_t ballot(bool value) { return __ballot_sync(0xffffffffu, value); }
+  __device__ static uint64_t share(uint64_t value, uint32_t lane) {
+    return __shfl_sync(0xffffffffu, static_cast<unsigned long long>(value), static_cast<int>(lane));
+  }
+  __device__ static void keep_least(uint32_t* place, uint32_t value) { atomicMin(place, value); }
+  __device__ static void keep_most(uint32_t* place, uint32_t value) { atomicMax(place, value); }
+};
+
+constexpr uint32_t kThreads = 128;
+
+template <class Pass>
+__global__ void __launch_bounds__(kThreads) run_pixels(const __grid_constant__ Pass pass, uint32_t count) {
+  const uint32_t item = (blockIdx.x * kThreads + threadIdx.x) / 32;
+  if (item < count) pass(item, PixelTeam{});
+}
+
+/// The transform of an instance; an item is 32 of them.
+struct MakeTransforms {
+  SceneView scene;
+  FrameView view;
+  Transform* transforms;
+
+  template <class Team>
+  SCREE_HD void operator()(uint32_t item, Team team) const {
+    const uint64_t i = uint64_t{item} * Team::size() + team.rank();
+    if (i >= scene.instance_count) return;
+    const format::InstanceRecord& instance = scene.instances[i];
+    const format::MeshRecord& mesh = scene.meshes[instance.mesh];
+    transforms[i] = make_transform(view, scene.matrices[instance.matrix], mesh.lattice_exponent,
+                                   mesh.position_encoding == format::PositionEncoding::kFloat32);
+  }
+};
+
+__global__ void clear_depth_range(DepthRange* range) {
+  *range = DepthRange{};
+}
+
+}  // namespace
+
+struct CudaResolver::Impl {
+  /// Device memory that grows; the stream's earlier work with it is waited for by cudaFree.
+  struct Scratch {
+    void* data = nullptr;
+    uint64_t bytes = 0;
+  };
+  enum Event { kStart, kShading, kEnd, kEventCount };
+
+  ~Impl() {
+    (void)cudaFree(tables);
+    (void)cudaFree(transforms.data);
+    for (cudaEvent_t event : events)
+      if (event != nullptr) (void)cudaEventDestroy(event);
+  }
+
+  bool check(cudaError_t status, const char* what) {
+    if (status == cudaSuccess) return true;
+    error = {ErrorCode::kDevice, std::string("CUDA: ") + what + ": " + cudaGetErrorString(status)};
+    return false;
+  }
+
+  bool reserve(Scratch& scratch, uint64_t bytes, const char* what) {
+    if (bytes <= scratch.bytes) return true;
+    if (!check(cudaFree(std::exchange(scratch.data, nullptr)), what)) return false;
+    scratch.bytes = 0;
+    if (!check(cudaMalloc(&scratch.data, bytes), what)) return false;
+    scratch.bytes = bytes;
+    return true;
+  }
+
+  /// The tables of the coding, and behind them the range of depths.
+  bool open() {
+    if (tables != nullptr) return true;
+    void* memory = nullptr;
+    if (!check(cudaMalloc(&memory, kRangeOffset + sizeof(DepthRange)), "allocating the tables of sRGB")) return false;
+    tables = static_cast<SrgbTables*>(memory);
+    const SrgbTables host = make_srgb_tables();
+    return check(cudaMemcpy(tables, &host, sizeof host, cudaMemcpyHostToDevice), "copying the tables of sRGB");
+  }
+  DepthRange* depth_range() {
+    return reinterpret_cast<DepthRange*>(reinterpret_cast<std::byte*>(tables) + kRangeOffset);
+  }
+
+  bool record(Event event, cudaStream_t stream) {
+    if (events[event] == nullptr && !check(cudaEventCreate(&events[event]), "making an event")) return false;
+    return check(cudaEventRecord(events[event], stream), "recording a time");
+  }
+
+  bool elapsed(Event from, Event to, float& ms) {
+    return check(cudaEventElapsedTime(&ms, events[from], events[to]), "reading a time");
+  }
+
+  template <class Pass>
+  bool run(const Pass& pass, uint32_t count, cudaStream_t stream) {
+    if (count == 0) return true;
+    constexpr uint32_t kItemsPerBlock = kThreads / 32;
+    run_pixels<Pass><<<(count + kItemsPerBlock - 1) / kItemsPerBlock, kThreads, 0, stream>>>(pass, count);
+    return check(cudaGetLastError(), "starting a pass of the resolve");
+  }
+
+  static constexpr uint64_t kRangeOffset = (sizeof(SrgbTables) + 15) & ~uint64_t{15};
+
+  SrgbTables* tables = nullptr;
+  Scratch transforms;
+  cudaEvent_t events[kEventCount] = {};
+  Error error{ErrorCode::kDevice, ""};
+};
+
+CudaResolver::CudaResolver() : impl_(std::make_unique<Impl>()) {}
+CudaResolver::CudaResolver(CudaResolver&&) noexcept = default;
+CudaResolver& CudaResolver::operator=(CudaResolver&&) noexcept = default;
+CudaResolver::~CudaResolver() = default;
+
+Result<void> CudaResolver::resolve(const SceneView& scene, const View& view, uint32_t samples_per_side,
+                                   const uint64_t* samples, const Transform* transforms, const ShadeOptions& options,
+                                   uint32_t* pixels, cudaStream_t stream, ResolveTimes* times) {
+  if (Result<void> checked = check_resolve(view, samples_per_side); !checked) return checked;
+  Impl& impl = *impl_;
+  if (!impl.open()) return impl.error;
+  if (times != nullptr && !impl.record(Impl::kStart, stream)) return impl.error;
+  if (times != nullptr && !impl.record(Impl::kShading, stream)) return impl.error;
+
+  if (transforms == nullptr) {
+    if (!impl.reserve(impl.transforms, scene.instance_count * sizeof(Transform), "allocating transforms"))
+      return impl.error;
+    const auto made = static_cast<Transform*>(impl.transforms.data);
+    const auto groups = static_cast<uint32_t>((scene.instance_count + 31) / 32);
+    if (!impl.run(MakeTransforms{scene, make_frame_view(view), made}, groups, stream)) return impl.error;
+    transforms = made;
+  }
+  if (options.show == Show::kDepth) {
+    clear_depth_range<<<1, 1, 0, stream>>>(impl.depth_range());
+    if (!impl.check(cudaGetLastError(), "clearing the range of depths")) return impl.error;
+    if (!impl.run(FindDepthRange{samples, view.width, impl.depth_range()}, view.height, stream)) return impl.error;
+  }
+  const PixelTiles tiles{view.width / samples_per_side, 0, view.height / samples_per_side};
+  bool started = false;
+  visit_shader(make_shade_inputs(scene, view, options, transforms, impl.tables, impl.depth_range()),
+               [&]<class Shader>(const Shader& shader) {
+                 started = impl.run(Resolve<Shader>{shader, tiles, samples, samples_per_side, nullptr, 4,
+                                                    reinterpret_cast<uint8_t*>(pixels)},
+                                    tiles.count(), stream);
+               });
+  if (!started) return impl.error;
+
+  if (times == nullptr) return {};
+  if (!impl.record(Impl::kEnd, stream)) return impl.error;
+  if (!impl.check(cudaEventSynchronize(impl.events[Impl::kEnd]), "resolving")) return impl.error;
+  if (!impl.elapsed(Impl::kStart, Impl::kShading, times->occlusion_ms)) return impl.error;
+  if (!impl.elapsed(Impl::kShading, Impl::kEnd, times->resolve_ms)) return impl.error;
+  return {};
+}
+
+}  // namespace scree::kernels

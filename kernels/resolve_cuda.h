@@ -1,0 +1,38 @@
+// The end of a frame on a GPU: from the visibility buffer to finished pixels, all in device memory.
+#pragma once
+
+#include <cuda_runtime_api.h>
+
+#include <cstdint>
+#include <memory>
+
+#include "format/result.h"
+#include "kernels/frame.h"
+#include "kernels/transform.h"
+
+namespace scree::kernels {
+
+/// Resolves pictures of any scene; keeps its scratch memory from one to the next, which must be of the same device and
+/// stream or waited for.
+class CudaResolver {
+ public:
+  CudaResolver();
+  CudaResolver(CudaResolver&&) noexcept;
+  CudaResolver& operator=(CudaResolver&&) noexcept;
+  ~CudaResolver();
+
+  /// As resolve_cpu() with 4 channels. All pointers, those in `scene` too, are of the current device. `transforms`: of
+  /// `view`, by instance number, valid for the instances that `samples` show; null makes them here. `pixels`: one RGBA8
+  /// word a pixel, red in the low byte. Everything is queued on `stream`; nothing waits, but for the scratch memory of
+  /// a picture larger than those before, and where `times` is given. Errors kRange (as resolve_cpu), kDevice (a CUDA
+  /// call failed; which and for what).
+  Result<void> resolve(const SceneView& scene, const View& view, uint32_t samples_per_side, const uint64_t* samples,
+                       const Transform* transforms, const ShadeOptions& options, uint32_t* pixels, cudaStream_t stream,
+                       ResolveTimes* times = nullptr);
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace scree::kernels
