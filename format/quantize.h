@@ -31,7 +31,7 @@ SCREE_HD inline float dequantize(int64_t coordinate, int32_t exponent) {
 }
 
 /// The coordinate nearest to a finite value, halves to even. The caller has checked that it fits: fits_lattice().
-inline int64_t quantize(float value, int32_t exponent) {
+SCREE_HD inline int64_t quantize(float value, int32_t exponent) {
   // Adding 1.5 * 2^52 leaves no bits below 1, so the addition rounds, and costs less than a call of nearbyint(). Above
   // 2^23 the scaled float is an integer with at most 24 significant bits, so both sums are exact there.
   constexpr double kRounder = 6755399441055744.0;

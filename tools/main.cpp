@@ -27,7 +27,7 @@ int run(int argc, char** argv) {
   app.require_subcommand(1);
   const std::vector<scree::tools::Command> commands = {
       scree::tools::add_convert(app), scree::tools::add_inspect(app), scree::tools::add_render(app),
-      scree::tools::add_export(app), scree::tools::add_synth(app)};
+      scree::tools::add_export(app), scree::tools::add_synth(app),   scree::tools::add_bench(app)};
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {

@@ -21,5 +21,6 @@ Command add_inspect(CLI::App& parent);
 Command add_render(CLI::App& parent);
 Command add_synth(CLI::App& parent);
 Command add_export(CLI::App& parent);
+Command add_bench(CLI::App& parent);
 
 }  // namespace scree::tools

@@ -1,0 +1,23 @@
+# Writes OUTPUT: the commit of SOURCE, with a + where files differ from it, "unknown" outside git. Untouched where it says
+# so already, so that nothing is built again.
+set(commit unknown)
+find_program(GIT git)
+if(GIT)
+  execute_process(COMMAND "${GIT}" rev-parse --short=12 HEAD WORKING_DIRECTORY "${SOURCE}"
+    OUTPUT_VARIABLE head OUTPUT_STRIP_TRAILING_WHITESPACE ERROR_QUIET RESULT_VARIABLE failed)
+  if(NOT failed)
+    set(commit "${head}")
+    execute_process(COMMAND "${GIT}" diff --quiet HEAD WORKING_DIRECTORY "${SOURCE}" ERROR_QUIET RESULT_VARIABLE differs)
+    if(differs)
+      string(APPEND commit "+")
+    endif()
+  endif()
+endif()
+set(text "#define SCREE_COMMIT \"${commit}\"\n")
+set(before "")
+if(EXISTS "${OUTPUT}")
+  file(READ "${OUTPUT}" before)
+endif()
+if(NOT text STREQUAL before)
+  file(WRITE "${OUTPUT}" "${text}")
+endif()

@@ -1,0 +1,60 @@
+#include "tools/common/command.h"
+
+#include <memory>
+
+#include "tools/bench/options.h"
+#include "tools/bench/run.h"
+
+namespace scree::tools {
+
+Command add_bench(CLI::App& parent) {
+  const auto words = std::make_shared<bench::BenchWords>();
+  CLI::App* app =
+      parent.add_subcommand("bench",
+                            "Measures frames on the GPU: the scenes A to D of synth, made in its memory, or a .scree "
+                            "file. Prints a table of\n"
+                            "times a stage and one of counts, and appends a CSV row a case (docs/results/README.md).");
+  app->add_option("file", words->file, "A .scree file, instead of --scene")->type_name("FILE.scree");
+  app->add_option("--scene", words->scenes,
+                  "A, B, C, D, lantern (B's mesh once) or A60 (A with 60 M triangles), with commas between\n"
+                  "(default: A,B,C,D)")
+      ->type_name("NAMES");
+  app->add_option("--view", words->views,
+                  "Views by name: overview, closeup (A, B, C), inside, corner (D), or a file's cameras\n"
+                  "(default: all)")
+      ->type_name("NAMES");
+  app->add_option("--positions", words->positions, "Encodings of generated scenes: 8 to 24 (bits an axis), float32")
+      ->capture_default_str()
+      ->type_name("LIST");
+  app->add_option("--indices", words->indices, "packed, 32, or auto: 32 bits with float32 positions, else packed")
+      ->capture_default_str()
+      ->type_name("KIND");
+  app->add_option("--order", words->order, "Order of triangles and vertices: row, or block (A, B, C)")
+      ->capture_default_str()
+      ->type_name("ORDER");
+  app->add_option("--scale", words->scale, "Share of the triangles of A, B and C to keep, above 0 to 1, as in synth")
+      ->capture_default_str()
+      ->type_name("SHARE");
+  app->add_option("--samples", words->samples, "Samples a side of a pixel: 1, 2, 4")
+      ->capture_default_str()
+      ->type_name("LIST");
+  app->add_option("--sampleless", words->sampleless,
+                  "Dropping triangles that cover no pixel centre early: on, off; the picture is the same")
+      ->capture_default_str()
+      ->type_name("LIST");
+  app->add_option("--size", words->size, "Image size in pixels (default: the scene's; of a file 1920x1080)")
+      ->type_name("WxH");
+  app->add_option("--frames", words->frames, "Frames measured")->capture_default_str()->type_name("N");
+  app->add_option("--warmup", words->warmup, "Frames before them")->capture_default_str()->type_name("N");
+  app->add_flag("--path", words->path, "Move from a scene's first view to its second over 120 frames: mean and worst");
+  app->add_flag("--sweep", words->sweep,
+                "Every width of positions: speed beside size beside error against float32 positions");
+  app->add_option("--csv", words->csv, "Append a row a case to this file")->type_name("FILE");
+  return {app, [words]() -> Result<void> {
+            const Result<bench::BenchOptions> options = bench::parse_options(*words);
+            if (!options) return options.error();
+            return bench::run_bench(*options);
+          }};
+}
+
+}  // namespace scree::tools

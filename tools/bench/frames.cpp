@@ -1,0 +1,140 @@
+#include "tools/bench/frames.h"
+
+#include <utility>
+
+#include "kernels/frame_cuda.h"
+#include "kernels/resolve_cuda.h"
+#include "tools/bench/gpu_timer.h"
+
+// Until the backend that times its stages is there, the frame is timed as a whole.
+#if __has_include("kernels/draw_list.h")
+#define SCREE_STAGE_TIMES 1
+#else
+#define SCREE_STAGE_TIMES 0
+#endif
+
+namespace scree::bench {
+
+using runtime::cuda_check;
+using runtime::DeviceBuffer;
+
+struct Frames::Impl {
+  Impl(const ResidentScene& drawn, GpuTimer timing) : scene(&drawn), timer(std::move(timing)) {}
+
+  const ResidentScene* scene;
+  GpuTimer timer;
+#if SCREE_STAGE_TIMES
+  std::unique_ptr<kernels::CudaFrames> frames;
+#endif
+  kernels::CudaResolver resolver;
+  DeviceBuffer samples;
+  DeviceBuffer pixels;
+  uint64_t sample_count = 0;  // of the last frame
+  uint64_t pixel_count = 0;
+
+  uint64_t* device_samples() const {
+    return reinterpret_cast<uint64_t*>(samples.data());
+  }
+  uint32_t* device_pixels() const {
+    return reinterpret_cast<uint32_t*>(pixels.data());
+  }
+
+  Result<kernels::FrameStats> raster(const kernels::View& view, const FrameOptions& options, FrameMs& ms) {
+#if SCREE_STAGE_TIMES
+    kernels::DrawOptions draw;
+    draw.sampleless_test = options.sampleless_test;
+    kernels::FrameTimes times{};
+    Result<kernels::FrameStats> stats = frames->draw(view, device_samples(), draw, &times);
+    ms.clear = times.clear_ms;
+    ms.cull = times.cull_ms;
+    ms.small = times.small_ms;
+    ms.medium = times.medium_ms;
+    ms.large = times.large_ms;
+    return stats;
+#else
+    if (!options.sampleless_test)
+      return Error{ErrorCode::kUnsupported, "this version's backend cannot keep triangles that cover no pixel centre"};
+    (void)ms;
+    return kernels::draw_cuda(scene->device(), scene->drawn_triangles(), view, device_samples(),
+                              kernels::cuda_queue_sizes());
+#endif
+  }
+  const kernels::Transform* transforms() const {
+#if SCREE_STAGE_TIMES
+    return frames->transforms();
+#else
+    return nullptr;
+#endif
+  }
+};
+
+Frames::Frames(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
+Frames::Frames(Frames&&) noexcept = default;
+Frames& Frames::operator=(Frames&&) noexcept = default;
+Frames::~Frames() = default;
+
+Result<Frames> Frames::create(const ResidentScene& scene) {
+  Result<GpuTimer> timer = GpuTimer::create();
+  if (!timer) return timer.error();
+  auto impl = std::make_unique<Impl>(scene, std::move(*timer));
+#if SCREE_STAGE_TIMES
+  Result<kernels::CudaFrames> frames = kernels::CudaFrames::create(scene.host(), scene.device());
+  if (!frames) return frames.error();
+  impl->frames = std::make_unique<kernels::CudaFrames>(std::move(*frames));
+#endif
+  return Frames(std::move(impl));
+}
+
+Result<kernels::FrameStats> Frames::draw(const kernels::View& view, const FrameOptions& options, FrameMs& ms) {
+  impl_->sample_count = uint64_t{view.width} * view.height;
+  impl_->pixel_count = impl_->sample_count / (uint64_t{options.samples_per_side} * options.samples_per_side);
+  const auto make_room = [](DeviceBuffer& buffer, uint64_t bytes) -> Result<void> {
+    if (buffer.bytes() >= bytes) return {};
+    buffer = DeviceBuffer();
+    Result<DeviceBuffer> larger = DeviceBuffer::allocate(bytes, "allocating a picture");
+    if (!larger) return larger.error();
+    buffer = std::move(*larger);
+    return {};
+  };
+  Result<void> done = make_room(impl_->samples, impl_->sample_count * sizeof(uint64_t));
+  if (done) done = make_room(impl_->pixels, impl_->pixel_count * sizeof(uint32_t));
+  if (done) done = impl_->timer.start();
+  if (!done) return done.error();
+  ms = FrameMs{};
+  Result<kernels::FrameStats> stats = impl_->raster(view, options, ms);
+  if (!stats) return stats;
+  kernels::ResolveTimes times;
+  done = impl_->resolver.resolve(impl_->scene->device(), view, options.samples_per_side, impl_->device_samples(),
+                                 impl_->transforms(), options.shade, impl_->device_pixels(), nullptr, &times);
+  if (!done) return done.error();
+  ms.resolve = times.resolve_ms;
+  ms.occlusion = times.occlusion_ms;
+  const Result<float> all = impl_->timer.stop();
+  if (!all) return all.error();
+  ms.frame = *all;
+  return stats;
+}
+
+Result<std::vector<uint64_t>> Frames::samples() const {
+  std::vector<uint64_t> samples(impl_->sample_count);
+  if (Result<void> done = cuda_check(cudaMemcpy(samples.data(), impl_->device_samples(),
+                                                samples.size() * sizeof(uint64_t), cudaMemcpyDeviceToHost),
+                                     "reading the visibility buffer");
+      !done)
+    return done.error();
+  return samples;
+}
+
+Result<HostPicture> Frames::picture() const {
+  Result<std::vector<uint64_t>> samples = this->samples();
+  if (!samples) return samples.error();
+  HostPicture picture{std::move(*samples), std::vector<uint8_t>(4 * impl_->pixel_count)};
+  if (Result<void> done = cuda_check(
+          cudaMemcpy(picture.pixels.data(), impl_->device_pixels(), picture.pixels.size(), cudaMemcpyDeviceToHost),
+          "reading the picture");
+      !done)
+    return done.error();
+  return picture;
+}
+
+}  // namespace scree::bench

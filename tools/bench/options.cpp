@@ -1,0 +1,166 @@
+#include "tools/bench/options.h"
+
+#include <algorithm>
+#include <array>
+#include <string_view>
+
+#include "kernels/visbuffer.h"
+#include "tools/common/options.h"
+
+namespace scree::bench {
+namespace {
+
+constexpr std::array<std::string_view, 6> kScenes{"A", "B", "C", "D", "lantern", "A60"};
+constexpr double kSixtyMillion = 0.15;  // the share of A's triangles that is 60 M
+constexpr uint32_t kLeastBits = 8;
+
+Error usage(std::string message) {
+  return {ErrorCode::kUsage, std::move(message)};
+}
+
+/// The parts of "a,b,c", spaces around them dropped.
+std::vector<std::string> split(std::string_view text) {
+  std::vector<std::string> parts;
+  while (true) {
+    const size_t end = text.find(',');
+    std::string_view part = text.substr(0, end);
+    while (part.starts_with(' ')) part.remove_prefix(1);
+    while (part.ends_with(' ')) part.remove_suffix(1);
+    parts.emplace_back(part);
+    if (end == std::string_view::npos) return parts;
+    text.remove_prefix(end + 1);
+  }
+}
+
+Result<std::vector<std::string>> parse_scenes(const std::string& text) {
+  const std::vector<std::string> names = split(text.empty() ? "A,B,C,D" : text);
+  for (const std::string& name : names)
+    if (std::find(kScenes.begin(), kScenes.end(), name) == kScenes.end())
+      return usage("--scene: no scene \"" + name + "\": A, B, C, D, lantern or A60, with commas between");
+  return names;
+}
+
+Result<std::vector<Encoding>> parse_encodings(const std::string& positions, const std::string& indices) {
+  if (indices != "auto" && indices != "packed" && indices != "32")
+    return usage("--indices: '" + indices + "' is not packed, 32 or auto");
+  std::vector<Encoding> encodings;
+  for (const std::string& word : split(positions)) {
+    Encoding encoding;
+    encoding.float32 = word == "float32";
+    if (!encoding.float32) {
+      const Result<uint64_t> bits = tools::parse_whole(word, kLeastBits, format::kMaxPositionBits, "--positions");
+      if (!bits) return usage("--positions: '" + word + "' is not float32 or a number of bits from 8 to 24");
+      encoding.position_bits = static_cast<uint32_t>(*bits);
+    }
+    encoding.packed_indices = indices == "auto" ? !encoding.float32 : indices == "packed";
+    encodings.push_back(encoding);
+  }
+  return encodings;
+}
+
+Result<std::vector<uint32_t>> parse_samples(const std::string& text) {
+  std::vector<uint32_t> samples;
+  for (const std::string& word : split(text)) {
+    if (word != "1" && word != "2" && word != "4")
+      return usage("--samples: '" + word + "' is not 1, 2 or 4 (a side of a pixel)");
+    samples.push_back(static_cast<uint32_t>(word[0] - '0'));
+  }
+  return samples;
+}
+
+Result<std::vector<bool>> parse_switches(const char* option, const std::string& text) {
+  std::vector<bool> switches;
+  for (const std::string& word : split(text)) {
+    if (word != "on" && word != "off") return usage(std::string(option) + ": '" + word + "' is not on or off");
+    switches.push_back(word == "on");
+  }
+  return switches;
+}
+
+Result<ImageSize> parse_size(const std::string& text) {
+  const size_t by = text.find('x');
+  const Error bad = usage("--size: '" + text + "' is not WxH in pixels, 1 to 16384 each");
+  if (by == std::string::npos) return bad;
+  const Result<uint64_t> width = tools::parse_whole(text.substr(0, by), 1, kernels::kMaxImageSide, "--size");
+  const Result<uint64_t> height = tools::parse_whole(text.substr(by + 1), 1, kernels::kMaxImageSide, "--size");
+  if (!width || !height) return bad;
+  return ImageSize{static_cast<uint32_t>(*width), static_cast<uint32_t>(*height)};
+}
+
+/// The views named, each one of at least one of the scenes.
+Result<std::vector<std::string>> parse_views(const std::string& text, const std::vector<std::string>& scenes) {
+  std::vector<std::string> views;
+  if (text.empty()) return views;
+  views = split(text);
+  if (scenes.empty()) return views;  // a file's cameras are known when it is open
+  std::vector<std::string> known;
+  for (const std::string& scene : scenes)
+    for (const synth::SceneCamera& camera : make_scene(scene, synth::MeshOrder::kRow, 1e-6).cameras)
+      if (std::find(known.begin(), known.end(), camera.name) == known.end()) known.push_back(camera.name);
+  for (const std::string& view : views) {
+    if (std::find(known.begin(), known.end(), view) != known.end()) continue;
+    std::string list;
+    for (const std::string& name : known) list += (list.empty() ? "" : ", ") + name;
+    return usage("--view: no view \"" + view + "\" in these scenes: " + list);
+  }
+  return views;
+}
+
+}  // namespace
+
+Result<BenchOptions> parse_options(const BenchWords& words) {
+  BenchOptions options;
+  options.file = words.file;
+  if (!words.file.empty() && !words.scenes.empty()) return usage("a file and --scene exclude each other");
+  if (words.file.empty()) {
+    Result<std::vector<std::string>> scenes = parse_scenes(words.scenes);
+    if (!scenes) return scenes.error();
+    options.scenes = std::move(*scenes);
+  }
+  Result<std::vector<std::string>> views = parse_views(words.views, options.scenes);
+  if (!views) return views.error();
+  options.views = std::move(*views);
+  Result<std::vector<Encoding>> encodings = parse_encodings(words.positions, words.indices);
+  if (!encodings) return encodings.error();
+  options.encodings = std::move(*encodings);
+  Result<std::vector<uint32_t>> samples = parse_samples(words.samples);
+  if (!samples) return samples.error();
+  options.samples_per_side = std::move(*samples);
+  Result<std::vector<bool>> tests = parse_switches("--sampleless", words.sampleless);
+  if (!tests) return tests.error();
+  options.sampleless_tests = std::move(*tests);
+  if (!words.size.empty()) {
+    const Result<ImageSize> size = parse_size(words.size);
+    if (!size) return size.error();
+    options.size = *size;
+  }
+  if (words.order != "row" && words.order != "block")
+    return usage("--order: '" + words.order + "' is not row or block");
+  options.order = words.order == "row" ? synth::MeshOrder::kRow : synth::MeshOrder::kBlock;
+  if (!(words.scale > 0 && words.scale <= 1)) return usage("--scale lies above 0 and is at most 1");
+  options.scale = words.scale;
+  if (words.frames == 0) return usage("--frames is at least 1");
+  options.frames = words.frames;
+  options.warmup = words.warmup;
+  if (words.path && words.sweep) return usage("--path and --sweep exclude each other");
+  if (words.sweep && !words.file.empty()) return usage("--sweep generates its scene: it takes --scene, not a file");
+  if (words.path && !words.file.empty())
+    return usage("--path is that of a generated scene: it takes --scene, not a file");
+  if (words.path && !words.views.empty()) return usage("--path moves between a scene's two views: it takes no --view");
+  options.path = words.path;
+  options.sweep = words.sweep;
+  options.csv = words.csv;
+  return options;
+}
+
+synth::Scene make_scene(const std::string& name, synth::MeshOrder order, double scale) {
+  if (name == "A") return synth::terrain_scene(order, scale);
+  if (name == "A60") return synth::terrain_scene(order, kSixtyMillion);
+  if (name == "C") return synth::zorahlike_scene(order, scale);
+  if (name == "D") return synth::sponzalike_scene(1);
+  synth::Scene scene = synth::lantern_scene(order, scale);
+  if (name == "lantern") scene.instances.resize(1);
+  return scene;
+}
+
+}  // namespace scree::bench

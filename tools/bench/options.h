@@ -1,0 +1,64 @@
+// scree bench's command line.
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "format/result.h"
+#include "tools/bench/scene_tables.h"
+#include "tools/synth/scenes.h"
+
+namespace scree::bench {
+
+/// The words as they came; empty where nothing was said.
+struct BenchWords {
+  std::string file;
+  std::string scenes;
+  std::string views;
+  std::string positions = "16,float32";
+  std::string indices = "auto";
+  std::string order = "row";
+  std::string samples = "1";
+  std::string sampleless = "on";
+  std::string size;
+  std::string csv;
+  double scale = 1;
+  uint32_t frames = 60;
+  uint32_t warmup = 10;
+  bool path = false;
+  bool sweep = false;
+};
+
+/// A picture's size in pixels.
+struct ImageSize {
+  uint32_t width;
+  uint32_t height;
+};
+
+struct BenchOptions {
+  std::string file;                 // a .scree file; empty: generated scenes
+  std::vector<std::string> scenes;  // names that make_scene() takes
+  std::vector<std::string> views;   // empty: all of a scene
+  std::vector<Encoding> encodings;  // of generated scenes
+  synth::MeshOrder order = synth::MeshOrder::kRow;
+  double scale = 1;                        // of A, B and C
+  std::vector<uint32_t> samples_per_side;  // 1, 2, 4
+  std::vector<bool> sampleless_tests;      // on, off
+  std::optional<ImageSize> size;           // instead of the scene's own
+  uint32_t frames = 60;
+  uint32_t warmup = 10;
+  bool path = false;
+  bool sweep = false;
+  std::string csv;  // empty: none
+};
+
+/// Errors kUsage: what cannot be, with what can.
+Result<BenchOptions> parse_options(const BenchWords& words);
+
+/// A, B, C or D; "lantern": B's mesh, one instance; "A60": A with 60 M triangles. `name` is one that parse_options()
+/// accepted.
+synth::Scene make_scene(const std::string& name, synth::MeshOrder order, double scale);
+
+}  // namespace scree::bench

@@ -1,0 +1,59 @@
+// A scene in device memory with its records readable on the host too: generated there, or copied from a .scree file.
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <vector>
+
+#include "format/result.h"
+#include "kernels/scene_view.h"
+#include "runtime/cuda_check.h"
+#include "runtime/scene.h"
+#include "tools/bench/scene_tables.h"
+
+namespace scree::bench {
+
+class ResidentScene {
+ public:
+  /// Makes the scene on the current device. Errors kDevice (a CUDA call failed; a scene that does not fit, with both
+  /// sizes), kRange (make_tables).
+  static Result<ResidentScene> generate(const synth::Scene& scene, const Encoding& encoding);
+  /// Copies the geometry and records of `scene`, which it keeps; textures are left out. Errors kDevice as above.
+  static Result<ResidentScene> upload(runtime::Scene scene);
+
+  /// Records on the host; its pages are on the host only where a file was uploaded, else null.
+  const kernels::SceneView& host() const { return host_; }
+  const kernels::SceneView& device() const { return device_; }
+  /// Indices and positions.
+  uint64_t geometry_bytes() const { return geometry_bytes_; }
+  uint64_t unique_triangles() const;
+  uint64_t drawn_triangles() const { return host_.instance_base[host_.instance_count]; }
+  /// Of records and pages.
+  uint64_t device_bytes() const { return device_bytes_; }
+
+  /// Of uploaded files.
+  const runtime::Scene& file() const { return *file_; }
+
+  /// The pages, copied back: for tests. The pointers of scene views, by page number, lie in `storage`.
+  Result<std::vector<const std::byte*>> read_pages(std::vector<std::byte>& storage) const;
+  /// Of generated scenes.
+  const SceneTables& tables() const { return *tables_; }
+
+ private:
+  ResidentScene() = default;
+  Result<void> allocate_pages(uint64_t bytes);
+  /// Copies the records that host_ shows and the page pointers, and makes device_ of them.
+  Result<void> copy_records(const std::vector<const std::byte*>& pages);
+
+  std::unique_ptr<SceneTables> tables_;
+  std::unique_ptr<runtime::Scene> file_;
+  kernels::SceneView host_{};
+  kernels::SceneView device_{};
+  runtime::DeviceBuffer pages_;
+  std::vector<runtime::DeviceBuffer> records_;
+  uint64_t geometry_bytes_ = 0;
+  uint64_t device_bytes_ = 0;
+};
+
+}  // namespace scree::bench
