@@ -66,6 +66,13 @@ TEST_CASE("bench: its defaults measure A to D, packed and as floats", "[bench_to
   CHECK(encoding_name(options->encodings[0]) == "16-bit, packed");
   CHECK(encoding_name(options->encodings[1]) == "float32, 32-bit");
   CHECK(options->samples_per_side == std::vector<uint32_t>{1});
+  BenchWords words;
+  words.effects = "none, ssao+edl";
+  const Result<BenchOptions> effects = parse_options(words);
+  REQUIRE(effects);
+  REQUIRE(effects->effects.size() == 2);
+  CHECK_FALSE(effects->effects[0].ssao);
+  CHECK((effects->effects[1].ssao && effects->effects[1].edl));
 }
 
 TEST_CASE("bench: words that cannot be are refused with what can", "[bench_tool]") {
@@ -81,6 +88,7 @@ TEST_CASE("bench: words that cannot be are refused with what can", "[bench_tool]
   CHECK(refused(with(&BenchWords::order, "column")).find("block") != std::string::npos);
   CHECK(refused(with(&BenchWords::samples, "3")).find("1, 2 or 4") != std::string::npos);
   CHECK(refused(with(&BenchWords::sampleless, "no")).find("on or off") != std::string::npos);
+  CHECK(refused(with(&BenchWords::effects, "ssao,fog")).find("edl") != std::string::npos);
   CHECK(refused(with(&BenchWords::size, "1920")).find("WxH") != std::string::npos);
   CHECK(refused(with(&BenchWords::size, "0x9")).find("WxH") != std::string::npos);
   CHECK(refused(with(&BenchWords::scale, 0.0)).find("--scale") != std::string::npos);

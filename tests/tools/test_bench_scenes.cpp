@@ -122,6 +122,49 @@ void check_geometry(const synth::Scene& scene, const Encoding& encoding) {
   CHECK(made.tables.instance_base.back() == scene.drawn_triangles());
 }
 
+/// The sums of the definition, over the vertices and indices of float32 chunks.
+void check_sums(const char* name, const synth::Scene& scene, double scale) {
+  INFO(name);
+  const Generated made(scene, Encoding{true, 16, false});
+  uint64_t positions = 0;
+  uint64_t indices = 0;
+  for (size_t c = 0; c < made.plans.size(); ++c) {
+    const ChunkPlan& plan = made.plans[c];
+    const format::ChunkRecord& chunk = made.tables.chunks[c];
+    const synth::MeshRecipe& recipe = scene.meshes[plan.mesh];
+    const std::byte* const payload = made.pages[chunk.page] + chunk.offset;
+    const format::ChunkStreams streams = format::chunk_streams(made.tables.meshes[plan.mesh], chunk);
+    std::vector<uint64_t> number(chunk.vertex_count);  // in the mesh
+    for (uint32_t v = 0; v < chunk.vertex_count; ++v) {
+      const GridPoint at = chunk_vertex(recipe, plan, v);
+      number[v] =
+          uint64_t{at.face} * (recipe.n + 1) * (recipe.n + 1) + synth::grid_vertex(recipe.order, recipe.n, at.x, at.y);
+      // A row that two chunks share counts once.
+      if (at.y == plan.first_row + plan.row_count && at.y != recipe.n) continue;
+      for (uint64_t axis = 0; axis < 3; ++axis) {
+        uint32_t bits;
+        std::memcpy(&bits, payload + streams.positions.offset + 12 * uint64_t{v} + 4 * axis, sizeof bits);
+        positions += synth::check_term(uint64_t{plan.mesh} << 40 | (3 * number[v] + axis), bits);
+      }
+    }
+    for (uint64_t i = 0; i < 3 * uint64_t{chunk.triangle_count}; ++i) {
+      uint32_t local;
+      std::memcpy(&local, payload + 4 * i, sizeof local);
+      indices += synth::check_term(uint64_t{plan.mesh} << 40 | (3 * chunk.first_triangle + i),
+                                   static_cast<uint32_t>(number[local]));
+    }
+  }
+  synth::SynthOptions options;
+  options.scene = name;
+  options.scale = scale;
+  options.order = scene.meshes[0].order;
+  options.checks = true;
+  const Result<synth::SynthReport> expected = synth::synthesize(options);
+  REQUIRE(expected);
+  CHECK(positions == expected->position_sum);
+  CHECK(indices == expected->index_sum);
+}
+
 /// The scene through synth and convert, order kept, and as generated here: both drawn on the CPU.
 void check_picture(const char* name, const synth::Scene& scene, double scale, bool float32) {
   INFO(name << (float32 ? " float32" : " 16 bits"));
@@ -219,4 +262,13 @@ TEST_CASE("generated scenes draw what the converted ones draw", "[bench_scenes]"
   check_picture("A", synth::terrain_scene(synth::MeshOrder::kRow, 0.0005), 0.0005, false);
   check_picture("B", synth::lantern_scene(synth::MeshOrder::kRow, 0.001), 0.001, true);
   check_picture("D", synth::sponzalike_scene(0.1), 0.1, false);
+}
+
+TEST_CASE("generated scenes have the definition's sums", "[bench_scenes]") {
+  for (const synth::MeshOrder order : {synth::MeshOrder::kRow, synth::MeshOrder::kBlock}) {
+    check_sums("A", synth::terrain_scene(order, 0.0025), 0.0025);  // faces of two chunks
+    check_sums("B", synth::lantern_scene(order, 0.1), 0.1);
+    check_sums("C", synth::zorahlike_scene(order, 1e-6), 1e-6);
+  }
+  check_sums("D", synth::sponzalike_scene(0.3), 0.3);
 }

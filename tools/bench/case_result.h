@@ -50,6 +50,7 @@ struct CaseResult {
   uint32_t height = 0;
   uint32_t samples_per_side = 1;
   bool sampleless_test = true;
+  std::string effects = "none";
   uint32_t frames = 0;
 
   uint64_t unique_triangles = 0;

@@ -42,6 +42,9 @@ Command add_bench(CLI::App& parent) {
                   "Dropping triangles that cover no pixel centre early: on, off; the picture is the same")
       ->capture_default_str()
       ->type_name("LIST");
+  app->add_option("--effects", words->effects, "none, ssao (ambient occlusion), edl (eye-dome lighting), ssao+edl")
+      ->capture_default_str()
+      ->type_name("LIST");
   app->add_option("--size", words->size, "Image size in pixels (default: the scene's; of a file 1920x1080)")
       ->type_name("WxH");
   app->add_option("--frames", words->frames, "Frames measured")->capture_default_str()->type_name("N");

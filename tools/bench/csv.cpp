@@ -57,6 +57,7 @@ std::vector<Cell> cells_of(const Machine& machine, const CaseResult& r) {
       {"height", number(uint64_t{r.height})},
       {"samples_per_side", number(uint64_t{r.samples_per_side})},
       {"sampleless_test", r.sampleless_test ? "on" : "off"},
+      {"effects", r.effects},
       {"frames", number(uint64_t{r.frames})},
       {"unique_triangles", number(r.unique_triangles)},
       {"drawn_triangles", number(r.drawn_triangles)},

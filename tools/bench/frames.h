@@ -6,6 +6,7 @@
 
 #include "format/result.h"
 #include "kernels/frame.h"
+#include "tools/bench/options.h"
 #include "tools/bench/picture_error.h"
 #include "tools/bench/resident_scene.h"
 
@@ -20,7 +21,7 @@ struct FrameMs {
 struct FrameOptions {
   uint32_t samples_per_side = 1;
   bool sampleless_test = true;  // triangles that cover no pixel centre go early
-  kernels::ShadeOptions shade;
+  Effects effects;
 };
 
 /// Draws frames of one scene, which outlives it.

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <iterator>
 #include <string_view>
 
 #include "kernels/visbuffer.h"
@@ -77,6 +78,18 @@ Result<std::vector<bool>> parse_switches(const char* option, const std::string& 
   return switches;
 }
 
+Result<std::vector<Effects>> parse_effects(const std::string& text) {
+  constexpr Effects kAll[] = {{false, false}, {true, false}, {false, true}, {true, true}};
+  std::vector<Effects> effects;
+  for (const std::string& word : split(text)) {
+    const auto* named =
+        std::find_if(std::begin(kAll), std::end(kAll), [&](const Effects& one) { return effects_name(one) == word; });
+    if (named == std::end(kAll)) return usage("--effects: '" + word + "' is not none, ssao, edl or ssao+edl");
+    effects.push_back(*named);
+  }
+  return effects;
+}
+
 Result<ImageSize> parse_size(const std::string& text) {
   const size_t by = text.find('x');
   const Error bad = usage("--size: '" + text + "' is not WxH in pixels, 1 to 16384 each");
@@ -108,6 +121,11 @@ Result<std::vector<std::string>> parse_views(const std::string& text, const std:
 
 }  // namespace
 
+std::string effects_name(const Effects& effects) {
+  if (!effects.ssao) return effects.edl ? "edl" : "none";
+  return effects.edl ? "ssao+edl" : "ssao";
+}
+
 Result<BenchOptions> parse_options(const BenchWords& words) {
   BenchOptions options;
   options.file = words.file;
@@ -129,6 +147,9 @@ Result<BenchOptions> parse_options(const BenchWords& words) {
   Result<std::vector<bool>> tests = parse_switches("--sampleless", words.sampleless);
   if (!tests) return tests.error();
   options.sampleless_tests = std::move(*tests);
+  Result<std::vector<Effects>> effects = parse_effects(words.effects);
+  if (!effects) return effects.error();
+  options.effects = std::move(*effects);
   if (!words.size.empty()) {
     const Result<ImageSize> size = parse_size(words.size);
     if (!size) return size.error();

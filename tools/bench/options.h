@@ -22,6 +22,7 @@ struct BenchWords {
   std::string order = "row";
   std::string samples = "1";
   std::string sampleless = "on";
+  std::string effects = "none";
   std::string size;
   std::string csv;
   double scale = 1;
@@ -37,6 +38,12 @@ struct ImageSize {
   uint32_t height;
 };
 
+/// What is drawn beside the shaded triangles.
+struct Effects {
+  bool ssao = false;  // ambient occlusion
+  bool edl = false;   // eye-dome lighting
+};
+
 struct BenchOptions {
   std::string file;                 // a .scree file; empty: generated scenes
   std::vector<std::string> scenes;  // names that make_scene() takes
@@ -45,14 +52,18 @@ struct BenchOptions {
   synth::MeshOrder order = synth::MeshOrder::kRow;
   double scale = 1;                        // of A, B and C
   std::vector<uint32_t> samples_per_side;  // 1, 2, 4
-  std::vector<bool> sampleless_tests;      // on, off
-  std::optional<ImageSize> size;           // instead of the scene's own
+  std::vector<Effects> effects;
+  std::vector<bool> sampleless_tests;  // on, off
+  std::optional<ImageSize> size;       // instead of the scene's own
   uint32_t frames = 60;
   uint32_t warmup = 10;
   bool path = false;
   bool sweep = false;
   std::string csv;  // empty: none
 };
+
+/// "none", "ssao", "edl" or "ssao+edl".
+std::string effects_name(const Effects& effects);
 
 /// Errors kUsage: what cannot be, with what can.
 Result<BenchOptions> parse_options(const BenchWords& words);

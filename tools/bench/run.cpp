@@ -126,12 +126,15 @@ class Runner {
     return resident;
   }
 
-  /// The cases of one view and number of samples: with and without the sample-less test, where both are asked for.
+  /// The cases of one view and number of samples: the sample-less test on and off, the effects.
   Result<void> measure_view(const ResidentScene& resident, Frames& frames, const NamedView& view, CaseResult result) {
     for (const bool test : options_.sampleless_tests) {
-      result.sampleless_test = test;
-      if (Result<void> done = measure(resident, frames, view, result); !done) return done;
-      if (Result<void> done = keep(result); !done) return done;
+      for (const Effects& effects : options_.effects) {
+        result.sampleless_test = test;
+        result.effects = effects_name(effects);
+        if (Result<void> done = measure(resident, frames, view, effects, result); !done) return done;
+        if (Result<void> done = keep(result); !done) return done;
+      }
     }
     return {};
   }
@@ -169,7 +172,7 @@ class Runner {
       size_t number = 0;
       for (const NamedView& view : views_of(scene, 1)) {
         CaseResult result = describe(name, scene, encoding, *resident);
-        if (Result<void> done = measure(*resident, *frames, view, result); !done) return done;
+        if (Result<void> done = measure(*resident, *frames, view, Effects{}, result); !done) return done;
         Result<HostPicture> picture = frames->picture();
         if (!picture) return picture.error();
         if (encoding.float32) references.push_back(*picture);
@@ -240,7 +243,8 @@ class Runner {
   }
 
   /// Warms up and takes the times of options_.frames frames, or of a path once.
-  Result<void> measure(const ResidentScene& resident, Frames& frames, const NamedView& view, CaseResult& result) {
+  Result<void> measure(const ResidentScene& resident, Frames& frames, const NamedView& view, const Effects& effects,
+                       CaseResult& result) {
     result.view = view.name;
     result.frames = view.frames.size() > 1 ? static_cast<uint32_t>(view.frames.size()) : options_.frames;
     Series series;
@@ -248,6 +252,7 @@ class Runner {
     FrameOptions frame;
     frame.samples_per_side = result.samples_per_side;
     frame.sampleless_test = result.sampleless_test;
+    frame.effects = effects;
     // A path's last frames warm up for its first, which is the jump back.
     for (uint32_t i = options_.warmup; i-- > 0;) {
       const size_t from_end = i % view.frames.size();

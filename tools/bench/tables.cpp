@@ -38,7 +38,8 @@ std::string data_name(const CaseResult& r) {
 std::string image_name(const CaseResult& r) {
   const std::string size = std::to_string(r.width) + "x" + std::to_string(r.height);
   const std::string side = std::to_string(r.samples_per_side);
-  return size + (r.samples_per_side == 1 ? "" : " " + side + "x" + side) + (r.sampleless_test ? "" : " untested");
+  return size + (r.samples_per_side == 1 ? "" : " " + side + "x" + side) + (r.sampleless_test ? "" : " untested") +
+         (r.effects == "none" ? "" : " " + r.effects);
 }
 
 double bytes_a_triangle(const CaseResult& r) {
