@@ -104,6 +104,9 @@ TEST_CASE("bench: words that cannot be are refused with what can", "[bench_tool]
   words.scenes = "A";
   CHECK(refused(words).find("exclude") != std::string::npos);
   words.scenes.clear();
+  words.order = "block";
+  CHECK(refused(words).find("brings its own") != std::string::npos);
+  words.order = "row";
   words.sweep = true;
   CHECK(refused(words).find("--sweep") != std::string::npos);
   words.path = true;

@@ -130,6 +130,10 @@ Result<BenchOptions> parse_options(const BenchWords& words) {
   BenchOptions options;
   options.file = words.file;
   if (!words.file.empty() && !words.scenes.empty()) return usage("a file and --scene exclude each other");
+  const BenchWords defaults;
+  if (!words.file.empty() && (words.positions != defaults.positions || words.indices != defaults.indices ||
+                              words.order != defaults.order || words.scale != defaults.scale))
+    return usage("--positions, --indices, --order and --scale are for generated scenes: a file brings its own");
   if (words.file.empty()) {
     Result<std::vector<std::string>> scenes = parse_scenes(words.scenes);
     if (!scenes) return scenes.error();

@@ -69,17 +69,21 @@ class Runner {
     std::printf("%s, driver %s, copies %.2f TB/s; commit %s; median of %u frames after %u, ms\n", machine_.gpu.c_str(),
                 machine_.driver.c_str(), machine_.copy_gb_per_s * 1e-3, machine_.commit.c_str(), options_.frames,
                 options_.warmup);
-    if (!options_.file.empty()) {
-      if (Result<void> done = measure_file(); !done) return done;
-    }
-    for (const std::string& name : options_.scenes) {
-      if (Result<void> done = options_.sweep ? sweep_scene(name) : measure_scene(name); !done) return done;
-    }
-    print();
-    return {};
+    // What was measured before a failure is printed all the same.
+    const Result<void> done = measure_all();
+    if (!results_.empty()) print();
+    return done;
   }
 
  private:
+  Result<void> measure_all() {
+    if (!options_.file.empty()) return measure_file();
+    for (const std::string& name : options_.scenes) {
+      if (Result<void> done = options_.sweep ? sweep_scene(name) : measure_scene(name); !done) return done;
+    }
+    return {};
+  }
+
   ImageSize image_size(ImageSize own) const { return options_.size.value_or(own); }
 
   std::vector<NamedView> views_of(const synth::Scene& scene, uint32_t samples_per_side) const {
