@@ -15,6 +15,7 @@
 #include "tests/catch.h"
 #include "tests/tools/temp_folder.h"
 #include "tools/bench/scene_tables.h"
+#include "tools/bench/touched.h"
 #include "tools/convert/convert.h"
 #include "tools/synth/synth.h"
 
@@ -210,7 +211,12 @@ void check_picture(const char* name, const synth::Scene& scene, double scale, bo
     std::vector<uint64_t> expected(size_t{321} * 183);
     std::vector<uint64_t> samples(expected.size());
     REQUIRE(kernels::draw_cpu(converted->view(), *view, expected, 2));
-    REQUIRE(kernels::draw_cpu(made.view(), *view, samples, 2));
+    const Result<kernels::FrameStats> stats = kernels::draw_cpu(made.view(), *view, samples, 2);
+    REQUIRE(stats);
+    const Touched touched = count_touched(made.view(), *view);
+    CHECK(touched.draws == stats->draws);
+    CHECK(touched.bytes > 0);
+    CHECK(touched.bytes <= made.tables.geometry_bytes);
     CHECK(std::any_of(samples.begin(), samples.end(), [](uint64_t s) { return s != kernels::kBackground; }));
     uint64_t different = 0;
     for (size_t i = 0; i < samples.size(); ++i) different += samples[i] != expected[i] ? 1 : 0;

@@ -5,6 +5,7 @@
 #include <cstdio>
 #include <memory>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "runtime/camera.h"
@@ -16,6 +17,7 @@
 #include "tools/bench/touched.h"
 #include "tools/bench/views.h"
 #include "tools/common/options.h"
+#include "tools/inspect/text_table.h"
 
 namespace scree::bench {
 namespace {
@@ -227,21 +229,31 @@ class Runner {
 
   /// The cameras named, or all of the file's, or the default view where it has none.
   Result<std::vector<NamedView>> file_views(const runtime::Scene& scene, ImageSize size) const {
-    std::vector<std::string> names = options_.views;
-    if (names.empty())
-      for (const runtime::PlacedCamera& camera : runtime::placed_cameras(scene.container(), scene.scene_index()))
-        names.push_back(std::to_string(camera.camera));
-    if (names.empty()) names.emplace_back();
+    struct Choice {
+      std::string camera;  // as CameraOptions takes it
+      std::string name;
+    };
+    std::vector<Choice> choices;
+    for (const std::string& view : options_.views) choices.push_back({view, view});
+    if (choices.empty()) {
+      const format::Container& file = scene.container();
+      for (const runtime::PlacedCamera& placed : runtime::placed_cameras(file, scene.scene_index())) {
+        const std::string number = std::to_string(placed.camera);
+        const std::string_view name = file.string(file.cameras()[placed.camera].name);
+        choices.push_back({number, name.empty() ? number : inspect::printable(name)});
+      }
+    }
+    if (choices.empty()) choices.push_back({"", "default"});
     std::vector<NamedView> views;
-    for (const std::string& name : names) {
+    for (const Choice& choice : choices) {
       runtime::CameraOptions camera;
-      camera.camera = name;
+      camera.camera = choice.camera;
       camera.width = size.width;
       camera.height = size.height;
       const Result<kernels::View> view =
           runtime::make_view(scene.container(), scene.scene_index(), scene.view(), camera);
-      if (!view) return view.error();
-      views.push_back({name.empty() ? "default" : name, {*view}});
+      if (!view) return Error{view.error().code, options_.file + ": " + view.error().message};
+      views.push_back({choice.name, {*view}});
     }
     return views;
   }
