@@ -248,9 +248,36 @@ Result<void> resolve_cpu(const SceneView& scene, const View& view, uint32_t samp
     return Error{ErrorCode::kRange, std::to_string(pixels.size()) + " bytes of " + std::to_string(channels) +
                                         " channels, but the picture has " + std::to_string(count) + " pixels"};
   try {
+    std::vector<float> visibility;
+    if (options.ssao || options.edl) {
+      visibility.resize(count);
+      if (auto done = occlusion_cpu(view, samples_per_side, samples, options, visibility, threads); !done) return done;
+    }
     ThreadPool pool(threads);
     passes_for(best_instruction_set())
-        .resolve(pool, scene, view, samples_per_side, samples.data(), options, srgb_tables(), channels, pixels.data());
+        .resolve(pool, scene, view, samples_per_side, samples.data(), options, srgb_tables(),
+                 visibility.empty() ? nullptr : visibility.data(), channels, pixels.data());
+    return {};
+  } catch (const std::bad_alloc&) {
+    return out_of_memory();
+  }
+}
+
+Result<void> occlusion_cpu(const View& view, uint32_t samples_per_side, std::span<const uint64_t> samples,
+                           const ShadeOptions& options, std::span<float> visibility, uint32_t threads) {
+  if (auto checked = check_resolve(view, samples_per_side); !checked) return checked;
+  if (auto checked = check_picture(view, samples.size(), 1, "samples"); !checked) return checked;
+  const uint64_t count = uint64_t{view.width / samples_per_side} * (view.height / samples_per_side);
+  if (visibility.size() != count)
+    return Error{ErrorCode::kRange, std::to_string(visibility.size()) + " factors, but the picture has " +
+                                        std::to_string(count) + " pixels"};
+  try {
+    std::fill(visibility.begin(), visibility.end(), 1.0f);
+    std::vector<float> depth(count);
+    std::vector<float> open(options.ssao ? count : 0);
+    ThreadPool pool(threads);
+    passes_for(best_instruction_set())
+        .occlude(pool, view, samples_per_side, samples.data(), options, depth.data(), open.data(), visibility.data());
     return {};
   } catch (const std::bad_alloc&) {
     return out_of_memory();

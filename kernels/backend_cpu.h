@@ -58,7 +58,10 @@ struct CpuPasses {
                 const ShadeOptions& options, const SrgbTables& srgb, uint32_t first_row, uint32_t row_count,
                 float* rgba);
   void (*resolve)(ThreadPool& pool, const SceneView& scene, const View& view, uint32_t side, const uint64_t* samples,
-                  const ShadeOptions& options, const SrgbTables& srgb, uint32_t channels, uint8_t* pixels);
+                  const ShadeOptions& options, const SrgbTables& srgb, const float* visibility, uint32_t channels,
+                  uint8_t* pixels);
+  void (*occlude)(ThreadPool& pool, const View& view, uint32_t side, const uint64_t* samples,
+                  const ShadeOptions& options, float* depth, float* open, float* visibility);
 };
 namespace isa_baseline {
 extern const CpuPasses kPasses;

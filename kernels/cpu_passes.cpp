@@ -1,4 +1,5 @@
 // Compiled once for each instruction set (CMakeLists.txt): SCREE_ISA names the namespace that all of it lies in.
+#include "kernels/occlusion.h"
 #include "kernels/passes.h"
 #include "kernels/pixels.h"
 #include "kernels/team_cpu.h"
@@ -31,18 +32,26 @@ void shade(ThreadPool& pool, const SceneView& scene, const View& view, const uin
 }
 
 void resolve(ThreadPool& pool, const SceneView& scene, const View& view, uint32_t side, const uint64_t* samples,
-             const ShadeOptions& options, const SrgbTables& srgb, uint32_t channels, uint8_t* pixels) {
+             const ShadeOptions& options, const SrgbTables& srgb, const float* visibility, uint32_t channels,
+             uint8_t* pixels) {
   CpuBackend backend(pool);
   const PixelTiles tiles{view.width / side, 0, view.height / side};
   with_shader(backend, scene, view, samples, options, srgb, [&]<class Shader>(const Shader& shader) {
-    backend.for_each(tiles.count(), Resolve<Shader>{shader, tiles, samples, side, nullptr, channels, pixels});
+    backend.for_each(tiles.count(), Resolve<Shader>{shader, tiles, samples, side, visibility, channels, pixels});
   });
+}
+
+void occlude(ThreadPool& pool, const View& view, uint32_t side, const uint64_t* samples, const ShadeOptions& options,
+             float* depth, float* open, float* visibility) {
+  CpuBackend backend(pool);
+  run_occlusion(view, side, samples, options, depth, open, visibility,
+                [&](const auto& pass, uint32_t count) { backend.for_each(count, pass); });
 }
 
 }  // namespace
 
 extern const CpuPasses kPasses;
-const CpuPasses kPasses = {draw, shade, resolve};
+const CpuPasses kPasses = {draw, shade, resolve, occlude};
 
 }  // namespace SCREE_ISA
 }  // namespace scree::kernels

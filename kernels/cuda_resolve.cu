@@ -4,6 +4,7 @@
 #include <string>
 #include <utility>
 
+#include "kernels/occlusion.h"
 #include "kernels/pixels.h"
 #include "kernels/resolve_cuda.h"
 
@@ -26,8 +27,17 @@ struct PixelTeam {
 
 constexpr uint32_t kThreads = 128;
 
+/// Blocks that a multiprocessor should hold: what bounds the registers of a pass.
 template <class Pass>
-__global__ void __launch_bounds__(kThreads) run_pixels(const __grid_constant__ Pass pass, uint32_t count) {
+inline constexpr uint32_t kResidentBlocks = 6;  // 80 registers a thread
+template <bool kOrthographic>
+inline constexpr uint32_t kResidentBlocks<Resolve<Shader<kOrthographic, Show::kTexture>>> = 5;  // 96
+template <bool kOrthographic>
+inline constexpr uint32_t kResidentBlocks<Resolve<Shader<kOrthographic, Show::kStage>>> = 4;  // 128, for the clipper
+
+template <class Pass>
+__global__ void __launch_bounds__(kThreads, kResidentBlocks<Pass>)
+    run_pixels(const __grid_constant__ Pass pass, uint32_t count) {
   const uint32_t item = (blockIdx.x * kThreads + threadIdx.x) / 32;
   if (item < count) pass(item, PixelTeam{});
 }
@@ -66,6 +76,7 @@ struct CudaResolver::Impl {
   ~Impl() {
     (void)cudaFree(tables);
     (void)cudaFree(transforms.data);
+    (void)cudaFree(occlusion.data);
     for (cudaEvent_t event : events)
       if (event != nullptr) (void)cudaEventDestroy(event);
   }
@@ -119,6 +130,7 @@ struct CudaResolver::Impl {
 
   SrgbTables* tables = nullptr;
   Scratch transforms;
+  Scratch occlusion;  // three floats a pixel: depth, obscurance, visibility
   cudaEvent_t events[kEventCount] = {};
   Error error{ErrorCode::kDevice, ""};
 };
@@ -135,6 +147,18 @@ Result<void> CudaResolver::resolve(const SceneView& scene, const View& view, uin
   Impl& impl = *impl_;
   if (!impl.open()) return impl.error;
   if (times != nullptr && !impl.record(Impl::kStart, stream)) return impl.error;
+  const PixelTiles tiles{view.width / samples_per_side, 0, view.height / samples_per_side};
+  const float* visibility = nullptr;
+  if (options.ssao || options.edl) {
+    const uint64_t count = uint64_t{tiles.width} * tiles.row_count;
+    if (!impl.reserve(impl.occlusion, 3 * count * sizeof(float), "allocating the occlusion")) return impl.error;
+    const auto depth = static_cast<float*>(impl.occlusion.data);
+    visibility = depth + 2 * count;
+    bool started = true;
+    run_occlusion(view, samples_per_side, samples, options, depth, depth + count, depth + 2 * count,
+                  [&](const auto& pass, uint32_t items) { started = started && impl.run(pass, items, stream); });
+    if (!started) return impl.error;
+  }
   if (times != nullptr && !impl.record(Impl::kShading, stream)) return impl.error;
 
   if (transforms == nullptr) {
@@ -150,11 +174,10 @@ Result<void> CudaResolver::resolve(const SceneView& scene, const View& view, uin
     if (!impl.check(cudaGetLastError(), "clearing the range of depths")) return impl.error;
     if (!impl.run(FindDepthRange{samples, view.width, impl.depth_range()}, view.height, stream)) return impl.error;
   }
-  const PixelTiles tiles{view.width / samples_per_side, 0, view.height / samples_per_side};
   bool started = false;
   visit_shader(make_shade_inputs(scene, view, options, transforms, impl.tables, impl.depth_range()),
                [&]<class Shader>(const Shader& shader) {
-                 started = impl.run(Resolve<Shader>{shader, tiles, samples, samples_per_side, nullptr, 4,
+                 started = impl.run(Resolve<Shader>{shader, tiles, samples, samples_per_side, visibility, 4,
                                                     reinterpret_cast<uint8_t*>(pixels)},
                                     tiles.count(), stream);
                });

@@ -34,6 +34,12 @@ struct ShadeOptions {
   Show show = Show::kTexture;
   bool light = true;                   // diffuse light from the camera (kTexture and kColor)
   float background[4] = {0, 0, 0, 0};  // linear RGBA
+  // Factors a pixel, from the picture's depths, for the light of its surfaces, whatever is shown.
+  bool ssao = false;              // ambient occlusion
+  bool edl = false;               // eye-dome lighting
+  float ssao_radius = 1.0f / 40;  // of the picture's height, at the pixel's depth
+  float edl_strength = 1;         // 0: none
+  uint32_t edl_radius = 1;        // pixels
 };
 
 /// Times of one resolve by the GPU's clock.
@@ -87,6 +93,11 @@ Result<void> shade_cpu(const SceneView& scene, const View& view, std::span<const
 Result<void> resolve_cpu(const SceneView& scene, const View& view, uint32_t samples_per_side,
                          std::span<const uint64_t> samples, const ShadeOptions& options, uint32_t channels,
                          std::span<uint8_t> pixels, uint32_t threads);
+
+/// What ShadeOptions::ssao and edl leave of the light of every pixel's surfaces: factors from 0 to 1, row by row. Both
+/// work on pixels, not on samples: a pixel's depth is that of its nearest sample. Errors kRange, kMemory.
+Result<void> occlusion_cpu(const View& view, uint32_t samples_per_side, std::span<const uint64_t> samples,
+                           const ShadeOptions& options, std::span<float> visibility, uint32_t threads);
 
 /// The triangle of a global id below instance_base[instance_count]; binary search.
 Hit find_triangle(const SceneView& scene, uint64_t triangle_id);

@@ -116,8 +116,8 @@ struct PlacedChunk {
   ChunkReader reader;
 };
 
-SCREE_HD inline PlacedChunk place_chunk(const SceneView& scene, const Location& at, const Transform& transform) {
-  const format::ChunkRecord& chunk = scene.chunks[at.chunk];
+SCREE_HD inline PlacedChunk place_chunk(const SceneView& scene, uint64_t number, const Transform& transform) {
+  const format::ChunkRecord& chunk = scene.chunks[number];
   const format::MeshRecord& mesh = scene.meshes[chunk.mesh];
   const std::byte* page = scene.pages[chunk.page];
   return {mesh, chunk, transform, page, make_reader(mesh, chunk, page, transform)};
@@ -130,6 +130,47 @@ struct Corners {
   Real first[3];
   Real edge[2][3];
 };
+
+// Widest run of values that unpack_run() takes.
+inline constexpr uint32_t kRunBits = 57;
+
+/// The `bits` (1 to kRunBits) at a bit of a packed stream, for values that lie side by side.
+SCREE_HD inline uint64_t unpack_run(const std::byte* stream, uint64_t bit, uint32_t bits) {
+#if defined(__CUDA_ARCH__)
+  const uint32_t* word = reinterpret_cast<const uint32_t*>(stream) + (bit >> 5);
+  const uint32_t shift = static_cast<uint32_t>(bit) & 31u;
+  const uint32_t middle = word[1];
+  const uint32_t last = shift + bits > 64 ? word[2] : 0u;  // else it may lie past the stream
+  return uint64_t{__funnelshift_r(middle, last, shift)} << 32 | __funnelshift_r(word[0], middle, shift);
+#else
+  (void)bits;
+  uint64_t window;
+  std::memcpy(&window, stream + (bit >> 3), sizeof window);
+  return window >> (bit & 7u);
+#endif
+}
+
+SCREE_HD inline uint32_t low_bits(uint64_t run, uint32_t bits) {
+  return static_cast<uint32_t>(run) & ((1u << bits) - 1u);
+}
+
+/// As ChunkReader::triangle(), in fewer reads.
+SCREE_HD inline void fetch_triangle(const ChunkReader& reader, uint32_t number, uint32_t vertex[3]) {
+  const uint32_t bits = reader.index_bits;
+  if (bits - 1 >= kRunBits / 3) return reader.triangle(number, vertex);
+  const uint64_t run = unpack_run(reader.indices, uint64_t{number} * (3 * bits), 3 * bits);
+  for (uint32_t i = 0; i < 3; ++i) vertex[i] = reader.index_min + low_bits(run >> (i * bits), bits);
+}
+
+/// As ChunkReader::code(), likewise.
+SCREE_HD inline void fetch_code(const ChunkReader& reader, uint32_t vertex, uint32_t code[3]) {
+  if (reader.stride - 1 >= kRunBits) return reader.code(vertex, code);
+  uint64_t run = unpack_run(reader.positions, uint64_t{vertex} * reader.stride, reader.stride);
+  for (int i = 0; i < 3; ++i) {
+    code[i] = low_bits(run, reader.bits[i]);
+    run >>= reader.bits[i];
+  }
+}
 
 template <class Real>
 SCREE_HD inline Corners<Real> fetch_corners(const ChunkReader& reader, const uint32_t vertex[3]) {
@@ -144,12 +185,12 @@ SCREE_HD inline Corners<Real> fetch_corners(const ChunkReader& reader, const uin
     return out;
   }
   uint32_t first[3];
-  reader.code(vertex[0], first);
+  fetch_code(reader, vertex[0], first);
   for (int axis = 0; axis < 3; ++axis)
     out.first[axis] = static_cast<Real>(reader.base[axis] + static_cast<int64_t>(first[axis]));
   for (int n = 0; n < 2; ++n) {
     uint32_t code[3];
-    reader.code(vertex[n + 1], code);
+    fetch_code(reader, vertex[n + 1], code);
     for (int axis = 0; axis < 3; ++axis)
       out.edge[n][axis] = static_cast<Real>(static_cast<int32_t>(code[axis]) - static_cast<int32_t>(first[axis]));
   }
@@ -170,6 +211,18 @@ SCREE_HD inline double multiply_add(double a, double b, double c) {
 #else
   return a * b + c;
 #endif
+}
+
+/// 1 / value, on CUDA to 1 ulp for a float.
+SCREE_HD inline float reciprocal(float value) {
+#if defined(__CUDA_ARCH__)
+  return __fdividef(1.0f, value);
+#else
+  return 1.0f / value;
+#endif
+}
+SCREE_HD inline double reciprocal(double value) {
+  return 1.0 / value;
 }
 
 template <class Real>
@@ -222,7 +275,7 @@ SCREE_HD inline Meeting<Real> meet(const Transform& transform, const Corners<Rea
     out.edge_w[n] = dot(rows.w, corners.edge[n], Real{0});
   }
   if constexpr (!kOrthographic) {
-    const Real scale = Real{1} / (abs_of(out.w) + abs_of(out.w + out.edge_w[0]) + abs_of(out.w + out.edge_w[1]));
+    const Real scale = reciprocal(abs_of(out.w) + abs_of(out.w + out.edge_w[0]) + abs_of(out.w + out.edge_w[1]));
     out.x = out.x * scale;
     out.y = out.y * scale;
     out.w = out.w * scale;
@@ -240,7 +293,7 @@ SCREE_HD inline Meeting<Real> meet(const Transform& transform, const Corners<Rea
 /// into the triangle: snapping lets a sample's centre lie a little outside, edge-on triangles far outside.
 template <class Real>
 SCREE_HD inline void hit_weights(const Meeting<Real>& m, Real weights[3]) {
-  const Real inverse = Real{1} / m.area;
+  const Real inverse = reciprocal(m.area);
   weights[1] = (m.edge_x[1] * m.y - m.edge_y[1] * m.x) * inverse;
   weights[2] = (m.x * m.edge_y[0] - m.y * m.edge_x[0]) * inverse;
   weights[0] = Real{1} - weights[1] - weights[2];
@@ -249,7 +302,7 @@ SCREE_HD inline void hit_weights(const Meeting<Real>& m, Real weights[3]) {
     weights[i] = weights[i] > 0 ? min_of(weights[i], Real{1}) : Real{0};  // NaN, of an area of 0, too
     sum += weights[i];
   }
-  const Real share = sum > 0 ? Real{1} / sum : Real{0};
+  const Real share = sum > 0 ? reciprocal(sum) : Real{0};
   for (int i = 0; i < 3; ++i) weights[i] = sum > 0 ? weights[i] * share : Real{1} / Real{3};
 }
 

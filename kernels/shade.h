@@ -178,7 +178,7 @@ SCREE_HD inline float vertex_cosine(const ShadeInputs& in, const PlacedChunk& at
     rows[2][j] = at.transform.w[j] * in.focal;
     for (int i = 0; i < 3; ++i) largest = max_of(largest, abs_of(rows[i][j]));
   }
-  const float scale = 1.0f / largest;
+  const float scale = reciprocal(largest);
   for (int i = 0; i < 3; ++i) {
     for (int j = 0; j < 3; ++j) rows[i][j] = rows[i][j] * scale;
   }
@@ -199,11 +199,21 @@ SCREE_HD inline float vertex_cosine(const ShadeInputs& in, const PlacedChunk& at
   return abs_of(product) * inverse_root(normal_squared) * inverse_root(ray_squared);
 }
 
+/// Of an angle in radians.
+SCREE_HD inline void cosine_sine(double angle, double& cosine, double& sine) {
+#if defined(__CUDA_ARCH__)
+  sincospi(angle * 0.31830988618379067154, &sine, &cosine);  // cos() would want a stack, for angles of any size
+#else
+  cosine = std::cos(angle);
+  sine = std::sin(angle);
+#endif
+}
+
 /// A place on a texture.
 struct TexturePlace {
   double u;
   double v;
-  float footprint;  // texels of level 0, infinite where a neighbour's ray misses the plane
+  float footprint;  // squared, texels of level 0; huge where a neighbour's ray misses the plane
   bool exact;       // single precision was enough
 };
 
@@ -222,10 +232,11 @@ SCREE_HD inline TexturePlace texture_place(const ShadeInputs& in, const PlacedCh
   double first[2];
   uint32_t codes[2];
   for (int n = 0; n < 3; ++n) {
-    const uint64_t bit = uint64_t{vertex[n]} * stride;
+    // Two codes take at most 48 bits.
+    uint64_t run = stride == 0 ? 0u : unpack_run(stream, uint64_t{vertex[n]} * stride, stride);
     for (int c = 0; c < 2; ++c) {
-      const uint32_t bits = chunk.uv_bits[c];
-      const uint32_t code = bits == 0 ? 0u : unpack_bits(stream, bit + (c == 0 ? 0u : chunk.uv_bits[0]), bits);
+      const uint32_t code = low_bits(run, chunk.uv_bits[c]);
+      run >>= chunk.uv_bits[c];
       if (n == 0) {
         codes[c] = code;
         first[c] = static_cast<double>(wrapping_add(chunk.uv_min[c], static_cast<int64_t>(code))) * step;
@@ -243,8 +254,9 @@ SCREE_HD inline TexturePlace texture_place(const ShadeInputs& in, const PlacedCh
       for (int n = 0; n < 2; ++n) edge[n][c] = edge[n][c] * static_cast<Real>(scale[c]);
     }
     if (material->uv_rotation != 0) {
-      const double cosine = std::cos(static_cast<double>(material->uv_rotation));
-      const double sine = std::sin(static_cast<double>(material->uv_rotation));
+      double cosine;
+      double sine;
+      cosine_sine(static_cast<double>(material->uv_rotation), cosine, sine);
       const double turned[2] = {cosine * first[0] + sine * first[1], cosine * first[1] - sine * first[0]};
       first[0] = turned[0];
       first[1] = turned[1];
@@ -262,7 +274,7 @@ SCREE_HD inline TexturePlace texture_place(const ShadeInputs& in, const PlacedCh
 
   // One sample to the side, corner 0 moves by -256 w and the edges by -256 of theirs: what that does to areas and
   // weights, written so that nothing large cancels.
-  const Real inverse = Real{1} / m.area;
+  const Real inverse = reciprocal(m.area);
   const Real share[2] = {(m.edge_x[1] * m.y - m.edge_y[1] * m.x) * inverse,
                          (m.x * m.edge_y[0] - m.y * m.edge_x[0]) * inverse};
   for (int side = 0; side < 2; ++side) {
@@ -279,12 +291,12 @@ SCREE_HD inline TexturePlace texture_place(const ShadeInputs& in, const PlacedCh
       place.footprint = 1e30f;
       continue;
     }
-    const Real scale = Real{1} / moved;
+    const Real scale = reciprocal(moved);
     const Real t1 = (e1 - share[0] * area) * scale;
     const Real t2 = (e2 - share[1] * area) * scale;
     const float du = static_cast<float>(t1 * edge[0][0] + t2 * edge[1][0]) * width;
     const float dv = static_cast<float>(t1 * edge[0][1] + t2 * edge[1][1]) * height;
-    place.footprint = max_of(place.footprint, std::sqrt(min_of(du * du + dv * dv, 1e30f)));
+    place.footprint = max_of(place.footprint, min_of(du * du + dv * dv, 1e30f));
   }
   // Weights in single precision are off by 2^-22 or so: of a triangle's texels, and where corners are far more distant
   // than the point that is seen, of their distance in pixels.
@@ -354,9 +366,9 @@ struct Shader {
       if constexpr (kShow == Show::kMesh) {
         random_color(in.scene.instances[state.at.instance].mesh, rgb);
       } else {
-        const PlacedChunk at = place_chunk(in.scene, state.at, state.source.get(in, state.at.instance));
+        const PlacedChunk at = place_chunk(in.scene, state.at.chunk, state.source.get(in, state.at.instance));
         uint32_t vertex[3];
-        at.reader.triangle(static_cast<uint32_t>(id - state.at.first_id), vertex);
+        fetch_triangle(at.reader, static_cast<uint32_t>(id - state.at.first_id), vertex);
         if constexpr (kShow == Show::kStage) {
           const int stage = stage_of<kOrthographic>(at, vertex, in.view, x, y);
           for (int c = 0; c < 3; ++c) rgb[c] = stage == c + 1 ? 1.0f : 0.05f;
@@ -389,36 +401,39 @@ struct Shader {
       rgb[0] = srgb_to_linear(static_cast<float>(place.u - std::floor(place.u)));
       rgb[1] = srgb_to_linear(static_cast<float>(place.v - std::floor(place.v)));
     } else if constexpr (kLight) {
+      const format::MaterialRecord* material =
+          at.mesh.material != format::kNone ? in.scene.materials + at.mesh.material : nullptr;
+      const bool unlit = material != nullptr && (material->flags & format::kMaterialUnlit) != 0;
+      const float light = in.options.light && !unlit ? diffuse_light(at, vertex, m, weights, x, y) : 1.0f;
       rgb[0] = rgb[1] = rgb[2] = 1.0f;
-      bool lit = in.options.light;
-      if (at.mesh.material != format::kNone) {
-        const format::MaterialRecord& material = in.scene.materials[at.mesh.material];
-        if ((material.flags & format::kMaterialUnlit) != 0) lit = false;
+      if (material != nullptr) {
         if constexpr (kShow == Show::kTexture) {
-          if ((at.mesh.attributes & format::kHasUv) != 0 && material.texture != format::kNone) {
-            const TextureView& texture = in.scene.textures[material.texture];
+          if ((at.mesh.attributes & format::kHasUv) != 0 && material->texture != format::kNone) {
+            const TextureView& texture = in.scene.textures[material->texture];
             if (texture.texels != nullptr) {
-              const TexturePlace place = find_place(at, vertex, &material, static_cast<float>(texture.width),
+              const TexturePlace place = find_place(at, vertex, material, static_cast<float>(texture.width),
                                                     static_cast<float>(texture.height), m, weights, x, y);
               sample_texture(texture, in.srgb->linear, place.u, place.v, place.footprint, rgb);
             }
           }
         }
-        for (int c = 0; c < 3; ++c) rgb[c] = rgb[c] * material.base_color[c];
+        for (int c = 0; c < 3; ++c) rgb[c] = rgb[c] * material->base_color[c];
       }
       if ((at.mesh.attributes & format::kHasColor) != 0) vertex_color(at, vertex, weights, rgb);
-      if (lit) {
-        float cosine = -1.0f;
-        if (has_vertex_normals(at)) {
-          float normal[3];
-          vertex_normal(at, vertex, weights, normal);
-          cosine = vertex_cosine<kOrthographic>(in, at, normal, x, y);
-        }
-        if (!(cosine >= 0)) cosine = face_cosine<kOrthographic>(in, m, x, y);
-        const float diffuse = kAmbient + (1.0f - kAmbient) * (cosine >= 0 ? min_of(cosine, 1.0f) : 0.0f);
-        for (int c = 0; c < 3; ++c) rgb[c] = rgb[c] * diffuse;
-      }
+      for (int c = 0; c < 3; ++c) rgb[c] = rgb[c] * light;
     }
+  }
+
+  SCREE_HD float diffuse_light(const PlacedChunk& at, const uint32_t vertex[3], const Meeting<float>& m,
+                               const float weights[3], float x, float y) const {
+    float cosine = -1.0f;
+    if (has_vertex_normals(at)) {
+      float normal[3];
+      vertex_normal(at, vertex, weights, normal);
+      cosine = vertex_cosine<kOrthographic>(in, at, normal, x, y);
+    }
+    if (!(cosine >= 0)) cosine = face_cosine<kOrthographic>(in, m, x, y);
+    return kAmbient + (1.0f - kAmbient) * (cosine >= 0 ? min_of(cosine, 1.0f) : 0.0f);
   }
 
   SCREE_HD TexturePlace find_place(const PlacedChunk& at, const uint32_t vertex[3],
@@ -428,12 +443,18 @@ struct Shader {
       const TexturePlace place = texture_place<kOrthographic>(in, at, vertex, material, width, height, m, weights);
       if (place.exact) return place;
     }
-    return exact_place(at, vertex, material, width, height, x, y);
+    const uint64_t chunk = static_cast<uint64_t>(&at.chunk - in.scene.chunks);
+    return exact_place(in, chunk, &at.transform, vertex[0], vertex[1], vertex[2], material, width, height, x, y);
   }
 
-  SCREE_HD TexturePlace exact_place(const PlacedChunk& at, const uint32_t vertex[3],
-                                    const format::MaterialRecord* material, float width, float height, float x,
-                                    float y) const {
+  /// Rare and wide: a call that takes values alone, so that on a GPU the others keep what they have in registers.
+  [[gnu::noinline]] SCREE_HD static TexturePlace exact_place(const ShadeInputs& in, uint64_t chunk,
+                                                             const Transform* transform, uint32_t vertex0,
+                                                             uint32_t vertex1, uint32_t vertex2,
+                                                             const format::MaterialRecord* material, float width,
+                                                             float height, float x, float y) {
+    const PlacedChunk at = place_chunk(in.scene, chunk, *transform);
+    const uint32_t vertex[3] = {vertex0, vertex1, vertex2};
     const Meeting<double> m = meet<kOrthographic>(at.transform, fetch_corners<double>(at.reader, vertex),
                                                   static_cast<double>(x), static_cast<double>(y));
     double weights[3];

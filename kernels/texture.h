@@ -70,8 +70,8 @@ SCREE_HD inline void sample_level(const TextureView& texture, const float* table
   }
 }
 
-/// The colour at (u, v), any finite numbers. `footprint`: the larger side of a pixel in texels of level 0; picks the
-/// mip levels.
+/// The colour at (u, v), any finite numbers. `footprint`: the square of the larger side of a pixel in texels of
+/// level 0; picks the mip levels.
 SCREE_HD inline void sample_texture(const TextureView& texture, const float* table, double u, double v, float footprint,
                                     float rgb[3]) {
   rgb[0] = rgb[1] = rgb[2] = 1.0f;
@@ -80,7 +80,7 @@ SCREE_HD inline void sample_texture(const TextureView& texture, const float* tab
   const double wrapped_v = wrap_coordinate(v, texture.wrap_t);
   const float last = static_cast<float>(texture.level_count - 1);
   // NaN and infinite footprints (a plane seen edge-on) take the last level.
-  const float level = footprint <= 1.0f ? 0.0f : footprint < 1e9f ? min_of(std::log2(footprint), last) : last;
+  const float level = footprint <= 1.0f ? 0.0f : footprint < 1e18f ? min_of(0.5f * std::log2(footprint), last) : last;
   const uint32_t fine = static_cast<uint32_t>(level);
   sample_level(texture, table, fine, wrapped_u, wrapped_v, texture.nearest && footprint <= 1.0f, rgb);
   const float between = level - static_cast<float>(fine);

@@ -31,8 +31,11 @@ class DeviceScene {
   DeviceScene& operator=(DeviceScene&&) noexcept;
   ~DeviceScene();
 
-  /// As kernels::draw_cpu, on the device, into host memory.
-  Result<kernels::FrameStats> draw(const kernels::View& view, std::span<uint64_t> samples);
+  /// As kernels::draw_cpu, on the device, where the visibility buffer stays.
+  Result<kernels::FrameStats> draw(const kernels::View& view);
+
+  /// Copies the visibility buffer of the picture that draw() made last to host memory: `samples` is all of it.
+  Result<void> read_samples(std::span<uint64_t> samples);
 
   /// Resolves the picture that draw() made last, as kernels::resolve_cpu with 4 channels, on the device; `view` as
   /// draw() had it. `pixels`: RGBA8, red in the low byte, read back; may be empty where the time is all that is wanted.

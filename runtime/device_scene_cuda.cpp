@@ -228,23 +228,25 @@ Result<DeviceScene> DeviceScene::upload(const Scene& scene, uint64_t budget_byte
   return DeviceScene(std::move(impl));
 }
 
-Result<kernels::FrameStats> DeviceScene::draw(const kernels::View& view, std::span<uint64_t> samples) {
-  if (impl_->samples.bytes() != samples.size_bytes()) {
+Result<kernels::FrameStats> DeviceScene::draw(const kernels::View& view) {
+  const uint64_t bytes = uint64_t{view.width} * view.height * sizeof(uint64_t);
+  if (impl_->samples.bytes() != bytes) {
     impl_->samples = DeviceBuffer();
-    Result<DeviceBuffer> buffer = DeviceBuffer::allocate(samples.size_bytes(), "allocating the visibility buffer");
+    Result<DeviceBuffer> buffer = DeviceBuffer::allocate(bytes, "allocating the visibility buffer");
     if (!buffer) return buffer.error();
     impl_->samples = std::move(*buffer);
   }
   const kernels::SceneView& host = impl_->scene->view();
-  const auto device_samples = reinterpret_cast<uint64_t*>(impl_->samples.data());
-  Result<kernels::FrameStats> stats = kernels::draw_cuda(impl_->view, host.instance_base[host.instance_count], view,
-                                                         device_samples, kernels::cuda_queue_sizes());
-  if (!stats) return stats;
-  if (auto done = cuda_check(cudaMemcpy(samples.data(), device_samples, samples.size_bytes(), cudaMemcpyDeviceToHost),
-                             "reading the visibility buffer");
-      !done)
-    return done.error();
-  return stats;
+  return kernels::draw_cuda(impl_->view, host.instance_base[host.instance_count], view,
+                            reinterpret_cast<uint64_t*>(impl_->samples.data()), kernels::cuda_queue_sizes());
+}
+
+Result<void> DeviceScene::read_samples(std::span<uint64_t> samples) {
+  if (impl_->samples.bytes() != samples.size_bytes())
+    return Error{ErrorCode::kRange, std::to_string(samples.size()) + " samples, but the picture has " +
+                                        std::to_string(impl_->samples.bytes() / sizeof(uint64_t))};
+  return cuda_check(cudaMemcpy(samples.data(), impl_->samples.data(), samples.size_bytes(), cudaMemcpyDeviceToHost),
+                    "reading the visibility buffer");
 }
 
 Result<void> DeviceScene::resolve(const kernels::View& view, uint32_t samples_per_side,

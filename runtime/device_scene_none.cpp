@@ -18,8 +18,12 @@ Result<DeviceScene> DeviceScene::upload(const Scene&, uint64_t, uint32_t) {
   return find_device().error();
 }
 
-Result<kernels::FrameStats> DeviceScene::draw(const kernels::View&, std::span<uint64_t>) {
+Result<kernels::FrameStats> DeviceScene::draw(const kernels::View&) {
   return find_device().error();
+}
+
+Result<void> DeviceScene::read_samples(std::span<uint64_t>) {
+  return find_device();
 }
 
 Result<void> DeviceScene::resolve(const kernels::View&, uint32_t, const kernels::ShadeOptions&, std::span<uint32_t>,

@@ -42,19 +42,32 @@ Result<Frame> Frame::draw(const Scene& scene, const kernels::View& view, uint32_
   frame.view_.width = static_cast<uint32_t>(width);
   frame.view_.height = static_cast<uint32_t>(height);
   frame.samples_per_side_ = samples_per_side;
-  try {
-    frame.samples_.resize(width * height);
-  } catch (const std::bad_alloc&) {
-    return Error{ErrorCode::kMemory, "no memory left for " + std::to_string(width * height) + " samples"};
-  }
+  if (device == nullptr)
+    if (const Result<void> done = frame.make_room(); !done) return done.error();
   const Stopwatch watch;
   Result<kernels::FrameStats> stats = device != nullptr
-                                          ? device->draw(frame.view_, frame.samples_)
+                                          ? device->draw(frame.view_)
                                           : kernels::draw_cpu(scene.view(), frame.view_, frame.samples_, threads);
   if (!stats) return stats.error();
   frame.stats_ = *stats;
   frame.draw_time_ = watch.elapsed();
   return frame;
+}
+
+Result<void> Frame::make_room() {
+  const uint64_t count = uint64_t{view_.width} * view_.height;
+  try {
+    samples_.resize(count);
+    return {};
+  } catch (const std::bad_alloc&) {
+    return Error{ErrorCode::kMemory, "no memory left for " + std::to_string(count) + " samples"};
+  }
+}
+
+Result<void> Frame::read_samples() {
+  if (device_ == nullptr || !samples_.empty()) return {};
+  if (Result<void> done = make_room(); !done) return done;
+  return device_->read_samples(samples_);
 }
 
 Result<Picture> Frame::shade(const kernels::ShadeOptions& options, uint32_t threads) const {
@@ -86,6 +99,7 @@ Result<Picture> Frame::shade(const kernels::ShadeOptions& options, uint32_t thre
 }
 
 std::vector<float> Frame::depth() const {
+  assert(!samples_.empty());
   std::vector<float> out(uint64_t{width()} * height());
   for (uint64_t y = 0; y < height(); ++y) {
     for (uint64_t x = 0; x < width(); ++x) {
@@ -103,7 +117,7 @@ std::vector<float> Frame::depth() const {
 }
 
 std::optional<Pick> Frame::pick(uint32_t x, uint32_t y) const {
-  assert(x < width() && y < height());
+  assert(x < width() && y < height() && !samples_.empty());
   const uint64_t column = uint64_t{x} * samples_per_side_ + samples_per_side_ / 2;
   const uint64_t row = uint64_t{y} * samples_per_side_ + samples_per_side_ / 2;
   const uint64_t sample = samples_[row * view_.width + column];

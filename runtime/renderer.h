@@ -41,13 +41,17 @@ class Frame {
   /// are in pixels. Errors kRange (a side of more than kernels::kMaxImageSide samples), kMemory, those of
   /// kernels::draw_cpu.
   /// With a `device` (a copy of `scene`, which also outlives the frame) the GPU draws and shades; the samples are the
-  /// same.
+  /// same, and stay there until read_samples(). Only the frame that a device drew last can be shaded or read.
   static Result<Frame> draw(const Scene& scene, const kernels::View& view, uint32_t samples_per_side, uint32_t threads,
                             DeviceScene* device = nullptr);
 
   /// Shades every sample and averages a pixel's in linear light, weighted by alpha. RGBA where the background is not
   /// opaque. Errors kMemory, those of kernels::resolve_cpu and DeviceScene::resolve.
   Result<Picture> shade(const kernels::ShadeOptions& options, uint32_t threads) const;
+
+  /// Brings the samples of a GPU to where samples(), depth() and pick() find them; nothing to do on a CPU. Errors
+  /// kMemory, kDevice.
+  Result<void> read_samples();
 
   /// Distance from the eye's plane in world units, one float a pixel, rows top to bottom: of the nearest sample of a
   /// pixel; infinity where all are background. Throws std::bad_alloc.
@@ -66,6 +70,7 @@ class Frame {
 
  private:
   Frame() = default;
+  Result<void> make_room();  // for samples_
 
   const Scene* scene_ = nullptr;
   DeviceScene* device_ = nullptr;

@@ -2,6 +2,7 @@
 #include "runtime/device_scene.h"
 
 #include <algorithm>
+#include <cmath>
 #include <cstdlib>
 #include <filesystem>
 #include <string>
@@ -41,24 +42,40 @@ size_t differing(const Picture& a, const Picture& b) {
   return count;
 }
 
+void compare_pictures(const Frame& cpu, const Frame& gpu, const scree::kernels::ShadeOptions& options) {
+  const Result<Picture> on_cpu = cpu.shade(options, 2);
+  const Result<Picture> on_gpu = gpu.shade(options, 2);
+  REQUIRE(on_cpu);
+  REQUIRE(on_gpu);
+  REQUIRE(on_cpu->channels == on_gpu->channels);
+  INFO("show " << static_cast<int>(options.show) << ", ssao " << options.ssao << ", edl " << options.edl);
+  CHECK(differing(*on_cpu, *on_gpu) <= on_cpu->pixels.size() / 10000);
+}
+
 void compare(const Scene& scene, DeviceScene& device, const View& view, uint32_t samples_per_side) {
-  const Result<Frame> cpu = Frame::draw(scene, view, samples_per_side, 2);
-  const Result<Frame> gpu = Frame::draw(scene, view, samples_per_side, 2, &device);
-  const Result<Frame> again = Frame::draw(scene, view, samples_per_side, 2, &device);
+  Result<Frame> cpu = Frame::draw(scene, view, samples_per_side, 2);
+  Result<Frame> gpu = Frame::draw(scene, view, samples_per_side, 2, &device);
   REQUIRE(cpu);
   REQUIRE(gpu);
+  REQUIRE(gpu->read_samples());
+  Result<Frame> again = Frame::draw(scene, view, samples_per_side, 2, &device);
   REQUIRE(again);
+  REQUIRE(again->read_samples());
   CHECK(std::equal(cpu->samples().begin(), cpu->samples().end(), gpu->samples().begin(), gpu->samples().end()));
   CHECK(std::equal(gpu->samples().begin(), gpu->samples().end(), again->samples().begin(), again->samples().end()));
+  scree::kernels::ShadeOptions options;
   for (const Show show : {Show::kTexture, Show::kColor, Show::kUv, Show::kNormal, Show::kTriangle, Show::kMesh,
                           Show::kStage, Show::kDepth}) {
-    scree::kernels::ShadeOptions options;
     options.show = show;
-    const Result<Picture> on_cpu = cpu->shade(options, 2);
-    const Result<Picture> on_gpu = again->shade(options, 2);
-    REQUIRE(on_cpu);
-    REQUIRE(on_gpu);
-    CHECK(differing(*on_cpu, *on_gpu) <= on_cpu->pixels.size() / 10000);
+    compare_pictures(*cpu, *again, options);
+  }
+  options.show = Show::kTexture;
+  options.background[1] = 0.5f;
+  options.background[3] = 1;
+  for (const int occlusion : {1, 2, 3}) {
+    options.ssao = (occlusion & 1) != 0;
+    options.edl = (occlusion & 2) != 0;
+    compare_pictures(*cpu, *again, options);
   }
 }
 
@@ -87,8 +104,15 @@ TEST_CASE("the GPU draws what the CPU draws", "[cuda]") {
     camera.height = 123;
     const Result<View> view = scree::runtime::make_view(scene.container(), 0, scene.view(), camera);
     REQUIRE(view);
-    compare(scene, *device, *view, 1);
-    compare(scene, *device, *view, 2);
+    for (const uint32_t samples : {1u, 2u, 4u}) compare(scene, *device, *view, samples);
+    View flat = *view;  // the same picture from an orthographic camera
+    flat.orthographic = true;
+    double height = 0;
+    for (size_t i = 0; i < 3; ++i) height = std::max(height, std::abs(flat.eye[i]));
+    flat.half_height = std::max(height, 1.0);
+    flat.half_width = flat.half_height * flat.width / flat.height;
+    flat.z_far = flat.z_near + 100 * flat.half_height;
+    compare(scene, *device, flat, 2);
   }
 }
 

@@ -65,6 +65,24 @@ TEST_CASE("without an output the picture goes beside the file", "[render]") {
   CHECK(options->picks[0].y == 2);
 }
 
+TEST_CASE("ambient occlusion and eye-dome lighting darken a picture", "[render]") {
+  RenderWords words;
+  words.file = "a.scree";
+  Result<RenderOptions> options = parse_render_options(words);
+  REQUIRE(options);
+  CHECK_FALSE(options->shade.ssao);
+  CHECK_FALSE(options->shade.edl);
+  words.ssao = words.edl = true;
+  words.edl_strength = "2.5";
+  words.edl_radius = "3";
+  options = parse_render_options(words);
+  REQUIRE(options);
+  CHECK(options->shade.ssao);
+  CHECK(options->shade.edl);
+  CHECK(options->shade.edl_strength == 2.5f);
+  CHECK(options->shade.edl_radius == 3);
+}
+
 TEST_CASE("a bad value is named with what is allowed", "[render]") {
   CHECK(usage_message(words_with(&RenderWords::size, "1920")) == "--size: '1920' is not WxH with each side 1 to 16384");
   CHECK(usage_message(words_with(&RenderWords::size, "0x5")) != "");
@@ -74,6 +92,18 @@ TEST_CASE("a bad value is named with what is allowed", "[render]") {
   CHECK(usage_message(words_with(&RenderWords::samples, "3")) == "--samples: '3' is not 1, 2 or 4");
   CHECK(usage_message(words_with(&RenderWords::show, "colour")) ==
         "--show: 'colour' is not one of texture, color, uv, normal, triangle, mesh, stage, depth");
+  CHECK(usage_message(words_with(&RenderWords::edl_strength, "2")) == "--edl-strength needs --edl");
+  CHECK(usage_message(words_with(&RenderWords::edl_radius, "2")) == "--edl-radius needs --edl");
+  for (const char* strength : {"-1", "101", "nan", "strong"}) {
+    RenderWords words = words_with(&RenderWords::edl_strength, strength);
+    words.edl = true;
+    CHECK(usage_message(words) == "--edl-strength: '" + std::string(strength) + "' is not a number from 0 to 100");
+  }
+  for (const char* radius : {"0", "65", "1.5", "-1"}) {
+    RenderWords words = words_with(&RenderWords::edl_radius, radius);
+    words.edl = true;
+    CHECK(usage_message(words) != "");
+  }
   CHECK(usage_message(words_with(&RenderWords::eye, "1,2")) == "--eye: '1,2' is not three numbers X,Y,Z");
   CHECK(usage_message(words_with(&RenderWords::eye, "1,nan,2")) != "");
   CHECK(usage_message(words_with(&RenderWords::target, "1,2,3")) == "--target needs --eye");

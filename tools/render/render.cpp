@@ -189,9 +189,11 @@ Result<void> render(const RenderOptions& options) {
 
   Result<std::optional<runtime::DeviceScene>> device = choose_device(options, *scene);
   if (!device) return at(options.file, device.error());
-  const Result<runtime::Frame> frame = runtime::Frame::draw(*scene, *view, options.samples_per_side, options.threads,
-                                                            device->has_value() ? &**device : nullptr);
+  Result<runtime::Frame> frame = runtime::Frame::draw(*scene, *view, options.samples_per_side, options.threads,
+                                                      device->has_value() ? &**device : nullptr);
   if (!frame) return at(options.file, frame.error());
+  if (!options.depth.empty() || !options.visbuffer.empty() || !options.picks.empty())
+    if (const Result<void> read = frame->read_samples(); !read) return at(options.file, read.error());
   if (const Result<void> written = write_outputs(options, *frame, times); !written) return written.error();
   for (const PixelPlace& place : options.picks) print_pick(scene->container(), place, frame->pick(place.x, place.y));
   if (options.stats) print_stats(*scene, *frame, *view, times);
@@ -229,6 +231,10 @@ Command add_render(CLI::App& parent) {
       "texture (default), color: without textures, uv, normal, triangle, mesh, stage: of the rasteriser, or "
       "depth");
   app->add_flag("--no-light", words->no_light, "Surfaces as they are, without the camera's light");
+  app->add_flag("--ssao", words->ssao, "Ambient occlusion: corners and what lies close behind something get darker");
+  app->add_flag("--edl", words->edl, "Eye-dome lighting: a pixel gets darker where its neighbours stand before it");
+  app->add_option("--edl-strength", words->edl_strength, "How much darker, 0 to 100 (default: 1)");
+  app->add_option("--edl-radius", words->edl_radius, "Of which neighbours, in pixels, 1 to 64 (default: 1)");
   app->add_option("--background", words->background, "#rgb, #rrggbb, #rrggbbaa, a name, or none: transparent");
   app->add_option(
       "--depth", words->depth,

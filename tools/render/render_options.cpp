@@ -128,6 +128,28 @@ Result<void> parse_camera(const RenderWords& words, runtime::CameraOptions& came
   return {};
 }
 
+/// Ambient occlusion and eye-dome lighting.
+Result<void> parse_occlusion(const RenderWords& words, kernels::ShadeOptions& shade) {
+  shade.ssao = words.ssao;
+  shade.edl = words.edl;
+  const std::pair<const char*, const std::string*> numbers[] = {{"--edl-strength", &words.edl_strength},
+                                                                {"--edl-radius", &words.edl_radius}};
+  for (const auto& [name, text] : numbers)
+    if (!text->empty() && !words.edl) return Error{ErrorCode::kUsage, std::string(name) + " needs --edl"};
+  if (!words.edl_strength.empty()) {
+    const std::optional<double> strength = number(words.edl_strength);
+    if (!strength || *strength < 0 || *strength > 100)
+      return usage("--edl-strength", words.edl_strength, "a number from 0 to 100");
+    shade.edl_strength = static_cast<float>(*strength);
+  }
+  if (!words.edl_radius.empty()) {
+    const Result<uint64_t> radius = parse_whole(words.edl_radius, 1, 64, "--edl-radius");
+    if (!radius) return radius.error();
+    shade.edl_radius = static_cast<uint32_t>(*radius);
+  }
+  return {};
+}
+
 /// Outputs: a picture is a .png, and nothing is written over the file that is read.
 Result<void> check_outputs(const RenderOptions& options) {
   const std::filesystem::path picture(options.output);
@@ -224,6 +246,7 @@ Result<RenderOptions> parse_render_options(const RenderWords& words) {
   if (!show) return show.error();
   options.shade.show = *show;
   options.shade.light = !words.no_light;
+  if (const Result<void> occlusion = parse_occlusion(words, options.shade); !occlusion) return occlusion.error();
   const Result<std::array<float, 4>> background = parse_color(words.background);
   if (!background) return background.error();
   std::copy(background->begin(), background->end(), options.shade.background);

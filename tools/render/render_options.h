@@ -33,7 +33,11 @@ struct RenderWords {
   std::string backend = "auto";
   std::string device_memory;
   std::vector<std::string> picks;
+  std::string edl_strength;
+  std::string edl_radius;
   bool no_light = false;
+  bool ssao = false;
+  bool edl = false;
   bool list_cameras = false;
   bool stats = false;
   bool quiet = false;
