@@ -18,21 +18,6 @@ namespace scree::bench {
 using runtime::cuda_check;
 using runtime::DeviceBuffer;
 
-namespace {
-
-/// False where this version's resolve has no such effects.
-template <class ShadeOptions>
-bool set_effects(ShadeOptions& shade, const Effects& effects) {
-  if constexpr (requires { shade.ssao = shade.edl; }) {
-    shade.ssao = effects.ssao;
-    shade.edl = effects.edl;
-    return true;
-  }
-  return !effects.ssao && !effects.edl;
-}
-
-}  // namespace
-
 struct Frames::Impl {
   Impl(const ResidentScene& drawn, GpuTimer timing) : scene(&drawn), timer(std::move(timing)) {}
 
@@ -117,8 +102,8 @@ Result<kernels::FrameStats> Frames::draw(const kernels::View& view, const FrameO
   if (!done) return done.error();
   ms = FrameMs{};
   kernels::ShadeOptions shade;
-  if (!set_effects(shade, options.effects))
-    return Error{ErrorCode::kUnsupported, "this version has no ambient occlusion and no eye-dome lighting"};
+  shade.ssao = options.effects.ssao;
+  shade.edl = options.effects.edl;
   Result<kernels::FrameStats> stats = impl_->raster(view, options, ms);
   if (!stats) return stats;
   kernels::ResolveTimes times;
@@ -126,7 +111,7 @@ Result<kernels::FrameStats> Frames::draw(const kernels::View& view, const FrameO
                                  impl_->transforms(), shade, impl_->device_pixels(), nullptr, &times);
   if (!done) return done.error();
   ms.resolve = times.resolve_ms;
-  ms.occlusion = times.occlusion_ms;
+  if (shade.ssao || shade.edl) ms.occlusion = times.occlusion_ms;
   const Result<float> all = impl_->timer.stop();
   if (!all) return all.error();
   ms.frame = *all;
