@@ -213,8 +213,11 @@ void check_picture(const char* name, const synth::Scene& scene, double scale, bo
     REQUIRE(kernels::draw_cpu(converted->view(), *view, expected, 2));
     const Result<kernels::FrameStats> stats = kernels::draw_cpu(made.view(), *view, samples, 2);
     REQUIRE(stats);
-    const Touched touched = count_touched(made.view(), *view);
+    const Touched touched = count_touched(made.view(), {}, *view);
     CHECK(touched.draws == stats->draws);
+    const Touched boxed = count_touched(made.view(), made.tables.boxes, *view);
+    CHECK(boxed.draws <= touched.draws);
+    CHECK(boxed.bytes <= touched.bytes);
     CHECK(touched.bytes > 0);
     CHECK(touched.bytes <= made.tables.geometry_bytes);
     CHECK(std::any_of(samples.begin(), samples.end(), [](uint64_t s) { return s != kernels::kBackground; }));

@@ -3,7 +3,7 @@
 
 #include <cstdint>
 #include <memory>
-#include <optional>
+#include <span>
 #include <vector>
 
 #include "format/result.h"
@@ -25,6 +25,10 @@ class ResidentScene {
   /// Records on the host; its pages are on the host only where a file was uploaded, else null.
   const kernels::SceneView& host() const { return host_; }
   const kernels::SceneView& device() const { return device_; }
+  /// The boxes of a generated scene's chunks; empty for a file.
+  std::span<const ChunkBox> boxes() const {
+    return tables_ ? std::span<const ChunkBox>(tables_->boxes) : std::span<const ChunkBox>();
+  }
   /// Indices and positions.
   uint64_t geometry_bytes() const { return geometry_bytes_; }
   uint64_t unique_triangles() const;

@@ -286,7 +286,7 @@ class Runner {
     if (!samples) return samples.error();
     result.covered_samples = static_cast<uint64_t>(std::count_if(
         samples->begin(), samples->end(), [](uint64_t sample) { return sample != kernels::kBackground; }));
-    const Touched touched = count_touched(resident.host(), view.frames.back());
+    const Touched touched = count_touched(resident.host(), resident.boxes(), view.frames.back());
     // Only where the frame drew just these chunks are these the bytes it read.
     if (view.frames.size() == 1 && touched.draws == result.stats.draws) result.touched_bytes = touched.bytes;
     return {};

@@ -141,6 +141,7 @@ Result<SceneTables> make_tables(const synth::Scene& scene, std::span<const Chunk
                                 std::span<const ChunkBox> boxes, const Encoding& encoding) {
   assert(plans.size() == boxes.size());
   SceneTables tables;
+  tables.boxes.assign(boxes.begin(), boxes.end());
   uint64_t page_bytes = 0;
   for (size_t first = 0; first < plans.size();) {
     const uint32_t number = plans[first].mesh;

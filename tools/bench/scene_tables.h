@@ -36,6 +36,7 @@ struct SceneTables {
   std::vector<format::InstanceRecord> instances;
   std::vector<uint64_t> instance_base;
   std::vector<format::MatrixRecord> matrices;
+  std::vector<ChunkBox> boxes;        // of the chunks
   std::vector<uint64_t> page_offset;  // bytes in the arena
   uint64_t arena_bytes = 0;
   uint64_t geometry_bytes = 0;  // of the chunks: indices and positions

@@ -1,13 +1,29 @@
 #include "tools/bench/touched.h"
 
+#include <cmath>
 #include <vector>
 
 #include "kernels/cull.h"
 #include "kernels/vertex.h"
 
 namespace scree::bench {
+namespace {
 
-Touched count_touched(const kernels::SceneView& scene, const kernels::View& view) {
+/// As kernels/ has it on a GPU: a float32 position is rounded once where the transform's center is taken from it.
+kernels::RelativeBox float_box(const ChunkBox& box, const kernels::Transform& transform) {
+  kernels::RelativeBox relative;
+  for (int i = 0; i < 3; ++i) {
+    const auto low = static_cast<double>(box.lo[i]);
+    const auto high = static_cast<double>(box.hi[i]);
+    relative.center[i] = 0.5 * (low + high) - static_cast<double>(transform.center[i]);
+    relative.extent[i] = 0.5 * (high - low) + (std::fabs(low) + std::fabs(high)) * (1.0 / (1 << 22));
+  }
+  return relative;
+}
+
+}  // namespace
+
+Touched count_touched(const kernels::SceneView& scene, std::span<const ChunkBox> boxes, const kernels::View& view) {
   const kernels::FrameView frame = kernels::make_frame_view(view);
   std::vector<bool> seen(scene.chunk_count);
   Touched touched;
@@ -22,8 +38,9 @@ Touched count_touched(const kernels::SceneView& scene, const kernels::View& view
     for (uint64_t c = mesh.first_chunk; c < mesh.first_chunk + mesh.chunk_count; ++c) {
       const format::ChunkRecord& chunk = scene.chunks[c];
       if (chunk.triangle_count == 0) continue;
-      if (!float32 && mesh.chunk_count > 1 &&
-          !kernels::may_be_seen(transform, frame, kernels::chunk_box(mesh, chunk, transform)))
+      if (mesh.chunk_count > 1 && (!float32 || !boxes.empty()) &&
+          !kernels::may_be_seen(transform, frame,
+                                float32 ? float_box(boxes[c], transform) : kernels::chunk_box(mesh, chunk, transform)))
         continue;
       ++touched.draws;
       if (seen[c]) continue;
