@@ -343,9 +343,8 @@ struct ShadeState {
   TransformSource<Team::kMakesTransforms> source;
 };
 
-/// The colour of a sample: one kind of picture and of camera, so that no kind pays for another's registers. `Real`:
-/// what places on textures start in; double stands in where float does not do.
-template <bool kOrthographic, Show kShow, class Real = float>
+/// The colour of a sample: one kind of picture and of camera, so that no kind pays for another's registers.
+template <bool kOrthographic, Show kShow>
 struct Shader {
   ShadeInputs in;
 
@@ -439,10 +438,8 @@ struct Shader {
   SCREE_HD TexturePlace find_place(const PlacedChunk& at, const uint32_t vertex[3],
                                    const format::MaterialRecord* material, float width, float height,
                                    const Meeting<float>& m, const float weights[3], float x, float y) const {
-    if constexpr (sizeof(Real) == sizeof(float)) {
-      const TexturePlace place = texture_place<kOrthographic>(in, at, vertex, material, width, height, m, weights);
-      if (place.exact) return place;
-    }
+    const TexturePlace place = texture_place<kOrthographic>(in, at, vertex, material, width, height, m, weights);
+    if (place.exact) return place;
     const uint64_t chunk = static_cast<uint64_t>(&at.chunk - in.scene.chunks);
     return exact_place(in, chunk, &at.transform, vertex[0], vertex[1], vertex[2], material, width, height, x, y);
   }
