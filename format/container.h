@@ -3,6 +3,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <span>
 #include <string>
@@ -31,12 +32,12 @@ class Table {
   uint64_t stride_ = sizeof(Record);
 };
 
-/// A validated view of a .scree file's bytes. open() checks the header, the table of contents, every table's checksum and
-/// every field of every record (indices into other tables, ranges, bit counts, prefix sums, finite numbers): what the
-/// accessors return can be used without further checks. It touches no page and allocates nothing per record; 12 ns a record
-/// where six tables have a million each. Page contents are checked by load_page and, stream by stream, by the codecs: the
-/// records bound a code's width, not its value. Views stay valid as long as the bytes given to open(), which nobody may
-/// change meanwhile.
+/// A validated view of a .scree file's bytes. open() checks the header, the table of contents, every table's checksum
+/// and every field of every record (indices into other tables, ranges, bit counts, prefix sums, finite numbers): what
+/// the accessors return can be used without further checks. It touches no page and allocates nothing per record; 12 ns
+/// a record where six tables have a million each. Page contents are checked by load_page and, stream by stream, by the
+/// codecs: the records bound a code's width, not its value. Views stay valid as long as the bytes given to open(),
+/// which nobody may change meanwhile.
 class Container {
  public:
   /// `file`: the whole file, kTableAlignment-aligned in memory (a map is). Errors kFormat, kVersion, kTruncated,
@@ -137,6 +138,12 @@ class ContainerWriter {
 
   /// Appends a page and returns its number, which counts from 0 in the order of the calls. Errors kFile (disk full).
   Result<uint32_t> append(const SealedPage& page);
+
+  using Read = std::function<Result<void>(uint64_t offset, std::span<std::byte> out)>;
+
+  /// Appends a raw page of `bytes` bytes that nobody holds: `read` gives them in order, at most 1 MiB at a time. Errors
+  /// kFile, and those of `read`, after which the writer can only be destroyed.
+  Result<uint32_t> append_raw(PageKind kind, uint64_t bytes, const Read& read);
 
   /// Bytes written so far.
   uint64_t bytes() const;

@@ -24,6 +24,17 @@ namespace scree::format {
 
 namespace {
 
+/// A checksum of bytes that come in parts.
+class Checksum {
+ public:
+  Checksum() { XXH3_64bits_reset(&state_); }
+  void add(std::span<const std::byte> bytes) { XXH3_64bits_update(&state_, bytes.data(), bytes.size()); }
+  uint64_t value() const { return XXH3_64bits_digest(&state_); }
+
+ private:
+  XXH3_state_t state_;
+};
+
 /// One zstd frame that says its content's size, or nothing where it would not be smaller than `raw` or memory is short.
 std::vector<std::byte> compress(std::span<const std::byte> raw, int level) try {
   struct Free {
@@ -236,6 +247,28 @@ Result<uint32_t> ContainerWriter::append(const SealedPage& page) {
   record.offset = align_up(impl_->end, kPageAlignment);
   if (auto written = impl_->write(record.offset, page.stored); !written) return written.error();
   impl_->end = record.offset + record.stored_bytes;
+  impl_->pages.push_back(record);
+  return static_cast<uint32_t>(impl_->pages.size() - 1);
+}
+
+Result<uint32_t> ContainerWriter::append_raw(PageKind kind, uint64_t bytes, const Read& read) {
+  constexpr uint64_t kBlockBytes = 1 << 20;
+  PageRecord record{};
+  record.kind = kind;
+  record.codec = PageCodec::kRaw;
+  record.offset = align_up(impl_->end, kPageAlignment);
+  record.stored_bytes = record.raw_bytes = bytes;
+  Checksum checksum;
+  std::vector<std::byte> block(static_cast<size_t>(std::min(bytes, kBlockBytes)));
+  for (uint64_t done = 0; done < bytes;) {
+    const std::span<std::byte> part(block.data(), static_cast<size_t>(std::min(kBlockBytes, bytes - done)));
+    if (auto got = read(done, part); !got) return got.error();
+    checksum.add(part);
+    if (auto written = impl_->write(record.offset + done, part); !written) return written.error();
+    done += part.size();
+  }
+  record.checksum = checksum.value();
+  impl_->end = record.offset + bytes;
   impl_->pages.push_back(record);
   return static_cast<uint32_t>(impl_->pages.size() - 1);
 }

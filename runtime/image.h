@@ -2,10 +2,14 @@
 // rename, so that nobody sees half a picture.
 #pragma once
 
+#include <concepts>
 #include <cstddef>
 #include <cstdint>
+#include <functional>
+#include <optional>
 #include <span>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "format/layout.h"
@@ -21,9 +25,50 @@ struct ImageInfo {
   uint32_t channels;  // 1 grey, 2 grey and alpha, 3 colour, 4 colour and alpha (PNG) or CMYK (JPEG)
 };
 
-/// Reads the size of a PNG or JPEG file from its head; decodes nothing, allocates nothing. `file`: the image file's
-/// bytes; the codec is told by the first of them. Errors kFormat (neither, or malformed), kTruncated.
-Result<ImageInfo> probe_image(std::span<const std::byte> file);
+/// The bytes of an image file: in memory, or read as they are needed, so that a large file takes a window of memory.
+/// Used by one thread at a time.
+class ImageFile {
+ public:
+  using Read = std::function<Result<void>(uint64_t offset, std::span<std::byte> out)>;
+
+  /// A view of bytes that stay where they are.
+  template <class Bytes>
+  requires std::convertible_to<const Bytes&, std::span<const std::byte>> ImageFile(const Bytes& bytes)
+      : window_(bytes) {
+    size_ = window_.size();
+  }
+  /// `read`: fills `out` with the bytes at `offset`, which lie below `size`.
+  ImageFile(uint64_t size, Read read) : size_(size), read_(std::move(read)) {}
+  ImageFile(ImageFile&&) = default;
+  ImageFile& operator=(ImageFile&&) = default;
+
+  uint64_t size() const { return size_; }
+
+  /// Bytes from `offset` on, as many as are at hand: none at the end of the file or after an error. They are there
+  /// until the next call.
+  std::span<const std::byte> from(uint64_t offset);
+
+  /// Byte `offset`, 0 past the end of the file or after an error.
+  uint32_t byte(uint64_t offset) {
+    const std::span<const std::byte> bytes = from(offset);
+    return bytes.empty() ? 0 : static_cast<uint32_t>(bytes[0]);
+  }
+
+  /// The first read that failed; after that the file looks as if it ended.
+  const std::optional<Error>& error() const { return error_; }
+
+ private:
+  uint64_t size_ = 0;
+  Read read_;
+  std::vector<std::byte> buffer_;
+  uint64_t first_ = 0;  // of the window
+  std::span<const std::byte> window_;
+  std::optional<Error> error_;
+};
+
+/// Reads the size of a PNG or JPEG file from its head; decodes nothing. The codec is told by the first bytes. Errors
+/// kFormat (neither, or malformed), kTruncated, and those of reading the file.
+Result<ImageInfo> probe_image(ImageFile file);
 
 /// A decoded picture: 4 bytes a pixel, RGBA, not premultiplied, rows top to bottom. Colour stays as it is coded (sRGB
 /// in glTF, which has gamma, profile and orientation tags ignored).
@@ -40,8 +85,17 @@ inline constexpr uint32_t kMaxDecodedSide = 65536;              // kernels::Text
 /// Decodes a PNG (any colour type, depth and interlace; 16 bits are rounded to 8) or JPEG (grey, YCbCr, RGB, CMYK,
 /// YCCK; baseline and progressive). Sizes are checked before anything is allocated. Corrupt entropy-coded JPEG data is
 /// put up with and named in Image::warning, as other decoders do; all else is an error: kFormat (what the library
-/// said), kTruncated, kRange (more than kMaxImagePixels or kMaxDecodedSide), kUnsupported, kMemory. Reentrant.
-Result<Image> decode_image(std::span<const std::byte> file);
+/// said), kTruncated, kRange (more than kMaxImagePixels or kMaxDecodedSide), kUnsupported, kMemory, and those of reading
+/// the file. Reentrant.
+Result<Image> decode_image(ImageFile file);
+
+/// What decode_image would say: an error where it has one, else its warning, which is empty where all was well. Decodes
+/// the whole file without holding the picture; see image_check_bytes.
+Result<std::string> check_image(ImageFile file);
+
+/// At most what check_image takes for a picture of this size, bytes: some rows, and for a JPEG a bit a coefficient, as
+/// the scans of a progressive one build upon each other (96 MiB for 16384 x 16384 in colour).
+uint64_t image_check_bytes(const ImageInfo& info);
 
 /// Writes 8-bit sRGB pixels. `channels`: 3 (RGB) or 4 (RGBA, not premultiplied); `pixels`: width * height * channels
 /// bytes, rows top to bottom, no padding. Errors kFile.

@@ -1,21 +1,25 @@
-// The two libraries behind decode_image and write_png. Both report errors by longjmp: nothing with a destructor lives
-// in a frame that a jump may leave.
+// The two libraries behind decode_image, check_image and write_png. Both report errors by longjmp: nothing with a
+// destructor lives in a frame that a jump may leave.
 #pragma once
 
-#include <cstddef>
-#include <span>
+#include <string>
 
 #include "format/result.h"
 #include "runtime/image.h"
 
 namespace scree::runtime {
 
-/// Heads only; `file` starts with the codec's signature.
-Result<ImageInfo> probe_png(std::span<const std::byte> file);
-Result<ImageInfo> probe_jpeg(std::span<const std::byte> file);
+/// Heads only; `file` starts with the codec's signature. What they say of a file whose reading failed is void: the
+/// caller looks at ImageFile::error().
+Result<ImageInfo> probe_png(ImageFile& file);
+Result<ImageInfo> probe_jpeg(ImageFile& file);
 
 /// `info`: what the probe said, within the limits of decode_image.
-Result<Image> decode_png(std::span<const std::byte> file, const ImageInfo& info);
-Result<Image> decode_jpeg(std::span<const std::byte> file, const ImageInfo& info);
+Result<Image> decode_png(ImageFile& file, const ImageInfo& info);
+Result<Image> decode_jpeg(ImageFile& file, const ImageInfo& info);
+
+/// The same without a picture; they give Image::warning.
+Result<std::string> check_png(ImageFile& file, const ImageInfo& info);
+Result<std::string> check_jpeg(ImageFile& file, const ImageInfo& info);
 
 }  // namespace scree::runtime

@@ -4,6 +4,7 @@
 #include <cstdio>
 #include <cstring>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include <png.h>
@@ -36,57 +37,61 @@ bool guarded(png_structp png, const Body& body) {
   return true;
 }
 
-class PngReader {
+/// A libpng struct and its info, for reading or writing, freed together.
+class PngHandle {
  public:
-  PngReader() : png_(png_create_read_struct(PNG_LIBPNG_VER_STRING, &message, on_png_error, on_png_warning)) {
+  enum class Use { kRead, kWrite };
+  explicit PngHandle(Use use) : is_reader_(use == Use::kRead) {
+    png_ = is_reader_ ? png_create_read_struct(PNG_LIBPNG_VER_STRING, &message, on_png_error, on_png_warning)
+                      : png_create_write_struct(PNG_LIBPNG_VER_STRING, &message, on_png_error, on_png_warning);
     if (png_ != nullptr) info_ = png_create_info_struct(png_);
   }
-  PngReader(const PngReader&) = delete;
-  PngReader& operator=(const PngReader&) = delete;
-  ~PngReader() { png_destroy_read_struct(&png_, &info_, nullptr); }
+  PngHandle(const PngHandle&) = delete;
+  PngHandle& operator=(const PngHandle&) = delete;
+  ~PngHandle() {
+    if (is_reader_) {
+      png_destroy_read_struct(&png_, &info_, nullptr);
+    } else {
+      png_destroy_write_struct(&png_, &info_);
+    }
+  }
   png_structp png() const { return png_; }
   png_infop info() const { return info_; }
 
   PngMessage message;
 
  private:
-  png_structp png_ = nullptr;
-  png_infop info_ = nullptr;
-};
-
-class PngWriter {
- public:
-  PngWriter() : png_(png_create_write_struct(PNG_LIBPNG_VER_STRING, &message, on_png_error, on_png_warning)) {
-    if (png_ != nullptr) info_ = png_create_info_struct(png_);
-  }
-  PngWriter(const PngWriter&) = delete;
-  PngWriter& operator=(const PngWriter&) = delete;
-  ~PngWriter() { png_destroy_write_struct(&png_, &info_); }
-  png_structp png() const { return png_; }
-  png_infop info() const { return info_; }
-
-  PngMessage message;
-
- private:
+  bool is_reader_;
   png_structp png_ = nullptr;
   png_infop info_ = nullptr;
 };
 
 struct Source {
-  const std::byte* at;
-  size_t left;
+  ImageFile& file;
+  uint64_t at;
   bool ended;
 };
 
-void read_png_bytes(png_structp png, png_bytep out, size_t size) {
-  auto* const source = static_cast<Source*>(png_get_io_ptr(png));
-  if (size > source->left) {
-    source->ended = true;
-    png_error(png, "ends before its data do");
+/// In a frame that nothing leaves by a jump: whether `out` was filled.
+bool read_png_source(Source& source, png_bytep out, size_t size) {
+  while (size > 0) {
+    const std::span<const std::byte> bytes = source.file.from(source.at);
+    if (bytes.empty()) {
+      source.ended = true;
+      return false;
+    }
+    const size_t part = std::min(size, bytes.size());
+    std::memcpy(out, bytes.data(), part);
+    out += part;
+    size -= part;
+    source.at += part;
   }
-  std::memcpy(out, source->at, size);
-  source->at += size;
-  source->left -= size;
+  return true;
+}
+
+void read_png_bytes(png_structp png, png_bytep out, size_t size) {
+  if (!read_png_source(*static_cast<Source*>(png_get_io_ptr(png)), out, size))
+    png_error(png, "ends before its data do");
 }
 
 void write_png_bytes(png_structp png, png_bytep bytes, size_t size) {
@@ -96,23 +101,25 @@ void write_png_bytes(png_structp png, png_bytep bytes, size_t size) {
 
 void flush_png_bytes(png_structp) {}
 
-uint32_t big_endian(std::span<const std::byte> file, size_t offset) {
+uint32_t big_endian(ImageFile& file, uint64_t offset) {
   uint32_t value = 0;
-  for (size_t i = 0; i < 4; ++i) value = value << 8 | static_cast<uint32_t>(file[offset + i]);
+  for (uint64_t i = 0; i < 4; ++i) value = value << 8 | file.byte(offset + i);
   return value;
 }
 
-constexpr size_t kSignatureBytes = 8;
-constexpr size_t kChunkOverheadBytes = 12;  // length, type, checksum
-constexpr size_t kHeaderEnd = kSignatureBytes + kChunkOverheadBytes + 13;
+constexpr uint64_t kSignatureBytes = 8;
+constexpr uint64_t kChunkOverheadBytes = 12;  // length, type, checksum
+constexpr uint64_t kHeaderEnd = kSignatureBytes + kChunkOverheadBytes + 13;
 
-bool chunk_is(std::span<const std::byte> file, size_t offset, const char* type) {
-  return std::memcmp(file.data() + offset + 4, type, 4) == 0;
+bool chunk_is(ImageFile& file, uint64_t offset, const char* type) {
+  for (uint64_t i = 0; i < 4; ++i)
+    if (file.byte(offset + 4 + i) != static_cast<unsigned char>(type[i])) return false;
+  return true;
 }
 
 /// Whether a tRNS chunk comes before the image data.
-bool has_transparency(std::span<const std::byte> file) {
-  size_t offset = kHeaderEnd;
+bool has_transparency(ImageFile& file) {
+  uint64_t offset = kHeaderEnd;
   while (file.size() - offset >= kChunkOverheadBytes && !chunk_is(file, offset, "IDAT")) {
     if (chunk_is(file, offset, "tRNS")) return true;
     const uint64_t size = uint64_t{big_endian(file, offset)} + kChunkOverheadBytes;
@@ -122,15 +129,65 @@ bool has_transparency(std::span<const std::byte> file) {
   return false;
 }
 
+/// Decodes to where `place`, given the bytes of a row of RGBA, says: the first row and the step from row to row. A step
+/// of 0 decodes every row, of every pass of an interlaced file, into the same place: the picture is not held then.
+template <class Place>
+Result<void> read_png(ImageFile& file, const ImageInfo& info, const Place& place) {
+  // Deflate makes at most 1032 bytes of one, so a small file that declares a huge picture is found out before the
+  // memory for it is taken. One bit a sample is the least there is.
+  if (uint64_t{info.width} * info.height / 8 / 1032 > file.size())
+    return Error{ErrorCode::kTruncated, "PNG: " + std::to_string(info.width) + " x " + std::to_string(info.height) +
+                                            " pixels in " + std::to_string(file.size()) + " bytes"};
+  PngHandle reader(PngHandle::Use::kRead);
+  if (reader.info() == nullptr) return Error{ErrorCode::kMemory, "PNG: out of memory"};
+  const png_structp png = reader.png();
+  const png_infop png_info = reader.info();
+  Source source{file, 0, false};
+  const auto failure = [&] {
+    if (file.error()) return *file.error();
+    return Error{source.ended ? ErrorCode::kTruncated : ErrorCode::kFormat, std::string("PNG: ") + reader.message.text};
+  };
+
+  size_t row_bytes = 0;
+  int passes = 0;
+  if (!guarded(png, [&] {
+        png_set_read_fn(png, &source, read_png_bytes);
+        png_set_user_limits(png, kMaxDecodedSide, kMaxDecodedSide);
+        // Text, profiles and the like would be kept, up to 8 MB each.
+        png_set_keep_unknown_chunks(png, PNG_HANDLE_CHUNK_NEVER, nullptr, -1);
+        png_read_info(png, png_info);
+        png_set_expand(png);  // palettes, grey below 8 bits and tRNS
+        png_set_scale_16(png);
+        png_set_gray_to_rgb(png);
+        png_set_add_alpha(png, 0xff, PNG_FILLER_AFTER);
+        passes = png_set_interlace_handling(png);
+        png_read_update_info(png, png_info);
+        row_bytes = png_get_rowbytes(png, png_info);
+      }))
+    return failure();
+  if (row_bytes != size_t{4} * info.width) return Error{ErrorCode::kFormat, "PNG: header read in two ways"};
+
+  const auto [pixels, stride] = place(row_bytes);
+  uint8_t* const first = pixels;
+  const size_t step = stride;
+  if (!guarded(png, [&] {
+        for (int pass = 0; pass < passes; ++pass)
+          for (uint32_t y = 0; y < info.height; ++y) png_read_row(png, first + y * step, nullptr);
+      }))
+    return failure();
+  return {};
+}
+
 }  // namespace
 
-Result<ImageInfo> probe_png(std::span<const std::byte> file) {
+Result<ImageInfo> probe_png(ImageFile& file) {
   constexpr unsigned char kSignature[kSignatureBytes] = {0x89, 'P', 'N', 'G', '\r', '\n', 0x1a, '\n'};
   if (file.size() < kHeaderEnd)
     return Error{ErrorCode::kTruncated,
                  "PNG: " + std::to_string(file.size()) + " bytes, but its header takes " + std::to_string(kHeaderEnd)};
-  if (std::memcmp(file.data(), kSignature, kSignatureBytes) != 0)
-    return Error{ErrorCode::kFormat, "PNG: bytes 4 to 7 of the signature were changed"};
+  for (uint64_t i = 0; i < kSignatureBytes; ++i)
+    if (file.byte(i) != kSignature[i])
+      return Error{ErrorCode::kFormat, "PNG: bytes 4 to 7 of the signature were changed"};
   if (big_endian(file, kSignatureBytes) != 13 || !chunk_is(file, kSignatureBytes, "IHDR"))
     return Error{ErrorCode::kFormat, "PNG: the first chunk is not an IHDR of 13 bytes"};
   ImageInfo info{};
@@ -140,7 +197,7 @@ Result<ImageInfo> probe_png(std::span<const std::byte> file) {
   if (info.width == 0 || info.height == 0 || info.width > 0x7fffffff || info.height > 0x7fffffff)
     return Error{ErrorCode::kFormat, "PNG: " + std::to_string(info.width) + " x " + std::to_string(info.height) +
                                          " pixels, expected 1 to 2^31 - 1 a side"};
-  const auto type = static_cast<unsigned>(file[25]);
+  const auto type = file.byte(25);
   switch (type) {
     case PNG_COLOR_TYPE_GRAY:
       info.channels = 1;
@@ -162,46 +219,26 @@ Result<ImageInfo> probe_png(std::span<const std::byte> file) {
   return info;
 }
 
-Result<Image> decode_png(std::span<const std::byte> file, const ImageInfo& info) {
-  // Deflate makes at most 1032 bytes of one, so a small file that declares a huge picture is found out before the
-  // memory for it is taken. One bit a sample is the least there is.
-  if (uint64_t{info.width} * info.height / 8 / 1032 > file.size())
-    return Error{ErrorCode::kTruncated, "PNG: " + std::to_string(info.width) + " x " + std::to_string(info.height) +
-                                            " pixels in " + std::to_string(file.size()) + " bytes"};
-  PngReader reader;
-  if (reader.info() == nullptr) return Error{ErrorCode::kMemory, "PNG: out of memory"};
-  const png_structp png = reader.png();
-  const png_infop png_info = reader.info();
-  Source source{file.data(), file.size(), false};
-  const auto failure = [&] {
-    return Error{source.ended ? ErrorCode::kTruncated : ErrorCode::kFormat, std::string("PNG: ") + reader.message.text};
-  };
-
-  size_t row_bytes = 0;
-  if (!guarded(png, [&] {
-        png_set_read_fn(png, &source, read_png_bytes);
-        png_set_user_limits(png, kMaxDecodedSide, kMaxDecodedSide);
-        png_read_info(png, png_info);
-        png_set_expand(png);  // palettes, grey below 8 bits and tRNS
-        png_set_scale_16(png);
-        png_set_gray_to_rgb(png);
-        png_set_add_alpha(png, 0xff, PNG_FILLER_AFTER);
-        png_set_interlace_handling(png);
-        png_read_update_info(png, png_info);
-        row_bytes = png_get_rowbytes(png, png_info);
-      }))
-    return failure();
-  if (row_bytes != size_t{4} * info.width) return Error{ErrorCode::kFormat, "PNG: header read in two ways"};
-
+Result<Image> decode_png(ImageFile& file, const ImageInfo& info) {
   Image image;
   image.width = info.width;
   image.height = info.height;
-  image.rgba.resize(row_bytes * info.height);
-  std::vector<png_bytep> rows(info.height);
-  for (size_t y = 0; y < rows.size(); ++y) rows[y] = image.rgba.data() + y * row_bytes;
-  const png_bytepp first_row = rows.data();
-  if (!guarded(png, [&] { png_read_image(png, first_row); })) return failure();
+  const Result<void> read = read_png(file, info, [&](size_t row_bytes) {
+    image.rgba.resize(row_bytes * info.height);
+    return std::pair(image.rgba.data(), row_bytes);
+  });
+  if (!read) return read.error();
   return image;
+}
+
+Result<std::string> check_png(ImageFile& file, const ImageInfo& info) {
+  std::vector<uint8_t> row;
+  const Result<void> read = read_png(file, info, [&](size_t row_bytes) {
+    row.resize(row_bytes);
+    return std::pair(row.data(), size_t{0});
+  });
+  if (!read) return read.error();
+  return std::string();
 }
 
 Result<void> write_png(const std::string& path, uint32_t width, uint32_t height, uint32_t channels,
@@ -211,7 +248,7 @@ Result<void> write_png(const std::string& path, uint32_t width, uint32_t height,
   Result<PartFile> created = PartFile::create(path);
   if (!created) return created.error();
   PartFile* const file = &*created;
-  PngWriter writer;
+  PngHandle writer(PngHandle::Use::kWrite);
   if (writer.info() == nullptr) return Error{ErrorCode::kMemory, path + ": out of memory"};
   const png_structp png = writer.png();
   const png_infop info = writer.info();

@@ -60,6 +60,37 @@ class FileSizeLimit {
   void (*handler_)(int);
 };
 
+TEST_CASE("container writer: a page that nobody holds is the page that was held", "[container]") {
+  const TemporaryFolder folder;
+  for (const size_t bytes : {size_t{1}, size_t{1} << 20, (size_t{1} << 20) + 1, size_t{3000000}}) {
+    const SealedPage page = noise_page(bytes);
+    auto held = ContainerWriter::create(folder.file("held"));
+    auto read = ContainerWriter::create(folder.file("read"));
+    REQUIRE(held);
+    REQUIRE(read);
+    uint64_t next = 0;
+    const auto give = [&](uint64_t offset, std::span<std::byte> out) -> Result<void> {
+      CHECK(offset == next);
+      std::copy_n(page.stored.data() + offset, out.size(), out.data());
+      next += out.size();
+      return {};
+    };
+    REQUIRE(held->append(page));
+    const auto number = read->append_raw(PageKind::kImage, bytes, give);
+    REQUIRE(number);
+    CHECK(*number == 0);
+    REQUIRE(held->finish({}));
+    REQUIRE(read->finish({}));
+    CHECK(read_file(folder.file("held")) == read_file(folder.file("read")));
+  }
+  auto writer = ContainerWriter::create(folder.file("failed"));
+  REQUIRE(writer);
+  const auto fail = [](uint64_t, std::span<std::byte>) { return Result<void>(Error{ErrorCode::kTruncated, "gone"}); };
+  const auto failed = writer->append_raw(PageKind::kImage, 10, fail);
+  REQUIRE(!failed);
+  CHECK(failed.error().message == "gone");
+}
+
 TEST_CASE("container writer: the name appears at the end, the .part goes", "[container]") {
   const TemporaryFolder folder;
   const std::string path = folder.file("a.scree");

@@ -9,19 +9,24 @@
 #include <iterator>
 #include <limits>
 #include <random>
+#include <span>
 #include <string>
 #include <vector>
 
+#include <jpeglib.h>
 #include <unistd.h>
 
 #include "tests/catch.h"
 #include "tests/models.h"
+#include "tests/tools/flat_images.h"
 
 using scree::ErrorCode;
 using scree::Result;
 using scree::format::ImageCodec;
+using scree::runtime::check_image;
 using scree::runtime::decode_image;
 using scree::runtime::Image;
+using scree::runtime::ImageFile;
 using scree::runtime::ImageInfo;
 using scree::runtime::probe_image;
 
@@ -51,6 +56,72 @@ std::vector<uint8_t> noise(size_t size) {
   std::vector<uint8_t> bytes(size);
   for (uint8_t& byte : bytes) byte = static_cast<uint8_t>(random());
   return bytes;
+}
+
+/// Whether check_image says of a file what decode_image says, both where it lies in memory and where it is read.
+void check_agrees(const std::vector<std::byte>& file) {
+  const Result<Image> decoded = decode_image(file);
+  const auto read = [&](uint64_t offset, std::span<std::byte> out) -> Result<void> {
+    REQUIRE(offset + out.size() <= file.size());
+    std::memcpy(out.data(), file.data() + offset, out.size());
+    return {};
+  };
+  for (const bool is_read : {false, true}) {
+    const Result<std::string> checked = check_image(is_read ? ImageFile(file.size(), read) : ImageFile(file));
+    REQUIRE(static_cast<bool>(checked) == static_cast<bool>(decoded));
+    if (decoded) {
+      CHECK(*checked == decoded->warning);
+    } else {
+      CHECK(checked.error().code == decoded.error().code);
+      CHECK(checked.error().message == decoded.error().message);
+    }
+  }
+}
+
+/// A JPEG of smooth noise made by libjpeg.
+std::vector<std::byte> make_jpeg(uint32_t width, uint32_t height, int components, bool is_progressive) {
+  jpeg_compress_struct jpeg{};
+  jpeg_error_mgr errors{};
+  jpeg.err = jpeg_std_error(&errors);
+  jpeg_create_compress(&jpeg);
+  unsigned char* bytes = nullptr;
+  unsigned long size = 0;
+  jpeg_mem_dest(&jpeg, &bytes, &size);
+  jpeg.image_width = width;
+  jpeg.image_height = height;
+  jpeg.input_components = components;
+  jpeg.in_color_space = components == 1 ? JCS_GRAYSCALE : components == 3 ? JCS_RGB : JCS_CMYK;
+  jpeg_set_defaults(&jpeg);
+  jpeg_set_quality(&jpeg, 90, TRUE);
+  jpeg.restart_in_rows = 3;
+  if (is_progressive) jpeg_simple_progression(&jpeg);
+  jpeg_start_compress(&jpeg, TRUE);
+  std::vector<uint8_t> row = noise(size_t{width} * static_cast<size_t>(components));
+  for (uint32_t y = 0; y < height; ++y) {
+    for (uint8_t& value : row) value = static_cast<uint8_t>(value + y);
+    JSAMPROW first = row.data();
+    jpeg_write_scanlines(&jpeg, &first, 1);
+  }
+  jpeg_finish_compress(&jpeg);
+  const auto* const begin = reinterpret_cast<const std::byte*>(bytes);
+  std::vector<std::byte> file(begin, begin + size);
+  jpeg_destroy_compress(&jpeg);
+  std::free(bytes);
+  return file;
+}
+
+/// The file, cut ends of it and copies with flipped bits.
+void check_agrees_when_damaged(const std::vector<std::byte>& file, int times) {
+  check_agrees(file);
+  std::mt19937 random(11);
+  for (int i = 0; i < times; ++i) {
+    std::vector<std::byte> damaged(file.begin(), file.begin() + static_cast<std::ptrdiff_t>(file.size() * i / times));
+    check_agrees(damaged);
+    damaged = file;
+    for (int flips = 0; flips <= i % 4; ++flips)
+      damaged[random() % file.size()] ^= static_cast<std::byte>(1u << (random() % 8));
+    check_agrees(damaged);
+  }
 }
 
 }  // namespace
@@ -171,6 +242,45 @@ TEST_CASE("a huge picture in a few bytes is refused before its memory is taken",
   std::filesystem::remove(path);
 }
 
+TEST_CASE("an image is accepted by its check just where it is decoded", "[image]") {
+  for (const int components : {1, 3, 4})
+    for (const bool is_progressive : {false, true})
+      check_agrees_when_damaged(make_jpeg(173, 91, components, is_progressive), 40);
+  const auto path = scratch("check.png");
+  REQUIRE(scree::runtime::write_png(path.string(), 301, 200, 4, noise(size_t{301} * 200 * 4)));
+  check_agrees_when_damaged(read_file(path), 40);
+  std::filesystem::remove(path);
+  scree::tests::write_flat_png(path.string(), 203, true);
+  check_agrees_when_damaged(read_file(path), 40);
+  std::filesystem::remove(path);
+  for (const auto kind : {scree::tests::JpegKind::kBaseline, scree::tests::JpegKind::kProgressive}) {
+    const std::string text = scree::tests::flat_jpeg(128, kind);
+    const auto* const bytes = reinterpret_cast<const std::byte*>(text.data());
+    const std::vector<std::byte> file(bytes, bytes + text.size());
+    const Result<Image> image = decode_image(file);
+    REQUIRE(image);
+    CHECK(image->warning.empty());
+    for (const size_t i : {size_t{0}, image->rgba.size() - 4}) CHECK(image->rgba[i] == 128);
+    check_agrees_when_damaged(file, 40);
+  }
+}
+
+TEST_CASE("an image file that cannot be read is an error of reading", "[image]") {
+  const std::vector<std::byte> file = make_jpeg(700, 400, 3, false);
+  REQUIRE(file.size() > 2 * 65536);
+  for (const uint64_t limit : {uint64_t{0}, uint64_t{65536}}) {
+    const auto read = [&](uint64_t offset, std::span<std::byte> out) -> Result<void> {
+      if (offset >= limit) return scree::Error{ErrorCode::kFile, "the disk has gone"};
+      std::memcpy(out.data(), file.data() + offset, out.size());
+      return {};
+    };
+    const Result<std::string> checked = check_image(ImageFile(file.size(), read));
+    REQUIRE_FALSE(checked);
+    CHECK(checked.error().code == ErrorCode::kFile);
+    CHECK(checked.error().message == "the disk has gone");
+  }
+}
+
 TEST_CASE("real JPEGs decode, or say why not", "[image][models]") {
   const auto models = scree::tests::models_path();
   if (models.empty()) {
@@ -183,6 +293,7 @@ TEST_CASE("real JPEGs decode, or say why not", "[image][models]") {
     INFO(path.string());
     const std::vector<std::byte> file = read_file(path);
     const Result<Image> image = decode_image(file);
+    check_agrees(file);
     if (!image) {
       CHECK(image.error().message.find("JPEG: ") == 0);
       CHECK(image.error().message.size() > 10);
@@ -232,8 +343,10 @@ TEST_CASE("malformed JPEGs never crash, nor do cut and bit-flipped ones", "[imag
   size_t files = 0;
   for (const auto& path : files_below(models / "bad" / "jpeg")) {
     INFO(path.string());
-    const Result<Image> image = decode_image(read_file(path));
+    const std::vector<std::byte> bad = read_file(path);
+    const Result<Image> image = decode_image(bad);
     if (!image) CHECK_FALSE(image.error().message.empty());
+    check_agrees(bad);
     ++files;
   }
   CHECK(files > 200);
@@ -243,10 +356,10 @@ TEST_CASE("malformed JPEGs never crash, nor do cut and bit-flipped ones", "[imag
   std::mt19937 random(3);
   for (int i = 0; i < 60; ++i) {
     std::vector<std::byte> file(whole.begin(), whole.begin() + static_cast<std::ptrdiff_t>(whole.size() * i / 60));
-    (void)decode_image(file);
+    check_agrees(file);
     file = whole;
     file[random() % file.size()] ^= static_cast<std::byte>(1u << (random() % 8));
-    (void)decode_image(file);
+    check_agrees(file);
   }
   const std::vector<std::byte> half(whole.begin(), whole.begin() + static_cast<std::ptrdiff_t>(whole.size() / 2));
   const Result<Image> cut = decode_image(half);

@@ -1,7 +1,5 @@
 // scree convert, the program: exit codes, messages, signals.
 #include <fcntl.h>
-#include <spawn.h>
-#include <sys/wait.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -13,38 +11,14 @@
 
 #include "tests/catch.h"
 #include "tests/tools/model_maker.h"
+#include "tests/tools/run_program.h"
 #include "tests/tools/temp_folder.h"
 
 using namespace scree;
 using tests::GridSpec;
+using tests::start_program;
 using tests::TempFolder;
-
-namespace {
-
-/// Starts the program; its output goes to `log`.
-pid_t start_program(const std::vector<std::string>& words, const std::string& log) {
-  std::vector<char*> arguments;
-  std::vector<std::string> all{SCREE_PROGRAM};
-  all.insert(all.end(), words.begin(), words.end());
-  for (std::string& word : all) arguments.push_back(word.data());
-  arguments.push_back(nullptr);
-  posix_spawn_file_actions_t files;
-  posix_spawn_file_actions_init(&files);
-  posix_spawn_file_actions_addopen(&files, STDOUT_FILENO, log.c_str(), O_WRONLY | O_CREAT | O_TRUNC, 0666);
-  posix_spawn_file_actions_adddup2(&files, STDOUT_FILENO, STDERR_FILENO);
-  pid_t child = -1;
-  REQUIRE(posix_spawn(&child, SCREE_PROGRAM, &files, nullptr, arguments.data(), environ) == 0);
-  posix_spawn_file_actions_destroy(&files);
-  return child;
-}
-
-int wait_for(pid_t child) {
-  int status = 0;
-  REQUIRE(waitpid(child, &status, 0) == child);
-  return status;
-}
-
-}  // namespace
+using tests::wait_for;
 
 TEST_CASE("the convert command: exit codes, one line each way", "[convert]") {
   const TempFolder folder;

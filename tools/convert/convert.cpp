@@ -1,7 +1,5 @@
 #include "tools/convert/convert.h"
 
-#include <sys/resource.h>
-
 #include <unistd.h>
 #include <algorithm>
 #include <cerrno>
@@ -10,6 +8,7 @@
 #include <cstdio>
 #include <cstring>
 #include <filesystem>
+#include <fstream>
 #include <limits>
 #include <set>
 #include <thread>
@@ -145,7 +144,7 @@ class Converter {
     Result<format::ContainerWriter> writer = format::ContainerWriter::create(report_.output);
     if (!writer) return writer.error();
     if (const Result<void> done = encode(*writer); !done) return done;
-    if (const Result<void> done = write_images(scene_, images_, pool_, *writer); !done) return done;
+    if (const Result<void> done = write_images(scene_, images_, *writer); !done) return done;
     tables_.images = images_.records;
     add_left_out();
     const Result<uint64_t> bytes = writer->finish(tables_);
@@ -475,10 +474,14 @@ class Converter {
   uint64_t repaired_normals_ = 0;
 };
 
+/// getrusage() would count what the program that started this one held at that moment.
 uint64_t peak_resident_bytes() {
-  rusage usage{};
-  if (::getrusage(RUSAGE_SELF, &usage) != 0) return 0;
-  return static_cast<uint64_t>(usage.ru_maxrss) * 1024;
+  std::ifstream status("/proc/self/status");
+  for (std::string line; std::getline(status, line);) {
+    unsigned long long kibibytes = 0;
+    if (std::sscanf(line.c_str(), "VmHWM: %llu kB", &kibibytes) == 1) return uint64_t{kibibytes} * 1024;
+  }
+  return 0;
 }
 
 Result<ConvertReport> convert_or_throw(const ConvertOptions& options) {

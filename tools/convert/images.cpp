@@ -1,50 +1,83 @@
 #include "tools/convert/images.h"
 
-#include <xxhash.h>
-
+#include <algorithm>
+#include <array>
 #include <map>
 #include <span>
 #include <tuple>
 
 #include "runtime/image.h"
 
+#define XXH_STATIC_LINKING_ONLY
+#include <xxhash.h>
+
 namespace scree::convert {
 namespace {
 
 constexpr uint64_t kMaxImageBytes = uint64_t{1} << 30;
-constexpr uint64_t kCostLimit = uint64_t{128} << 20;  // bytes of decoded pixels and image files in flight
-constexpr uint64_t kPixelsPerByte = 16;               // of a guess of the size of an image that is still compressed
+constexpr uint64_t kCheckedBytes = uint64_t{128} << 20;  // memory of the checks in flight
+constexpr size_t kBlockBytes = size_t{1} << 20;
+
+/// XXH3-128 of bytes that come in parts.
+class FileHash {
+ public:
+  FileHash() { XXH3_128bits_reset(&state_); }
+  void add(std::span<const std::byte> bytes) { XXH3_128bits_update(&state_, bytes.data(), bytes.size()); }
+  std::array<uint64_t, 2> value() const {
+    const XXH128_hash_t hash = XXH3_128bits_digest(&state_);
+    return {hash.high64, hash.low64};
+  }
+
+ private:
+  XXH3_state_t state_;
+};
 
 struct CheckedImage {
   runtime::ImageInfo info{};
-  XXH128_hash_t hash{};
+  std::array<uint64_t, 2> hash{};
   std::string warning;
 };
 
-Result<std::vector<std::byte>> read_image(const SourceScene& scene, uint32_t image) {
-  const SourceImage& source = scene.images[image];
-  if (source.bytes > kMaxImageBytes)
-    return Error{ErrorCode::kUnsupported, image_place(scene, image) + ": " + std::to_string(source.bytes) +
-                                              " bytes, but images of at most " + std::to_string(kMaxImageBytes) +
-                                              " are read"};
-  std::vector<std::byte> file(source.bytes);
-  if (const Result<void> read = source.source->read(source.offset, file); !read)
-    return at(image_place(scene, image), read.error());
-  return file;
+Result<void> read_image(const SourceImage& image, uint64_t offset, std::span<std::byte> out) {
+  return image.source->read(image.offset + offset, out);
 }
 
-Result<CheckedImage> check_image(const SourceScene& scene, uint32_t image) {
-  const Result<std::vector<std::byte>> file = read_image(scene, image);
-  if (!file) return file.error();
+runtime::ImageFile image_file(const SourceImage& image) {
+  return {image.bytes, [&image](uint64_t offset, std::span<std::byte> out) { return read_image(image, offset, out); }};
+}
+
+Result<std::array<uint64_t, 2>> hash_image(const SourceImage& image) {
+  FileHash hash;
+  std::vector<std::byte> block(static_cast<size_t>(std::min<uint64_t>(kBlockBytes, image.bytes)));
+  for (uint64_t done = 0; done < image.bytes; done += block.size()) {
+    block.resize(static_cast<size_t>(std::min<uint64_t>(block.size(), image.bytes - done)));
+    if (const Result<void> read = read_image(image, done, block); !read) return read.error();
+    hash.add(block);
+  }
+  return hash.value();
+}
+
+Result<CheckedImage> check_source(const SourceImage& image) {
+  if (image.bytes > kMaxImageBytes)
+    return Error{ErrorCode::kUnsupported, std::to_string(image.bytes) + " bytes, but images of at most " +
+                                              std::to_string(kMaxImageBytes) + " are read"};
   CheckedImage checked;
-  const Result<runtime::ImageInfo> info = runtime::probe_image(*file);
-  if (!info) return at(image_place(scene, image), info.error());
+  const Result<runtime::ImageInfo> info = runtime::probe_image(image_file(image));
+  if (!info) return info.error();
   checked.info = *info;
-  const Result<runtime::Image> decoded = runtime::decode_image(*file);
-  if (!decoded) return at(image_place(scene, image), decoded.error());
-  if (!decoded->warning.empty()) checked.warning = image_place(scene, image) + ": " + decoded->warning;
-  checked.hash = XXH3_128bits(file->data(), file->size());
+  Result<std::string> warning = runtime::check_image(image_file(image));
+  if (!warning) return warning.error();
+  checked.warning = std::move(*warning);
+  const Result<std::array<uint64_t, 2>> hash = hash_image(image);
+  if (!hash) return hash.error();
+  checked.hash = *hash;
   return checked;
+}
+
+/// What checking an image takes; the check itself says what is wrong with those that are no images.
+uint64_t check_cost(const SourceImage& image) {
+  const Result<runtime::ImageInfo> info = runtime::probe_image(image_file(image));
+  return kBlockBytes + (info ? runtime::image_check_bytes(*info) : 0);
 }
 
 }  // namespace
@@ -62,12 +95,18 @@ Result<ImagePlan> check_images(const SourceScene& scene, const std::vector<bool>
   for (uint32_t i = 0; i < wanted.size(); ++i)
     if (wanted[i]) images.push_back(i);
   std::map<std::tuple<uint64_t, uint64_t, uint64_t>, uint32_t> known;  // hash and size -> record
-  const auto work = [&](uint64_t i, uint32_t) { return check_image(scene, images[i]); };
-  const auto cost = [&](uint64_t i) { return (1 + kPixelsPerByte) * scene.images[images[i]].bytes; };
+  std::vector<uint64_t> costs;
+  for (const uint32_t image : images) costs.push_back(check_cost(scene.images[image]));
+  const auto work = [&](uint64_t i, uint32_t) -> Result<CheckedImage> {
+    Result<CheckedImage> checked = check_source(scene.images[images[i]]);
+    if (!checked) return at(image_place(scene, images[i]), checked.error());
+    return checked;
+  };
+  const auto cost = [&](uint64_t i) { return costs[i]; };
   const auto take = [&](uint64_t i, CheckedImage checked) -> Result<void> {
     const uint64_t bytes = scene.images[images[i]].bytes;
     const auto [entry, is_new] =
-        known.try_emplace({checked.hash.high64, checked.hash.low64, bytes}, static_cast<uint32_t>(plan.records.size()));
+        known.try_emplace({checked.hash[0], checked.hash[1], bytes}, static_cast<uint32_t>(plan.records.size()));
     plan.places[images[i]] = entry->second;
     if (!is_new) return {};
     format::ImageRecord record{};
@@ -78,33 +117,35 @@ Result<ImagePlan> check_images(const SourceScene& scene, const std::vector<bool>
     record.height = checked.info.height;
     record.channels = checked.info.channels;
     plan.records.push_back(record);
+    plan.hashes.push_back(checked.hash);
     plan.sources.push_back(images[i]);
-    if (!checked.warning.empty()) plan.warnings.push_back(checked.warning);
+    if (!checked.warning.empty()) plan.warnings.push_back(image_place(scene, images[i]) + ": " + checked.warning);
     return {};
   };
   const Result<void> run =
-      run_ordered<CheckedImage>(pool, images.size(), {2 * uint64_t{pool.threads()}, kCostLimit}, work, cost, take);
+      run_ordered<CheckedImage>(pool, images.size(), {2 * uint64_t{pool.threads()}, kCheckedBytes}, work, cost, take);
   if (!run) return run.error();
   return plan;
 }
 
-Result<void> write_images(const SourceScene& scene, ImagePlan& plan, WorkerPool& pool,
-                          format::ContainerWriter& writer) {
-  const auto work = [&](uint64_t i, uint32_t) -> Result<format::SealedPage> {
-    Result<std::vector<std::byte>> file = read_image(scene, plan.sources[i]);
-    if (!file) return file.error();
+Result<void> write_images(const SourceScene& scene, ImagePlan& plan, format::ContainerWriter& writer) {
+  for (size_t i = 0; i < plan.sources.size(); ++i) {
+    const SourceImage& image = scene.images[plan.sources[i]];
+    FileHash hash;
     // JPEG and PNG are compressed already; a raw page can be decoded where it is mapped.
-    return format::seal_page(format::PageKind::kImage, std::move(*file), 0);
-  };
-  const auto cost = [&](uint64_t i) { return scene.images[plan.sources[i]].bytes; };
-  const auto take = [&](uint64_t i, format::SealedPage page) -> Result<void> {
-    const Result<uint32_t> number = writer.append(page);
-    if (!number) return number.error();
-    plan.records[i].page = *number;
-    return {};
-  };
-  return run_ordered<format::SealedPage>(pool, plan.sources.size(), {2 * uint64_t{pool.threads()}, kCostLimit}, work,
-                                         cost, take);
+    const Result<uint32_t> page =
+        writer.append_raw(format::PageKind::kImage, image.bytes, [&](uint64_t offset, std::span<std::byte> out) {
+          Result<void> read = read_image(image, offset, out);
+          if (!read) return Result<void>(at(image_place(scene, plan.sources[i]), read.error()));
+          hash.add(out);
+          return read;
+        });
+    if (!page) return page.error();
+    if (hash.value() != plan.hashes[i])
+      return Error{ErrorCode::kFile, image_place(scene, plan.sources[i]) + ": was changed while it was converted"};
+    plan.records[i].page = *page;
+  }
+  return {};
 }
 
 }  // namespace scree::convert

@@ -294,15 +294,15 @@ class Verifier {
                                      shape(record.codec, record.width, record.height, record.channels)});
         continue;
       }
-      const auto decoded = runtime::decode_image(raw);
-      if (!decoded) {
-        fail(file_.pages()[number].offset, at(place, decoded.error()));
+      const Result<std::string> warning = runtime::check_image(raw);
+      if (!warning) {
+        fail(file_.pages()[number].offset, at(place, warning.error()));
         continue;
       }
       const std::lock_guard lock(mutex_);
-      if (!decoded->warning.empty()) warnings_.emplace_back(image, place + ": " + decoded->warning);
+      if (!warning->empty()) warnings_.emplace_back(image, place + ": " + *warning);
       ++report_.images;
-      report_.pixels += uint64_t{decoded->width} * decoded->height;
+      report_.pixels += uint64_t{info->width} * info->height;
     }
   }
 

@@ -1,0 +1,79 @@
+// Runs the program as a process of its own and says what that took.
+#pragma once
+
+#include <fcntl.h>
+#include <spawn.h>
+#include <sys/resource.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <cmath>
+#include <cstdint>
+#include <cstdio>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "tests/catch.h"
+#include "tests/tools/temp_folder.h"
+
+namespace scree::tests {
+
+/// Starts the program; its output, both streams, goes to the file `log`.
+inline pid_t start_program(const std::vector<std::string>& words, const std::string& log) {
+  std::vector<char*> arguments;
+  std::vector<std::string> all{SCREE_PROGRAM};
+  all.insert(all.end(), words.begin(), words.end());
+  for (std::string& word : all) arguments.push_back(word.data());
+  arguments.push_back(nullptr);
+  posix_spawn_file_actions_t files;
+  posix_spawn_file_actions_init(&files);
+  posix_spawn_file_actions_addopen(&files, STDOUT_FILENO, log.c_str(), O_WRONLY | O_CREAT | O_TRUNC, 0666);
+  posix_spawn_file_actions_adddup2(&files, STDOUT_FILENO, STDERR_FILENO);
+  pid_t child = -1;
+  REQUIRE(posix_spawn(&child, SCREE_PROGRAM, &files, nullptr, arguments.data(), environ) == 0);
+  posix_spawn_file_actions_destroy(&files);
+  return child;
+}
+
+inline int wait_for(pid_t child) {
+  int status = 0;
+  REQUIRE(waitpid(child, &status, 0) == child);
+  return status;
+}
+
+struct ProgramRun {
+  int exit_code = -1;  // -1: ended by a signal
+  double seconds = 0;  // of processor time, user and system
+  std::string output;  // both streams
+};
+
+inline ProgramRun run_program(const std::vector<std::string>& words, const std::string& log) {
+  const pid_t child = start_program(words, log);
+  int status = 0;
+  rusage usage{};
+  REQUIRE(wait4(child, &status, 0, &usage) == child);
+  const auto seconds = [](const timeval& time) {
+    return static_cast<double>(time.tv_sec) + 1e-6 * static_cast<double>(time.tv_usec);
+  };
+  return {WIFEXITED(status) ? WEXITSTATUS(status) : -1, seconds(usage.ru_utime) + seconds(usage.ru_stime),
+          read_whole(log)};
+}
+
+/// The peak memory that convert's closing line states, bytes; 0 where it states none.
+inline uint64_t stated_peak(const std::string& output) {
+  const size_t at = output.find("peak memory ");
+  double value = 0;
+  char unit[4] = {};
+  if (at == std::string::npos || std::sscanf(output.c_str() + at, "peak memory %lf %3s", &value, unit) != 2) return 0;
+  const std::string_view name = unit;
+  const int power = name == "GiB" ? 30 : name == "MiB" ? 20 : name == "KiB" ? 10 : 0;
+  return static_cast<uint64_t>(std::ldexp(value, power));
+}
+
+/// The most memory convert may take, as the README states it.
+inline uint64_t convert_memory_bound(uint64_t threads, uint64_t json_bytes) {
+  return (uint64_t{256} << 20) + threads * (uint64_t{64} << 20) + 15 * json_bytes;
+}
+
+}  // namespace scree::tests

@@ -1,0 +1,59 @@
+// The memory convert takes, on the inputs that ask for the most. Sanitizers multiply memory: not built with them.
+#include <string>
+
+#include "tests/catch.h"
+#include "tests/tools/flat_images.h"
+#include "tests/tools/run_program.h"
+#include "tests/tools/temp_folder.h"
+
+using namespace scree;
+using tests::TempFolder;
+
+namespace {
+
+/// A triangle a picture, drawn with it.
+std::string textured_gltf(const std::vector<std::string>& images) {
+  std::string primitives, materials, textures, list;
+  for (size_t i = 0; i < images.size(); ++i) {
+    const std::string number = std::to_string(i);
+    const std::string comma = i == 0 ? "" : ",";
+    primitives += comma + R"({"attributes":{"POSITION":0,"TEXCOORD_0":1},"material":)" + number + "}";
+    materials += comma + R"({"pbrMetallicRoughness":{"baseColorTexture":{"index":)" + number + "}}}";
+    textures += comma + R"({"source":)" + number + "}";
+    list += comma + R"({"uri":")" + images[i] + "\"}";
+  }
+  return R"({"asset":{"version":"2.0"},"scene":0,"scenes":[{"nodes":[0]}],"nodes":[{"mesh":0}],"meshes":[{"primitives":[)" +
+         primitives + R"(]}],"materials":[)" + materials + R"(],"textures":[)" + textures + R"(],"images":[)" + list +
+         R"(],"buffers":[{"byteLength":60,"uri":"points.bin"}],
+"bufferViews":[{"buffer":0,"byteLength":36},{"buffer":0,"byteOffset":36,"byteLength":24}],
+"accessors":[{"bufferView":0,"componentType":5126,"count":3,"type":"VEC3","min":[0,0,0],"max":[1,1,0]},
+{"bufferView":1,"componentType":5126,"count":3,"type":"VEC2"}]})";
+}
+
+std::string float_bytes(const std::vector<float>& values) {
+  return {reinterpret_cast<const char*>(values.data()), 4 * values.size()};
+}
+
+void check_bound(const tests::ProgramRun& run, uint64_t threads, uint64_t json_bytes) {
+  INFO(run.output);
+  REQUIRE(run.exit_code == 0);
+  const uint64_t peak = tests::stated_peak(run.output);
+  CHECK(peak > 1 << 20);
+  CHECK(peak <= tests::convert_memory_bound(threads, json_bytes));
+}
+
+}  // namespace
+
+TEST_CASE("convert keeps its memory where pictures are of 16384 x 16384", "[convert][memory]") {
+  const TempFolder folder;
+  const uint32_t side = 16384;
+  folder.write("a.jpg", tests::flat_jpeg(side, tests::JpegKind::kBaseline));
+  folder.write("b.jpg", tests::flat_jpeg(side, tests::JpegKind::kProgressive));
+  tests::write_flat_png(folder.file("a.png"), side, false);
+  tests::write_flat_png(folder.file("b.png"), side, true);
+  folder.write("points.bin", float_bytes({0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 1}));
+  const std::string json = textured_gltf({"a.jpg", "b.jpg", "a.png", "b.png"});
+  const std::string input = folder.write("scene.gltf", json);
+  const tests::ProgramRun run = tests::run_program({"convert", input, "--threads", "1"}, folder.file("log"));
+  check_bound(run, 1, json.size());
+}
