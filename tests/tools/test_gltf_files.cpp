@@ -13,6 +13,7 @@
 #include "tests/catch.h"
 #include "tests/models.h"
 #include "tests/tools/temp_folder.h"
+#include "tools/convert/byte_source.h"
 #include "tools/convert/gltf_json.h"
 #include "tools/convert/gltf_source.h"
 #include "tools/convert/gltf_uri.h"
@@ -169,6 +170,21 @@ std::optional<uint64_t> status_bytes(const char* field) {
     if (line.compare(0, std::strlen(field), field) == 0) return std::stoull(line.substr(std::strlen(field) + 1)) * 1024;
   }
   return std::nullopt;
+}
+
+TEST_CASE("JSON that is cut off while it is read is an error", "[import]") {
+  const tests::TempFolder folder;
+  const std::string path = folder.write("a.gltf", kDocument);
+  const auto source = open_file_source(path);
+  REQUIRE(source);
+  const uint64_t bytes = (*source)->size();
+  const auto whole = read_json_text(**source, 0, bytes);
+  REQUIRE(whole);
+  CHECK(std::string(whole->begin(), whole->end()) == kDocument);
+  std::filesystem::resize_file(path, bytes / 2);
+  const auto cut = read_json_text(**source, 0, bytes);
+  REQUIRE_FALSE(cut);
+  CHECK(cut.error().code == ErrorCode::kTruncated);
 }
 
 TEST_CASE("a 40 GB buffer is opened and read without being held", "[import]") {

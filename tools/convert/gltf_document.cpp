@@ -262,7 +262,7 @@ void take_model(const tinygltf::Model& model, std::span<const int32_t> primitive
 
 // Reads the elements of a top-level array through tinygltf, a batch at a time.
 Result<void> read_section(GltfDocument& document, const std::string& section, JsonRange array) {
-  const std::span<const char> text = document.text.text();
+  const std::span<const char> text = document.text;
   JsonElements elements(text, array);
   while (true) {
     auto batch = elements.next(kBatchBytes);
@@ -292,7 +292,7 @@ Result<void> read_section(GltfDocument& document, const std::string& section, Js
 // Buffers and images are kept from tinygltf, which would read their files. One element at a time: a data: URI can be
 // large.
 Result<void> read_uris(GltfDocument& document, const std::string& section, JsonRange array) {
-  const std::span<const char> text = document.text.text();
+  const std::span<const char> text = document.text;
   JsonElements elements(text, array);
   while (true) {
     auto batch = elements.next(1);
@@ -334,7 +334,7 @@ Result<void> read_uris(GltfDocument& document, const std::string& section, JsonR
 }
 
 Result<void> read_asset(GltfDocument& document, JsonRange range) {
-  const std::span<const char> text = document.text.text();
+  const std::span<const char> text = document.text;
   const std::string json =
       "{\"asset\":" + std::string(text.data() + range.begin, static_cast<size_t>(range.end - range.begin)) + "}";
   if (auto checked = check_schema("asset", json, 0, range.begin); !checked) return checked.error();
@@ -367,10 +367,10 @@ bool GltfDocument::uses(const std::string& extension) const {
          std::find(extensions_required.begin(), extensions_required.end(), extension) != extensions_required.end();
 }
 
-Result<GltfDocument> read_document(MappedText mapped) {
+Result<GltfDocument> read_document(std::vector<char> json) {
   GltfDocument document;
-  document.text = std::move(mapped);
-  const std::span<char> text = document.text.text();
+  document.text = std::move(json);
+  const std::span<char> text = document.text;
   auto members = split_document(text);
   if (!members) return members.error();
 
@@ -407,7 +407,7 @@ Result<GltfDocument> read_document(MappedText mapped) {
 }
 
 Result<std::vector<std::byte>> data_uri(const GltfDocument& document, JsonRange range) {
-  const std::span<const char> text = document.text.text();
+  const std::span<const char> text = document.text;
   const auto json = nlohmann::json::parse(text.data() + range.begin, text.data() + range.end, nullptr, false);
   const auto uri = json.find("uri");
   if (uri == json.end() || !uri->is_string()) return Error{ErrorCode::kFormat, "uri is missing"};

@@ -137,7 +137,7 @@ struct DocScene {
 };
 
 struct GltfDocument {
-  MappedText text;
+  std::vector<char> text;
   std::string copyright;
   int32_t scene = kAbsent;
   std::vector<std::string> extensions_used;
@@ -164,7 +164,7 @@ struct GltfDocument {
 
 /// Reads a document. Memory: the records plus a few MiB, however long the text is. Errors kFormat, kRange, kVersion
 /// (not glTF 2.x), each with its place in the document.
-Result<GltfDocument> read_document(MappedText text);
+Result<GltfDocument> read_document(std::vector<char> text);
 
 /// The bytes of the data: URI of a buffer or image, `json` being its element. Errors kFormat.
 Result<std::vector<std::byte>> data_uri(const GltfDocument& document, JsonRange json);

@@ -1,13 +1,9 @@
 #include "tools/convert/gltf_json.h"
 
-#include <fcntl.h>
-#include <sys/mman.h>
-#include <unistd.h>
-
 #include <algorithm>
 #include <array>
-#include <cerrno>
 #include <cstring>
+#include <new>
 #include <nlohmann/json.hpp>
 #include <utility>
 
@@ -157,44 +153,14 @@ Result<std::string> decoded_key(std::span<const char> text, JsonRange range) {
 
 }  // namespace
 
-Result<MappedText> MappedText::map(const std::string& path, uint64_t offset, uint64_t bytes) {
-  MappedText mapped;
-  if (bytes == 0) return mapped;
-  const int descriptor = ::open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK);
-  if (descriptor < 0) return Error{ErrorCode::kFile, std::strerror(errno)};
-  const uint64_t page = static_cast<uint64_t>(::sysconf(_SC_PAGESIZE));
-  const uint64_t lead = offset % page;
-  mapped.map_bytes_ = static_cast<size_t>(bytes + lead);
-  void* map = ::mmap(nullptr, mapped.map_bytes_, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_NORESERVE, descriptor,
-                     static_cast<off_t>(offset - lead));
-  const int number = errno;
-  ::close(descriptor);
-  if (map == MAP_FAILED) {
-    return Error{ErrorCode::kMemory,
-                 "cannot map " + std::to_string(bytes) + " bytes of JSON: " + std::strerror(number)};
+Result<std::vector<char>> read_json_text(const ByteSource& source, uint64_t offset, uint64_t bytes) {
+  try {
+    std::vector<char> text(bytes);
+    if (auto read = source.read(offset, std::as_writable_bytes(std::span(text))); !read) return read.error();
+    return text;
+  } catch (const std::bad_alloc&) {
+    return Error{ErrorCode::kMemory, "no memory for " + std::to_string(bytes) + " bytes of JSON"};
   }
-  mapped.map_ = map;
-  mapped.text_ = static_cast<char*>(map) + lead;
-  mapped.bytes_ = static_cast<size_t>(bytes);
-  return mapped;
-}
-
-MappedText::MappedText(MappedText&& other) noexcept
-    : map_(std::exchange(other.map_, nullptr)),
-      map_bytes_(std::exchange(other.map_bytes_, 0)),
-      text_(std::exchange(other.text_, nullptr)),
-      bytes_(std::exchange(other.bytes_, 0)) {}
-
-MappedText& MappedText::operator=(MappedText&& other) noexcept {
-  std::swap(map_, other.map_);
-  std::swap(map_bytes_, other.map_bytes_);
-  std::swap(text_, other.text_);
-  std::swap(bytes_, other.bytes_);
-  return *this;
-}
-
-MappedText::~MappedText() {
-  if (map_ != nullptr) ::munmap(map_, map_bytes_);
 }
 
 Result<std::vector<JsonMember>> split_document(std::span<char> text) {

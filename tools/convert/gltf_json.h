@@ -1,4 +1,4 @@
-// The JSON text of a glTF file before any parser has seen it: mapped, cut at its top-level members and array elements.
+// The JSON text of a glTF file before any parser has seen it: cut at its top-level members and array elements.
 //
 // tinygltf is handed pieces of the document, never all of it: its DOM costs about 12.6 bytes per byte of JSON and its
 // model as much again, it would read every buffer and image into memory, and its recursion overflows the stack on deep
@@ -14,29 +14,15 @@
 #include <vector>
 
 #include "format/result.h"
+#include "tools/convert/gltf_source.h"
 
 namespace scree::convert {
 
 inline constexpr uint32_t kMaxJsonDepth = 128;  // brackets inside brackets; real documents stay below 20
 
-/// A private, writable map of [offset, offset + bytes) of a file. Move-only.
-class MappedText {
- public:
-  MappedText() = default;
-  /// Errors kFile, kMemory. `bytes` must lie within the file.
-  static Result<MappedText> map(const std::string& path, uint64_t offset, uint64_t bytes);
-  MappedText(MappedText&& other) noexcept;
-  MappedText& operator=(MappedText&& other) noexcept;
-  ~MappedText();
-
-  std::span<char> text() const { return {text_, bytes_}; }
-
- private:
-  void* map_ = nullptr;
-  size_t map_bytes_ = 0;
-  char* text_ = nullptr;
-  size_t bytes_ = 0;
-};
+/// Bytes [offset, offset + bytes) of a source, to be changed in place. Read and not mapped: a file that shrinks under a
+/// map ends the program with a signal, one that is read ends in an error. Errors kTruncated, kFile, kMemory.
+Result<std::vector<char>> read_json_text(const ByteSource& source, uint64_t offset, uint64_t bytes);
 
 /// A piece of the text: bytes [begin, end).
 struct JsonRange {

@@ -495,7 +495,7 @@ Result<SourceScene> import_checked(const std::string& path, const ImportOptions&
                                          std::to_string(options.max_json_bytes) + " are read"};
   }
   if (auto trimmed = trim_json(**file, *layout); !trimmed) return trimmed.error();
-  auto text = MappedText::map(path, layout->json_offset, layout->json_bytes);
+  auto text = read_json_text(**file, layout->json_offset, layout->json_bytes);
   if (!text) return text.error();
 
   SourceScene scene;

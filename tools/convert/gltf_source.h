@@ -1,5 +1,5 @@
 // A glTF document after import: every index, range, stride and count checked, buffers still on disk. Import never holds
-// a buffer in memory: the JSON is mapped, its "buffers" and "images" are parsed apart (docs/design.md, import),
+// a buffer in memory: the JSON is read whole, its "buffers" and "images" are parsed apart (docs/design.md, import),
 // accessors are read in windows.
 #pragma once
 
