@@ -145,6 +145,10 @@ class ContainerWriter {
   /// kFile, and those of `read`, after which the writer can only be destroyed.
   Result<uint32_t> append_raw(PageKind kind, uint64_t bytes, const Read& read);
 
+  /// Appends records to a table that nobody holds: consecutive calls for one kind make one table. After the last page;
+  /// the TableSet given to finish() has nothing of these kinds. Errors kFile, kRange (2^32 - 1 records or more).
+  Result<void> append_records(TableKind kind, uint32_t record_bytes, std::span<const std::byte> records);
+
   /// Bytes written so far.
   uint64_t bytes() const;
 

@@ -103,6 +103,8 @@ struct ContainerWriter::Impl {
   int file = -1;
   uint64_t end = kPageAlignment;  // of what is written; the header comes last
   std::vector<PageRecord> pages;
+  std::vector<TocEntry> toc;  // of the tables that are written
+  Checksum checksum;          // of the last of them, while it may grow
 
   Impl() = default;
   Impl(const Impl&) = delete;
@@ -124,10 +126,11 @@ struct ContainerWriter::Impl {
     return result;
   }
 
+  Error not_open() const { return {ErrorCode::kFile, path + ".part: is not open any more"}; }
+
   Result<void> open();
   Result<void> write(uint64_t offset, std::span<const std::byte> bytes);
-  Result<void> write_table(std::vector<TocEntry>& toc, TableKind kind, uint32_t record_bytes, uint64_t record_count,
-                           const void* records);
+  Result<void> append_records(TableKind kind, uint32_t record_bytes, std::span<const std::byte> records);
   Result<void> rename_into_place();
 };
 
@@ -172,7 +175,7 @@ Result<void> ContainerWriter::Impl::open() {
 }
 
 Result<void> ContainerWriter::Impl::write(uint64_t offset, std::span<const std::byte> bytes) {
-  if (file < 0) return Error{ErrorCode::kFile, path + ".part: is not open any more"};
+  if (file < 0) return not_open();
   while (!bytes.empty()) {
     const ssize_t written = ::pwrite(file, bytes.data(), bytes.size(), static_cast<off_t>(offset));
     if (written < 0) {
@@ -187,19 +190,28 @@ Result<void> ContainerWriter::Impl::write(uint64_t offset, std::span<const std::
 }
 
 /// Empty tables are left out. Padding is what the file has where nothing was written: zeros.
-Result<void> ContainerWriter::Impl::write_table(std::vector<TocEntry>& toc, TableKind kind, uint32_t record_bytes,
-                                                uint64_t record_count, const void* records) {
-  if (record_count == 0) return {};
-  if (record_count >= kNone) {
+Result<void> ContainerWriter::Impl::append_records(TableKind kind, uint32_t record_bytes,
+                                                   std::span<const std::byte> records) {
+  if (records.empty()) return {};
+  if (file < 0) return not_open();
+  if (toc.empty() || toc.back().kind != kind) {
+    assert(std::none_of(toc.begin(), toc.end(), [&](const TocEntry& entry) { return entry.kind == kind; }));
+    end = align_up(end, kTableAlignment);
+    toc.push_back({kind, record_bytes, 0, end, 0});
+    checksum = {};
+  }
+  TocEntry& entry = toc.back();
+  assert(entry.record_bytes == record_bytes && records.size() % record_bytes == 0);
+  entry.record_count += records.size() / record_bytes;
+  if (entry.record_count >= kNone) {
     discard();
-    return Error{ErrorCode::kRange, path + ": " + std::to_string(record_count) + " records in table " +
+    return Error{ErrorCode::kRange, path + ": " + std::to_string(entry.record_count) + " records in table " +
                                         std::to_string(static_cast<uint32_t>(kind)) + ", more than a file can have"};
   }
-  const std::span<const std::byte> bytes(static_cast<const std::byte*>(records), record_bytes * record_count);
-  const uint64_t offset = align_up(end, kTableAlignment);
-  if (auto written = write(offset, bytes); !written) return written;
-  toc.push_back({kind, record_bytes, record_count, offset, XXH3_64bits(bytes.data(), bytes.size())});
-  end = offset + bytes.size();
+  if (auto written = write(end, records); !written) return written;
+  end += records.size();
+  checksum.add(records);
+  entry.checksum = checksum.value();
   return {};
 }
 
@@ -242,7 +254,7 @@ uint64_t ContainerWriter::bytes() const {
 }
 
 Result<uint32_t> ContainerWriter::append(const SealedPage& page) {
-  assert(page.record.stored_bytes == page.stored.size());
+  assert(page.record.stored_bytes == page.stored.size() && impl_->toc.empty());
   PageRecord record = page.record;
   record.offset = align_up(impl_->end, kPageAlignment);
   if (auto written = impl_->write(record.offset, page.stored); !written) return written.error();
@@ -253,6 +265,7 @@ Result<uint32_t> ContainerWriter::append(const SealedPage& page) {
 
 Result<uint32_t> ContainerWriter::append_raw(PageKind kind, uint64_t bytes, const Read& read) {
   constexpr uint64_t kBlockBytes = 1 << 20;
+  assert(impl_->toc.empty());
   PageRecord record{};
   record.kind = kind;
   record.codec = PageCodec::kRaw;
@@ -273,12 +286,15 @@ Result<uint32_t> ContainerWriter::append_raw(PageKind kind, uint64_t bytes, cons
   return static_cast<uint32_t>(impl_->pages.size() - 1);
 }
 
+Result<void> ContainerWriter::append_records(TableKind kind, uint32_t record_bytes,
+                                             std::span<const std::byte> records) {
+  return impl_->append_records(kind, record_bytes, records);
+}
+
 Result<uint64_t> ContainerWriter::finish(const TableSet& tables) {
-  std::vector<TocEntry> toc;
   Result<void> written;
   const auto table = [&](TableKind kind, const auto& records) {
-    if (!written) return;
-    written = impl_->write_table(toc, kind, sizeof(records[0]), records.size(), records.data());
+    if (written) written = impl_->append_records(kind, sizeof(records[0]), std::as_bytes(std::span(records)));
   };
   table(TableKind::kPages, impl_->pages);
   table(TableKind::kMeshes, tables.meshes);
@@ -299,6 +315,7 @@ Result<uint64_t> ContainerWriter::finish(const TableSet& tables) {
   table(TableKind::kLeftOut, tables.left_out);
   if (!written) return written.error();
 
+  const std::vector<TocEntry>& toc = impl_->toc;
   FileHeader header{};
   std::memcpy(header.magic, kMagic, sizeof kMagic);
   header.version_major = kVersionMajor;

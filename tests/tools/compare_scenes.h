@@ -17,4 +17,7 @@ namespace scree::tests {
 std::vector<std::string> compare_scenes(const convert::SourceScene& source, const format::Container& packed,
                                         const convert::SourceScene& back);
 
+/// All instances of a node; none where it has none or where they cannot be read.
+std::vector<format::NodeInstanceRecord> all_instances(const convert::SourceNode& node);
+
 }  // namespace scree::tests

@@ -9,6 +9,7 @@
 
 #include "tests/catch.h"
 #include "tests/models.h"
+#include "tests/tools/compare_scenes.h"
 #include "tests/tools/temp_folder.h"
 #include "tools/convert/gltf_source.h"
 
@@ -322,18 +323,20 @@ TEST_CASE("instances of EXT_mesh_gpu_instancing are read", "[import]") {
   const SourceNode& all = scene.nodes[1];
   CHECK(all.name == "all");
   CHECK(all.parent == 0);
-  REQUIRE(all.instances.size() == 6);
-  CHECK(all.instances[2].translation[0] == 4.0f);
-  CHECK(all.instances[2].translation[2] == 1.0f);
-  CHECK(all.instances[2].rotation[3] == 1.0f);
-  CHECK(all.instances[3].rotation[2] == Approx(std::sqrt(0.5)));
-  CHECK(all.instances[3].rotation[3] == Approx(std::sqrt(0.5)));
-  CHECK(all.instances[3].scale[1] == 4.0f);
-  CHECK(all.instances[3].scale[2] == -1.0f);
-  REQUIRE(scene.nodes[2].instances.size() == 2);
-  CHECK(scene.nodes[2].instances[1].translation[0] == 1.0f);
-  CHECK(scene.nodes[2].instances[1].rotation[3] == 1.0f);
-  CHECK(scene.nodes[2].instances[1].scale[0] == 1.0f);
+  const auto first = tests::all_instances(all);
+  REQUIRE(first.size() == 6);
+  CHECK(first[2].translation[0] == 4.0f);
+  CHECK(first[2].translation[2] == 1.0f);
+  CHECK(first[2].rotation[3] == 1.0f);
+  CHECK(first[3].rotation[2] == Approx(std::sqrt(0.5)));
+  CHECK(first[3].rotation[3] == Approx(std::sqrt(0.5)));
+  CHECK(first[3].scale[1] == 4.0f);
+  CHECK(first[3].scale[2] == -1.0f);
+  const auto second = tests::all_instances(scene.nodes[2]);
+  REQUIRE(second.size() == 2);
+  CHECK(second[1].translation[0] == 1.0f);
+  CHECK(second[1].rotation[3] == 1.0f);
+  CHECK(second[1].scale[0] == 1.0f);
 }
 
 TEST_CASE("nodes come parents first, with cameras and scenes", "[import]") {

@@ -1,5 +1,7 @@
 // The memory convert takes, on the inputs that ask for the most. Sanitizers multiply memory: not built with them.
+#include <fstream>
 #include <string>
+#include <vector>
 
 #include "tests/catch.h"
 #include "tests/tools/flat_images.h"
@@ -53,6 +55,38 @@ TEST_CASE("convert keeps its memory where pictures are of 16384 x 16384", "[conv
   tests::write_flat_png(folder.file("b.png"), side, true);
   folder.write("points.bin", float_bytes({0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 1}));
   const std::string json = textured_gltf({"a.jpg", "b.jpg", "a.png", "b.png"});
+  const std::string input = folder.write("scene.gltf", json);
+  const tests::ProgramRun run = tests::run_program({"convert", input, "--threads", "1"}, folder.file("log"));
+  check_bound(run, 1, json.size());
+}
+
+TEST_CASE("convert keeps its memory where a node has three million instances", "[convert][memory]") {
+  const TempFolder folder;
+  constexpr uint64_t kCount = 3'000'000;
+  constexpr uint64_t kBlock = 1000;
+  std::string bytes = float_bytes({0, 0, 0, 1, 0, 0, 0, 1, 0});
+  {
+    std::ofstream out(folder.file("points.bin"), std::ios::binary);
+    out.write(bytes.data(), static_cast<std::streamsize>(bytes.size()));
+    for (uint64_t first = 0; first < kCount; first += kBlock) {
+      std::vector<float> block;
+      for (uint64_t i = first; i < first + kBlock; ++i)
+        block.insert(block.end(), {static_cast<float>(i % 2000), static_cast<float>(i / 2000), 0});
+      bytes = float_bytes(block);
+      out.write(bytes.data(), static_cast<std::streamsize>(bytes.size()));
+    }
+    REQUIRE(out.good());
+  }
+  const std::string places = std::to_string(12 * kCount);
+  const std::string json =
+      R"({"asset":{"version":"2.0"},"extensionsUsed":["EXT_mesh_gpu_instancing"],"scene":0,"scenes":[{"nodes":[0]}],
+"nodes":[{"mesh":0,"extensions":{"EXT_mesh_gpu_instancing":{"attributes":{"TRANSLATION":1}}}}],
+"meshes":[{"primitives":[{"attributes":{"POSITION":0}}]}],"buffers":[{"uri":"points.bin","byteLength":)" +
+      std::to_string(36 + 12 * kCount) + R"(}],"bufferViews":[{"buffer":0,"byteLength":36},{"buffer":0,"byteOffset":36,
+"byteLength":)" +
+      places + R"(}],"accessors":[{"bufferView":0,"componentType":5126,"count":3,"type":"VEC3","min":[0,0,0],
+"max":[1,1,0]},{"bufferView":1,"componentType":5126,"count":)" +
+      std::to_string(kCount) + R"(,"type":"VEC3"}]})";
   const std::string input = folder.write("scene.gltf", json);
   const tests::ProgramRun run = tests::run_program({"convert", input, "--threads", "1"}, folder.file("log"));
   check_bound(run, 1, json.size());

@@ -138,7 +138,9 @@ class Converter {
     if (const Result<void> done = measure_primitives(); !done) return done;
     add_meshes();
     if (const Result<void> done = plan_images(); !done) return done;
-    if (const Result<void> done = add_nodes_and_scenes(scene_, tables_); !done) return done;
+    Result<InstancePlan> instances = add_nodes_and_scenes(scene_, tables_);
+    if (!instances) return instances.error();
+    instances_ = std::move(*instances);
     if (const Result<void> done = choose_lattices(); !done) return done;
     add_source_record();
     Result<format::ContainerWriter> writer = format::ContainerWriter::create(report_.output);
@@ -147,6 +149,7 @@ class Converter {
     if (const Result<void> done = write_images(scene_, images_, *writer); !done) return done;
     tables_.images = images_.records;
     add_left_out();
+    if (const Result<void> done = write_instances(scene_, instances_, tables_, *writer); !done) return done;
     const Result<uint64_t> bytes = writer->finish(tables_);
     if (!bytes) return bytes.error();
     report_.output_bytes = *bytes;
@@ -279,7 +282,7 @@ class Converter {
   /// --grid scene. A flat or single-point mesh asks for no step of its own: its exponent is only the finest that keeps
   /// its one coordinate exact, so it takes its neighbours' unless it stands alone.
   Result<void> share_steps() {
-    const std::vector<uint32_t> shared = meshes_sharing_matrices(tables_);
+    const std::vector<uint32_t> shared = meshes_sharing_matrices(instances_, scene_, tables_);
     constexpr int32_t kUnset = std::numeric_limits<int32_t>::max();
     std::vector<int32_t> exponent(plans_.size(), kUnset);
     for (size_t i = 0; i < plans_.size(); ++i)
@@ -466,6 +469,7 @@ class Converter {
   std::vector<MeshPlan> plans_;    // as tables_.meshes
   std::vector<uint32_t> mesh_of_;  // of each primitive, or kNone
   ImagePlan images_;
+  InstancePlan instances_;
   format::TableSet tables_;
   uint64_t next_triangle_ = 0;  // of the mesh that is written
   uint64_t undrawn_ = 0;

@@ -14,8 +14,10 @@ namespace {
 
 using format::kNone;
 
-// 2.7 GB of records; a few bytes of JSON can ask for any number by naming one accessor in many nodes.
+// 2.7 GB of records in the file; a few bytes of JSON can ask for any number by naming one accessor in many nodes.
 constexpr uint64_t kMaxNodeInstances = uint64_t{1} << 26;
+
+constexpr uint64_t kInstanceBlock = 4096;
 
 // libstdc++ matches recursively, some hundred bytes of stack a character.
 constexpr size_t kMaxMatchedName = 1024;
@@ -183,26 +185,28 @@ Result<std::optional<Accessor>> instance_accessor(const DocNode& node, const cha
   return std::optional<Accessor>();
 }
 
-Result<std::vector<format::NodeInstanceRecord>> read_instances(const DocNode& node, GltfBuffers& buffers,
-                                                               uint64_t most) {
+/// The instances of a node, each looked at once.
+Result<SourceInstances> check_instances(const DocNode& node, GltfBuffers& buffers, uint64_t most) {
+  SourceInstances instances;
   struct Stream {
     const char* name;
     uint32_t components;
-    size_t field;  // of the floats of a NodeInstanceRecord
-    std::optional<Accessor> accessor;
+    std::optional<Accessor>* accessor;
   };
-  std::array<Stream, 3> streams{{{"TRANSLATION", 3, 0, {}}, {"ROTATION", 4, 3, {}}, {"SCALE", 3, 7, {}}}};
+  const std::array<Stream, 3> streams{{{"TRANSLATION", 3, &instances.translation},
+                                       {"ROTATION", 4, &instances.rotation},
+                                       {"SCALE", 3, &instances.scale}}};
   std::optional<uint64_t> count;
-  for (Stream& stream : streams) {
+  for (const Stream& stream : streams) {
     auto accessor = instance_accessor(node, stream.name, stream.components, buffers);
     if (!accessor) return accessor.error();
-    stream.accessor = std::move(accessor).value();
-    if (!stream.accessor) continue;
-    if (count && *count != stream.accessor->count) {
-      return Error{ErrorCode::kRange, std::string(stream.name) + " has " + std::to_string(stream.accessor->count) +
+    *stream.accessor = std::move(accessor).value();
+    if (!*stream.accessor) continue;
+    if (count && *count != (*stream.accessor)->count) {
+      return Error{ErrorCode::kRange, std::string(stream.name) + " has " + std::to_string((*stream.accessor)->count) +
                                           " instances, expected " + std::to_string(*count)};
     }
-    count = stream.accessor->count;
+    count = (*stream.accessor)->count;
   }
   if (!count) {
     // Other attributes (_ID) say how many there are, all in one place.
@@ -216,30 +220,13 @@ Result<std::vector<format::NodeInstanceRecord>> read_instances(const DocNode& no
   if (*count > most) {
     return Error{ErrorCode::kMemory, "more than " + std::to_string(kMaxNodeInstances) + " instances in all nodes"};
   }
-
-  std::vector<format::NodeInstanceRecord> records(*count, {{0, 0, 0}, {0, 0, 0, 1}, {1, 1, 1}});
-  constexpr uint64_t kBlock = 4096;
-  std::vector<float> values(kBlock * 4);
-  for (const Stream& stream : streams) {
-    if (!stream.accessor) continue;
-    for (uint64_t done = 0; done < *count; done += kBlock) {
-      const uint64_t n = std::min(kBlock, *count - done);
-      const std::span<float> block(values.data(), n * stream.components);
-      if (auto read = read_floats(*stream.accessor, done, n, block); !read) return read.error();
-      for (uint64_t i = 0; i < n; ++i) {
-        format::NodeInstanceRecord& record = records[done + i];
-        float* to = stream.field == 0 ? record.translation : stream.field == 3 ? record.rotation : record.scale;
-        std::copy_n(block.data() + i * stream.components, stream.components, to);
-        const bool usable = std::all_of(to, to + stream.components, [](float v) { return std::isfinite(v); }) &&
-                            (stream.field != 3 || normalise(to));
-        if (!usable) {
-          return Error{ErrorCode::kRange, std::string(stream.name) + " of instance " + std::to_string(done + i) +
-                                              (stream.field == 3 ? " is not a rotation" : " is not finite")};
-        }
-      }
-    }
+  instances.count = *count;
+  std::vector<format::NodeInstanceRecord> block(std::min(*count, kInstanceBlock));
+  for (uint64_t done = 0; done < *count; done += block.size()) {
+    block.resize(std::min<uint64_t>(block.size(), *count - done));
+    if (auto read = read_instances(instances, done, block); !read) return read.error();
   }
-  return records;
+  return instances;
 }
 
 }  // namespace
@@ -317,6 +304,38 @@ Result<NodePlan> plan_nodes(const GltfDocument& document, const std::string& exc
   return plan;
 }
 
+Result<void> read_instances(const SourceInstances& instances, uint64_t first,
+                            std::span<format::NodeInstanceRecord> out) {
+  std::fill(out.begin(), out.end(), format::NodeInstanceRecord{{0, 0, 0}, {0, 0, 0, 1}, {1, 1, 1}});
+  std::array<float, 4 * 1024> values;
+  const auto read_stream = [&](const std::optional<Accessor>& accessor, const char* name, auto field) -> Result<void> {
+    if (!accessor) return {};
+    const uint32_t components = accessor->components;
+    for (uint64_t done = 0; done < out.size();) {
+      const uint64_t count = std::min<uint64_t>(values.size() / 4, out.size() - done);
+      const std::span<float> block(values.data(), count * components);
+      if (auto read = read_floats(*accessor, first + done, count, block); !read) return read.error();
+      for (uint64_t i = 0; i < count; ++i) {
+        float* const to = field(out[done + i]);
+        std::copy_n(block.data() + i * components, components, to);
+        const bool usable = std::all_of(to, to + components, [](float v) { return std::isfinite(v); }) &&
+                            (components != 4 || normalise(to));
+        if (!usable) {
+          return Error{ErrorCode::kRange, std::string(name) + " of instance " + std::to_string(first + done + i) +
+                                              (components == 4 ? " is not a rotation" : " is not finite")};
+        }
+      }
+      done += count;
+    }
+    return {};
+  };
+  using Record = format::NodeInstanceRecord;
+  if (auto read = read_stream(instances.translation, "TRANSLATION", [](Record& r) { return r.translation; }); !read)
+    return read;
+  if (auto read = read_stream(instances.rotation, "ROTATION", [](Record& r) { return r.rotation; }); !read) return read;
+  return read_stream(instances.scale, "SCALE", [](Record& r) { return r.scale; });
+}
+
 Result<std::vector<SourceNode>> make_nodes(const GltfDocument& document, const NodePlan& plan,
                                            const std::vector<uint32_t>& group, GltfBuffers& buffers) {
   std::vector<SourceNode> nodes;
@@ -338,10 +357,10 @@ Result<std::vector<SourceNode>> make_nodes(const GltfDocument& document, const N
     if (!node.has_matrix && !normalise(node.local.data() + 3))
       return Error{ErrorCode::kRange, place + ": rotation has no length"};
     if (from.has_instancing && node.group != kNone) {
-      auto instances = read_instances(from, buffers, instances_left);
+      auto instances = check_instances(from, buffers, instances_left);
       if (!instances) return at(place + ": EXT_mesh_gpu_instancing", instances.error());
-      instances_left -= instances->size();
-      node.instances = std::move(instances).value();
+      instances_left -= instances->count;
+      node.instances = std::make_shared<SourceInstances>(std::move(instances).value());
     }
     nodes.push_back(std::move(node));
   }

@@ -87,14 +87,28 @@ struct Primitive {
 /// caller puts the file name before it).
 Result<void> read_triangles(const Primitive& primitive, uint64_t first, uint64_t count, std::span<uint32_t> out);
 
+/// The instances of a node (EXT_mesh_gpu_instancing): checked, and left in their buffers, of which there may be more
+/// than fits into memory.
+struct SourceInstances {
+  uint64_t count = 0;                   // at least 1
+  std::optional<Accessor> translation;  // absent: 0
+  std::optional<Accessor> rotation;     // absent: none
+  std::optional<Accessor> scale;        // absent: 1
+};
+
+/// Reads instances [first, first + out.size()), rotations scaled to unit length. Errors kFile, kTruncated, kRange (not
+/// finite, no rotation), the accessor and the instance named.
+Result<void> read_instances(const SourceInstances& instances, uint64_t first,
+                            std::span<format::NodeInstanceRecord> out);
+
 struct SourceNode {
   std::string name;
   uint32_t parent = format::kNone;
   uint32_t group = format::kNone;
   uint32_t camera = format::kNone;
   bool has_matrix = false;
-  std::array<double, 16> local{};                     // as NodeRecord::local
-  std::vector<format::NodeInstanceRecord> instances;  // EXT_mesh_gpu_instancing
+  std::array<double, 16> local{};                    // as NodeRecord::local
+  std::shared_ptr<const SourceInstances> instances;  // null: drawn once
 };
 
 struct SourceImage {

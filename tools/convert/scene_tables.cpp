@@ -7,6 +7,10 @@
 #include <cmath>
 #include <cstring>
 #include <numeric>
+#include <optional>
+#include <span>
+#include <string>
+#include <unordered_map>
 
 #include "format/bytes.h"
 
@@ -15,6 +19,8 @@ namespace {
 
 using format::kNone;
 using format::MatrixRecord;
+
+constexpr uint64_t kBlockRecords = 4096;
 
 MatrixRecord identity() {
   MatrixRecord m{};
@@ -75,14 +81,18 @@ bool is_finite(const MatrixRecord& m) {
   return true;
 }
 
+void drop_negative_zeros(MatrixRecord& m) {
+  for (auto& row : m.rows)
+    for (double& value : row) value += 0.0;
+}
+
 /// Keeps equal matrices once: open addressing over the numbers of the matrices.
 class MatrixSet {
  public:
   explicit MatrixSet(std::vector<MatrixRecord>& matrices) : matrices_(matrices), table_(1024, kNone) {}
 
   uint32_t add(MatrixRecord m) {
-    for (auto& row : m.rows)
-      for (double& value : row) value += 0.0;  // -0 becomes 0
+    drop_negative_zeros(m);
     if (2 * (matrices_.size() + 1) > table_.size()) enlarge();
     uint32_t& slot = find(m);
     if (slot == kNone) {
@@ -116,6 +126,7 @@ std::string node_place(const SourceScene& scene, size_t node) {
 }
 
 void add_nodes(const SourceScene& scene, format::TableSet& tables) {
+  uint64_t node_instances = 0;
   for (const SourceNode& node : scene.nodes) {
     format::NodeRecord record{};
     record.name = tables.strings.add(node.name);
@@ -123,11 +134,11 @@ void add_nodes(const SourceScene& scene, format::TableSet& tables) {
     record.group = node.group;
     record.camera = node.camera;
     record.flags = node.has_matrix ? uint32_t{format::kNodeHasMatrix} : 0u;
-    record.first_node_instance = tables.node_instances.size();
-    record.node_instance_count = node.instances.size();
+    record.first_node_instance = node_instances;
+    record.node_instance_count = node.instances ? node.instances->count : 0;
+    node_instances += record.node_instance_count;
     std::copy(node.local.begin(), node.local.end(), record.local);
     tables.nodes.push_back(record);
-    tables.node_instances.insert(tables.node_instances.end(), node.instances.begin(), node.instances.end());
   }
 }
 
@@ -140,9 +151,140 @@ std::vector<SourceSceneRoots> scenes_of(const SourceScene& scene) {
   return {all};
 }
 
+uint64_t copies_of(const SourceNode& node) {
+  return node.instances ? node.instances->count : 1;
+}
+
+/// Calls `take(first, records)` for all instances of a node, a block at a time.
+template <class Take>
+Result<void> for_each_block(const SourceScene& scene, uint32_t node, const Take& take) {
+  const SourceInstances& instances = *scene.nodes[node].instances;
+  std::vector<format::NodeInstanceRecord> block(std::min<uint64_t>(instances.count, kBlockRecords));
+  for (uint64_t done = 0; done < instances.count; done += block.size()) {
+    block.resize(std::min<uint64_t>(block.size(), instances.count - done));
+    if (const Result<void> read = read_instances(instances, done, block); !read)
+      return at(node_place(scene, node), read.error());
+    if (const Result<void> taken = take(done, std::span<const format::NodeInstanceRecord>(block)); !taken) return taken;
+  }
+  return {};
+}
+
+/// Calls `take(matrices)` for the world matrices of a node's instances, a block at a time.
+template <class Take>
+Result<void> for_each_matrix_block(const SourceScene& scene, uint32_t node, const MatrixRecord& world,
+                                   const Take& take) {
+  std::vector<MatrixRecord> matrices;
+  const auto block = [&](uint64_t first, std::span<const format::NodeInstanceRecord> records) -> Result<void> {
+    matrices.clear();
+    for (const format::NodeInstanceRecord& record : records) {
+      matrices.push_back(multiply(world, instance_matrix(record)));
+      drop_negative_zeros(matrices.back());
+      if (!is_finite(matrices.back()))
+        return Error{ErrorCode::kRange, node_place(scene, node) + ": the world matrix of instance " +
+                                            std::to_string(first + matrices.size() - 1) + " is not finite"};
+    }
+    return take(std::span<const MatrixRecord>(matrices));
+  };
+  return for_each_block(scene, node, block);
+}
+
+/// Plans the matrices of nodes as scenes ask for them, each node once.
+class MatrixPlanner {
+ public:
+  MatrixPlanner(const SourceScene& scene, InstancePlan& plan) : scene_(scene), plan_(plan), set_(plan.matrices) {}
+
+  Result<void> add(uint32_t node, const MatrixRecord& world) {
+    InstancePlan::Node& place = plan_.nodes[node];
+    if (place.first != UINT64_MAX) return {};
+    const SourceInstances* const instances = scene_.nodes[node].instances.get();
+    if (instances != nullptr && instances->count > kMaxHeldInstances - held_) return add_stream(node, world, place);
+    place.first = plan_.matrix_of.size();
+    if (instances == nullptr) {
+      plan_.matrix_of.push_back(set_.add(world));
+      return {};
+    }
+    held_ += instances->count;
+    return for_each_matrix_block(scene_, node, world, [&](std::span<const MatrixRecord> block) -> Result<void> {
+      for (const MatrixRecord& matrix : block) plan_.matrix_of.push_back(set_.add(matrix));
+      return {};
+    });
+  }
+
+  /// Streams lie behind the matrices that are held, whose number is known only at the end.
+  void finish() {
+    for (InstancePlan::Node& node : plan_.nodes)
+      if (node.is_streamed) node.first += plan_.matrices.size();
+  }
+
+ private:
+  /// Nodes that repeat the instances of another, as the parts of a tree in a wood do, have its matrices.
+  Result<void> add_stream(uint32_t node, const MatrixRecord& world, InstancePlan::Node& place) {
+    const SourceInstances& instances = *scene_.nodes[node].instances;
+    std::string key(reinterpret_cast<const char*>(&world), sizeof world);
+    for (const std::optional<Accessor>* accessor : {&instances.translation, &instances.rotation, &instances.scale})
+      key += " " + std::to_string(*accessor ? (*accessor)->index : kNone);
+    key += " " + std::to_string(instances.count);
+    const auto [known, is_new] = streams_.try_emplace(std::move(key), streamed_);
+    place = {known->second, true};
+    if (!is_new) return {};
+    streamed_ += instances.count;
+    plan_.streams.push_back({node, world});
+    return for_each_matrix_block(scene_, node, world, [](std::span<const MatrixRecord>) { return Result<void>(); });
+  }
+
+  const SourceScene& scene_;
+  InstancePlan& plan_;
+  MatrixSet set_;
+  std::unordered_map<std::string, uint64_t> streams_;
+  uint64_t held_ = 0;
+  uint64_t streamed_ = 0;
+};
+
+void sort_by_group(const SourceScene& scene, InstancePlan& plan) {
+  plan.first_of_group.assign(scene.groups.size() + 1, 0);
+  for (const SourceNode& node : scene.nodes)
+    if (node.group != kNone) ++plan.first_of_group[node.group];
+  std::exclusive_scan(plan.first_of_group.begin(), plan.first_of_group.end(), plan.first_of_group.begin(), uint64_t{0});
+  plan.by_group.resize(plan.first_of_group.back());
+  std::vector<uint64_t> next = plan.first_of_group;
+  for (uint32_t i = 0; i < scene.nodes.size(); ++i)
+    if (scene.nodes[i].group != kNone) plan.by_group[next[scene.nodes[i].group]++] = i;
+}
+
+std::vector<bool> shown_nodes(const SourceScene& scene, const SourceSceneRoots& roots) {
+  std::vector<bool> shown(scene.nodes.size());
+  for (const uint32_t root : roots.roots) shown[root] = true;
+  for (size_t i = 0; i < shown.size(); ++i)  // parents come before children
+    if (scene.nodes[i].parent != kNone && shown[scene.nodes[i].parent]) shown[i] = true;
+  return shown;
+}
+
+/// Collects records and hands them on in blocks.
+template <class Record>
+class RecordBuffer {
+ public:
+  RecordBuffer(format::ContainerWriter& writer, format::TableKind kind) : writer_(writer), kind_(kind) {}
+
+  Result<void> add(const Record& record) {
+    records_.push_back(record);
+    return records_.size() < kBlockRecords ? Result<void>() : flush();
+  }
+
+  Result<void> flush() {
+    const Result<void> written = writer_.append_records(kind_, sizeof(Record), std::as_bytes(std::span(records_)));
+    records_.clear();
+    return written;
+  }
+
+ private:
+  format::ContainerWriter& writer_;
+  format::TableKind kind_;
+  std::vector<Record> records_;
+};
+
 }  // namespace
 
-Result<void> add_nodes_and_scenes(const SourceScene& scene, format::TableSet& tables) {
+Result<InstancePlan> add_nodes_and_scenes(const SourceScene& scene, format::TableSet& tables) {
   for (const NamedCamera& camera : scene.cameras) {
     format::CameraRecord record = camera.record;
     record.name = tables.strings.add(camera.name);
@@ -150,7 +292,10 @@ Result<void> add_nodes_and_scenes(const SourceScene& scene, format::TableSet& ta
   }
   add_nodes(scene, tables);
 
-  const std::vector<SourceSceneRoots> scenes = scenes_of(scene);
+  InstancePlan plan;
+  plan.scenes = scenes_of(scene);
+  plan.nodes.resize(scene.nodes.size());
+  sort_by_group(scene, plan);
   std::vector<MatrixRecord> world(scene.nodes.size());
   for (size_t i = 0; i < scene.nodes.size(); ++i) {  // parents come before children
     const MatrixRecord local = local_matrix(scene.nodes[i]);
@@ -160,70 +305,81 @@ Result<void> add_nodes_and_scenes(const SourceScene& scene, format::TableSet& ta
       return Error{ErrorCode::kRange, node_place(scene, i) + ": the world matrix is not finite"};
   }
 
-  // The world matrices of a node's instances are consecutive in matrix_of; made once, whatever scenes show the node.
-  MatrixSet matrices(tables.matrices);
-  std::vector<uint64_t> first_matrix(scene.nodes.size(), UINT64_MAX);
-  std::vector<uint32_t> matrix_of;
+  // The world matrices of a node's instances are made once, whatever scenes show the node.
+  MatrixPlanner planner(scene, plan);
   uint64_t total = 0;
-  for (const SourceSceneRoots& source : scenes) {
-    std::vector<bool> shown(scene.nodes.size());
-    for (const uint32_t root : source.roots) shown[root] = true;
-    std::vector<uint64_t> place(tables.meshes.size() + 1,
-                                0);  // first the count of each mesh's instances, then their end
-    for (size_t i = 0; i < scene.nodes.size(); ++i) {
-      const SourceNode& node = scene.nodes[i];
-      if (node.parent != kNone && shown[node.parent]) shown[i] = true;
-      if (!shown[i] || node.group == kNone) continue;
-      const format::GroupRecord& group = tables.groups[node.group];
-      if (group.mesh_count == 0) continue;
-      const uint64_t copies = std::max<uint64_t>(node.instances.size(), 1);
-      const auto more = format::checked_mul(copies, group.mesh_count);
-      if (!more || *more > kMaxInstances - total)
-        return Error{ErrorCode::kUnsupported,
-                     node_place(scene, i) + ": more than " + std::to_string(kMaxInstances) + " instances in all"};
-      total += *more;
-      for (uint32_t m = 0; m < group.mesh_count; ++m) place[group.first_mesh + m] += copies;
-      if (first_matrix[i] != UINT64_MAX) continue;
-      first_matrix[i] = matrix_of.size();
-      if (node.instances.empty()) matrix_of.push_back(matrices.add(world[i]));
-      for (const format::NodeInstanceRecord& instance : node.instances) {
-        const MatrixRecord matrix = multiply(world[i], instance_matrix(instance));
-        if (!is_finite(matrix))
-          return Error{ErrorCode::kRange, node_place(scene, i) + ": the world matrix of an instance is not finite"};
-        matrix_of.push_back(matrices.add(matrix));
-      }
-    }
-
+  for (const SourceSceneRoots& source : plan.scenes) {
     format::SceneRecord record{};
     record.name = tables.strings.add(source.name);
     record.flags = source.is_default ? 1u : 0u;
-    record.first_instance = tables.instances.size();
+    record.first_instance = total;
     record.first_root = tables.scene_roots.size();
     record.root_count = source.roots.size();
     tables.scene_roots.insert(tables.scene_roots.end(), source.roots.begin(), source.roots.end());
-    for (size_t mesh = 0; mesh < tables.meshes.size(); ++mesh) {
-      const auto triangles = format::checked_mul(place[mesh], tables.meshes[mesh].triangle_count);
-      const auto sum = triangles ? format::checked_add(record.triangle_count, *triangles) : std::nullopt;
-      if (!sum) return Error{ErrorCode::kUnsupported, scene.file_name + ": a scene draws more than 2^64 triangles"};
-      record.triangle_count = *sum;
-    }
-    std::exclusive_scan(place.begin(), place.end(), place.begin(), record.first_instance);
-    record.instance_count = place.back() - record.first_instance;
-    tables.instances.resize(place.back());
+    const std::vector<bool> shown = shown_nodes(scene, source);
     for (uint32_t i = 0; i < scene.nodes.size(); ++i) {
       const SourceNode& node = scene.nodes[i];
       if (!shown[i] || node.group == kNone) continue;
       const format::GroupRecord& group = tables.groups[node.group];
-      const uint64_t copies = std::max<uint64_t>(node.instances.size(), 1);
+      if (group.mesh_count == 0) continue;
+      const auto more = format::checked_mul(copies_of(node), group.mesh_count);
+      if (!more || *more > kMaxInstances - total)
+        return Error{ErrorCode::kUnsupported,
+                     node_place(scene, i) + ": more than " + std::to_string(kMaxInstances) + " instances in all"};
+      total += *more;
       for (uint32_t m = 0; m < group.mesh_count; ++m) {
-        const uint32_t mesh = group.first_mesh + m;
-        for (uint64_t copy = 0; copy < copies; ++copy)
-          tables.instances[place[mesh]++] = {mesh, i, matrix_of[first_matrix[i] + copy], static_cast<uint32_t>(copy)};
+        const auto triangles = format::checked_mul(copies_of(node), tables.meshes[group.first_mesh + m].triangle_count);
+        const auto sum = triangles ? format::checked_add(record.triangle_count, *triangles) : std::nullopt;
+        if (!sum) return Error{ErrorCode::kUnsupported, scene.file_name + ": a scene draws more than 2^64 triangles"};
+        record.triangle_count = *sum;
       }
+      if (const Result<void> added = planner.add(i, world[i]); !added) return added.error();
     }
+    record.instance_count = total - record.first_instance;
     tables.scenes.push_back(record);
   }
-  return {};
+  planner.finish();
+  return plan;
+}
+
+Result<void> write_instances(const SourceScene& scene, const InstancePlan& plan, const format::TableSet& tables,
+                             format::ContainerWriter& writer) {
+  for (uint32_t node = 0; node < scene.nodes.size(); ++node) {
+    if (!scene.nodes[node].instances) continue;
+    const auto write = [&](uint64_t, std::span<const format::NodeInstanceRecord> block) {
+      return writer.append_records(format::TableKind::kNodeInstances, sizeof(block[0]), std::as_bytes(block));
+    };
+    if (const Result<void> written = for_each_block(scene, node, write); !written) return written;
+  }
+
+  const auto write_matrices = [&](std::span<const MatrixRecord> block) {
+    return writer.append_records(format::TableKind::kMatrices, sizeof(block[0]), std::as_bytes(block));
+  };
+  if (const Result<void> written = write_matrices(plan.matrices); !written) return written;
+  for (const InstancePlan::Stream& stream : plan.streams)
+    if (const Result<void> written = for_each_matrix_block(scene, stream.node, stream.world, write_matrices); !written)
+      return written;
+
+  RecordBuffer<format::InstanceRecord> instances(writer, format::TableKind::kInstances);
+  for (const SourceSceneRoots& source : plan.scenes) {
+    const std::vector<bool> shown = shown_nodes(scene, source);
+    for (uint32_t mesh = 0; mesh < tables.meshes.size(); ++mesh) {
+      const uint32_t group = tables.meshes[mesh].group;
+      for (uint64_t n = plan.first_of_group[group]; n < plan.first_of_group[group + 1]; ++n) {
+        const uint32_t node = plan.by_group[n];
+        if (!shown[node]) continue;
+        const InstancePlan::Node& place = plan.nodes[node];
+        const uint64_t copies = copies_of(scene.nodes[node]);
+        for (uint64_t copy = 0; copy < copies; ++copy) {
+          const uint64_t matrix = place.is_streamed ? place.first + copy : plan.matrix_of[place.first + copy];
+          const Result<void> added =
+              instances.add({mesh, node, static_cast<uint32_t>(matrix), static_cast<uint32_t>(copy)});
+          if (!added) return added;
+        }
+      }
+    }
+  }
+  return instances.flush();
 }
 
 MaterialUse find_material_use(const SourceScene& scene, const std::vector<bool>& materials_used) {
@@ -266,20 +422,28 @@ void add_materials(const SourceScene& scene, const MaterialUse& use, const std::
   }
 }
 
-std::vector<uint32_t> meshes_sharing_matrices(const format::TableSet& tables) {
+std::vector<uint32_t> meshes_sharing_matrices(const InstancePlan& plan, const SourceScene& scene,
+                                              const format::TableSet& tables) {
+  if (!plan.streams.empty()) return std::vector<uint32_t>(tables.meshes.size(), 0);
   std::vector<uint32_t> parent(tables.meshes.size());
   std::iota(parent.begin(), parent.end(), 0u);
   const auto root = [&](uint32_t mesh) {
     while (parent[mesh] != mesh) mesh = parent[mesh] = parent[parent[mesh]];
     return mesh;
   };
-  std::vector<uint32_t> first_mesh(tables.matrices.size(), kNone);
-  for (const format::InstanceRecord& instance : tables.instances) {
-    uint32_t& first = first_mesh[instance.matrix];
-    if (first == kNone) first = instance.mesh;
-    const uint32_t a = root(first);
-    const uint32_t b = root(instance.mesh);
-    parent[std::max(a, b)] = std::min(a, b);
+  std::vector<uint32_t> first_mesh(plan.matrices.size(), kNone);
+  for (uint32_t node = 0; node < scene.nodes.size(); ++node) {
+    if (plan.nodes[node].first == UINT64_MAX) continue;
+    const format::GroupRecord& group = tables.groups[scene.nodes[node].group];
+    for (uint64_t copy = 0; copy < copies_of(scene.nodes[node]); ++copy) {
+      uint32_t& first = first_mesh[plan.matrix_of[plan.nodes[node].first + copy]];
+      if (first == kNone) first = group.first_mesh;
+      for (uint32_t mesh = group.first_mesh; mesh < group.first_mesh + group.mesh_count; ++mesh) {
+        const uint32_t a = root(first);
+        const uint32_t b = root(mesh);
+        parent[std::max(a, b)] = std::min(a, b);
+      }
+    }
   }
   for (uint32_t mesh = 0; mesh < parent.size(); ++mesh) parent[mesh] = root(mesh);
   return parent;

@@ -13,10 +13,38 @@ namespace scree::convert {
 /// Instances of one file, all scenes together: a document of a few bytes can multiply its way to more than any memory.
 inline constexpr uint64_t kMaxInstances = uint64_t{1} << 28;
 
-/// Fills nodes, node instances, world matrices (equal ones once), instances, scenes, roots and cameras of `tables`,
-/// whose meshes and groups are there already. A document without scenes gets one of all root nodes. Errors kRange: a
-/// world matrix that is not finite; kUnsupported: more than kMaxInstances.
-Result<void> add_nodes_and_scenes(const SourceScene& scene, format::TableSet& tables);
+/// World matrices of more node instances than these are neither held nor compared with others.
+inline constexpr uint64_t kMaxHeldInstances = uint64_t{1} << 18;
+
+/// What write_instances writes: the world matrices and the instances of a file, of which only those of ordinary nodes
+/// and of the first kMaxHeldInstances node instances are held.
+struct InstancePlan {
+  struct Node {
+    uint64_t first =
+        UINT64_MAX;  // of its matrices: in matrix_of or, of a streamed node, in the table; unset: not drawn
+    bool is_streamed = false;
+  };
+  struct Stream {
+    uint32_t node = 0;  // the first that has these matrices
+    format::MatrixRecord world{};
+  };
+  std::vector<format::MatrixRecord> matrices;  // each once
+  std::vector<uint32_t> matrix_of;             // places in `matrices`
+  std::vector<Node> nodes;                     // as SourceScene::nodes
+  std::vector<Stream> streams;                 // behind `matrices` in the table, in this order
+  std::vector<uint32_t> by_group;              // nodes with a group, sorted by group, then number
+  std::vector<uint64_t> first_of_group;        // in by_group; one more than there are groups
+  std::vector<SourceSceneRoots> scenes;
+};
+
+/// Fills nodes, scenes, roots and cameras of `tables`, whose meshes and groups are there already, and plans the rest. A
+/// document without scenes gets one of all root nodes. Errors kRange: a world matrix that is not finite; kUnsupported:
+/// more than kMaxInstances; those of read_instances.
+Result<InstancePlan> add_nodes_and_scenes(const SourceScene& scene, format::TableSet& tables);
+
+/// Writes node instances, matrices and instances, after the last page. Errors kFile, and those of read_instances.
+Result<void> write_instances(const SourceScene& scene, const InstancePlan& plan, const format::TableSet& tables,
+                             format::ContainerWriter& writer);
 
 /// Which materials, textures and images the kept meshes need: new places, or kNone for those that are left out.
 struct MaterialUse {
@@ -33,7 +61,8 @@ void add_materials(const SourceScene& scene, const MaterialUse& use, const std::
                    format::TableSet& tables);
 
 /// For each mesh of `tables`, the smallest mesh number with which it must share one lattice step so that all meshes
-/// under one world matrix have the same.
-std::vector<uint32_t> meshes_sharing_matrices(const format::TableSet& tables);
+/// under one world matrix have the same. All of them, where some matrices are not held and so cannot be compared.
+std::vector<uint32_t> meshes_sharing_matrices(const InstancePlan& plan, const SourceScene& scene,
+                                              const format::TableSet& tables);
 
 }  // namespace scree::convert
