@@ -275,8 +275,8 @@ class Comparison {
   using Matrix = std::array<double, 16>;  // column-major
 
   static Matrix local_matrix(const convert::SourceNode& node) {
-    if (node.has_matrix) return node.local;
-    const double *t = node.local.data(), *q = t + 3, *s = t + 7;
+    if (node.has_matrix) return node.local.values();
+    const double *t = node.local.values().data(), *q = t + 3, *s = t + 7;
     const double length = std::sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]);
     const double x = q[0] / length, y = q[1] / length, z = q[2] / length, w = q[3] / length;
     return {s[0] * (1 - 2 * (y * y + z * z)),

@@ -138,7 +138,7 @@ class Converter {
     if (const Result<void> done = measure_primitives(); !done) return done;
     add_meshes();
     if (const Result<void> done = plan_images(); !done) return done;
-    Result<InstancePlan> instances = add_nodes_and_scenes(scene_, tables_);
+    Result<InstancePlan> instances = plan_scenes(scene_, tables_);
     if (!instances) return instances.error();
     instances_ = std::move(*instances);
     if (const Result<void> done = choose_lattices(); !done) return done;
@@ -149,7 +149,7 @@ class Converter {
     if (const Result<void> done = write_images(scene_, images_, *writer); !done) return done;
     tables_.images = images_.records;
     add_left_out();
-    if (const Result<void> done = write_instances(scene_, instances_, tables_, *writer); !done) return done;
+    if (const Result<void> done = write_nodes(scene_, instances_, tables_, *writer); !done) return done;
     const Result<uint64_t> bytes = writer->finish(tables_);
     if (!bytes) return bytes.error();
     report_.output_bytes = *bytes;

@@ -146,13 +146,17 @@ DocNode read_node(const tinygltf::Node& source) {
   node.camera = source.camera;
   node.skin = source.skin;
   node.has_matrix = source.matrix.size() == 16;
-  if (node.has_matrix) {
-    std::copy_n(source.matrix.begin(), 16, node.local.begin());
-  } else {
-    node.local = {0, 0, 0, 0, 0, 0, 1, 1, 1, 1};
-    if (source.translation.size() == 3) std::copy_n(source.translation.begin(), 3, node.local.begin());
-    if (source.rotation.size() == 4) std::copy_n(source.rotation.begin(), 4, node.local.begin() + 3);
-    if (source.scale.size() == 3) std::copy_n(source.scale.begin(), 3, node.local.begin() + 7);
+  if (node.has_matrix || !source.translation.empty() || !source.rotation.empty() || !source.scale.empty()) {
+    LocalTransform::Values local{};
+    if (node.has_matrix) {
+      std::copy_n(source.matrix.begin(), 16, local.begin());
+    } else {
+      local = LocalTransform().values();
+      if (source.translation.size() == 3) std::copy_n(source.translation.begin(), 3, local.begin());
+      if (source.rotation.size() == 4) std::copy_n(source.rotation.begin(), 4, local.begin() + 3);
+      if (source.scale.size() == 3) std::copy_n(source.scale.begin(), 3, local.begin() + 7);
+    }
+    node.local = LocalTransform(local);
   }
   node.children.assign(source.children.begin(), source.children.end());
   if (const tinygltf::Value* instancing = member(source.extensions, "EXT_mesh_gpu_instancing")) {

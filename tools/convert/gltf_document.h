@@ -10,6 +10,7 @@
 
 #include "format/result.h"
 #include "tools/convert/gltf_json.h"
+#include "tools/convert/gltf_source.h"
 
 namespace scree::convert {
 
@@ -75,7 +76,7 @@ struct DocNode {
   int32_t skin = kAbsent;
   bool has_matrix = false;
   bool has_instancing = false;
-  std::array<double, 16> local{};  // as NodeRecord::local
+  LocalTransform local;
   std::vector<uint32_t> children;
   std::vector<DocAttribute> instancing;  // EXT_mesh_gpu_instancing
 };

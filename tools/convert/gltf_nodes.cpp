@@ -351,11 +351,13 @@ Result<std::vector<SourceNode>> make_nodes(const GltfDocument& document, const N
     if (from.mesh != kAbsent) node.group = group[static_cast<size_t>(from.mesh)];
     if (from.camera != kAbsent) node.camera = static_cast<uint32_t>(from.camera);
     node.has_matrix = from.has_matrix;
-    node.local = from.local;
-    if (!finite(node.local.data(), node.local.size()))
-      return Error{ErrorCode::kRange, place + ": its transform is not finite"};
-    if (!node.has_matrix && !normalise(node.local.data() + 3))
-      return Error{ErrorCode::kRange, place + ": rotation has no length"};
+    if (from.local.is_set()) {
+      LocalTransform::Values local = from.local.values();
+      if (!finite(local.data(), local.size())) return Error{ErrorCode::kRange, place + ": its transform is not finite"};
+      if (!node.has_matrix && !normalise(local.data() + 3))
+        return Error{ErrorCode::kRange, place + ": rotation has no length"};
+      node.local = LocalTransform(local);
+    }
     if (from.has_instancing && node.group != kNone) {
       auto instances = check_instances(from, buffers, instances_left);
       if (!instances) return at(place + ": EXT_mesh_gpu_instancing", instances.error());

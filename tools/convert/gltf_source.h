@@ -101,13 +101,33 @@ struct SourceInstances {
 Result<void> read_instances(const SourceInstances& instances, uint64_t first,
                             std::span<format::NodeInstanceRecord> out);
 
+/// A node's own transform, as NodeRecord::local. One that says nothing, as a node of ten bytes of JSON has it, takes no
+/// memory of its own.
+class LocalTransform {
+ public:
+  using Values = std::array<double, 16>;
+
+  LocalTransform() = default;
+  explicit LocalTransform(const Values& values) : values_(std::make_shared<Values>(values)) {}
+
+  bool is_set() const { return values_ != nullptr; }
+  const Values& values() const {
+    static constexpr Values kIdentity{0, 0, 0, 0, 0, 0, 1, 1, 1, 1};
+    return values_ ? *values_ : kIdentity;
+  }
+  double operator[](size_t i) const { return values()[i]; }
+
+ private:
+  std::shared_ptr<const Values> values_;
+};
+
 struct SourceNode {
   std::string name;
   uint32_t parent = format::kNone;
   uint32_t group = format::kNone;
   uint32_t camera = format::kNone;
   bool has_matrix = false;
-  std::array<double, 16> local{};                    // as NodeRecord::local
+  LocalTransform local;
   std::shared_ptr<const SourceInstances> instances;  // null: drawn once
 };
 

@@ -59,10 +59,11 @@ MatrixRecord from_trs(const double t[3], const double q[4], const double s[3]) {
 }
 
 MatrixRecord local_matrix(const SourceNode& node) {
-  if (!node.has_matrix) return from_trs(&node.local[0], &node.local[3], &node.local[7]);
+  const LocalTransform::Values& local = node.local.values();
+  if (!node.has_matrix) return from_trs(&local[0], &local[3], &local[7]);
   MatrixRecord m{};
   for (size_t row = 0; row < 3; ++row)
-    for (size_t column = 0; column < 4; ++column) m.rows[row][column] = node.local[4 * column + row];
+    for (size_t column = 0; column < 4; ++column) m.rows[row][column] = local[4 * column + row];
   return m;
 }
 
@@ -123,23 +124,6 @@ std::string node_place(const SourceScene& scene, size_t node) {
   std::string place = scene.file_name + ": node " + std::to_string(node);
   if (!scene.nodes[node].name.empty()) place += " (" + scene.nodes[node].name + ")";
   return place;
-}
-
-void add_nodes(const SourceScene& scene, format::TableSet& tables) {
-  uint64_t node_instances = 0;
-  for (const SourceNode& node : scene.nodes) {
-    format::NodeRecord record{};
-    record.name = tables.strings.add(node.name);
-    record.parent = node.parent;
-    record.group = node.group;
-    record.camera = node.camera;
-    record.flags = node.has_matrix ? uint32_t{format::kNodeHasMatrix} : 0u;
-    record.first_node_instance = node_instances;
-    record.node_instance_count = node.instances ? node.instances->count : 0;
-    node_instances += record.node_instance_count;
-    std::copy(node.local.begin(), node.local.end(), record.local);
-    tables.nodes.push_back(record);
-  }
 }
 
 std::vector<SourceSceneRoots> scenes_of(const SourceScene& scene) {
@@ -284,13 +268,12 @@ class RecordBuffer {
 
 }  // namespace
 
-Result<InstancePlan> add_nodes_and_scenes(const SourceScene& scene, format::TableSet& tables) {
+Result<InstancePlan> plan_scenes(const SourceScene& scene, format::TableSet& tables) {
   for (const NamedCamera& camera : scene.cameras) {
     format::CameraRecord record = camera.record;
     record.name = tables.strings.add(camera.name);
     tables.cameras.push_back(record);
   }
-  add_nodes(scene, tables);
 
   InstancePlan plan;
   plan.scenes = scenes_of(scene);
@@ -342,8 +325,25 @@ Result<InstancePlan> add_nodes_and_scenes(const SourceScene& scene, format::Tabl
   return plan;
 }
 
-Result<void> write_instances(const SourceScene& scene, const InstancePlan& plan, const format::TableSet& tables,
-                             format::ContainerWriter& writer) {
+Result<void> write_nodes(const SourceScene& scene, const InstancePlan& plan, format::TableSet& tables,
+                         format::ContainerWriter& writer) {
+  RecordBuffer<format::NodeRecord> nodes(writer, format::TableKind::kNodes);
+  uint64_t node_instances = 0;
+  for (const SourceNode& node : scene.nodes) {
+    format::NodeRecord record{};
+    record.name = tables.strings.add(node.name);
+    record.parent = node.parent;
+    record.group = node.group;
+    record.camera = node.camera;
+    record.flags = node.has_matrix ? uint32_t{format::kNodeHasMatrix} : 0u;
+    record.first_node_instance = node_instances;
+    record.node_instance_count = node.instances ? node.instances->count : 0;
+    node_instances += record.node_instance_count;
+    std::copy(node.local.values().begin(), node.local.values().end(), record.local);
+    if (const Result<void> added = nodes.add(record); !added) return added;
+  }
+  if (const Result<void> written = nodes.flush(); !written) return written;
+
   for (uint32_t node = 0; node < scene.nodes.size(); ++node) {
     if (!scene.nodes[node].instances) continue;
     const auto write = [&](uint64_t, std::span<const format::NodeInstanceRecord> block) {

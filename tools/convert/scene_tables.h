@@ -16,8 +16,8 @@ inline constexpr uint64_t kMaxInstances = uint64_t{1} << 28;
 /// World matrices of more node instances than these are neither held nor compared with others.
 inline constexpr uint64_t kMaxHeldInstances = uint64_t{1} << 18;
 
-/// What write_instances writes: the world matrices and the instances of a file, of which only those of ordinary nodes
-/// and of the first kMaxHeldInstances node instances are held.
+/// What write_nodes writes beside the nodes: the world matrices and the instances of a file, of which only those of
+/// ordinary nodes and of the first kMaxHeldInstances node instances are held.
 struct InstancePlan {
   struct Node {
     uint64_t first =
@@ -37,14 +37,15 @@ struct InstancePlan {
   std::vector<SourceSceneRoots> scenes;
 };
 
-/// Fills nodes, scenes, roots and cameras of `tables`, whose meshes and groups are there already, and plans the rest. A
+/// Fills scenes, roots and cameras of `tables`, whose meshes and groups are there already, and plans the rest. A
 /// document without scenes gets one of all root nodes. Errors kRange: a world matrix that is not finite; kUnsupported:
 /// more than kMaxInstances; those of read_instances.
-Result<InstancePlan> add_nodes_and_scenes(const SourceScene& scene, format::TableSet& tables);
+Result<InstancePlan> plan_scenes(const SourceScene& scene, format::TableSet& tables);
 
-/// Writes node instances, matrices and instances, after the last page. Errors kFile, and those of read_instances.
-Result<void> write_instances(const SourceScene& scene, const InstancePlan& plan, const format::TableSet& tables,
-                             format::ContainerWriter& writer);
+/// Writes nodes, node instances, matrices and instances, after the last page, and adds the nodes' names to `tables`.
+/// Errors kFile, and those of read_instances.
+Result<void> write_nodes(const SourceScene& scene, const InstancePlan& plan, format::TableSet& tables,
+                         format::ContainerWriter& writer);
 
 /// Which materials, textures and images the kept meshes need: new places, or kNone for those that are left out.
 struct MaterialUse {
