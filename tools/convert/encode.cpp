@@ -132,10 +132,31 @@ class WindowEncoder {
       return {};
     }
     // Checked by Window: a multiple of three corners, each below the number of vertices; meshoptimizer asserts on less.
-    meshopt_optimizeVertexCacheFifo(s_.ordered.data(), indices.data(), indices.size(), s_.window.vertices().size(),
-                                    kFifoCacheSize);
+    const size_t vertices = s_.window.vertices().size();
+    if (s_.window.is_scattered()) {
+      // The optimiser goes from vertex to neighbouring vertex: numbered by first use they lie together in its tables.
+      number_by_first_use(indices, vertices);
+      meshopt_optimizeVertexCacheFifo(s_.ordered.data(), s_.by_use.data(), indices.size(), vertices, kFifoCacheSize);
+      for (uint32_t& index : s_.ordered) index = s_.used_vertices[index];
+    } else {
+      meshopt_optimizeVertexCacheFifo(s_.ordered.data(), indices.data(), indices.size(), vertices, kFifoCacheSize);
+    }
     if (mesh_.attributes & format::kHasSourceIds) return match_triangles(indices, s_.ordered, s_.order);
     return {};
+  }
+
+  void number_by_first_use(std::span<const uint32_t> indices, size_t vertices) {
+    s_.use_of.assign(vertices, kNone);
+    s_.used_vertices.clear();
+    s_.by_use.resize(indices.size());
+    for (size_t i = 0; i < indices.size(); ++i) {
+      uint32_t& use = s_.use_of[indices[i]];
+      if (use == kNone) {
+        use = static_cast<uint32_t>(s_.used_vertices.size());
+        s_.used_vertices.push_back(indices[i]);
+      }
+      s_.by_use[i] = use;
+    }
   }
 
   void quantise() {

@@ -54,11 +54,14 @@ struct EncodedWindow {
 /// What one thread reuses from window to window.
 struct EncodeScratch {
   Window window;
-  std::vector<uint32_t> ordered;      // corners in the new order, places in the window's vertices
-  std::vector<uint32_t> order;        // source place of each triangle, where source ids are stored
-  std::vector<uint32_t> slots;        // number in the chunk of a window's vertex, or kNone
-  std::vector<uint32_t> chunk_order;  // window vertices of all chunks, one chunk after the other
-  std::vector<uint32_t> coordinates;  // lattice coordinates of the window's vertices
+  std::vector<uint32_t> ordered;        // corners in the new order, places in the window's vertices
+  std::vector<uint32_t> by_use;         // corners of a scattered window, vertices numbered by first use
+  std::vector<uint32_t> use_of;         // that number of a vertex
+  std::vector<uint32_t> used_vertices;  // and back
+  std::vector<uint32_t> order;          // source place of each triangle, where source ids are stored
+  std::vector<uint32_t> slots;          // number in the chunk of a window's vertex, or kNone
+  std::vector<uint32_t> chunk_order;    // window vertices of all chunks, one chunk after the other
+  std::vector<uint32_t> coordinates;    // lattice coordinates of the window's vertices
   std::vector<uint32_t> chunk_indices;
   std::vector<uint32_t> chunk_coordinates;
   std::vector<float> floats;        // one attribute of the window

@@ -42,6 +42,9 @@ class Window {
   /// Numbers of the used vertices in the source, ascending; all used by the triangles that are kept.
   std::span<const uint32_t> vertices() const { return vertices_; }
 
+  /// Whether the vertices lie far from each other in the source, so that their order says nothing of neighbourhood.
+  bool is_scattered() const { return is_scattered_; }
+
   /// 3 a vertex, finite.
   std::span<const float> positions() const { return positions_; }
 
@@ -52,6 +55,7 @@ class Window {
   Result<void> read_positions(const Primitive& primitive);
   void drop_degenerate();
   void find_vertices(bool renumber);
+  void find_by_bitmap(uint32_t lo, uint64_t span, bool renumber);
   void keep_triangles(const std::vector<bool>& keep);
   Result<void> check_positions(const Primitive& primitive, bool drop_nonfinite, bool renumber);
 
@@ -63,7 +67,10 @@ class Window {
   std::vector<uint32_t> vertices_;
   std::vector<float> positions_;
   std::vector<uint32_t> places_;  // of a vertex number in vertices_
-  std::vector<uint64_t> pairs_;   // (vertex number, corner) of wide windows
+  bool is_scattered_ = false;
+  std::vector<uint64_t> used_;   // a bit a vertex number
+  std::vector<uint32_t> ranks_;  // vertices before each word of used_
+  std::vector<uint64_t> pairs_;  // (vertex number, corner) of wide windows
   std::vector<uint64_t> sorted_;
 };
 
