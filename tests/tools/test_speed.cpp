@@ -1,0 +1,34 @@
+// The speed of convert, and its memory on the same run.
+#include <filesystem>
+#include <string>
+
+#include "tests/catch.h"
+#include "tests/speed.h"
+#include "tests/tools/run_program.h"
+#include "tests/tools/temp_folder.h"
+
+#ifdef NDEBUG
+
+using namespace scree;
+
+TEST_CASE("speed: convert takes 8 M triangles a second and core, in bounded memory", "[speed]") {
+  // The program as it is called, start and end included, on the measured terrain at a hundredth of its triangles. It
+  // was written just before, so it is read from the page cache.
+  const tests::TempFolder folder;
+  const std::string input = folder.file("scene.gltf");
+  const tests::ProgramRun made = tests::run_program({"synth", "A", "--scale", "0.01", "-o", input}, folder.file("log"));
+  INFO(made.output);
+  REQUIRE(made.exit_code == 0);
+  const double triangles = static_cast<double>(std::filesystem::file_size(folder.file("scene.bin"))) / 18;
+  REQUIRE(triangles > 3.9e6);
+  tests::check_speed(8, triangles / 8e6, [&] {
+    const tests::ProgramRun run = tests::run_program({"convert", input, "--threads", "1"}, folder.file("log"));
+    UNSCOPED_INFO(run.output);
+    REQUIRE(run.exit_code == 0);
+    CHECK(tests::stated_peak(run.output) <=
+          tests::convert_memory_bound(1, std::filesystem::file_size(folder.file("scene.gltf"))));
+    return run.seconds;
+  });
+}
+
+#endif
