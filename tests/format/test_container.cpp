@@ -287,7 +287,7 @@ TEST_CASE("container: speed of opening shuffled tables", "[.][container-speed]")
 }
 
 #ifdef NDEBUG
-TEST_CASE("speed: a file opens in 20 ns a record", "[speed]") {
+TEST_CASE("speed: a file opens in 20 ns a record", "[.][container-speed]") {
   constexpr uint32_t kCount = 300000;
   const ExactCopy file(large_file(kCount, false));
   check_speed(30, 20, [&] { return opening_nanoseconds(file, kCount); });
