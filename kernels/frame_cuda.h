@@ -1,22 +1,64 @@
-// One frame on a GPU: as frame.h's draw_cpu(), over device memory. Every pointer in the scene view, and
-// the buffers, are of the current device. The visibility buffer is the CPU's, bit for bit.
+// Frames of one scene on a GPU: as frame.h's draw_cpu(), over device memory. The visibility buffer is
+// the CPU's, bit for bit. A frame is one submission: the host hears of it when it is done, and draws it again only if a
+// queue was too small.
 #pragma once
 
 #include <cstdint>
+#include <memory>
 
 #include "format/result.h"
 #include "kernels/frame.h"
-#include "kernels/passes.h"
+#include "kernels/transform.h"
 
 namespace scree::kernels {
 
-/// Capacities and shares that suit a GPU: blocks of few triangles, so that a small scene fills it.
-QueueSizes cuda_queue_sizes();
+struct DrawOptions {
+  bool sampleless_test = true;  // triangles that cover no pixel centre go early; the picture is the same without
+};
 
-/// Draws into `samples` (device memory, view.width * view.height), which is cleared first. `triangle_count`: of the
-/// scene, instance_base[instance_count]. Errors kRange (as draw_cpu), kDevice (a CUDA call failed; which and for what),
-/// kMemory.
-Result<FrameStats> draw_cuda(const SceneView& scene, uint64_t triangle_count, const View& view, uint64_t* samples,
-                             const QueueSizes& sizes);
+/// Milliseconds of one frame by CUDA events: clearing, culling, stages 1 to 3.
+struct FrameTimes {
+  float clear_ms;
+  float cull_ms;
+  float small_ms;
+  float medium_ms;
+  float large_ms;
+};
+
+/// First capacities. The queues of triangles grow as frames ask; tiles that find no room are drawn at once.
+struct CudaQueueSizes {
+  uint64_t medium = 1u << 20;  // triangles
+  uint64_t large = 1u << 16;
+  uint64_t tiles = 1u << 20;
+};
+
+/// Draws on the current device, on one stream, one frame at a time.
+class CudaFrames {
+ public:
+  /// `host`: the scene's records in host memory (its pages and texels are not read), needed during the call only.
+  /// `device`: the same scene, every pointer of the current device, which outlives this. Errors kRange: 2^32 instances,
+  /// or 2^28 groups of 16 instances of a chunk; kDevice: a CUDA call that failed (which and for what), no memory left.
+  static Result<CudaFrames> create(const SceneView& host, const SceneView& device, const CudaQueueSizes& sizes = {});
+  CudaFrames(CudaFrames&&) noexcept;
+  CudaFrames& operator=(CudaFrames&&) noexcept;
+  ~CudaFrames();
+
+  /// What create() takes of device memory, in bytes, before any queue grows.
+  static uint64_t device_bytes(const SceneView& host, const CudaQueueSizes& sizes = {});
+
+  /// Draws into `samples` (device memory, view.width * view.height), which is cleared first; returns when it is drawn.
+  /// `times`: null, or filled in for the frame that stayed. Errors kRange (as draw_cpu; more than 2^25 large
+  /// triangles), kDevice.
+  Result<FrameStats> draw(const View& view, uint64_t* samples, const DrawOptions& options = {},
+                          FrameTimes* times = nullptr);
+
+  /// Device memory, by instance number: of the instances that the last frame drew.
+  const Transform* transforms() const;
+
+ private:
+  struct Impl;
+  explicit CudaFrames(std::unique_ptr<Impl> impl);
+  std::unique_ptr<Impl> impl_;
+};
 
 }  // namespace scree::kernels

@@ -92,5 +92,14 @@ SCREE_HD inline float round_even(float value) {
   return (value + magic) - magic;
 }
 
+/// The same as an integer; |value| <= 2^23.
+SCREE_HD inline int32_t to_int_even(float value) {
+#if defined(__CUDA_ARCH__)
+  return __float2int_rn(value);
+#else
+  return static_cast<int32_t>(round_even(value));
+#endif
+}
+
 }  // namespace SCREE_ISA
 }  // namespace scree::kernels

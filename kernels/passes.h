@@ -1,9 +1,10 @@
-// The passes of a frame in their order, written once over the backend: for_each, memory and counters.
+// The passes of a frame in their order, for a backend that looks at the queues between them: the CPU's. On a GPU a
+// frame is one submission, and cuda_frame.cu has the order.
 //
 // A backend has
-//   template <class Pass> void for_each(uint64_t count, const Pass&)   runs pass(item, team) for items 0 .. count - 1 <
-//   2^32 template <class T> T* allocate(uint64_t count), void release(T*)   memory of the passes; null when there is
-//   none left Counters read_counters(), void write_counters(const Counters&)     of queues.counters, between passes
+//   template <class Pass> void for_each(uint64_t count, const Pass&)   runs pass(item, team), items 0 .. count - 1 <
+//   2^32 template <class T> T* allocate(uint64_t count), void release(T*)   memory of the passes; null when none is
+//   left Counters read_counters(), void write_counters(const Counters&)     of queues.counters, between passes
 //   Counters* counters()                                               the place itself, for the passes
 #pragma once
 

@@ -114,11 +114,13 @@ struct RasterSmall {
   template <class Team>
   SCREE_HD inline void draw_projected(Team team, Context& context, uint32_t number, const ScreenVertex& a,
                                       const ScreenVertex& b, const ScreenVertex& c) const {
-    Triangle triangle{{a.x, b.x, c.x}, {a.y, b.y, c.y}, {a.depth, b.depth, c.depth}, 0, context.first_id + number};
-    const PixelBox box = pixel_box(triangle.x, triangle.y, view);
-    if (box.empty()) return;
+    Triangle triangle;
+    PixelBox box;
     int64_t area;
-    if (orient(triangle, area, context.transform->mirrored, context.double_sided) == Facing::kCulled) return;
+    if (!set_up(view, a, b, c, context.first_id + number, context.transform->mirrored, context.double_sided, triangle,
+                box, area)) {
+      return;
+    }
     const int64_t pixels = box.pixels();
     if (pixels <= kSmallBox) {
       ++context.small;

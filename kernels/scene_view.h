@@ -1,5 +1,6 @@
-// What a pass reads: plain pointers into memory that the runtime owns (the mapped file on a CPU, device memory on a GPU).
-// Records are the file's own (format/layout.h), validated; page contents are validated before a pass may see them.
+// What a pass reads: plain pointers into memory that the runtime owns (the mapped file on a CPU, device memory on a
+// GPU). Records are the file's own (format/layout.h), validated; page contents are validated before a pass may see
+// them.
 #pragma once
 
 #include <cstddef>
@@ -9,8 +10,8 @@
 
 namespace scree::kernels {
 
-/// A decoded texture with its mip levels: level l is max(1, width >> l) by max(1, height >> l) texels, 4 bytes each (RGBA8,
-/// sRGB-coded colour, linear alpha), rows top to bottom, `level_offset[l]` texels from `texels`.
+/// A decoded texture with its mip levels: level l is max(1, width >> l) by max(1, height >> l) texels, 4 bytes each
+/// (RGBA8, sRGB-coded colour, linear alpha), rows top to bottom, `level_offset[l]` texels from `texels`.
 struct TextureView {
   static constexpr uint32_t kMaxLevels = 17;  // 65536 x 65536
   const uint8_t* texels;                      // null: no picture, drawn as white
@@ -28,11 +29,11 @@ struct SceneView {
   const format::MeshRecord* meshes;
   const format::ChunkRecord* chunks;
   const format::InstanceRecord* instances;  // of the drawn scene
-  const uint64_t* instance_base;            // instance_count + 1: exclusive prefix sum of triangles, the first global id
+  const uint64_t* instance_base;  // instance_count + 1: exclusive prefix sum of triangles, the first global id
   const format::MatrixRecord* matrices;
   const format::MaterialRecord* materials;
-  const TextureView* textures;              // by texture record
-  const std::byte* const* pages;            // raw bytes by page number, 16-byte aligned; null: not a geometry page
+  const TextureView* textures;    // by texture record
+  const std::byte* const* pages;  // raw bytes by page number, 16-byte aligned; null: not a geometry page
   uint64_t mesh_count;
   uint64_t chunk_count;
   uint64_t instance_count;

@@ -88,6 +88,15 @@ SCREE_HD inline Facing orient(Triangle& triangle, int64_t& area, bool mirrored, 
   return Facing::kDrawn;
 }
 
+/// The triangle of three projected corners, ready to be drawn; false where there is nothing to draw.
+SCREE_HD inline bool set_up(const FrameView& view, const ScreenVertex& a, const ScreenVertex& b, const ScreenVertex& c,
+                            uint64_t id, bool mirrored, bool double_sided, Triangle& triangle, PixelBox& box,
+                            int64_t& area) {
+  triangle = {{a.x, b.x, c.x}, {a.y, b.y, c.y}, {a.depth, b.depth, c.depth}, 0, id};
+  box = pixel_box(triangle.x, triangle.y, view);
+  return !box.empty() && orient(triangle, area, mirrored, double_sided) == Facing::kDrawn;
+}
+
 /// The three edge functions at pixel centres, in Int arithmetic (int32_t where fits_narrow_edges() says so): value i is
 /// the doubled area of the triangle of the pixel and the edge opposite corner i, minus `exclusive`, so that a pixel is
 /// covered where all three are >= 0.

@@ -158,16 +158,30 @@ SCREE_HD inline Transform make_transform(const FrameView& view, const format::Ma
   return out;
 }
 
-/// Bounds what single precision does to the vertices of a box: 2^-21 of the largest sum of terms, where five roundings
-/// of 2^-24 happen.
-SCREE_HD inline void set_error(Transform& transform, const RelativeBox& box) {
+/// By how much x, y and w of single precision may be off.
+struct TransformError {
+  float x;
+  float y;
+  float w;
+};
+
+/// Of the vertices of a box: 2^-21 of the largest sum of terms, where five roundings of 2^-24 happen.
+SCREE_HD inline TransformError error_of(const Transform& transform, const RelativeBox& box) {
   const double* rows[3] = {transform.exact_x, transform.exact_y, transform.exact_w};
-  float* errors[3] = {&transform.error_x, &transform.error_y, &transform.error_w};
+  float errors[3];
   for (int r = 0; r < 3; ++r) {
     double terms = abs_of(rows[r][3]);
     for (int i = 0; i < 3; ++i) terms += abs_of(rows[r][i]) * (abs_of(box.center[i]) + box.extent[i]);
-    *errors[r] = static_cast<float>(terms * (1.0 / (1 << 21)));
+    errors[r] = static_cast<float>(terms * (1.0 / (1 << 21)));
   }
+  return {errors[0], errors[1], errors[2]};
+}
+
+SCREE_HD inline void set_error(Transform& transform, const RelativeBox& box) {
+  const TransformError error = error_of(transform, box);
+  transform.error_x = error.x;
+  transform.error_y = error.y;
+  transform.error_w = error.w;
 }
 
 }  // namespace SCREE_ISA

@@ -39,52 +39,84 @@ struct alignas(16) ScreenVertex {
   uint32_t flags;
 };
 
-/// Projects d, a position relative to the transform's reference or center. No branches: the CPU runs it on vectors.
-template <bool kOrthographic>
-SCREE_HD inline ScreenVertex project(const Transform& transform, const FrameView& view, float dx, float dy, float dz) {
-  const float x = fused(transform.x[0], dx, fused(transform.x[1], dy, fused(transform.x[2], dz, transform.x[3])));
-  const float y = fused(transform.y[0], dx, fused(transform.y[1], dy, fused(transform.y[2], dz, transform.y[3])));
-  const float w = fused(transform.w[0], dx, fused(transform.w[1], dy, fused(transform.w[2], dz, transform.w[3])));
-  uint32_t flags = 0;
+/// A vertex before it is snapped: homogeneous in sub-pixels from the image's centre, the same after the division, and
+/// whether it can be drawn as it is. Where it cannot, depth and screen mean nothing.
+struct ProjectedPoint {
+  float x;
+  float y;
+  float w;
   float depth;
   float screen_x;
   float screen_y;
   bool in_range;
+};
+
+/// `rows`: x, y and w of a Transform, over (d, 1).
+template <bool kOrthographic>
+SCREE_HD inline ProjectedPoint project_point(const float row_x[4], const float row_y[4], const float row_w[4], float dx,
+                                             float dy, float dz) {
+  ProjectedPoint out;
+  out.x = fused(row_x[0], dx, fused(row_x[1], dy, fused(row_x[2], dz, row_x[3])));
+  out.y = fused(row_y[0], dx, fused(row_y[1], dy, fused(row_y[2], dz, row_y[3])));
+  out.w = fused(row_w[0], dx, fused(row_w[1], dy, fused(row_w[2], dz, row_w[3])));
+  if constexpr (kOrthographic) {
+    // Comparisons are written so that NaN is out of range.
+    out.in_range = (out.w <= 1.0f) & (out.w >= 0.0f);
+    out.depth = out.w;
+    out.screen_x = out.x;
+    out.screen_y = out.y;
+  } else {
+    out.in_range = out.w >= 1.0f;
+    out.depth = 1.0f / (out.in_range ? out.w : 1.0f);
+    out.screen_x = out.x * out.depth;
+    out.screen_y = out.y * out.depth;
+  }
+  out.in_range = out.in_range & (abs_of(out.screen_x) <= kGuardBand) & (abs_of(out.screen_y) <= kGuardBand);
+  return out;
+}
+
+/// Snaps. Out of range the conversion would be undefined (x86 and CUDA differ), so such vertices get 0.
+SCREE_HD inline ScreenVertex snap_point(const ProjectedPoint& point, const FrameView& view, uint32_t flags) {
+  const int32_t x = to_int_even(point.in_range ? point.screen_x : 0.0f);
+  const int32_t y = to_int_even(point.in_range ? point.screen_y : 0.0f);
+  return {x + view.width * (kSubpixels / 2), y + view.height * (kSubpixels / 2), point.depth,
+          flags | (point.in_range ? 0u : uint32_t{kNeedsClip})};
+}
+
+/// Which planes of the view a vertex lies outside of, for certain: by more than its coordinates can be off. NaN is
+/// outside of none.
+template <bool kOrthographic>
+SCREE_HD inline uint32_t plane_flags(const ProjectedPoint& point, const FrameView& view, float error_x, float error_y,
+                                     float error_w) {
+  uint32_t flags = 0;
   float scale;
   float slack_x;
   float slack_y;
   if constexpr (kOrthographic) {
-    // Comparisons are written so that NaN is out of range, and outside of no plane.
-    in_range = (w <= 1.0f) & (w >= 0.0f);
-    flags |= w > 1.0f + transform.error_w ? kOutsideNear : 0u;
-    flags |= w < 0.0f - transform.error_w ? kOutsideFar : 0u;
-    depth = w;
-    screen_x = x;
-    screen_y = y;
+    flags |= point.w > 1.0f + error_w ? kOutsideNear : 0u;
+    flags |= point.w < 0.0f - error_w ? kOutsideFar : 0u;
     scale = 1.0f;
-    slack_x = transform.error_x;
-    slack_y = transform.error_y;
+    slack_x = error_x;
+    slack_y = error_y;
   } else {
-    in_range = w >= 1.0f;
-    flags |= w < 1.0f - transform.error_w ? kOutsideNear : 0u;
-    depth = 1.0f / (in_range ? w : 1.0f);
-    screen_x = x * depth;
-    screen_y = y * depth;
-    scale = w;
-    slack_x = fused(view.half_width, transform.error_w, transform.error_x);
-    slack_y = fused(view.half_height, transform.error_w, transform.error_y);
+    flags |= point.w < 1.0f - error_w ? kOutsideNear : 0u;
+    scale = point.w;
+    slack_x = fused(view.half_width, error_w, error_x);
+    slack_y = fused(view.half_height, error_w, error_y);
   }
-  flags |= x < -view.half_width * scale - slack_x ? kOutsideLeft : 0u;
-  flags |= x > view.half_width * scale + slack_x ? kOutsideRight : 0u;
-  flags |= y < -view.half_height * scale - slack_y ? kOutsideTop : 0u;
-  flags |= y > view.half_height * scale + slack_y ? kOutsideBottom : 0u;
-  in_range = in_range & (abs_of(screen_x) <= kGuardBand) & (abs_of(screen_y) <= kGuardBand);
-  flags |= in_range ? 0u : kNeedsClip;
-  // Out of range the conversion would be undefined (x86 and CUDA differ), so such vertices get 0.
-  const float snapped_x = round_even(in_range ? screen_x : 0.0f);
-  const float snapped_y = round_even(in_range ? screen_y : 0.0f);
-  return {static_cast<int32_t>(snapped_x) + view.width * (kSubpixels / 2),
-          static_cast<int32_t>(snapped_y) + view.height * (kSubpixels / 2), depth, flags};
+  flags |= point.x < -view.half_width * scale - slack_x ? kOutsideLeft : 0u;
+  flags |= point.x > view.half_width * scale + slack_x ? kOutsideRight : 0u;
+  flags |= point.y < -view.half_height * scale - slack_y ? kOutsideTop : 0u;
+  flags |= point.y > view.half_height * scale + slack_y ? kOutsideBottom : 0u;
+  return flags;
+}
+
+/// Projects d, a position relative to the transform's reference or center. No branches: the CPU runs it on vectors.
+template <bool kOrthographic>
+SCREE_HD inline ScreenVertex project(const Transform& transform, const FrameView& view, float dx, float dy, float dz) {
+  const ProjectedPoint point = project_point<kOrthographic>(transform.x, transform.y, transform.w, dx, dy, dz);
+  return snap_point(point, view,
+                    plane_flags<kOrthographic>(point, view, transform.error_x, transform.error_y, transform.error_w));
 }
 
 /// Reads a chunk's vertices and indices. Everything in it follows from validated records.

@@ -18,7 +18,11 @@ inline constexpr uint32_t kMaxImageSide = 16384;       // samples, after supersa
 SCREE_HD constexpr uint64_t pack_sample(uint32_t depth_code, uint64_t triangle_id) {
   return (uint64_t{depth_code} << kIdBits) | triangle_id;
 }
-SCREE_HD constexpr uint64_t sample_id(uint64_t sample) { return sample & kIdMask; }
-SCREE_HD constexpr uint32_t sample_depth_code(uint64_t sample) { return static_cast<uint32_t>(sample >> kIdBits); }
+SCREE_HD constexpr uint64_t sample_id(uint64_t sample) {
+  return sample & kIdMask;
+}
+SCREE_HD constexpr uint32_t sample_depth_code(uint64_t sample) {
+  return static_cast<uint32_t>(sample >> kIdBits);
+}
 
 }  // namespace scree::kernels

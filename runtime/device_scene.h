@@ -7,6 +7,7 @@
 
 #include "format/result.h"
 #include "kernels/frame.h"
+#include "kernels/frame_cuda.h"
 #include "runtime/scene.h"
 
 namespace scree::runtime {
@@ -16,7 +17,7 @@ namespace scree::runtime {
 Result<void> find_device();
 
 struct UploadStats {
-  uint64_t device_bytes = 0;  // of the arena
+  uint64_t device_bytes = 0;  // of the arena and of what frames start with
   double upload_ms = 0;
 };
 
@@ -43,6 +44,10 @@ class DeviceScene {
                        std::span<uint32_t> pixels, kernels::ResolveTimes* times = nullptr);
 
   const UploadStats& stats() const;
+
+  /// For those who draw into device memory themselves: the frames, and the scene as they see it, in device memory.
+  kernels::CudaFrames& frames();
+  const kernels::SceneView& device_view() const;
 
  private:
   struct Impl;

@@ -5,6 +5,7 @@
 #include <cstring>
 #include <map>
 #include <mutex>
+#include <optional>
 #include <span>
 #include <vector>
 
@@ -148,6 +149,7 @@ struct DeviceScene::Impl {
   DeviceBuffer pixels;
   kernels::CudaResolver resolver;
   kernels::SceneView view{};
+  std::optional<kernels::CudaFrames> frames;
   UploadStats stats;
 };
 
@@ -158,6 +160,14 @@ DeviceScene::~DeviceScene() = default;
 
 const UploadStats& DeviceScene::stats() const {
   return impl_->stats;
+}
+
+kernels::CudaFrames& DeviceScene::frames() {
+  return *impl_->frames;
+}
+
+const kernels::SceneView& DeviceScene::device_view() const {
+  return impl_->view;
 }
 
 Result<DeviceScene> DeviceScene::upload(const Scene& scene, uint64_t budget_bytes, uint32_t threads) {
@@ -196,9 +206,10 @@ Result<DeviceScene> DeviceScene::upload(const Scene& scene, uint64_t budget_byte
   if (auto done = cuda_check(cudaMemGetInfo(&free_bytes, &total_bytes), "asking for free device memory"); !done)
     return done.error();
   const uint64_t budget = budget_bytes == 0 ? free_bytes : std::min<uint64_t>(budget_bytes, free_bytes);
-  if (layout.bytes() > budget)
-    return Error{ErrorCode::kDevice, "the scene takes " + std::to_string(layout.bytes()) +
-                                         " bytes of device memory, but " + std::to_string(budget) + " are " +
+  const uint64_t needed = layout.bytes() + kernels::CudaFrames::device_bytes(host);
+  if (needed > budget)
+    return Error{ErrorCode::kDevice, "the scene takes " + std::to_string(needed) + " bytes of device memory, but " +
+                                         std::to_string(budget) + " are " +
                                          (budget == free_bytes ? "free" : "allowed") + "; use --backend cpu"};
   auto impl = std::make_unique<Impl>();
   impl->scene = &scene;
@@ -223,7 +234,10 @@ Result<DeviceScene> DeviceScene::upload(const Scene& scene, uint64_t budget_byte
   impl->view.materials = reinterpret_cast<const format::MaterialRecord*>(base + materials);
   impl->view.textures = reinterpret_cast<const kernels::TextureView*>(base + texture_views);
   impl->view.pages = reinterpret_cast<const std::byte* const*>(base + page_table);
-  impl->stats.device_bytes = layout.bytes();
+  Result<kernels::CudaFrames> frames = kernels::CudaFrames::create(host, impl->view);
+  if (!frames) return frames.error();
+  impl->frames = std::move(*frames);
+  impl->stats.device_bytes = needed;
   impl->stats.upload_ms = std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
   return DeviceScene(std::move(impl));
 }
@@ -236,9 +250,7 @@ Result<kernels::FrameStats> DeviceScene::draw(const kernels::View& view) {
     if (!buffer) return buffer.error();
     impl_->samples = std::move(*buffer);
   }
-  const kernels::SceneView& host = impl_->scene->view();
-  return kernels::draw_cuda(impl_->view, host.instance_base[host.instance_count], view,
-                            reinterpret_cast<uint64_t*>(impl_->samples.data()), kernels::cuda_queue_sizes());
+  return impl_->frames->draw(view, reinterpret_cast<uint64_t*>(impl_->samples.data()));
 }
 
 Result<void> DeviceScene::read_samples(std::span<uint64_t> samples) {
@@ -265,8 +277,8 @@ Result<void> DeviceScene::resolve(const kernels::View& view, uint32_t samples_pe
   }
   const auto device_pixels = reinterpret_cast<uint32_t*>(impl_->pixels.data());
   if (auto done = impl_->resolver.resolve(impl_->view, view, samples_per_side,
-                                          reinterpret_cast<const uint64_t*>(impl_->samples.data()), nullptr, options,
-                                          device_pixels, nullptr, times);
+                                          reinterpret_cast<const uint64_t*>(impl_->samples.data()),
+                                          impl_->frames->transforms(), options, device_pixels, nullptr, times);
       !done)
     return done;
   if (pixels.empty()) return {};

@@ -1,6 +1,8 @@
 // DeviceScene where the program is built without CUDA.
 #include "runtime/device_scene.h"
 
+#include <cstdlib>
+
 namespace scree::runtime {
 
 struct DeviceScene::Impl {};
@@ -34,6 +36,14 @@ Result<void> DeviceScene::resolve(const kernels::View&, uint32_t, const kernels:
 const UploadStats& DeviceScene::stats() const {
   static const UploadStats none;
   return none;
+}
+
+// Nobody has a DeviceScene to ask.
+kernels::CudaFrames& DeviceScene::frames() {
+  std::abort();
+}
+const kernels::SceneView& DeviceScene::device_view() const {
+  std::abort();
 }
 
 }  // namespace scree::runtime

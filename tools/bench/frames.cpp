@@ -6,13 +6,6 @@
 #include "kernels/resolve_cuda.h"
 #include "tools/bench/gpu_timer.h"
 
-// Until the backend that times its stages is there, the frame is timed as a whole.
-#if __has_include("kernels/draw_list.h")
-#define SCREE_STAGE_TIMES 1
-#else
-#define SCREE_STAGE_TIMES 0
-#endif
-
 namespace scree::bench {
 
 using runtime::cuda_check;
@@ -23,24 +16,17 @@ struct Frames::Impl {
 
   const ResidentScene* scene;
   GpuTimer timer;
-#if SCREE_STAGE_TIMES
   std::unique_ptr<kernels::CudaFrames> frames;
-#endif
   kernels::CudaResolver resolver;
   DeviceBuffer samples;
   DeviceBuffer pixels;
   uint64_t sample_count = 0;  // of the last frame
   uint64_t pixel_count = 0;
 
-  uint64_t* device_samples() const {
-    return reinterpret_cast<uint64_t*>(samples.data());
-  }
-  uint32_t* device_pixels() const {
-    return reinterpret_cast<uint32_t*>(pixels.data());
-  }
+  uint64_t* device_samples() const { return reinterpret_cast<uint64_t*>(samples.data()); }
+  uint32_t* device_pixels() const { return reinterpret_cast<uint32_t*>(pixels.data()); }
 
   Result<kernels::FrameStats> raster(const kernels::View& view, const FrameOptions& options, FrameMs& ms) {
-#if SCREE_STAGE_TIMES
     kernels::DrawOptions draw;
     draw.sampleless_test = options.sampleless_test;
     kernels::FrameTimes times{};
@@ -51,21 +37,8 @@ struct Frames::Impl {
     ms.medium = times.medium_ms;
     ms.large = times.large_ms;
     return stats;
-#else
-    if (!options.sampleless_test)
-      return Error{ErrorCode::kUnsupported, "this version's backend cannot keep triangles that cover no pixel centre"};
-    (void)ms;
-    return kernels::draw_cuda(scene->device(), scene->drawn_triangles(), view, device_samples(),
-                              kernels::cuda_queue_sizes());
-#endif
   }
-  const kernels::Transform* transforms() const {
-#if SCREE_STAGE_TIMES
-    return frames->transforms();
-#else
-    return nullptr;
-#endif
-  }
+  const kernels::Transform* transforms() const { return frames->transforms(); }
 };
 
 Frames::Frames(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
@@ -77,11 +50,9 @@ Result<Frames> Frames::create(const ResidentScene& scene) {
   Result<GpuTimer> timer = GpuTimer::create();
   if (!timer) return timer.error();
   auto impl = std::make_unique<Impl>(scene, std::move(*timer));
-#if SCREE_STAGE_TIMES
   Result<kernels::CudaFrames> frames = kernels::CudaFrames::create(scene.host(), scene.device());
   if (!frames) return frames.error();
   impl->frames = std::make_unique<kernels::CudaFrames>(std::move(*frames));
-#endif
   return Frames(std::move(impl));
 }
 

@@ -1,0 +1,657 @@
+// Stage 1 on a GPU. Warps take runs of rows of the draw list: 32 triangles, one a lane, fetched once for all instances
+// of the group. The filter (sample_filter.h) lets few of them through; those wait in shared memory until 32 are there
+// and are then drawn exactly (raster_small.h), so that no lane idles while its neighbours draw.
+#pragma once
+
+#include <type_traits>
+
+#include "kernels/backend_cuda.cuh"
+#include "kernels/cuda_cull.cuh"
+#include "kernels/raster_small.h"
+#include "kernels/sample_filter.h"
+
+namespace scree::kernels {
+
+struct SmallFrame {
+  SceneView scene;
+  FrameView view;
+  Target target;
+  Queues queues;
+  DrawList list;
+  SampleLimits limits;
+  bool filters;  // off: every triangle is drawn exactly
+};
+
+inline constexpr uint32_t kSmallThreads = 128;
+inline constexpr uint32_t kSmallWarps = kSmallThreads / kWarpLanes;
+
+/// Blocks of a multiprocessor: without instances more warps hide the memory, with them more registers pay.
+constexpr uint32_t small_blocks(bool instanced) {
+  return instanced ? 6 : 8;
+}
+
+/// Small boxes of a warp's triangles with more pixels than this together are too much for one warp, and then those of
+/// more than kCrowdedBox pixels are left to stage 2.
+inline constexpr uint32_t kCrowdedPixels = 1024;
+inline constexpr int64_t kCrowdedBox = 48;
+
+/// The filter's constants cost about as much as it saves on so many rows.
+inline constexpr uint32_t kFilteredRows = 4;
+
+__device__ inline bool is_double_sided(const SceneView& scene, const format::MeshRecord& mesh) {
+  return mesh.material != format::kNone && (scene.materials[mesh.material].flags & format::kMaterialDoubleSided) != 0;
+}
+
+/// What the exact way needs of an instance of the chunk at hand.
+struct alignas(16) ExactInstance {
+  float x[4];  // rows of its transform
+  float y[4];
+  float w[4];
+  union {
+    int32_t base[3];  // lattice coordinate of code 0 minus the transform's reference
+    float center[3];  // float32 positions
+  };
+  uint32_t flags;
+  uint64_t first_id;  // of the chunk's triangle 0
+  uint32_t instance;
+  float error[3];  // of x, y and w: set_error()
+  uint32_t reserved[2];
+
+  static constexpr uint32_t kMirrored = 1;
+  static constexpr uint32_t kFarAway = 2;  // base + code does not fit int32
+
+  __device__ ExactInstance() {}
+  __device__ ExactInstance(const SceneView& scene, const Transform& transform, const TransformError& bound,
+                           const format::MeshRecord& mesh, const format::ChunkRecord& chunk, uint32_t number) {
+    const ChunkReader reader = make_reader(mesh, chunk, nullptr, transform);
+    for (int i = 0; i < 4; ++i) {
+      x[i] = transform.x[i];
+      y[i] = transform.y[i];
+      w[i] = transform.w[i];
+    }
+    for (int i = 0; i < 3; ++i) {
+      if (reader.float32) {
+        center[i] = reader.center[i];
+      } else {
+        base[i] = static_cast<int32_t>(reader.base[i]);
+      }
+    }
+    flags = (transform.mirrored ? kMirrored : 0u) | (reader.narrow ? 0u : kFarAway);
+    first_id = scene.instance_base[number] + chunk.first_triangle;
+    instance = number;
+    error[0] = bound.x;
+    error[1] = bound.y;
+    error[2] = bound.w;
+  }
+};
+
+/// How a stream is read: from a window of three words that holds a whole item, at 32-bit bit offsets; as plain 32-bit
+/// values; or value by value, whatever their widths.
+enum class Fetch : uint32_t { kWindow, kPlain, kAny };
+
+/// Where a chunk's stored indices and positions lie and how they are unpacked; the same for all lanes.
+struct StoredChunk {
+  const uint32_t* indices;
+  const uint32_t* positions;
+  uint32_t index_bits;
+  uint32_t index_mask;
+  uint32_t index_min;
+  uint32_t triangle_bits;
+  uint32_t stride;
+  uint32_t first_position_bit;  // kWindow: of vertex index_min
+  uint32_t bits[3];
+  uint32_t mask[3];
+  Fetch index_fetch;
+  Fetch position_fetch;
+
+  __device__ StoredChunk() {}
+  __device__ StoredChunk(const SceneView& scene, const format::MeshRecord& mesh, const format::ChunkRecord& chunk) {
+    constexpr uint64_t kShort = uint64_t{1} << 32;
+    const std::byte* payload = scene.pages[chunk.page] + chunk.offset;
+    const format::ChunkStreams streams = streams_of(mesh, chunk);
+    indices = reinterpret_cast<const uint32_t*>(payload + streams.indices.offset);
+    positions = reinterpret_cast<const uint32_t*>(payload + streams.positions.offset);
+    index_bits = chunk.index_bits;
+    index_mask = index_bits == 0 ? 0 : ~0u >> (32 - index_bits);
+    index_min = chunk.index_min;
+    triangle_bits = 3 * index_bits;
+    const bool windowed_indices =
+        index_bits != 0 && index_bits <= 21 && uint64_t{chunk.triangle_count} * triangle_bits < kShort;
+    index_fetch = windowed_indices ? Fetch::kWindow : index_bits == 32 ? Fetch::kPlain : Fetch::kAny;
+    stride = 0;
+    bool windowed = true;
+    for (int i = 0; i < 3; ++i) {
+      bits[i] = chunk.position_bits[i];
+      mask[i] = bits[i] == 0 ? 0 : ~0u >> (32 - bits[i]);
+      stride += bits[i];
+      windowed = windowed && bits[i] <= 23;
+    }
+    windowed = windowed && stride != 0 && stride <= 64 && uint64_t{chunk.vertex_count} * stride < kShort;
+    const bool float32 = mesh.position_encoding == format::PositionEncoding::kFloat32;
+    position_fetch = float32 ? Fetch::kPlain : windowed ? Fetch::kWindow : Fetch::kAny;
+    first_position_bit = index_min * stride;
+  }
+
+  /// The words that a triangle's indices are in, or the indices.
+  struct IndexWords {
+    uint32_t word[3];
+    uint32_t shift;  // kWindow: of the first index in them, modulo 32
+  };
+
+  template <Fetch kFetch>
+  __device__ IndexWords load_indices(uint32_t triangle) const {
+    IndexWords out;
+    if constexpr (kFetch == Fetch::kWindow) {
+      // An item begins in the first word: the slack covers two more.
+      out.shift = triangle * triangle_bits;
+      const uint32_t* from = indices + (out.shift >> 5);
+      for (int i = 0; i < 3; ++i) out.word[i] = __ldg(from + i);
+    } else if constexpr (kFetch == Fetch::kPlain) {
+      const uint32_t* from = indices + 3 * uint64_t{triangle};
+      for (int i = 0; i < 3; ++i) out.word[i] = __ldg(from + i);
+    } else {
+      const uint64_t bit = uint64_t{triangle} * triangle_bits;
+      for (uint32_t i = 0; i < 3; ++i) out.word[i] = unpack_bits(indices, bit + i * index_bits, index_bits);
+    }
+    return out;
+  }
+
+  /// Vertex numbers less index_min.
+  template <Fetch kFetch>
+  __device__ void decode_indices(const IndexWords& words, uint32_t out[3]) const {
+    if constexpr (kFetch == Fetch::kWindow) {
+      const uint32_t low = __funnelshift_r(words.word[0], words.word[1], words.shift);
+      const uint32_t high = __funnelshift_r(words.word[1], words.word[2], words.shift);
+      const uint64_t window = (uint64_t{high} << 32) | low;
+      out[0] = low & index_mask;
+      out[1] = static_cast<uint32_t>(window >> index_bits) & index_mask;
+      out[2] = static_cast<uint32_t>(window >> (2 * index_bits)) & index_mask;
+    } else {
+      for (int i = 0; i < 3; ++i) out[i] = words.word[i];
+    }
+  }
+
+  /// What a stored position is unpacked from, or it itself; `vertex` less index_min.
+  struct PositionWords {
+    uint32_t word[3];
+    uint32_t shift;  // kWindow: modulo 32
+  };
+
+  template <Fetch kFetch>
+  __device__ PositionWords load_position(uint32_t vertex) const {
+    PositionWords out;
+    if constexpr (kFetch == Fetch::kWindow) {
+      out.shift = first_position_bit + vertex * stride;
+      const uint32_t* from = positions + (out.shift >> 5);
+      for (int i = 0; i < 3; ++i) out.word[i] = __ldg(from + i);
+    } else if constexpr (kFetch == Fetch::kPlain) {
+      const uint32_t* from = positions + 3 * (uint64_t{index_min} + vertex);
+      for (int i = 0; i < 3; ++i) out.word[i] = __ldg(from + i);
+    } else {
+      uint64_t bit = (uint64_t{index_min} + vertex) * stride;
+      for (int i = 0; i < 3; ++i) {
+        out.word[i] = unpack_bits(positions, bit, bits[i]);
+        bit += bits[i];
+      }
+    }
+    return out;
+  }
+
+  /// The bits of the three coordinates; above them a window has what comes next.
+  template <Fetch kFetch>
+  __device__ void shift_position(const PositionWords& words, uint32_t out[3]) const {
+    if constexpr (kFetch == Fetch::kWindow) {
+      out[0] = __funnelshift_r(words.word[0], words.word[1], words.shift);
+      const uint64_t window = (uint64_t{__funnelshift_r(words.word[1], words.word[2], words.shift)} << 32) | out[0];
+      out[1] = static_cast<uint32_t>(window >> bits[0]);
+      out[2] = static_cast<uint32_t>(window >> (bits[0] + bits[1]));
+    } else {
+      for (int i = 0; i < 3; ++i) out[i] = words.word[i];
+    }
+  }
+
+  /// A stored position as floats, exact.
+  template <Fetch kFetch>
+  __device__ void position(const PositionWords& words, float out[3]) const {
+    uint32_t code[3];
+    shift_position<kFetch>(words, code);
+    for (int i = 0; i < 3; ++i) {
+      if constexpr (kFetch == Fetch::kWindow) {
+        // 2^23 + code as a float has the code as its mantissa.
+        out[i] = __uint_as_float((code[i] & mask[i]) | 0x4b000000u) - 8388608.0f;
+      } else if constexpr (kFetch == Fetch::kPlain) {
+        out[i] = __uint_as_float(code[i]);
+      } else {
+        out[i] = static_cast<float>(code[i]);
+      }
+    }
+  }
+
+  /// The same relative to an instance's reference, rounded once: ChunkReader::relative().
+  template <Fetch kFetch>
+  __device__ void relative(uint32_t vertex, const ExactInstance& instance, float out[3]) const {
+    uint32_t code[3];
+    shift_position<kFetch>(load_position<kFetch>(vertex), code);
+    for (int i = 0; i < 3; ++i) {
+      if constexpr (kFetch == Fetch::kPlain) {
+        out[i] = __uint_as_float(code[i]) - instance.center[i];
+      } else {
+        const uint32_t bits_of_code = kFetch == Fetch::kWindow ? code[i] & mask[i] : code[i];
+        out[i] = static_cast<float>(instance.base[i] + static_cast<int32_t>(bits_of_code));
+      }
+    }
+  }
+};
+
+/// Calls `call` with the ways to read the chunk's indices and positions as types: only those that a scene may have are
+/// built, and a rare width of one makes both rare.
+template <bool kLattice, bool kFloat32, class Call>
+__device__ inline auto choose_fetch(const StoredChunk& stored, const Call& call) {
+  constexpr std::integral_constant<Fetch, Fetch::kWindow> kWindow;
+  constexpr std::integral_constant<Fetch, Fetch::kPlain> kPlain;
+  constexpr std::integral_constant<Fetch, Fetch::kAny> kAny;
+  if constexpr (kLattice) {
+    if (stored.index_fetch == Fetch::kWindow && stored.position_fetch == Fetch::kWindow) return call(kWindow, kWindow);
+  }
+  if constexpr (kFloat32) {
+    if (stored.position_fetch == Fetch::kPlain) {
+      if (stored.index_fetch == Fetch::kWindow) return call(kWindow, kPlain);
+      return stored.index_fetch == Fetch::kPlain ? call(kPlain, kPlain) : call(kAny, kPlain);
+    }
+  }
+  if constexpr (kLattice) {
+    return call(kAny, kAny);
+  } else {
+    return call(kAny, kPlain);  // there is no other
+  }
+}
+
+/// Draws a triangle the long way: corners to clip, or a reference too far away for int32. Returns how many pieces of it
+/// stage 1 drew, and from bit 16 on whether it was clipped. Out of line, since it is rare and takes many registers.
+template <bool kOrthographic>
+__device__ __noinline__ uint32_t draw_the_long_way(const SmallFrame& frame, uint32_t instance, uint32_t chunk_number,
+                                                   uint32_t number) {
+  const format::ChunkRecord& chunk = frame.scene.chunks[chunk_number];
+  const format::MeshRecord& mesh = frame.scene.meshes[chunk.mesh];
+  Transform transform = frame.list.transforms[instance];
+  set_error(transform, vertex_box(mesh, chunk, transform));
+  const ChunkReader reader = make_reader(mesh, chunk, frame.scene.pages[chunk.page], transform);
+  const RasterSmall<kOrthographic> pass{frame.scene, frame.view, frame.target, frame.queues, 0};
+  typename RasterSmall<kOrthographic>::Context context{&reader, &transform, is_double_sided(frame.scene, mesh),
+                                                       frame.scene.instance_base[instance] + chunk.first_triangle};
+  uint32_t v[3];
+  reader.triangle(number, v);
+  ScreenVertex corners[3];
+  for (int i = 0; i < 3; ++i) {
+    float d[3];
+    reader.relative(v[i], d);
+    corners[i] = project<kOrthographic>(transform, frame.view, d[0], d[1], d[2]);
+  }
+  pass.draw(WarpTeam{}, context, number, v, corners[0], corners[1], corners[2]);
+  return static_cast<uint32_t>(context.small) | static_cast<uint32_t>(context.clipped) << 16;
+}
+
+/// Up to 32 small triangles, a column each, while their pixels are drawn.
+struct SetUpTriangles {
+  int32_t value[3][kWarpLanes];  // of Edges
+  int32_t step_x[3][kWarpLanes];
+  int32_t step_y[3][kWarpLanes];
+  uint32_t exclusive[kWarpLanes];  // bits 1 and 2: of edges 1 and 2
+  float inverse_area[kWarpLanes];  // of DepthPlane
+  float origin[kWarpLanes];
+  float slope1[kWarpLanes];
+  float slope2[kWarpLanes];
+  float nearest[kWarpLanes];
+  float farthest[kWarpLanes];
+  uint64_t* first[kWarpLanes];  // sample of the box's first pixel
+  uint64_t id[kWarpLanes];
+  uint32_t start[kWarpLanes];  // pixels of the boxes before
+  uint32_t width[kWarpLanes];  // of the box, over 2^16 / width, rounded up, in the high half
+};
+
+/// A warp's shared memory.
+template <bool kInstanced>
+struct SmallShared {
+  SampleFilter filters[kInstanced ? kGroupInstances : 1];
+  ExactInstance exact[kInstanced ? kGroupInstances : 1];
+  SetUpTriangles set_up;
+  StoredChunk stored;
+  uint32_t waiting[2 * kWarpLanes];                      // triangles
+  uint8_t waiting_for[kInstanced ? 2 * kWarpLanes : 1];  // instance of the group
+  bool double_sided;
+};
+
+/// This warp's, by its name: through a pointer the compiler would not know that it is shared memory.
+template <bool kInstanced>
+__device__ inline SmallShared<kInstanced>& small_shared() {
+  extern __shared__ uint4 shared_memory[];
+  return reinterpret_cast<SmallShared<kInstanced>*>(shared_memory)[threadIdx.x / kWarpLanes];
+}
+
+/// Draws the boxes of the lanes' triangles, of `pixels` <= kSmallBox each (0: the lane has none), with narrow edges.
+/// Every lane takes every 32nd pixel of all of them, whosever it is: boxes of 1 and of 128 pixels leave no lane
+/// waiting.
+template <bool kOrthographic>
+__device__ inline void draw_pixels(const SmallFrame& frame, SetUpTriangles& shared, const Triangle& triangle,
+                                   const PixelBox& box, int64_t area, uint32_t pixels) {
+  const uint32_t lane = threadIdx.x % kWarpLanes;
+  uint32_t end = pixels;
+  for (uint32_t distance = 1; distance < kWarpLanes; distance *= 2) {
+    const uint32_t other = __shfl_up_sync(~0u, end, distance);
+    if (lane >= distance) end += other;
+  }
+  const uint32_t total = __shfl_sync(~0u, end, kWarpLanes - 1);
+  if (total == 0) return;
+  shared.start[lane] = end - pixels;
+  if (pixels != 0) {
+    const Edges<int32_t> edges = make_edges<int32_t>(triangle, box.x0, box.y0);
+    const DepthPlane plane = make_depth_plane(triangle, area);
+    for (int i = 0; i < 3; ++i) {
+      shared.value[i][lane] = edges.value[i];
+      shared.step_x[i][lane] = edges.step_x[i];
+      shared.step_y[i][lane] = edges.step_y[i];
+    }
+    shared.exclusive[lane] = static_cast<uint32_t>(edges.exclusive[1] << 1 | edges.exclusive[2] << 2);
+    shared.inverse_area[lane] = plane.inverse_area;
+    shared.origin[lane] = plane.origin;
+    shared.slope1[lane] = plane.slope1;
+    shared.slope2[lane] = plane.slope2;
+    shared.nearest[lane] = plane.nearest;
+    shared.farthest[lane] = plane.farthest;
+    shared.first[lane] = frame.target.row(box.y0) + box.x0;
+    shared.id[lane] = triangle.id;
+    const auto width = static_cast<uint32_t>(box.x1 - box.x0 + 1);
+    shared.width[lane] = width | (65536 + width - 1) / width << 16;
+  }
+  __syncwarp();
+  constexpr uint32_t kBatch = 4;  // samples that a lane looks at before it needs the first
+  for (uint32_t base = lane; base - lane < total; base += kBatch * kWarpLanes) {
+    uint64_t* place[kBatch];
+    uint64_t drawn[kBatch];
+    uint64_t seen[kBatch];
+    for (uint32_t k = 0; k < kBatch; ++k) {
+      const uint32_t pixel = base + k * kWarpLanes;
+      drawn[k] = kBackground;
+      if (pixel >= total) continue;
+      // The last triangle that starts at or before the pixel; of those that start together the last has pixels.
+      uint32_t owner = 0;
+      for (uint32_t step = kWarpLanes / 2; step != 0; step /= 2) {
+        if (shared.start[owner + step] <= pixel) owner += step;
+      }
+      const uint32_t inside = pixel - shared.start[owner];
+      const uint32_t width = shared.width[owner] & 0xffffu;
+      // Exact: inside < 128 and width <= 128, so the quotient is off by less than 2^-9 and a remainder by 2^-7 or more.
+      const uint32_t inverse = shared.width[owner] >> 16;
+      const uint32_t y = width == 1 ? inside : inside * inverse >> 16;
+      const uint32_t x = inside - y * width;
+      int32_t value[3];
+      for (int i = 0; i < 3; ++i) {
+        value[i] = shared.value[i][owner] + static_cast<int32_t>(x) * shared.step_x[i][owner] +
+                   static_cast<int32_t>(y) * shared.step_y[i][owner];
+      }
+      if ((value[0] | value[1] | value[2]) < 0) continue;
+      const uint32_t exclusive = shared.exclusive[owner];
+      const DepthPlane plane{shared.inverse_area[owner], shared.origin[owner],  shared.slope1[owner],
+                             shared.slope2[owner],       shared.nearest[owner], shared.farthest[owner]};
+      const float depth = depth_at<int32_t>(plane, value[1] + static_cast<int32_t>(exclusive >> 1 & 1),
+                                            value[2] + static_cast<int32_t>(exclusive >> 2 & 1));
+      drawn[k] = pack_sample(depth_code<kOrthographic>(depth), shared.id[owner]);
+      place[k] = shared.first[owner] + y * static_cast<uint64_t>(frame.target.width) + x;
+    }
+    for (uint32_t k = 0; k < kBatch; ++k) seen[k] = drawn[k] != kBackground ? WarpTeam::look(place[k]) : 0;
+    for (uint32_t k = 0; k < kBatch; ++k) {
+      if (drawn[k] < seen[k]) WarpTeam::put_min(place[k], drawn[k]);
+    }
+  }
+  __syncwarp();
+}
+
+/// Projects a triangle that waits. False where there is nothing to draw, or it was drawn the long way (`drawn`).
+template <bool kOrthographic, Fetch kIndices, Fetch kPositions>
+__device__ inline bool project_survivor(const SmallFrame& frame, const StoredChunk& stored, const ExactInstance& exact,
+                                        bool double_sided, uint32_t number, uint32_t chunk, Triangle& triangle,
+                                        PixelBox& box, int64_t& area, uint32_t& drawn) {
+  uint32_t v[3];
+  stored.decode_indices<kIndices>(stored.load_indices<kIndices>(number), v);
+  ProjectedPoint points[3];
+  for (int i = 0; i < 3; ++i) {
+    float d[3];
+    stored.relative<kPositions>(v[i], exact, d);
+    points[i] = project_point<kOrthographic>(exact.x, exact.y, exact.w, d[0], d[1], d[2]);
+  }
+  const bool in_range = points[0].in_range & points[1].in_range & points[2].in_range;
+  if (!in_range || (exact.flags & ExactInstance::kFarAway) != 0) {
+    uint32_t outside = in_range || (exact.flags & ExactInstance::kFarAway) != 0 ? 0u : uint32_t{kOutsideMask};
+    for (int i = 0; i < 3; ++i) {
+      outside &= plane_flags<kOrthographic>(points[i], frame.view, exact.error[0], exact.error[1], exact.error[2]);
+    }
+    if (outside == 0) drawn = draw_the_long_way<kOrthographic>(frame, exact.instance, chunk, number);
+    return false;
+  }
+  return set_up(frame.view, snap_point(points[0], frame.view, 0), snap_point(points[1], frame.view, 0),
+                snap_point(points[2], frame.view, 0), exact.first_id + number,
+                (exact.flags & ExactInstance::kMirrored) != 0, double_sided, triangle, box, area);
+}
+
+/// Draws the triangles waiting[first] to [first + count - 1] with a whole warp, a lane each. Returns as
+/// draw_the_long_way() does.
+template <bool kOrthographic, bool kLattice, bool kFloat32, bool kInstanced>
+__device__ inline uint32_t draw_survivors(const SmallFrame& frame, uint32_t first, uint32_t count, uint32_t chunk) {
+  SmallShared<kInstanced>& shared = small_shared<kInstanced>();
+  const uint32_t lane = threadIdx.x % kWarpLanes;
+  Triangle triangle{};
+  PixelBox box{};
+  int64_t area = 0;
+  int64_t pixels = 0;  // none: nothing is left to draw
+  uint32_t drawn = 0;
+  if (lane < count) {
+    const uint32_t number = shared.waiting[first + lane];
+    const ExactInstance& exact = shared.exact[kInstanced ? shared.waiting_for[first + lane] : 0];
+    const auto project = [&](auto indices, auto positions) {
+      return project_survivor<kOrthographic, decltype(indices)::value, decltype(positions)::value>(
+          frame, shared.stored, exact, shared.double_sided, number, chunk, triangle, box, area, drawn);
+    };
+    if (choose_fetch<kLattice, kFloat32>(shared.stored, project)) pixels = box.pixels();
+  }
+  if (__ballot_sync(~0u, pixels != 0) == 0) return drawn;
+  bool small = pixels != 0 && pixels <= kSmallBox && fits_narrow_edges(triangle.x, triangle.y);
+  // 32 boxes of a hundred pixels would keep this warp long after all others are done: the larger go to stage 2.
+  if (__reduce_add_sync(~0u, small ? static_cast<uint32_t>(pixels) : 0) > kCrowdedPixels) {
+    small = small && pixels <= kCrowdedBox;
+  }
+  if (pixels >= kMediumBox) {
+    push(WarpTeam{}, &frame.queues.counters->large, frame.queues.large, frame.queues.large_capacity, triangle);
+  } else if (pixels != 0 && !small) {
+    push(WarpTeam{}, &frame.queues.counters->medium, frame.queues.medium, frame.queues.medium_capacity, triangle);
+  }
+  __syncwarp();
+  draw_pixels<kOrthographic>(frame, shared.set_up, triangle, box, area, small ? static_cast<uint32_t>(pixels) : 0);
+  return drawn + (small ? 1 : 0);
+}
+
+/// Fills shared memory with what the chunk and the instances of a group need, by a whole warp. Out of line as well.
+template <bool kInstanced>
+__device__ __noinline__ void prepare_group(const SmallFrame& frame, const DrawGroup& group, bool filters) {
+  SmallShared<kInstanced>& shared = small_shared<kInstanced>();
+  const uint32_t lane = threadIdx.x % kWarpLanes;
+  const format::ChunkRecord& chunk = frame.scene.chunks[group.chunk];
+  const format::MeshRecord& mesh = frame.scene.meshes[chunk.mesh];
+  if (lane == 0) {
+    shared.stored = StoredChunk(frame.scene, mesh, chunk);
+    shared.double_sided = is_double_sided(frame.scene, mesh);
+  }
+  if (lane < static_cast<uint32_t>(__popc(group.instances))) {
+    const uint32_t bit = __fns(group.instances, 0, static_cast<int>(lane) + 1);
+    const uint32_t instance = frame.list.visible[group.first_visible + bit];
+    const Transform& transform = frame.list.transforms[instance];
+    const RelativeBox box = drawn_box(frame.list, mesh, chunk, group.chunk, transform);
+    const TransformError error = error_of(transform, box);
+    if (filters) shared.filters[lane] = make_sample_filter(frame.view, transform, error, box, mesh, chunk);
+    shared.exact[lane] = ExactInstance(frame.scene, transform, error, mesh, chunk, instance);
+  }
+  __syncwarp();
+}
+
+/// Where a warp is in the rows of a group.
+struct RowCursor {
+  uint32_t row;
+  uint32_t instance;
+  uint32_t waiting;  // triangles in the queue
+};
+
+/// Goes on filtering until the rows end or a full warp waits. A leaf: with a call in it, the loop would keep its values
+/// in memory.
+template <bool kOrthographic, Fetch kIndices, Fetch kPositions, bool kInstanced>
+__device__ __noinline__ RowCursor filter_rows(const SmallFrame& frame, RowCursor at, uint32_t last_row,
+                                              uint32_t last_triangle, uint32_t count) {
+  SmallShared<kInstanced>& shared = small_shared<kInstanced>();
+  const uint32_t lane = threadIdx.x % kWarpLanes;
+  const StoredChunk stored = shared.stored;
+  const SampleLimits limits = frame.limits;
+  // A row's positions are loaded while the row before is looked at, its indices while the one before that is.
+  uint32_t triangle = at.row * kWarpLanes + lane;
+  StoredChunk::IndexWords words = stored.load_indices<kIndices>(min_of(triangle, last_triangle));
+  StoredChunk::PositionWords next[3];
+  uint32_t v[3];
+  stored.decode_indices<kIndices>(words, v);
+  for (int i = 0; i < 3; ++i) next[i] = stored.load_position<kPositions>(v[i]);
+  words = stored.load_indices<kIndices>(min_of(triangle + kWarpLanes, last_triangle));
+  do {
+    float p[3][3];
+    for (int i = 0; i < 3; ++i) stored.position<kPositions>(next[i], p[i]);
+    stored.decode_indices<kIndices>(words, v);
+    for (int i = 0; i < 3; ++i) next[i] = stored.load_position<kPositions>(v[i]);
+    words = stored.load_indices<kIndices>(min_of(triangle + 2 * kWarpLanes, last_triangle));
+    for (;;) {
+      const SampleFilter& filter = shared.filters[kInstanced ? at.instance : 0];
+      const FilteredVertex a = filter_vertex<kOrthographic>(filter, p[0][0], p[0][1], p[0][2]);
+      const FilteredVertex b = filter_vertex<kOrthographic>(filter, p[1][0], p[1][1], p[1][2]);
+      const FilteredVertex c = filter_vertex<kOrthographic>(filter, p[2][0], p[2][1], p[2][2]);
+      const bool survives = (triangle <= last_triangle) & may_cover_sample<kOrthographic>(filter, limits, a, b, c);
+      const uint32_t lanes = __ballot_sync(~0u, survives);
+      if (lanes != 0) {
+        if (survives) {
+          const uint32_t place = at.waiting + static_cast<uint32_t>(__popc(lanes & ((1u << lane) - 1)));
+          shared.waiting[place] = triangle;
+          if (kInstanced) shared.waiting_for[place] = static_cast<uint8_t>(at.instance);
+        }
+        at.waiting += static_cast<uint32_t>(__popc(lanes));
+      }
+      if constexpr (!kInstanced) break;
+      if (++at.instance == count) break;
+      if (at.waiting >= kWarpLanes) return at;
+    }
+    at.instance = 0;
+    ++at.row;
+    triangle += kWarpLanes;
+  } while (at.row < last_row && at.waiting < kWarpLanes);
+  return at;
+}
+
+/// One warp's way through the draw list.
+template <bool kOrthographic, bool kLattice, bool kFloat32, bool kInstanced>
+class SmallWarp {
+ public:
+  __device__ explicit SmallWarp(const SmallFrame& frame) : frame_(frame), lane_(threadIdx.x % kWarpLanes) {}
+
+  __device__ void run() {
+    const uint64_t packed = frame_.list.counters->groups;
+    const auto group_count = static_cast<uint32_t>(packed >> kUnitBits);
+    const uint64_t total = packed & kUnitMask;
+    const uint64_t warps = uint64_t{gridDim.x} * kSmallWarps;
+    const DrawGroup* const groups = frame_.list.groups;
+    for (;;) {
+      // A part of what each warp would get of the rest: a run's start costs a search and what a group needs, but the
+      // last runs must be short. With instances, some far and some near, rows differ in cost by a hundred.
+      constexpr uint32_t kPart = kInstanced ? 16 : 4;
+      uint64_t start = 0;
+      uint64_t share = 0;
+      if (lane_ == 0) {
+        const uint64_t given = *static_cast<const volatile uint64_t*>(&frame_.list.counters->next_unit);
+        share = max_of<uint64_t>((total - min_of(given, total)) / (kPart * warps), total < 256 * warps ? 1 : 64);
+        start = fetch_add(&frame_.list.counters->next_unit, share);
+      }
+      start = __shfl_sync(~0u, start, 0);
+      share = __shfl_sync(~0u, share, 0);
+      if (start >= total) break;
+      const uint64_t end = min_of(start + share, total);
+      uint32_t place = find_item(group_count, start, lane_, [&](uint32_t i) { return groups[i].first_unit; });
+      for (; place < group_count && groups[place].first_unit < end; ++place) draw_group(groups[place], start, end);
+    }
+    report();
+  }
+
+ private:
+  __device__ void draw_group(const DrawGroup& group, uint64_t start, uint64_t end) {
+    const auto count = static_cast<uint32_t>(__popc(group.instances));
+    const uint32_t last_triangle = frame_.scene.chunks[group.chunk].triangle_count - 1;
+    const uint32_t rows = last_triangle / kWarpLanes + 1;
+    // A row belongs to the run that holds its first unit.
+    const uint64_t skipped = start > group.first_unit ? start - group.first_unit : 0;
+    const auto first = static_cast<uint32_t>((skipped + count - 1) / count);
+    const auto last = static_cast<uint32_t>(min_of<uint64_t>((end - group.first_unit + count - 1) / count, rows));
+    if (first >= last) return;
+    // For a few rows the filter would cost more than it saves.
+    const bool filters = frame_.filters && last - first >= kFilteredRows;
+    prepare_group<kInstanced>(frame_, group, filters);
+    RowCursor at{first, 0, 0};
+    while (at.row < last || at.waiting != 0) {
+      if (at.row < last) at = filters ? filter(at, last, last_triangle, count) : keep_row(at, last_triangle, count);
+      __syncwarp();
+      if (at.waiting >= kWarpLanes || at.row == last) draw_waiting(at, group.chunk);
+    }
+  }
+
+  __device__ RowCursor filter(RowCursor at, uint32_t last, uint32_t last_triangle, uint32_t count) {
+    return choose_fetch<kLattice, kFloat32>(small_shared<kInstanced>().stored, [&](auto indices, auto positions) {
+      return filter_rows<kOrthographic, decltype(indices)::value, decltype(positions)::value, kInstanced>(
+          frame_, at, last, last_triangle, count);
+    });
+  }
+
+  /// All triangles of a row wait.
+  __device__ RowCursor keep_row(RowCursor at, uint32_t last_triangle, uint32_t count) {
+    SmallShared<kInstanced>& shared = small_shared<kInstanced>();
+    const uint32_t triangle = at.row * kWarpLanes + lane_;
+    if (triangle <= last_triangle) {
+      shared.waiting[at.waiting + lane_] = triangle;
+      if (kInstanced) shared.waiting_for[at.waiting + lane_] = static_cast<uint8_t>(at.instance);
+    }
+    at.waiting += min_of(last_triangle - at.row * kWarpLanes + 1, kWarpLanes);
+    if (++at.instance == count) at = {at.row + 1, 0, at.waiting};
+    return at;
+  }
+
+  /// Draws the last up to 32 that wait.
+  __device__ void draw_waiting(RowCursor& at, uint32_t chunk) {
+    const uint32_t count = min_of(at.waiting, kWarpLanes);
+    if (count == 0) return;
+    at.waiting -= count;
+    const uint32_t drawn =
+        draw_survivors<kOrthographic, kLattice, kFloat32, kInstanced>(frame_, at.waiting, count, chunk);
+    small_ += drawn & 0xffffu;
+    clipped_ += drawn >> 16;
+    __syncwarp();
+  }
+
+  __device__ void report() {
+    const uint64_t small = __reduce_add_sync(~0u, small_);
+    const uint64_t clipped = __reduce_add_sync(~0u, clipped_);
+    if (lane_ != 0) return;
+    if (small != 0) fetch_add(&frame_.list.counters->queues.triangles_small, small);
+    if (clipped != 0) fetch_add(&frame_.list.counters->queues.triangles_clipped, clipped);
+  }
+
+  const SmallFrame& frame_;
+  uint32_t lane_;
+  uint32_t small_ = 0;
+  uint32_t clipped_ = 0;
+};
+
+template <bool kOrthographic, bool kLattice, bool kFloat32, bool kInstanced>
+__global__ void __launch_bounds__(kSmallThreads, small_blocks(kInstanced))
+    raster_small(const __grid_constant__ SmallFrame frame) {
+  SmallWarp<kOrthographic, kLattice, kFloat32, kInstanced>(frame).run();
+}
+
+}  // namespace scree::kernels
