@@ -141,7 +141,7 @@ SmallVariant choose_small(const SceneTables& tables, bool orthographic) {
   return tables.has_instances ? small_variant<false, true, false, true>() : small_variant<false, true, false, false>();
 }
 
-enum Mark { kStart, kCleared, kCulled, kSmallDone, kMediumDone, kLargeDone, kMarkCount };
+enum Mark { kStart, kCleared, kCulled, kSmallDone, kMediumDone, kLargeBegun, kLargeDone, kAllDone, kMarkCount };
 
 }  // namespace
 
@@ -155,6 +155,7 @@ struct CudaFrames::Impl {
       if (event != nullptr) (void)cudaEventDestroy(event);
     }
     (void)cudaFreeHost(seen);
+    if (side_stream != nullptr) (void)cudaStreamDestroy(side_stream);
     if (stream != nullptr) (void)cudaStreamDestroy(stream);
   }
 
@@ -170,6 +171,7 @@ struct CudaFrames::Impl {
   SceneTables tables;  // the flags; the vectors are given up once they are on the device
   uint32_t multiprocessors = 0;
   cudaStream_t stream = nullptr;
+  cudaStream_t side_stream = nullptr;  // stage 3
   cudaEvent_t marks[kMarkCount] = {};
   FrameCounters* seen = nullptr;  // pinned: the counters after a frame
 
@@ -199,6 +201,7 @@ Result<void> CudaFrames::Impl::open(const SceneView& host, const CudaQueueSizes&
   }
   multiprocessors = static_cast<uint32_t>(count);
   if (done) done = check(cudaStreamCreate(&stream), "making a stream");
+  if (done) done = check(cudaStreamCreate(&side_stream), "making a stream");
   for (cudaEvent_t& event : marks) {
     if (done) done = check(cudaEventCreate(&event), "making an event");
   }
@@ -260,8 +263,8 @@ Result<void> CudaFrames::Impl::submit(const FrameView& frame, uint64_t* samples,
   Result<void> done = mark(kStart);
   static_assert(kBackground == ~uint64_t{0});
   if (done) done = check(cudaMemsetAsync(samples, 0xff, sample_count * sizeof(uint64_t), stream), "clearing");
-  if (done) done = mark(kCleared);
   if (done) done = check(cudaMemsetAsync(zeroed.data(), 0, zeroed.count(), stream), "clearing the counters");
+  if (done) done = mark(kCleared);
   if (done && list.candidate_count != 0) {
     cull_instances<<<(list.instance_count - 1) / kCullThreads + 1, kCullThreads, 0, stream>>>(scene, frame, list);
     cull_chunks<<<(list.candidate_count - 1) / kCullThreads + 1, kCullThreads, 0, stream>>>(scene, frame, list);
@@ -287,17 +290,24 @@ Result<void> CudaFrames::Impl::submit(const FrameView& frame, uint64_t* samples,
     }
   }
   if (done) done = mark(kSmallDone);
+  // Stages 2 and 3 draw what stage 1 left, each alone too little for the GPU.
   const LargeFrame rest{frame, target, queues, list};
+  if (done) done = check(cudaStreamWaitEvent(side_stream, marks[kSmallDone]), "forking");
+  if (done) done = check(cudaEventRecord(marks[kLargeBegun], side_stream), "recording an event");
+  if (done) {
+    const uint32_t blocks = multiprocessors * kLargeBlocks;
+    split_large<kOrthographic><<<blocks, kLargeThreads, 0, side_stream>>>(rest);
+    raster_large<kOrthographic><<<blocks, kLargeThreads, 0, side_stream>>>(rest);
+    done = check(cudaGetLastError(), "starting stage 3");
+  }
+  if (done) done = check(cudaEventRecord(marks[kLargeDone], side_stream), "recording an event");
   if (done) {
     raster_medium<kOrthographic><<<multiprocessors * kMediumBlocks, kLargeThreads, 0, stream>>>(rest);
     done = check(cudaGetLastError(), "starting stage 2");
   }
   if (done) done = mark(kMediumDone);
-  if (done) {
-    raster_large<kOrthographic><<<multiprocessors * kLargeBlocks, kLargeThreads, 0, stream>>>(rest);
-    done = check(cudaGetLastError(), "starting stage 3");
-  }
-  if (done) done = mark(kLargeDone);
+  if (done) done = check(cudaStreamWaitEvent(stream, marks[kLargeDone]), "joining");
+  if (done) done = mark(kAllDone);
   if (done) {
     done = check(cudaMemcpyAsync(seen, counters, sizeof *seen, cudaMemcpyDeviceToHost, stream), "reading the counters");
   }
@@ -306,10 +316,16 @@ Result<void> CudaFrames::Impl::submit(const FrameView& frame, uint64_t* samples,
 }
 
 Result<void> CudaFrames::Impl::read_times(FrameTimes& times) const {
-  float* const out[] = {&times.clear_ms, &times.cull_ms, &times.small_ms, &times.medium_ms, &times.large_ms};
-  for (int i = kStart; i + 1 < kMarkCount; ++i) {
-    if (Result<void> done = check(cudaEventElapsedTime(out[i], marks[i], marks[i + 1]), "reading times"); !done)
-      return done;
+  const struct {
+    float* out;
+    Mark from;
+    Mark to;
+  } spans[] = {{&times.clear_ms, kStart, kCleared},        {&times.cull_ms, kCleared, kCulled},
+               {&times.small_ms, kCulled, kSmallDone},     {&times.medium_ms, kSmallDone, kMediumDone},
+               {&times.large_ms, kLargeBegun, kLargeDone}, {&times.raster_ms, kCleared, kAllDone}};
+  for (const auto& span : spans) {
+    Result<void> done = check(cudaEventElapsedTime(span.out, marks[span.from], marks[span.to]), "reading times");
+    if (!done) return done;
   }
   return {};
 }

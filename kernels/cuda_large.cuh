@@ -33,9 +33,10 @@ __device__ inline PixelBox rows_of(const PixelBox& box, uint32_t part, int32_t r
 
 /// Appends the tiles that a large triangle may touch, by a warp. What the queue has no room for is drawn at once.
 template <bool kOrthographic>
-__device__ inline void split_large(const LargeFrame& frame, uint32_t number) {
+__device__ inline void split_triangle(const LargeFrame& frame, uint32_t number) {
+  const Queues& queues = frame.queues;
   const uint32_t lane = threadIdx.x % kWarpLanes;
-  const Triangle triangle = frame.queues.large[number];
+  const Triangle triangle = queues.large[number];
   const LargeTiles tiles(triangle, frame.view);
   for (uint32_t base = 0; base < tiles.count(); base += kWarpLanes) {
     bool touches = false;
@@ -48,12 +49,12 @@ __device__ inline void split_large(const LargeFrame& frame, uint32_t number) {
     const uint32_t lanes = __ballot_sync(~0u, touches);
     if (lanes == 0) continue;
     uint64_t first = 0;
-    if (lane == 0) first = fetch_add(&frame.queues.counters->tiles, static_cast<uint64_t>(__popc(lanes)));
+    if (lane == 0) first = fetch_add(&queues.counters->tiles, static_cast<uint64_t>(__popc(lanes)));
     first = __shfl_sync(~0u, first, 0);
     const uint64_t slot = first + static_cast<uint32_t>(__popc(lanes & ((1u << lane) - 1)));
-    const bool kept = slot < frame.queues.tile_capacity;
+    const bool kept = slot < queues.tile_capacity;
     if (touches && kept) {
-      frame.queues.tiles[slot] = {number, static_cast<uint16_t>(x), static_cast<uint16_t>(y)};
+      queues.tiles[slot] = {number, static_cast<uint16_t>(x), static_cast<uint16_t>(y)};
     }
     for (uint32_t left = __ballot_sync(~0u, touches && !kept); left != 0; left &= left - 1) {
       const int owner = __ffs(static_cast<int>(left)) - 1;
@@ -66,14 +67,21 @@ __device__ inline void split_large(const LargeFrame& frame, uint32_t number) {
   }
 }
 
-/// Splits the large queue into tiles and draws the medium one, a quarter of a triangle's rows a warp.
+/// Splits the large queue into tiles, a triangle a warp.
+template <bool kOrthographic>
+__global__ void __launch_bounds__(kLargeThreads, kLargeBlocks) split_large(const __grid_constant__ LargeFrame frame) {
+  const uint64_t warp = (uint64_t{blockIdx.x} * blockDim.x + threadIdx.x) / kWarpLanes;
+  const uint64_t warps = uint64_t{gridDim.x} * blockDim.x / kWarpLanes;
+  const uint64_t large = min_of(frame.queues.counters->large, frame.queues.large_capacity);
+  for (uint64_t i = warp; i < large; i += warps) split_triangle<kOrthographic>(frame, static_cast<uint32_t>(i));
+}
+
+/// Draws the medium queue, a triangle or a quarter of its rows a warp.
 template <bool kOrthographic>
 __global__ void __launch_bounds__(kLargeThreads, kMediumBlocks)
     raster_medium(const __grid_constant__ LargeFrame frame) {
   const uint64_t warp = (uint64_t{blockIdx.x} * blockDim.x + threadIdx.x) / kWarpLanes;
   const uint64_t warps = uint64_t{gridDim.x} * blockDim.x / kWarpLanes;
-  const uint64_t large = min_of(frame.queues.counters->large, frame.queues.large_capacity);
-  for (uint64_t i = warp; i < large; i += warps) split_large<kOrthographic>(frame, static_cast<uint32_t>(i));
   const uint64_t medium = min_of(frame.queues.counters->medium, frame.queues.medium_capacity);
   // The larger boxes in parts, which lie a part's count apart in the items, so that one warp does not get them all.
   constexpr uint32_t kParts = 4;

@@ -35,6 +35,9 @@ constexpr uint32_t small_blocks(bool instanced) {
 inline constexpr uint32_t kCrowdedPixels = 1024;
 inline constexpr int64_t kCrowdedBox = 48;
 
+/// Pieces of clipped triangles are drawn by one lane, and only so large: it waits for each pixel.
+inline constexpr int64_t kLaneBox = 4;
+
 /// The filter's constants cost about as much as it saves on so many rows.
 inline constexpr uint32_t kFilteredRows = 4;
 
@@ -278,7 +281,8 @@ __device__ __noinline__ uint32_t draw_the_long_way(const SmallFrame& frame, uint
   const ChunkReader reader = make_reader(mesh, chunk, frame.scene.pages[chunk.page], transform);
   const RasterSmall<kOrthographic> pass{frame.scene, frame.view, frame.target, frame.queues, 0};
   typename RasterSmall<kOrthographic>::Context context{&reader, &transform, is_double_sided(frame.scene, mesh),
-                                                       frame.scene.instance_base[instance] + chunk.first_triangle};
+                                                       frame.scene.instance_base[instance] + chunk.first_triangle,
+                                                       kLaneBox};
   uint32_t v[3];
   reader.triangle(number, v);
   ScreenVertex corners[3];

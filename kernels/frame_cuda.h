@@ -16,13 +16,15 @@ struct DrawOptions {
   bool sampleless_test = true;  // triangles that cover no pixel centre go early; the picture is the same without
 };
 
-/// Milliseconds of one frame by CUDA events: clearing, culling, stages 1 to 3.
+/// Milliseconds of one frame by CUDA events: clearing, culling, stages 1 to 3, of which 2 and 3 run side by side; and from
+/// the start of culling to the end of all stages.
 struct FrameTimes {
   float clear_ms;
   float cull_ms;
   float small_ms;
   float medium_ms;
   float large_ms;
+  float raster_ms;
 };
 
 /// First capacities. The queues of triangles grow as frames ask; tiles that find no room are drawn at once.

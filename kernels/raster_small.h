@@ -63,6 +63,7 @@ struct RasterSmall {
     const Transform* transform;
     bool double_sided;
     uint64_t first_id;
+    int64_t small_box = kSmallBox;  // larger ones are left to stage 2
     uint64_t small = 0;
     uint64_t clipped = 0;
   };
@@ -122,7 +123,7 @@ struct RasterSmall {
       return;
     }
     const int64_t pixels = box.pixels();
-    if (pixels <= kSmallBox) {
+    if (pixels <= context.small_box) {
       ++context.small;
       if (fits_narrow_edges(triangle.x, triangle.y)) {
         draw_box<kOrthographic, int32_t>(team, target, triangle, box, area);

@@ -36,6 +36,7 @@ struct Frames::Impl {
     ms.small = times.small_ms;
     ms.medium = times.medium_ms;
     ms.large = times.large_ms;
+    ms.raster = times.raster_ms;
     return stats;
   }
   const kernels::Transform* transforms() const { return frames->transforms(); }

@@ -14,7 +14,7 @@ namespace scree::bench {
 
 /// Of one frame, ms; what the backend does not time apart is missing.
 struct FrameMs {
-  std::optional<float> clear, cull, small, medium, large, resolve, occlusion;
+  std::optional<float> clear, cull, small, medium, large, raster, resolve, occlusion;
   float frame = 0;  // all of it, with the waits between
 };
 

@@ -41,9 +41,9 @@ struct Series {
     add(small, ms.small);
     add(medium, ms.medium);
     add(large, ms.large);
+    add(raster, ms.raster);
     add(resolve, ms.resolve);
     add(occlusion, ms.occlusion);
-    if (ms.cull && ms.small && ms.medium && ms.large) raster.push_back(*ms.cull + *ms.small + *ms.medium + *ms.large);
     frame.push_back(ms.frame);
   }
   static std::optional<Times> times(const std::vector<float>& series) {
