@@ -25,9 +25,10 @@ int run(int argc, char** argv) {
   CLI::App app("Packs huge glTF scenes, checks them, draws them exactly.", "scree");
   app.set_version_flag("--version", "scree " SCREE_VERSION);
   app.require_subcommand(1);
-  const std::vector<scree::tools::Command> commands = {
-      scree::tools::add_convert(app), scree::tools::add_inspect(app), scree::tools::add_render(app),
-      scree::tools::add_export(app), scree::tools::add_synth(app),   scree::tools::add_bench(app)};
+  const std::vector<scree::tools::Command> commands = {scree::tools::add_convert(app), scree::tools::add_inspect(app),
+                                                       scree::tools::add_render(app),  scree::tools::add_compare(app),
+                                                       scree::tools::add_export(app),  scree::tools::add_synth(app),
+                                                       scree::tools::add_bench(app)};
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {

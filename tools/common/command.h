@@ -19,6 +19,7 @@ struct Command {
 Command add_convert(CLI::App& parent);
 Command add_inspect(CLI::App& parent);
 Command add_render(CLI::App& parent);
+Command add_compare(CLI::App& parent);
 Command add_synth(CLI::App& parent);
 Command add_export(CLI::App& parent);
 Command add_bench(CLI::App& parent);

@@ -1,0 +1,24 @@
+// What kernels/ draws of a .scree file against what the reference rasteriser draws of its source.
+#pragma once
+
+#include <cstdint>
+
+#include "format/result.h"
+#include "kernels/frame.h"
+#include "runtime/scene.h"
+#include "tools/compare/pixels.h"
+#include "tools/compare/source_model.h"
+
+namespace scree::compare {
+
+/// Coincident triangles are those whose depths at a pixel differ by no more than this share of it: double precision
+/// cannot say which is nearer.
+inline constexpr double kCoincidence = 1e-12;
+
+/// Draws `scene` by the CPU, one sample a pixel, and `model` by draw_reference(), and compares pixel by pixel. `model`
+/// was loaded for the same scene of the same file. Errors: those of draw_cpu and draw_reference; kRange: a source
+/// triangle number past its mesh.
+Result<PixelReport> compare_with_source(const runtime::Scene& scene, const SourceModel& model,
+                                        const kernels::View& view, uint32_t threads);
+
+}  // namespace scree::compare

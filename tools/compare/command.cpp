@@ -1,0 +1,228 @@
+// scree compare: one picture of a scene, or its geometry, against another.
+#include <algorithm>
+#include <cctype>
+#include <cstdio>
+#include <cstring>
+#include <filesystem>
+#include <memory>
+#include <new>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <utility>
+
+#include "format/layout.h"
+#include "runtime/camera.h"
+#include "runtime/mapped_file.h"
+#include "runtime/scene.h"
+#include "tools/common/command.h"
+#include "tools/common/json_writer.h"
+#include "tools/common/sigbus.h"
+#include "tools/compare/against_source.h"
+#include "tools/compare/buffers.h"
+#include "tools/compare/geometry.h"
+#include "tools/compare/report.h"
+#include "tools/compare/source_model.h"
+#include "tools/convert/gltf_source.h"
+#include "tools/render/render_options.h"
+
+namespace scree::tools {
+namespace {
+
+using namespace compare;
+
+/// Camera, size and output are render's words, checked as render does.
+struct Words {
+  RenderWords render;  // `file`: the first one
+  std::string other;
+  std::string of;
+  std::string exclude;
+  bool json = false;
+};
+
+enum class FileKind { kPicture, kScene, kSource, kBuffer };
+
+constexpr const char* kWhatItCompares =
+    "two visibility buffers (render --visbuffer), or a .scree file and the .gltf or .glb it was made from";
+
+/// A glTF by its name, the others by their first bytes; a visibility buffer has no mark of its own.
+Result<FileKind> kind_of(const std::string& path) {
+  const auto map = runtime::MappedFile::open(path);
+  if (!map) return map.error();
+  std::string extension = std::filesystem::path(path).extension().string();
+  std::transform(extension.begin(), extension.end(), extension.begin(),
+                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+  if (extension == ".gltf" || extension == ".glb") return FileKind::kSource;
+  constexpr uint8_t kPngMagic[8] = {0x89, 'P', 'N', 'G', '\r', '\n', 0x1a, '\n'};
+  const auto starts_with = [&](const uint8_t(&magic)[8]) {
+    return map->size() >= sizeof magic && std::memcmp(map->bytes().data(), magic, sizeof magic) == 0;
+  };
+  if (starts_with(format::kMagic)) return FileKind::kScene;
+  if (starts_with(kPngMagic)) return FileKind::kPicture;
+  return FileKind::kBuffer;
+}
+
+const char* name_of(FileKind kind) {
+  switch (kind) {
+    case FileKind::kPicture:
+      return "a PNG picture";
+    case FileKind::kScene:
+      return "a .scree file";
+    case FileKind::kSource:
+      return "a glTF";
+    default:
+      return "a visibility buffer";
+  }
+}
+
+/// The reports of one comparison, printed together.
+struct Findings {
+  std::optional<PixelReport> pixels;
+  std::optional<GeometryReport> geometry;
+};
+
+Result<void> print(const Words& words, const Findings& findings) {
+  std::string text;
+  if (words.json) {
+    JsonWriter json(text);
+    json.begin_object();
+    json.member("a", words.render.file);
+    json.member("b", words.other);
+    json.line();
+    if (findings.pixels) json_pixels(json, *findings.pixels);
+    if (findings.geometry) json_geometry(json, *findings.geometry);
+    json.end_object();
+    json.line();
+    if (json.met_non_finite()) return Error{ErrorCode::kRange, "a result is not a finite number"};
+  } else {
+    text = words.render.file + " against " + words.other + "\n\n";
+    if (findings.pixels) text += text_pixels(*findings.pixels);
+    if (findings.pixels && findings.geometry) text += "\n";
+    if (findings.geometry) text += text_geometry(*findings.geometry);
+  }
+  std::fwrite(text.data(), 1, text.size(), stdout);
+  if (std::fflush(stdout) != 0 || std::ferror(stdout)) return Error{ErrorCode::kFile, "standard output: cannot write"};
+  return {};
+}
+
+/// A scene of a file, drawn without textures.
+Result<runtime::Scene> load_scene(const std::string& path, const RenderOptions& options) {
+  Result<runtime::SceneFile> file = runtime::SceneFile::open(path);
+  if (!file) return file.error();
+  const Result<uint32_t> scene = file->find_scene(options.scene);
+  if (!scene) return scene.error();
+  runtime::SceneOptions load;
+  load.textures = false;
+  load.threads = options.threads;
+  return runtime::Scene::load(std::move(*file), *scene, load);
+}
+
+Result<Findings> compare_scene(const Words& words, const std::string& file, const std::string& source,
+                               const RenderOptions& options) {
+  convert::ImportOptions import;
+  import.exclude = words.exclude;
+  const Result<convert::SourceScene> gltf = convert::import_gltf(source, import);
+  if (!gltf) return gltf.error();
+  const Result<runtime::Scene> scene = load_scene(file, options);
+  if (!scene) return scene.error();
+  Findings findings;
+  const Result<GeometryReport> geometry = compare_geometry(*gltf, scene->container());
+  if (!geometry) return at(file, geometry.error());
+  findings.geometry = *geometry;
+
+  const Result<SourceModel> model = load_source_model(*gltf, scene->container(), scene->scene_index());
+  if (!model) return at(file, model.error());
+  const Result<kernels::View> view =
+      runtime::make_view(scene->container(), scene->scene_index(), scene->view(), options.camera);
+  if (!view) return at(file, view.error());
+  Result<PixelReport> pixels = compare_with_source(*scene, *model, *view, options.threads);
+  if (!pixels) return at(file, pixels.error());
+  findings.pixels = std::move(*pixels);
+  return findings;
+}
+
+Result<Findings> compare_two_buffers(const Words& words, const RenderOptions& options) {
+  const uint32_t width = options.camera.width, height = options.camera.height;
+  const auto a = read_visibility(words.render.file, width, height);
+  if (!a) return a.error();
+  const auto b = read_visibility(words.other, width, height);
+  if (!b) return b.error();
+  std::optional<runtime::Scene> scene;
+  if (!words.of.empty()) {
+    report_sigbus("compare", words.of);
+    Result<runtime::Scene> loaded = load_scene(words.of, options);
+    if (!loaded) return loaded.error();
+    scene.emplace(std::move(*loaded));
+  }
+  Result<PixelReport> report = compare_buffers(*a, *b, width, height, scene ? &*scene : nullptr);
+  if (!report) return at(words.of, report.error());
+  Findings findings;
+  findings.pixels = std::move(*report);
+  return findings;
+}
+
+Result<Findings> find(const Words& words, const RenderOptions& options) {
+  const Result<FileKind> a = kind_of(words.render.file);
+  if (!a) return a.error();
+  const Result<FileKind> b = kind_of(words.other);
+  if (!b) return b.error();
+  const bool buffers = *a == FileKind::kBuffer && *b == FileKind::kBuffer;
+  if (!words.of.empty() && !buffers) return Error{ErrorCode::kUsage, "--of needs two visibility buffers"};
+  if (buffers) return compare_two_buffers(words, options);
+  if (*a == FileKind::kScene && *b == FileKind::kSource)
+    return compare_scene(words, words.render.file, words.other, options);
+  if (*a == FileKind::kSource && *b == FileKind::kScene)
+    return compare_scene(words, words.other, words.render.file, options);
+  return Error{ErrorCode::kUsage, words.render.file + " is " + name_of(*a) + " and " + words.other + " is " +
+                                      name_of(*b) + "; expected " + kWhatItCompares};
+}
+
+Result<void> run(const Words& words) {
+  const Result<RenderOptions> options = parse_render_options(words.render);
+  if (!options) return options.error();
+  std::error_code ignored;
+  if (!words.render.output.empty() && std::filesystem::equivalent(words.render.output, words.other, ignored))
+    return Error{ErrorCode::kUsage, "--output: " + words.render.output + " is one of the files to compare"};
+  report_sigbus("compare", words.render.file);
+  try {
+    const Result<Findings> findings = find(words, *options);
+    if (!findings) return findings.error();
+    if (!words.render.output.empty() && findings->pixels)
+      if (const Result<void> written = write_difference(words.render.output, *findings->pixels); !written)
+        return written;
+    return print(words, *findings);
+  } catch (const std::bad_alloc&) {
+    return Error{ErrorCode::kMemory, "no memory left to compare " + words.render.file + " with " + words.other};
+  }
+}
+
+}  // namespace
+
+Command add_compare(CLI::App& parent) {
+  const auto words = std::make_shared<Words>();
+  RenderWords& render = words->render;
+  CLI::App* app = parent.add_subcommand(
+      "compare",
+      "Says by how much B's answer is missed by A: two visibility buffers of one view, or a .scree file\n"
+      "(made with convert --source-ids) and its glTF, which a double-precision rasteriser draws as it is.");
+  app->add_option("A", render.file, "A visibility buffer, or a .scree file")->required();
+  app->add_option("B", words->other, "What is right: a visibility buffer, or a .gltf or .glb")->required();
+  app->add_option("-o,--output", render.output,
+                  "A picture of the difference, a .png: right surfaces grey, background against surface blue, other\n"
+                  "mesh or triangle red, triangle sharing no vertex orange, neighbouring triangle green");
+  app->add_option("--size", render.size, "Pixels, WxH (default: 1920x1080)");
+  app->add_option("--scene", render.scene, "Scene of the file, by name or number (default: the file's default)");
+  app->add_option("--camera", render.camera, "Camera of the file, by name, node name or number");
+  app->add_option("--eye", render.eye, "Where to look from, X,Y,Z (default: where all of the scene is seen)");
+  app->add_option("--target", render.target, "Where --eye looks to, X,Y,Z (default: the middle of the scene)");
+  app->add_option("--up", render.up, "What is up in the picture, X,Y,Z (default: 0,1,0)");
+  app->add_option("--fov", render.fov, "Vertical field of view in degrees (default: 45, or the camera's)");
+  app->add_option("--of", words->of,
+                  "The .scree file of two visibility buffers: tells other meshes and neighbours apart");
+  app->add_option("--exclude", words->exclude, "The --exclude that the .scree file was converted with");
+  app->add_option("--threads", render.threads, "Threads; 0: one per processor (default)");
+  app->add_flag("--json", words->json, "One JSON object");
+  return {app, [words] { return run(*words); }};
+}
+
+}  // namespace scree::tools

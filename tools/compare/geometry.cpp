@@ -1,0 +1,175 @@
+#include "tools/compare/geometry.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+#include <optional>
+#include <span>
+
+#include "tools/common/chunk_decode.h"
+#include "tools/compare/source_model.h"
+
+namespace scree::compare {
+namespace {
+
+using Vector = std::array<double, 3>;
+
+constexpr double kDegrees = 180 / 3.14159265358979323846;
+
+Vector vector_at(std::span<const float> values, uint64_t place) {
+  return {values[3 * place], values[3 * place + 1], values[3 * place + 2]};
+}
+
+Vector minus(const Vector& a, const Vector& b) {
+  return {a[0] - b[0], a[1] - b[1], a[2] - b[2]};
+}
+
+double length(const Vector& a) {
+  return std::hypot(a[0], a[1], a[2]);
+}
+
+Vector cross(const Vector& a, const Vector& b) {
+  return {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]};
+}
+
+/// Degrees; nothing where one has no direction. By the arc tangent, exact for small angles, where a cosine is not.
+std::optional<double> angle(const Vector& a, const Vector& b) {
+  const double size_a = length(a), size_b = length(b);
+  if (!(size_a > 0 && size_b > 0) || !std::isfinite(size_a) || !std::isfinite(size_b)) return std::nullopt;
+  const Vector u{a[0] / size_a, a[1] / size_a, a[2] / size_a}, v{b[0] / size_b, b[1] / size_b, b[2] / size_b};
+  return std::atan2(length(cross(u, v)), u[0] * v[0] + u[1] * v[1] + u[2] * v[2]) * kDegrees;
+}
+
+double diagonal_of(const SourceMesh& mesh) {
+  Vector lo{INFINITY, INFINITY, INFINITY}, hi{-INFINITY, -INFINITY, -INFINITY};
+  for (uint64_t t = 0; t < mesh.kept.size(); ++t) {
+    if (!mesh.kept[t]) continue;
+    for (size_t n = 0; n < 3; ++n) {
+      const Vector p = vector_at(mesh.positions, mesh.corners[3 * t + n]);
+      for (size_t axis = 0; axis < 3; ++axis) {
+        lo[axis] = std::min(lo[axis], p[axis]);
+        hi[axis] = std::max(hi[axis], p[axis]);
+      }
+    }
+  }
+  return length(minus(hi, lo));
+}
+
+/// One mesh: its triangles one after the other.
+class MeshComparison {
+ public:
+  MeshComparison(const SourceMesh& source, std::span<const float> normals, GeometryReport& report)
+      : source_(source),
+        normals_(normals),
+        report_(report),
+        diagonal_(diagonal_of(source)),
+        seen_(source.kept.size()),
+        farthest_(source.positions.size() / 3, -1.0) {}
+
+  void add(const tools::DecodedChunk& chunk) {
+    stored_.assign(chunk.positions.size() / 3, -1.0);
+    for (size_t t = 0; t < chunk.source_ids.size(); ++t) {
+      const uint64_t id = chunk.source_ids[t];
+      ++report_.triangles;
+      if (id >= seen_.size() || !source_.kept[id] || seen_[id]) {
+        ++report_.unknown_triangles;
+        continue;
+      }
+      seen_[id] = true;
+      add_triangle(chunk, t, id);
+    }
+    for (const double distance : stored_)
+      if (distance >= 0) report_.stored.add(distance, diagonal_);
+  }
+
+  /// Returns the largest error of a coordinate.
+  double finish() {
+    for (size_t t = 0; t < seen_.size(); ++t)
+      if (source_.kept[t] && !seen_[t]) ++report_.missing_triangles;
+    for (const double distance : farthest_)
+      if (distance >= 0) report_.source.add(distance, diagonal_);
+    return axis_error_;
+  }
+
+ private:
+  void add_triangle(const tools::DecodedChunk& chunk, size_t triangle, uint64_t id) {
+    std::array<Vector, 3> found{}, expected{};
+    for (size_t n = 0; n < 3; ++n) {
+      const uint64_t to = chunk.indices[3 * triangle + n], from = source_.corners[3 * id + n];
+      found[n] = vector_at(chunk.positions, to);
+      expected[n] = vector_at(source_.positions, from);
+      const Vector difference = minus(found[n], expected[n]);
+      for (const double axis : difference) axis_error_ = std::max(axis_error_, std::abs(axis));
+      const double distance = length(difference);
+      stored_[to] = std::max(stored_[to], distance);
+      farthest_[from] = std::max(farthest_[from], distance);
+      if (chunk.normals.empty() || normals_.empty()) continue;
+      if (const auto degrees = angle(vector_at(chunk.normals, to), vector_at(normals_, from))) {
+        ++report_.normals;
+        report_.normal_degrees = std::max(report_.normal_degrees, *degrees);
+      }
+    }
+    const auto normal = [](const std::array<Vector, 3>& p) { return cross(minus(p[1], p[0]), minus(p[2], p[0])); };
+    if (const auto degrees = angle(normal(found), normal(expected))) {
+      ++report_.faces;
+      report_.face_degrees = std::max(report_.face_degrees, *degrees);
+    }
+  }
+
+  const SourceMesh& source_;
+  std::span<const float> normals_;
+  GeometryReport& report_;
+  double diagonal_;
+  double axis_error_ = 0;
+  std::vector<bool> seen_;        // by source triangle
+  std::vector<double> farthest_;  // by source vertex; -1: not used
+  std::vector<double> stored_;    // by vertex of the chunk; likewise
+};
+
+}  // namespace
+
+void Distances::add(double distance, double diagonal) {
+  const double relative = diagonal > 0 ? distance / diagonal : 0;
+  max_ = std::max(max_, distance);
+  relative_max_ = std::max(relative_max_, relative);
+  squares_ += distance * distance;
+  relative_squares_ += relative * relative;
+  ++count_;
+}
+
+double Distances::root(double squares) const {
+  return count_ == 0 ? 0 : std::sqrt(squares / static_cast<double>(count_));
+}
+
+Result<GeometryReport> compare_geometry(const convert::SourceScene& scene, const format::Container& file) {
+  GeometryReport report;
+  tools::ChunkReader reader(file);
+  const Result<void> done = for_each_mesh(scene, file, [&](uint64_t number, const SourceMesh& source) -> Result<void> {
+    const format::MeshRecord& mesh = file.meshes()[number];
+    const convert::Primitive& primitive = scene.primitives[source.primitive];
+    std::vector<float> normals;
+    if ((mesh.attributes & format::kHasNormal) != 0 && primitive.normal) {
+      normals.resize(3 * primitive.normal->count);
+      if (const Result<void> read = convert::read_floats(*primitive.normal, 0, primitive.normal->count, normals); !read)
+        return at(scene.file_name, read.error());
+    }
+    MeshComparison comparison(source, normals, report);
+    for (uint64_t c = mesh.first_chunk; c < mesh.first_chunk + mesh.chunk_count; ++c) {
+      const auto chunk =
+          reader.read(c, tools::kPartIndices | tools::kPartPositions | tools::kPartNormals | tools::kPartSourceIds);
+      if (!chunk) return chunk.error();
+      comparison.add(**chunk);
+    }
+    const double error = comparison.finish();
+    ++report.meshes;
+    report.axis_error = std::max(report.axis_error, error);
+    report.axis_bound = std::max(report.axis_bound, mesh.max_position_error);
+    if (!(error <= mesh.max_position_error)) report.broken.push_back({number, error, mesh.max_position_error});
+    return {};
+  });
+  if (!done) return done.error();
+  return report;
+}
+
+}  // namespace scree::compare

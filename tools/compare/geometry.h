@@ -1,0 +1,57 @@
+// How far the vertices and normals of a .scree file lie from those of its source.
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "format/container.h"
+#include "format/result.h"
+#include "tools/convert/gltf_source.h"
+
+namespace scree::compare {
+
+/// Distances of vertices, model units, and over the diagonal of the mesh's box in the source.
+class Distances {
+ public:
+  void add(double distance, double diagonal);
+  uint64_t count() const { return count_; }
+  double max() const { return max_; }
+  double rms() const { return root(squares_); }
+  double relative_max() const { return relative_max_; }
+  double relative_rms() const { return root(relative_squares_); }
+
+ private:
+  double root(double squares) const;
+  uint64_t count_ = 0;
+  double max_ = 0, squares_ = 0, relative_max_ = 0, relative_squares_ = 0;
+};
+
+/// A mesh whose largest error is above the bound that its record states.
+struct BrokenBound {
+  uint64_t mesh;
+  double error;  // per axis
+  double bound;
+};
+
+struct GeometryReport {
+  uint64_t meshes = 0;
+  uint64_t triangles = 0;
+  uint64_t missing_triangles = 0;   // of the source, that the file should have
+  uint64_t unknown_triangles = 0;   // of the file, that the source has not (or the file twice)
+  Distances stored;                 // every stored vertex from its source vertex
+  Distances source;                 // every used source vertex from the farthest of its stored copies
+  double axis_error = 0;            // largest of one coordinate: what MeshRecord::max_position_error bounds
+  double axis_bound = 0;            // largest stated
+  std::vector<BrokenBound> broken;  // every mesh whose own bound does not hold
+  uint64_t normals = 0;             // stored vertex normals compared; those of the source without a direction are not
+  double normal_degrees = 0;        // largest angle
+  uint64_t faces = 0;               // triangles with an area in both
+  double face_degrees = 0;          // largest angle between their normals
+};
+
+/// Matches every stored triangle with its source by number. One source primitive and one chunk in memory at a time.
+/// Errors: those of for_each_mesh (source_model.h; kUnsupported: no source triangle numbers) and ChunkReader::read.
+Result<GeometryReport> compare_geometry(const convert::SourceScene& scene, const format::Container& file);
+
+}  // namespace scree::compare

@@ -1,0 +1,239 @@
+#include "tools/compare/reference.h"
+
+#include <algorithm>
+#include <cmath>
+#include <new>
+#include <string>
+
+#include "runtime/parallel.h"
+
+namespace scree::compare {
+namespace {
+
+using kernels::View;
+
+constexpr uint64_t kBlockTriangles = 65536;    // the unit of work of a thread
+constexpr uint64_t kGroupTriangles = 1 << 20;  // in flight: 160 bytes each
+
+/// A point seen from the eye: x to the right, y up, z along the view direction; world units.
+struct Point {
+  double x, y, z;
+};
+
+/// Where a pixel's ray is at distance 1 (perspective; `scale` is 1 there) or everywhere (orthographic).
+struct Ray {
+  double x, y;
+};
+
+/// Pixels [x0, x1] x [y0, y1]; empty where x0 > x1 or y0 > y1.
+struct PixelBox {
+  uint32_t x0 = 1, y0 = 1, x1 = 0, y1 = 0;
+  bool is_empty() const { return x0 > x1 || y0 > y1; }
+};
+
+struct SeenTriangle {
+  std::array<Point, 3> corners;
+  PixelBox box;
+  uint32_t instance;
+  uint64_t triangle;
+};
+
+struct Block {
+  uint32_t instance;
+  uint64_t first, count;  // triangles
+};
+
+/// Exact where a pixel's size is: centres then lie on edges that go through them.
+Ray ray_of(const View& view, uint32_t x, uint32_t y) {
+  return {(2.0 * x + 1.0 - view.width) * (view.half_width / view.width),
+          (view.height - (2.0 * y + 1.0)) * (view.half_height / view.height)};
+}
+
+/// The translation meets the eye first, so that a scene far from the origin loses nothing.
+Point seen_from_eye(const View& view, const ReferenceInstance& instance, const float* position) {
+  double p[3];
+  for (size_t i = 0; i < 3; ++i) {
+    const std::array<double, 4>& row = instance.world[i];
+    p[i] = row[0] * static_cast<double>(position[0]) + row[1] * static_cast<double>(position[1]) +
+           row[2] * static_cast<double>(position[2]) + (row[3] - view.eye[i]);
+  }
+  const auto along = [&](const double(&axis)[3]) { return axis[0] * p[0] + axis[1] * p[1] + axis[2] * p[2]; };
+  return {along(view.right), along(view.up), along(view.forward)};
+}
+
+std::array<Point, 3> seen_corners(const View& view, const ReferenceMesh& mesh, const ReferenceInstance& instance,
+                                  uint64_t triangle) {
+  std::array<Point, 3> out;
+  for (size_t n = 0; n < 3; ++n)
+    out[n] = seen_from_eye(view, instance, &mesh.positions[3 * uint64_t{mesh.corners[3 * triangle + n]}]);
+  return out;
+}
+
+bool is_mirrored(const ReferenceInstance& instance) {
+  const auto& m = instance.world;
+  return m[0][0] * (m[1][1] * m[2][2] - m[1][2] * m[2][1]) - m[0][1] * (m[1][0] * m[2][2] - m[1][2] * m[2][0]) +
+             m[0][2] * (m[1][0] * m[2][1] - m[1][1] * m[2][0]) <
+         0;
+}
+
+/// Whether the edge from a to b, whose triangle lies on its left (y up), is a left or top edge of it: then a centre on
+/// the edge belongs to the triangle. The edge's line on the picture is A x + B y + C = 0, positive inside.
+bool owns_ties(const View& view, const Point& a, const Point& b, double orientation) {
+  const double wa = view.orthographic ? 1 : a.z, wb = view.orthographic ? 1 : b.z;
+  const double across = orientation * (a.y * wb - wa * b.y);
+  const double upward = orientation * (wa * b.x - a.x * wb);
+  return across > 0 || (across == 0 && upward < 0);
+}
+
+/// The depth at which the ray meets the triangle; nothing where it does not. With q_n the corner's distance from the
+/// ray in the plane z = z_n, the ray meets the triangle where all cross products q_a x q_b have the same sign. They are
+/// the corners' weights as well, right in perspective and with corners behind the eye. Two triangles of an edge get the
+/// same product with the opposite sign, to the bit, so that no centre is in both or in neither.
+std::optional<double> meet(const View& view, const std::array<Point, 3>& corners, Ray ray, bool mirrored,
+                           bool double_sided) {
+  Ray q[3];
+  for (size_t n = 0; n < 3; ++n) {
+    const double scale = view.orthographic ? 1 : corners[n].z;
+    q[n] = {corners[n].x - ray.x * scale, corners[n].y - ray.y * scale};
+  }
+  double edge[3];  // opposite corner n
+  for (size_t n = 0; n < 3; ++n) {
+    const Ray &a = q[(n + 1) % 3], &b = q[(n + 2) % 3];
+    edge[n] = a.x * b.y - a.y * b.x;
+  }
+  const double sum = edge[0] + edge[1] + edge[2];
+  if (!(sum != 0)) return std::nullopt;  // edge-on, or not a number
+  const double orientation = sum > 0 ? 1 : -1;
+  if (!double_sided && (sum > 0) == mirrored) return std::nullopt;
+  for (size_t n = 0; n < 3; ++n) {
+    const double inside = orientation * edge[n];
+    if (inside > 0) continue;
+    if (inside < 0 || !owns_ties(view, corners[(n + 1) % 3], corners[(n + 2) % 3], orientation)) return std::nullopt;
+  }
+  const double depth = (edge[0] * corners[0].z + edge[1] * corners[1].z + edge[2] * corners[2].z) / sum;
+  if (!(depth >= view.z_near) || (view.orthographic && !(depth <= view.z_far))) return std::nullopt;
+  return depth;
+}
+
+/// The pixels whose centres can lie in the triangle: those of the box of its part in front of the near plane, a little
+/// widened. It only saves time.
+PixelBox box_of(const View& view, const std::array<Point, 3>& corners) {
+  double low_x = INFINITY, low_y = INFINITY, high_x = -INFINITY, high_y = -INFINITY;
+  double slack = 1e-6;
+  const auto add = [&](double x, double y, double z) {
+    const double scale = view.orthographic ? 1 : z;
+    const double px = (x / (scale * view.half_width) + 1) * 0.5 * view.width - 0.5;
+    const double py = (1 - y / (scale * view.half_height)) * 0.5 * view.height - 0.5;
+    low_x = std::min(low_x, px);
+    high_x = std::max(high_x, px);
+    low_y = std::min(low_y, py);
+    high_y = std::max(high_y, py);
+  };
+  for (size_t n = 0; n < 3; ++n) {
+    const Point &a = corners[n], &b = corners[(n + 1) % 3];
+    if (view.orthographic || a.z >= view.z_near) add(a.x, a.y, a.z);
+    if (!view.orthographic && (a.z >= view.z_near) != (b.z >= view.z_near)) {
+      const double t = (view.z_near - a.z) / (b.z - a.z);
+      add(a.x + t * (b.x - a.x), a.y + t * (b.y - a.y), view.z_near);
+      slack = 1;
+    }
+  }
+  slack += 1e-9 * std::max({std::abs(low_x), std::abs(high_x), std::abs(low_y), std::abs(high_y)});
+  PixelBox box;
+  if (std::isnan(slack)) return box;
+  const double x0 = std::max(0.0, std::ceil(low_x - slack)),
+               x1 = std::min(view.width - 1.0, std::floor(high_x + slack));
+  const double y0 = std::max(0.0, std::ceil(low_y - slack)),
+               y1 = std::min(view.height - 1.0, std::floor(high_y + slack));
+  if (!(x0 <= x1 && y0 <= y1)) return box;
+  box.x0 = static_cast<uint32_t>(x0);
+  box.x1 = static_cast<uint32_t>(x1);
+  box.y0 = static_cast<uint32_t>(y0);
+  box.y1 = static_cast<uint32_t>(y1);
+  return box;
+}
+
+/// Cuts the instances into groups of blocks and calls `take(blocks)` for each.
+template <class Take>
+void for_each_group(std::span<const ReferenceMesh> meshes, std::span<const ReferenceInstance> instances,
+                    const Take& take) {
+  std::vector<Block> group;
+  uint64_t triangles = 0;
+  for (uint32_t i = 0; i < instances.size(); ++i) {
+    const uint64_t count = meshes[instances[i].mesh].corners.size() / 3;
+    for (uint64_t first = 0; first < count; first += kBlockTriangles) {
+      group.push_back({i, first, std::min(kBlockTriangles, count - first)});
+      triangles += group.back().count;
+      if (triangles < kGroupTriangles) continue;
+      take(group);
+      group.clear();
+      triangles = 0;
+    }
+  }
+  if (!group.empty()) take(group);
+}
+
+/// Draws the rows [first, last] of a triangle.
+void draw_rows(const View& view, const SeenTriangle& seen, bool mirrored, bool double_sided, uint32_t first,
+               uint32_t last, std::span<ReferencePixel> pixels) {
+  for (uint32_t y = std::max(first, seen.box.y0); y <= std::min(last, seen.box.y1); ++y) {
+    for (uint32_t x = seen.box.x0; x <= seen.box.x1; ++x) {
+      const std::optional<double> depth = meet(view, seen.corners, ray_of(view, x, y), mirrored, double_sided);
+      ReferencePixel& pixel = pixels[uint64_t{y} * view.width + x];
+      // Triangles come in order: of equal depths the first stays.
+      if (depth && *depth < pixel.depth) pixel = {seen.instance, seen.triangle, *depth};
+    }
+  }
+}
+
+}  // namespace
+
+Result<std::vector<ReferencePixel>> draw_reference(std::span<const ReferenceMesh> meshes,
+                                                   std::span<const ReferenceInstance> instances, const View& view,
+                                                   uint32_t threads) {
+  if (view.width < 1 || view.height < 1 || std::max(view.width, view.height) > kernels::kMaxImageSide)
+    return Error{ErrorCode::kRange, "a picture of " + std::to_string(view.width) + " x " + std::to_string(view.height) +
+                                        " samples, expected 1 to " + std::to_string(kernels::kMaxImageSide) +
+                                        " a side"};
+  try {
+    std::vector<ReferencePixel> pixels(uint64_t{view.width} * view.height);
+    std::vector<bool> mirrored(instances.size());
+    for (size_t i = 0; i < instances.size(); ++i) mirrored[i] = is_mirrored(instances[i]);
+    const uint32_t bands = std::min(view.height, 4 * std::max(threads, 1u));
+    for_each_group(meshes, instances, [&](const std::vector<Block>& blocks) {
+      // First the triangles that can be seen, then the picture, each thread some of its rows.
+      std::vector<std::vector<SeenTriangle>> seen(blocks.size());
+      runtime::parallel_for(blocks.size(), threads, [&](uint64_t b) {
+        const Block& block = blocks[b];
+        const ReferenceInstance& instance = instances[block.instance];
+        const ReferenceMesh& mesh = meshes[instance.mesh];
+        for (uint64_t t = block.first; t < block.first + block.count; ++t) {
+          if (mesh.kept != nullptr && !(*mesh.kept)[t]) continue;
+          SeenTriangle triangle{seen_corners(view, mesh, instance, t), {}, block.instance, t};
+          triangle.box = box_of(view, triangle.corners);
+          if (!triangle.box.is_empty()) seen[b].push_back(triangle);
+        }
+      });
+      runtime::parallel_for(bands, threads, [&](uint64_t band) {
+        const auto first = static_cast<uint32_t>(band * view.height / bands);
+        const auto last = static_cast<uint32_t>((band + 1) * view.height / bands - 1);
+        for (const std::vector<SeenTriangle>& block : seen)
+          for (const SeenTriangle& triangle : block)
+            if (triangle.box.y0 <= last && triangle.box.y1 >= first)
+              draw_rows(view, triangle, mirrored[triangle.instance],
+                        meshes[instances[triangle.instance].mesh].double_sided, first, last, pixels);
+      });
+    });
+    return pixels;
+  } catch (const std::bad_alloc&) {
+    return Error{ErrorCode::kMemory, "no memory left for the reference picture"};
+  }
+}
+
+std::optional<double> reference_depth(const ReferenceMesh& mesh, const ReferenceInstance& instance, uint64_t triangle,
+                                      const View& view, uint32_t x, uint32_t y) {
+  return meet(view, seen_corners(view, mesh, instance, triangle), ray_of(view, x, y), is_mirrored(instance),
+              mesh.double_sided);
+}
+
+}  // namespace scree::compare

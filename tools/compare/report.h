@@ -1,0 +1,20 @@
+// What compare prints: tables for people, or members of a JSON object.
+#pragma once
+
+#include <string>
+
+#include "tools/common/json_writer.h"
+#include "tools/compare/geometry.h"
+#include "tools/compare/pixels.h"
+
+namespace scree::compare {
+
+std::string text_pixels(const PixelReport& report);
+std::string text_geometry(const GeometryReport& report);
+
+/// A member "pixels" or "geometry" of the object that is open. Names are stable, lengths are model units, angles
+/// degrees; what has no value is absent.
+void json_pixels(tools::JsonWriter& json, const PixelReport& report);
+void json_geometry(tools::JsonWriter& json, const GeometryReport& report);
+
+}  // namespace scree::compare

@@ -1,0 +1,187 @@
+#include "tools/compare/source_model.h"
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+#include "format/layout.h"
+
+namespace scree::compare {
+namespace {
+
+using Rows = std::array<std::array<double, 4>, 3>;
+
+Rows multiply(const Rows& a, const Rows& b) {
+  Rows out{};
+  for (size_t i = 0; i < 3; ++i)
+    for (size_t j = 0; j < 4; ++j)
+      out[i][j] = a[i][0] * b[0][j] + a[i][1] * b[1][j] + a[i][2] * b[2][j] + (j == 3 ? a[i][3] : 0.0);
+  return out;
+}
+
+/// Translation, rotation (a quaternion xyzw of any length), scale.
+Rows from_parts(const std::array<double, 3>& t, const std::array<double, 4>& q, const std::array<double, 3>& s) {
+  const double length = std::hypot(std::hypot(q[0], q[1]), std::hypot(q[2], q[3]));
+  const double k = length > 0 ? 1 / length : 0;
+  const double x = q[0] * k, y = q[1] * k, z = q[2] * k, w = q[3] * k;
+  Rows m{};
+  m[0] = {(1 - 2 * (y * y + z * z)) * s[0], 2 * (x * y - z * w) * s[1], 2 * (x * z + y * w) * s[2], t[0]};
+  m[1] = {2 * (x * y + z * w) * s[0], (1 - 2 * (x * x + z * z)) * s[1], 2 * (y * z - x * w) * s[2], t[1]};
+  m[2] = {2 * (x * z - y * w) * s[0], 2 * (y * z + x * w) * s[1], (1 - 2 * (x * x + y * y)) * s[2], t[2]};
+  return m;
+}
+
+Rows local_rows(const convert::SourceNode& node) {
+  const convert::LocalTransform::Values& v = node.local.values();
+  if (!node.has_matrix) return from_parts({v[0], v[1], v[2]}, {v[3], v[4], v[5], v[6]}, {v[7], v[8], v[9]});
+  Rows m{};
+  for (size_t i = 0; i < 3; ++i)
+    for (size_t j = 0; j < 4; ++j) m[i][j] = v[4 * j + i];
+  return m;
+}
+
+Rows instance_rows(const format::NodeInstanceRecord& record) {
+  std::array<double, 3> t{}, s{};
+  std::array<double, 4> q{};
+  std::copy_n(record.translation, 3, t.begin());
+  std::copy_n(record.rotation, 4, q.begin());
+  std::copy_n(record.scale, 3, s.begin());
+  return from_parts(t, q, s);
+}
+
+Error other_source(const convert::SourceScene& scene, const std::string& what, uint64_t found, uint64_t expected) {
+  return {ErrorCode::kFormat, "not made from " + scene.file_name + " (or with --exclude): " + std::to_string(found) +
+                                  " " + what + ", but the source has " + std::to_string(expected)};
+}
+
+/// The instances of each node that has some, read once.
+class NodeCopies {
+ public:
+  explicit NodeCopies(const convert::SourceScene& scene) : scene_(scene) {}
+
+  /// The world matrix of one copy of a node.
+  Result<Rows> world(uint32_t node, uint32_t copy) {
+    if (worlds_.empty()) {
+      worlds_.resize(scene_.nodes.size());
+      for (size_t i = 0; i < worlds_.size(); ++i) {  // parents come before children
+        const uint32_t parent = scene_.nodes[i].parent;
+        const Rows local = local_rows(scene_.nodes[i]);
+        worlds_[i] = parent == format::kNone ? local : multiply(worlds_[parent], local);
+      }
+    }
+    const convert::SourceInstances* const instances = scene_.nodes[node].instances.get();
+    if (instances == nullptr) {
+      if (copy != 0) return other_source(scene_, "copies of node " + std::to_string(node), uint64_t{copy} + 1, 1);
+      return worlds_[node];
+    }
+    if (copy >= instances->count)
+      return other_source(scene_, "copies of node " + std::to_string(node), uint64_t{copy} + 1, instances->count);
+    if (node != read_node_ || copy < first_ || copy >= first_ + block_.size()) {
+      first_ = copy / kBlock * kBlock;
+      block_.resize(std::min<uint64_t>(kBlock, instances->count - first_));
+      if (const Result<void> read = convert::read_instances(*instances, first_, block_); !read) return read.error();
+      read_node_ = node;
+    }
+    return multiply(worlds_[node], instance_rows(block_[copy - first_]));
+  }
+
+ private:
+  static constexpr uint64_t kBlock = 4096;
+  const convert::SourceScene& scene_;
+  std::vector<Rows> worlds_;
+  uint32_t read_node_ = format::kNone;
+  uint64_t first_ = 0;
+  std::vector<format::NodeInstanceRecord> block_;
+};
+
+}  // namespace
+
+Result<SourceMesh> load_source_mesh(const convert::SourceScene& scene, uint32_t primitive_number) {
+  const convert::Primitive& primitive = scene.primitives[primitive_number];
+  SourceMesh mesh;
+  mesh.primitive = primitive_number;
+  mesh.positions.resize(3 * primitive.vertex_count());
+  if (const Result<void> read = convert::read_floats(primitive.positions, 0, primitive.vertex_count(), mesh.positions);
+      !read)
+    return read.error();
+  const uint64_t count = primitive.triangle_count();
+  mesh.corners.resize(3 * count);
+  if (const Result<void> read = convert::read_triangles(primitive, 0, count, mesh.corners); !read) return read.error();
+  mesh.kept.resize(count);
+  for (uint64_t t = 0; t < count; ++t) {
+    const uint32_t* const c = &mesh.corners[3 * t];
+    bool keep = primitive.mode == convert::PrimitiveMode::kTriangles || (c[0] != c[1] && c[1] != c[2] && c[2] != c[0]);
+    for (size_t k = 0; k < 3; ++k)
+      for (size_t axis = 0; axis < 3; ++axis) keep = keep && std::isfinite(mesh.positions[3 * uint64_t{c[k]} + axis]);
+    mesh.kept[t] = keep;
+    mesh.kept_count += keep ? 1 : 0;
+  }
+  mesh.double_sided = primitive.material != format::kNone &&
+                      (scene.materials[primitive.material].record.flags & format::kMaterialDoubleSided) != 0;
+  return mesh;
+}
+
+MeshMatcher::MeshMatcher(const convert::SourceScene& scene, const format::Container& file)
+    : scene_(scene), file_(file), drawn_(scene.groups.size()) {
+  for (const convert::SourceNode& node : scene.nodes)
+    if (node.group != format::kNone) drawn_[node.group] = true;
+}
+
+Result<std::optional<SourceMesh>> MeshMatcher::next() {
+  for (; primitive_ < scene_.primitives.size(); ++primitive_) {
+    if (!drawn_[scene_.primitives[primitive_].group]) continue;
+    Result<SourceMesh> mesh = load_source_mesh(scene_, primitive_);
+    if (!mesh) return at(scene_.file_name, mesh.error());
+    if (mesh->kept_count == 0) continue;
+    if (mesh_ >= file_.meshes().size())
+      return other_source(scene_, "meshes", file_.meshes().size(), file_.meshes().size() + 1);
+    const format::MeshRecord& record = file_.meshes()[mesh_];
+    const std::string place = "mesh " + std::to_string(mesh_);
+    if (record.triangle_count != mesh->kept_count)
+      return at(place, other_source(scene_, "triangles", record.triangle_count, mesh->kept_count));
+    if (record.group != scene_.primitives[primitive_].group)
+      return Error{ErrorCode::kFormat, place + ": of glTF mesh " + std::to_string(record.group) + ", but " +
+                                           scene_.file_name + " has it in " +
+                                           std::to_string(scene_.primitives[primitive_].group)};
+    if ((record.attributes & format::kHasSourceIds) == 0)
+      return Error{
+          ErrorCode::kUnsupported,
+          "no source triangle numbers in the file; convert it with --source-ids to compare it with its source"};
+    ++primitive_;
+    ++mesh_;
+    return std::optional<SourceMesh>(std::move(*mesh));
+  }
+  if (mesh_ != file_.meshes().size()) return other_source(scene_, "meshes", file_.meshes().size(), mesh_);
+  return std::optional<SourceMesh>();
+}
+
+Result<SourceModel> load_source_model(const convert::SourceScene& scene, const format::Container& file,
+                                      uint32_t file_scene) {
+  SourceModel model;
+  const Result<void> loaded = for_each_mesh(scene, file, [&](uint64_t, SourceMesh mesh) -> Result<void> {
+    model.meshes.push_back(std::move(mesh));
+    return {};
+  });
+  if (!loaded) return loaded.error();
+  for (const SourceMesh& mesh : model.meshes)
+    model.views.push_back({mesh.positions, mesh.corners, &mesh.kept, mesh.double_sided});
+  if (file.nodes().size() != scene.nodes.size())
+    return other_source(scene, "nodes", file.nodes().size(), scene.nodes.size());
+
+  // Which mesh stands where is the file's word; where that place is, the source's.
+  NodeCopies copies(scene);
+  const format::SceneRecord& record = file.scenes()[file_scene];
+  for (uint64_t i = record.first_instance; i < record.first_instance + record.instance_count; ++i) {
+    const format::InstanceRecord& instance = file.instances()[i];
+    const uint32_t group = scene.primitives[model.meshes[instance.mesh].primitive].group;
+    if (scene.nodes[instance.node].group != group)
+      return Error{ErrorCode::kFormat, "instance " + std::to_string(i) + ": node " + std::to_string(instance.node) +
+                                           " draws another mesh in " + scene.file_name};
+    const Result<Rows> world = copies.world(instance.node, instance.node_instance);
+    if (!world) return world.error();
+    model.instances.push_back({instance.mesh, *world});
+  }
+  return model;
+}
+
+}  // namespace scree::compare

@@ -1,0 +1,78 @@
+// A glTF scene as the judge sees it: float32 positions and vertex numbers as the source has them, world matrices
+// composed in double, and which mesh and instance of a .scree file each belongs to.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "format/container.h"
+#include "format/result.h"
+#include "tools/compare/reference.h"
+#include "tools/convert/gltf_source.h"
+
+namespace scree::compare {
+
+/// One primitive, whole in memory: 12 bytes a vertex and 12 a triangle.
+struct SourceMesh {
+  uint32_t primitive = 0;         // in SourceScene::primitives
+  std::vector<float> positions;   // x y z
+  std::vector<uint32_t> corners;  // 3 a triangle, each below the number of vertices
+  std::vector<bool> kept;         // by triangle: what convert keeps
+  uint64_t kept_count = 0;
+  bool double_sided = false;
+};
+
+/// Reads a primitive. Not kept: triangles of strips and fans with two equal indices (they cover nothing) and those with
+/// a position that is not finite. Errors as read_triangles and read_floats.
+Result<SourceMesh> load_source_mesh(const convert::SourceScene& scene, uint32_t primitive);
+
+/// Calls `take(mesh number in `file`, source mesh)` for every mesh of the file in order, one source mesh in memory at a
+/// time. Errors: those of load_source_mesh and `take`; kFormat where the file cannot come from this source (another
+/// number of meshes or triangles); kUnsupported where a mesh has no source triangle numbers.
+template <class Take>
+Result<void> for_each_mesh(const convert::SourceScene& scene, const format::Container& file, const Take& take);
+
+/// All meshes of a file, and the instances of one of its scenes in the file's order.
+struct SourceModel {
+  std::vector<SourceMesh> meshes;            // by mesh number in the file
+  std::vector<ReferenceInstance> instances;  // by place in the scene's instances
+  std::vector<ReferenceMesh> views;          // of `meshes`, for draw_reference()
+};
+
+/// Reads all that scene number `file_scene` of `file` draws from its source, world matrices composed from the source's
+/// nodes. Errors as for_each_mesh, kFormat (other nodes or instances), those of read_instances.
+Result<SourceModel> load_source_model(const convert::SourceScene& scene, const format::Container& file,
+                                      uint32_t file_scene);
+
+/// What for_each_mesh checks of one mesh, and whether the primitive became one at all.
+class MeshMatcher {
+ public:
+  MeshMatcher(const convert::SourceScene& scene, const format::Container& file);
+  /// The next source primitive that has a mesh; nothing at the end.
+  Result<std::optional<SourceMesh>> next();
+  /// The mesh number of the last one that next() returned.
+  uint64_t mesh() const { return mesh_ - 1; }
+
+ private:
+  const convert::SourceScene& scene_;
+  const format::Container& file_;
+  std::vector<bool> drawn_;  // by group
+  uint32_t primitive_ = 0;
+  uint64_t mesh_ = 0;
+};
+
+template <class Take>
+Result<void> for_each_mesh(const convert::SourceScene& scene, const format::Container& file, const Take& take) {
+  MeshMatcher matcher(scene, file);
+  for (;;) {
+    Result<std::optional<SourceMesh>> mesh = matcher.next();
+    if (!mesh) return mesh.error();
+    if (!mesh->has_value()) return {};
+    if (Result<void> taken = take(matcher.mesh(), std::move(**mesh)); !taken) return taken;
+  }
+}
+
+}  // namespace scree::compare
