@@ -1,7 +1,6 @@
 #include "tools/synth/gltf_parts.h"
 
 #include <algorithm>
-#include <atomic>
 #include <map>
 #include <thread>
 
@@ -49,19 +48,9 @@ Result<void> add_instanced_nodes(GltfWriter& writer, std::span<const Placement> 
   return {};
 }
 
-uint64_t thread_count(uint32_t wanted, uint64_t items) {
+uint32_t thread_count(uint32_t wanted, uint64_t items) {
   const uint64_t count = wanted != 0 ? wanted : std::thread::hardware_concurrency();
-  return std::max<uint64_t>(1, std::min(count, items));
-}
-
-void for_each(uint64_t items, uint32_t threads, const std::function<void(uint64_t)>& body) {
-  std::atomic<uint64_t> next{0};
-  const auto work = [&] {
-    for (uint64_t item = next++; item < items; item = next++) body(item);
-  };
-  std::vector<std::jthread> helpers;
-  for (uint64_t i = 1; i < thread_count(threads, items); ++i) helpers.emplace_back(work);
-  work();
+  return static_cast<uint32_t>(std::max<uint64_t>(1, std::min(count, items)));
 }
 
 }  // namespace scree::synth

@@ -3,7 +3,6 @@
 
 #include <array>
 #include <cstdint>
-#include <functional>
 #include <span>
 #include <vector>
 
@@ -40,9 +39,6 @@ Result<void> add_instanced_nodes(tools::GltfWriter& writer, std::span<const Plac
                                  std::vector<uint32_t>& nodes);
 
 /// The threads `wanted` stands for: itself, or as many as the machine runs at once for 0; at most `items`, at least 1.
-uint64_t thread_count(uint32_t wanted, uint64_t items);
-
-/// Calls body(item) for every item below `items`, from several threads; in no order.
-void for_each(uint64_t items, uint32_t threads, const std::function<void(uint64_t)>& body);
+uint32_t thread_count(uint32_t wanted, uint64_t items);
 
 }  // namespace scree::synth

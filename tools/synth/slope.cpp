@@ -10,6 +10,7 @@
 #include <unordered_map>
 #include <vector>
 
+#include "runtime/parallel.h"
 #include "tools/common/gltf_writer.h"
 #include "tools/synth/gltf_parts.h"
 #include "tools/synth/textures.h"
@@ -353,7 +354,7 @@ Mesh make_ground(const std::vector<Stone>& stones, uint32_t threads) {
     std::vector<double> light;
   };
   std::vector<Row> rows(kGroundRows + 1);
-  for_each(rows.size(), threads, [&](uint64_t j) {
+  runtime::parallel_for(rows.size(), thread_count(threads, rows.size()), [&](uint64_t j) {
     // Rows grow apart with the distance from the camera.
     const double t = static_cast<double>(j) / kGroundRows;
     const double s = kNear + (kCliffFoot + 6.0 - kNear) * (0.3 * t + 0.7 * t * t);

@@ -11,6 +11,7 @@
 #include <jpeglib.h>
 #include <png.h>
 
+#include "runtime/parallel.h"
 #include "tools/synth/gltf_parts.h"
 #include "tools/synth/scene_functions.h"
 
@@ -217,7 +218,7 @@ bool compress_jpeg(uint32_t size, const uint8_t* rgb, JpegFailure& failure, unsi
 
 std::vector<uint8_t> make_texture(TextureKind kind, uint32_t size, uint32_t threads) {
   std::vector<uint8_t> rgb(uint64_t{size} * size * 3);
-  for_each(size, threads, [&](uint64_t y) {
+  runtime::parallel_for(size, thread_count(threads, size), [&](uint64_t y) {
     for (uint64_t x = 0; x < size; ++x) {
       const Color color = texel(kind, (static_cast<double>(x) + 0.5) / size, (static_cast<double>(y) + 0.5) / size);
       uint8_t* out = &rgb[(y * size + x) * 3];
