@@ -12,38 +12,16 @@
 
 #include "format/bytes.h"
 #include "tests/catch.h"
+#include "tests/tools/temp_folder.h"
 #include "tools/common/json_writer.h"
 
 using namespace scree;
 using namespace scree::tools;
 using nlohmann::json;
+using tests::read_whole;
+using tests::TempFolder;
 
 namespace {
-
-/// A fresh empty folder, removed at the end.
-struct Folder {
-  Folder() {
-    std::string pattern = (std::filesystem::temp_directory_path() / "scree-writer-XXXXXX").string();
-    REQUIRE(mkdtemp(pattern.data()) != nullptr);
-    path = pattern;
-  }
-  ~Folder() { std::filesystem::remove_all(path); }
-  std::string file(const char* name) const { return (path / name).string(); }
-  std::vector<std::string> names() const {
-    std::vector<std::string> found;
-    for (const auto& entry : std::filesystem::directory_iterator(path))
-      found.push_back(entry.path().filename().string());
-    std::sort(found.begin(), found.end());
-    return found;
-  }
-  std::filesystem::path path;
-};
-
-std::string read_file(const std::string& path) {
-  std::ifstream in(path, std::ios::binary);
-  REQUIRE(in);
-  return {std::istreambuf_iterator<char>(in), {}};
-}
 
 std::span<const std::byte> bytes_of(std::string_view text) {
   return std::as_bytes(std::span(text));
@@ -106,29 +84,29 @@ void check_document(const json& document) {
 }  // namespace
 
 TEST_CASE("a .gltf, its .bin and its images", "[gltf_writer]") {
-  const Folder folder;
+  const TempFolder folder;
   Result<GltfWriter> writer = GltfWriter::create(folder.file("a b%.gltf"));
   REQUIRE(writer);
   fill(*writer);
   for (const std::string& name : folder.names()) CHECK(std::filesystem::path(name).extension() == ".part");
   REQUIRE(writer->finish());
   CHECK(folder.names() == std::vector<std::string>{"a b%.bin", "a b%.gltf", "a b%_A_B____2.png", "a b%_a_b___.png"});
-  const json document = json::parse(read_file(folder.file("a b%.gltf")));
+  const json document = json::parse(read_whole(folder.file("a b%.gltf")));
   check_document(document);
   CHECK(document["buffers"][0]["uri"] == "a%20b%25.bin");
   CHECK(document["images"][1]["uri"] == "a%20b%25_A_B____2.png");
-  CHECK(read_file(folder.file("a b%_A_B____2.png")) == "PNG2");
+  CHECK(read_whole(folder.file("a b%_A_B____2.png")) == "PNG2");
   CHECK(std::filesystem::file_size(folder.file("a b%.bin")) == document["buffers"][0]["byteLength"]);
 }
 
 TEST_CASE("a .glb", "[gltf_writer]") {
-  const Folder folder;
+  const TempFolder folder;
   Result<GltfWriter> writer = GltfWriter::create(folder.file("x.glb"));
   REQUIRE(writer);
   fill(*writer);
   REQUIRE(writer->finish());
   CHECK(folder.names() == std::vector<std::string>{"x.glb"});
-  const std::string file = read_file(folder.file("x.glb"));
+  const std::string file = read_whole(folder.file("x.glb"));
   CHECK(file.size() == writer->total_bytes());
   const auto u32 = [&](size_t place) {
     return format::load<uint32_t>(reinterpret_cast<const std::byte*>(&file[place]));
@@ -148,7 +126,7 @@ TEST_CASE("a .glb", "[gltf_writer]") {
 }
 
 TEST_CASE("nothing is left of a glTF that was not finished", "[gltf_writer]") {
-  const Folder folder;
+  const TempFolder folder;
   for (const char* name : {"x.gltf", "x.glb"}) {
     Result<GltfWriter> writer = GltfWriter::create(folder.file(name));
     REQUIRE(writer);
@@ -158,7 +136,7 @@ TEST_CASE("nothing is left of a glTF that was not finished", "[gltf_writer]") {
 }
 
 TEST_CASE("what the writer refuses", "[gltf_writer]") {
-  const Folder folder;
+  const TempFolder folder;
   CHECK(GltfWriter::create(folder.file("x.obj")).error().code == ErrorCode::kUsage);
   CHECK(GltfWriter::create(folder.file("missing/x.glb")).error().code == ErrorCode::kFile);
   {
@@ -191,7 +169,7 @@ TEST_CASE("what the writer refuses", "[gltf_writer]") {
 
 TEST_CASE("a full disk leaves nothing behind", "[gltf_writer]") {
   // A file-size limit makes writes fail as a full disk does.
-  const Folder folder;
+  const TempFolder folder;
   rlimit before{};
   REQUIRE(getrlimit(RLIMIT_FSIZE, &before) == 0);
   const auto handler = std::signal(SIGXFSZ, SIG_IGN);

@@ -14,6 +14,7 @@
 #include <random>
 
 #include "tests/catch.h"
+#include "tests/tools/temp_folder.h"
 #include "tests/tools/validator.h"
 #include "tools/synth/slope.h"
 #include "tools/synth/textures.h"
@@ -21,25 +22,10 @@
 using namespace scree;
 using namespace scree::synth;
 using nlohmann::json;
+using tests::read_whole;
+using tests::TempFolder;
 
 namespace {
-
-struct Folder {
-  Folder() {
-    std::string pattern = (std::filesystem::temp_directory_path() / "scree-synth-XXXXXX").string();
-    REQUIRE(mkdtemp(pattern.data()) != nullptr);
-    path = pattern;
-  }
-  ~Folder() { std::filesystem::remove_all(path); }
-  std::string file(const std::string& name) const { return (path / name).string(); }
-  std::filesystem::path path;
-};
-
-std::string read_file(const std::string& path) {
-  std::ifstream in(path, std::ios::binary);
-  REQUIRE(in);
-  return {std::istreambuf_iterator<char>(in), {}};
-}
 
 SynthOptions scene_options(const char* scene, MeshOrder order = MeshOrder::kRow) {
   SynthOptions options;
@@ -67,8 +53,8 @@ void check_sums(const Expected& expected) {
 
 /// A written scene, read back without the importer.
 struct Document {
-  explicit Document(const std::string& path) : root(json::parse(read_file(path))) {
-    buffer = read_file(std::filesystem::path(path).replace_extension(".bin").string());
+  explicit Document(const std::string& path) : root(json::parse(read_whole(path))) {
+    buffer = read_whole(std::filesystem::path(path).replace_extension(".bin").string());
     CHECK(root["buffers"][0]["byteLength"] == buffer.size());
   }
   template <class T>
@@ -171,7 +157,7 @@ TEST_CASE("block order is a permutation of row order", "[synth]") {
 }
 
 TEST_CASE("a written scene holds the definition's vertices, indices, instances and cameras", "[synth]") {
-  const Folder folder;
+  const TempFolder folder;
   for (const char* name : {"A", "B", "C", "D"}) {
     const bool zorahlike = name[0] == 'C', hall = name[0] == 'D';
     const MeshOrder order = hall ? MeshOrder::kRow : MeshOrder::kBlock;
@@ -290,7 +276,7 @@ TEST_CASE("smaller versions keep the instances and the view", "[synth]") {
 }
 
 TEST_CASE("the same bytes for any number of threads", "[synth]") {
-  const Folder folder;
+  const TempFolder folder;
   for (const char* name : {"B", "slope"}) {
     std::string first;
     for (const uint32_t threads : {1u, 2u, 5u}) {
@@ -301,7 +287,7 @@ TEST_CASE("the same bytes for any number of threads", "[synth]") {
       options.texture_size = 64;
       options.output = folder.file(std::string(name) + ".glb");
       REQUIRE(synthesize(options));
-      const std::string bytes = read_file(options.output);
+      const std::string bytes = read_whole(options.output);
       if (threads == 1) first = bytes;
       CHECK(bytes == first);
     }
@@ -309,7 +295,7 @@ TEST_CASE("the same bytes for any number of threads", "[synth]") {
 }
 
 TEST_CASE("normals point outwards and have unit length", "[synth]") {
-  const Folder folder;
+  const TempFolder folder;
   SynthOptions options = scene_options("B");
   options.scale = 0.003;
   options.normals = options.uvs = true;
@@ -337,7 +323,7 @@ TEST_CASE("normals point outwards and have unit length", "[synth]") {
 }
 
 TEST_CASE("instances through EXT_mesh_gpu_instancing stand where the matrices put them", "[synth]") {
-  const Folder folder;
+  const TempFolder folder;
   SynthOptions options = scene_options("C");
   options.scale = 1e-9;
   options.gpu_instancing = true;
@@ -373,7 +359,7 @@ TEST_CASE("instances through EXT_mesh_gpu_instancing stand where the matrices pu
 }
 
 TEST_CASE("the slope", "[synth]") {
-  const Folder folder;
+  const TempFolder folder;
   SynthOptions options = scene_options("slope");
   options.scale = 0.02;
   options.texture_size = 128;
@@ -386,7 +372,7 @@ TEST_CASE("the slope", "[synth]") {
   CHECK(document.root["images"].size() == 4);
   for (const json& image : document.root["images"]) {
     const std::string uri = image["uri"];
-    const std::string bytes = read_file(folder.file(uri));
+    const std::string bytes = read_whole(folder.file(uri));
     CHECK(bytes.substr(0, 2) == (image["mimeType"] == "image/png" ? "\x89P" : "\xff\xd8"));
   }
   CHECK(document.root["cameras"][0]["name"] == "view");
@@ -419,11 +405,11 @@ TEST_CASE("the slope", "[synth]") {
   options.seed = 2;
   options.output = folder.file("other.gltf");
   REQUIRE(synthesize(options));
-  CHECK(read_file(folder.file("other.gltf")) != read_file(folder.file("slope.gltf")));
+  CHECK(read_whole(folder.file("other.gltf")) != read_whole(folder.file("slope.gltf")));
 }
 
 TEST_CASE("the Khronos validator accepts what synth writes", "[synth]") {
-  const Folder folder;
+  const TempFolder folder;
   for (const char* name : {"A", "B", "C", "D", "slope"})
     for (const bool full : {false, true}) {
       SynthOptions options = scene_options(name);
@@ -435,7 +421,7 @@ TEST_CASE("the Khronos validator accepts what synth writes", "[synth]") {
       options.output = folder.file(std::string(name) + (full ? ".glb" : ".gltf"));
       REQUIRE(synthesize(options));
     }
-  const tests::ValidatorRun validated = tests::run_validator(folder.path);
+  const tests::ValidatorRun validated = tests::run_validator(folder.path());
   if (!tests::validator_result_is_there(validated)) return;
   INFO(validated.output);
   CHECK(validated.exit_code == 0);
@@ -467,7 +453,7 @@ TEST_CASE("textures tile", "[synth]") {
 }
 
 TEST_CASE("what synth refuses", "[synth]") {
-  const Folder folder;
+  const TempFolder folder;
   const auto code = [](const SynthOptions& options) {
     const Result<SynthReport> report = synthesize(options);
     REQUIRE(!report);
@@ -506,11 +492,11 @@ TEST_CASE("what synth refuses", "[synth]") {
   options.output = folder.file("x.glb");
   options.uvs = true;
   CHECK(code(options) == ErrorCode::kUsage);
-  CHECK(std::filesystem::is_empty(folder.path));
+  CHECK(std::filesystem::is_empty(folder.path()));
 }
 
 TEST_CASE("a full disk ends synth with nothing left behind", "[synth]") {
-  const Folder folder;
+  const TempFolder folder;
   rlimit before{};
   REQUIRE(getrlimit(RLIMIT_FSIZE, &before) == 0);
   const auto handler = std::signal(SIGXFSZ, SIG_IGN);
@@ -530,5 +516,5 @@ TEST_CASE("a full disk ends synth with nothing left behind", "[synth]") {
   setrlimit(RLIMIT_FSIZE, &before);
   std::signal(SIGXFSZ, handler);
   CHECK(codes == std::vector<ErrorCode>{ErrorCode::kFile, ErrorCode::kFile});
-  CHECK(std::filesystem::is_empty(folder.path));
+  CHECK(std::filesystem::is_empty(folder.path()));
 }
