@@ -37,9 +37,22 @@ struct TableViews {
   }
 };
 
+/// Told how far check_records has come, a block of records before it reads them.
+class TableReader {
+ public:
+  /// Records up to `record` of the table, at least, are read next. Returns up to which record (exclusive, more than
+  /// `record`) it need not be told again.
+  virtual uint64_t read_to(TableKind kind, uint64_t record) = 0;
+
+ protected:
+  ~TableReader() = default;
+};
+
 /// Checks every field of every record (spec/container.md, tables). The tables lie in the file, are aligned and have the
-/// record sizes of their kinds or larger. No allocation but for the error's text. Errors kRange, kReserved, kFormat.
-Result<void> check_records(const TableViews& tables);
+/// record sizes of their kinds or larger; nothing else is relied on, their checksums neither. `reader` is told of each
+/// record of a large table before it is read first. No allocation but for the error's text. Errors kRange, kReserved,
+/// kFormat.
+Result<void> check_records(const TableViews& tables, TableReader& reader);
 
 // Error messages out of parts; a template so that the hot loops keep their values in registers until one fails.
 inline void append_part(std::string& text, const char* part) {

@@ -15,25 +15,12 @@
 #include <unordered_map>
 
 #include "format/bytes.h"
+#include "format/checksum.h"
 #include "format/container.h"
-
-#define XXH_STATIC_LINKING_ONLY
-#include <xxhash.h>
 
 namespace scree::format {
 
 namespace {
-
-/// A checksum of bytes that come in parts.
-class Checksum {
- public:
-  Checksum() { XXH3_64bits_reset(&state_); }
-  void add(std::span<const std::byte> bytes) { XXH3_64bits_update(&state_, bytes.data(), bytes.size()); }
-  uint64_t value() const { return XXH3_64bits_digest(&state_); }
-
- private:
-  XXH3_state_t state_;
-};
 
 /// One zstd frame that says its content's size, or nothing where it would not be smaller than `raw` or memory is short.
 std::vector<std::byte> compress(std::span<const std::byte> raw, int level) try {
@@ -72,7 +59,7 @@ SealedPage seal_page(PageKind kind, std::vector<std::byte> raw, int zstd_level) 
     }
   }
   page.record.stored_bytes = page.stored.size();
-  page.record.checksum = XXH3_64bits(page.stored.data(), page.stored.size());
+  page.record.checksum = checksum(page.stored);
   return page;
 }
 
@@ -324,9 +311,9 @@ Result<uint64_t> ContainerWriter::finish(const TableSet& tables) {
   header.toc_offset = align_up(impl_->end, kTableAlignment);
   header.toc_count = static_cast<uint32_t>(toc.size());
   const std::span<const std::byte> toc_bytes = std::as_bytes(std::span<const TocEntry>(toc));
-  header.toc_checksum = XXH3_64bits(toc_bytes.data(), toc_bytes.size());
+  header.toc_checksum = checksum(toc_bytes);
   header.file_bytes = header.toc_offset + toc_bytes.size();
-  header.checksum = XXH3_64bits(&header, offsetof(FileHeader, checksum));
+  header.checksum = checksum(std::as_bytes(std::span(&header, 1)).first(offsetof(FileHeader, checksum)));
   if (written = impl_->write(header.toc_offset, toc_bytes); !written) return written.error();
   if (written = impl_->write(0, std::as_bytes(std::span<const FileHeader>(&header, 1))); !written) {
     return written.error();

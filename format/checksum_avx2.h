@@ -1,0 +1,20 @@
+// XXH3 built for AVX2, for processors that have it: the library's own is SSE2's, of a third of the speed in the cache.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+
+namespace scree::format::isa_avx2 {
+
+#ifdef SCREE_HAS_AVX2_CHECKSUM
+uint64_t xxh3_64(const void* bytes, size_t size);
+/// `state`: an XXH3_state_t, which is the same for all instruction sets.
+void xxh3_64_update(void* state, const void* bytes, size_t size);
+#else
+inline uint64_t xxh3_64(const void*, size_t) {
+  return 0;
+}
+inline void xxh3_64_update(void*, const void*, size_t) {}
+#endif
+
+}  // namespace scree::format::isa_avx2
