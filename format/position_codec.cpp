@@ -227,6 +227,22 @@ Result<MeshLattice> choose_lattice(const float lo[3], const float hi[3], uint32_
   return lattice;
 }
 
+MeshLattice lattice_of(const MeshRecord& mesh) {
+  MeshLattice lattice;
+  lattice.exponent = mesh.lattice_exponent;
+  std::copy_n(mesh.lattice_min, 3, lattice.min.begin());
+  std::copy_n(mesh.lattice_bits, 3, lattice.bits.begin());
+  lattice.max_error = mesh.max_position_error;
+  return lattice;
+}
+
+PositionRange position_range_of(const ChunkRecord& chunk) {
+  PositionRange range;
+  std::copy_n(chunk.position_min, 3, range.min.begin());
+  std::copy_n(chunk.position_bits, 3, range.bits.begin());
+  return range;
+}
+
 uint64_t position_stream_bytes(uint64_t vertex_count, const PositionRange& range) {
   if (range.is_float32()) return align_up(vertex_count * kFloatVertexBytes, kChunkAlignment);
   return packed_bytes(vertex_count, range.stride_bits());

@@ -21,8 +21,9 @@ struct MeshLattice {
   double max_error = 0;  // half a step and half an ulp of the largest coordinate, model units
 };
 
-/// The coarsest lattice over the box that keeps max_error (model units; half a step) or, where max_error is 0, the finest
-/// with `bits` an axis. Errors kRange: more than kMaxPositionBits an axis would be needed (the message says how many).
+/// The coarsest lattice over the box that keeps max_error (model units; half a step) or, where max_error is 0, the
+/// finest with `bits` an axis. Errors kRange: more than kMaxPositionBits an axis would be needed (the message says how
+/// many).
 Result<MeshLattice> choose_lattice(const float lo[3], const float hi[3], uint32_t bits, double max_error);
 
 /// The lattice of a given exponent over the box. Errors kRange as above.
@@ -37,6 +38,10 @@ struct PositionRange {
   bool is_float32() const { return bits[0] == 32; }
 };
 
+/// What the records of a file say of a mesh's lattice, and of a chunk's codes on it.
+MeshLattice lattice_of(const MeshRecord& mesh);
+PositionRange position_range_of(const ChunkRecord& chunk);
+
 /// Bytes of the stream: packed_bytes(vertex_count, stride) or 12 * vertex_count rounded up to 16.
 uint64_t position_stream_bytes(uint64_t vertex_count, const PositionRange& range);
 
@@ -50,8 +55,9 @@ void quantize_positions(std::span<uint32_t> out, std::span<const float> position
 void encode_positions(std::span<std::byte> out, std::span<const uint32_t> coordinates, const PositionRange& range);
 void encode_positions_float32(std::span<std::byte> out, std::span<const float> positions);
 
-/// Decodes to float model units, 3 a vertex (out.size() / 3 vertices). Safe on any bytes and any range; errors kTruncated,
-/// kTrailing, kRange (bits, or a coordinate past the lattice's bits), kFormat (a float that is not finite). Reentrant.
+/// Decodes to float model units, 3 a vertex (out.size() / 3 vertices). Safe on any bytes and any range; errors
+/// kTruncated, kTrailing, kRange (bits, or a coordinate past the lattice's bits), kFormat (a float that is not finite).
+/// Reentrant.
 Result<void> decode_positions(std::span<float> out, const MeshLattice& lattice, const PositionRange& range,
                               std::span<const std::byte> bytes);
 

@@ -144,25 +144,15 @@ class Outline {
   bool decode(uint32_t mesh_index, std::vector<float>& positions) const {
     const format::MeshRecord& mesh = scene_.meshes[mesh_index];
     positions.resize(3 * mesh.vertex_count);
-    format::MeshLattice lattice;
-    lattice.exponent = mesh.lattice_exponent;
-    for (size_t axis = 0; axis < 3; ++axis) {
-      lattice.min[axis] = mesh.lattice_min[axis];
-      lattice.bits[axis] = mesh.lattice_bits[axis];
-    }
+    const format::MeshLattice lattice = format::lattice_of(mesh);
     uint64_t first = 0;
     for (uint64_t c = mesh.first_chunk; c < mesh.first_chunk + mesh.chunk_count; ++c) {
       const format::ChunkRecord& chunk = scene_.chunks[c];
-      format::PositionRange range;
-      for (size_t axis = 0; axis < 3; ++axis) {
-        range.min[axis] = chunk.position_min[axis];
-        range.bits[axis] = chunk.position_bits[axis];
-      }
       const format::ChunkStream stream = format::chunk_streams(mesh, chunk).positions;
       if (first + chunk.vertex_count > mesh.vertex_count) return false;
       const std::span<float> out(positions.data() + 3 * first, 3 * size_t{chunk.vertex_count});
       const std::span<const std::byte> bytes(scene_.pages[chunk.page] + chunk.offset + stream.offset, stream.bytes);
-      if (!format::decode_positions(out, lattice, range, bytes)) return false;
+      if (!format::decode_positions(out, lattice, format::position_range_of(chunk), bytes)) return false;
       first += chunk.vertex_count;
     }
     return true;

@@ -20,20 +20,6 @@ using format::ChunkRecord;
 using format::ChunkStream;
 using format::MeshRecord;
 
-Result<void> check_chunk_positions(const MeshRecord& mesh, const ChunkRecord& chunk, std::span<const std::byte> bytes) {
-  format::MeshLattice lattice;
-  lattice.exponent = mesh.lattice_exponent;
-  lattice.max_error = mesh.max_position_error;
-  format::PositionRange range;
-  for (size_t axis = 0; axis < 3; ++axis) {
-    lattice.min[axis] = mesh.lattice_min[axis];
-    lattice.bits[axis] = mesh.lattice_bits[axis];
-    range.min[axis] = chunk.position_min[axis];
-    range.bits[axis] = chunk.position_bits[axis];
-  }
-  return format::check_positions(chunk.vertex_count, lattice, range, bytes);
-}
-
 /// "mesh 12 (Rock), chunk 340 (page 7)".
 std::string chunk_place(const format::Container& container, uint64_t index) {
   const ChunkRecord& chunk = container.chunks()[index];
@@ -101,7 +87,8 @@ Result<void> check_chunk(const MeshRecord& mesh, const ChunkRecord& chunk, std::
   Result<void> checked = format::check_indices(uint64_t{3} * chunk.triangle_count, chunk.vertex_count,
                                                {chunk.index_min, chunk.index_bits}, bytes_of(streams.indices));
   if (!checked) return at("indices", checked.error());
-  checked = check_chunk_positions(mesh, chunk, bytes_of(streams.positions));
+  checked = format::check_positions(chunk.vertex_count, format::lattice_of(mesh), format::position_range_of(chunk),
+                                    bytes_of(streams.positions));
   if (!checked) return at("positions", checked.error());
   if (mesh.attributes & format::kHasUv) {
     const format::UvRange range{

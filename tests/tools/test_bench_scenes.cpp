@@ -68,11 +68,7 @@ void check_geometry(const synth::Scene& scene, const Encoding& encoding) {
     uint64_t vertices = 0;
     std::vector<synth::Float3> defined;
     for (uint32_t v = 0; v < synth::vertex_count(recipe); ++v) defined.push_back(synth::vertex_position(recipe, v));
-    format::MeshLattice lattice{mesh.lattice_exponent, {}, {}, mesh.max_position_error};
-    for (size_t axis = 0; axis < 3; ++axis) {
-      lattice.min[axis] = mesh.lattice_min[axis];
-      lattice.bits[axis] = mesh.lattice_bits[axis];
-    }
+    const format::MeshLattice lattice = format::lattice_of(mesh);
     for (uint64_t c = mesh.first_chunk; c < next_chunk; ++c) {
       const format::ChunkRecord& chunk = made.tables.chunks[c];
       REQUIRE(chunk.first_triangle == expected_first);
@@ -87,13 +83,8 @@ void check_geometry(const synth::Scene& scene, const Encoding& encoding) {
           indices, chunk.vertex_count, {chunk.index_min, chunk.index_bits}, stream(made, chunk, streams.indices));
       REQUIRE(decoded_indices);
       std::vector<float> positions(3 * size_t{chunk.vertex_count});
-      format::PositionRange range;
-      for (size_t axis = 0; axis < 3; ++axis) {
-        range.min[axis] = chunk.position_min[axis];
-        range.bits[axis] = chunk.position_bits[axis];
-      }
-      const Result<void> decoded =
-          format::decode_positions(positions, lattice, range, stream(made, chunk, streams.positions));
+      const Result<void> decoded = format::decode_positions(positions, lattice, format::position_range_of(chunk),
+                                                            stream(made, chunk, streams.positions));
       REQUIRE(decoded);
       std::vector<bool> used(chunk.vertex_count);
       for (uint32_t t = 0; t < chunk.triangle_count; t += 2) {

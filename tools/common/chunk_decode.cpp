@@ -96,17 +96,8 @@ Result<void> decode_chunk(const format::Container& file, uint64_t chunk, std::sp
     if (!done) return at(place("indices"), done.error());
   }
   if (parts & kPartPositions) {
-    format::MeshLattice lattice;
-    lattice.exponent = mesh.lattice_exponent;
-    lattice.max_error = mesh.max_position_error;
-    format::PositionRange range;
-    for (size_t axis = 0; axis < 3; ++axis) {
-      lattice.min[axis] = mesh.lattice_min[axis];
-      lattice.bits[axis] = mesh.lattice_bits[axis];
-      range.min[axis] = record.position_min[axis];
-      range.bits[axis] = record.position_bits[axis];
-    }
-    const auto done = format::decode_positions(out.positions, lattice, range, bytes_of(streams.positions));
+    const auto done = format::decode_positions(out.positions, format::lattice_of(mesh),
+                                               format::position_range_of(record), bytes_of(streams.positions));
     if (!done) return at(place("positions"), done.error());
   }
   if (!out.uvs.empty()) {
