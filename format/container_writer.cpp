@@ -1,6 +1,4 @@
 #include <fcntl.h>
-#include <sys/file.h>
-#include <sys/stat.h>
 #include <unistd.h>
 #include <zstd.h>
 
@@ -17,6 +15,7 @@
 #include "format/bytes.h"
 #include "format/checksum.h"
 #include "format/container.h"
+#include "format/part_file.h"
 
 namespace scree::format {
 
@@ -86,101 +85,29 @@ std::span<const char> StringTable::bytes() const {
 
 struct ContainerWriter::Impl {
   std::string path;
-  std::string part;  // empty once it is renamed or removed
-  int file = -1;
+  PartFile file;
   uint64_t end = kPageAlignment;  // of what is written; the header comes last
   std::vector<PageRecord> pages;
   std::vector<TocEntry> toc;  // of the tables that are written
   Checksum checksum;          // of the last of them, while it may grow
 
-  Impl() = default;
-  Impl(const Impl&) = delete;
-  Impl& operator=(const Impl&) = delete;
-  ~Impl() { discard(); }
-
-  /// Removes the .part (while the lock on it is held, so that it is ours) and closes it.
-  void discard() {
-    if (!part.empty()) ::unlink(part.c_str());
-    part.clear();
-    if (file >= 0) ::close(file);
-    file = -1;
-  }
-
-  /// The error of a system call on the .part, which is given up.
-  Error fail(const char* call, int error) {
-    Error result{ErrorCode::kFile, path + ".part: " + call + ": " + std::strerror(error)};
-    discard();
-    return result;
-  }
-
-  Error not_open() const { return {ErrorCode::kFile, path + ".part: is not open any more"}; }
-
-  Result<void> open();
   Result<void> write(uint64_t offset, std::span<const std::byte> bytes);
   Result<void> append_records(TableKind kind, uint32_t record_bytes, std::span<const std::byte> records);
   Result<void> rename_into_place();
 };
 
-/// Opens, locks and empties the .part. A stale one (of a run that was killed) is taken over; one that a running writer
-/// holds is not.
-Result<void> ContainerWriter::Impl::open() {
-  if (path.empty()) return Error{ErrorCode::kFile, "a file without a name cannot be written"};
-  struct stat target;
-  if (::stat(path.c_str(), &target) == 0 && !S_ISREG(target.st_mode)) {
-    return Error{ErrorCode::kFile, path + (S_ISDIR(target.st_mode) ? ": is a folder" : ": is not a regular file")};
-  }
-  const std::string name = path + ".part";
-  // Between opening and locking, another writer may have renamed the file that was opened into place, and it must not
-  // be emptied then: the lock counts only while the name still means the locked file.
-  for (int attempt = 0; attempt < 100; ++attempt) {
-    const int opened = ::open(name.c_str(), O_RDWR | O_CREAT | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK, 0666);
-    if (opened < 0) return Error{ErrorCode::kFile, name + ": open: " + std::strerror(errno)};
-    struct stat of_file;
-    if (::fstat(opened, &of_file) != 0 || !S_ISREG(of_file.st_mode)) {
-      ::close(opened);
-      return Error{ErrorCode::kFile, name + ": is not a regular file"};
-    }
-    int locked;
-    do {
-      locked = ::flock(opened, LOCK_EX | LOCK_NB);
-    } while (locked != 0 && errno == EINTR);
-    // Some file systems have no locks: writing is still right there, only not guarded against a second writer.
-    if (locked != 0 && errno == EWOULDBLOCK) {
-      ::close(opened);
-      return Error{ErrorCode::kFile, name + ": another program is writing it"};
-    }
-    struct stat of_name;
-    if (::lstat(name.c_str(), &of_name) == 0 && of_name.st_dev == of_file.st_dev && of_name.st_ino == of_file.st_ino) {
-      file = opened;
-      part = name;
-      if (::ftruncate(file, 0) != 0) return fail("truncate", errno);
-      return {};
-    }
-    ::close(opened);
-  }
-  return Error{ErrorCode::kFile, name + ": other programs keep replacing it"};
-}
-
+/// A .part that cannot be written whole is given up at once, so that it does not fill the disk any longer.
 Result<void> ContainerWriter::Impl::write(uint64_t offset, std::span<const std::byte> bytes) {
-  if (file < 0) return not_open();
-  while (!bytes.empty()) {
-    const ssize_t written = ::pwrite(file, bytes.data(), bytes.size(), static_cast<off_t>(offset));
-    if (written < 0) {
-      if (errno == EINTR) continue;
-      return fail("write", errno);
-    }
-    if (written == 0) return fail("write", ENOSPC);
-    offset += static_cast<uint64_t>(written);
-    bytes = bytes.subspan(static_cast<size_t>(written));
-  }
-  return {};
+  Result<void> written = file.write_at(offset, bytes);
+  if (!written) file.discard();
+  return written;
 }
 
 /// Empty tables are left out. Padding is what the file has where nothing was written: zeros.
 Result<void> ContainerWriter::Impl::append_records(TableKind kind, uint32_t record_bytes,
                                                    std::span<const std::byte> records) {
   if (records.empty()) return {};
-  if (file < 0) return not_open();
+  if (!file.is_open()) return write(end, records);  // which says so
   if (toc.empty() || toc.back().kind != kind) {
     assert(std::none_of(toc.begin(), toc.end(), [&](const TocEntry& entry) { return entry.kind == kind; }));
     end = align_up(end, kTableAlignment);
@@ -191,7 +118,7 @@ Result<void> ContainerWriter::Impl::append_records(TableKind kind, uint32_t reco
   assert(entry.record_bytes == record_bytes && records.size() % record_bytes == 0);
   entry.record_count += records.size() / record_bytes;
   if (entry.record_count >= kNone) {
-    discard();
+    file.discard();
     return Error{ErrorCode::kRange, path + ": " + std::to_string(entry.record_count) + " records in table " +
                                         std::to_string(static_cast<uint32_t>(kind)) + ", more than a file can have"};
   }
@@ -204,14 +131,12 @@ Result<void> ContainerWriter::Impl::append_records(TableKind kind, uint32_t reco
 
 /// The data must be on the disk before the name is, and the name before the caller is told.
 Result<void> ContainerWriter::Impl::rename_into_place() {
-  int flushed;
-  do {
-    flushed = ::fsync(file);
-  } while (flushed != 0 && errno == EINTR);
-  if (flushed != 0) return fail("sync", errno);
-  if (::rename(part.c_str(), path.c_str()) != 0) return fail("rename", errno);
-  part.clear();
-  discard();
+  Result<void> done = file.sync();
+  if (done) done = file.commit();
+  if (!done) {
+    file.discard();
+    return done;
+  }
   const std::filesystem::path folder = std::filesystem::path(path).parent_path();
   const int opened = ::open(folder.empty() ? "." : folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
   if (opened < 0) return {};  // a folder that may be written but not read: the file is there, the name may be late
@@ -225,9 +150,11 @@ Result<void> ContainerWriter::Impl::rename_into_place() {
 }
 
 Result<ContainerWriter> ContainerWriter::create(const std::string& path) {
+  auto part = PartFile::create(path);
+  if (!part) return part.error();
   auto impl = std::make_unique<Impl>();
   impl->path = path;
-  if (auto opened = impl->open(); !opened) return opened.error();
+  impl->file = std::move(*part);
   return ContainerWriter(std::move(impl));
 }
 

@@ -6,8 +6,8 @@
 #include <new>
 #include <string>
 
+#include "format/part_file.h"
 #include "runtime/image_codecs.h"
-#include "runtime/part_file.h"
 
 namespace scree::runtime {
 namespace {
@@ -98,19 +98,26 @@ uint64_t image_check_bytes(const ImageInfo& info) {
 
 Result<void> write_pfm(const std::string& path, uint32_t width, uint32_t height, std::span<const float> values) {
   assert(values.size() == uint64_t{width} * height);
-  Result<PartFile> file = PartFile::create(path);
-  if (!file) return file.error();
   const std::string head = "Pf\n" + std::to_string(width) + " " + std::to_string(height) + "\n-1.0\n";
-  file->write(head.data(), head.size());
-  for (uint64_t row = height; row-- > 0;) file->write(values.data() + row * width, sizeof(float) * width);
-  return file->commit();
+  Result<format::PartFile> file = format::PartFile::create(path);
+  if (!file) return file.error();
+  Result<void> done = file->write_at(0, std::as_bytes(std::span(head)));
+  uint64_t end = head.size();
+  for (uint64_t row = height; row-- > 0 && done; end += sizeof(float) * width) {
+    done = file->write_at(end, std::as_bytes(values.subspan(row * width, width)));
+  }
+  if (done) done = file->close();
+  if (done) done = file->commit();
+  return done;
 }
 
 Result<void> write_visibility(const std::string& path, std::span<const uint64_t> samples) {
-  Result<PartFile> file = PartFile::create(path);
+  Result<format::PartFile> file = format::PartFile::create(path);
   if (!file) return file.error();
-  file->write(samples.data(), samples.size_bytes());
-  return file->commit();
+  Result<void> done = file->write_at(0, std::as_bytes(samples));
+  if (done) done = file->close();
+  if (done) done = file->commit();
+  return done;
 }
 
 }  // namespace scree::runtime

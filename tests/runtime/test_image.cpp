@@ -1,7 +1,10 @@
 #include "runtime/image.h"
 
+#include <sys/resource.h>
+
 #include <array>
 #include <cmath>
+#include <csignal>
 #include <cstdlib>
 #include <cstring>
 #include <filesystem>
@@ -174,16 +177,27 @@ TEST_CASE("a picture that cannot be written leaves nothing behind", "[image]") {
   CHECK_FALSE(std::filesystem::exists(folder.string() + ".part"));
   std::filesystem::remove_all(folder);
 
-  if (std::filesystem::exists("/dev/full")) {
-    const auto full = scratch("full.pfm");  // its .part is the device that is always full
-    std::filesystem::create_symlink("/dev/full", full.string() + ".part");
-    const std::vector<float> values(100, 1.0f);
-    const Result<void> result = scree::runtime::write_pfm(full.string(), 10, 10, values);
-    REQUIRE_FALSE(result);
-    CHECK(result.error().message.find("No space left") != std::string::npos);
-    CHECK_FALSE(std::filesystem::exists(full));
-    CHECK_FALSE(std::filesystem::is_symlink(full.string() + ".part"));
-  }
+  // Past the limit write() fails as on a full disk, where SIGXFSZ is ignored.
+  const auto full = scratch("full.pfm");
+  const std::vector<float> values(100, 1.0f);
+  const auto before = std::signal(SIGXFSZ, SIG_IGN);
+  rlimit limit{};
+  REQUIRE(getrlimit(RLIMIT_FSIZE, &limit) == 0);
+  rlimit low = limit;
+  low.rlim_cur = 100;
+  REQUIRE(setrlimit(RLIMIT_FSIZE, &low) == 0);
+  const Result<void> pfm = scree::runtime::write_pfm(full.string(), 10, 10, values);
+  low.rlim_cur = 10;
+  REQUIRE(setrlimit(RLIMIT_FSIZE, &low) == 0);
+  const Result<void> png = scree::runtime::write_png(full.string(), 10, 10, 3, std::vector<uint8_t>(300, 7));
+  setrlimit(RLIMIT_FSIZE, &limit);
+  std::signal(SIGXFSZ, before);
+  REQUIRE_FALSE(pfm);
+  CHECK(pfm.error().message.find("full.pfm.part: write: File too large") != std::string::npos);
+  REQUIRE_FALSE(png);
+  CHECK(png.error().message.find("File too large") != std::string::npos);
+  CHECK_FALSE(std::filesystem::exists(full));
+  CHECK_FALSE(std::filesystem::exists(full.string() + ".part"));
 }
 
 TEST_CASE("a PFM has its rows bottom to top, little-endian", "[image]") {

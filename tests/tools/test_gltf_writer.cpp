@@ -156,15 +156,16 @@ TEST_CASE("what the writer refuses", "[gltf_writer]") {
     writer->add_node(node);
     CHECK(writer->finish().error().code == ErrorCode::kRange);
   }
-  // The document cannot take its name: the buffer, renamed before it, goes again.
-  std::filesystem::create_directory(folder.file("dir.gltf"));
+  // The document cannot take its name any more: the buffer, renamed before it, goes again.
   {
     Result<GltfWriter> writer = GltfWriter::create(folder.file("dir.gltf"));
     REQUIRE(writer);
     fill(*writer);
+    std::filesystem::create_directory(folder.file("dir.gltf"));
     CHECK(writer->finish().error().code == ErrorCode::kFile);
   }
   CHECK(folder.names() == std::vector<std::string>{"dir.gltf"});
+  CHECK(GltfWriter::create(folder.file("dir.gltf")).error().message.find("dir.gltf: is a folder") != std::string::npos);
 }
 
 TEST_CASE("a full disk leaves nothing behind", "[gltf_writer]") {

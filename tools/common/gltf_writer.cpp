@@ -10,11 +10,13 @@
 #include <tuple>
 
 #include "format/bytes.h"
+#include "format/part_file.h"
 #include "tools/common/json_writer.h"
-#include "tools/common/part_file.h"
 
 namespace scree::tools {
 namespace {
+
+using format::PartFile;
 
 constexpr uint64_t kGlbMaxBytes = 0xffffffffu;  // its length field has 32 bits
 constexpr uint64_t kGlbHeaderBytes = 12;
