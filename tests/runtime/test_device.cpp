@@ -15,6 +15,10 @@
 #include "tests/tools/temp_folder.h"
 #include "tools/convert/convert.h"
 
+#ifdef SCREE_HAS_CUDA
+#include "runtime/cuda_check.h"
+#endif
+
 using scree::Result;
 using scree::kernels::Show;
 using scree::kernels::View;
@@ -132,3 +136,43 @@ TEST_CASE("a scene over the device's budget is refused with both sizes", "[cuda]
   CHECK(device.error().code == scree::ErrorCode::kDevice);
   CHECK(device.error().message.find("16 are allowed") != std::string::npos);
 }
+
+#ifdef SCREE_HAS_CUDA
+TEST_CASE("queues that are too small grow, and the frame is drawn again", "[cuda]") {
+  if (!scree::runtime::find_device()) {
+    WARN("skipped: no GPU");
+    return;
+  }
+  const scree::tests::TempFolder folder;
+  scree::convert::ConvertOptions convert;
+  convert.input = scree::tests::data_path("textured_cube.glb").string();
+  convert.output = folder.file("scene.scree");
+  REQUIRE(scree::convert::convert(convert));
+  const Scene scene = load(convert.output);
+  Result<DeviceScene> device = DeviceScene::upload(scene, 0, 2);
+  REQUIRE(device);
+  // A cube that fills the picture: large triangles, many tiles, and with the smaller picture medium ones.
+  for (const uint32_t width : {700u, 60u}) {
+    scree::runtime::CameraOptions camera;
+    camera.width = width;
+    camera.height = width;
+    const Result<View> view = scree::runtime::make_view(scene.container(), 0, scene.view(), camera);
+    REQUIRE(view);
+    const Result<Frame> cpu = Frame::draw(scene, *view, 1, 2);
+    REQUIRE(cpu);
+    Result<scree::kernels::CudaFrames> frames =
+        scree::kernels::CudaFrames::create(scene.view(), device->device_view(), {1, 1, 1});
+    REQUIRE(frames);
+    std::vector<uint64_t> samples(size_t{width} * width);
+    Result<scree::runtime::DeviceBuffer> buffer =
+        scree::runtime::DeviceBuffer::allocate(samples.size() * sizeof(uint64_t), "allocating the picture");
+    REQUIRE(buffer);
+    const auto stats = frames->draw(*view, reinterpret_cast<uint64_t*>(buffer->data()));
+    REQUIRE(stats);
+    CHECK(stats->triangles_medium + stats->triangles_large > 1);
+    REQUIRE(scree::runtime::cuda_check(
+        cudaMemcpy(samples.data(), buffer->data(), buffer->bytes(), cudaMemcpyDeviceToHost), "reading the picture"));
+    CHECK(std::equal(samples.begin(), samples.end(), cpu->samples().begin(), cpu->samples().end()));
+  }
+}
+#endif
