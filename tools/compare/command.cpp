@@ -20,7 +20,9 @@
 #include "tools/common/sigbus.h"
 #include "tools/compare/against_source.h"
 #include "tools/compare/buffers.h"
+#include "tools/compare/flip.h"
 #include "tools/compare/geometry.h"
+#include "tools/compare/images.h"
 #include "tools/compare/report.h"
 #include "tools/compare/source_model.h"
 #include "tools/convert/gltf_source.h"
@@ -37,13 +39,15 @@ struct Words {
   std::string other;
   std::string of;
   std::string exclude;
+  double pixels_per_degree = kPixelsPerDegree;
   bool json = false;
 };
 
 enum class FileKind { kPicture, kScene, kSource, kBuffer };
 
 constexpr const char* kWhatItCompares =
-    "two visibility buffers (render --visbuffer), or a .scree file and the .gltf or .glb it was made from";
+    "two PNG pictures, two visibility buffers (render --visbuffer), or a .scree file and the .gltf or .glb it was made "
+    "from";
 
 /// A glTF by its name, the others by their first bytes; a visibility buffer has no mark of its own.
 Result<FileKind> kind_of(const std::string& path) {
@@ -79,6 +83,7 @@ const char* name_of(FileKind kind) {
 struct Findings {
   std::optional<PixelReport> pixels;
   std::optional<GeometryReport> geometry;
+  std::optional<PictureReport> pictures;
 };
 
 Result<void> print(const Words& words, const Findings& findings) {
@@ -91,6 +96,7 @@ Result<void> print(const Words& words, const Findings& findings) {
     json.line();
     if (findings.pixels) json_pixels(json, *findings.pixels);
     if (findings.geometry) json_geometry(json, *findings.geometry);
+    if (findings.pictures) json_pictures(json, *findings.pictures);
     json.end_object();
     json.line();
     if (json.met_non_finite()) return Error{ErrorCode::kRange, "a result is not a finite number"};
@@ -99,6 +105,7 @@ Result<void> print(const Words& words, const Findings& findings) {
     if (findings.pixels) text += text_pixels(*findings.pixels);
     if (findings.pixels && findings.geometry) text += "\n";
     if (findings.geometry) text += text_geometry(*findings.geometry);
+    if (findings.pictures) text += text_pictures(*findings.pictures);
   }
   std::fwrite(text.data(), 1, text.size(), stdout);
   if (std::fflush(stdout) != 0 || std::ferror(stdout)) return Error{ErrorCode::kFile, "standard output: cannot write"};
@@ -169,6 +176,14 @@ Result<Findings> find(const Words& words, const RenderOptions& options) {
   const bool buffers = *a == FileKind::kBuffer && *b == FileKind::kBuffer;
   if (!words.of.empty() && !buffers) return Error{ErrorCode::kUsage, "--of needs two visibility buffers"};
   if (buffers) return compare_two_buffers(words, options);
+  if (*a == FileKind::kPicture && *b == FileKind::kPicture) {
+    Result<PictureReport> report =
+        compare_pictures(words.render.file, words.other, words.pixels_per_degree, options.threads);
+    if (!report) return report.error();
+    Findings findings;
+    findings.pictures = std::move(*report);
+    return findings;
+  }
   if (*a == FileKind::kScene && *b == FileKind::kSource)
     return compare_scene(words, words.render.file, words.other, options);
   if (*a == FileKind::kSource && *b == FileKind::kScene)
@@ -178,18 +193,25 @@ Result<Findings> find(const Words& words, const RenderOptions& options) {
 }
 
 Result<void> run(const Words& words) {
-  const Result<RenderOptions> options = parse_render_options(words.render);
+  RenderWords render = words.render;
+  render.file.clear();
+  render.list_cameras = true;  // render makes up an output beside its file where nothing else is asked for
+  const Result<RenderOptions> options = parse_render_options(render);
   if (!options) return options.error();
-  std::error_code ignored;
-  if (!words.render.output.empty() && std::filesystem::equivalent(words.render.output, words.other, ignored))
-    return Error{ErrorCode::kUsage, "--output: " + words.render.output + " is one of the files to compare"};
+  for (const std::string* path : {&words.render.file, &words.other, &words.of}) {
+    std::error_code ignored;
+    if (!words.render.output.empty() && std::filesystem::equivalent(words.render.output, *path, ignored))
+      return Error{ErrorCode::kUsage, "--output: " + words.render.output + " is one of the files to compare"};
+  }
   report_sigbus("compare", words.render.file);
   try {
     const Result<Findings> findings = find(words, *options);
     if (!findings) return findings.error();
-    if (!words.render.output.empty() && findings->pixels)
-      if (const Result<void> written = write_difference(words.render.output, *findings->pixels); !written)
-        return written;
+    if (!words.render.output.empty()) {
+      const Result<void> written = findings->pixels ? write_difference(words.render.output, *findings->pixels)
+                                                    : write_flip(words.render.output, *findings->pictures);
+      if (!written) return written;
+    }
     return print(words, *findings);
   } catch (const std::bad_alloc&) {
     return Error{ErrorCode::kMemory, "no memory left to compare " + words.render.file + " with " + words.other};
@@ -203,13 +225,14 @@ Command add_compare(CLI::App& parent) {
   RenderWords& render = words->render;
   CLI::App* app = parent.add_subcommand(
       "compare",
-      "Says by how much B's answer is missed by A: two visibility buffers of one view, or a .scree file\n"
+      "Says by how much A misses B: two PNG pictures, two visibility buffers of one view, or a .scree file\n"
       "(made with convert --source-ids) and its glTF, which a double-precision rasteriser draws as it is.");
-  app->add_option("A", render.file, "A visibility buffer, or a .scree file")->required();
-  app->add_option("B", words->other, "What is right: a visibility buffer, or a .gltf or .glb")->required();
+  app->add_option("A", render.file, "A PNG, a visibility buffer, or a .scree file")->required();
+  app->add_option("B", words->other, "What is right: a PNG, a visibility buffer, or a .gltf or .glb")->required();
   app->add_option("-o,--output", render.output,
                   "A picture of the difference, a .png: right surfaces grey, background against surface blue, other\n"
-                  "mesh or triangle red, triangle sharing no vertex orange, neighbouring triangle green");
+                  "mesh or triangle red, triangle sharing no vertex orange, neighbouring triangle green; of two PNGs "
+                  "the FLIP error, black 0 to white 1");
   app->add_option("--size", render.size, "Pixels, WxH (default: 1920x1080)");
   app->add_option("--scene", render.scene, "Scene of the file, by name or number (default: the file's default)");
   app->add_option("--camera", render.camera, "Camera of the file, by name, node name or number");
@@ -220,6 +243,9 @@ Command add_compare(CLI::App& parent) {
   app->add_option("--of", words->of,
                   "The .scree file of two visibility buffers: tells other meshes and neighbours apart");
   app->add_option("--exclude", words->exclude, "The --exclude that the .scree file was converted with");
+  app->add_option("--ppd", words->pixels_per_degree,
+                  "FLIP's pixels per degree of what the eye sees (default: 67, a screen of 3840 pixels at its width)")
+      ->check(CLI::Range(1.0, 1000.0));
   app->add_option("--threads", render.threads, "Threads; 0: one per processor (default)");
   app->add_flag("--json", words->json, "One JSON object");
   return {app, [words] { return run(*words); }};

@@ -1,5 +1,6 @@
 #include "tools/compare/report.h"
 
+#include <cmath>
 #include <cstdio>
 #include <vector>
 
@@ -128,6 +129,32 @@ void json_geometry(JsonWriter& json, const GeometryReport& report) {
   json.member("broken_bounds", uint64_t{report.broken.size()});
   if (report.normals != 0) json.member("max_normal_degrees", report.normal_degrees);
   if (report.faces != 0) json.member("max_face_degrees", report.face_degrees);
+  json.end_object();
+  json.line();
+}
+
+std::string text_pictures(const PictureReport& report) {
+  TextTable table;
+  table.row({"pixels", grouped(report.flip.size())});
+  table.row({"pixels that differ", grouped(report.differing)});
+  table.row({"largest difference of a byte", grouped(report.max_levels)});
+  table.row({"PSNR", std::isfinite(report.psnr) ? short_number(report.psnr) + " dB" : "identical"});
+  table.row({"FLIP, mean (unverified)", short_number(report.flip_mean)});
+  table.row({"FLIP, largest (unverified)", short_number(report.flip_max)});
+  return table.text();
+}
+
+void json_pictures(JsonWriter& json, const PictureReport& report) {
+  json.key("pictures");
+  json.begin_object();
+  json.member("width", report.width);
+  json.member("height", report.height);
+  json.member("differing", report.differing);
+  json.member("max_levels", report.max_levels);
+  if (std::isfinite(report.psnr)) json.member("psnr_db", report.psnr);
+  json.member("flip_mean", report.flip_mean);
+  json.member("flip_max", report.flip_max);
+  json.member("flip_verified", false);  // against the authors' program
   json.end_object();
   json.line();
 }

@@ -5,16 +5,19 @@
 
 #include "tools/common/json_writer.h"
 #include "tools/compare/geometry.h"
+#include "tools/compare/images.h"
 #include "tools/compare/pixels.h"
 
 namespace scree::compare {
 
 std::string text_pixels(const PixelReport& report);
 std::string text_geometry(const GeometryReport& report);
+std::string text_pictures(const PictureReport& report);
 
-/// A member "pixels" or "geometry" of the object that is open. Names are stable, lengths are model units, angles
-/// degrees; what has no value is absent.
+/// A member "pixels", "geometry" or "pictures" of the object that is open. Names are stable, lengths are model units,
+/// angles degrees; what has no value is absent.
 void json_pixels(tools::JsonWriter& json, const PixelReport& report);
 void json_geometry(tools::JsonWriter& json, const GeometryReport& report);
+void json_pictures(tools::JsonWriter& json, const PictureReport& report);
 
 }  // namespace scree::compare

@@ -1,0 +1,76 @@
+#include "tools/compare/images.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "runtime/image.h"
+#include "runtime/mapped_file.h"
+#include "tools/compare/flip.h"
+
+namespace scree::compare {
+namespace {
+
+struct Rgb {
+  uint32_t width = 0, height = 0;
+  std::vector<uint8_t> pixels;  // 3 bytes each
+};
+
+Result<Rgb> read_picture(const std::string& path) {
+  const auto map = runtime::MappedFile::open(path);
+  if (!map) return map.error();
+  const Result<runtime::Image> image = runtime::decode_image(map->bytes());
+  if (!image) return at(path, image.error());
+  if (!image->warning.empty()) return Error{ErrorCode::kFormat, path + ": " + image->warning};
+  Rgb out{image->width, image->height, {}};
+  out.pixels.reserve(image->rgba.size() / 4 * 3);
+  for (size_t i = 0; i < image->rgba.size(); i += 4)
+    for (size_t c = 0; c < 3; ++c)
+      out.pixels.push_back(static_cast<uint8_t>((image->rgba[i + c] * image->rgba[i + 3] + 127) / 255));
+  return out;
+}
+
+}  // namespace
+
+Result<PictureReport> compare_pictures(const std::string& a_path, const std::string& b_path, double pixels_per_degree,
+                                       uint32_t threads) {
+  const Result<Rgb> a = read_picture(a_path);
+  if (!a) return a.error();
+  const Result<Rgb> b = read_picture(b_path);
+  if (!b) return b.error();
+  if (a->width != b->width || a->height != b->height)
+    return Error{ErrorCode::kRange, a_path + ": " + std::to_string(a->width) + " x " + std::to_string(a->height) +
+                                        " pixels, but " + b_path + " has " + std::to_string(b->width) + " x " +
+                                        std::to_string(b->height)};
+  PictureReport report;
+  report.width = a->width;
+  report.height = a->height;
+  uint64_t squares = 0;  // at most 2^28 pixels of 3 * 255^2
+  for (size_t i = 0; i < a->pixels.size(); i += 3) {
+    uint32_t largest = 0;
+    for (size_t c = 0; c < 3; ++c) {
+      const auto levels = static_cast<uint32_t>(std::abs(int{a->pixels[i + c]} - int{b->pixels[i + c]}));
+      largest = std::max(largest, levels);
+      squares += levels * levels;
+    }
+    report.differing += largest > 0 ? 1 : 0;
+    report.max_levels = std::max(report.max_levels, largest);
+  }
+  const double mean = static_cast<double>(squares) / static_cast<double>(a->pixels.size());
+  report.psnr = squares == 0 ? INFINITY : 10 * std::log10(255.0 * 255.0 / mean);
+  report.flip =
+      flip_map({a->width, a->height, a->pixels}, {b->width, b->height, b->pixels}, pixels_per_degree, threads);
+  double sum = 0;
+  for (const float error : report.flip) sum += static_cast<double>(error);
+  report.flip_mean = sum / static_cast<double>(report.flip.size());
+  report.flip_max = static_cast<double>(*std::max_element(report.flip.begin(), report.flip.end()));
+  return report;
+}
+
+Result<void> write_flip(const std::string& path, const PictureReport& report) {
+  std::vector<uint8_t> pixels;
+  pixels.reserve(3 * report.flip.size());
+  for (const float error : report.flip) pixels.insert(pixels.end(), 3, static_cast<uint8_t>(std::lround(255 * error)));
+  return runtime::write_png(path, report.width, report.height, 3, pixels);
+}
+
+}  // namespace scree::compare
