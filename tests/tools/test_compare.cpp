@@ -338,3 +338,56 @@ TEST_CASE("compare prints what it found as JSON", "[compare][cli]") {
   CHECK(json["geometry"]["max_axis_error"].get<double>() <= json["geometry"]["max_axis_bound"].get<double>());
   CHECK(std::filesystem::exists(folder.file("difference.png")));
 }
+
+TEST_CASE("inspect --source fails where a file is farther from its source than it states", "[compare]") {
+  const tests::TempFolder folder;
+  make(folder.file("file.gltf"), {{square(0, 0), kOneSquare, {}}, {square(20, 0), kOneSquare, {}}});
+  make(folder.file("moved.gltf"), {{square(0, 0), kOneSquare, {}}, {square(20, 0.25f), kOneSquare, {}}});
+  convert::ConvertOptions options;
+  options.source_ids = true;
+  REQUIRE(tests::pack(folder.file("file.gltf"), folder.file("file.scree"), options));
+  const auto run = [&](const std::string& source) {
+    return tests::run_program({"inspect", folder.file("file.scree"), "--source", source}, folder.file("log"));
+  };
+  CHECK(run(folder.file("file.gltf")).exit_code == 0);
+  const auto moved = run(folder.file("moved.gltf"));
+  CHECK(moved.exit_code == 3);
+  INFO(moved.output);
+  CHECK(moved.output.find("mesh 1: position error 0.250 against") != std::string::npos);
+}
+
+TEST_CASE("the stated position error holds for every model and width", "[compare][models]") {
+  const std::filesystem::path models = tests::models_path();
+  if (models.empty()) {
+    WARN("the models are not there: skipped");
+    return;
+  }
+  const tests::TempFolder folder;
+  const std::string output = folder.file("model.scree");
+  uint64_t checked = 0, number = 0;
+  for (const std::filesystem::path& path : tests::gltf_files(models / "scenes")) {
+    const auto source = convert::import_gltf(path.string(), {});
+    if (!source) continue;  // test_models.cpp says which may be refused
+    // Every model with the narrowest, the default and the widest code, and with one of the others in turn.
+    const uint32_t other = 9 + static_cast<uint32_t>(number++ % 15);
+    for (const uint32_t bits : {8u, other, 16u, 24u}) {
+      INFO(path.string() << ", " << bits << " bits");
+      convert::ConvertOptions options;
+      options.position_bits = bits;
+      options.source_ids = true;
+      const auto packed = tests::pack(path.string(), output, options);
+      if (!packed) break;
+      const auto report = compare::compare_geometry(*source, packed->file);
+      if (!report) FAIL(report.error().message);
+      CHECK(report->broken.empty());
+      CHECK(report->missing_triangles == 0);
+      CHECK(report->unknown_triangles == 0);
+      CHECK(report->axis_error <= report->axis_bound);
+      // No distance is longer than three errors of a coordinate allow.
+      CHECK(report->stored.max() <= std::sqrt(3.0) * report->axis_error * (1 + 1e-12));
+      CHECK(report->source.max() == report->stored.max());
+      ++checked;
+    }
+  }
+  CHECK(checked >= 400);
+}

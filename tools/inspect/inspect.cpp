@@ -1,7 +1,9 @@
 #include "tools/inspect/inspect.h"
 
 #include <memory>
+#include <new>
 #include <optional>
+#include <string>
 
 #include "format/container.h"
 #include "runtime/mapped_file.h"
@@ -9,6 +11,9 @@
 #include "tools/common/human.h"
 #include "tools/common/progress.h"
 #include "tools/common/sigbus.h"
+#include "tools/compare/geometry.h"
+#include "tools/compare/report.h"
+#include "tools/convert/gltf_source.h"
 #include "tools/inspect/report.h"
 #include "tools/inspect/stats.h"
 #include "tools/inspect/verify.h"
@@ -24,6 +29,35 @@ void print(const std::string& text, std::FILE* out) {
 Result<void> check_written(std::FILE* out) {
   if (std::fflush(out) != 0 || std::ferror(out)) return Error{ErrorCode::kFile, "standard output: cannot write"};
   return {};
+}
+
+/// Nothing where the file is what it says it is.
+std::optional<Error> broken_promise(const compare::GeometryReport& report, const InspectOptions& options) {
+  if (!report.broken.empty()) {
+    const compare::BrokenBound& first = report.broken.front();
+    std::string message = "mesh " + std::to_string(first.mesh) + ": position error " +
+                          tools::short_number(first.error) + " against " + options.source + ", but at most " +
+                          tools::short_number(first.bound) + " is stated";
+    if (report.broken.size() > 1) message += " (and " + tools::grouped(report.broken.size() - 1) + " more)";
+    return Error{ErrorCode::kRange, message};
+  }
+  if (report.missing_triangles != 0 || report.unknown_triangles != 0)
+    return Error{ErrorCode::kRange, tools::grouped(report.missing_triangles) + " triangles of " + options.source +
+                                        " are missing and " + tools::grouped(report.unknown_triangles) +
+                                        " are none of its"};
+  return std::nullopt;
+}
+
+Result<compare::GeometryReport> measure_against(const format::Container& file, const InspectOptions& options) {
+  convert::ImportOptions import;
+  import.exclude = options.exclude;
+  const Result<convert::SourceScene> source = convert::import_gltf(options.source, import);
+  if (!source) return source.error();
+  try {
+    return compare::compare_geometry(*source, file);
+  } catch (const std::bad_alloc&) {
+    return Error{ErrorCode::kMemory, "no memory left to compare it with " + options.source};
+  }
 }
 
 }  // namespace
@@ -46,9 +80,16 @@ Result<void> inspect_file(const std::string& path, const InspectOptions& options
     hooks.is_done_with = [&](uint64_t offset, uint64_t bytes) { map->release(offset, bytes); };
     verified = verify(*file, map->bytes(), options.threads, hooks);
   }
+  std::optional<compare::GeometryReport> measured;
+  if (!options.source.empty()) {
+    const Result<compare::GeometryReport> report = measure_against(*file, options);
+    if (!report) return at(path, report.error());
+    measured = *report;
+  }
   const Stats stats = gather(*file, map->bytes(), options.top);
   if (options.json) {
-    print_json(*file, stats, path, verified ? &*verified : nullptr, options.chunks, out);
+    print_json(*file, stats, path, verified ? &*verified : nullptr, measured ? &*measured : nullptr, options.chunks,
+               out);
   } else {
     print(text_report(*file, stats, path), out);
     if (options.chunks) {
@@ -56,6 +97,7 @@ Result<void> inspect_file(const std::string& path, const InspectOptions& options
       print_chunks(*file, out);
     }
     if (verified) print("\n" + text_verify(*verified), out);
+    if (measured) print("\nagainst " + options.source + "\n\n" + compare::text_geometry(*measured), out);
   }
   const auto written = check_written(out);
   if (!written) return written;
@@ -65,6 +107,8 @@ Result<void> inspect_file(const std::string& path, const InspectOptions& options
     if (others != 0) error.message += " (and " + tools::grouped(others) + " more)";
     return error;
   }
+  if (measured)
+    if (const auto broken = broken_promise(*measured, options)) return at(path, *broken);
   return {};
 }
 
@@ -84,6 +128,9 @@ Command add_inspect(CLI::App& parent) {
   app->add_flag("--json", options.json, "One JSON object, amounts in bytes");
   app->add_flag("--verify", options.verify, "Check every checksum and decode everything");
   app->add_flag("--chunks", options.chunks, "Add a row for every chunk");
+  app->add_option("--source", options.source,
+                  "Measure the true position error against this .gltf or .glb (needs convert --source-ids)");
+  app->add_option("--exclude", options.exclude, "The --exclude that the file was converted with, for --source");
   app->add_option("--top", options.top, "Meshes and images to list by name")->capture_default_str();
   app->add_option("--threads", options.threads, "Threads of --verify; 0 is one a core")->capture_default_str();
   return {app, [arguments] {

@@ -16,10 +16,13 @@ struct InspectOptions {
   uint32_t top = 10;      // meshes and images listed by name
   uint32_t threads = 0;   // of --verify; 0: one a core
   bool progress = false;  // of --verify, on stderr where that is a terminal
+  std::string source{};   // a .gltf or .glb: measure the true position error against it
+  std::string exclude{};  // ImportOptions::exclude of that import
 };
 
 /// Prints the report to `out`. Errors kFile, and what Container::open and verify() find: the first failure, named with
-/// the file, after all of them are printed.
+/// the file, after all of them are printed. With a source: those of import_gltf and compare_geometry; kRange, after all
+/// is printed, where a mesh is farther from its source than it states, or triangles are missing.
 Result<void> inspect_file(const std::string& path, const InspectOptions& options, std::FILE* out);
 
 }  // namespace scree::inspect

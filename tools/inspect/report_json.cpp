@@ -2,6 +2,7 @@
 
 #include "format/quantize.h"
 #include "tools/common/json_writer.h"
+#include "tools/compare/report.h"
 #include "tools/inspect/report.h"
 
 namespace scree::inspect {
@@ -381,7 +382,7 @@ void chunk_rows_member(JsonWriter& json, const format::Container& file, std::str
 }  // namespace
 
 void print_json(const format::Container& file, const Stats& stats, const std::string& path, const VerifyReport* verify,
-                bool with_chunks, std::FILE* out) {
+                const compare::GeometryReport* against_source, bool with_chunks, std::FILE* out) {
   std::string text;
   JsonWriter json(text);
   json.begin_object();
@@ -397,6 +398,10 @@ void print_json(const format::Container& file, const Stats& stats, const std::st
   if (verify != nullptr) {
     json.line();
     verify_member(json, *verify);
+  }
+  if (against_source != nullptr) {
+    json.line();
+    compare::json_geometry(json, *against_source);
   }
   if (with_chunks) {
     json.line();
