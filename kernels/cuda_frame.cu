@@ -15,6 +15,7 @@ namespace {
 
 Result<void> check(cudaError_t status, const char* what) {
   if (status == cudaSuccess) return {};
+  (void)cudaGetLastError();  // or the next launch would be blamed for it
   return Error{ErrorCode::kDevice, std::string("CUDA: ") + what + ": " + cudaGetErrorString(status)};
 }
 
@@ -29,7 +30,7 @@ class DeviceArray {
 
   /// Loses what was there.
   Result<void> allocate(uint64_t count, const char* what) {
-    (void)cudaFree(data_);
+    if (Result<void> done = check(cudaFree(data_), "freeing device memory"); !done) return done;
     data_ = nullptr;
     count_ = 0;
     void* memory = nullptr;
@@ -90,10 +91,11 @@ Result<SceneTables> make_tables(const SceneView& scene) {
   const std::vector<uint64_t> instances = instances_by_mesh(scene);
   const uint64_t candidates = candidate_count(scene, instances);
   if (scene.instance_count >= UINT32_MAX || scene.chunk_count >= UINT32_MAX || candidates >= kMaxItems) {
-    return Error{ErrorCode::kRange, "the scene has " + std::to_string(scene.instance_count) + " instances and " +
-                                        std::to_string(candidates) +
-                                        " groups of 16 instances of a chunk; a GPU draws at most 2^32 and 2^28; use "
-                                        "--backend cpu"};
+    return Error{ErrorCode::kRange,
+                 "the scene has " + std::to_string(scene.instance_count) + " instances and " +
+                     std::to_string(candidates) +
+                     " groups of 16 instances of a chunk; a GPU draws fewer than 2^32 - 1 and 2^28; use "
+                     "--backend cpu"};
   }
   SceneTables tables;
   tables.mesh_first.resize(scene.mesh_count);
@@ -172,6 +174,7 @@ struct CudaFrames::Impl {
   uint32_t multiprocessors = 0;
   cudaStream_t stream = nullptr;
   cudaStream_t side_stream = nullptr;  // stage 3
+  // Both are blocking streams: who works on the default stream (the resolver) is ordered with them.
   cudaEvent_t marks[kMarkCount] = {};
   FrameCounters* seen = nullptr;  // pinned: the counters after a frame
 
@@ -224,6 +227,7 @@ Result<void> CudaFrames::Impl::open(const SceneView& host, const CudaQueueSizes&
   if (done) done = groups.allocate(tables.candidates.size(), "allocating the draw list");
   if (done) done = tiles.allocate(sizes.tiles, "allocating the queues");
   if (done) done = grow(sizes.medium, sizes.large);
+  if (done) done = check(cudaStreamSynchronize(stream), "preparing to draw");
   tables.order = {};
   tables.mesh_first = {};
   tables.candidates = {};
@@ -291,7 +295,7 @@ Result<void> CudaFrames::Impl::submit(const FrameView& frame, uint64_t* samples,
   }
   if (done) done = mark(kSmallDone);
   // Stages 2 and 3 draw what stage 1 left, each alone too little for the GPU.
-  const LargeFrame rest{frame, target, queues, list};
+  const LargeFrame rest{frame, target, queues};
   if (done) done = check(cudaStreamWaitEvent(side_stream, marks[kSmallDone]), "forking");
   if (done) done = check(cudaEventRecord(marks[kLargeBegun], side_stream), "recording an event");
   if (done) {
@@ -360,10 +364,10 @@ Result<FrameStats> CudaFrames::draw(const View& view, uint64_t* samples, const D
     if (!done) return done.error();
     const Counters& seen = impl_->seen->queues;
     if (seen.medium <= impl_->medium.count() && seen.large <= impl_->large.count()) break;
-    // A little more than was asked for: the camera moves.
+    // A little more than was asked for, since the camera moves; or just that where no more fits.
     const auto more = [](uint64_t asked, uint64_t there) { return asked > there ? asked + asked / 4 : there; };
-    const Result<void> grown =
-        impl_->grow(more(seen.medium, impl_->medium.count()), more(seen.large, impl_->large.count()));
+    Result<void> grown = impl_->grow(more(seen.medium, impl_->medium.count()), more(seen.large, impl_->large.count()));
+    if (!grown) grown = impl_->grow(seen.medium, seen.large);
     if (!grown) return grown.error();
   }
   if (times != nullptr) {

@@ -11,7 +11,6 @@ struct LargeFrame {
   FrameView view;
   Target target;
   Queues queues;
-  DrawList list;
 };
 
 inline constexpr uint32_t kLargeThreads = 256;

@@ -83,6 +83,7 @@ struct CudaResolver::Impl {
 
   bool check(cudaError_t status, const char* what) {
     if (status == cudaSuccess) return true;
+    (void)cudaGetLastError();  // or the next launch would be blamed for it
     error = {ErrorCode::kDevice, std::string("CUDA: ") + what + ": " + cudaGetErrorString(status)};
     return false;
   }

@@ -16,8 +16,8 @@ struct DrawOptions {
   bool sampleless_test = true;  // triangles that cover no pixel centre go early; the picture is the same without
 };
 
-/// Milliseconds of one frame by CUDA events: clearing, culling, stages 1 to 3, of which 2 and 3 run side by side; and from
-/// the start of culling to the end of all stages.
+/// Milliseconds of one frame by CUDA events: clearing, culling, stages 1 to 3, of which 2 and 3 run side by side; and
+/// from the start of culling to the end of all stages.
 struct FrameTimes {
   float clear_ms;
   float cull_ms;
@@ -49,8 +49,8 @@ class CudaFrames {
   static uint64_t device_bytes(const SceneView& host, const CudaQueueSizes& sizes = {});
 
   /// Draws into `samples` (device memory, view.width * view.height), which is cleared first; returns when it is drawn.
-  /// `times`: null, or filled in for the frame that stayed. Errors kRange (as draw_cpu; more than 2^25 large
-  /// triangles), kDevice.
+  /// `times`: null, or filled in for the frame that stayed. Errors kRange (as draw_cpu),
+  /// kDevice.
   Result<FrameStats> draw(const View& view, uint64_t* samples, const DrawOptions& options = {},
                           FrameTimes* times = nullptr);
 

@@ -2,10 +2,12 @@
 // frame is one submission, and cuda_frame.cu has the order.
 //
 // A backend has
-//   template <class Pass> void for_each(uint64_t count, const Pass&)   runs pass(item, team), items 0 .. count - 1 <
-//   2^32 template <class T> T* allocate(uint64_t count), void release(T*)   memory of the passes; null when none is
-//   left Counters read_counters(), void write_counters(const Counters&)     of queues.counters, between passes
-//   Counters* counters()                                               the place itself, for the passes
+//   for_each(uint64_t count, const Pass&)     runs pass(item, team) for items 0 to count - 1, count <= 2^32
+//   T* allocate<T>(uint64_t count)            memory of the passes; null when none is left
+//   void release(T*)
+//   Counters read_counters()                  of queues.counters, between passes
+//   void write_counters(const Counters&)
+//   Counters* counters()                      the place itself, for the passes
 #pragma once
 
 #include "kernels/cull.h"

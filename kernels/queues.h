@@ -1,6 +1,7 @@
-// What the passes hand each other. A counter may run past its queue's capacity: nothing is written there, the driver
-// (passes.h) sees it, enlarges the queue or takes a smaller share, and runs the pass again; drawing twice changes
-// nothing.
+// What the passes hand each other. A counter may run past its queue's capacity: nothing is written there. On a
+// CPU the driver (passes.h) sees it, enlarges the queue or takes a smaller share, and runs the pass again; on a GPU
+// (cuda_frame.cu) the queue is enlarged and the frame drawn again, but tiles without room are drawn at once. Drawing
+// twice changes nothing.
 #pragma once
 
 #include "kernels/setup.h"
@@ -44,7 +45,7 @@ struct Queues {
   uint64_t block_capacity;
   uint64_t medium_capacity;
   uint64_t large_capacity;  // at most 2^32
-  uint64_t tile_capacity;   // at least the tiles of one image
+  uint64_t tile_capacity;   // on a CPU at least the tiles of one image
   Counters* counters;
 };
 

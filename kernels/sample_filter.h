@@ -43,8 +43,8 @@ SCREE_HD inline SampleLimits make_sample_limits(const FrameView& view) {
   return {first[0], last[0], first[1], last[1]};
 }
 
-/// `error`: of the chunk's vertices.
-/// `box`: of those vertices, as the transform takes them.
+/// The filter of one (instance, chunk). `error`: of the chunk's vertices. `box`: of those vertices, as the transform
+/// takes them.
 SCREE_HD inline SampleFilter make_sample_filter(const FrameView& view, const Transform& transform,
                                                 const TransformError& error, const RelativeBox& box,
                                                 const format::MeshRecord& mesh, const format::ChunkRecord& chunk) {
@@ -114,7 +114,7 @@ SCREE_HD inline SampleFilter make_sample_filter(const FrameView& view, const Tra
   // A chunk well in front of the camera and within the guard band has one slack for all its triangles.
   const double farthest = reach_uv / nearest;
   if (known && !view.orthographic && w_least - error_w > 1.0 && farthest < 32000.0) {
-    slack += growth * farthest;
+    slack += growth * (farthest + slack);  // of the computed coordinate, which is off itself
     growth = 0;
   }
   filter.slack = known ? static_cast<float>(slack) * 1.001f : bits_float(0x7f800000u);

@@ -8,7 +8,8 @@
 namespace scree::kernels {
 inline namespace SCREE_ISA {
 
-/// Boxes of up to this many pixels are drawn by stage 1, of fewer than kMediumBox by stage 2, all others in tiles.
+/// Boxes of up to this many pixels are drawn by stage 1, of fewer than kMediumBox by stage 2, all others in tiles. (A
+/// GPU leaves some of the small ones to stage 2: spec/rasterization.md, stages.)
 inline constexpr int64_t kSmallBox = 128;
 inline constexpr int64_t kMediumBox = 4096;
 inline constexpr int32_t kTileSide = 64;

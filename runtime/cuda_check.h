@@ -14,6 +14,7 @@ namespace scree::runtime {
 /// `what`: what the call was for.
 inline Result<void> cuda_check(cudaError_t status, const char* what) {
   if (status == cudaSuccess) return {};
+  (void)cudaGetLastError();  // or the next launch would be blamed for it
   return Error{ErrorCode::kDevice, std::string("CUDA: ") + what + ": " + cudaGetErrorString(status)};
 }
 

@@ -46,6 +46,7 @@ class DeviceScene {
   const UploadStats& stats() const;
 
   /// For those who draw into device memory themselves: the frames, and the scene as they see it, in device memory.
+  /// After a frame drawn so, resolve() needs a draw() first: it reads the transforms of the last frame.
   kernels::CudaFrames& frames();
   const kernels::SceneView& device_view() const;
 

@@ -173,6 +173,11 @@ TEST_CASE("queues that are too small grow, and the frame is drawn again", "[cuda
     REQUIRE(scree::runtime::cuda_check(
         cudaMemcpy(samples.data(), buffer->data(), buffer->bytes(), cudaMemcpyDeviceToHost), "reading the picture"));
     CHECK(std::equal(samples.begin(), samples.end(), cpu->samples().begin(), cpu->samples().end()));
+    // The same picture when no triangle is dropped before it is projected.
+    REQUIRE(frames->draw(*view, reinterpret_cast<uint64_t*>(buffer->data()), {false}));
+    REQUIRE(scree::runtime::cuda_check(
+        cudaMemcpy(samples.data(), buffer->data(), buffer->bytes(), cudaMemcpyDeviceToHost), "reading the picture"));
+    CHECK(std::equal(samples.begin(), samples.end(), cpu->samples().begin(), cpu->samples().end()));
   }
 }
 #endif

@@ -161,6 +161,13 @@ Result<std::optional<runtime::DeviceScene>> choose_device(const RenderOptions& o
   return device.error();
 }
 
+/// An error of the device says what to do.
+Error with_advice(Error error) {
+  if (error.code == ErrorCode::kDevice && error.message.find("--backend cpu") == std::string::npos)
+    error.message += "; --backend cpu draws without a GPU";
+  return error;
+}
+
 Result<void> render(const RenderOptions& options) {
   Times times;
   const Stopwatch open_watch;
@@ -188,10 +195,14 @@ Result<void> render(const RenderOptions& options) {
   if (!view) return at(options.file, view.error());
 
   Result<std::optional<runtime::DeviceScene>> device = choose_device(options, *scene);
-  if (!device) return at(options.file, device.error());
+  if (!device) return at(options.file, with_advice(device.error()));
   Result<runtime::Frame> frame = runtime::Frame::draw(*scene, *view, options.samples_per_side, options.threads,
                                                       device->has_value() ? &**device : nullptr);
-  if (!frame) return at(options.file, frame.error());
+  if (!frame && frame.error().code == ErrorCode::kDevice && options.backend == BackendChoice::kAuto) {
+    device->reset();  // the scene fitted, the picture did not
+    frame = runtime::Frame::draw(*scene, *view, options.samples_per_side, options.threads);
+  }
+  if (!frame) return at(options.file, with_advice(frame.error()));
   if (!options.depth.empty() || !options.visbuffer.empty() || !options.picks.empty())
     if (const Result<void> read = frame->read_samples(); !read) return at(options.file, read.error());
   if (const Result<void> written = write_outputs(options, *frame, times); !written) return written.error();
