@@ -1,0 +1,52 @@
+// JPEG files and their coefficients by libjpeg, for the tests.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <span>
+#include <string>
+#include <utility>
+#include <vector>
+
+namespace scree::tests {
+
+struct JpegRecipe {
+  std::string name;
+  int width = 0;
+  int height = 0;
+  std::vector<std::pair<int, int>> factors;  // of each component: 1 grey, 3 YCbCr or RGB, 4 CMYK
+  int quality = 85;
+  int restart = 0;  // MCUs
+  bool is_rgb = false;
+  bool is_optimised = false;
+  bool is_progressive = false;
+  bool is_arithmetic = false;
+  bool has_scan_each = false;     // every component in a scan of its own
+  bool has_wide_quant = false;    // 16-bit quantisation tables
+  bool has_three_tables = false;  // a quantisation and Huffman table for every component
+  bool has_segments = false;      // EXIF, a long APP13 and a comment
+};
+
+/// A noisy, reproducible picture so coded.
+std::vector<std::byte> make_jpeg(const JpegRecipe& recipe);
+
+/// Every kind encode_jpeg_index takes, at several sizes.
+std::vector<JpegRecipe> indexable_recipes();
+
+/// Blocks of 64 quantised coefficients in row-major order, rows of blocks top to bottom.
+struct JpegPlane {
+  uint32_t blocks_across = 0;
+  uint32_t blocks_down = 0;
+  std::vector<int16_t> values;
+};
+
+/// What jpeg_read_coefficients says, a plane a component; ends the program where libjpeg cannot read the file.
+std::vector<JpegPlane> read_coefficients(std::span<const std::byte> file);
+
+/// The quantisation table of each component, row-major, as libjpeg has them.
+std::vector<std::vector<uint16_t>> read_quant_tables(std::span<const std::byte> file);
+
+/// libjpeg's J_COLOR_SPACE of the file's components.
+int read_colour_space(std::span<const std::byte> file);
+
+}  // namespace scree::tests
