@@ -16,6 +16,7 @@
 #include "tests/catch.h"
 #include "tests/format/guarded_bytes.h"
 #include "tests/format/jpeg_maker.h"
+#include "tests/format/stream_checks.h"
 
 // Not scree::tests itself: these names are short, and other tests have functions of theirs.
 namespace scree::tests::jpeg {
@@ -23,32 +24,6 @@ namespace scree::tests::jpeg {
 using namespace scree::format;
 
 using Bytes = std::vector<std::byte>;
-
-inline std::string kind_of(const Error& error) {
-  switch (error.code) {
-    case ErrorCode::kTruncated:
-      return "truncated";
-    case ErrorCode::kTrailing:
-      return "trailing";
-    case ErrorCode::kRange:
-      return "range";
-    case ErrorCode::kFormat:
-      return "format";
-    case ErrorCode::kVersion:
-      return "version";
-    case ErrorCode::kReserved:
-      return "reserved";
-    case ErrorCode::kUnsupported:
-      return "unsupported";
-    default:
-      return "other";
-  }
-}
-
-template <class T>
-std::string kind_of(const Result<T>& result) {
-  return result ? "ok" : kind_of(result.error());
-}
 
 /// Parses and encodes into a buffer of exactly the bound that ends at a guard page.
 inline Result<Bytes> encode(std::span<const std::byte> file, uint64_t* dropped_bytes = nullptr) {

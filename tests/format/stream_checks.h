@@ -13,10 +13,9 @@
 
 namespace scree::tests {
 
-/// What became of a decode, as a word for comparing: "ok" or the kind of error.
-inline std::string outcome(const Result<void>& result) {
-  if (result) return "ok";
-  switch (result.error().code) {
+/// An error's kind as a word for comparing.
+inline std::string word_of(ErrorCode code) {
+  switch (code) {
     case ErrorCode::kTruncated:
       return "truncated";
     case ErrorCode::kTrailing:
@@ -25,9 +24,21 @@ inline std::string outcome(const Result<void>& result) {
       return "range";
     case ErrorCode::kFormat:
       return "format";
+    case ErrorCode::kVersion:
+      return "version";
+    case ErrorCode::kReserved:
+      return "reserved";
+    case ErrorCode::kUnsupported:
+      return "unsupported";
     default:
       return "other";
   }
+}
+
+/// What became of a call: "ok" or the kind of error.
+template <class T>
+std::string outcome(const Result<T>& result) {
+  return result ? "ok" : word_of(result.error().code);
 }
 
 /// `decode`: Result<void>(std::span<const std::byte>). `valid`: a stream it accepts, with `data_bits` of data. Checks

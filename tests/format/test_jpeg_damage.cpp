@@ -38,7 +38,7 @@ TEST_CASE("a JPEG cut anywhere is refused, with the byte", "[jpeg_index]") {
         if (!encoded) FAIL("without the end marker: " << encoded.error().message);  // the picture is whole
         continue;
       }
-      const std::string found = kind_of(encoded);
+      const std::string found = outcome(encoded);
       if (found != "truncated" && !(size < 2 && found == "format")) FAIL(size << " bytes: " << found);
       if (encoded.error().message.find(": byte ") == std::string::npos) FAIL(encoded.error().message);
     }
@@ -77,7 +77,7 @@ TEST_CASE("damage in the data is named", "[jpeg_index]") {
   // A header that claims more than there is takes no memory.
   Bytes huge = plain;
   for (size_t i = 5; i < 9; ++i) huge[find_marker(huge, 0xc0) + i] = std::byte{0xff};
-  CHECK(kind_of(encode(huge)) == "truncated");
+  CHECK(outcome(encode(huge)) == "truncated");
 }
 
 TEST_CASE("damaged JPEG files are refused or indexed, and every MCU ends", "[jpeg_index]") {
@@ -115,12 +115,12 @@ TEST_CASE("an indexed JPEG keeps to its bytes", "[jpeg_index]") {
   }
   for (size_t size = 0; size < bytes->size(); ++size) {
     GuardedBytes guarded(std::span<const std::byte>(*bytes).first(size));
-    const std::string found = kind_of(open_jpeg_index(guarded.bytes()));
+    const std::string found = outcome(open_jpeg_index(guarded.bytes()));
     if (found != "truncated") FAIL(size << " of " << bytes->size() << " bytes: " << found);
   }
   Bytes longer = *bytes;
   longer.push_back(std::byte{0});
-  CHECK(kind_of(open_jpeg_index(longer)) == "trailing");
+  CHECK(outcome(open_jpeg_index(longer)) == "trailing");
   for (size_t shift = 1; shift < 4; ++shift) {
     Bytes moved(bytes->size() + shift);
     std::copy(bytes->begin(), bytes->end(), moved.begin() + static_cast<ptrdiff_t>(shift));

@@ -89,7 +89,7 @@ TEST_CASE("indexed JPEGs of the spec", "[jpeg_index][spec]") {
     INFO(vector.text("name"));
     const Bytes bytes = vector.bytes("bytes");
     const auto index = open_jpeg_index(bytes);
-    CHECK(kind_of(index) == (vector.has("error") ? vector.text("error") : "ok"));
+    CHECK(outcome(index) == (vector.has("error") ? vector.text("error") : "ok"));
     if (!vector.has("jpeg")) continue;
     const Bytes file = vector.bytes("jpeg");
     const auto encoded = encode(file);
@@ -187,7 +187,7 @@ TEST_CASE("what cannot be indexed says why", "[jpeg_index]") {
     const auto header = parse_jpeg(file);
     REQUIRE(header);
     const auto encoded = encode(file);
-    CHECK(kind_of(encoded) == "unsupported");
+    CHECK(outcome(encoded) == "unsupported");
     CHECK(encoded.error().message == "JPEG: " + judge_jpeg(*header).reason);
     return std::pair(judge_jpeg(*header).treatment, judge_jpeg(*header).reason);
   };
@@ -222,11 +222,11 @@ TEST_CASE("what cannot be indexed says why", "[jpeg_index]") {
   const Bytes file = make_jpeg(recipe_of(40, 30, {{1, 1}}));
   Bytes twice(file.begin(), file.end() - 2);
   twice.insert(twice.end(), file.begin() + static_cast<ptrdiff_t>(find_marker(file, 0xda)), file.end());
-  CHECK(kind_of(encode(twice)) == "unsupported");
+  CHECK(outcome(encode(twice)) == "unsupported");
   // Eleven blocks an MCU.
   Bytes wide = make_jpeg(recipe_of(40, 30, {{2, 2}, {1, 1}, {1, 1}}));
   wide[find_marker(wide, 0xc0) + 11] = std::byte{0x33};
-  CHECK(kind_of(encode(wide)) == "unsupported");
+  CHECK(outcome(encode(wide)) == "unsupported");
 }
 
 TEST_CASE("a file without Huffman tables takes the standard ones", "[jpeg_index]") {
@@ -249,15 +249,15 @@ TEST_CASE("Huffman tables that cannot be are refused", "[jpeg_index]") {
   CHECK(make_jpeg_table(spec, true));  // no codes: nothing decodes
   CHECK(make_jpeg_table(spec, true)->find(0).length == 0);
   spec.counts[0] = 2;  // 0 and 1: ones alone
-  CHECK(kind_of(make_jpeg_table(spec, false)) == "format");
+  CHECK(outcome(make_jpeg_table(spec, false)) == "format");
   spec.counts[0] = 1;
   CHECK(make_jpeg_table(spec, false));
   spec.counts[1] = 2;
-  CHECK(kind_of(make_jpeg_table(spec, false)) == "format");
+  CHECK(outcome(make_jpeg_table(spec, false)) == "format");
   spec.counts[1] = 1;
   spec.symbols[1] = 16;
   CHECK(make_jpeg_table(spec, false));
-  CHECK(kind_of(make_jpeg_table(spec, true)) == "format");
+  CHECK(outcome(make_jpeg_table(spec, true)) == "format");
 }
 
 TEST_CASE("Huffman tables find every code at every window", "[jpeg_index]") {

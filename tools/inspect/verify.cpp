@@ -1,7 +1,5 @@
 #include "tools/inspect/verify.h"
 
-#include <xxhash.h>
-
 #include <algorithm>
 #include <array>
 #include <atomic>
@@ -14,6 +12,7 @@
 #include <utility>
 
 #include "format/bytes.h"
+#include "format/checksum.h"
 #include "runtime/image.h"
 #include "tools/common/chunk_decode.h"
 
@@ -115,7 +114,7 @@ class Verifier {
       extents.push_back({entry.offset, size, name});
       ++report_.tables;
       if (!format::range_within(entry.offset, size, bytes_.size())) continue;  // open() refuses it
-      const uint64_t found = XXH3_64bits(bytes_.data() + entry.offset, size);
+      const uint64_t found = format::checksum(bytes_.subspan(entry.offset, size));
       if (found != entry.checksum) {
         fail(entry.offset, {ErrorCode::kChecksum, name + " at byte " + std::to_string(entry.offset) + ": checksum " +
                                                       hex(found) + ", expected " + hex(entry.checksum)});
