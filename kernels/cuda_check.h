@@ -9,7 +9,7 @@
 
 #include "format/result.h"
 
-namespace scree::runtime {
+namespace scree::kernels {
 
 /// `what`: what the call was for.
 inline Result<void> cuda_check(cudaError_t status, const char* what) {
@@ -34,7 +34,13 @@ class DeviceBuffer {
     DeviceBuffer buffer;
     if (Result<void> done = cuda_check(cudaMalloc(&buffer.data_, bytes), what); !done) return done.error();
     buffer.bytes_ = bytes;
-    return buffer;
+    return Result<DeviceBuffer>(std::move(buffer));
+  }
+
+  /// Frees it before the end of the object's life. Errors kDevice.
+  Result<void> release(const char* what) {
+    bytes_ = 0;
+    return cuda_check(cudaFree(std::exchange(data_, nullptr)), what);
   }
 
   std::byte* data() const { return static_cast<std::byte*>(data_); }
@@ -45,4 +51,4 @@ class DeviceBuffer {
   uint64_t bytes_ = 0;
 };
 
-}  // namespace scree::runtime
+}  // namespace scree::kernels

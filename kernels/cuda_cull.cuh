@@ -1,6 +1,7 @@
 // Culling and the draw list on a GPU: instances, then their chunks.
 #pragma once
 
+#include "kernels/backend_cuda.cuh"
 #include "kernels/cull.h"
 #include "kernels/draw_list.h"
 
@@ -15,10 +16,6 @@ __device__ inline uint64_t sum_before(uint64_t value, uint32_t lane, uint64_t& t
   }
   total = __shfl_sync(~0u, sum, kWarpLanes - 1);
   return sum - value;
-}
-
-__device__ inline uint64_t fetch_add(uint64_t* counter, uint64_t value) {
-  return atomicAdd(reinterpret_cast<unsigned long long*>(counter), value);
 }
 
 /// One warp a chunk: the bounds of float32 positions. A chunk without vertices has a box of zeros.
@@ -110,7 +107,7 @@ __global__ void __launch_bounds__(kCullThreads)
   const uint32_t rank = static_cast<uint32_t>(__popc(peers & ((1u << lane) - 1)));
   list.visible[list.mesh_first[mesh_number] + base + rank] = number;
   if (lane == static_cast<uint32_t>(__ffs(static_cast<int>(seen_lanes))) - 1) {
-    fetch_add(&list.counters->queues.instances_drawn, static_cast<uint64_t>(__popc(seen_lanes)));
+    WarpTeam::add(&list.counters->queues.instances_drawn, static_cast<uint64_t>(__popc(seen_lanes)));
   }
 }
 
@@ -156,7 +153,7 @@ __global__ void __launch_bounds__(128)
   const uint64_t before = sum_before(item, lane, total);
   if (total == 0) return;
   uint64_t base = 0;
-  if (lane == 0) base = fetch_add(&list.counters->groups, total);
+  if (lane == 0) base = WarpTeam::add(&list.counters->groups, total);
   base = __shfl_sync(~0u, base, 0);
   if (units != 0) {
     group.first_unit = (base + before) & kUnitMask;
@@ -167,8 +164,8 @@ __global__ void __launch_bounds__(128)
   sum_before(draws, lane, all_draws);
   sum_before(triangles * draws, lane, all_triangles);
   if (lane == 0) {
-    fetch_add(&list.counters->queues.draws, all_draws);
-    fetch_add(&list.counters->queues.triangles, all_triangles);
+    WarpTeam::add(&list.counters->queues.draws, all_draws);
+    WarpTeam::add(&list.counters->queues.triangles, all_triangles);
   }
 }
 

@@ -4,6 +4,7 @@
 #include <string>
 #include <vector>
 
+#include "kernels/cuda_check.h"
 #include "kernels/cuda_large.cuh"
 #include "kernels/cuda_small.cuh"
 #include "kernels/frame_cuda.h"
@@ -13,42 +14,29 @@
 namespace scree::kernels {
 namespace {
 
-Result<void> check(cudaError_t status, const char* what) {
-  if (status == cudaSuccess) return {};
-  (void)cudaGetLastError();  // or the next launch would be blamed for it
-  return Error{ErrorCode::kDevice, std::string("CUDA: ") + what + ": " + cudaGetErrorString(status)};
-}
-
 /// Device memory for `count` values.
 template <class T>
 class DeviceArray {
  public:
-  DeviceArray() = default;
-  DeviceArray(const DeviceArray&) = delete;
-  DeviceArray& operator=(const DeviceArray&) = delete;
-  ~DeviceArray() { (void)cudaFree(data_); }
-
   /// Loses what was there.
   Result<void> allocate(uint64_t count, const char* what) {
-    if (Result<void> done = check(cudaFree(data_), "freeing device memory"); !done) return done;
-    data_ = nullptr;
     count_ = 0;
-    void* memory = nullptr;
-    if (Result<void> done = check(cudaMalloc(&memory, max_of<uint64_t>(count, 1) * sizeof(T)), what); !done)
-      return done;
-    data_ = static_cast<T*>(memory);
+    if (Result<void> done = buffer_.release("freeing device memory"); !done) return done;
+    Result<DeviceBuffer> made = DeviceBuffer::allocate(max_of<uint64_t>(count, 1) * sizeof(T), what);
+    if (!made) return made.error();
+    buffer_ = std::move(*made);
     count_ = count;
     return {};
   }
   Result<void> fill(const std::vector<T>& values, const char* what) {
     if (Result<void> done = allocate(values.size(), what); !done || values.empty()) return done;
-    return check(cudaMemcpy(data_, values.data(), values.size() * sizeof(T), cudaMemcpyHostToDevice), what);
+    return cuda_check(cudaMemcpy(data(), values.data(), values.size() * sizeof(T), cudaMemcpyHostToDevice), what);
   }
-  T* data() const { return data_; }
+  T* data() const { return reinterpret_cast<T*>(buffer_.data()); }
   uint64_t count() const { return count_; }
 
  private:
-  T* data_ = nullptr;
+  DeviceBuffer buffer_;
   uint64_t count_ = 0;
 };
 
@@ -126,11 +114,13 @@ Result<SceneTables> make_tables(const SceneView& scene) {
 struct SmallVariant {
   void (*kernel)(const SmallFrame);
   size_t shared_bytes;
+  uint32_t blocks;  // that the GPU holds at once
 };
 
 template <bool kOrthographic, bool kLattice, bool kFloat32, bool kInstanced>
 SmallVariant small_variant() {
-  return {raster_small<kOrthographic, kLattice, kFloat32, kInstanced>, kSmallWarps * sizeof(SmallShared<kInstanced>)};
+  return {raster_small<kOrthographic, kLattice, kFloat32, kInstanced>, kSmallWarps * sizeof(SmallShared<kInstanced>),
+          0};
 }
 
 SmallVariant choose_small(const SceneTables& tables, bool orthographic) {
@@ -165,13 +155,15 @@ struct CudaFrames::Impl {
   Result<void> grow(uint64_t medium_count, uint64_t large_count);
   template <bool kOrthographic>
   Result<void> submit(const FrameView& frame, uint64_t* samples, const DrawOptions& options);
-  Result<void> mark(Mark place) { return check(cudaEventRecord(marks[place], stream), "recording an event"); }
+  Result<void> prepare(SmallVariant& variant) const;
+  Result<void> mark(Mark place) { return cuda_check(cudaEventRecord(marks[place], stream), "recording an event"); }
   Result<void> read_times(FrameTimes& times) const;
 
   SceneView scene{};
   uint64_t triangle_count = 0;
   SceneTables tables;  // the flags; the vectors are given up once they are on the device
   uint32_t multiprocessors = 0;
+  SmallVariant variants[2] = {};  // perspective, orthographic
   cudaStream_t stream = nullptr;
   cudaStream_t side_stream = nullptr;  // stage 3
   // Both are blocking streams: who works on the default stream (the resolver) is ordered with them.
@@ -198,18 +190,24 @@ Result<void> CudaFrames::Impl::open(const SceneView& host, const CudaQueueSizes&
   tables = std::move(*made);
   int device = 0;
   int count = 0;
-  Result<void> done = check(cudaGetDevice(&device), "asking for the device");
+  Result<void> done = cuda_check(cudaGetDevice(&device), "asking for the device");
   if (done) {
-    done = check(cudaDeviceGetAttribute(&count, cudaDevAttrMultiProcessorCount, device), "asking for multiprocessors");
+    done = cuda_check(cudaDeviceGetAttribute(&count, cudaDevAttrMultiProcessorCount, device),
+                      "asking for multiprocessors");
   }
   multiprocessors = static_cast<uint32_t>(count);
-  if (done) done = check(cudaStreamCreate(&stream), "making a stream");
-  if (done) done = check(cudaStreamCreate(&side_stream), "making a stream");
+  for (const bool orthographic : {false, true}) {
+    variants[orthographic] = choose_small(tables, orthographic);
+    if (done) done = prepare(variants[orthographic]);
+  }
+  if (done) done = cuda_check(cudaStreamCreate(&stream), "making a stream");
+  if (done) done = cuda_check(cudaStreamCreate(&side_stream), "making a stream");
   for (cudaEvent_t& event : marks) {
-    if (done) done = check(cudaEventCreate(&event), "making an event");
+    if (done) done = cuda_check(cudaEventCreate(&event), "making an event");
   }
   if (done) {
-    done = check(cudaMallocHost(reinterpret_cast<void**>(&seen), sizeof(FrameCounters)), "allocating pinned memory");
+    done =
+        cuda_check(cudaMallocHost(reinterpret_cast<void**>(&seen), sizeof(FrameCounters)), "allocating pinned memory");
   }
   if (done) done = order.fill(tables.order, "allocating the draw list");
   if (done) done = mesh_first.fill(tables.mesh_first, "allocating the draw list");
@@ -217,7 +215,7 @@ Result<void> CudaFrames::Impl::open(const SceneView& host, const CudaQueueSizes&
   if (done && tables.has_float32) done = bounds.allocate(host.chunk_count, "allocating the chunks' bounds");
   if (done && tables.has_float32) {
     find_bounds<<<multiprocessors * 8, 128, 0, stream>>>(scene, bounds.data());
-    done = check(cudaGetLastError(), "finding the chunks' bounds");
+    done = cuda_check(cudaGetLastError(), "finding the chunks' bounds");
   }
   if (done) {
     done = zeroed.allocate(sizeof(FrameCounters) + host.mesh_count * sizeof(uint32_t), "allocating the draw list");
@@ -227,10 +225,24 @@ Result<void> CudaFrames::Impl::open(const SceneView& host, const CudaQueueSizes&
   if (done) done = groups.allocate(tables.candidates.size(), "allocating the draw list");
   if (done) done = tiles.allocate(sizes.tiles, "allocating the queues");
   if (done) done = grow(sizes.medium, sizes.large);
-  if (done) done = check(cudaStreamSynchronize(stream), "preparing to draw");
+  if (done) done = cuda_check(cudaStreamSynchronize(stream), "preparing to draw");
   tables.order = {};
   tables.mesh_first = {};
   tables.candidates = {};
+  return done;
+}
+
+Result<void> CudaFrames::Impl::prepare(SmallVariant& variant) const {
+  int resident = 0;
+  Result<void> done = cuda_check(cudaFuncSetAttribute(variant.kernel, cudaFuncAttributeMaxDynamicSharedMemorySize,
+                                                      static_cast<int>(variant.shared_bytes)),
+                                 "asking for shared memory");
+  if (done) {
+    done = cuda_check(
+        cudaOccupancyMaxActiveBlocksPerMultiprocessor(&resident, variant.kernel, kSmallThreads, variant.shared_bytes),
+        "asking for occupancy");
+  }
+  variant.blocks = multiprocessors * static_cast<uint32_t>(std::max(resident, 1));
   return done;
 }
 
@@ -266,56 +278,45 @@ Result<void> CudaFrames::Impl::submit(const FrameView& frame, uint64_t* samples,
 
   Result<void> done = mark(kStart);
   static_assert(kBackground == ~uint64_t{0});
-  if (done) done = check(cudaMemsetAsync(samples, 0xff, sample_count * sizeof(uint64_t), stream), "clearing");
-  if (done) done = check(cudaMemsetAsync(zeroed.data(), 0, zeroed.count(), stream), "clearing the counters");
+  if (done) done = cuda_check(cudaMemsetAsync(samples, 0xff, sample_count * sizeof(uint64_t), stream), "clearing");
+  if (done) done = cuda_check(cudaMemsetAsync(zeroed.data(), 0, zeroed.count(), stream), "clearing the counters");
   if (done) done = mark(kCleared);
   if (done && list.candidate_count != 0) {
     cull_instances<<<(list.instance_count - 1) / kCullThreads + 1, kCullThreads, 0, stream>>>(scene, frame, list);
     cull_chunks<<<(list.candidate_count - 1) / kCullThreads + 1, kCullThreads, 0, stream>>>(scene, frame, list);
-    done = check(cudaGetLastError(), "starting culling");
+    done = cuda_check(cudaGetLastError(), "starting culling");
   }
   if (done) done = mark(kCulled);
   if (done && list.candidate_count != 0) {
     const SmallFrame small{scene, frame, target, queues, list, make_sample_limits(frame), options.sampleless_test};
-    const SmallVariant variant = choose_small(tables, kOrthographic);
-    int resident = 0;
-    done = check(cudaFuncSetAttribute(variant.kernel, cudaFuncAttributeMaxDynamicSharedMemorySize,
-                                      static_cast<int>(variant.shared_bytes)),
-                 "asking for shared memory");
-    if (done) {
-      done = check(
-          cudaOccupancyMaxActiveBlocksPerMultiprocessor(&resident, variant.kernel, kSmallThreads, variant.shared_bytes),
-          "asking for occupancy");
-    }
-    if (done) {
-      const uint32_t blocks = multiprocessors * static_cast<uint32_t>(std::max(resident, 1));
-      variant.kernel<<<blocks, kSmallThreads, variant.shared_bytes, stream>>>(small);
-      done = check(cudaGetLastError(), "starting stage 1");
-    }
+    const SmallVariant& variant = variants[kOrthographic ? 1 : 0];
+    variant.kernel<<<variant.blocks, kSmallThreads, variant.shared_bytes, stream>>>(small);
+    done = cuda_check(cudaGetLastError(), "starting stage 1");
   }
   if (done) done = mark(kSmallDone);
   // Stages 2 and 3 draw what stage 1 left, each alone too little for the GPU.
   const LargeFrame rest{frame, target, queues};
-  if (done) done = check(cudaStreamWaitEvent(side_stream, marks[kSmallDone]), "forking");
-  if (done) done = check(cudaEventRecord(marks[kLargeBegun], side_stream), "recording an event");
+  if (done) done = cuda_check(cudaStreamWaitEvent(side_stream, marks[kSmallDone]), "forking");
+  if (done) done = cuda_check(cudaEventRecord(marks[kLargeBegun], side_stream), "recording an event");
   if (done) {
     const uint32_t blocks = multiprocessors * kLargeBlocks;
     split_large<kOrthographic><<<blocks, kLargeThreads, 0, side_stream>>>(rest);
     raster_large<kOrthographic><<<blocks, kLargeThreads, 0, side_stream>>>(rest);
-    done = check(cudaGetLastError(), "starting stage 3");
+    done = cuda_check(cudaGetLastError(), "starting stage 3");
   }
-  if (done) done = check(cudaEventRecord(marks[kLargeDone], side_stream), "recording an event");
+  if (done) done = cuda_check(cudaEventRecord(marks[kLargeDone], side_stream), "recording an event");
   if (done) {
     raster_medium<kOrthographic><<<multiprocessors * kMediumBlocks, kLargeThreads, 0, stream>>>(rest);
-    done = check(cudaGetLastError(), "starting stage 2");
+    done = cuda_check(cudaGetLastError(), "starting stage 2");
   }
   if (done) done = mark(kMediumDone);
-  if (done) done = check(cudaStreamWaitEvent(stream, marks[kLargeDone]), "joining");
+  if (done) done = cuda_check(cudaStreamWaitEvent(stream, marks[kLargeDone]), "joining");
   if (done) done = mark(kAllDone);
   if (done) {
-    done = check(cudaMemcpyAsync(seen, counters, sizeof *seen, cudaMemcpyDeviceToHost, stream), "reading the counters");
+    done = cuda_check(cudaMemcpyAsync(seen, counters, sizeof *seen, cudaMemcpyDeviceToHost, stream),
+                      "reading the counters");
   }
-  if (done) done = check(cudaStreamSynchronize(stream), "drawing");
+  if (done) done = cuda_check(cudaStreamSynchronize(stream), "drawing");
   return done;
 }
 
@@ -328,7 +329,7 @@ Result<void> CudaFrames::Impl::read_times(FrameTimes& times) const {
                {&times.small_ms, kCulled, kSmallDone},     {&times.medium_ms, kSmallDone, kMediumDone},
                {&times.large_ms, kLargeBegun, kLargeDone}, {&times.raster_ms, kCleared, kAllDone}};
   for (const auto& span : spans) {
-    Result<void> done = check(cudaEventElapsedTime(span.out, marks[span.from], marks[span.to]), "reading times");
+    Result<void> done = cuda_check(cudaEventElapsedTime(span.out, marks[span.from], marks[span.to]), "reading times");
     if (!done) return done;
   }
   return {};

@@ -48,7 +48,7 @@ __device__ inline void split_triangle(const LargeFrame& frame, uint32_t number) 
     const uint32_t lanes = __ballot_sync(~0u, touches);
     if (lanes == 0) continue;
     uint64_t first = 0;
-    if (lane == 0) first = fetch_add(&queues.counters->tiles, static_cast<uint64_t>(__popc(lanes)));
+    if (lane == 0) first = WarpTeam::add(&queues.counters->tiles, static_cast<uint64_t>(__popc(lanes)));
     first = __shfl_sync(~0u, first, 0);
     const uint64_t slot = first + static_cast<uint32_t>(__popc(lanes & ((1u << lane) - 1)));
     const bool kept = slot < queues.tile_capacity;

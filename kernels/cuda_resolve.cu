@@ -4,6 +4,7 @@
 #include <string>
 #include <utility>
 
+#include "kernels/cuda_check.h"
 #include "kernels/occlusion.h"
 #include "kernels/pixels.h"
 #include "kernels/resolve_cuda.h"
@@ -82,10 +83,9 @@ struct CudaResolver::Impl {
   }
 
   bool check(cudaError_t status, const char* what) {
-    if (status == cudaSuccess) return true;
-    (void)cudaGetLastError();  // or the next launch would be blamed for it
-    error = {ErrorCode::kDevice, std::string("CUDA: ") + what + ": " + cudaGetErrorString(status)};
-    return false;
+    const Result<void> done = cuda_check(status, what);
+    if (!done) error = done.error();
+    return static_cast<bool>(done);
   }
 
   bool reserve(Scratch& scratch, uint64_t bytes, const char* what) {

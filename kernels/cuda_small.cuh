@@ -373,7 +373,7 @@ class SmallWarp {
       if (lane_ == 0) {
         const uint64_t given = *static_cast<const volatile uint64_t*>(&frame_.list.counters->next_unit);
         share = max_of<uint64_t>((total - min_of(given, total)) / (kPart * warps), total < 256 * warps ? 1 : 64);
-        start = fetch_add(&frame_.list.counters->next_unit, share);
+        start = WarpTeam::add(&frame_.list.counters->next_unit, share);
       }
       start = __shfl_sync(~0u, start, 0);
       share = __shfl_sync(~0u, share, 0);
@@ -442,8 +442,8 @@ class SmallWarp {
     const uint64_t small = __reduce_add_sync(~0u, small_);
     const uint64_t clipped = __reduce_add_sync(~0u, clipped_);
     if (lane_ != 0) return;
-    if (small != 0) fetch_add(&frame_.list.counters->queues.triangles_small, small);
-    if (clipped != 0) fetch_add(&frame_.list.counters->queues.triangles_clipped, clipped);
+    if (small != 0) WarpTeam::add(&frame_.list.counters->queues.triangles_small, small);
+    if (clipped != 0) WarpTeam::add(&frame_.list.counters->queues.triangles_clipped, clipped);
   }
 
   const SmallFrame& frame_;

@@ -9,13 +9,17 @@
 #include <span>
 #include <vector>
 
+#include "kernels/cuda_check.h"
 #include "kernels/frame_cuda.h"
 #include "kernels/resolve_cuda.h"
-#include "runtime/cuda_check.h"
 #include "runtime/device_scene.h"
 #include "runtime/parallel.h"
 
 namespace scree::runtime {
+
+using kernels::cuda_check;
+using kernels::DeviceBuffer;
+
 namespace {
 
 constexpr uint64_t kAlignment = 256;

@@ -16,7 +16,7 @@
 #include "tools/convert/convert.h"
 
 #ifdef SCREE_HAS_CUDA
-#include "runtime/cuda_check.h"
+#include "kernels/cuda_check.h"
 #endif
 
 using scree::Result;
@@ -36,6 +36,15 @@ Scene load(const std::string& path) {
   Result<Scene> scene = Scene::load(std::move(*file), 0, {true, 2});
   REQUIRE(scene);
   return std::move(*scene);
+}
+
+/// The textured cube of the tests' models, packed into `folder`.
+Scene load_cube(const scree::tests::TempFolder& folder) {
+  scree::convert::ConvertOptions convert;
+  convert.input = scree::tests::data_path("textured_cube.glb").string();
+  convert.output = folder.file("scene.scree");
+  REQUIRE(scree::convert::convert(convert));
+  return load(convert.output);
 }
 
 /// Pixels whose channels differ by more than one level.
@@ -126,11 +135,7 @@ TEST_CASE("a scene over the device's budget is refused with both sizes", "[cuda]
     return;
   }
   const scree::tests::TempFolder folder;
-  scree::convert::ConvertOptions convert;
-  convert.input = scree::tests::data_path("textured_cube.glb").string();
-  convert.output = folder.file("scene.scree");
-  REQUIRE(scree::convert::convert(convert));
-  const Scene scene = load(convert.output);
+  const Scene scene = load_cube(folder);
   const Result<DeviceScene> device = DeviceScene::upload(scene, 16, 1);
   REQUIRE_FALSE(device);
   CHECK(device.error().code == scree::ErrorCode::kDevice);
@@ -144,11 +149,7 @@ TEST_CASE("queues that are too small grow, and the frame is drawn again", "[cuda
     return;
   }
   const scree::tests::TempFolder folder;
-  scree::convert::ConvertOptions convert;
-  convert.input = scree::tests::data_path("textured_cube.glb").string();
-  convert.output = folder.file("scene.scree");
-  REQUIRE(scree::convert::convert(convert));
-  const Scene scene = load(convert.output);
+  const Scene scene = load_cube(folder);
   Result<DeviceScene> device = DeviceScene::upload(scene, 0, 2);
   REQUIRE(device);
   // A cube that fills the picture: large triangles, many tiles, and with the smaller picture medium ones.
@@ -164,18 +165,18 @@ TEST_CASE("queues that are too small grow, and the frame is drawn again", "[cuda
         scree::kernels::CudaFrames::create(scene.view(), device->device_view(), {1, 1, 1});
     REQUIRE(frames);
     std::vector<uint64_t> samples(size_t{width} * width);
-    Result<scree::runtime::DeviceBuffer> buffer =
-        scree::runtime::DeviceBuffer::allocate(samples.size() * sizeof(uint64_t), "allocating the picture");
+    Result<scree::kernels::DeviceBuffer> buffer =
+        scree::kernels::DeviceBuffer::allocate(samples.size() * sizeof(uint64_t), "allocating the picture");
     REQUIRE(buffer);
     const auto stats = frames->draw(*view, reinterpret_cast<uint64_t*>(buffer->data()));
     REQUIRE(stats);
     CHECK(stats->triangles_medium + stats->triangles_large > 1);
-    REQUIRE(scree::runtime::cuda_check(
+    REQUIRE(scree::kernels::cuda_check(
         cudaMemcpy(samples.data(), buffer->data(), buffer->bytes(), cudaMemcpyDeviceToHost), "reading the picture"));
     CHECK(std::equal(samples.begin(), samples.end(), cpu->samples().begin(), cpu->samples().end()));
     // The same picture when no triangle is dropped before it is projected.
     REQUIRE(frames->draw(*view, reinterpret_cast<uint64_t*>(buffer->data()), {false}));
-    REQUIRE(scree::runtime::cuda_check(
+    REQUIRE(scree::kernels::cuda_check(
         cudaMemcpy(samples.data(), buffer->data(), buffer->bytes(), cudaMemcpyDeviceToHost), "reading the picture"));
     CHECK(std::equal(samples.begin(), samples.end(), cpu->samples().begin(), cpu->samples().end()));
   }

@@ -8,8 +8,8 @@
 
 namespace scree::bench {
 
-using runtime::cuda_check;
-using runtime::DeviceBuffer;
+using kernels::cuda_check;
+using kernels::DeviceBuffer;
 
 struct Frames::Impl {
   Impl(const ResidentScene& drawn, GpuTimer timing) : scene(&drawn), timer(std::move(timing)) {}

@@ -2,14 +2,14 @@
 
 #include <algorithm>
 
-#include "runtime/cuda_check.h"
+#include "kernels/cuda_check.h"
 #include "tools/bench/generate_kernels.h"
 
 namespace scree::bench {
 namespace {
 
-using runtime::cuda_check;
-using runtime::DeviceBuffer;
+using kernels::cuda_check;
+using kernels::DeviceBuffer;
 
 /// A copy of `items` on the device.
 template <class T>

@@ -6,7 +6,7 @@
 
 #include <utility>
 
-#include "runtime/cuda_check.h"
+#include "kernels/cuda_check.h"
 
 namespace scree::bench {
 
@@ -15,7 +15,7 @@ class GpuTimer {
   static Result<GpuTimer> create() {
     GpuTimer timer;
     for (cudaEvent_t& event : timer.events_) {
-      if (auto done = runtime::cuda_check(cudaEventCreate(&event), "making an event"); !done) return done.error();
+      if (auto done = kernels::cuda_check(cudaEventCreate(&event), "making an event"); !done) return done.error();
     }
     return timer;
   }
@@ -32,13 +32,13 @@ class GpuTimer {
     }
   }
 
-  Result<void> start() { return runtime::cuda_check(cudaEventRecord(events_[0]), "recording an event"); }
+  Result<void> start() { return kernels::cuda_check(cudaEventRecord(events_[0]), "recording an event"); }
   /// Waits for what was submitted since start(); ms.
   Result<float> stop() {
     float ms = 0;
-    Result<void> done = runtime::cuda_check(cudaEventRecord(events_[1]), "recording an event");
-    if (done) done = runtime::cuda_check(cudaEventSynchronize(events_[1]), "waiting for the GPU");
-    if (done) done = runtime::cuda_check(cudaEventElapsedTime(&ms, events_[0], events_[1]), "reading a time");
+    Result<void> done = kernels::cuda_check(cudaEventRecord(events_[1]), "recording an event");
+    if (done) done = kernels::cuda_check(cudaEventSynchronize(events_[1]), "waiting for the GPU");
+    if (done) done = kernels::cuda_check(cudaEventElapsedTime(&ms, events_[0], events_[1]), "reading a time");
     if (!done) return done.error();
     return ms;
   }

@@ -7,15 +7,15 @@
 #include <vector>
 
 #include "commit.h"
-#include "runtime/cuda_check.h"
+#include "kernels/cuda_check.h"
 #include "runtime/device_scene.h"
 #include "tools/bench/gpu_timer.h"
 
 namespace scree::bench {
 namespace {
 
-using runtime::cuda_check;
-using runtime::DeviceBuffer;
+using kernels::cuda_check;
+using kernels::DeviceBuffer;
 
 /// "580.159.03", or the newest CUDA the driver knows where the kernel does not tell.
 std::string driver_version() {

@@ -9,8 +9,8 @@
 
 namespace scree::bench {
 
-using runtime::cuda_check;
-using runtime::DeviceBuffer;
+using kernels::cuda_check;
+using kernels::DeviceBuffer;
 
 Result<ResidentScene> ResidentScene::generate(const synth::Scene& scene, const Encoding& encoding) {
   const std::vector<ChunkPlan> plans = plan_chunks(scene);

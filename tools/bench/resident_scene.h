@@ -8,7 +8,7 @@
 
 #include "format/result.h"
 #include "kernels/scene_view.h"
-#include "runtime/cuda_check.h"
+#include "kernels/cuda_check.h"
 #include "runtime/scene.h"
 #include "tools/bench/scene_tables.h"
 
@@ -54,8 +54,8 @@ class ResidentScene {
   std::unique_ptr<runtime::Scene> file_;
   kernels::SceneView host_{};
   kernels::SceneView device_{};
-  runtime::DeviceBuffer pages_;
-  std::vector<runtime::DeviceBuffer> records_;
+  kernels::DeviceBuffer pages_;
+  std::vector<kernels::DeviceBuffer> records_;
   uint64_t geometry_bytes_ = 0;
   uint64_t device_bytes_ = 0;
 };
