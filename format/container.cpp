@@ -55,14 +55,15 @@ static_assert(kKnownTables[static_cast<uint32_t>(TableKind::kLeftOut)].record_by
 
 constexpr uint32_t kZstdMagic = 0xFD2FB528;  // RFC 8878, 3.1.1
 
-Result<void> check_zero(std::span<const std::byte> file, uint64_t begin, uint64_t end) {
-  const std::byte* const first = file.data() + begin;
-  const uint64_t bytes = end - begin;
+/// `base`: where in the file `bytes` starts.
+Result<void> check_zero(std::span<const std::byte> bytes, uint64_t begin, uint64_t end, uint64_t base = 0) {
+  const std::byte* const first = bytes.data() + begin;
+  const uint64_t count = end - begin;
   // All equal to their neighbours and the first one zero: at memcmp's speed.
-  if (bytes == 0 || (*first == std::byte{0} && std::memcmp(first, first + 1, bytes - 1) == 0)) return {};
+  if (count == 0 || (*first == std::byte{0} && std::memcmp(first, first + 1, count - 1) == 0)) return {};
   uint64_t at = begin;
-  while (file[at] == std::byte{0}) ++at;
-  return fail(ErrorCode::kReserved, "byte ", at, " is padding, but not zero");
+  while (bytes[at] == std::byte{0}) ++at;
+  return fail(ErrorCode::kReserved, "byte ", base + at, " is padding, but not zero");
 }
 
 Result<FileHeader> check_header(std::span<const std::byte> file) {
@@ -379,18 +380,36 @@ std::span<const std::byte> Container::stored_page(uint32_t page) const {
   return file_.subspan(record.offset, record.stored_bytes);
 }
 
+std::span<const std::byte> Container::padded_page(uint32_t page) const {
+  const Table<PageRecord> table = pages();
+  const uint64_t next = page + uint64_t{1};
+  const uint64_t end = next < table.size() ? table[next].offset : views_->tables_offset;
+  return file_.subspan(table[page].offset, end - table[page].offset);
+}
+
+Result<void> Container::check_page(uint32_t page, std::span<const std::byte> padded) const {
+  const PageRecord& record = pages()[page];
+  assert(padded.size() == padded_page(page).size());
+  if (checksum(padded.first(record.stored_bytes)) != record.checksum) {
+    return fail(ErrorCode::kChecksum, "page ", page, ": the checksum differs");
+  }
+  return check_zero(padded, record.stored_bytes, padded.size(), record.offset);
+}
+
+Result<void> Container::unpack_page(uint32_t page, std::span<const std::byte> stored, std::span<std::byte> raw) const {
+  assert(raw.size() == pages()[page].raw_bytes);
+  if (auto frame = check_frame(page, raw.size(), stored); !frame) return frame;
+  return decompress(page, raw, stored);
+}
+
 Result<std::span<const std::byte>> Container::load_page(uint32_t page, std::vector<std::byte>& scratch) const {
   const Table<PageRecord> table = pages();
   if (page >= table.size()) {
     return fail(ErrorCode::kRange, "page ", page, ", but the file has ", table.size(), " pages");
   }
   const PageRecord& record = table[page];
-  const std::span<const std::byte> stored = file_.subspan(record.offset, record.stored_bytes);
-  if (checksum(stored) != record.checksum) {
-    return fail(ErrorCode::kChecksum, "page ", page, ": the checksum differs");
-  }
-  const uint64_t next = page + uint64_t{1} < table.size() ? table[page + uint64_t{1}].offset : views_->tables_offset;
-  if (auto zero = check_zero(file_, record.offset + record.stored_bytes, next); !zero) return zero.error();
+  if (auto checked = check_page(page, padded_page(page)); !checked) return checked.error();
+  const std::span<const std::byte> stored = stored_page(page);
   if (record.codec == PageCodec::kRaw) return stored;
 
   if (auto frame = check_frame(page, record.raw_bytes, stored); !frame) return frame.error();

@@ -75,6 +75,16 @@ class Container {
   /// such page), kMemory.
   Result<std::span<const std::byte>> load_page(uint32_t page, std::vector<std::byte>& scratch) const;
 
+  // For those who keep pages in memory of their own, the steps of load_page; `page` is one the file has.
+
+  /// The stored bytes of a page and the padding after them, up to the next page or the first table; unchecked.
+  std::span<const std::byte> padded_page(uint32_t page) const;
+  /// Checks `padded`, padded_page() or a copy of it. Errors kChecksum, kReserved as load_page.
+  Result<void> check_page(uint32_t page, std::span<const std::byte> padded) const;
+  /// Unpacks a zstd page from `stored`, its stored bytes, into `raw`, which has raw_bytes. Safe on any bytes;
+  /// reentrant. Errors kFormat, kTruncated, kTrailing, kMemory as load_page.
+  Result<void> unpack_page(uint32_t page, std::span<const std::byte> stored, std::span<std::byte> raw) const;
+
  private:
   struct Views;  // the tables' places in the file
   std::span<const std::byte> file_;

@@ -98,15 +98,21 @@ void for_each_corner(const kernels::SceneView& scene, const Visit& visit) {
   }
 }
 
+constexpr uint64_t kMostVertices = 1u << 20;  // 24 MiB, a few milliseconds
+
+bool has_few_vertices(const kernels::SceneView& scene) {
+  uint64_t count = 0;
+  for (uint64_t i = 0; i < scene.instance_count && count <= kMostVertices; ++i)
+    count += scene.meshes[scene.instances[i].mesh].vertex_count;
+  return count <= kMostVertices;
+}
+
 /// What the default view is fitted to: every vertex that is drawn where they are few, so that the empty corners of
 /// boxes do not push the scene out of the middle; else the corners of the instances' boxes.
 class Outline {
  public:
   explicit Outline(const kernels::SceneView& scene) : scene_(scene) {
-    uint64_t count = 0;
-    for (uint64_t i = 0; i < scene.instance_count && count <= kMostVertices; ++i)
-      count += scene.meshes[scene.instances[i].mesh].vertex_count;
-    if (count <= kMostVertices && !collect()) points_.clear();
+    if (has_few_vertices(scene) && !collect()) points_.clear();
   }
 
   template <class Visit>
@@ -119,8 +125,6 @@ class Outline {
   }
 
  private:
-  static constexpr uint64_t kMostVertices = 1u << 20;  // 24 MiB, a few milliseconds
-
   bool collect() {
     uint32_t decoded_mesh = format::kNone;  // instances of one mesh follow each other
     std::vector<float> positions;
@@ -383,6 +387,10 @@ std::vector<PlacedCamera> placed_cameras(const format::Container& container, uin
     if (in_scene[n] && node.camera != format::kNone) found.push_back({node.camera, static_cast<uint32_t>(n), world[n]});
   }
   return found;
+}
+
+bool view_reads_vertices(const kernels::SceneView& drawn, const CameraOptions& options) {
+  return options.camera.empty() && !options.eye && !options.target && has_few_vertices(drawn);
 }
 
 Result<View> make_view(const format::Container& container, uint32_t scene, const kernels::SceneView& drawn,

@@ -50,11 +50,15 @@ struct CameraOptions {
 
 inline constexpr double kDefaultFovDegrees = 45;
 
+/// Whether make_view() looks at vertices, so that `drawn` must have its pages: the default view of at most 2^20 of
+/// them.
+bool view_reads_vertices(const kernels::SceneView& drawn, const CameraOptions& options);
+
 /// The view of `options`. The vertical field of view is kept whatever the picture's aspect; the default view fits the
 /// scene (its vertices, or the corners of the instances' boxes where there are millions) into both directions. The near
 /// plane is the camera's own, else a small part of the distance to the scene's box (of the box's size where the eye is
-/// inside). `drawn` has its pages loaded. Errors kUsage (no such camera: those there are are listed; an eye without a
-/// direction), kFormat (a camera node whose matrix has no direction), kMemory.
+/// inside). `drawn` has its pages loaded where view_reads_vertices(). Errors kUsage (no such camera: those there are
+/// are listed; an eye without a direction), kFormat (a camera node whose matrix has no direction), kMemory.
 Result<kernels::View> make_view(const format::Container& container, uint32_t scene, const kernels::SceneView& drawn,
                                 const CameraOptions& options);
 

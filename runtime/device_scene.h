@@ -1,4 +1,4 @@
-// A loaded scene's copy in GPU memory: one arena, its size known before the first byte is copied.
+// A scene in GPU memory: one arena, its size known before the first byte is copied.
 #pragma once
 
 #include <cstdint>
@@ -9,6 +9,7 @@
 #include "kernels/frame.h"
 #include "kernels/frame_cuda.h"
 #include "runtime/scene.h"
+#include "runtime/upload.h"
 
 namespace scree::runtime {
 
@@ -16,17 +17,12 @@ namespace scree::runtime {
 /// without CUDA.
 Result<void> find_device();
 
-struct UploadStats {
-  uint64_t device_bytes = 0;  // of the arena and of what frames start with
-  double upload_ms = 0;
-};
-
 class DeviceScene {
  public:
-  /// Copies `scene`, which outlives this, to the current device: records, pages as they are drawn from, textures. Raw
-  /// pages go straight from the map through a ring of pinned buffers. `budget_bytes`: 0 takes what the device has free.
-  /// Errors kDevice: no usable device, a CUDA call that failed (which and for what), or a scene that does not fit (both
-  /// sizes named).
+  /// Brings `scene` to the current device: records, pages, textures. Pages that the scene has are copied; others come
+  /// from the file, checked as Scene::load_pages does, and stay on the device alone (runtime/upload.h). `budget_bytes`:
+  /// 0 takes what the device has free. Errors kDevice: no usable device, a CUDA call that failed (which and for what),
+  /// or a scene that does not fit (both sizes named); with the file named, those of Scene::load_pages.
   static Result<DeviceScene> upload(const Scene& scene, uint64_t budget_bytes, uint32_t threads);
   DeviceScene(DeviceScene&&) noexcept;
   DeviceScene& operator=(DeviceScene&&) noexcept;

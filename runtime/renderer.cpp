@@ -14,14 +14,18 @@
 namespace scree::runtime {
 namespace {
 
-std::optional<uint64_t> source_triangle(const kernels::SceneView& scene, const kernels::Hit& hit) {
-  const format::ChunkRecord& chunk = scene.chunks[hit.chunk];
-  const format::MeshRecord& mesh = scene.meshes[chunk.mesh];
-  if (!(mesh.attributes & format::kHasSourceIds)) return std::nullopt;
-  if (chunk.source_bits == 0) return chunk.source_min;
-  const std::byte* const stream =
-      scene.pages[chunk.page] + chunk.offset + format::chunk_streams(mesh, chunk).source_ids.offset;
-  return chunk.source_min + format::unpack(stream, uint64_t{hit.triangle} * chunk.source_bits, chunk.source_bits);
+/// The number in the source primitive, where the file has it.
+Result<std::optional<uint64_t>> source_triangle(const Scene& scene, const kernels::Hit& hit) {
+  const format::ChunkRecord& chunk = scene.view().chunks[hit.chunk];
+  const format::MeshRecord& mesh = scene.view().meshes[chunk.mesh];
+  if (!(mesh.attributes & format::kHasSourceIds)) return std::optional<uint64_t>();
+  if (chunk.source_bits == 0) return std::optional<uint64_t>(chunk.source_min);
+  std::vector<std::byte> scratch;
+  const Result<std::span<const std::byte>> page = scene.page(chunk.page, scratch);
+  if (!page) return page.error();
+  const std::byte* const stream = page->data() + chunk.offset + format::chunk_streams(mesh, chunk).source_ids.offset;
+  return std::optional<uint64_t>(chunk.source_min +
+                                 format::unpack(stream, uint64_t{hit.triangle} * chunk.source_bits, chunk.source_bits));
 }
 
 }  // namespace
@@ -29,6 +33,7 @@ std::optional<uint64_t> source_triangle(const kernels::SceneView& scene, const k
 Result<Frame> Frame::draw(const Scene& scene, const kernels::View& view, uint32_t samples_per_side, uint32_t threads,
                           DeviceScene* device) {
   assert(samples_per_side == 1 || samples_per_side == 2 || samples_per_side == 4);
+  assert(device != nullptr || scene.has_pages());
   const uint64_t width = uint64_t{view.width} * samples_per_side;
   const uint64_t height = uint64_t{view.height} * samples_per_side;
   if (width == 0 || height == 0 || width > kernels::kMaxImageSide || height > kernels::kMaxImageSide)
@@ -116,12 +121,12 @@ std::vector<float> Frame::depth() const {
   return out;
 }
 
-std::optional<Pick> Frame::pick(uint32_t x, uint32_t y) const {
+Result<std::optional<Pick>> Frame::pick(uint32_t x, uint32_t y) const {
   assert(x < width() && y < height() && !samples_.empty());
   const uint64_t column = uint64_t{x} * samples_per_side_ + samples_per_side_ / 2;
   const uint64_t row = uint64_t{y} * samples_per_side_ + samples_per_side_ / 2;
   const uint64_t sample = samples_[row * view_.width + column];
-  if (sample == kernels::kBackground) return std::nullopt;
+  if (sample == kernels::kBackground) return std::optional<Pick>();
   const kernels::SceneView& scene = scene_->view();
   Pick pick{};
   pick.id = kernels::sample_id(sample);
@@ -131,9 +136,11 @@ std::optional<Pick> Frame::pick(uint32_t x, uint32_t y) const {
   pick.node = instance.node;
   pick.node_instance = instance.node_instance;
   pick.mesh_triangle = scene.chunks[pick.hit.chunk].first_triangle + pick.hit.triangle;
-  pick.source_triangle = source_triangle(scene, pick.hit);
+  const Result<std::optional<uint64_t>> source = source_triangle(*scene_, pick.hit);
+  if (!source) return source.error();
+  pick.source_triangle = *source;
   pick.depth = kernels::depth_of_code(view_, kernels::sample_depth_code(sample));
-  return pick;
+  return std::optional<Pick>(pick);
 }
 
 }  // namespace scree::runtime

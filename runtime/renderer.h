@@ -40,8 +40,9 @@ class Frame {
   /// Draws `view` at `samples_per_side` x `samples_per_side` samples a pixel (1, 2 or 4); view.width and view.height
   /// are in pixels. Errors kRange (a side of more than kernels::kMaxImageSide samples), kMemory, those of
   /// kernels::draw_cpu.
-  /// With a `device` (a copy of `scene`, which also outlives the frame) the GPU draws and shades; the samples are the
-  /// same, and stay there until read_samples(). Only the frame that a device drew last can be shaded or read.
+  /// Without a device `scene` has its pages. With a `device` (a copy of `scene`, which also outlives the frame) the GPU
+  /// draws and shades; the samples are the same, and stay there until read_samples(). Only the frame that a device drew
+  /// last can be shaded or read.
   static Result<Frame> draw(const Scene& scene, const kernels::View& view, uint32_t samples_per_side, uint32_t threads,
                             DeviceScene* device = nullptr);
 
@@ -58,8 +59,9 @@ class Frame {
   std::vector<float> depth() const;
 
   /// The triangle at a pixel's centre (of its samples, the one below and to the right of the centre where their number
-  /// a side is even); nothing on the background. x < width, y < height in pixels.
-  std::optional<Pick> pick(uint32_t x, uint32_t y) const;
+  /// a side is even); nothing on the background. x < width, y < height in pixels. Where only a GPU has the pages, the
+  /// triangle's is read from the file: errors as Scene::page.
+  Result<std::optional<Pick>> pick(uint32_t x, uint32_t y) const;
 
   /// Row by row, (samples per side * width) a row.
   std::span<const uint64_t> samples() const { return samples_; }

@@ -109,9 +109,11 @@ Result<Scene> Scene::load(SceneFile file, uint32_t scene_index, const SceneOptio
     view.instance_count = record.instance_count;
 
     if (const Result<void> numbered = scene.number_instances(); !numbered) return at(path, numbered.error());
-    const Stopwatch geometry_watch;
-    if (const Result<void> loaded = scene.load_geometry(options.threads); !loaded) return at(path, loaded.error());
-    scene.stats_.geometry = geometry_watch.elapsed();
+    scene.drawn_pages_ = DrawnPages(container, scene.mesh_drawn_);
+    scene.pages_.raw.assign(container.pages().size(), nullptr);
+    view.pages = scene.pages_.raw.data();
+    if (options.pages)
+      if (const Result<void> loaded = scene.load_pages(options.threads); !loaded) return loaded.error();
     const Stopwatch texture_watch;
     if (const Result<void> loaded = scene.load_textures(options); !loaded) return at(path, loaded.error());
     scene.stats_.textures = texture_watch.elapsed();
@@ -139,15 +141,27 @@ Result<void> Scene::number_instances() {
   return {};
 }
 
-Result<void> Scene::load_geometry(uint32_t threads) {
-  Result<PageSet> pages = load_pages(container(), file_.map(), mesh_drawn_, threads);
-  if (!pages) return pages.error();
+Result<void> Scene::load_pages(uint32_t threads) {
+  if (has_pages_) return {};
+  const Stopwatch watch;
+  Result<PageSet> pages = runtime::load_pages(drawn_pages_, file_.map(), threads);
+  if (!pages) return at(file_.path(), pages.error());
   pages_ = std::move(*pages);
   view_.pages = pages_.raw.data();
+  has_pages_ = true;
   stats_.pages = pages_.page_count;
   stats_.stored_bytes = pages_.stored_bytes;
   stats_.decoded_bytes = pages_.decoded_bytes;
+  stats_.geometry = watch.elapsed();
   return {};
+}
+
+Result<std::span<const std::byte>> Scene::page(uint32_t page, std::vector<std::byte>& scratch) const {
+  if (view_.pages[page] != nullptr)
+    return std::span<const std::byte>(view_.pages[page], container().pages()[page].raw_bytes);
+  const Result<std::span<const std::byte>> read = container().load_page(page, scratch);
+  if (!read) return at(file_.path(), read.error());
+  return read;
 }
 
 Result<void> Scene::load_textures(const SceneOptions& options) {

@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <memory>
+#include <span>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -39,6 +40,7 @@ class SceneFile {
 struct SceneOptions {
   bool textures = true;  // false: texture views have no texels
   uint32_t threads = 1;
+  bool pages = true;  // false: view().pages are null until load_pages(), for scenes that a GPU draws
 };
 
 struct LoadStats {
@@ -54,14 +56,26 @@ struct LoadStats {
 /// Owns what view() points to. Raw pages are used where they lie in the map; only compressed ones have a copy.
 class Scene {
  public:
-  /// Loads the pages that the instances of scene number `scene` (below the container's count) use, validates every
-  /// chunk of them, and decodes the images of their materials, each once. Errors, with the file and the place named:
-  /// those of load_page; kRange, kFormat, kTrailing, kTruncated (a chunk or an image); kRange (more than 2^36 - 1 drawn
-  /// triangles); kMemory.
+  /// Numbers the instances of scene number `scene` (below the container's count), loads its pages unless the options
+  /// say not to, and decodes the images of its materials, each once. Errors, with the file and the place named: those
+  /// of load_pages(); of an image kRange, kFormat, kTrailing, kTruncated; kRange (more than 2^36 - 1 drawn triangles);
+  /// kMemory.
   static Result<Scene> load(SceneFile file, uint32_t scene, const SceneOptions& options);
 
   Scene(Scene&&) = default;
   Scene& operator=(Scene&&) = default;
+
+  /// Loads the pages that the scene's instances use and validates every chunk of theirs; nothing to do where that is
+  /// done. Errors, with the file and the place named: those of runtime::load_pages.
+  Result<void> load_pages(uint32_t threads);
+  /// Whether view().pages has what the scene draws, as the CPU needs it.
+  bool has_pages() const { return has_pages_; }
+  /// Which those are.
+  const DrawnPages& drawn_pages() const { return drawn_pages_; }
+
+  /// The raw bytes of a geometry page: as loaded, else read from the file into `scratch`. Errors as
+  /// Container::load_page, the file named.
+  Result<std::span<const std::byte>> page(uint32_t page, std::vector<std::byte>& scratch) const;
 
   const SceneFile& file() const { return file_; }
   const format::Container& container() const { return file_.container(); }
@@ -79,7 +93,6 @@ class Scene {
 
   explicit Scene(SceneFile file) : file_(std::move(file)) {}
   Result<void> number_instances();
-  Result<void> load_geometry(uint32_t threads);
   Result<void> load_textures(const SceneOptions& options);
 
   SceneFile file_;
@@ -92,7 +105,9 @@ class Scene {
   std::vector<format::MaterialRecord> materials_;
   std::vector<uint64_t> instance_base_;
   std::vector<bool> mesh_drawn_;
+  DrawnPages drawn_pages_;
   PageSet pages_;
+  bool has_pages_ = false;
   std::vector<MipChain> mips_;  // by image; empty where no drawn material uses it
   std::vector<kernels::TextureView> textures_;
   std::vector<std::string> warnings_;

@@ -1,16 +1,15 @@
 #include "runtime/scene_pages.h"
 
 #include <algorithm>
-#include <mutex>
 #include <new>
 #include <string>
-#include <utility>
 
 #include "format/attribute_codec.h"
 #include "format/bytes.h"
 #include "format/chunk_layout.h"
 #include "format/index_codec.h"
 #include "format/position_codec.h"
+#include "runtime/first_error.h"
 #include "runtime/parallel.h"
 
 namespace scree::runtime {
@@ -28,50 +27,6 @@ std::string chunk_place(const format::Container& container, uint64_t index) {
   if (!name.empty()) place.append(" (").append(name).append(")");
   return place + ", chunk " + std::to_string(index) + " (page " + std::to_string(chunk.page) + ")";
 }
-
-struct PageChunk {
-  uint32_t page;
-  uint64_t chunk;
-};
-
-/// The chunks of the drawn meshes, page by page.
-std::vector<PageChunk> chunks_by_page(const format::Container& container, const std::vector<bool>& drawn) {
-  std::vector<PageChunk> found;
-  const auto meshes = container.meshes();
-  const auto chunks = container.chunks();
-  for (uint64_t m = 0; m < meshes.size(); ++m) {
-    if (!drawn[m]) continue;
-    const MeshRecord& mesh = meshes[m];
-    for (uint64_t c = mesh.first_chunk; c < mesh.first_chunk + mesh.chunk_count; ++c)
-      found.push_back({chunks[c].page, c});
-  }
-  const auto before = [](const PageChunk& a, const PageChunk& b) {
-    return a.page != b.page ? a.page < b.page : a.chunk < b.chunk;
-  };
-  if (!std::is_sorted(found.begin(), found.end(), before)) std::sort(found.begin(), found.end(), before);
-  return found;
-}
-
-/// The error of the lowest page, from whichever thread.
-class FirstError {
- public:
-  void report(uint64_t place, Error error) {
-    const std::lock_guard<std::mutex> lock(mutex_);
-    if (place >= place_.load()) return;
-    place_ = place;
-    error_ = std::move(error);
-  }
-  /// Whether an earlier page has failed, so that this one makes no difference.
-  bool is_moot(uint64_t place) const { return place > place_.load(); }
-  bool any() const { return place_.load() != kNoPlace; }
-  const Error& error() const { return error_; }
-
- private:
-  static constexpr uint64_t kNoPlace = ~uint64_t{0};
-  std::mutex mutex_;
-  std::atomic<uint64_t> place_{kNoPlace};
-  Error error_{ErrorCode::kFormat, {}};
-};
 
 }  // namespace
 
@@ -112,41 +67,57 @@ Result<void> check_chunk(const MeshRecord& mesh, const ChunkRecord& chunk, std::
   return {};
 }
 
-Result<PageSet> load_pages(const format::Container& container, const MappedFile& map, const std::vector<bool>& drawn,
-                           uint32_t threads) {
+DrawnPages::DrawnPages(const format::Container& container, const std::vector<bool>& drawn) : container_(container) {
+  const auto meshes = container.meshes();
+  const auto chunks = container.chunks();
+  for (uint64_t m = 0; m < meshes.size(); ++m) {
+    if (!drawn[m]) continue;
+    const MeshRecord& mesh = meshes[m];
+    for (uint64_t c = mesh.first_chunk; c < mesh.first_chunk + mesh.chunk_count; ++c)
+      chunks_.push_back({chunks[c].page, c});
+  }
+  const auto before = [](const PageChunk& a, const PageChunk& b) {
+    return a.page != b.page ? a.page < b.page : a.chunk < b.chunk;
+  };
+  if (!std::is_sorted(chunks_.begin(), chunks_.end(), before)) std::sort(chunks_.begin(), chunks_.end(), before);
+  for (uint64_t i = 0; i < chunks_.size(); ++i)
+    if (i == 0 || chunks_[i].page != chunks_[i - 1].page) first_chunk_.push_back(i);
+  first_chunk_.push_back(chunks_.size());
+}
+
+Result<void> DrawnPages::check(uint64_t index, std::span<const std::byte> raw) const {
+  for (uint64_t c = first_chunk_[index]; c < first_chunk_[index + 1]; ++c) {
+    const ChunkRecord& chunk = container_.chunks()[chunks_[c].chunk];
+    if (Result<void> checked = check_chunk(container_.meshes()[chunk.mesh], chunk, raw); !checked)
+      return at(chunk_place(container_, chunks_[c].chunk), checked.error());
+  }
+  return {};
+}
+
+Result<PageSet> load_pages(const DrawnPages& pages, const MappedFile& map, uint32_t threads) {
   try {
     PageSet set;
-    const auto pages = container.pages();
-    set.raw.assign(pages.size(), nullptr);
-    set.decoded.resize(pages.size());
-    const std::vector<PageChunk> chunks = chunks_by_page(container, drawn);
-    std::vector<uint64_t> first_chunk;  // of each page used, in `chunks`
-    for (uint64_t i = 0; i < chunks.size(); ++i)
-      if (i == 0 || chunks[i].page != chunks[i - 1].page) first_chunk.push_back(i);
-    set.page_count = first_chunk.size();
-    first_chunk.push_back(chunks.size());
-
+    const format::Container& container = pages.container();
+    set.raw.assign(container.pages().size(), nullptr);
+    set.decoded.resize(container.pages().size());
+    set.page_count = pages.size();
     FirstError failure;
     parallel_for(set.page_count, threads, [&](uint64_t i) {
       if (failure.is_moot(i)) return;
-      const uint32_t page = chunks[first_chunk[i]].page;
-      map.will_need(pages[page].offset, pages[page].stored_bytes);
+      const uint32_t page = pages.page(i);
+      const format::PageRecord& record = pages.record(i);
+      map.will_need(record.offset, record.stored_bytes);
       const Result<std::span<const std::byte>> raw = container.load_page(page, set.decoded[page]);
       if (!raw) return failure.report(i, raw.error());
       // What was decompressed is not read again; it need not stay resident twice.
-      if (pages[page].codec != format::PageCodec::kRaw) map.release(pages[page].offset, pages[page].stored_bytes);
-      for (uint64_t c = first_chunk[i]; c < first_chunk[i + 1]; ++c) {
-        const ChunkRecord& chunk = container.chunks()[chunks[c].chunk];
-        const Result<void> checked = check_chunk(container.meshes()[chunk.mesh], chunk, *raw);
-        if (!checked) return failure.report(i, at(chunk_place(container, chunks[c].chunk), checked.error()));
-      }
+      if (record.codec != format::PageCodec::kRaw) map.release(record.offset, record.stored_bytes);
+      if (const Result<void> checked = pages.check(i, *raw); !checked) return failure.report(i, checked.error());
       set.raw[page] = raw->data();
     });
     if (failure.any()) return failure.error();
     for (uint64_t i = 0; i < set.page_count; ++i) {
-      const uint32_t page = chunks[first_chunk[i]].page;
-      set.stored_bytes += pages[page].stored_bytes;
-      set.decoded_bytes += set.decoded[page].size();
+      set.stored_bytes += pages.record(i).stored_bytes;
+      set.decoded_bytes += set.decoded[pages.page(i)].size();
     }
     return set;
   } catch (const std::bad_alloc&) {

@@ -12,6 +12,7 @@
 #include "runtime/renderer.h"
 #include "tests/catch.h"
 #include "tests/models.h"
+#include "tests/runtime/paged_scene.h"
 #include "tests/tools/temp_folder.h"
 #include "tools/convert/convert.h"
 
@@ -30,10 +31,10 @@ using scree::runtime::SceneFile;
 
 namespace {
 
-Scene load(const std::string& path) {
+Scene load(const std::string& path, bool pages = true) {
   Result<SceneFile> file = SceneFile::open(path);
   REQUIRE(file);
-  Result<Scene> scene = Scene::load(std::move(*file), 0, {true, 2});
+  Result<Scene> scene = Scene::load(std::move(*file), 0, {true, 2, pages});
   REQUIRE(scene);
   return std::move(*scene);
 }
@@ -126,6 +127,53 @@ TEST_CASE("the GPU draws what the CPU draws", "[cuda]") {
     flat.half_width = flat.half_height * flat.width / flat.height;
     flat.z_far = flat.z_near + 100 * flat.half_height;
     compare(scene, *device, flat, 2);
+  }
+}
+
+TEST_CASE("pages that only the GPU has are drawn and picked alike", "[cuda]") {
+  if (!scree::runtime::find_device()) {
+    WARN("skipped: no GPU");
+    return;
+  }
+  const scree::tests::TempFolder folder;
+  for (const int level : {0, 3}) {
+    scree::convert::ConvertOptions convert;
+    convert.input = scree::tests::data_path("textured_cube.glb").string();
+    convert.output = folder.file("scene.scree");
+    convert.source_ids = true;
+    convert.zstd_level = level;
+    REQUIRE(scree::convert::convert(convert));
+    scree::tests::Encoding floats;
+    floats.float32 = true;
+    const std::string paged = folder.file("paged.scree");
+    scree::tests::PagedScene{}.write(paged,
+                                     {{scree::tests::grid(90, 0.2), {}}, {scree::tests::sphere(40, 0.1), floats}});
+    for (const std::string& path : {convert.output, paged}) {
+      const Scene whole = load(path);
+      const Scene scene = load(path, false);
+      Result<DeviceScene> device = DeviceScene::upload(scene, 0, 3);
+      REQUIRE(device);
+      CHECK(device->stats().counts.pages == scene.drawn_pages().size());
+      scree::runtime::CameraOptions camera;
+      camera.width = 333;
+      camera.height = 222;
+      const Result<View> view = scree::runtime::make_view(whole.container(), 0, whole.view(), camera);
+      REQUIRE(view);
+      const Result<Frame> cpu = Frame::draw(whole, *view, 1, 2);
+      Result<Frame> gpu = Frame::draw(scene, *view, 1, 2, &*device);
+      REQUIRE(cpu);
+      REQUIRE(gpu);
+      REQUIRE(gpu->read_samples());
+      CHECK(std::equal(cpu->samples().begin(), cpu->samples().end(), gpu->samples().begin(), gpu->samples().end()));
+      const auto on_cpu = cpu->pick(166, 111);
+      const auto on_gpu = gpu->pick(166, 111);
+      REQUIRE(on_cpu);
+      REQUIRE(on_gpu);
+      REQUIRE(on_cpu->has_value());
+      REQUIRE(on_gpu->has_value());
+      CHECK((*on_cpu)->source_triangle == (*on_gpu)->source_triangle);
+      CHECK((*on_cpu)->mesh_triangle == (*on_gpu)->mesh_triangle);
+    }
   }
 }
 

@@ -119,18 +119,18 @@ TEST_CASE("picking names node, mesh, triangle, source triangle and depth", "[ren
   const Scene scene = load(SmallScene{});
   for (const uint32_t samples : {1u, 2u, 4u}) {
     const Frame frame = draw(scene, front_view(scene, 80, 40), samples);
-    const std::optional<Pick> low = frame.pick(47, 27);  // below the diagonal: the first triangle
+    const std::optional<Pick> low = *frame.pick(47, 27);  // below the diagonal: the first triangle
     REQUIRE(low);
     CHECK(low->node == 1);
     CHECK(low->mesh == 0);
     CHECK(low->mesh_triangle == 0);
     CHECK(low->source_triangle == 70u);
     CHECK(low->depth == Approx(2).epsilon(1e-5));
-    const std::optional<Pick> high = frame.pick(33, 12);
+    const std::optional<Pick> high = *frame.pick(33, 12);
     REQUIRE(high);
     CHECK(high->mesh_triangle == 1);
     CHECK(high->source_triangle == 71u);
-    CHECK_FALSE(frame.pick(2, 2));
+    CHECK_FALSE(*frame.pick(2, 2));
 
     const std::vector<float> depth = frame.depth();
     REQUIRE(depth.size() == 3200);
@@ -272,7 +272,7 @@ TEST_CASE("scenes are found by name and number", "[renderer]") {
   REQUIRE(empty);
   const Frame frame = draw(*empty, front_view(*empty, 8, 8));
   CHECK(frame.samples()[0] == kernels::kBackground);
-  CHECK_FALSE(frame.pick(4, 4));
+  CHECK_FALSE(*frame.pick(4, 4));
 }
 
 TEST_CASE("a scene with more triangles than ids is refused", "[renderer]") {
@@ -345,7 +345,7 @@ TEST_CASE("real models are drawn alike by one thread and many, and fill what the
     covered /= 160 * 120;
     CHECK(covered > model.least);
     CHECK(covered < model.most);
-    const std::optional<Pick> pick = one.pick(80, 60);
+    const std::optional<Pick> pick = *one.pick(80, 60);
     REQUIRE(pick);
     CHECK(pick->mesh_triangle < scene->view().meshes[pick->mesh].triangle_count);
     CHECK(pick->depth > view->z_near);

@@ -32,35 +32,23 @@ Result<ResidentScene> ResidentScene::generate(const synth::Scene& scene, const E
   return resident;
 }
 
-Result<ResidentScene> ResidentScene::upload(runtime::Scene scene) {
+Result<ResidentScene> ResidentScene::upload(runtime::Scene scene, uint32_t threads) {
   ResidentScene resident;
   resident.file_ = std::make_unique<runtime::Scene>(std::move(scene));
-  const kernels::SceneView& host = resident.host_ = resident.file_->view();
-  const auto& records = resident.file_->container().pages();
-  std::vector<uint64_t> offsets(records.size());
-  uint64_t bytes = 0;
-  for (uint64_t i = 0; i < records.size(); ++i) {
-    if (host.pages[i] == nullptr) continue;
-    offsets[i] = bytes;
-    bytes += (records[i].raw_bytes + format::kPageAlignment - 1) & ~(format::kPageAlignment - 1);
-  }
-  if (Result<void> done = resident.allocate_pages(bytes); !done) return done.error();
-  std::vector<const std::byte*> pages(records.size());
-  for (uint64_t i = 0; i < records.size(); ++i) {
-    if (host.pages[i] == nullptr) continue;
-    std::byte* const to = resident.pages_.data() + offsets[i];
-    if (Result<void> done = cuda_check(cudaMemcpy(to, host.pages[i], records[i].raw_bytes, cudaMemcpyHostToDevice),
-                                       "copying a page to the device");
-        !done)
-      return done.error();
-    pages[i] = to;
-  }
+  resident.host_ = resident.file_->view();
+  Result<runtime::CudaScene> copy = runtime::CudaScene::upload(*resident.file_, 0, 0, threads);
+  if (!copy) return copy.error();
+  resident.uploaded_ = std::move(*copy);
+  resident.device_ = resident.uploaded_.view();
+  resident.device_bytes_ = resident.uploaded_.arena_bytes();
+  const runtime::DrawnPages& drawn = resident.file_->drawn_pages();
+  std::vector<bool> is_drawn(drawn.container().pages().size());
+  for (uint64_t i = 0; i < drawn.size(); ++i) is_drawn[drawn.page(i)] = true;
+  const kernels::SceneView& host = resident.host_;
   for (uint64_t i = 0; i < host.chunk_count; ++i) {
     const format::ChunkStreams streams = format::chunk_streams(host.meshes[host.chunks[i].mesh], host.chunks[i]);
-    if (host.pages[host.chunks[i].page] != nullptr)
-      resident.geometry_bytes_ += streams.indices.bytes + streams.positions.bytes;
+    if (is_drawn[host.chunks[i].page]) resident.geometry_bytes_ += streams.indices.bytes + streams.positions.bytes;
   }
-  if (Result<void> done = resident.copy_records(pages); !done) return done.error();
   return resident;
 }
 
@@ -104,7 +92,7 @@ Result<void> ResidentScene::copy_records(const std::vector<const std::byte*>& pa
   copy(device_.materials, host_.materials, host_.material_count);
   const std::byte* const* table = pages.data();
   copy(device_.pages, table, pages.size());
-  copy(device_.textures, host_.textures, host_.texture_count);  // loaded without texels: drawn as white
+  copy(device_.textures, host_.textures, host_.texture_count);  // without texels: drawn as white
   return result;
 }
 

@@ -7,8 +7,9 @@
 #include <vector>
 
 #include "format/result.h"
-#include "kernels/scene_view.h"
 #include "kernels/cuda_check.h"
+#include "kernels/scene_view.h"
+#include "runtime/cuda_upload.h"
 #include "runtime/scene.h"
 #include "tools/bench/scene_tables.h"
 
@@ -19,10 +20,10 @@ class ResidentScene {
   /// Makes the scene on the current device. Errors kDevice (a CUDA call failed; a scene that does not fit, with both
   /// sizes), kRange (make_tables).
   static Result<ResidentScene> generate(const synth::Scene& scene, const Encoding& encoding);
-  /// Copies the geometry and records of `scene`, which it keeps; textures are left out. Errors kDevice as above.
-  static Result<ResidentScene> upload(runtime::Scene scene);
+  /// Brings `scene`, which it keeps, to the device. Errors as runtime::CudaScene::upload.
+  static Result<ResidentScene> upload(runtime::Scene scene, uint32_t threads);
 
-  /// Records on the host; its pages are on the host only where a file was uploaded, else null.
+  /// Records on the host; its pages are there only where an uploaded scene had them, else null.
   const kernels::SceneView& host() const { return host_; }
   const kernels::SceneView& device() const { return device_; }
   /// The boxes of a generated scene's chunks; empty for a file.
@@ -38,6 +39,8 @@ class ResidentScene {
 
   /// Of uploaded files.
   const runtime::Scene& file() const { return *file_; }
+  runtime::Scene& file() { return *file_; }
+  const runtime::UploadStats& upload_stats() const { return uploaded_.stats(); }
 
   /// The pages, copied back: for tests. The pointers of scene views, by page number, lie in `storage`.
   Result<std::vector<const std::byte*>> read_pages(std::vector<std::byte>& storage) const;
@@ -52,6 +55,7 @@ class ResidentScene {
 
   std::unique_ptr<SceneTables> tables_;
   std::unique_ptr<runtime::Scene> file_;
+  runtime::CudaScene uploaded_;
   kernels::SceneView host_{};
   kernels::SceneView device_{};
   kernels::DeviceBuffer pages_;

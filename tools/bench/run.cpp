@@ -6,6 +6,7 @@
 #include <memory>
 #include <string>
 #include <string_view>
+#include <thread>
 #include <vector>
 
 #include "runtime/camera.h"
@@ -197,15 +198,25 @@ class Runner {
     return largest;
   }
 
+  void print_upload(const runtime::UploadStats& stats) const {
+    std::printf("%s: %s of pages in the file, %s decompressed, %s to the device in %.3f s, %.2f GB/s\n",
+                options_.file.c_str(), tools::format_bytes(stats.counts.stored_bytes).c_str(),
+                tools::format_bytes(stats.counts.unpacked_bytes).c_str(),
+                tools::format_bytes(stats.counts.copied_bytes).c_str(), stats.upload_ms * 1e-3, stats.gb_per_s());
+  }
+
   Result<void> measure_file() {
     Result<runtime::SceneFile> file = runtime::SceneFile::open(options_.file);
     if (!file) return file.error();
     const Result<uint32_t> number = file->find_scene("");
     if (!number) return number.error();
-    Result<runtime::Scene> loaded = runtime::Scene::load(std::move(*file), *number, {false, 0});
+    const uint32_t threads = std::max(1u, std::thread::hardware_concurrency());
+    Result<runtime::Scene> loaded = runtime::Scene::load(std::move(*file), *number, {false, threads, false});
     if (!loaded) return loaded.error();
-    const Result<ResidentScene> resident = ResidentScene::upload(std::move(*loaded));
-    if (!resident) return Error{resident.error().code, options_.file + ": " + resident.error().message};
+    Result<ResidentScene> resident = ResidentScene::upload(std::move(*loaded), threads);
+    if (!resident && resident.error().code == ErrorCode::kDevice) return at(options_.file, resident.error());
+    if (!resident) return resident.error();
+    print_upload(resident->upload_stats());
     Result<Frames> frames = Frames::create(*resident);
     if (!frames) return frames.error();
     const ImageSize size = image_size({1920, 1080});
@@ -228,7 +239,7 @@ class Runner {
   }
 
   /// The cameras named, or all of the file's, or the default view where it has none.
-  Result<std::vector<NamedView>> file_views(const runtime::Scene& scene, ImageSize size) const {
+  Result<std::vector<NamedView>> file_views(runtime::Scene& scene, ImageSize size) const {
     struct Choice {
       std::string camera;  // as CameraOptions takes it
       std::string name;
@@ -250,6 +261,8 @@ class Runner {
       camera.camera = choice.camera;
       camera.width = size.width;
       camera.height = size.height;
+      if (runtime::view_reads_vertices(scene.view(), camera))
+        if (const Result<void> pages = scene.load_pages(1); !pages) return pages.error();
       const Result<kernels::View> view =
           runtime::make_view(scene.container(), scene.scene_index(), scene.view(), camera);
       if (!view) return Error{view.error().code, options_.file + ": " + view.error().message};

@@ -66,7 +66,9 @@ Result<PixelReport> compare_with_source(const runtime::Scene& scene, const Sourc
     for (uint32_t x = 0; x < view.width; ++x) {
       const uint64_t at = uint64_t{y} * view.width + x;
       const ReferencePixel& expected = (*reference)[at];
-      const std::optional<runtime::Pick> pick = frame->pick(x, y);
+      const Result<std::optional<runtime::Pick>> picked = frame->pick(x, y);
+      if (!picked) return picked.error();
+      const std::optional<runtime::Pick>& pick = *picked;
       PixelKind& kind = report.kinds[at];
       if (!pick || expected.is_background()) {
         kind = pick || !expected.is_background() ? PixelKind::kBackground : PixelKind::kBothBackground;

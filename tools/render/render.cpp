@@ -81,6 +81,7 @@ void print_pick(const format::Container& container, PixelPlace place, const std:
 
 struct Times {
   Duration open;
+  std::optional<runtime::UploadStats> upload;
   Duration shade;
   Duration write;
 };
@@ -93,6 +94,16 @@ void print_stats(const runtime::Scene& scene, const runtime::Frame& frame, const
   std::printf("geometry: %llu pages, %s in the file, %s decompressed, %s\n",
               static_cast<unsigned long long>(load.pages), format_bytes(load.stored_bytes).c_str(),
               format_bytes(load.decoded_bytes).c_str(), both_times(load.geometry).c_str());
+  if (times.upload) {
+    const runtime::UploadCounts& counts = times.upload->counts;
+    std::printf(
+        "upload: %llu pages, %s in the file, %s decompressed, %s copied, %s of device memory taken, %s, "
+        "%.2f GB/s\n",
+        static_cast<unsigned long long>(counts.pages), format_bytes(counts.stored_bytes).c_str(),
+        format_bytes(counts.unpacked_bytes).c_str(), format_bytes(counts.copied_bytes).c_str(),
+        format_bytes(times.upload->device_bytes).c_str(), milliseconds(times.upload->upload_ms).c_str(),
+        times.upload->gb_per_s());
+  }
   std::printf("textures: %llu images, %s with levels, %s\n", static_cast<unsigned long long>(load.images),
               format_bytes(load.texture_bytes).c_str(), both_times(load.textures).c_str());
   std::printf("view: eye %.9g,%.9g,%.9g forward %.6f,%.6f,%.6f up %.6f,%.6f,%.6f near %g\n", view.eye[0], view.eye[1],
@@ -122,10 +133,12 @@ void print_summary(const RenderOptions& options, const runtime::Scene& scene, co
   std::string size = std::to_string(frame.width()) + " x " + std::to_string(frame.height());
   if (options.samples_per_side > 1)
     size += " (" + std::to_string(options.samples_per_side * options.samples_per_side) + " samples a pixel)";
+  const double loading_ms =
+      times.open.wall_ms + load.geometry.wall_ms + load.textures.wall_ms + (times.upload ? times.upload->upload_ms : 0);
   std::printf("%s: %s triangles at %s in %s (shading %s, loading %s) -> %s\n", options.file.c_str(),
               format_count(static_cast<double>(triangles)).c_str(), size.c_str(),
               milliseconds(frame.draw_time().wall_ms).c_str(), milliseconds(times.shade.wall_ms).c_str(),
-              milliseconds(times.open.wall_ms + load.geometry.wall_ms + load.textures.wall_ms).c_str(), places.c_str());
+              milliseconds(loading_ms).c_str(), places.c_str());
 }
 
 Result<void> write_outputs(const RenderOptions& options, const runtime::Frame& frame, Times& times) {
@@ -151,21 +164,28 @@ Result<void> write_outputs(const RenderOptions& options, const runtime::Frame& f
   return {};
 }
 
-/// The scene's copy on the GPU, or nothing where the CPU is to draw. --backend auto takes a GPU that is there and holds
-/// the scene.
-Result<std::optional<runtime::DeviceScene>> choose_device(const RenderOptions& options, const runtime::Scene& scene) {
-  if (options.backend == BackendChoice::kCpu) return std::optional<runtime::DeviceScene>{};
-  Result<runtime::DeviceScene> device = runtime::DeviceScene::upload(scene, options.device_memory, options.threads);
-  if (device) return std::optional<runtime::DeviceScene>(std::move(*device));
-  if (options.backend == BackendChoice::kAuto) return std::optional<runtime::DeviceScene>{};
-  return device.error();
-}
-
 /// An error of the device says what to do.
 Error with_advice(Error error) {
   if (error.code == ErrorCode::kDevice && error.message.find("--backend cpu") == std::string::npos)
     error.message += "; --backend cpu draws without a GPU";
   return error;
+}
+
+/// Whether a GPU is to draw. --backend auto takes one that is there.
+Result<bool> wants_gpu(BackendChoice backend) {
+  if (backend == BackendChoice::kCpu) return false;
+  const Result<void> found = runtime::find_device();
+  if (!found && backend == BackendChoice::kCuda) return found.error();
+  return static_cast<bool>(found);
+}
+
+/// Brings the scene to the GPU; nothing where --backend auto finds that it does not fit.
+Result<std::optional<runtime::DeviceScene>> upload(const RenderOptions& options, const runtime::Scene& scene) {
+  Result<runtime::DeviceScene> device = runtime::DeviceScene::upload(scene, options.device_memory, options.threads);
+  if (device) return std::optional<runtime::DeviceScene>(std::move(*device));
+  if (device.error().code != ErrorCode::kDevice) return device.error();
+  if (options.backend == BackendChoice::kAuto) return std::optional<runtime::DeviceScene>{};
+  return at(options.file, with_advice(device.error()));
 }
 
 Result<void> render(const RenderOptions& options) {
@@ -182,31 +202,46 @@ Result<void> render(const RenderOptions& options) {
   }
   times.open = open_watch.elapsed();
 
+  const Result<bool> on_gpu = wants_gpu(options.backend);
+  if (!on_gpu) return at(options.file, with_advice(on_gpu.error()));
   runtime::SceneOptions load;
   load.textures = !options.output.empty() && options.shade.show == kernels::Show::kTexture;
   load.threads = options.threads;
-  const Result<runtime::Scene> scene = runtime::Scene::load(std::move(*file), *scene_index, load);
+  load.pages = !*on_gpu;
+  Result<runtime::Scene> scene = runtime::Scene::load(std::move(*file), *scene_index, load);
   if (!scene) return scene.error();
   if (!options.quiet)
     for (const std::string& warning : scene->warnings())
       std::fprintf(stderr, "scree render: warning: %s: %s\n", options.file.c_str(), warning.c_str());
+  std::optional<runtime::DeviceScene> device;
+  if (*on_gpu) {
+    Result<std::optional<runtime::DeviceScene>> uploaded = upload(options, *scene);
+    if (!uploaded) return uploaded.error();
+    device = std::move(*uploaded);
+  }
+  if (!device || runtime::view_reads_vertices(scene->view(), options.camera))
+    if (const Result<void> loaded = scene->load_pages(options.threads); !loaded) return loaded.error();
   const Result<kernels::View> view =
       runtime::make_view(scene->container(), *scene_index, scene->view(), options.camera);
   if (!view) return at(options.file, view.error());
 
-  Result<std::optional<runtime::DeviceScene>> device = choose_device(options, *scene);
-  if (!device) return at(options.file, with_advice(device.error()));
-  Result<runtime::Frame> frame = runtime::Frame::draw(*scene, *view, options.samples_per_side, options.threads,
-                                                      device->has_value() ? &**device : nullptr);
+  Result<runtime::Frame> frame =
+      runtime::Frame::draw(*scene, *view, options.samples_per_side, options.threads, device ? &*device : nullptr);
   if (!frame && frame.error().code == ErrorCode::kDevice && options.backend == BackendChoice::kAuto) {
-    device->reset();  // the scene fitted, the picture did not
+    device.reset();  // the scene fitted, the picture did not
+    if (const Result<void> loaded = scene->load_pages(options.threads); !loaded) return loaded.error();
     frame = runtime::Frame::draw(*scene, *view, options.samples_per_side, options.threads);
   }
   if (!frame) return at(options.file, with_advice(frame.error()));
   if (!options.depth.empty() || !options.visbuffer.empty() || !options.picks.empty())
     if (const Result<void> read = frame->read_samples(); !read) return at(options.file, read.error());
   if (const Result<void> written = write_outputs(options, *frame, times); !written) return written.error();
-  for (const PixelPlace& place : options.picks) print_pick(scene->container(), place, frame->pick(place.x, place.y));
+  for (const PixelPlace& place : options.picks) {
+    const Result<std::optional<runtime::Pick>> pick = frame->pick(place.x, place.y);
+    if (!pick) return pick.error();
+    print_pick(scene->container(), place, *pick);
+  }
+  if (device) times.upload = device->stats();
   if (options.stats) print_stats(*scene, *frame, *view, times);
   if (!options.quiet) print_summary(options, *scene, *frame, times);
   return {};

@@ -1,0 +1,163 @@
+#include "runtime/cuda_upload.h"
+
+#include <algorithm>
+#include <chrono>
+#include <map>
+#include <string>
+#include <utility>
+#include <vector>
+
+namespace scree::runtime {
+
+using kernels::cuda_check;
+using kernels::DeviceBuffer;
+
+namespace {
+
+/// The ring in pinned memory, one event a slot. Copies go out on a few streams: one copies while the next is set up.
+class PinnedRing final : public UploadTarget {
+ public:
+  PinnedRing() = default;
+  PinnedRing(const PinnedRing&) = delete;
+  PinnedRing& operator=(const PinnedRing&) = delete;
+  ~PinnedRing() {
+    for (cudaStream_t stream : streams_) {
+      if (stream != nullptr) (void)cudaStreamSynchronize(stream);
+    }
+    for (cudaEvent_t event : copied_)
+      if (event != nullptr) (void)cudaEventDestroy(event);
+    for (cudaStream_t stream : streams_)
+      if (stream != nullptr) (void)cudaStreamDestroy(stream);
+    (void)cudaFreeHost(memory_);
+  }
+
+  Result<void> open(const StagingSizes& sizes, std::byte* arena) {
+    slot_bytes_ = sizes.slot_bytes;
+    arena_ = arena;
+    if (auto done = cuda_check(cudaGetDevice(&device_), "asking for the current GPU"); !done) return done;
+    if (auto done = cuda_check(cudaMallocHost(&memory_, sizes.bytes()), "allocating pinned memory"); !done) return done;
+    for (cudaStream_t& stream : streams_)
+      if (auto done = cuda_check(cudaStreamCreateWithFlags(&stream, cudaStreamNonBlocking), "making a stream"); !done)
+        return done;
+    copied_.resize(sizes.slots);
+    for (cudaEvent_t& event : copied_)
+      if (auto done = cuda_check(cudaEventCreateWithFlags(&event, cudaEventDisableTiming | cudaEventBlockingSync),
+                                 "making an event");
+          !done)
+        return done;
+    return {};
+  }
+
+  std::byte* slot(uint32_t slot) override { return static_cast<std::byte*>(memory_) + slot * slot_bytes_; }
+
+  Result<void> copy(uint32_t slot, uint64_t to, uint64_t bytes) override {
+    // The current device is each thread's own.
+    if (auto done = cuda_check(cudaSetDevice(device_), "choosing the GPU"); !done) return done;
+    const cudaStream_t stream = streams_[slot % kStreams];
+    if (auto done = cuda_check(cudaMemcpyAsync(arena_ + to, this->slot(slot), bytes, cudaMemcpyHostToDevice, stream),
+                               "copying to the device");
+        !done)
+      return done;
+    return cuda_check(cudaEventRecord(copied_[slot], stream), "recording a copy");
+  }
+
+  Result<void> wait(uint32_t slot) override {
+    return cuda_check(cudaEventSynchronize(copied_[slot]), "waiting for a copy");
+  }
+
+ private:
+  static constexpr uint32_t kStreams = 2;
+
+  void* memory_ = nullptr;
+  uint64_t slot_bytes_ = 0;
+  std::byte* arena_ = nullptr;
+  int device_ = 0;
+  cudaStream_t streams_[kStreams] = {};
+  std::vector<cudaEvent_t> copied_;
+};
+
+Result<void> check_budget(uint64_t needed, uint64_t budget_bytes) {
+  size_t free_bytes = 0;
+  size_t total_bytes = 0;
+  if (auto done = cuda_check(cudaMemGetInfo(&free_bytes, &total_bytes), "asking for free device memory"); !done)
+    return done;
+  const uint64_t budget = budget_bytes == 0 ? free_bytes : std::min<uint64_t>(budget_bytes, free_bytes);
+  if (needed <= budget) return {};
+  return Error{ErrorCode::kDevice, "the scene takes " + std::to_string(needed) + " bytes of device memory, but " +
+                                       std::to_string(budget) + " are " + (budget == free_bytes ? "free" : "allowed") +
+                                       "; use --backend cpu"};
+}
+
+uint64_t texel_bytes(const kernels::TextureView& texture) {
+  const uint32_t last = texture.level_count - 1;
+  return 4 * (texture.level_offset[last] +
+              uint64_t{std::max(texture.width >> last, 1u)} * std::max(texture.height >> last, 1u));
+}
+
+}  // namespace
+
+Result<CudaScene> CudaScene::upload(const Scene& scene, uint64_t budget_bytes, uint64_t reserved_bytes,
+                                    uint32_t threads) {
+  const auto start = std::chrono::steady_clock::now();
+  const kernels::SceneView& host = scene.view();
+  const auto page_records = scene.container().pages();
+
+  // The tables of pointers are filled once the arena's address is known; their places are laid out now.
+  std::vector<const std::byte*> pages(page_records.size());
+  std::vector<kernels::TextureView> textures(host.textures, host.textures + host.texture_count);
+  UploadPlan plan;
+  const uint64_t meshes = plan.add_array(host.meshes, host.mesh_count);
+  const uint64_t chunks = plan.add_array(host.chunks, host.chunk_count);
+  const uint64_t instances = plan.add_array(host.instances, host.instance_count);
+  const uint64_t instance_base = plan.add_array(host.instance_base, host.instance_count + 1);
+  const uint64_t matrices = plan.add_array(host.matrices, host.matrix_count);
+  const uint64_t materials = plan.add_array(host.materials, host.material_count);
+  const uint64_t texture_views = plan.add_array(textures.data(), textures.size());
+  const uint64_t page_table = plan.add_array(pages.data(), pages.size());
+  std::map<const uint8_t*, uint64_t> texel_offset;  // several textures may show one image
+  for (const kernels::TextureView& texture : textures) {
+    if (texture.texels == nullptr || texel_offset.contains(texture.texels)) continue;
+    texel_offset[texture.texels] = plan.add(texture.texels, texel_bytes(texture));
+  }
+  std::vector<uint64_t> page_offset(pages.size());
+  const DrawnPages& drawn = scene.drawn_pages();
+  if (!scene.has_pages()) plan.add_pages(drawn);
+  for (uint64_t i = 0; i < drawn.size(); ++i)
+    page_offset[drawn.page(i)] =
+        scene.has_pages() ? plan.add(host.pages[drawn.page(i)], drawn.record(i).raw_bytes) : plan.page_offset(i);
+
+  const uint64_t needed = plan.bytes() + reserved_bytes;
+  if (Result<void> fits = check_budget(needed, budget_bytes); !fits) return fits.error();
+  Result<DeviceBuffer> arena = DeviceBuffer::allocate(std::max<uint64_t>(plan.bytes(), 1), "allocating the scene");
+  if (!arena) return arena.error();
+  std::byte* const base = arena->data();
+  for (uint64_t i = 0; i < drawn.size(); ++i) pages[drawn.page(i)] = base + page_offset[drawn.page(i)];
+  for (kernels::TextureView& texture : textures)
+    if (texture.texels != nullptr)
+      texture.texels = reinterpret_cast<const uint8_t*>(base + texel_offset[texture.texels]);
+
+  const StagingSizes sizes = staging_for(plan, threads);
+  PinnedRing ring;
+  if (Result<void> opened = ring.open(sizes, base); !opened) return opened.error();
+  const Result<UploadCounts> counts = run_upload(plan, scene.file().map(), ring, sizes, threads);
+  if (!counts && counts.error().code == ErrorCode::kDevice) return counts.error();
+  if (!counts) return at(scene.file().path(), counts.error());
+
+  CudaScene copy;
+  copy.arena_ = std::move(*arena);
+  copy.view_ = host;
+  copy.view_.meshes = reinterpret_cast<const format::MeshRecord*>(base + meshes);
+  copy.view_.chunks = reinterpret_cast<const format::ChunkRecord*>(base + chunks);
+  copy.view_.instances = reinterpret_cast<const format::InstanceRecord*>(base + instances);
+  copy.view_.instance_base = reinterpret_cast<const uint64_t*>(base + instance_base);
+  copy.view_.matrices = reinterpret_cast<const format::MatrixRecord*>(base + matrices);
+  copy.view_.materials = reinterpret_cast<const format::MaterialRecord*>(base + materials);
+  copy.view_.textures = reinterpret_cast<const kernels::TextureView*>(base + texture_views);
+  copy.view_.pages = reinterpret_cast<const std::byte* const*>(base + page_table);
+  copy.stats_.counts = *counts;
+  copy.stats_.device_bytes = needed;
+  copy.stats_.upload_ms = std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
+  return Result<CudaScene>(std::move(copy));
+}
+
+}  // namespace scree::runtime

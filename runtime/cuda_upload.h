@@ -1,0 +1,37 @@
+// A scene in CUDA device memory: one arena, filled through a ring of pinned memory. Where the program is built with
+// CUDA.
+#pragma once
+
+#include <cstdint>
+
+#include "format/result.h"
+#include "kernels/cuda_check.h"
+#include "kernels/scene_view.h"
+#include "runtime/scene.h"
+#include "runtime/upload.h"
+
+namespace scree::runtime {
+
+class CudaScene {
+ public:
+  CudaScene() = default;
+
+  /// Brings records, pages and textures of `scene` to the current device; `scene` may go afterwards. `budget_bytes`:
+  /// what that and `reserved_bytes` may take together; 0: what the device has free. Errors kDevice (a CUDA call that
+  /// failed, which and for what; a scene that does not fit, both sizes named) and, with the file named, those of
+  /// run_upload.
+  static Result<CudaScene> upload(const Scene& scene, uint64_t budget_bytes, uint64_t reserved_bytes, uint32_t threads);
+
+  /// As `scene`'s, every pointer one of the device.
+  const kernels::SceneView& view() const { return view_; }
+  /// device_bytes: of the arena and `reserved_bytes`.
+  const UploadStats& stats() const { return stats_; }
+  uint64_t arena_bytes() const { return arena_.bytes(); }
+
+ private:
+  kernels::DeviceBuffer arena_;
+  kernels::SceneView view_{};
+  UploadStats stats_;
+};
+
+}  // namespace scree::runtime

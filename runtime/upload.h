@@ -1,0 +1,98 @@
+// Bringing a scene's bytes to a device: pages are read, checked and unpacked on all cores while those before them are
+// copied. Knows no CUDA; runtime/cuda_upload.h is the device.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <vector>
+
+#include "format/result.h"
+#include "runtime/mapped_file.h"
+#include "runtime/scene_pages.h"
+
+namespace scree::runtime {
+
+/// The ring of staging memory: `slots` times `slot_bytes` (a multiple of format::kPageAlignment). That, one unpacked
+/// page larger than a slot, and zstd's contexts are all the host memory that an upload takes.
+struct StagingSizes {
+  uint64_t slot_bytes = uint64_t{4} << 20;
+  uint32_t slots = 32;
+
+  uint64_t bytes() const { return slot_bytes * slots; }
+};
+
+/// Staging memory and a device that copies out of it. Called by several threads at once, each with another slot.
+class UploadTarget {
+ public:
+  /// The memory of a slot, aligned to format::kPageAlignment. Written only while no copy out of it is under way.
+  virtual std::byte* slot(uint32_t slot) = 0;
+  /// Starts copying the slot's first `bytes` to byte `to` of the device's arena. Errors kDevice.
+  virtual Result<void> copy(uint32_t slot, uint64_t to, uint64_t bytes) = 0;
+  /// Returns when the last copy out of the slot is done. Errors kDevice.
+  virtual Result<void> wait(uint32_t slot) = 0;
+
+ protected:
+  ~UploadTarget() = default;
+};
+
+/// What goes where in the arena: its size is known before the first byte is read.
+class UploadPlan {
+ public:
+  /// Host memory, which stays as it is until it is uploaded. Returns its place in the arena, a multiple of 256.
+  uint64_t add(const void* from, uint64_t bytes);
+  template <class T>
+  uint64_t add_array(const T* from, uint64_t count) {
+    return add(from, count * sizeof(T));
+  }
+
+  /// Pages, which outlive the plan; once. Each lies on a multiple of format::kPageAlignment, as in the file, so that
+  /// raw pages in a row are one run of bytes in both.
+  void add_pages(const DrawnPages& pages);
+
+  uint64_t bytes() const { return bytes_; }
+  const DrawnPages* pages() const { return pages_; }
+  /// By index in pages().
+  uint64_t page_offset(uint64_t index) const { return page_offsets_[index]; }
+
+  struct Piece {
+    const std::byte* from;
+    uint64_t bytes;
+    uint64_t offset;
+  };
+  const std::vector<Piece>& pieces() const { return pieces_; }
+
+ private:
+  std::vector<Piece> pieces_;
+  const DrawnPages* pages_ = nullptr;
+  std::vector<uint64_t> page_offsets_;
+  uint64_t bytes_ = 0;
+};
+
+/// How much staging memory `plan` can use: no more than `most`.
+StagingSizes staging_for(const UploadPlan& plan, uint32_t threads, const StagingSizes& most = {});
+
+struct UploadCounts {
+  uint64_t pages = 0;
+  uint64_t stored_bytes = 0;    // of the pages, in the file
+  uint64_t unpacked_bytes = 0;  // of those that were compressed
+  uint64_t copied_bytes = 0;    // to the device
+};
+
+struct UploadStats {
+  UploadCounts counts;
+  uint64_t device_bytes = 0;
+  double upload_ms = 0;  // from its beginning, device memory allocated, to the last copy's end
+
+  /// Bytes to the device, 1e9 a second.
+  double gb_per_s() const { return upload_ms > 0 ? static_cast<double>(counts.copied_bytes) * 1e-6 / upload_ms : 0; }
+};
+
+/// Uploads `plan` on up to `threads` threads and returns when all of it lies on the device. A page is checked
+/// (checksum, padding, frame, the streams of its drawn chunks) before it is copied, where it is copied from: in the
+/// slot. Only a raw page larger than a slot is checked in the map. Pages leave the map's resident part as they go.
+/// `map`: what the pages' container was opened on. Errors as load_pages, that of the first bad page whatever the number
+/// of threads; kDevice.
+Result<UploadCounts> run_upload(const UploadPlan& plan, const MappedFile& map, UploadTarget& target,
+                                const StagingSizes& sizes, uint32_t threads);
+
+}  // namespace scree::runtime

@@ -1,0 +1,71 @@
+// A scene of scene_builder.h in GPU memory, for tests.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <deque>
+#include <utility>
+#include <vector>
+
+#include "kernels/cuda_check.h"
+#include "kernels/frame_cuda.h"
+#include "tests/kernels/scene_builder.h"
+
+namespace scree::tests {
+
+class DeviceCopy {
+ public:
+  /// `host`: a builder's view(), of whose pages `pages` are; needed as long as this.
+  DeviceCopy(const kernels::SceneView& host, const std::deque<std::vector<std::byte>>& pages)
+      : host_(host), view_(host) {
+    copy(view_.meshes, host_.mesh_count);
+    copy(view_.chunks, host_.chunk_count);
+    copy(view_.instances, host_.instance_count);
+    copy(view_.instance_base, host_.instance_count + 1);
+    copy(view_.matrices, host_.matrix_count);
+    copy(view_.materials, host_.material_count);
+    copy(view_.textures, host_.texture_count);
+    std::vector<const std::byte*> table;
+    for (const std::vector<std::byte>& page : pages) {
+      const std::byte* bytes = page.data();
+      copy(bytes, page.size());
+      table.push_back(bytes);
+    }
+    view_.pages = table.data();
+    copy(view_.pages, table.size());
+  }
+
+  /// What the GPU draws of it, with queues of `sizes` at first.
+  std::vector<uint64_t> draw(const kernels::View& view, const kernels::CudaQueueSizes& sizes = {},
+                             const kernels::DrawOptions& options = {}) const {
+    std::vector<uint64_t> samples(size_t{view.width} * view.height);
+    Result<kernels::DeviceBuffer> buffer =
+        kernels::DeviceBuffer::allocate(samples.size() * sizeof(uint64_t), "allocating the picture");
+    REQUIRE(buffer);
+    Result<kernels::CudaFrames> frames = kernels::CudaFrames::create(host_, view_, sizes);
+    REQUIRE(frames);
+    REQUIRE(frames->draw(view, reinterpret_cast<uint64_t*>(buffer->data()), options));
+    REQUIRE(kernels::cuda_check(cudaMemcpy(samples.data(), buffer->data(), buffer->bytes(), cudaMemcpyDeviceToHost),
+                                "reading the picture"));
+    return samples;
+  }
+
+ private:
+  /// Makes a pointer to host memory one to a copy of it.
+  template <class T>
+  void copy(const T*& pointer, uint64_t count) {
+    if (count == 0) return;
+    Result<kernels::DeviceBuffer> buffer = kernels::DeviceBuffer::allocate(count * sizeof(T), "allocating the scene");
+    REQUIRE(buffer);
+    REQUIRE(kernels::cuda_check(cudaMemcpy(buffer->data(), pointer, count * sizeof(T), cudaMemcpyHostToDevice),
+                                "copying the scene"));
+    pointer = reinterpret_cast<const T*>(buffer->data());
+    buffers_.push_back(std::move(*buffer));
+  }
+
+  kernels::SceneView host_;
+  kernels::SceneView view_;
+  std::vector<kernels::DeviceBuffer> buffers_;
+};
+
+}  // namespace scree::tests

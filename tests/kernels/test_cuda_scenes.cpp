@@ -1,0 +1,145 @@
+// The GPU against the CPU on scenes made for it: encodings side by side, orthographic floats, widths of no bits. The
+// same visibility buffer, bit for bit, from queues that hold all and queues that have to grow.
+#include <algorithm>
+#include <cstdint>
+#include <vector>
+
+#include "runtime/device_scene.h"
+#include "tests/catch.h"
+#include "tests/kernels/device_copy.h"
+#include "tests/kernels/scene_builder.h"
+
+using namespace scree;
+using namespace scree::tests;
+using kernels::View;
+
+namespace {
+
+/// `least`: pixels that the scene covers in each view, at least. That is looked at without a GPU, too.
+void compare(SceneBuilder& builder, const std::vector<View>& views, uint64_t least) {
+  const kernels::SceneView scene = builder.view();
+  std::vector<std::vector<uint64_t>> expected;
+  for (const View& view : views) {
+    expected.push_back(draw(scene, view, 2));
+    INFO("view " << expected.size() - 1);
+    CHECK(covered(expected.back()) >= least);
+  }
+  if (const Result<void> device = runtime::find_device(); !device) {
+    CHECK(device.error().code == ErrorCode::kDevice);
+    WARN("skipped: " << device.error().message);
+    return;
+  }
+  const DeviceCopy device(scene, builder.pages);
+  for (size_t i = 0; i < views.size(); ++i) {
+    INFO("view " << i);
+    CHECK(device.draw(views[i]) == expected[i]);
+    CHECK(device.draw(views[i], {1, 1, 1}) == expected[i]);
+    CHECK(device.draw(views[i], {}, {false}) == expected[i]);
+  }
+}
+
+/// Perspective and orthographic, the whole scene in view, parts of it, and from inside.
+std::vector<View> all_views() {
+  const View far = look_at({2.5, 2, 3}, {0, 0, 0}, 321, 203);
+  const View near = look_at({0.4, 0.7, 0.5}, {0, 0, 0}, 200, 333, 0.01);
+  const View above = look_at({0, 3, 0}, {0, 0, 0}, 256, 256);
+  return {far,
+          near,
+          above,
+          orthographic(far, 1.6, 0.1, 20),
+          orthographic(near, 0.3, 0.01, 9),
+          orthographic(above, 1, 0.1, 20)};
+}
+
+Encoding float32() {
+  Encoding encoding;
+  encoding.float32 = true;
+  return encoding;
+}
+
+/// A mesh whose corners all lie on `values` along the first `flat` axes.
+Soup flat_soup(int flat) {
+  Soup soup;
+  for (uint32_t j = 0; j < 5; ++j)
+    for (uint32_t i = 0; i < 5; ++i)
+      soup.add(flat > 0 ? 0.25 : i * 0.25 - 0.5, flat > 1 ? 0.25 : j * 0.25 - 0.5, flat > 2 ? 0.25 : (i + 3 * j) * 0.1);
+  for (uint32_t j = 0; j < 4; ++j)
+    for (uint32_t i = 0; i < 4; ++i) {
+      soup.triangle(5 * j + i, 5 * j + i + 1, 5 * j + i + 6);
+      soup.triangle(5 * j + i, 5 * j + i + 6, 5 * j + i + 5);
+    }
+  return soup;
+}
+
+}  // namespace
+
+TEST_CASE("scenes that mix lattice and float32 meshes are drawn alike on the GPU", "[cuda]") {
+  SceneBuilder builder;
+  const uint32_t both_sides = builder.material(format::kMaterialDoubleSided);
+  Encoding lattice;
+  lattice.chunk_triangles = 500;
+  Encoding floats = float32();
+  floats.chunk_triangles = 333;
+  Encoding open_lattice = lattice;
+  open_lattice.material = both_sides;
+  open_lattice.exponent = -20;  // 22 bits an axis: the general way of reading
+  Encoding open_floats = floats;
+  open_floats.material = both_sides;
+  const uint32_t meshes[] = {builder.mesh(grid(40, 0.2), lattice), builder.mesh(sphere(30, 0.1), floats),
+                             builder.mesh(grid(31, 0.3), open_floats), builder.mesh(sphere(12, 0), open_lattice),
+                             builder.mesh(grid(3, 0.1), floats)};
+  const uint32_t matrices[] = {builder.identity(), builder.matrix({0.5, 0, 0.1, 0.6, 0, 0.5, 0, 0.3, 0, 0, 0.5, -0.2}),
+                               builder.matrix({-0.3, 0, 0, -0.6, 0, 0.3, 0, 0.1, 0, 0, 0.3, 0.4}),  // mirrored
+                               builder.matrix({0, 0.2, 0, -0.2, 0.2, 0, 0, 0.5, 0, 0.1, 0.2, 0.3})};
+  for (const uint32_t mesh : meshes)
+    for (const uint32_t matrix : matrices) builder.instance(mesh, matrix);
+  compare(builder, all_views(), 5000);
+}
+
+TEST_CASE("an orthographic camera sees float32 positions alike on the GPU", "[cuda]") {
+  SceneBuilder builder;
+  Encoding floats = float32();
+  floats.chunk_triangles = 256;
+  builder.mesh(sphere(50, 0.2), floats);
+  builder.mesh(grid(64, 0.3), floats);
+  builder.mesh(grid(1, 0), floats);  // large triangles
+  for (uint32_t mesh = 0; mesh < 3; ++mesh) {
+    builder.instance(mesh, builder.identity());
+    // Far from the origin, where float32 positions leave few bits to what the camera sees.
+    builder.instance(mesh, builder.matrix({1, 0, 0, 1e6, 0, 1, 0, 0, 0, 0, 1, 0}));
+  }
+  std::vector<View> views;
+  for (const View& view : all_views())
+    if (view.orthographic) views.push_back(view);
+  compare(builder, views, 5000);
+  const View distant = look_at({1e6 + 2, 2, 3}, {1e6, 0, 0}, 321, 203);
+  compare(builder, {orthographic(distant, 1.6, 0.1, 20), orthographic(distant, 0.01, 2, 5)}, 5000);
+}
+
+TEST_CASE("chunks with widths of no bits are drawn alike on the GPU", "[cuda]") {
+  SceneBuilder builder;
+  Encoding encoding;
+  encoding.material = builder.material(format::kMaterialDoubleSided);
+  for (const int flat : {0, 1, 2, 3}) {
+    const uint32_t mesh = builder.mesh(flat_soup(flat), encoding);
+    builder.instance(mesh, builder.identity());
+    builder.instance(mesh, builder.matrix({0, 0.5, 0.5, 0.1, 0.5, 0, 0.2, 0.2, 0, 0.5, 0, 0.3}));
+    const format::ChunkRecord& chunk = builder.chunks.back();
+    for (int axis = 0; axis < 3; ++axis) CHECK((chunk.position_bits[axis] == 0) == (axis < flat));
+  }
+  // All three corners of every triangle are the same vertex.
+  Soup points;
+  points.add(0.1, 0.2, 0.3);
+  for (int i = 0; i < 40; ++i) points.triangle(0, 0, 0);
+  for (const bool floats : {false, true}) {
+    Encoding of_points = encoding;
+    of_points.float32 = floats;
+    builder.instance(builder.mesh(points, of_points), builder.identity());
+    CHECK(builder.chunks.back().index_bits == 0);
+  }
+  // Indices of few bits in a mesh that is otherwise as any, cut so that some chunks are one triangle.
+  Encoding single = encoding;
+  single.chunk_triangles = 1;
+  builder.instance(builder.mesh(grid(4, 0.2), single), builder.identity());
+  compare(builder, all_views(), 2000);
+}

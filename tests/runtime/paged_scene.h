@@ -1,0 +1,83 @@
+// .scree files of many geometry pages of all kinds, written without glTF.
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "format/container.h"
+#include "tests/catch.h"
+#include "tests/kernels/scene_builder.h"
+#include "tests/runtime/small_scene.h"
+
+namespace scree::tests {
+
+/// Writes one mesh of each soup, drawn once: chunks in pages of about `page_bytes` (a longer chunk has one of its own),
+/// of which every `zstd_every`th is compressed, with an image page after every `image_every`th. `change` may alter page
+/// `number` before it is written.
+struct PagedScene {
+  uint64_t page_bytes = 9000;
+  uint32_t zstd_every = 3;
+  uint32_t image_every = 4;
+  uint32_t chunk_triangles = 300;
+  bool drawn_twice = false;  // every mesh by two instances
+  std::function<void(uint32_t number, format::SealedPage& page)> change;
+
+  void write(const std::string& path, const std::vector<std::pair<Soup, Encoding>>& meshes) const {
+    SceneBuilder builder;
+    for (auto [soup, encoding] : meshes) {
+      encoding.chunk_triangles = std::min(encoding.chunk_triangles, chunk_triangles);
+      builder.mesh(soup, encoding);
+    }
+    Result<format::ContainerWriter> writer = format::ContainerWriter::create(path);
+    REQUIRE(writer);
+    format::TableSet tables;
+    uint32_t pages = 0;
+    const auto append = [&](format::PageKind kind, std::vector<std::byte> raw, int level) {
+      format::SealedPage page = format::seal_page(kind, std::move(raw), level);
+      if (change) change(pages, page);
+      REQUIRE(writer->append(page));
+      ++pages;
+    };
+    std::vector<std::byte> raw;
+    const auto flush = [&] {
+      if (raw.empty()) return;
+      append(format::PageKind::kGeometry, std::move(raw), pages % zstd_every == 0 ? 3 : 0);
+      raw.clear();
+      if (pages % image_every == 0) append(format::PageKind::kImage, four_colors_png(), 0);
+    };
+    for (format::ChunkRecord& chunk : builder.chunks) {
+      const std::vector<std::byte>& payload = builder.pages[chunk.page];
+      if (raw.size() + chunk.bytes > page_bytes) flush();
+      chunk.page = pages;
+      chunk.offset = raw.size();
+      raw.insert(raw.end(), payload.begin(), payload.begin() + static_cast<ptrdiff_t>(chunk.bytes));
+    }
+    flush();
+
+    const uint32_t copies = drawn_twice ? 2 : 1;
+    uint64_t triangles = 0;
+    for (uint32_t m = 0; m < builder.meshes.size(); ++m) {
+      format::MeshRecord& mesh = builder.meshes[m];
+      mesh.group = m;
+      mesh.max_position_error = mesh.position_encoding == format::PositionEncoding::kFloat32 ? 0 : 1;
+      tables.groups.push_back({tables.strings.add("Mesh " + std::to_string(m)), m, 1, 0});
+      for (uint32_t i = 0; i < copies; ++i) {
+        tables.instances.push_back({m, static_cast<uint32_t>(tables.nodes.size()), 0, 0});
+        tables.scene_roots.push_back(static_cast<uint32_t>(tables.nodes.size()));
+        tables.nodes.push_back(SmallScene::node(tables, "Node", format::kNone, m, format::kNone));
+        triangles += mesh.triangle_count;
+      }
+    }
+    tables.meshes = builder.meshes;
+    tables.chunks = builder.chunks;
+    tables.matrices.push_back(SmallScene::identity());
+    tables.scenes.push_back(
+        {tables.strings.add("Main"), 1, 0, tables.instances.size(), 0, tables.scene_roots.size(), triangles});
+    REQUIRE(writer->finish(tables));
+  }
+};
+
+}  // namespace scree::tests
