@@ -51,6 +51,7 @@ GltfBuffers::GltfBuffers(const GltfDocument& document, std::string folder, std::
       folder_(std::move(folder)),
       bin_(std::move(bin)),
       buffers_(document.buffers.size()),
+      unpacked_(document.meshopt.size()),
       sparse_checked_(document.sparse.size()) {}
 
 Result<std::shared_ptr<const ByteSource>> GltfBuffers::open_buffer(int32_t index) {
@@ -66,8 +67,7 @@ Result<std::shared_ptr<const ByteSource>> GltfBuffers::open_buffer(int32_t index
     return open_file_source(*path);
   }
   if (buffer.meshopt_fallback) {
-    return Error{ErrorCode::kUnsupported,
-                 "a fallback buffer without data: its views are meshopt-compressed, which scree does not read yet"};
+    return Error{ErrorCode::kUnsupported, "a fallback buffer without data, but a buffer view of it is not compressed"};
   }
   if (index == 0 && bin_ != nullptr) return bin_;
   return Error{ErrorCode::kFormat, bin_ == nullptr ? "uri is missing, and the file has no binary chunk"
@@ -91,6 +91,22 @@ Result<std::shared_ptr<const ByteSource>> GltfBuffers::buffer(int32_t index) {
 
 Result<GltfBuffers::View> GltfBuffers::view(int32_t index) {
   const DocBufferView& stated = document_.views[static_cast<size_t>(index)];
+  if (stated.meshopt != kAbsent) {
+    // Also where the view's own buffer has the data unpacked: that buffer is a fallback and often was left behind.
+    auto& unpacked = unpacked_[static_cast<size_t>(stated.meshopt)];
+    if (unpacked == nullptr) {
+      const DocMeshopt& meshopt = document_.meshopt[static_cast<size_t>(stated.meshopt)];
+      if (meshopt.unknown_filter) {
+        return Error{ErrorCode::kUnsupported, "buffer view " + number(meshopt.view) + ": " + meshopt.extension() +
+                                                  ": filter is \"" + *meshopt.unknown_filter +
+                                                  "\", expected NONE, OCTAHEDRAL, QUATERNION or EXPONENTIAL"};
+      }
+      auto stream = buffer(meshopt.buffer);
+      if (!stream) return stream.error();
+      unpacked = meshopt_.source(meshopt, *stream);
+    }
+    return View{unpacked, 0, stated.bytes};
+  }
   auto source = buffer(stated.buffer);
   if (!source) return source.error();
   return View{*source, stated.offset, stated.bytes};

@@ -10,6 +10,7 @@
 #include "format/result.h"
 #include "tools/convert/gltf_document.h"
 #include "tools/convert/gltf_source.h"
+#include "tools/convert/meshopt_source.h"
 
 namespace scree::convert {
 
@@ -25,7 +26,8 @@ class GltfBuffers {
     uint64_t bytes = 0;
   };
 
-  /// A buffer view, its buffer no shorter than the document says. Errors kTruncated, kFile, kUnsupported, kFormat.
+  /// A buffer view, its buffer no shorter than the document says; one that is compressed is unpacked when its source is
+  /// read. Errors kTruncated, kFile, kUnsupported, kFormat.
   Result<View> view(int32_t index);
 
   /// An accessor of scalars or vectors, its sparse indices read and checked. Errors as view(), and kRange.
@@ -47,6 +49,8 @@ class GltfBuffers {
   std::string folder_;
   std::shared_ptr<const ByteSource> bin_;
   std::vector<std::shared_ptr<const ByteSource>> buffers_;
+  MeshoptCache meshopt_;
+  std::vector<std::shared_ptr<const ByteSource>> unpacked_;  // by number in GltfDocument::meshopt
   std::vector<bool> sparse_checked_;
 };
 

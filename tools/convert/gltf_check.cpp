@@ -4,6 +4,7 @@
 #include <string>
 
 #include "format/bytes.h"
+#include "tools/convert/meshopt_source.h"
 
 namespace scree::convert {
 namespace {
@@ -26,12 +27,21 @@ Result<void> check_present(const char* what, int32_t index, size_t count) {
                std::string(what) + " " + std::to_string(index) + " is not there, the document has " + number(count)};
 }
 
+Result<void> check_in_buffer(const GltfDocument& document, int32_t buffer, uint64_t offset, uint64_t bytes) {
+  if (auto present = check_present("buffer", buffer, document.buffers.size()); !present) return present;
+  const uint64_t limit = document.buffers[static_cast<size_t>(buffer)].bytes;
+  if (range_within(offset, bytes, limit)) return {};
+  return Error{ErrorCode::kRange, number(bytes) + " bytes at " + number(offset) + ", but buffer " +
+                                      std::to_string(buffer) + " has " + number(limit)};
+}
+
 Result<void> check_view(const GltfDocument& document, const DocBufferView& view) {
-  if (auto present = check_present("buffer", view.buffer, document.buffers.size()); !present) return present;
-  const uint64_t limit = document.buffers[static_cast<size_t>(view.buffer)].bytes;
-  if (range_within(view.offset, view.bytes, limit)) return {};
-  return Error{ErrorCode::kRange, number(view.bytes) + " bytes at " + number(view.offset) + ", but buffer " +
-                                      std::to_string(view.buffer) + " has " + number(limit)};
+  if (auto checked = check_in_buffer(document, view.buffer, view.offset, view.bytes); !checked) return checked;
+  if (view.meshopt == kAbsent) return {};
+  const DocMeshopt& stated = document.meshopt[static_cast<size_t>(view.meshopt)];
+  auto checked = check_in_buffer(document, stated.buffer, stated.offset, stated.bytes);
+  if (checked) checked = check_meshopt(stated, view.bytes, view.stride);
+  return checked ? checked : Result<void>(at(stated.extension(), checked.error()));
 }
 
 Result<void> check_sparse(const GltfDocument& document, const DocSparse& sparse, uint64_t count, uint64_t element) {

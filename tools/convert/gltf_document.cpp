@@ -229,11 +229,8 @@ void sort_unique(std::vector<int32_t>& numbers) {
 }
 
 void take_model(const tinygltf::Model& model, std::span<const int32_t> primitive_indices, GltfDocument& document) {
-  for (const auto& view : model.bufferViews) {
-    const bool meshopt =
-        view.extensions.count("EXT_meshopt_compression") != 0 || view.extensions.count("KHR_meshopt_compression") != 0;
-    document.views.push_back({view.buffer, meshopt, view.byteOffset, view.byteLength, view.byteStride});
-  }
+  for (const auto& view : model.bufferViews)
+    document.views.push_back({view.buffer, kAbsent, view.byteOffset, view.byteLength, view.byteStride});
   for (const auto& accessor : model.accessors) read_accessor(accessor, document);
   for (const auto& mesh : model.meshes) {
     document.meshes.push_back(read_mesh(mesh, primitive_indices));
@@ -264,6 +261,61 @@ void take_model(const tinygltf::Model& model, std::span<const int32_t> primitive
   for (const auto& name : model.extensionsRequired) document.extensions_required.push_back(name);
 }
 
+DocMeshopt read_meshopt(const nlohmann::json& source) {
+  const auto size = [&](const char* key) {
+    const auto found = source.find(key);
+    return found == source.end() ? uint64_t{0} : found->get<uint64_t>();
+  };
+  DocMeshopt meshopt;
+  meshopt.buffer = source.at("buffer").get<int32_t>();
+  meshopt.offset = size("byteOffset");
+  meshopt.bytes = size("byteLength");
+  meshopt.stride = size("byteStride");
+  meshopt.count = size("count");
+  const std::string mode = source.at("mode").get<std::string>();
+  if (mode == "TRIANGLES") {
+    meshopt.mode = DocMeshopt::Mode::kTriangles;
+  } else if (mode == "INDICES") {
+    meshopt.mode = DocMeshopt::Mode::kIndices;
+  } else if (mode != "ATTRIBUTES") {
+    meshopt.unknown_mode = one_line(mode.substr(0, 20));
+  }
+  const std::string filter = source.value("filter", "NONE");
+  if (filter == "OCTAHEDRAL") {
+    meshopt.filter = DocMeshopt::Filter::kOctahedral;
+  } else if (filter == "QUATERNION") {
+    meshopt.filter = DocMeshopt::Filter::kQuaternion;
+  } else if (filter == "EXPONENTIAL") {
+    meshopt.filter = DocMeshopt::Filter::kExponential;
+  } else if (filter != "NONE") {
+    meshopt.unknown_filter = one_line(filter.substr(0, 20));
+  }
+  return meshopt;
+}
+
+// The compression of the views of a batch, checked by the schema: not from tinygltf, which keeps the integers of
+// extensions in 32 bits.
+void take_meshopt(const std::string& batch, uint64_t first, GltfDocument& document) {
+  if (batch.find("_meshopt_compression") == std::string::npos) return;
+  const auto json = nlohmann::json::parse(batch, nullptr, false);
+  uint64_t view = first;
+  for (const auto& element : json.at("bufferViews")) {
+    const auto extensions = element.find("extensions");
+    if (extensions != element.end()) {
+      for (const bool is_khr : {false, true}) {
+        const auto found = extensions->find(is_khr ? "KHR_meshopt_compression" : "EXT_meshopt_compression");
+        if (found == extensions->end() || document.views[view].meshopt != kAbsent) continue;
+        DocMeshopt meshopt = read_meshopt(*found);
+        meshopt.view = view;
+        meshopt.is_khr = is_khr;
+        document.views[view].meshopt = static_cast<int32_t>(document.meshopt.size());
+        document.meshopt.push_back(std::move(meshopt));
+      }
+    }
+    ++view;
+  }
+}
+
 // Reads the elements of a top-level array through tinygltf, a batch at a time.
 Result<void> read_section(GltfDocument& document, const std::string& section, JsonRange array) {
   const std::span<const char> text = document.text;
@@ -290,6 +342,7 @@ Result<void> read_section(GltfDocument& document, const std::string& section, Js
       return Error{ErrorCode::kFormat, place + ": the parser read " + std::to_string(primitives) + " primitives of " +
                                            std::to_string(checked->primitive_indices.size())};
     take_model(*model, checked->primitive_indices, document);
+    if (section == "bufferViews") take_meshopt(json, batch->first, document);
   }
 }
 

@@ -4,6 +4,7 @@
 
 #include <array>
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <utility>
 #include <vector>
@@ -24,9 +25,29 @@ struct DocBuffer {
   JsonRange json;
 };
 
+/// EXT_meshopt_compression or KHR_meshopt_compression of a buffer view.
+struct DocMeshopt {
+  enum class Mode : uint8_t { kAttributes, kTriangles, kIndices };
+  enum class Filter : uint8_t { kNone, kOctahedral, kQuaternion, kExponential };
+
+  uint64_t view = 0;  // whose this is
+  bool is_khr = false;
+  Mode mode = Mode::kAttributes;
+  Filter filter = Filter::kNone;
+  std::optional<std::string> unknown_mode;  // as the document has it
+  std::optional<std::string> unknown_filter;
+  int32_t buffer = kAbsent;
+  uint64_t offset = 0;  // of the stream
+  uint64_t bytes = 0;
+  uint64_t stride = 0;  // of the unpacked elements
+  uint64_t count = 0;
+
+  const char* extension() const { return is_khr ? "KHR_meshopt_compression" : "EXT_meshopt_compression"; }
+};
+
 struct DocBufferView {
   int32_t buffer = kAbsent;
-  bool meshopt = false;  // has EXT_meshopt_compression or KHR_meshopt_compression
+  int32_t meshopt = kAbsent;  // in GltfDocument::meshopt
   uint64_t offset = 0;
   uint64_t bytes = 0;
   uint64_t stride = 0;  // 0: tightly packed
@@ -145,6 +166,7 @@ struct GltfDocument {
   std::vector<std::string> extensions_required;
   std::vector<DocBuffer> buffers;
   std::vector<DocBufferView> views;
+  std::vector<DocMeshopt> meshopt;
   std::vector<DocAccessor> accessors;
   std::vector<DocSparse> sparse;
   std::vector<DocMesh> meshes;

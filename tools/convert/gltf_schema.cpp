@@ -107,13 +107,24 @@ constexpr Member kBufferMembers[] = {{"name", Kind::kString},
                                      {"uri", Kind::kString},
                                      {"byteLength", Kind::kSize, nullptr, 0, kRequired},
                                      {"extensions", Kind::kObject, &kBufferExtensions}};
+constexpr Member kMeshoptMembers[] = {{"buffer", Kind::kIndex, nullptr, 0, kRequired},
+                                      {"byteOffset", Kind::kSize},
+                                      {"byteLength", Kind::kSize, nullptr, 0, kRequired},
+                                      {"byteStride", Kind::kSize, nullptr, 0, kRequired},
+                                      {"count", Kind::kSize, nullptr, 0, kRequired},
+                                      {"mode", Kind::kString, nullptr, 0, kRequired},
+                                      {"filter", Kind::kString}};
+constexpr ObjectRule kMeshopt{kMeshoptMembers};
+constexpr Member kBufferViewExtensionMembers[] = {{"EXT_meshopt_compression", Kind::kObject, &kMeshopt},
+                                                  {"KHR_meshopt_compression", Kind::kObject, &kMeshopt}};
+constexpr ObjectRule kBufferViewExtensions{kBufferViewExtensionMembers};
 constexpr Member kBufferViewMembers[] = {{"name", Kind::kString},
                                          {"buffer", Kind::kIndex, nullptr, 0, kRequired},
                                          {"byteOffset", Kind::kSize},
                                          {"byteLength", Kind::kSize, nullptr, 0, kRequired},
                                          {"byteStride", Kind::kSize},
                                          {"target", Kind::kIndex},
-                                         {"extensions", Kind::kObject, nullptr}};
+                                         {"extensions", Kind::kObject, &kBufferViewExtensions}};
 constexpr Member kSparseIndicesMembers[] = {{"bufferView", Kind::kIndex, nullptr, 0, kRequired},
                                             {"byteOffset", Kind::kSmallSize},
                                             {"componentType", Kind::kIndex, nullptr, 0, kRequired}};
