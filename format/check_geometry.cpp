@@ -127,9 +127,6 @@ std::optional<Error> Checker::chunk_range(uint64_t index, const MeshRecord& mesh
   if (chunk.mesh != mesh_index) {
     return fail(kRange, "chunk ", index, ": mesh ", chunk.mesh, ", but it is a chunk of mesh ", mesh_index);
   }
-  if (chunk.encoding != ChunkEncoding::kIndexed) {
-    return fail(kRange, "chunk ", index, ": encoding ", static_cast<uint32_t>(chunk.encoding));
-  }
   if (chunk.reserved[0] | chunk.reserved[1] | chunk.reserved[2]) {
     return fail(kReserved, "chunk ", index, ": a reserved field is set");
   }
@@ -167,8 +164,8 @@ std::optional<Error> Checker::chunk_range(uint64_t index, const MeshRecord& mesh
   return std::nullopt;
 }
 
-/// What a chunk says about its streams: ranges and widths.
-std::optional<Error> Checker::chunk_streams_of(uint64_t index, const MeshRecord& mesh) const {
+/// What an indexed chunk says about its indices.
+std::optional<Error> Checker::index_fields(uint64_t index) const {
   const ChunkRecord& chunk = chunks_[index];
   if (chunk.index_bits > 32) return fail(kRange, "chunk ", index, ": ", chunk.index_bits, " index bits");
   // All-equal indices take no bytes, so the count alone must bound what decoding them takes.
@@ -182,6 +179,47 @@ std::optional<Error> Checker::chunk_streams_of(uint64_t index, const MeshRecord&
   if (known_index >= chunk.vertex_count) {
     return fail(kRange, "chunk ", index, ": indices from ", chunk.index_min, " of ", chunk.index_bits,
                 " bits, but it has ", chunk.vertex_count, " vertices");
+  }
+  if (chunk.cluster_count | chunk.cluster_words) {
+    return fail(kReserved, "chunk ", index, ": cluster fields are set, but it is indexed");
+  }
+  return std::nullopt;
+}
+
+/// What a clustered chunk says about its clusters.
+std::optional<Error> Checker::cluster_fields(uint64_t index, const MeshRecord& mesh) const {
+  const ChunkRecord& chunk = chunks_[index];
+  if (mesh.position_encoding == PositionEncoding::kFloat32) {
+    return fail(kRange, "chunk ", index, ": clusters, but float32 positions");
+  }
+  if (chunk.index_min | chunk.index_bits) {
+    return fail(kReserved, "chunk ", index, ": index fields are set, but it has clusters");
+  }
+  // Clusters take bytes, so these bound what decoding them takes.
+  const uint64_t clusters = chunk.cluster_count;
+  if (clusters == 0 || clusters > chunk.triangle_count || chunk.triangle_count > clusters * kMaxClusterTriangles) {
+    return fail(kRange, "chunk ", index, ": ", clusters, " clusters of ", chunk.triangle_count, " triangles");
+  }
+  if (chunk.vertex_count < 3 * clusters || chunk.vertex_count > clusters * kMaxClusterVertices) {
+    return fail(kRange, "chunk ", index, ": ", clusters, " clusters of ", chunk.vertex_count, " vertices");
+  }
+  if (chunk.cluster_words < clusters || chunk.cluster_words > kMaxClusterWords) {
+    return fail(kRange, "chunk ", index, ": ", chunk.cluster_words, " words of ", clusters, " clusters");
+  }
+  return std::nullopt;
+}
+
+/// What a chunk says about its streams: ranges and widths.
+std::optional<Error> Checker::chunk_streams_of(uint64_t index, const MeshRecord& mesh) const {
+  const ChunkRecord& chunk = chunks_[index];
+  if (chunk.encoding == ChunkEncoding::kIndexed) {
+    if (auto error = index_fields(index)) [[unlikely]]
+      return error;
+  } else if (chunk.encoding == ChunkEncoding::kClustered) {
+    if (auto error = cluster_fields(index, mesh)) [[unlikely]]
+      return error;
+  } else {
+    return fail(kRange, "chunk ", index, ": encoding ", static_cast<uint32_t>(chunk.encoding));
   }
 
   if (mesh.position_encoding == PositionEncoding::kLattice) {

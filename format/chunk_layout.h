@@ -5,6 +5,7 @@
 #include <cstdint>
 
 #include "format/bitpack.h"
+#include "format/cluster_layout.h"
 #include "format/hd.h"
 #include "format/layout.h"
 
@@ -20,8 +21,12 @@ struct ChunkStream {
 
 /// The streams of a chunk in the order in which they lie; each starts where the one before ends.
 struct ChunkStreams {
-  ChunkStream indices;
-  ChunkStream positions;
+  ChunkStream indices;         // indexed
+  ChunkStream positions;       // indexed
+  ChunkStream group_bounds;    // clustered: ClusterBounds of each kGroupClusters clusters
+  ChunkStream cluster_bounds;  // clustered: ClusterBounds
+  ChunkStream clusters;        // clustered: ClusterRecord
+  ChunkStream cluster_data;    // clustered: cluster_words words and kPackedSlackBytes
   ChunkStream uvs;
   ChunkStream colors;
   ChunkStream normals;
@@ -29,24 +34,34 @@ struct ChunkStreams {
   uint64_t bytes;  // of all of them; equals ChunkRecord::bytes in a valid file
 };
 
-/// The streams of `chunk`, a chunk of `mesh`. Defined for any records, valid or not: counts are 32-bit and widths 8-bit, so
-/// the sum of all streams stays below 2^41 bytes. A stream whose values are all equal takes 0 bytes; whether the chunk has
-/// it is said by the mesh's attributes, not by its size.
+/// The streams of `chunk`, a chunk of `mesh`. Defined for any records, valid or not: counts are 32-bit and widths
+/// 8-bit, so the sum of all streams stays below 2^41 bytes. A stream whose values are all equal takes 0 bytes; whether
+/// the chunk has it is said by the mesh's attributes, not by its size.
 SCREE_HD constexpr ChunkStreams chunk_streams(const MeshRecord& mesh, const ChunkRecord& chunk) {
   const uint64_t triangles = chunk.triangle_count;
   const uint64_t vertices = chunk.vertex_count;
   ChunkStreams streams{};
-  streams.indices.bytes = packed_bytes(3 * triangles, chunk.index_bits);
-
-  streams.positions.offset = streams.indices.bytes;
-  if (mesh.position_encoding == PositionEncoding::kFloat32) {
-    streams.positions.bytes = (12 * vertices + kChunkAlignment - 1) & ~(kChunkAlignment - 1);
+  if (chunk.encoding == ChunkEncoding::kClustered) {
+    const uint64_t clusters = chunk.cluster_count;
+    streams.group_bounds.bytes = (clusters + kGroupClusters - 1) / kGroupClusters * sizeof(ClusterBounds);
+    streams.cluster_bounds.offset = streams.group_bounds.bytes;
+    streams.cluster_bounds.bytes = clusters * sizeof(ClusterBounds);
+    streams.clusters.offset = streams.cluster_bounds.offset + streams.cluster_bounds.bytes;
+    streams.clusters.bytes = clusters * sizeof(ClusterRecord);
+    streams.cluster_data.offset = streams.clusters.offset + streams.clusters.bytes;
+    streams.cluster_data.bytes = packed_bytes(chunk.cluster_words, 32);
+    streams.uvs.offset = streams.cluster_data.offset + streams.cluster_data.bytes;
   } else {
-    const uint32_t stride = uint32_t{chunk.position_bits[0]} + chunk.position_bits[1] + chunk.position_bits[2];
-    streams.positions.bytes = packed_bytes(vertices, stride);
+    streams.indices.bytes = packed_bytes(3 * triangles, chunk.index_bits);
+    streams.positions.offset = streams.indices.bytes;
+    if (mesh.position_encoding == PositionEncoding::kFloat32) {
+      streams.positions.bytes = (12 * vertices + kChunkAlignment - 1) & ~(kChunkAlignment - 1);
+    } else {
+      const uint32_t stride = uint32_t{chunk.position_bits[0]} + chunk.position_bits[1] + chunk.position_bits[2];
+      streams.positions.bytes = packed_bytes(vertices, stride);
+    }
+    streams.uvs.offset = streams.positions.offset + streams.positions.bytes;
   }
-
-  streams.uvs.offset = streams.positions.offset + streams.positions.bytes;
   if (mesh.attributes & kHasUv) {
     streams.uvs.bytes = packed_bytes(vertices, uint32_t{chunk.uv_bits[0]} + chunk.uv_bits[1]);
   }

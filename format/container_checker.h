@@ -81,6 +81,8 @@ class Checker {
   std::optional<Error> mesh_fields(uint64_t index) const;
   std::optional<Error> chunk_range(uint64_t index, const MeshRecord& mesh, uint64_t mesh_index,
                                    uint64_t first_triangle) const;
+  std::optional<Error> index_fields(uint64_t index) const;
+  std::optional<Error> cluster_fields(uint64_t index, const MeshRecord& mesh) const;
   std::optional<Error> chunk_streams_of(uint64_t index, const MeshRecord& mesh) const;
   std::optional<Error> scene_fields(uint64_t index) const;
   Result<void> instances_to(uint64_t end);

@@ -11,19 +11,21 @@ inline constexpr uint8_t kMagic[8] = {0x89, 'S', 'C', 'R', 'E', 'E', '\r', '\n'}
 inline constexpr uint16_t kVersionMajor = 1;  // a reader refuses a newer one
 inline constexpr uint16_t kVersionMinor = 0;  // a reader skips what a newer one adds
 
-inline constexpr uint64_t kPageAlignment = 4096;         // so that O_DIRECT can read pages
-inline constexpr uint64_t kPageTargetBytes = 1u << 20;   // a page is closed before a chunk would take it past this
-inline constexpr uint64_t kChunkAlignment = 16;          // of chunks in a page and of streams in a chunk
+inline constexpr uint64_t kPageAlignment = 4096;        // so that O_DIRECT can read pages
+inline constexpr uint64_t kPageTargetBytes = 1u << 20;  // a page is closed before a chunk would take it past this
+inline constexpr uint64_t kChunkAlignment = 16;         // of chunks in a page and of streams in a chunk
 inline constexpr uint64_t kTableAlignment = 64;
-inline constexpr uint32_t kNone = 0xffffffffu;           // no mesh, parent, texture, camera, ...
-inline constexpr uint32_t kMaxChunkTriangles = 65536;    // the default cut; --chunk-triangles 0 lifts it
-inline constexpr uint32_t kMaxPositionBits = 24;         // a lattice offset is exact in a float
+inline constexpr uint32_t kNone = 0xffffffffu;         // no mesh, parent, texture, camera, ...
+inline constexpr uint32_t kMaxChunkTriangles = 65536;  // the default cut; --chunk-triangles 0 lifts it
+inline constexpr uint32_t kMaxPositionBits = 24;       // a lattice offset is exact in a float
 inline constexpr uint32_t kMaxUvBits = 24;
-// What a zstd page may grow to, so that a small hostile file cannot ask for much memory: kPageTargetBytes, or more where the
-// file pays for it with at least one stored byte for kMaxZstdRatio raw ones, up to kMaxZstdPageBytes. Others are kept raw.
+// What a zstd page may grow to, so that a small hostile file cannot ask for much memory: kPageTargetBytes, or more
+// where the file pays for it with at least one stored byte for kMaxZstdRatio raw ones, up to kMaxZstdPageBytes. Others
+// are kept raw.
 inline constexpr uint64_t kMaxZstdRatio = 16;
 inline constexpr uint64_t kMaxZstdPageBytes = 1u << 30;
-inline constexpr uint32_t kMaxImageSide = 1u << 24;      // pixels; products of two sides and a pixel's bytes stay in 64 bits
+inline constexpr uint32_t kMaxImageSide = 1u
+                                          << 24;  // pixels; products of two sides and a pixel's bytes stay in 64 bits
 
 /// First bytes of the file. `checksum` is XXH3-64 (seed 0) of the 56 bytes before it.
 struct FileHeader {
@@ -61,8 +63,8 @@ enum class TableKind : uint32_t {
   kLeftOut = 17,
 };
 
-/// One table. Kinds a reader does not know are skipped; a known kind with larger records (a newer minor version) is read
-/// with the stride `record_bytes`.
+/// One table. Kinds a reader does not know are skipped; a known kind with larger records (a newer minor version) is
+/// read with the stride `record_bytes`.
 struct TocEntry {
   TableKind kind;
   uint32_t record_bytes;
@@ -75,8 +77,9 @@ static_assert(sizeof(TocEntry) == 32);
 enum class PageKind : uint32_t { kGeometry = 1, kImage = 2 };
 enum class PageCodec : uint32_t { kRaw = 0, kZstd = 1 };
 
-/// A run of the file that is read, checked, compressed and kept resident as one. Geometry pages hold chunks and are at most
-/// kPageTargetBytes, except that a chunk larger than that has a page of its own; an image page holds one image file.
+/// A run of the file that is read, checked, compressed and kept resident as one. Geometry pages hold chunks and are at
+/// most kPageTargetBytes, except that a chunk larger than that has a page of its own; an image page holds one image
+/// file.
 struct PageRecord {
   uint64_t offset;        // kPageAlignment
   uint64_t stored_bytes;  // in the file
@@ -97,8 +100,8 @@ enum AttributeFlags : uint32_t {
   kHasSourceIds = 8,
 };
 
-/// A glTF primitive: triangles with one material. A lattice position is (lattice_min + offset) * 2^lattice_exponent, where
-/// offset < 2^lattice_bits on each axis; with float32 positions the lattice fields are zero.
+/// A glTF primitive: triangles with one material. A lattice position is (lattice_min + offset) * 2^lattice_exponent,
+/// where offset < 2^lattice_bits on each axis; with float32 positions the lattice fields are zero.
 struct MeshRecord {
   uint64_t triangle_count;
   uint64_t vertex_count;         // stored, summed over chunks (border vertices count once a chunk)
@@ -119,32 +122,34 @@ struct MeshRecord {
 };
 static_assert(sizeof(MeshRecord) == 120);
 
-enum class ChunkEncoding : uint8_t { kIndexed = 0 };
+enum class ChunkEncoding : uint8_t { kIndexed = 0, kClustered = 1 };
 
 /// Triangles of one mesh with the vertices they use (spec/codecs.md). Streams follow each other in the payload, each
-/// kChunkAlignment-aligned: indices, positions, then those of the mesh's attributes.
+/// kChunkAlignment-aligned: indices and positions, or what clusters have of both; then those of the mesh's attributes.
 struct ChunkRecord {
-  uint64_t offset;              // bytes from the start of the page's raw bytes, kChunkAlignment
-  uint64_t bytes;               // of the payload, a multiple of kChunkAlignment
-  uint64_t first_triangle;      // of the mesh; the sum of the triangle counts of the chunks before
+  uint64_t offset;          // bytes from the start of the page's raw bytes, kChunkAlignment
+  uint64_t bytes;           // of the payload, a multiple of kChunkAlignment
+  uint64_t first_triangle;  // of the mesh; the sum of the triangle counts of the chunks before
   uint32_t page;
   uint32_t mesh;
-  uint32_t triangle_count;      // at least 1; at most kMaxChunkTriangles where index_bits is 0 (they take no bytes)
-  uint32_t vertex_count;        // at least 1, at most 3 * triangle_count
+  uint32_t triangle_count;  // at least 1; at most kMaxChunkTriangles where index_bits is 0 (they take no bytes)
+  uint32_t vertex_count;    // at least 1, at most 3 * triangle_count
   uint32_t index_min;
-  uint32_t position_min[3];     // lattice offset of code 0, relative to MeshRecord::lattice_min
-  int64_t uv_min[2];            // lattice coordinate of code 0
-  int32_t uv_exponent;          // as MeshRecord::lattice_exponent
-  uint8_t index_bits;           // 0 to 32
-  uint8_t position_bits[3];     // 0 to kMaxPositionBits; 32 each for float32
-  uint8_t uv_bits[2];           // 0 to 24
-  uint8_t normal_bits;          // per axis of the octahedral map; 0 without normals
-  uint8_t source_bits;          // 0 to 32
+  uint32_t position_min[3];  // lattice offset of code 0, relative to MeshRecord::lattice_min
+  int64_t uv_min[2];         // lattice coordinate of code 0
+  int32_t uv_exponent;       // as MeshRecord::lattice_exponent
+  uint8_t index_bits;        // 0 to 32
+  uint8_t position_bits[3];  // 0 to kMaxPositionBits; 32 each for float32
+  uint8_t uv_bits[2];        // 0 to 24
+  uint8_t normal_bits;       // per axis of the octahedral map; 0 without normals
+  uint8_t source_bits;       // 0 to 32
   ChunkEncoding encoding;
   uint8_t reserved[3];
-  uint64_t source_min;          // source triangle number of code 0
+  uint64_t source_min;     // source triangle number of code 0
+  uint32_t cluster_count;  // clustered: at least 1
+  uint32_t cluster_words;  // clustered: 4-byte words of the clusters' data
 };
-static_assert(sizeof(ChunkRecord) == 96);
+static_assert(sizeof(ChunkRecord) == 104);
 
 /// A glTF mesh: consecutive MeshRecords.
 struct GroupRecord {
@@ -171,8 +176,8 @@ struct NodeRecord {
 };
 static_assert(sizeof(NodeRecord) == 168);
 
-/// A drawn mesh. Sorted by scene, then mesh, then node and place in the node. Global triangle ids are the exclusive prefix
-/// sum of the meshes' triangle counts over the instances of one scene.
+/// A drawn mesh. Sorted by scene, then mesh, then node and place in the node. Global triangle ids are the exclusive
+/// prefix sum of the meshes' triangle counts over the instances of one scene.
 struct InstanceRecord {
   uint32_t mesh;
   uint32_t node;
@@ -207,7 +212,7 @@ struct MaterialRecord {
   float base_color[4];  // linear RGBA factor
   float uv_offset[2];   // KHR_texture_transform
   float uv_scale[2];
-  float uv_rotation;    // radians, counter-clockwise
+  float uv_rotation;  // radians, counter-clockwise
   float alpha_cutoff;
   uint32_t flags;  // MaterialFlags
   uint32_t reserved;
@@ -233,7 +238,7 @@ struct ImageRecord {
   uint32_t name;
   uint32_t page;  // the image file's bytes as they came
   ImageCodec codec;
-  uint32_t width;   // pixels
+  uint32_t width;  // pixels
   uint32_t height;
   uint32_t channels;    // 1 to 4
   uint32_t index_page;  // kNone; a later version's JPEG block index
@@ -246,10 +251,10 @@ enum class CameraKind : uint32_t { kPerspective = 1, kOrthographic = 2 };
 struct CameraRecord {
   uint32_t name;
   CameraKind kind;
-  double y;       // perspective: vertical field of view in radians; orthographic: half height in units
-  double x;       // perspective: aspect ratio or 0; orthographic: half width
+  double y;  // perspective: vertical field of view in radians; orthographic: half height in units
+  double x;  // perspective: aspect ratio or 0; orthographic: half width
   double z_near;
-  double z_far;   // 0: infinite
+  double z_far;  // 0: infinite
 };
 static_assert(sizeof(CameraRecord) == 40);
 
@@ -267,19 +272,20 @@ static_assert(sizeof(SceneRecord) == 48);
 /// One record: what the file was made from, for inspect's ratios.
 struct SourceRecord {
   uint64_t json_bytes;
-  uint64_t buffer_bytes;    // of all buffers, as declared
-  uint64_t file_bytes;      // of the files it was read from: document, buffers, images
-  uint64_t index_bytes;     // of the index accessors used, each counted once
-  uint64_t position_bytes;  // of the position accessors used, each counted once
-  uint64_t attribute_bytes; // of all other vertex attributes of the primitives used, each accessor once
-  uint32_t name;            // file name without its folder
-  uint32_t options;         // the options that shaped the bytes, as one string
-  uint32_t generator;       // "scree 0.1.0"
-  uint32_t copyright;       // the source's asset.copyright
+  uint64_t buffer_bytes;     // of all buffers, as declared
+  uint64_t file_bytes;       // of the files it was read from: document, buffers, images
+  uint64_t index_bytes;      // of the index accessors used, each counted once
+  uint64_t position_bytes;   // of the position accessors used, each counted once
+  uint64_t attribute_bytes;  // of all other vertex attributes of the primitives used, each accessor once
+  uint32_t name;             // file name without its folder
+  uint32_t options;          // the options that shaped the bytes, as one string
+  uint32_t generator;        // "scree 0.1.0"
+  uint32_t copyright;        // the source's asset.copyright
 };
 static_assert(sizeof(SourceRecord) == 64);
 
-/// Something the source has and this file has not: what (a string such as "NORMAL" or "skins"), how many, what it took there.
+/// Something the source has and this file has not: what (a string such as "NORMAL" or "skins"), how many, what it took
+/// there.
 struct LeftOutRecord {
   uint32_t what;
   uint32_t reserved;

@@ -227,6 +227,13 @@ Result<MeshLattice> choose_lattice(const float lo[3], const float hi[3], uint32_
   return lattice;
 }
 
+Result<void> check_offsets(const MeshLattice& lattice, const PositionRange& range,
+                           const std::array<uint32_t, 3>& largest) {
+  const auto decoder = make_decoder(lattice, range);
+  if (!decoder) return decoder.error();
+  return check_codes(*decoder, largest);
+}
+
 MeshLattice lattice_of(const MeshRecord& mesh) {
   MeshLattice lattice;
   lattice.exponent = mesh.lattice_exponent;

@@ -61,7 +61,12 @@ void encode_positions_float32(std::span<std::byte> out, std::span<const float> p
 Result<void> decode_positions(std::span<float> out, const MeshLattice& lattice, const PositionRange& range,
                               std::span<const std::byte> bytes);
 
-/// The same checks without the output.
+/// Checks that a range, and the largest code of each axis in it, lie on the lattice and are finite floats. Errors
+/// kRange.
+Result<void> check_offsets(const MeshLattice& lattice, const PositionRange& range,
+                           const std::array<uint32_t, 3>& largest);
+
+/// The checks of decode_positions() without the output.
 Result<void> check_positions(uint64_t vertex_count, const MeshLattice& lattice, const PositionRange& range,
                              std::span<const std::byte> bytes);
 

@@ -77,28 +77,37 @@ struct RasterSmall {
     Transform transform = make_transform(view, scene.matrices[instance.matrix], mesh.lattice_exponent,
                                          mesh.position_encoding == format::PositionEncoding::kFloat32);
     set_error(transform, vertex_box(mesh, chunk, transform));
-    const ChunkReader reader = make_reader(mesh, chunk, scene.pages[chunk.page], transform);
     Context context{
-        &reader, &transform,
+        nullptr, &transform,
         mesh.material != format::kNone && (scene.materials[mesh.material].flags & format::kMaterialDoubleSided) != 0,
         scene.instance_base[block.instance] + chunk.first_triangle};
-
-    bool done = false;
-    if constexpr (Team::kCachesVertices) {
-      done = team.with_projected_vertices(*this, context, block, chunk);
-    }
-    if (!done) {
-      const DirectVertices<kOrthographic> vertices{&reader, &transform, &view};
-      for (uint32_t i = team.rank(); i < block.triangle_count; i += team.size()) {
-        const uint32_t triangle = block.first_triangle + i;
-        uint32_t v[3];
-        reader.triangle(triangle, v);
-        draw(team, context, triangle, v, vertices(v[0]), vertices(v[1]), vertices(v[2]));
-      }
+    const uint32_t end = block.first_triangle + block.triangle_count;
+    for (uint32_t at = block.first_triangle; at < end;) {
+      // All there is of an indexed chunk, or of a clustered one its next cluster.
+      const ChunkReader reader = make_reader(mesh, chunk, scene.pages[chunk.page], transform, at);
+      context.reader = &reader;
+      const uint32_t count = min_of(end, reader.end_triangle) - at;
+      draw_run(team, context, chunk, at, count);
+      at += count;
     }
     team.add(&queues.counters->triangles_small, context.small);
     if (context.clipped != 0) team.add(&queues.counters->triangles_clipped, context.clipped);
     if (team.rank() == 0) team.add(&queues.counters->triangles, block.triangle_count);
+  }
+
+  /// Draws `count` triangles of the chunk that context.reader reads.
+  template <class Team>
+  SCREE_HD inline void draw_run(Team team, Context& context, const format::ChunkRecord& chunk, uint32_t first_triangle,
+                                uint32_t count) const {
+    if constexpr (Team::kCachesVertices) {
+      if (team.with_projected_vertices(*this, context, chunk, first_triangle, count)) return;
+    }
+    const DirectVertices<kOrthographic> vertices{context.reader, context.transform, &view};
+    for (uint32_t i = team.rank(); i < count; i += team.size()) {
+      uint32_t v[3];
+      context.reader->triangle(first_triangle + i, v);
+      draw(team, context, first_triangle + i, v, vertices(v[0]), vertices(v[1]), vertices(v[2]));
+    }
   }
 
   /// Draws triangle number `number` of the chunk with corners `v`.

@@ -7,22 +7,6 @@
 namespace scree::kernels {
 inline namespace SCREE_ISA {
 
-/// The last place in `values` (count >= 1, ascending, the first <= key) that holds a value <= key.
-template <class Value>
-SCREE_HD inline uint64_t last_not_above(uint64_t count, uint64_t key, const Value& value) {
-  uint64_t low = 0;
-  uint64_t high = count;
-  while (high - low > 1) {
-    const uint64_t middle = low + (high - low) / 2;
-    if (value(middle) <= key) {
-      low = middle;
-    } else {
-      high = middle;
-    }
-  }
-  return low;
-}
-
 /// Places of empty instances and chunks are passed over: of equal sums the last is taken.
 struct InstanceBases {
   const uint64_t* base;
@@ -113,14 +97,16 @@ struct PlacedChunk {
   const format::ChunkRecord& chunk;
   const Transform& transform;
   const std::byte* page;
+  uint32_t triangle;  // that the reader is for
   ChunkReader reader;
 };
 
-SCREE_HD inline PlacedChunk place_chunk(const SceneView& scene, uint64_t number, const Transform& transform) {
+SCREE_HD inline PlacedChunk place_chunk(const SceneView& scene, uint64_t number, uint32_t triangle,
+                                        const Transform& transform) {
   const format::ChunkRecord& chunk = scene.chunks[number];
   const format::MeshRecord& mesh = scene.meshes[chunk.mesh];
   const std::byte* page = scene.pages[chunk.page];
-  return {mesh, chunk, transform, page, make_reader(mesh, chunk, page, transform)};
+  return {mesh, chunk, transform, page, triangle, make_reader(mesh, chunk, page, transform, triangle)};
 }
 
 /// Corner 0 relative to the transform's reference or center, and the edges from it to corners 1 and 2. An edge is the
@@ -165,11 +151,12 @@ SCREE_HD inline void fetch_triangle(const ChunkReader& reader, uint32_t number, 
 /// As ChunkReader::code(), likewise.
 SCREE_HD inline void fetch_code(const ChunkReader& reader, uint32_t vertex, uint32_t code[3]) {
   if (reader.stride - 1 >= kRunBits) return reader.code(vertex, code);
-  uint64_t run = unpack_run(reader.positions, uint64_t{vertex} * reader.stride, reader.stride);
+  uint64_t run = unpack_run(reader.positions, uint64_t{vertex - reader.first_vertex} * reader.stride, reader.stride);
   for (int i = 0; i < 3; ++i) {
     code[i] = low_bits(run, reader.bits[i]);
     run >>= reader.bits[i];
   }
+  if (reader.clustered) predict_code(reader.cluster.predictor, code);
 }
 
 template <class Real>

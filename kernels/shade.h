@@ -365,9 +365,10 @@ struct Shader {
       if constexpr (kShow == Show::kMesh) {
         random_color(in.scene.instances[state.at.instance].mesh, rgb);
       } else {
-        const PlacedChunk at = place_chunk(in.scene, state.at.chunk, state.source.get(in, state.at.instance));
+        const uint32_t triangle = static_cast<uint32_t>(id - state.at.first_id);
+        const PlacedChunk at = place_chunk(in.scene, state.at.chunk, triangle, state.source.get(in, state.at.instance));
         uint32_t vertex[3];
-        fetch_triangle(at.reader, static_cast<uint32_t>(id - state.at.first_id), vertex);
+        fetch_triangle(at.reader, triangle, vertex);
         if constexpr (kShow == Show::kStage) {
           const int stage = stage_of<kOrthographic>(at, vertex, in.view, x, y);
           for (int c = 0; c < 3; ++c) rgb[c] = stage == c + 1 ? 1.0f : 0.05f;
@@ -441,16 +442,17 @@ struct Shader {
     const TexturePlace place = texture_place<kOrthographic>(in, at, vertex, material, width, height, m, weights);
     if (place.exact) return place;
     const uint64_t chunk = static_cast<uint64_t>(&at.chunk - in.scene.chunks);
-    return exact_place(in, chunk, &at.transform, vertex[0], vertex[1], vertex[2], material, width, height, x, y);
+    return exact_place(in, chunk, at.triangle, &at.transform, vertex[0], vertex[1], vertex[2], material, width, height,
+                       x, y);
   }
 
   /// Rare and wide: a call that takes values alone, so that on a GPU the others keep what they have in registers.
-  [[gnu::noinline]] SCREE_HD static TexturePlace exact_place(const ShadeInputs& in, uint64_t chunk,
+  [[gnu::noinline]] SCREE_HD static TexturePlace exact_place(const ShadeInputs& in, uint64_t chunk, uint32_t triangle,
                                                              const Transform* transform, uint32_t vertex0,
                                                              uint32_t vertex1, uint32_t vertex2,
                                                              const format::MaterialRecord* material, float width,
                                                              float height, float x, float y) {
-    const PlacedChunk at = place_chunk(in.scene, chunk, *transform);
+    const PlacedChunk at = place_chunk(in.scene, chunk, triangle, *transform);
     const uint32_t vertex[3] = {vertex0, vertex1, vertex2};
     const Meeting<double> m = meet<kOrthographic>(at.transform, fetch_corners<double>(at.reader, vertex),
                                                   static_cast<double>(x), static_cast<double>(y));

@@ -6,36 +6,59 @@
 namespace scree::kernels {
 inline namespace SCREE_ISA {
 
+/// Offsets from ChunkReader::base of `count` (at most kVertexRun) vertices from `first` on, whose codes lie in one
+/// load: ChunkReader::code() in loops that the compiler makes vectors of.
+inline constexpr uint32_t kVertexRun = 256;
+inline void load_codes(const ChunkReader& reader, uint32_t first, uint32_t count, int32_t codes[3][kVertexRun]) {
+  // A stride of 0 has no stream, not even its slack.
+  const uint32_t shift_y = reader.bits[0];
+  const uint32_t shift_z = reader.bits[0] + reader.bits[1];
+  const uint64_t mask_x = (uint64_t{1} << reader.bits[0]) - 1;
+  const uint64_t mask_y = (uint64_t{1} << reader.bits[1]) - 1;
+  const uint64_t mask_z = (uint64_t{1} << reader.bits[2]) - 1;
+  uint64_t bit = uint64_t{first - reader.first_vertex} * reader.stride;
+  for (uint32_t i = 0; i < count; ++i) {
+    uint64_t window = 0;
+    if (reader.stride != 0) std::memcpy(&window, reader.positions + (bit >> 3), sizeof window);
+    window >>= bit & 7;
+    codes[0][i] = static_cast<int32_t>(window & mask_x);
+    codes[1][i] = static_cast<int32_t>((window >> shift_y) & mask_y);
+    codes[2][i] = static_cast<int32_t>((window >> shift_z) & mask_z);
+    bit += reader.stride;
+  }
+  if (!reader.clustered || reader.cluster.predictor.axis == format::kNotPredicted) return;
+  // ClusterPredictor::apply() on all of them. Validated: nothing wraps but the bias, in the codes' own sum.
+  const format::ClusterPredictor predictor = reader.cluster.predictor;
+  int32_t* out = codes[predictor.axis];
+  const int32_t* u = codes[(predictor.axis + 1) % 3];
+  const int32_t* v = codes[(predictor.axis + 2) % 3];
+  for (uint32_t i = 0; i < count; ++i) {
+    const int32_t slope = (predictor.slope_u * u[i] + predictor.slope_v * v[i]) >> format::kPredictorShift;
+    out[i] = static_cast<int32_t>(static_cast<uint32_t>(out[i]) + predictor.bias + static_cast<uint32_t>(slope));
+  }
+}
+
 /// Vertices of a chunk projected before its triangles are drawn: each once, in a loop that the compiler makes vectors
 /// of.
 template <bool kOrthographic>
 inline void project_range(const ChunkReader& reader, const Transform& transform, const FrameView& view, uint32_t first,
                           uint32_t count, ScreenVertex* out) {
-  constexpr uint32_t kRun = 256;
+  constexpr uint32_t kRun = kVertexRun;
   float dx[kRun];
   float dy[kRun];
   float dz[kRun];
   for (uint32_t start = 0; start < count; start += kRun) {
     const uint32_t n = min_of(kRun, count - start);
     if (!reader.float32 && reader.narrow && reader.stride <= 57) {
-      // One load holds the three codes of a vertex. A stride of 0 has no stream, not even its slack.
-      const uint32_t shift_y = reader.bits[0];
-      const uint32_t shift_z = reader.bits[0] + reader.bits[1];
-      const uint64_t mask_x = (uint64_t{1} << reader.bits[0]) - 1;
-      const uint64_t mask_y = (uint64_t{1} << reader.bits[1]) - 1;
-      const uint64_t mask_z = (uint64_t{1} << reader.bits[2]) - 1;
+      int32_t codes[3][kRun];
+      load_codes(reader, first + start, n, codes);
       const int32_t base_x = static_cast<int32_t>(reader.base[0]);
       const int32_t base_y = static_cast<int32_t>(reader.base[1]);
       const int32_t base_z = static_cast<int32_t>(reader.base[2]);
-      uint64_t bit = uint64_t{first + start} * reader.stride;
       for (uint32_t i = 0; i < n; ++i) {
-        uint64_t window = 0;
-        if (reader.stride != 0) std::memcpy(&window, reader.positions + (bit >> 3), sizeof window);
-        window >>= bit & 7;
-        dx[i] = static_cast<float>(base_x + static_cast<int32_t>(window & mask_x));
-        dy[i] = static_cast<float>(base_y + static_cast<int32_t>((window >> shift_y) & mask_y));
-        dz[i] = static_cast<float>(base_z + static_cast<int32_t>((window >> shift_z) & mask_z));
-        bit += reader.stride;
+        dx[i] = static_cast<float>(base_x + codes[0][i]);
+        dy[i] = static_cast<float>(base_y + codes[1][i]);
+        dz[i] = static_cast<float>(base_z + codes[2][i]);
       }
     } else {
       for (uint32_t i = 0; i < n; ++i) {
@@ -141,20 +164,22 @@ class CpuTeam {
     }
   }
 
-  /// Draws the block from vertices projected once each; false where projecting a triangle's corners is the better way.
+  /// Draws `triangles` triangles of the chunk, that context.reader reads, from vertices projected once each; false
+  /// where projecting a triangle's corners is the better way.
   template <bool kOrthographic>
   bool with_projected_vertices(const RasterSmall<kOrthographic>& pass,
-                               typename RasterSmall<kOrthographic>::Context& context, const DrawBlock& block,
-                               const format::ChunkRecord& chunk) const {
+                               typename RasterSmall<kOrthographic>::Context& context, const format::ChunkRecord& chunk,
+                               uint32_t first_triangle, uint32_t triangles) const {
     const ChunkReader& reader = *context.reader;
     if (scratch_ == nullptr) return false;
+    if (reader.clustered) return with_projected_cluster(pass, context, first_triangle, triangles);
     uint32_t first = 0;
     uint64_t count = chunk.vertex_count;
-    const uint32_t end = block.first_triangle + block.triangle_count;
-    if (block.triangle_count != chunk.triangle_count) {
+    const uint32_t end = first_triangle + triangles;
+    if (triangles != chunk.triangle_count) {
       uint32_t low = UINT32_MAX;
       uint32_t high = 0;
-      for (uint32_t i = block.first_triangle; i < end; ++i) {
+      for (uint32_t i = first_triangle; i < end; ++i) {
         uint32_t v[3];
         reader.triangle(i, v);
         low = min_of(low, min_of(v[0], min_of(v[1], v[2])));
@@ -163,7 +188,7 @@ class CpuTeam {
       first = low;
       count = uint64_t{high} - low + 1;
     }
-    if (count > kScratchVertices || count > 3 * uint64_t{block.triangle_count}) return false;
+    if (count > kScratchVertices || count > 3 * uint64_t{triangles}) return false;
     project_range<kOrthographic>(reader, *context.transform, pass.view, first, static_cast<uint32_t>(count), scratch_);
     const BoxTest misses(pass.view);
     if (reader.index_bits != 0 && reader.index_bits <= 19) {
@@ -171,8 +196,8 @@ class CpuTeam {
       const uint32_t bits = reader.index_bits;
       const uint32_t mask = (1u << bits) - 1;
       const uint32_t offset = reader.index_min - first;  // modulo 2^32
-      uint64_t bit = uint64_t{block.first_triangle} * (3 * bits);
-      for (uint32_t i = block.first_triangle; i < end; ++i, bit += 3 * bits) {
+      uint64_t bit = uint64_t{first_triangle} * (3 * bits);
+      for (uint32_t i = first_triangle; i < end; ++i, bit += 3 * bits) {
         uint64_t window;
         std::memcpy(&window, reader.indices + (bit >> 3), sizeof window);
         window >>= bit & 7;
@@ -186,11 +211,38 @@ class CpuTeam {
         pass.draw(*this, context, i, v, a, b, c);
       }
     } else {
-      for (uint32_t i = block.first_triangle; i < end; ++i) {
+      for (uint32_t i = first_triangle; i < end; ++i) {
         uint32_t v[3];
         reader.triangle(i, v);
         pass.draw(*this, context, i, v, scratch_[v[0] - first], scratch_[v[1] - first], scratch_[v[2] - first]);
       }
+    }
+    return true;
+  }
+
+  /// The same for triangles of a cluster.
+  template <bool kOrthographic>
+  bool with_projected_cluster(const RasterSmall<kOrthographic>& pass,
+                              typename RasterSmall<kOrthographic>::Context& context, uint32_t first_triangle,
+                              uint32_t triangles) const {
+    const ChunkReader& reader = *context.reader;
+    const format::ClusterReader& cluster = reader.cluster;
+    if (cluster.layout.vertex_count > 3 * triangles) return false;
+    project_range<kOrthographic>(reader, *context.transform, pass.view, reader.first_vertex,
+                                 cluster.layout.vertex_count, scratch_);
+    const BoxTest misses(pass.view);
+    const uint32_t first = first_triangle - cluster.first_triangle;
+    uint32_t largest = first == 0 ? 2 : cluster_largest(cluster, first - 1);
+    for (uint32_t i = first; i < first + triangles; ++i) {
+      uint32_t back[2];
+      largest += cluster_step(cluster, i, back);
+      const ScreenVertex& a = scratch_[largest];
+      const ScreenVertex& b = scratch_[largest - back[0]];
+      const ScreenVertex& c = scratch_[largest - back[1]];
+      if (misses(a, b, c)) continue;
+      const uint32_t number = reader.first_vertex + largest;
+      const uint32_t v[3] = {number, number - back[0], number - back[1]};
+      pass.draw(*this, context, cluster.first_triangle + i, v, a, b, c);
     }
     return true;
   }

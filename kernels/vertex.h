@@ -2,6 +2,7 @@
 #pragma once
 
 #include "format/chunk_layout.h"
+#include "format/cluster_read.h"
 #include "kernels/scene_view.h"
 #include "kernels/transform.h"
 
@@ -15,6 +16,28 @@ SCREE_HD [[gnu::flatten]] inline uint32_t unpack_bits(const void* stream, uint64
 SCREE_HD [[gnu::flatten]] inline format::ChunkStreams streams_of(const format::MeshRecord& mesh,
                                                                  const format::ChunkRecord& chunk) {
   return format::chunk_streams(mesh, chunk);
+}
+
+SCREE_HD [[gnu::flatten]] inline format::ClusterReader cluster_reader(const format::ClusterRecord& record,
+                                                                      const format::ClusterBounds& bounds,
+                                                                      const std::byte* data) {
+  return format::make_cluster_reader(record, bounds, data);
+}
+SCREE_HD [[gnu::flatten]] inline void cluster_triangle(const format::ClusterReader& cluster, uint32_t number,
+                                                       uint32_t out[3]) {
+  cluster.triangle(number, out);
+}
+SCREE_HD [[gnu::flatten]] inline uint32_t cluster_largest(const format::ClusterReader& cluster, uint32_t number) {
+  return cluster.largest(number);
+}
+/// The triangle's step, and its two distances.
+SCREE_HD [[gnu::flatten]] inline uint32_t cluster_step(const format::ClusterReader& cluster, uint32_t number,
+                                                       uint32_t distances[2]) {
+  cluster.distances(number, distances);
+  return cluster.step(number);
+}
+SCREE_HD [[gnu::flatten]] inline void predict_code(const format::ClusterPredictor& predictor, uint32_t code[3]) {
+  predictor.apply(code);
 }
 
 /// Why a projected vertex needs more than snapping. The outside flags are tests against the view's planes, true for
@@ -119,10 +142,11 @@ SCREE_HD inline ScreenVertex project(const Transform& transform, const FrameView
                     plane_flags<kOrthographic>(point, view, transform.error_x, transform.error_y, transform.error_w));
 }
 
-/// Reads a chunk's vertices and indices. Everything in it follows from validated records.
+/// Reads a chunk's vertices and indices; of a clustered chunk those of one cluster, by their numbers in the chunk.
+/// Everything in it follows from validated records.
 struct ChunkReader {
-  const std::byte* indices;
-  const std::byte* positions;
+  const std::byte* indices;    // of an indexed chunk
+  const std::byte* positions;  // of first_vertex and on
   uint32_t index_min;
   uint32_t index_bits;
   uint32_t bits[3];
@@ -131,9 +155,18 @@ struct ChunkReader {
   float center[3];  // float32 positions
   bool float32;
   bool narrow;  // base + code fits int32 on every axis
+  bool clustered;
+  uint32_t first_vertex;          // 0 in an indexed chunk
+  uint32_t end_triangle;          // of those it reads
+  format::ClusterReader cluster;  // where clustered
 
   /// The three vertex numbers of a triangle of the chunk.
   SCREE_HD void triangle(uint32_t number, uint32_t out[3]) const {
+    if (clustered) {
+      cluster_triangle(cluster, number - cluster.first_triangle, out);
+      for (int i = 0; i < 3; ++i) out[i] += first_vertex;
+      return;
+    }
     if (index_bits == 0) {
       out[0] = out[1] = out[2] = index_min;
       return;
@@ -142,12 +175,14 @@ struct ChunkReader {
     for (uint32_t i = 0; i < 3; ++i) out[i] = index_min + unpack_bits(indices, bit + i * index_bits, index_bits);
   }
 
+  /// Of a lattice position: its distance from `base`.
   SCREE_HD void code(uint32_t vertex, uint32_t out[3]) const {
-    uint64_t bit = uint64_t{vertex} * stride;
+    uint64_t bit = uint64_t{vertex - first_vertex} * stride;
     for (int i = 0; i < 3; ++i) {
       out[i] = bits[i] == 0 ? 0u : unpack_bits(positions, bit, bits[i]);
       bit += bits[i];
     }
+    if (clustered) predict_code(cluster.predictor, out);
   }
 
   SCREE_HD float float_position(uint32_t vertex, int axis) const {
@@ -198,27 +233,66 @@ SCREE_HD inline int64_t wrapping_sub(int64_t a, int64_t b) {
   return static_cast<int64_t>(static_cast<uint64_t>(a) - static_cast<uint64_t>(b));
 }
 
-/// `page`: the raw bytes of the chunk's page.
+/// The last place in `values` (count >= 1, ascending, the first <= key) that holds a value <= key.
+template <class Value>
+SCREE_HD inline uint64_t last_not_above(uint64_t count, uint64_t key, const Value& value) {
+  uint64_t low = 0;
+  uint64_t high = count;
+  while (high - low > 1) {
+    const uint64_t middle = low + (high - low) / 2;
+    if (value(middle) <= key) {
+      low = middle;
+    } else {
+      high = middle;
+    }
+  }
+  return low;
+}
+
+struct ClusterBases {
+  const format::ClusterRecord* clusters;
+  SCREE_HD uint64_t operator()(uint64_t i) const { return clusters[i].first_triangle; }
+};
+
+/// `page`: the raw bytes of the chunk's page. `triangle`: of the chunk; where it is clustered the reader reads this
+/// triangle's cluster.
 SCREE_HD inline ChunkReader make_reader(const format::MeshRecord& mesh, const format::ChunkRecord& chunk,
-                                        const std::byte* page, const Transform& transform) {
+                                        const std::byte* page, const Transform& transform, uint32_t triangle) {
   const format::ChunkStreams streams = streams_of(mesh, chunk);
+  const std::byte* payload = page + chunk.offset;
   ChunkReader reader;
-  reader.indices = page + chunk.offset + streams.indices.offset;
-  reader.positions = page + chunk.offset + streams.positions.offset;
+  reader.indices = payload + streams.indices.offset;
+  reader.positions = payload + streams.positions.offset;
   reader.index_min = chunk.index_min;
   reader.index_bits = chunk.index_bits;
   reader.float32 = mesh.position_encoding == format::PositionEncoding::kFloat32;
-  reader.stride = 0;
+  reader.clustered = chunk.encoding == format::ChunkEncoding::kClustered;
+  reader.first_vertex = 0;
+  reader.end_triangle = chunk.triangle_count;
+  for (int i = 0; i < 3; ++i) reader.bits[i] = chunk.position_bits[i];
+  uint32_t min[3] = {chunk.position_min[0], chunk.position_min[1], chunk.position_min[2]};
+  if (reader.clustered) {
+    // Pages and streams are 16-byte aligned.
+    const auto* clusters = reinterpret_cast<const format::ClusterRecord*>(payload + streams.clusters.offset);
+    const auto* bounds = reinterpret_cast<const format::ClusterBounds*>(payload + streams.cluster_bounds.offset);
+    const uint64_t number = last_not_above(chunk.cluster_count, triangle, ClusterBases{clusters});
+    reader.cluster = cluster_reader(clusters[number], bounds[number], payload + streams.cluster_data.offset);
+    reader.positions = reader.cluster.data + uint64_t{reader.cluster.layout.positions} * 4;
+    reader.first_vertex = reader.cluster.first_vertex;
+    reader.end_triangle = reader.cluster.first_triangle + reader.cluster.layout.triangle_count;
+    for (int i = 0; i < 3; ++i) {
+      reader.bits[i] = reader.cluster.layout.position_bits[i];
+      min[i] += reader.cluster.min[i];
+    }
+  }
+  reader.stride = reader.bits[0] + reader.bits[1] + reader.bits[2];
   reader.narrow = true;
   constexpr int64_t kNarrow = int64_t{1} << 30;
   // Kept 2^32 away from the ends, so that adding a code cannot overflow.
   constexpr int64_t kEnd = INT64_MAX - (int64_t{1} << 32);
   for (int i = 0; i < 3; ++i) {
-    reader.bits[i] = chunk.position_bits[i];
-    reader.stride += chunk.position_bits[i];
     reader.center[i] = transform.center[i];
-    const int64_t base = wrapping_sub(wrapping_add(mesh.lattice_min[i], static_cast<int64_t>(chunk.position_min[i])),
-                                      transform.reference[i]);
+    const int64_t base = wrapping_sub(wrapping_add(mesh.lattice_min[i], int64_t{min[i]}), transform.reference[i]);
     reader.base[i] = base < kEnd ? base : kEnd;
     reader.narrow = reader.narrow && base < kNarrow && base > -kNarrow;
   }

@@ -10,6 +10,7 @@
 #include <utility>
 
 #include "format/chunk_layout.h"
+#include "format/cluster_codec.h"
 #include "format/position_codec.h"
 
 namespace scree::runtime {
@@ -152,11 +153,16 @@ class Outline {
     uint64_t first = 0;
     for (uint64_t c = mesh.first_chunk; c < mesh.first_chunk + mesh.chunk_count; ++c) {
       const format::ChunkRecord& chunk = scene_.chunks[c];
-      const format::ChunkStream stream = format::chunk_streams(mesh, chunk).positions;
       if (first + chunk.vertex_count > mesh.vertex_count) return false;
       const std::span<float> out(positions.data() + 3 * first, 3 * size_t{chunk.vertex_count});
-      const std::span<const std::byte> bytes(scene_.pages[chunk.page] + chunk.offset + stream.offset, stream.bytes);
-      if (!format::decode_positions(out, lattice, format::position_range_of(chunk), bytes)) return false;
+      const std::span<const std::byte> payload(scene_.pages[chunk.page] + chunk.offset, chunk.bytes);
+      if (chunk.encoding == format::ChunkEncoding::kClustered) {
+        if (!format::decode_clusters(format::cluster_streams_of(mesh, chunk, payload), {{}, {}, out})) return false;
+      } else {
+        const format::ChunkStream stream = format::chunk_streams(mesh, chunk).positions;
+        const std::span<const std::byte> bytes = payload.subspan(stream.offset, stream.bytes);
+        if (!format::decode_positions(out, lattice, format::position_range_of(chunk), bytes)) return false;
+      }
       first += chunk.vertex_count;
     }
     return true;

@@ -7,6 +7,7 @@
 #include "format/attribute_codec.h"
 #include "format/bytes.h"
 #include "format/chunk_layout.h"
+#include "format/cluster_codec.h"
 #include "format/index_codec.h"
 #include "format/position_codec.h"
 #include "runtime/first_error.h"
@@ -39,12 +40,18 @@ Result<void> check_chunk(const MeshRecord& mesh, const ChunkRecord& chunk, std::
   const std::span<const std::byte> payload = page.subspan(chunk.offset, chunk.bytes);
   const auto bytes_of = [&](const ChunkStream& stream) { return payload.subspan(stream.offset, stream.bytes); };
 
-  Result<void> checked = format::check_indices(uint64_t{3} * chunk.triangle_count, chunk.vertex_count,
-                                               {chunk.index_min, chunk.index_bits}, bytes_of(streams.indices));
-  if (!checked) return at("indices", checked.error());
-  checked = format::check_positions(chunk.vertex_count, format::lattice_of(mesh), format::position_range_of(chunk),
-                                    bytes_of(streams.positions));
-  if (!checked) return at("positions", checked.error());
+  Result<void> checked = {};
+  if (chunk.encoding == format::ChunkEncoding::kClustered) {
+    checked = format::check_clusters(format::cluster_streams_of(mesh, chunk, payload));
+    if (!checked) return at("clusters", checked.error());
+  } else {
+    checked = format::check_indices(uint64_t{3} * chunk.triangle_count, chunk.vertex_count,
+                                    {chunk.index_min, chunk.index_bits}, bytes_of(streams.indices));
+    if (!checked) return at("indices", checked.error());
+    checked = format::check_positions(chunk.vertex_count, format::lattice_of(mesh), format::position_range_of(chunk),
+                                      bytes_of(streams.positions));
+    if (!checked) return at("positions", checked.error());
+  }
   if (mesh.attributes & format::kHasUv) {
     const format::UvRange range{
         chunk.uv_exponent, {chunk.uv_min[0], chunk.uv_min[1]}, {chunk.uv_bits[0], chunk.uv_bits[1]}};

@@ -91,6 +91,38 @@ TEST_CASE("container rules: meshes", "[container]") {
   Breaker::expect(file_of(parts), "chunk 3: belongs to no mesh", ErrorCode::kRange);
 }
 
+TEST_CASE("container rules: clustered chunks", "[container]") {
+  const Breaker b(full_parts());
+  using C = ChunkRecord;
+  constexpr TableKind k = TableKind::kChunks;
+  // Chunk 0 has 100 triangles and 90 vertices.
+  const auto clusters = [](uint32_t count, uint32_t words, uint32_t triangles = 100, uint32_t vertices = 90) {
+    return [=](C& c) {
+      c.encoding = ChunkEncoding::kClustered;
+      c.index_min = 0;
+      c.index_bits = 0;
+      c.triangle_count = triangles;
+      c.vertex_count = vertices;
+      c.cluster_count = count;
+      c.cluster_words = words;
+    };
+  };
+  b.record<C>(k, 2, clusters(1, 100), "chunk 2: clusters, but float32 positions");
+  b.record<C>(
+      k, 0, [](C& c) { c.encoding = ChunkEncoding::kClustered; }, "chunk 0: index fields are set, but it has clusters",
+      ErrorCode::kReserved);
+  b.record<C>(k, 0, clusters(0, 0), "chunk 0: 0 clusters of 100 triangles");
+  b.record<C>(k, 0, clusters(101, 200), "chunk 0: 101 clusters of 100 triangles");
+  b.record<C>(k, 0, clusters(1, 200, 129), "chunk 0: 1 clusters of 129 triangles");
+  b.record<C>(k, 0, clusters(1, 200, 100, 129), "chunk 0: 1 clusters of 129 vertices");
+  b.record<C>(k, 0, clusters(31, 200), "chunk 0: 31 clusters of 90 vertices");
+  b.record<C>(k, 0, clusters(2, 1), "chunk 0: 1 words of 2 clusters");
+  b.record<C>(k, 0, clusters(1, (1u << 29) + 1), "chunk 0: 536870913 words of 1 clusters");
+  b.record<C>(
+      k, 0, [&](C& c) { clusters(1, 200)(c), c.position_bits[2] = 15; },
+      "chunk 0: positions from 5 of 15 bits, but the mesh's lattice has 14 bits");
+}
+
 TEST_CASE("container rules: chunks", "[container]") {
   const Breaker b(full_parts());
   using C = ChunkRecord;
@@ -102,7 +134,10 @@ TEST_CASE("container rules: chunks", "[container]") {
   b.record<C>(
       k, 1, [](C& c) { c.mesh = 1; }, "chunk 1: mesh 1, but it is a chunk of mesh 0");
   b.record<C>(
-      k, 1, [](C& c) { c.encoding = ChunkEncoding{1}; }, "chunk 1: encoding 1");
+      k, 1, [](C& c) { c.encoding = ChunkEncoding{2}; }, "chunk 1: encoding 2");
+  b.record<C>(
+      k, 1, [](C& c) { c.cluster_words = 1; }, "chunk 1: cluster fields are set, but it is indexed",
+      ErrorCode::kReserved);
   b.record<C>(
       k, 1, [](C& c) { c.reserved[2] = 1; }, "chunk 1: a reserved field is set", ErrorCode::kReserved);
   b.record<C>(

@@ -45,7 +45,7 @@ inline Light reference_light(const kernels::SceneView& scene, const kernels::Vie
   const Transform transform = make_transform(frame, matrix, mesh.lattice_exponent,
                                              mesh.position_encoding == format::PositionEncoding::kFloat32);
   const std::byte* page = scene.pages[chunk.page];
-  const ChunkReader reader = make_reader(mesh, chunk, page, transform);
+  const ChunkReader reader = make_reader(mesh, chunk, page, transform, hit.triangle);
   const format::ChunkStreams streams = streams_of(mesh, chunk);
   const std::byte* payload = page + chunk.offset;
   uint32_t vertex[3];

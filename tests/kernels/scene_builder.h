@@ -11,10 +11,12 @@
 
 #include "format/attribute_codec.h"
 #include "format/chunk_layout.h"
+#include "format/cluster_codec.h"
 #include "format/index_codec.h"
 #include "format/position_codec.h"
 #include "kernels/backend_cpu.h"
 #include "tests/catch.h"
+#include "tools/common/cluster_builder.h"
 
 namespace scree::tests {
 
@@ -33,11 +35,18 @@ struct Soup {
   void triangle(uint32_t a, uint32_t b, uint32_t c) { indices.insert(indices.end(), {a, b, c}); }
 };
 
+enum class Clusters {
+  kNone,       // indexed chunks in the soup's order
+  kClustered,  // clustered chunks
+  kUndone,     // indexed chunks of the triangles and vertices of kClustered, in its order
+};
+
 struct Encoding {
   bool float32 = false;
   int32_t exponent = -12;  // of the lattice
   uint32_t chunk_triangles = 65536;
   uint32_t material = format::kNone;
+  Clusters clusters = Clusters::kNone;
 };
 
 class SceneBuilder {
@@ -154,7 +163,20 @@ class SceneBuilder {
                    values.begin() + static_cast<ptrdiff_t>(width * (v + 1)));
       return out;
     };
-    const std::vector<float> positions = gather(soup.positions, 3);
+    std::vector<float> positions = gather(soup.positions, 3);
+    std::vector<uint32_t> coordinates(positions.size());
+    if (!encoding.float32) format::quantize_positions(coordinates, positions, lattice);
+    format::ClusterSet clusters;
+    if (encoding.clusters != Clusters::kNone) {
+      clusters = cut_clusters(indices, coordinates);
+      // What decoding the clusters gives is checked by the codec's own tests.
+      std::vector<uint32_t> vertices;
+      for (const uint32_t vertex : clusters.vertices) vertices.push_back(used[vertex]);
+      used = vertices;
+      positions = gather(soup.positions, 3);
+      coordinates.resize(positions.size());
+      format::quantize_positions(coordinates, positions, lattice);
+    }
 
     format::ChunkRecord record{};
     record.first_triangle = first;
@@ -162,20 +184,31 @@ class SceneBuilder {
     record.mesh = static_cast<uint32_t>(meshes.size());
     record.triangle_count = static_cast<uint32_t>(count);
     record.vertex_count = static_cast<uint32_t>(used.size());
-    const format::IndexRange range = format::index_range(indices);
-    record.index_min = range.min;
-    record.index_bits = static_cast<uint8_t>(range.bits);
-    std::vector<uint32_t> coordinates(positions.size());
-    format::PositionRange position_range;
-    if (encoding.float32) {
-      position_range.bits = {32, 32, 32};
-    } else {
-      format::quantize_positions(coordinates, positions, lattice);
-      position_range = format::position_range(coordinates);
+    const format::ClusterRun run{0, clusters.clusters.size(), 0};
+    std::vector<std::byte> cluster_bytes;
+    if (encoding.clusters != Clusters::kNone) {
+      format::describe_clusters(clusters, run, record);
+      cluster_bytes.resize(format::cluster_stream_bytes(record.cluster_count, record.cluster_words));
+      format::write_clusters(cluster_bytes, clusters, run, record);
+      REQUIRE(format::decode_clusters(format::cluster_streams_of(mesh, record, cluster_bytes), {indices, {}, {}}));
     }
-    for (size_t i = 0; i < 3; ++i) {
-      record.position_min[i] = position_range.min[i];
-      record.position_bits[i] = position_range.bits[i];
+    format::IndexRange range{};
+    format::PositionRange position_range;
+    if (encoding.clusters != Clusters::kClustered) {
+      record.encoding = format::ChunkEncoding::kIndexed;
+      record.cluster_count = record.cluster_words = 0;
+      range = format::index_range(indices);
+      record.index_min = range.min;
+      record.index_bits = static_cast<uint8_t>(range.bits);
+      if (encoding.float32) {
+        position_range.bits = {32, 32, 32};
+      } else {
+        position_range = format::position_range(coordinates);
+      }
+      for (size_t i = 0; i < 3; ++i) {
+        record.position_min[i] = position_range.min[i];
+        record.position_bits[i] = position_range.bits[i];
+      }
     }
     const std::vector<float> uvs = gather(soup.uvs, soup.uvs.empty() ? 0 : 2);
     const format::UvRange uv_range = format::choose_uv_range(uvs);
@@ -191,11 +224,15 @@ class SceneBuilder {
     record.bytes = streams.bytes;
     std::vector<std::byte>& page = pages.emplace_back(streams.bytes + 16);  // never empty
     const auto at = [&](const format::ChunkStream& s) { return std::span<std::byte>(page.data() + s.offset, s.bytes); };
-    format::encode_indices(at(streams.indices), indices, range);
-    if (encoding.float32) {
-      format::encode_positions_float32(at(streams.positions), positions);
+    if (encoding.clusters == Clusters::kClustered) {
+      std::copy(cluster_bytes.begin(), cluster_bytes.end(), page.begin());
     } else {
-      format::encode_positions(at(streams.positions), coordinates, position_range);
+      format::encode_indices(at(streams.indices), indices, range);
+      if (encoding.float32) {
+        format::encode_positions_float32(at(streams.positions), positions);
+      } else {
+        format::encode_positions(at(streams.positions), coordinates, position_range);
+      }
     }
     if (!uvs.empty()) format::encode_uvs(at(streams.uvs), uvs, uv_range);
     if (!soup.colors.empty()) format::encode_colors(at(streams.colors), gather(soup.colors, 4));
@@ -203,6 +240,10 @@ class SceneBuilder {
     mesh.vertex_count += used.size();
     mesh.source_vertex_count = soup.positions.size() / 3;
     chunks.push_back(record);
+  }
+
+  static format::ClusterSet cut_clusters(const std::vector<uint32_t>& indices, const std::vector<uint32_t>& offsets) {
+    return tools::ClusterBuilder().build(indices, offsets, tools::ClusterEffort::kFast);
   }
 };
 

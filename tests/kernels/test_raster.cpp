@@ -26,8 +26,9 @@ std::vector<uint64_t> brute_force(const SceneView& scene, const View& camera) {
                                                mesh.position_encoding == format::PositionEncoding::kFloat32);
     for (uint64_t c = mesh.first_chunk; c < mesh.first_chunk + mesh.chunk_count; ++c) {
       const format::ChunkRecord& chunk = scene.chunks[c];
-      const ChunkReader reader = make_reader(mesh, chunk, scene.pages[chunk.page], transform);
+      ChunkReader reader = make_reader(mesh, chunk, scene.pages[chunk.page], transform, 0);
       for (uint32_t t = 0; t < chunk.triangle_count; ++t) {
+        if (t == reader.end_triangle) reader = make_reader(mesh, chunk, scene.pages[chunk.page], transform, t);
         const uint64_t id = scene.instance_base[number] + chunk.first_triangle + t;
         uint32_t v[3];
         reader.triangle(t, v);

@@ -55,7 +55,7 @@ TEST_CASE("raster: coordinates far beyond 2^30 steps from the eye take the wide 
   builder.identity();
   const SceneView scene = builder.view();
   const Transform transform = make_transform(view, scene.matrices[0], -12, false);
-  ChunkReader narrow = make_reader(scene.meshes[0], scene.chunks[0], scene.pages[0], transform);
+  ChunkReader narrow = make_reader(scene.meshes[0], scene.chunks[0], scene.pages[0], transform, 0);
   REQUIRE(narrow.narrow);
   ChunkReader wide = narrow;
   wide.narrow = false;

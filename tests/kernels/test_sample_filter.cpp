@@ -70,7 +70,7 @@ Tally tally(const SceneView& scene, const View& camera) {
       Transform transform = make_transform(view, scene.matrices[scene.instances[n].matrix], mesh.lattice_exponent,
                                            mesh.position_encoding == format::PositionEncoding::kFloat32);
       set_error(transform, vertex_box(mesh, chunk, transform));
-      const ChunkReader reader = make_reader(mesh, chunk, scene.pages[chunk.page], transform);
+      const ChunkReader reader = make_reader(mesh, chunk, scene.pages[chunk.page], transform, 0);
       if (view.orthographic) {
         tally_chunk<true>(view, mesh, chunk, reader, transform, out);
       } else {

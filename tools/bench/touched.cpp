@@ -45,8 +45,7 @@ Touched count_touched(const kernels::SceneView& scene, std::span<const ChunkBox>
       ++touched.draws;
       if (seen[c]) continue;
       seen[c] = true;
-      const format::ChunkStreams streams = format::chunk_streams(mesh, chunk);
-      touched.bytes += streams.indices.bytes + streams.positions.bytes;
+      touched.bytes += format::chunk_streams(mesh, chunk).uvs.offset;  // indices and positions, or clusters
     }
   }
   return touched;

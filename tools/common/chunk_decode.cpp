@@ -7,6 +7,7 @@
 #include "format/attribute_codec.h"
 #include "format/bytes.h"
 #include "format/chunk_layout.h"
+#include "format/cluster_codec.h"
 #include "format/index_codec.h"
 #include "format/position_codec.h"
 
@@ -90,6 +91,14 @@ Result<void> decode_chunk(const format::Container& file, uint64_t chunk, std::sp
 
   const std::span<const std::byte> payload = page.subspan(record.offset, record.bytes);
   const auto bytes_of = [&](const format::ChunkStream& stream) { return payload.subspan(stream.offset, stream.bytes); };
+  if (record.encoding == format::ChunkEncoding::kClustered) {
+    if (parts & (kPartIndices | kPartPositions)) {
+      const auto done =
+          format::decode_clusters(format::cluster_streams_of(mesh, record, payload), {out.indices, {}, out.positions});
+      if (!done) return at(place("clusters"), done.error());
+    }
+    parts &= ~uint32_t{kPartIndices | kPartPositions};
+  }
   if (parts & kPartIndices) {
     const format::IndexRange range{record.index_min, record.index_bits};
     const auto done = format::decode_indices(out.indices, record.vertex_count, range, bytes_of(streams.indices));
