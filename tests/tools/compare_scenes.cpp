@@ -165,9 +165,11 @@ class Comparison {
     }
   }
 
-  /// Corners may be turned: the first one that fits decides.
+  /// Corners may be turned. Of a triangle that is smaller than the error several turns fit: one must in all.
   void compare_triangle(const std::string& place, const uint32_t* from, const uint32_t* to, const Vertices& was,
                         const Vertices& is, const format::MeshRecord& record) {
+    const size_t before = lines_.size();
+    std::vector<std::string> first;  // what the first turn that fits says
     for (uint32_t turn = 0; turn < 3; ++turn) {
       bool fits = true;
       for (uint32_t corner = 0; corner < 3; ++corner) {
@@ -177,8 +179,15 @@ class Comparison {
                                   static_cast<double>(is.positions[3 * b + axis])) <= record.max_position_error;
       }
       if (!fits) continue;
+      bool good = true;
       for (uint32_t corner = 0; corner < 3; ++corner)
-        if (!compare_attributes(place, from[corner], to[(corner + turn) % 3], was, is, record)) return;
+        good = good && compare_attributes(place, from[corner], to[(corner + turn) % 3], was, is, record);
+      if (good) return;
+      if (first.empty()) first = lines_;
+      lines_.resize(before);
+    }
+    if (!first.empty()) {
+      lines_ = first;
       return;
     }
     differ(place + ": no corner lies within the stated error");

@@ -69,7 +69,8 @@ inline Result<std::vector<float>> all_floats(const convert::Accessor& accessor) 
 }
 
 /// Checks one mesh of a file made with --source-ids against its primitive: every kept source triangle is there once,
-/// its corners in the same order, each position within the mesh's stated error, each attribute within its own.
+/// its corners in the same order (of clusters: turned), each position within the mesh's stated error, each attribute
+/// within its own.
 inline std::string compare_mesh(const convert::Primitive& primitive, const SourceTriangles& source,
                                 const std::vector<float>& positions, const format::Container& file,
                                 uint64_t mesh_number, tools::ChunkReader& reader, Comparison& out) {
@@ -101,40 +102,54 @@ inline std::string compare_mesh(const convert::Primitive& primitive, const Sourc
       if (id >= seen.size() || !source.kept[id]) return triangle + " is none that is kept";
       if (seen[id]) return triangle + " is there twice";
       seen[id] = true;
-      for (size_t corner = 0; corner < 3; ++corner) {
-        const size_t from = source.corners[3 * id + corner];
-        const size_t to = chunk.indices[3 * t + corner];
-        for (size_t axis = 0; axis < 3; ++axis) {
-          const double error = std::fabs(static_cast<double>(chunk.positions[3 * to + axis]) -
-                                         static_cast<double>(positions[3 * from + axis]));
-          out.position_error = std::max(out.position_error, error);
-          if (!(error <= mesh.max_position_error)) return triangle + ": position error " + std::to_string(error);
-          if (chunk.positions[3 * to + axis] < mesh.bounds_min[axis] ||
-              chunk.positions[3 * to + axis] > mesh.bounds_max[axis])
-            return triangle + ": outside the bounds";
-        }
-        for (size_t i = 0; i < 2 && !uvs.empty(); ++i) {
-          const float want = std::isfinite(uvs[2 * from + i]) ? uvs[2 * from + i] : 0.0f;
-          if (!(std::fabs(chunk.uvs[2 * to + i] - want) <= mesh.max_uv_error)) return triangle + ": uv error";
-        }
-        for (size_t i = 0; i < 4 && !colors.empty(); ++i) {
-          const size_t components = primitive.color->components;
-          float want = i < components ? colors[components * from + i] : 1.0f;
-          want = std::isfinite(want) ? std::clamp(want, 0.0f, 1.0f) : 0.0f;
-          if (!(std::fabs(chunk.colors[4 * to + i] - want) <= 0.5f / 255 + 1e-6f)) return triangle + ": colour error";
-        }
-        if (!normals.empty()) {
-          double dot = 0, length = 0;
-          for (size_t i = 0; i < 3; ++i) {
-            dot += static_cast<double>(normals[3 * from + i]) * static_cast<double>(chunk.normals[3 * to + i]);
-            length += static_cast<double>(normals[3 * from + i]) * static_cast<double>(normals[3 * from + i]);
+      double largest = 0;  // position error
+      // Empty where corner + turn is this one of the source.
+      const auto compare_turned = [&](size_t turn) -> std::string {
+        largest = 0;
+        for (size_t corner = 0; corner < 3; ++corner) {
+          const size_t from = source.corners[3 * id + corner];
+          const size_t to = chunk.indices[3 * t + (corner + turn) % 3];
+          for (size_t axis = 0; axis < 3; ++axis) {
+            const double error = std::fabs(static_cast<double>(chunk.positions[3 * to + axis]) -
+                                           static_cast<double>(positions[3 * from + axis]));
+            largest = std::max(largest, error);
+            if (!(error <= mesh.max_position_error)) return triangle + ": position error " + std::to_string(error);
+            if (chunk.positions[3 * to + axis] < mesh.bounds_min[axis] ||
+                chunk.positions[3 * to + axis] > mesh.bounds_max[axis])
+              return triangle + ": outside the bounds";
           }
-          // Within 0.05 degrees; a zero or infinite normal has no direction.
-          if (length > 1e-30 && std::isfinite(length) &&
-              dot / std::sqrt(length) < std::cos(0.05 * 3.14159265358979 / 180))
-            return triangle + ": normal error";
+          for (size_t i = 0; i < 2 && !uvs.empty(); ++i) {
+            const float want = std::isfinite(uvs[2 * from + i]) ? uvs[2 * from + i] : 0.0f;
+            if (!(std::fabs(chunk.uvs[2 * to + i] - want) <= mesh.max_uv_error)) return triangle + ": uv error";
+          }
+          for (size_t i = 0; i < 4 && !colors.empty(); ++i) {
+            const size_t components = primitive.color->components;
+            float want = i < components ? colors[components * from + i] : 1.0f;
+            want = std::isfinite(want) ? std::clamp(want, 0.0f, 1.0f) : 0.0f;
+            if (!(std::fabs(chunk.colors[4 * to + i] - want) <= 0.5f / 255 + 1e-6f)) return triangle + ": colour error";
+          }
+          if (!normals.empty()) {
+            double dot = 0, length = 0;
+            for (size_t i = 0; i < 3; ++i) {
+              dot += static_cast<double>(normals[3 * from + i]) * static_cast<double>(chunk.normals[3 * to + i]);
+              length += static_cast<double>(normals[3 * from + i]) * static_cast<double>(normals[3 * from + i]);
+            }
+            // Within 0.05 degrees; a zero or infinite normal has no direction.
+            if (length > 1e-30 && std::isfinite(length) &&
+                dot / std::sqrt(length) < std::cos(0.05 * 3.14159265358979 / 180))
+              return triangle + ": normal error";
+          }
         }
+        return {};
+      };
+      // Clusters turn triangles.
+      std::string difference = compare_turned(0);
+      if (file.chunks()[c].encoding == format::ChunkEncoding::kClustered) {
+        for (size_t turn = 1; turn < 3 && !difference.empty(); ++turn)
+          if (std::string turned = compare_turned(turn); turned.empty()) difference.clear();
       }
+      if (!difference.empty()) return difference;
+      out.position_error = std::max(out.position_error, largest);
       ++out.triangles;
     }
   }

@@ -31,6 +31,8 @@ convert::ConvertOptions variant(size_t number) {
   options.chunk_triangles = number % 4 == 1 ? 100 : number % 4 == 3 ? 0 : format::kMaxChunkTriangles;
   options.order = number % 5 == 4 ? convert::Order::kNone : convert::Order::kFifo;
   options.float32 = number % 7 == 6;
+  if (number % 3 != 1) options.encoding = convert::Encoding::kClustered;
+  if (number % 6 == 2) options.clusters = tools::ClusterEffort::kBest;
   if (number % 7 == 5) options.position_bits = 22;
   if (number % 7 == 3) options.position_bits = 10;
   return options;

@@ -84,6 +84,8 @@ TEST_CASE("every model converts to what it was within the stated error", "[model
     options.threads = 2;
     if (converted % 3 == 1) options.grid = convert::Grid::kScene;
     if (converted % 5 == 1) options.zstd_level = 1;
+    if (converted % 4 >= 2) options.encoding = convert::Encoding::kClustered;
+    if (converted % 8 == 2) options.clusters = tools::ClusterEffort::kBest;
     Result<convert::ConvertReport> report = convert::convert(options);
     if (!report && report.error().message.find("--grid scene") != std::string::npos) {
       // A detailed mesh beside a very wide one: a common step may need more bits than there are.

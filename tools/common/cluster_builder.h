@@ -13,7 +13,7 @@ namespace scree::tools {
 
 enum class ClusterEffort {
   kFast,  // consecutive triangles: for lists in an order for vertex caches
-  kBest,  // by neighbourhood, and numbered the smallest way: 4% smaller for about 20 times the time
+  kBest,  // by neighbourhood, numbered the smallest way: scans 4 to 7% smaller in 25 times the time
 };
 
 /// Cuts and packs one list after the other and keeps its memory; one a thread.

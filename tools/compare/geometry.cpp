@@ -93,10 +93,30 @@ class MeshComparison {
   }
 
  private:
+  /// Clusters turn triangles: which corner is the source's first. The nearest turn; moving all corners alike changes
+  /// nothing of which that is.
+  size_t turn_of(const tools::DecodedChunk& chunk, size_t triangle, uint64_t id) const {
+    size_t best = 0;
+    double least = std::numeric_limits<double>::infinity();
+    for (size_t turn = 0; turn < 3; ++turn) {
+      double sum = 0;
+      for (size_t n = 0; n < 3; ++n) {
+        const Vector difference = minus(vector_at(chunk.positions, chunk.indices[3 * triangle + (n + turn) % 3]),
+                                        vector_at(source_.positions, source_.corners[3 * id + n]));
+        sum += length(difference) * length(difference);
+      }
+      if (sum >= least) continue;
+      least = sum;
+      best = turn;
+    }
+    return best;
+  }
+
   void add_triangle(const tools::DecodedChunk& chunk, size_t triangle, uint64_t id) {
     std::array<Vector, 3> found{}, expected{};
+    const size_t turn = turn_of(chunk, triangle, id);
     for (size_t n = 0; n < 3; ++n) {
-      const uint64_t to = chunk.indices[3 * triangle + n], from = source_.corners[3 * id + n];
+      const uint64_t to = chunk.indices[3 * triangle + (n + turn) % 3], from = source_.corners[3 * id + n];
       found[n] = vector_at(chunk.positions, to);
       expected[n] = vector_at(source_.positions, from);
       const Vector difference = minus(found[n], expected[n]);

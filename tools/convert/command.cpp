@@ -19,6 +19,8 @@ struct Words {
   std::string max_error;
   std::string grid = "mesh";
   std::string order = "fifo";
+  std::string encoding = "indexed";
+  std::string clusters = "fast";
   std::string chunk_triangles = std::to_string(format::kMaxChunkTriangles);
   std::string zstd = "0";
   std::string threads = "0";
@@ -52,6 +54,12 @@ Result<convert::ConvertOptions> parse(const Words& words, bool positions_given) 
   if (words.order != "fifo" && words.order != "none")
     return Error{ErrorCode::kUsage, "--order: '" + words.order + "' is neither 'fifo' nor 'none'"};
   options.order = words.order == "none" ? convert::Order::kNone : convert::Order::kFifo;
+  if (words.encoding != "indexed" && words.encoding != "clustered")
+    return Error{ErrorCode::kUsage, "--encoding: '" + words.encoding + "' is neither 'indexed' nor 'clustered'"};
+  options.encoding = words.encoding == "clustered" ? convert::Encoding::kClustered : convert::Encoding::kIndexed;
+  if (words.clusters != "fast" && words.clusters != "best")
+    return Error{ErrorCode::kUsage, "--clusters: '" + words.clusters + "' is neither 'fast' nor 'best'"};
+  options.clusters = words.clusters == "best" ? ClusterEffort::kBest : ClusterEffort::kFast;
   const Result<uint64_t> chunk = parse_whole(words.chunk_triangles, 0, format::kMaxChunkTriangles, "--chunk-triangles");
   if (!chunk) return chunk.error();
   options.chunk_triangles = *chunk;
@@ -106,6 +114,12 @@ Command add_convert(CLI::App& parent) {
                   "mesh: each mesh has its own step (default); scene: meshes under one world matrix share the finest");
   app->add_option("--order", words->order,
                   "fifo: triangles in vertex-cache order, vertices by first use (default); none: as in the source");
+  app->add_option("--encoding", words->encoding,
+                  "indexed: chunks of vertices and indices (default); clustered: clusters of up to 128 triangles, half "
+                  "the bytes; meshes of float32 positions are indexed");
+  app->add_option("--clusters", words->clusters,
+                  "fast: clusters of triangles as --order has them (default); best: smaller ones, in an order of their "
+                  "own, many times slower");
   app->add_option("--chunk-triangles", words->chunk_triangles,
                   "Most triangles of a chunk, 1 to 65536 (default); 0: every mesh is one chunk, which takes memory for "
                   "the whole of the largest mesh");

@@ -102,6 +102,9 @@ std::string describe_options(const ConvertOptions& options) {
                                            : "--positions " + std::to_string(options.position_bits);
   text += options.grid == Grid::kScene ? " --grid scene" : " --grid mesh";
   text += options.order == Order::kNone ? " --order none" : " --order fifo";
+  text += options.encoding == Encoding::kClustered ? " --encoding clustered" : " --encoding indexed";
+  if (options.encoding == Encoding::kClustered)
+    text += options.clusters == tools::ClusterEffort::kBest ? " --clusters best" : " --clusters fast";
   text += " --chunk-triangles " + std::to_string(options.chunk_triangles);
   text += " --zstd " + std::to_string(options.zstd_level);
   if (options.normals) text += " --normals";
@@ -211,6 +214,7 @@ class Converter {
     MeshPlan plan;
     plan.primitive = primitive;
     plan.float32 = options_.float32;
+    plan.clustered = options_.encoding == Encoding::kClustered && !options_.float32;
     plan.box = measured.box;
     if (source.uv) plan.attributes |= format::kHasUv;
     if (source.color && !measured.white) plan.attributes |= format::kHasColor;
@@ -306,7 +310,8 @@ class Converter {
   Result<void> encode(format::ContainerWriter& writer) {
     const std::vector<WindowPlan>& windows = measurement_.windows;
     const std::vector<Batch> batches = make_batches(windows);
-    const EncodeOptions encode_options{options_.order, options_.chunk_triangles, options_.drop_nonfinite};
+    const EncodeOptions encode_options{options_.order, options_.clusters, options_.chunk_triangles,
+                                       options_.drop_nonfinite};
     std::vector<EncodeScratch> scratch(pool_.threads());
     uint64_t source_triangles = 0;
     for (const Batch& batch : batches) source_triangles += batch.triangles;

@@ -13,6 +13,11 @@
 
 namespace scree::convert {
 
+enum class Encoding {
+  kIndexed,    // chunks of one list of vertices and indices
+  kClustered,  // chunks of clusters; where positions are float32, indexed all the same
+};
+
 enum class Grid {
   kMesh,   // every mesh has the finest step its own extent allows
   kScene,  // all meshes under one world matrix have the finest step any of them needs
@@ -28,6 +33,8 @@ struct ConvertOptions {
   double max_error = 0;         // model units, an axis; above 0 it picks the step instead of position_bits
   Grid grid = Grid::kMesh;
   Order order = Order::kFifo;
+  Encoding encoding = Encoding::kIndexed;
+  tools::ClusterEffort clusters = tools::ClusterEffort::kFast;  // where clustered
   uint64_t chunk_triangles = format::kMaxChunkTriangles;  // 1 and up; 0: every mesh is one chunk, memory without bound
   int zstd_level = 0;                                     // 0 (raw pages) to 22
   bool normals = false;

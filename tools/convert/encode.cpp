@@ -22,13 +22,20 @@ constexpr unsigned kFifoCacheSize = 16;
 
 constexpr uint32_t kMaxUvBits = 24;
 
-/// Most bits a vertex takes in this mesh, whatever its chunk.
-uint64_t vertex_bits_bound(const MeshPlan& mesh) {
-  uint64_t bits = mesh.float32 ? 96 : uint64_t{mesh.lattice.bits[0]} + mesh.lattice.bits[1] + mesh.lattice.bits[2];
+/// Most bits that the attributes of a vertex take in this mesh, whatever its chunk.
+uint64_t attribute_bits_bound(const MeshPlan& mesh) {
+  uint64_t bits = 0;
   if (mesh.attributes & format::kHasUv) bits += 2 * kMaxUvBits;
   if (mesh.attributes & format::kHasColor) bits += 32;
   if (mesh.attributes & format::kHasNormal) bits += 2 * kNormalBits;
   return bits;
+}
+
+/// The same with its position.
+uint64_t vertex_bits_bound(const MeshPlan& mesh) {
+  const format::MeshLattice& lattice = mesh.lattice;
+  return attribute_bits_bound(mesh) +
+         (mesh.float32 ? 96 : uint64_t{lattice.bits[0]} + lattice.bits[1] + lattice.bits[2]);
 }
 
 /// Decides where a chunk ends: before the triangle with which its streams might pass a page.
@@ -37,6 +44,7 @@ class ChunkLimit {
   ChunkLimit(const MeshPlan& mesh, const WindowPlan& plan, uint64_t most_triangles)
       : most_triangles_(most_triangles),
         vertex_bits_(vertex_bits_bound(mesh)),
+        attribute_bits_(attribute_bits_bound(mesh)),
         triangle_bits_(mesh.attributes & format::kHasSourceIds ? std::bit_width(plan.count - 1) : 0u) {}
 
   bool fits(uint64_t triangles, uint64_t vertices) const {
@@ -46,12 +54,23 @@ class ChunkLimit {
     return triangles * (3 * index_bits + triangle_bits_) + vertices * vertex_bits_ <= kBudgetBits;
   }
 
+  /// The same for a chunk of clusters with so many words of data.
+  bool clusters_fit(uint64_t triangles, uint64_t vertices, uint64_t clusters, uint64_t words) const {
+    if (words > format::kMaxClusterWords || vertices >= kNone) return false;
+    if (most_triangles_ == 0) return true;
+    if (triangles > most_triangles_) return false;
+    return 8 * format::cluster_stream_bytes(clusters, words) + triangles * triangle_bits_ +
+               vertices * attribute_bits_ <=
+           kBudgetBits;
+  }
+
  private:
   // Six streams, each with its slack and rounded up to 16 bytes, always fit beside this.
   static constexpr uint64_t kBudgetBits = 8 * (format::kPageTargetBytes - 6 * (format::kPackedSlackBytes + 16));
 
   uint64_t most_triangles_;
   uint64_t vertex_bits_;
+  uint64_t attribute_bits_;
   uint64_t triangle_bits_;
 };
 
@@ -109,8 +128,12 @@ class WindowEncoder {
   Result<EncodedWindow> run() {
     if (const Result<void> ordered = order(); !ordered) return ordered.error();
     quantise();
-    cut();
-    encode_positions();
+    if (mesh_.clustered) {
+      cut_clusters();
+    } else {
+      cut();
+      encode_positions();
+    }
     if (const Result<void> done = encode_uvs(); !done) return done.error();
     if (const Result<void> done = encode_colors(); !done) return done.error();
     if (const Result<void> done = encode_normals(); !done) return done.error();
@@ -124,10 +147,15 @@ class WindowEncoder {
     return std::span<const uint32_t>(s_.chunk_order).subspan(first_vertex_[i], out_.chunks[i].record.vertex_count);
   }
 
+  /// Whether the triangles stay in the source's order until they are cut into chunks.
+  bool keeps_order() const {
+    return options_.order == Order::kNone || (mesh_.clustered && options_.clusters == tools::ClusterEffort::kBest);
+  }
+
   Result<void> order() {
     const std::span<const uint32_t> indices = s_.window.indices();
     s_.ordered.resize(indices.size());
-    if (options_.order == Order::kNone) {
+    if (keeps_order()) {
       std::copy(indices.begin(), indices.end(), s_.ordered.begin());
       return {};
     }
@@ -234,6 +262,46 @@ class WindowEncoder {
       first_vertex_.push_back(first_vertex);
       first_triangle_.push_back(first);
       first = end;
+    }
+  }
+
+  /// Cuts the triangles into clusters and these into chunks, and encodes all but attributes and source numbers.
+  void cut_clusters() {
+    const uint64_t most = options_.chunk_triangles == 0 ? kNone : std::min<uint64_t>(options_.chunk_triangles, kNone);
+    const format::ClusterSet& set =
+        s_.clusters.build(s_.ordered, s_.coordinates, options_.clusters, static_cast<uint32_t>(most));
+    s_.chunk_order = set.vertices;
+    clustered_triangles_ = set.triangles;
+    const ChunkLimit limit(mesh_, plan_, options_.chunk_triangles);
+    format::ClusterRun run;
+    uint64_t first_triangle = 0;
+    size_t first_vertex = 0;
+    while (run.first_cluster < set.clusters.size()) {
+      uint64_t triangles = 0, vertices = 0, words = 0;
+      for (run.cluster_count = 0; run.first_cluster + run.cluster_count < set.clusters.size(); ++run.cluster_count) {
+        const format::PackedCluster& next = set.clusters[run.first_cluster + run.cluster_count];
+        const uint64_t more_triangles = triangles + next.triangle_count();
+        const uint64_t more_vertices = vertices + next.vertex_count();
+        if (run.cluster_count > 0 &&
+            !limit.clusters_fit(more_triangles, more_vertices, run.cluster_count + 1, words + next.words))
+          break;
+        triangles = more_triangles;
+        vertices = more_vertices;
+        words += next.words;
+      }
+      EncodedChunk chunk;
+      format::describe_clusters(set, run, chunk.record);
+      const uint64_t bytes = format::cluster_stream_bytes(run.cluster_count, words);
+      chunk.payload.reserve(bytes + (vertices * attribute_bits_bound(mesh_) + 7) / 8 +
+                            4 * (format::kPackedSlackBytes + 16));
+      format::write_clusters(extend(chunk.payload, bytes), set, run, chunk.record);
+      out_.chunks.push_back(std::move(chunk));
+      first_vertex_.push_back(first_vertex);
+      first_triangle_.push_back(first_triangle);
+      run.first_cluster += run.cluster_count;
+      run.first_word += words;
+      first_triangle += triangles;
+      first_vertex += vertices;
     }
   }
 
@@ -374,8 +442,9 @@ class WindowEncoder {
       EncodedChunk& chunk = out_.chunks[i];
       s_.chunk_ids.resize(chunk.record.triangle_count);
       for (size_t t = 0; t < s_.chunk_ids.size(); ++t) {
-        const uint64_t place = first_triangle_[i] + t;
-        s_.chunk_ids[t] = s_.window.source_id(options_.order == Order::kNone ? place : s_.order[place]);
+        uint64_t place = first_triangle_[i] + t;
+        if (mesh_.clustered) place = clustered_triangles_[place];
+        s_.chunk_ids[t] = s_.window.source_id(keeps_order() ? place : s_.order[place]);
       }
       const format::SourceIdRange range = format::source_id_range(s_.chunk_ids);
       chunk.record.source_min = range.min;
@@ -391,8 +460,9 @@ class WindowEncoder {
   const EncodeOptions& options_;
   EncodeScratch& s_;
   EncodedWindow out_;
-  std::vector<size_t> first_vertex_;      // of each chunk in chunk_order
-  std::vector<uint64_t> first_triangle_;  // of each chunk in the window
+  std::vector<size_t> first_vertex_;               // of each chunk in chunk_order
+  std::vector<uint64_t> first_triangle_;           // of each chunk in the window
+  std::span<const uint32_t> clustered_triangles_;  // places in s_.ordered, where clustered
 };
 
 bool inside(const Box& box, const Box& outer) {
@@ -424,6 +494,8 @@ Result<EncodedWindow> encode_window(const Primitive& primitive, const MeshPlan& 
 uint64_t encoded_bytes_estimate(const MeshPlan& mesh, const WindowPlan& plan) {
   const uint64_t index_bits = 3 * static_cast<uint64_t>(std::bit_width(uint64_t{plan.vertices}));
   const uint64_t id_bits = mesh.attributes & format::kHasSourceIds ? std::bit_width(plan.count) : 0u;
+  // A cluster's border vertices are stored once a cluster.
+  if (mesh.clustered) return (plan.kept * (24 + id_bits) + plan.vertices * vertex_bits_bound(mesh) * 3 / 2) / 8 + 256;
   // A chunk's border vertices are stored once a chunk: a quarter more.
   return (plan.kept * (index_bits + id_bits) + plan.vertices * vertex_bits_bound(mesh) * 5 / 4) / 8 + 256;
 }

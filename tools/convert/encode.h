@@ -8,6 +8,7 @@
 #include "format/layout.h"
 #include "format/position_codec.h"
 #include "format/result.h"
+#include "tools/common/cluster_builder.h"
 #include "tools/convert/gltf_source.h"
 #include "tools/convert/measure.h"
 #include "tools/convert/window.h"
@@ -24,7 +25,8 @@ inline constexpr uint32_t kNormalBits = 12;
 
 struct EncodeOptions {
   Order order = Order::kFifo;
-  uint64_t chunk_triangles = format::kMaxChunkTriangles;  // at most; 0: the window is one chunk
+  tools::ClusterEffort clusters = tools::ClusterEffort::kFast;  // of clustered meshes; kBest has an order of its own
+  uint64_t chunk_triangles = format::kMaxChunkTriangles;        // at most; 0: the window is one chunk
   bool drop_nonfinite = false;
 };
 
@@ -33,6 +35,7 @@ struct MeshPlan {
   uint32_t primitive = 0;   // in SourceScene::primitives
   uint32_t attributes = 0;  // format::AttributeFlags of the streams to write
   bool float32 = false;
+  bool clustered = false;  // chunks are clustered; not with float32
   format::MeshLattice lattice;
   Box box;  // of the positions measure saw
 };
@@ -63,6 +66,7 @@ struct EncodeScratch {
   std::vector<uint32_t> chunk_order;    // window vertices of all chunks, one chunk after the other
   std::vector<uint32_t> coordinates;    // lattice coordinates of the window's vertices
   std::vector<uint32_t> chunk_indices;
+  tools::ClusterBuilder clusters;
   std::vector<uint32_t> chunk_coordinates;
   std::vector<float> floats;        // one attribute of the window
   std::vector<float> chunk_floats;  // one attribute of a chunk
