@@ -92,6 +92,8 @@ void add_size(const format::Container& file, const Stats& stats, std::string& te
   table.row({"", "bytes", "share", "bits/tri [1]", "of source [2]", "of float32 [3]"});
   stream(kIndices, source.indices);
   stream(kPositions, source.positions);
+  stream(kClusterBounds, 0);
+  stream(kClusterRecords, 0);
   const uint64_t attribute_reference =
       stats.reference_bytes[kUvs] + stats.reference_bytes[kColors] + stats.reference_bytes[kNormals];
   if (attribute_reference != 0) row("attributes", stats.attribute_bytes(), source.attributes, attribute_reference);
@@ -198,6 +200,7 @@ void add_indices(const Stats& stats, std::string& text) {
   if (stats.stream_elements[kIndices] == 0) return;
   text += "\nIndices\n  " + human_bytes(cost.stored) + ", " + bits_each(cost.stored, stats.stream_elements[kIndices]) +
           " bits an index, " + bits_each(cost.stored, stats.triangles) + " bits a triangle\n";
+  if (stats.clusters.triangles == stats.triangles) return;
   uint64_t most = 0;
   for (const IndexBits& bits : stats.index_bits) most = std::max(most, bits.triangles);
   TextTable table(0);
@@ -220,6 +223,28 @@ void add_indices(const Stats& stats, std::string& text) {
     text += '\n';
     begin = end + 1;
   }
+}
+
+void add_clusters(const Stats& stats, std::string& text) {
+  const ClusterStats& clusters = stats.clusters;
+  if (clusters.clusters == 0) return;
+  const auto each = [](uint64_t count, uint64_t of) {
+    char number[32];
+    std::snprintf(number, sizeof number, "%.2f", static_cast<double>(count) / static_cast<double>(of));
+    return std::string(number);
+  };
+  text += "\nClusters\n  " + grouped(clusters.clusters) + " in " + grouped(clusters.chunks) + " chunks, " +
+          each(clusters.triangles, clusters.clusters) + " triangles and " + each(clusters.vertices, clusters.clusters) +
+          " vertices each; an axis is predicted in " + percent(clusters.predicted, clusters.clusters) + "\n";
+  const auto& bytes = clusters.bytes;
+  const uint64_t attributes = bytes[kUvs] + bytes[kColors] + bytes[kNormals] + bytes[kSourceIds];
+  const uint64_t geometry = bytes[kClusterBounds] + bytes[kClusterRecords] + bytes[kIndices] + bytes[kPositions];
+  TextTable table;
+  table.row({"bytes a triangle, unpacked", "bounds", "records", "indices", "positions", "sum", "attributes"});
+  table.row({"", each(bytes[kClusterBounds], clusters.triangles), each(bytes[kClusterRecords], clusters.triangles),
+             each(bytes[kIndices], clusters.triangles), each(bytes[kPositions], clusters.triangles),
+             each(geometry, clusters.triangles), each(attributes, clusters.triangles)});
+  text += table.text();
 }
 
 void add_positions(const Stats& stats, std::string& text) {
@@ -358,6 +383,7 @@ std::string text_report(const format::Container& file, const Stats& stats, const
   add_meshes(file, stats, text);
   add_chunks(file, stats, text);
   add_indices(stats, text);
+  add_clusters(stats, text);
   add_positions(stats, text);
   add_attributes(stats, text);
   add_textures(file, stats, text);
@@ -395,16 +421,17 @@ void print_chunks(const format::Container& file, std::FILE* out) {
   for (uint64_t i = 0; i < chunks.size(); ++i) {
     const format::ChunkRecord& chunk = chunks[i];
     const format::MeshRecord& mesh = file.meshes()[chunk.mesh];
-    char position[16], uv[16] = "-", normal[16] = "-", source[16] = "-";
+    char index[16] = "-", position[16], uv[16] = "-", normal[16] = "-", source[16] = "-";
+    if (chunk.encoding == format::ChunkEncoding::kIndexed) std::snprintf(index, sizeof index, "%u", chunk.index_bits);
     std::snprintf(position, sizeof position, "%u+%u+%u", chunk.position_bits[0], chunk.position_bits[1],
                   chunk.position_bits[2]);
     if (mesh.attributes & format::kHasUv) std::snprintf(uv, sizeof uv, "%u+%u", chunk.uv_bits[0], chunk.uv_bits[1]);
     if (mesh.attributes & format::kHasNormal) std::snprintf(normal, sizeof normal, "%u", chunk.normal_bits);
     if (mesh.attributes & format::kHasSourceIds) std::snprintf(source, sizeof source, "%u", chunk.source_bits);
-    std::fprintf(out, "%10llu %8u %8u %12llu %10llu %10u %10u %6u %9s %6s %7s %6s %9s  %s\n",
+    std::fprintf(out, "%10llu %8u %8u %12llu %10llu %10u %10u %6s %9s %6s %7s %6s %9s  %s\n",
                  static_cast<unsigned long long>(i), chunk.mesh, chunk.page,
                  static_cast<unsigned long long>(chunk.offset), static_cast<unsigned long long>(chunk.bytes),
-                 chunk.triangle_count, chunk.vertex_count, chunk.index_bits, position, uv, normal, source,
+                 chunk.triangle_count, chunk.vertex_count, index, position, uv, normal, source,
                  bits_each(chunk.bytes, chunk.triangle_count).c_str(), printable(mesh_name(file, chunk.mesh)).c_str());
   }
 }

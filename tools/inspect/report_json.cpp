@@ -194,6 +194,23 @@ void chunks_member(JsonWriter& json, const format::Container& file, const Stats&
   json.end_array();
   json.line();
 
+  const ClusterStats& clusters = stats.clusters;
+  json.key("clusters");
+  json.begin_object();
+  json.member("chunks", clusters.chunks);
+  json.member("count", clusters.clusters);
+  json.member("triangles", clusters.triangles);
+  json.member("vertices", clusters.vertices);
+  json.member("predicted", clusters.predicted);
+  json.member("bounds_bytes", clusters.bytes[kClusterBounds]);
+  json.member("record_bytes", clusters.bytes[kClusterRecords]);
+  json.member("index_bytes", clusters.bytes[kIndices]);
+  json.member("position_bytes", clusters.bytes[kPositions]);
+  json.member("attribute_bytes",
+              clusters.bytes[kUvs] + clusters.bytes[kColors] + clusters.bytes[kNormals] + clusters.bytes[kSourceIds]);
+  json.end_object();
+  json.line();
+
   json.key("position_steps");
   json.begin_array();
   for (const LatticeStats& lattice : stats.lattices) {
@@ -357,7 +374,11 @@ void chunk_rows_member(JsonWriter& json, const format::Container& file, std::str
     json.member("first_triangle", chunk.first_triangle);
     json.member("triangles", chunk.triangle_count);
     json.member("vertices", chunk.vertex_count);
-    json.member("index_bits", uint32_t{chunk.index_bits});
+    if (chunk.encoding == format::ChunkEncoding::kIndexed) {
+      json.member("index_bits", uint32_t{chunk.index_bits});
+    } else {
+      json.member("clusters", chunk.cluster_count);
+    }
     json.key("position_bits");
     json.begin_array();
     for (const uint8_t bits : chunk.position_bits) json.value(uint32_t{bits});

@@ -55,11 +55,59 @@ const char* table_name(format::TableKind kind) {
   return "unknown";
 }
 
-std::array<uint64_t, kStreamCount> stream_bytes(const MeshRecord& mesh, const ChunkRecord& chunk) {
-  const format::ChunkStreams streams = format::chunk_streams(mesh, chunk);
-  return {streams.indices.bytes, streams.positions.bytes, streams.uvs.bytes,
-          streams.colors.bytes,  streams.normals.bytes,   streams.source_ids.bytes};
-}
+/// Shares out the bytes of chunks among their streams.
+class StreamBytes {
+ public:
+  explicit StreamBytes(const format::Container& file) : file_(file) {}
+
+  /// `clusters`: counts the chunk there where it is clustered.
+  std::array<uint64_t, kStreamCount> of(uint64_t number, ClusterStats& clusters) {
+    const ChunkRecord& chunk = file_.chunks()[number];
+    const format::ChunkStreams streams = format::chunk_streams(file_.meshes()[chunk.mesh], chunk);
+    std::array<uint64_t, kStreamCount> bytes{};
+    bytes[kIndices] = streams.indices.bytes;
+    bytes[kPositions] = streams.positions.bytes;
+    bytes[kUvs] = streams.uvs.bytes;
+    bytes[kColors] = streams.colors.bytes;
+    bytes[kNormals] = streams.normals.bytes;
+    bytes[kSourceIds] = streams.source_ids.bytes;
+    if (chunk.encoding != format::ChunkEncoding::kClustered) return bytes;
+    bytes[kClusterBounds] = streams.group_bounds.bytes + streams.cluster_bounds.bytes;
+    bytes[kClusterRecords] = streams.clusters.bytes;
+    bytes[kIndices] = std::min(index_bytes(chunk, streams, clusters), streams.cluster_data.bytes);
+    bytes[kPositions] = streams.cluster_data.bytes - bytes[kIndices];
+    ++clusters.chunks;
+    clusters.clusters += chunk.cluster_count;
+    clusters.triangles += chunk.triangle_count;
+    clusters.vertices += chunk.vertex_count;
+    for (size_t stream = 0; stream < kStreamCount; ++stream) clusters.bytes[stream] += bytes[stream];
+    return bytes;
+  }
+
+ private:
+  uint64_t index_bytes(const ChunkRecord& chunk, const format::ChunkStreams& streams, ClusterStats& clusters) {
+    if (chunk.page != page_) {
+      page_ = chunk.page;
+      const auto loaded = file_.load_page(page_, scratch_);
+      raw_ = loaded ? *loaded : std::span<const std::byte>{};
+    }
+    if (!format::range_within(chunk.offset, chunk.bytes, raw_.size())) return 0;
+    uint64_t words = 0;
+    const std::byte* records = raw_.data() + chunk.offset + streams.clusters.offset;
+    for (uint64_t i = 0; i < chunk.cluster_count; ++i) {
+      const auto record = format::load<format::ClusterRecord>(records + i * sizeof(format::ClusterRecord));
+      const format::ClusterLayout layout = format::cluster_layout(record);
+      words += layout.positions - layout.steps;
+      clusters.predicted += layout.predicted_axis != format::kNotPredicted;
+    }
+    return 4 * words;
+  }
+
+  const format::Container& file_;
+  std::vector<std::byte> scratch_;
+  std::span<const std::byte> raw_;
+  uint32_t page_ = format::kNone;
+};
 
 /// Hands out the stored bytes of a page piece by piece in proportion to their raw bytes; the pieces add up to the page.
 class PageShares {
@@ -132,10 +180,11 @@ void count_geometry(const format::Container& file, std::vector<PageShares>& page
   triangles.reserve(chunks.size());
   vertices.reserve(chunks.size());
   payloads.reserve(chunks.size());
+  StreamBytes stream_bytes(file);
   for (uint64_t i = 0; i < chunks.size(); ++i) {
     const ChunkRecord& chunk = chunks[i];
     const MeshRecord& mesh = meshes[chunk.mesh];
-    const auto raw = stream_bytes(mesh, chunk);
+    const auto raw = stream_bytes.of(i, stats.clusters);
     for (size_t stream = 0; stream < kStreamCount; ++stream) {
       const uint64_t stored = pages[chunk.page].take(raw[stream]);
       stats.streams[stream].raw += raw[stream];
@@ -149,9 +198,11 @@ void count_geometry(const format::Container& file, std::vector<PageShares>& page
     triangles.push_back(chunk.triangle_count);
     vertices.push_back(chunk.vertex_count);
     payloads.push_back(chunk.bytes);
-    IndexBits& bits = stats.index_bits[std::min<size_t>(chunk.index_bits, 32)];
-    ++bits.chunks;
-    bits.triangles += chunk.triangle_count;
+    if (chunk.encoding == format::ChunkEncoding::kIndexed) {
+      IndexBits& bits = stats.index_bits[std::min<size_t>(chunk.index_bits, 32)];
+      ++bits.chunks;
+      bits.triangles += chunk.triangle_count;
+    }
     if ((mesh.attributes & format::kHasNormal) &&
         (stats.min_normal_bits == 0 || chunk.normal_bits < stats.min_normal_bits)) {
       stats.min_normal_bits = chunk.normal_bits;
@@ -183,6 +234,10 @@ void count_meshes(const format::Container& file, std::map<std::pair<bool, int32_
       stats.reference_bytes[stream] += reference_bytes;
     };
     add(kIndices, 3 * mesh.triangle_count, 12 * mesh.triangle_count);
+    if (mesh.chunk_count != 0 && file.chunks()[mesh.first_chunk].encoding == format::ChunkEncoding::kClustered) {
+      add(kClusterBounds, mesh.triangle_count, 0);
+      add(kClusterRecords, mesh.triangle_count, 0);
+    }
     add(kPositions, mesh.vertex_count, 12 * reference);
     if (mesh.attributes & format::kHasUv) {
       add(kUvs, mesh.vertex_count, 8 * reference);
@@ -236,13 +291,15 @@ void count_images(const format::Container& file, uint32_t top, Stats& stats) {
 }  // namespace
 
 const char* stream_key(Stream stream) {
-  static constexpr const char* kKeys[kStreamCount] = {"indices", "positions", "uvs", "colors", "normals", "source_ids"};
+  static constexpr const char* kKeys[kStreamCount] = {"indices", "positions", "cluster_bounds", "cluster_records",
+                                                      "uvs",     "colors",    "normals",        "source_ids"};
   return kKeys[stream];
 }
 
 const char* stream_title(Stream stream) {
-  static constexpr const char* kTitles[kStreamCount] = {"indices",        "positions", "texture coordinates",
-                                                        "vertex colours", "normals",   "source numbers"};
+  static constexpr const char* kTitles[kStreamCount] = {"indices",         "positions",           "cluster bounds",
+                                                        "cluster records", "texture coordinates", "vertex colours",
+                                                        "normals",         "source numbers"};
   return kTitles[stream];
 }
 
@@ -268,10 +325,8 @@ Stats gather(const format::Container& file, std::span<const std::byte> bytes, ui
   const auto pages = file.pages();
   const auto chunks = file.chunks();
   std::vector<PageShares> shares(pages.size());
-  for (uint64_t i = 0; i < chunks.size(); ++i) {
-    for (const uint64_t raw : stream_bytes(file.meshes()[chunks[i].mesh], chunks[i]))
-      shares[chunks[i].page].add_raw(raw);
-  }
+  // The sum of its streams, as open() has checked.
+  for (uint64_t i = 0; i < chunks.size(); ++i) shares[chunks[i].page].add_raw(chunks[i].bytes);
   uint64_t page_bytes = 0;
   for (uint64_t i = 0; i < pages.size(); ++i) {
     page_bytes += pages[i].stored_bytes;

@@ -1,4 +1,5 @@
-// What a .scree file holds and what each part costs, counted from its tables alone: no page is touched.
+// What a .scree file holds and what each part costs, counted from its tables; of pages only the records of clusters are
+// read.
 #pragma once
 
 #include <array>
@@ -13,8 +14,19 @@
 
 namespace scree::inspect {
 
-/// The streams of chunks, in the order in which they lie.
-enum Stream : size_t { kIndices, kPositions, kUvs, kColors, kNormals, kSourceIds, kStreamCount };
+/// What chunks hold. Of clustered chunks the data of clusters are shared out: steps and distances are indices, the rest
+/// positions (all of it where the page with their records cannot be read).
+enum Stream : size_t {
+  kIndices,
+  kPositions,
+  kClusterBounds,
+  kClusterRecords,
+  kUvs,
+  kColors,
+  kNormals,
+  kSourceIds,
+  kStreamCount
+};
 
 /// Stable names, for --json ("indices", "positions", "uvs", ...) and for people ("texture coordinates", ...).
 const char* stream_key(Stream stream);
@@ -47,6 +59,16 @@ struct TableCost {
 struct IndexBits {
   uint64_t chunks = 0;
   uint64_t triangles = 0;
+};
+
+/// All clustered chunks. Bytes are raw ones.
+struct ClusterStats {
+  uint64_t chunks = 0;
+  uint64_t clusters = 0;
+  uint64_t triangles = 0;
+  uint64_t vertices = 0;   // borders counted once a cluster
+  uint64_t predicted = 0;  // clusters of which one axis follows from the others
+  std::array<uint64_t, kStreamCount> bytes{};
 };
 
 /// All meshes with one step (or with float32 positions).
@@ -103,7 +125,8 @@ struct Stats {
 
   Spread mesh_triangles, chunk_triangles, chunk_vertices, chunk_bytes;
   uint64_t pages = 0, compressed_pages = 0, geometry_pages = 0;
-  std::array<IndexBits, 33> index_bits{};
+  std::array<IndexBits, 33> index_bits{};  // of indexed chunks
+  ClusterStats clusters;
   std::vector<LatticeStats> lattices;       // float32 first, then from the coarsest step to the finest
   std::vector<MeshCost> top_meshes;         // the costliest, at most `top`; equal costs by number
   std::array<ImageStats, 3> image_kinds{};  // by ImageCodec: [1] JPEG, [2] PNG
@@ -115,7 +138,7 @@ struct Stats {
 };
 
 /// Counts. `bytes`: the whole file that `file` was opened on. `top`: how many meshes and images to list. Takes about 60
-/// ns a chunk, 16 bytes a mesh and chunk.
+/// ns a chunk, 16 bytes a mesh and chunk; pages of clustered chunks are loaded, one after the other.
 Stats gather(const format::Container& file, std::span<const std::byte> bytes, uint32_t top);
 
 /// "Rock", or "Rock #2" where the glTF mesh has several primitives, or "mesh 12" where it has no name.
