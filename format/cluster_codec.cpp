@@ -197,11 +197,24 @@ class Decoder {
       return error(kTrailing, "a bit is set after its triangles");
     }
     uint32_t* out = out_.indices.empty() ? nullptr : out_.indices.data() + uint64_t{3} * triangles_;
+    // As reader.triangle(), with what it looks up again for each kept.
+    const uint32_t bits = layout.distance_bits;
+    const uint32_t mask = (1u << bits) - 1;
+    uint64_t bit = uint64_t{layout.distances} * 32;
+    uint32_t low = 0;
+    uint32_t high = 0;
     uint32_t largest = 2;
     for (uint32_t i = 0; i < count; ++i) {
-      largest += reader.step(i);
-      uint32_t back[2];
-      reader.distances(i, back);
+      if (i % 32 == 0) {
+        low = reader.word(layout.steps + i / 32);
+        high = layout.wide_steps ? reader.word(layout.steps + step_words + i / 32) : 0;
+      }
+      largest += (low & 1) + 2 * (high & 1);
+      low >>= 1;
+      high >>= 1;
+      const uint32_t both = unpack(data, bit, 2 * bits);
+      bit += 2 * bits;
+      const uint32_t back[2] = {both & mask, both >> bits};
       if (std::max(back[0], back[1]) > largest) {
         return error(kRange, "triangle " + std::to_string(i) + " goes back " +
                                  std::to_string(std::max(back[0], back[1])) + " vertices from " +
@@ -231,11 +244,23 @@ class Decoder {
     // Wraps only where it is refused below.
     uint32_t base[3];
     for (size_t axis = 0; axis < 3; ++axis) base[axis] = s_.range.min[axis] + reader.min[axis];
+    const uint32_t stride = reader.stride();
+    const uint64_t first_bit = uint64_t{layout.positions} * 32;
+    uint64_t masks[3];
+    for (size_t axis = 0; axis < 3; ++axis) masks[axis] = low_mask(layout.position_bits[axis]);
     std::array<uint32_t, 3> smallest{~0u, ~0u, ~0u};
     std::array<uint32_t, 3> largest{};
     for (uint32_t v = 0; v < layout.vertex_count; ++v) {
       uint32_t code[3];
-      reader.stored(v, code);
+      if (stride <= 57) {  // 64 bits hold a vertex that starts at any of a byte's 8 bits
+        const uint64_t bit = first_bit + uint64_t{v} * stride;
+        const uint64_t window = stride == 0 ? 0 : load<uint64_t>(s_.data.data() + bit / 8) >> (bit % 8);
+        code[0] = static_cast<uint32_t>(window & masks[0]);
+        code[1] = static_cast<uint32_t>(window >> layout.position_bits[0] & masks[1]);
+        code[2] = static_cast<uint32_t>(window >> (layout.position_bits[0] + layout.position_bits[1]) & masks[2]);
+      } else {
+        reader.stored(v, code);
+      }
       reader.predictor.apply(code);
       for (size_t axis = 0; axis < 3; ++axis) {
         smallest[axis] = std::min(smallest[axis], code[axis]);

@@ -65,13 +65,6 @@ const kernels::SceneView& DeviceScene::device_view() const {
 Result<DeviceScene> DeviceScene::upload(const Scene& scene, uint64_t budget_bytes, uint32_t threads) {
   if (Result<void> found = find_device(); !found) return found.error();
   const auto start = std::chrono::steady_clock::now();
-  for (uint64_t i = 0; i < scene.view().chunk_count; ++i) {
-    if (scene.view().chunks[i].encoding != format::ChunkEncoding::kIndexed) {
-      return Error{ErrorCode::kDevice, "chunk " + std::to_string(i) +
-                                           " is clustered, which only --backend cpu draws so far; convert with "
-                                           "--encoding indexed to draw on a GPU"};
-    }
-  }
   Result<CudaScene> copy =
       CudaScene::upload(scene, budget_bytes, kernels::CudaFrames::device_bytes(scene.view()), threads);
   if (!copy) return copy.error();

@@ -46,8 +46,9 @@ Result<ResidentScene> ResidentScene::upload(runtime::Scene scene, uint32_t threa
   for (uint64_t i = 0; i < drawn.size(); ++i) is_drawn[drawn.page(i)] = true;
   const kernels::SceneView& host = resident.host_;
   for (uint64_t i = 0; i < host.chunk_count; ++i) {
-    const format::ChunkStreams streams = format::chunk_streams(host.meshes[host.chunks[i].mesh], host.chunks[i]);
-    if (is_drawn[host.chunks[i].page]) resident.geometry_bytes_ += streams.indices.bytes + streams.positions.bytes;
+    if (!is_drawn[host.chunks[i].page]) continue;
+    // Indices and positions, or clusters.
+    resident.geometry_bytes_ += format::chunk_streams(host.meshes[host.chunks[i].mesh], host.chunks[i]).uvs.offset;
   }
   return resident;
 }
