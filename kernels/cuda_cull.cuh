@@ -18,6 +18,10 @@ __device__ inline uint64_t sum_before(uint64_t value, uint32_t lane, uint64_t& t
   return sum - value;
 }
 
+__device__ inline bool is_double_sided(const SceneView& scene, const format::MeshRecord& mesh) {
+  return mesh.material != format::kNone && (scene.materials[mesh.material].flags & format::kMaterialDoubleSided) != 0;
+}
+
 /// One warp a chunk: the bounds of float32 positions. A chunk without vertices has a box of zeros.
 __global__ void __launch_bounds__(128) find_bounds(const __grid_constant__ SceneView scene, ChunkBounds* bounds) {
   const uint32_t lane = threadIdx.x % kWarpLanes;

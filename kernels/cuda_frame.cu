@@ -1,12 +1,16 @@
 // Frames on a GPU: the draw list's tables, the queues, and the order of the passes.
 #include <algorithm>
+#include <bit>
 #include <cstring>
 #include <string>
 #include <vector>
 
 #include "kernels/cuda_check.h"
+#include "kernels/cuda_cluster.cuh"
 #include "kernels/cuda_large.cuh"
+#include "kernels/cuda_pyramid.cuh"
 #include "kernels/cuda_small.cuh"
+#include "kernels/draw_tables.h"
 #include "kernels/frame_cuda.h"
 
 #pragma nv_diag_suppress 2810  // nvcc 13 takes the assignment of a nodiscard class for an ignored result
@@ -40,74 +44,9 @@ class DeviceArray {
   uint64_t count_ = 0;
 };
 
-/// What a scene's draw list is made from, and what the passes have to be able to draw.
-struct SceneTables {
-  std::vector<uint32_t> order;
-  std::vector<uint32_t> mesh_first;
-  std::vector<Candidate> candidates;
-  bool has_lattice = false;
-  bool has_float32 = false;
-  bool has_instances = false;  // a mesh is drawn more than once
-};
-
-/// Instances with triangles, and candidates, of each mesh. `count(mesh, instances)` for every mesh drawn.
-template <class Count>
-void for_each_drawn_mesh(const SceneView& scene, const std::vector<uint64_t>& instances, const Count& count) {
-  for (uint64_t m = 0; m < scene.mesh_count; ++m) {
-    if (instances[m] != 0) count(m, instances[m]);
-  }
-}
-
-std::vector<uint64_t> instances_by_mesh(const SceneView& scene) {
-  std::vector<uint64_t> count(scene.mesh_count);
-  for (uint64_t i = 0; i < scene.instance_count; ++i) {
-    const uint32_t mesh = scene.instances[i].mesh;
-    if (scene.meshes[mesh].triangle_count != 0) ++count[mesh];
-  }
-  return count;
-}
-
-uint64_t candidate_count(const SceneView& scene, const std::vector<uint64_t>& instances) {
-  uint64_t sum = 0;
-  for_each_drawn_mesh(scene, instances, [&](uint64_t m, uint64_t count) {
-    sum += (count + kGroupInstances - 1) / kGroupInstances * scene.meshes[m].chunk_count;
-  });
-  return sum;
-}
-
-Result<SceneTables> make_tables(const SceneView& scene) {
-  const std::vector<uint64_t> instances = instances_by_mesh(scene);
-  const uint64_t candidates = candidate_count(scene, instances);
-  if (scene.instance_count >= UINT32_MAX || scene.chunk_count >= UINT32_MAX || candidates >= kMaxItems) {
-    return Error{ErrorCode::kRange,
-                 "the scene has " + std::to_string(scene.instance_count) + " instances and " +
-                     std::to_string(candidates) +
-                     " groups of 16 instances of a chunk; a GPU draws fewer than 2^32 - 1 and 2^28; use "
-                     "--backend cpu"};
-  }
-  SceneTables tables;
-  tables.mesh_first.resize(scene.mesh_count);
-  tables.candidates.reserve(candidates);
-  uint32_t place = 0;
-  for_each_drawn_mesh(scene, instances, [&](uint64_t m, uint64_t count) {
-    const format::MeshRecord& mesh = scene.meshes[m];
-    tables.mesh_first[m] = place;
-    place += static_cast<uint32_t>(count);
-    (mesh.position_encoding == format::PositionEncoding::kFloat32 ? tables.has_float32 : tables.has_lattice) = true;
-    tables.has_instances = tables.has_instances || count > 1;
-    for (uint64_t c = 0; c < mesh.chunk_count; ++c) {
-      for (uint64_t first = 0; first < count; first += kGroupInstances) {
-        tables.candidates.push_back({static_cast<uint32_t>(mesh.first_chunk + c), static_cast<uint32_t>(first)});
-      }
-    }
-  });
-  tables.order.resize(place);
-  std::vector<uint32_t> next = tables.mesh_first;
-  for (uint64_t i = 0; i < scene.instance_count; ++i) {
-    const uint32_t mesh = scene.instances[i].mesh;
-    if (scene.meshes[mesh].triangle_count != 0) tables.order[next[mesh]++] = static_cast<uint32_t>(i);
-  }
-  return tables;
+/// The first capacity of the queue of clusters.
+uint64_t first_items(uint64_t cluster_groups, const CudaQueueSizes& sizes) {
+  return min_of(cluster_groups * format::kGroupClusters, sizes.clusters);
 }
 
 /// A kernel of stage 1, built for what a scene has.
@@ -123,7 +62,7 @@ SmallVariant small_variant() {
           0};
 }
 
-SmallVariant choose_small(const SceneTables& tables, bool orthographic) {
+SmallVariant choose_small(const DrawTables& tables, bool orthographic) {
   if (orthographic) return small_variant<true, true, true, true>();
   if (tables.has_lattice && tables.has_float32) return small_variant<false, true, true, true>();
   if (tables.has_float32) {
@@ -133,7 +72,42 @@ SmallVariant choose_small(const SceneTables& tables, bool orthographic) {
   return tables.has_instances ? small_variant<false, true, false, true>() : small_variant<false, true, false, false>();
 }
 
-enum Mark { kStart, kCleared, kCulled, kSmallDone, kMediumDone, kLargeBegun, kLargeDone, kAllDone, kMarkCount };
+enum Mark {
+  kStart,
+  kCleared,
+  kCulled,
+  kSmallDone,
+  kMediumDone,
+  kLargeBegun,
+  kLargeDone,
+  kFirstDone,
+  kPyramidDone,
+  kSecondSmallDone,
+  kSecondMediumDone,
+  kSecondLargeBegun,
+  kSecondLargeDone,
+  kAllDone,
+  kMarkCount
+};
+
+/// Of one pass: stages 2 and 3 begin after `small_done`.
+struct StageMarks {
+  Mark small_done;
+  Mark medium_done;
+  Mark large_begun;
+  Mark large_done;
+};
+constexpr StageMarks kFirstStages{kSmallDone, kMediumDone, kLargeBegun, kLargeDone};
+constexpr StageMarks kSecondStages{kSecondSmallDone, kSecondMediumDone, kSecondLargeBegun, kSecondLargeDone};
+
+/// Scenes of fewer groups of clusters are drawn in one pass: the pyramid and the second would cost more than they save.
+constexpr uint64_t kTwoPassGroups = 2048;
+
+/// Those of fewer than twice as many are drawn in one round when the camera moves.
+constexpr uint64_t kRoundGroups = 1u << 15;
+
+/// Threads of the kernels that walk a list of unknown length, a multiprocessor.
+constexpr uint32_t kCullBlocks = 16;
 
 }  // namespace
 
@@ -152,16 +126,33 @@ struct CudaFrames::Impl {
   }
 
   Result<void> open(const SceneView& host, const CudaQueueSizes& sizes);
-  Result<void> grow(uint64_t medium_count, uint64_t large_count);
+  Result<void> open_clusters(const CudaQueueSizes& sizes);
+  Result<void> grow(const CudaQueueSizes& wanted);
+  Result<void> forget();
+  Result<void> fit_pyramid(const FrameView& frame);
   template <bool kOrthographic>
   Result<void> submit(const FrameView& frame, uint64_t* samples, const DrawOptions& options);
+  template <bool kOrthographic, ClusterPass kPass>
+  void submit_clusters(const SmallFrame& small, const DrawOptions& options, uint32_t round, uint32_t rounds);
+  template <bool kOrthographic>
+  Result<void> submit_stages(const LargeFrame& rest, const StageMarks& marks_of_pass);
+  ClusterList cluster_list() const;
   Result<void> prepare(SmallVariant& variant) const;
+  /// What the last frame asked of its queues; where that was too much, 1 / `part` more of it.
+  CudaQueueSizes asked(uint64_t part) const;
+  bool had_room() const;
+  bool has_clusters() const { return cluster_candidates.count() != 0; }
+  /// A round more for every doubling: it is worth its pyramid where it saves enough clusters.
+  uint32_t rounds_when_moving() const {
+    return min_of(max_of(static_cast<uint32_t>(std::bit_width(tables.cluster_groups / kRoundGroups)), 1u), kMostRounds);
+  }
+  bool in_two_passes() const { return tables.cluster_groups >= kTwoPassGroups; }
   Result<void> mark(Mark place) { return cuda_check(cudaEventRecord(marks[place], stream), "recording an event"); }
   Result<void> read_times(FrameTimes& times) const;
 
   SceneView scene{};
   uint64_t triangle_count = 0;
-  SceneTables tables;  // the flags; the vectors are given up once they are on the device
+  DrawTables tables;  // the flags; the vectors are given up once they are on the device
   uint32_t multiprocessors = 0;
   SmallVariant variants[2] = {};  // perspective, orthographic
   cudaStream_t stream = nullptr;
@@ -181,11 +172,22 @@ struct CudaFrames::Impl {
   DeviceArray<Triangle> medium;
   DeviceArray<Triangle> large;
   DeviceArray<TileItem> tiles;
+  // Of clustered chunks:
+  DeviceArray<Candidate> cluster_candidates;
+  DeviceArray<uint32_t> chunk_group;
+  DeviceArray<uint64_t> first_word;
+  DeviceArray<uint32_t> seen_before;
+  DeviceArray<ClusterDraw> draws;
+  DeviceArray<ClusterItem> items;
+  DeviceArray<ClipItem> to_clip;
+  DeviceArray<uint32_t> pyramid_codes;
+  DepthPyramid pyramid{};
+  FrameView last_view{};
 };
 
 Result<void> CudaFrames::Impl::open(const SceneView& host, const CudaQueueSizes& sizes) {
   triangle_count = host.instance_base[host.instance_count];
-  Result<SceneTables> made = make_tables(host);
+  Result<DrawTables> made = make_draw_tables(host);
   if (!made) return made.error();
   tables = std::move(*made);
   int device = 0;
@@ -224,12 +226,58 @@ Result<void> CudaFrames::Impl::open(const SceneView& host, const CudaQueueSizes&
   if (done) done = transforms.allocate(host.instance_count, "allocating the frame's transforms");
   if (done) done = groups.allocate(tables.candidates.size(), "allocating the draw list");
   if (done) done = tiles.allocate(sizes.tiles, "allocating the queues");
-  if (done) done = grow(sizes.medium, sizes.large);
+  if (done) done = grow({sizes.medium, sizes.large, 0, 0, 0});
+  if (done && !tables.cluster_candidates.empty()) done = open_clusters(sizes);
   if (done) done = cuda_check(cudaStreamSynchronize(stream), "preparing to draw");
   tables.order = {};
   tables.mesh_first = {};
   tables.candidates = {};
+  tables.cluster_candidates = {};
+  tables.chunk_group = {};
+  tables.first_word = {};
   return done;
+}
+
+Result<void> CudaFrames::Impl::open_clusters(const CudaQueueSizes& sizes) {
+  Result<void> done = cluster_candidates.fill(tables.cluster_candidates, "allocating the draw list");
+  if (done) done = chunk_group.fill(tables.chunk_group, "allocating the draw list");
+  if (done) done = first_word.fill(tables.first_word, "allocating the draw list");
+  if (done) done = draws.allocate(tables.cluster_candidates.size() * kGroupInstances, "allocating the draw list");
+  if (done && in_two_passes()) {
+    done = seen_before.allocate(tables.cluster_groups, "allocating a bit for each cluster");
+    if (done) done = forget();
+  }
+  if (done) done = grow({0, 0, 0, first_items(tables.cluster_groups, sizes), sizes.to_clip});
+  const auto prepare_clusters = [&](const void* kernel) {
+    return cuda_check(cudaFuncSetAttribute(kernel, cudaFuncAttributeMaxDynamicSharedMemorySize,
+                                           static_cast<int>(kClusterWarps * sizeof(ClusterShared))),
+                      "asking for shared memory");
+  };
+  if (done) done = prepare_clusters(reinterpret_cast<const void*>(raster_clusters<false>));
+  if (done) done = prepare_clusters(reinterpret_cast<const void*>(raster_clusters<true>));
+  return done;
+}
+
+/// As if nothing had been drawn before: no cluster is taken to be seen.
+Result<void> CudaFrames::Impl::forget() {
+  if (!in_two_passes()) return {};
+  last_view = {};
+  return cuda_check(cudaMemsetAsync(seen_before.data(), 0, tables.cluster_groups * sizeof(uint32_t), stream),
+                    "clearing a bit for each cluster");
+}
+
+/// Room for the pyramid of an image, made when its size changes.
+Result<void> CudaFrames::Impl::fit_pyramid(const FrameView& frame) {
+  if (!in_two_passes() || (pyramid.width == frame.width && pyramid.height == frame.height)) return {};
+  const uint64_t count = lay_out(pyramid, frame.width, frame.height);
+  if (count > pyramid_codes.count()) {
+    if (Result<void> done = pyramid_codes.allocate(count, "allocating the depth pyramid"); !done) {
+      pyramid.width = 0;
+      return done;
+    }
+  }
+  pyramid.codes = pyramid_codes.data();
+  return {};
 }
 
 Result<void> CudaFrames::Impl::prepare(SmallVariant& variant) const {
@@ -246,15 +294,89 @@ Result<void> CudaFrames::Impl::prepare(SmallVariant& variant) const {
   return done;
 }
 
-Result<void> CudaFrames::Impl::grow(uint64_t medium_count, uint64_t large_count) {
-  constexpr const char* kWhat = "allocating the queues of triangles; --backend cpu draws without them";
-  if (medium_count > medium.count()) {
-    if (Result<void> done = medium.allocate(medium_count, kWhat); !done) return done;
+/// Queues of at least the sizes wanted; tiles never grow. What was in one that grows is lost.
+Result<void> CudaFrames::Impl::grow(const CudaQueueSizes& wanted) {
+  constexpr const char* kWhat = "allocating the queues; --backend cpu draws without them";
+  // Their places are 32-bit numbers.
+  constexpr uint64_t kMost = UINT32_MAX;
+  Result<void> done;
+  if (wanted.medium > medium.count()) done = medium.allocate(wanted.medium, kWhat);
+  if (done && wanted.large > large.count()) done = large.allocate(min_of(wanted.large, kMost), kWhat);
+  if (done && wanted.clusters > items.count()) done = items.allocate(min_of(wanted.clusters, kMost), kWhat);
+  if (done && wanted.to_clip > to_clip.count()) done = to_clip.allocate(wanted.to_clip, kWhat);
+  return done;
+}
+
+CudaQueueSizes CudaFrames::Impl::asked(uint64_t part) const {
+  const auto more = [part](uint64_t count, uint64_t there) {
+    return count > there && part != 0 ? count + count / part : count;
+  };
+  return {more(seen->queues.medium, medium.count()), more(seen->queues.large, large.count()), 0,
+          more(clusters_before(*seen, kClusterPasses), items.count()), more(seen->to_clip, to_clip.count())};
+}
+
+bool CudaFrames::Impl::had_room() const {
+  const CudaQueueSizes wanted = asked(0);
+  return wanted.medium <= medium.count() && wanted.large <= large.count() && wanted.clusters <= items.count() &&
+         wanted.to_clip <= to_clip.count();
+}
+
+ClusterList CudaFrames::Impl::cluster_list() const {
+  return {cluster_candidates.data(),
+          chunk_group.data(),
+          first_word.data(),
+          static_cast<uint32_t>(cluster_candidates.count()),
+          seen_before.data(),
+          draws.data(),
+          items.data(),
+          items.count(),
+          to_clip.data(),
+          to_clip.count(),
+          pyramid};
+}
+
+/// Finds the clusters that a pass draws, and draws them.
+template <bool kOrthographic, ClusterPass kPass>
+void CudaFrames::Impl::submit_clusters(const SmallFrame& small, const DrawOptions& options, uint32_t round,
+                                       uint32_t rounds) {
+  const ClusterList list = cluster_list();
+  const uint32_t pass = kPass == ClusterPass::kNewlySeen ? 1 + round : 0;
+  const ClusterCull cull{small.view,
+                         center_range(small.view),
+                         list,
+                         small.list.counters,
+                         small.target.samples,
+                         {options.cluster_bounds, options.occlusion},
+                         pass,
+                         round,
+                         rounds};
+  cull_clusters<kOrthographic, kPass><<<multiprocessors * kCullBlocks, kCullThreads, 0, stream>>>(cull);
+  const ClusterFrame frame{small, list, pass};
+  raster_clusters<kOrthographic>
+      <<<multiprocessors * kClusterBlocks, kClusterThreads, kClusterWarps * sizeof(ClusterShared), stream>>>(frame);
+  raster_clipped<kOrthographic><<<multiprocessors, kClusterThreads, 0, stream>>>(frame);
+}
+
+/// What stage 1 left, by stages 2 and 3 side by side: each alone is too little for the GPU.
+template <bool kOrthographic>
+Result<void> CudaFrames::Impl::submit_stages(const LargeFrame& rest, const StageMarks& at) {
+  Result<void> done = mark(at.small_done);
+  if (done) done = cuda_check(cudaStreamWaitEvent(side_stream, marks[at.small_done]), "forking");
+  if (done) done = cuda_check(cudaEventRecord(marks[at.large_begun], side_stream), "recording an event");
+  if (done) {
+    const uint32_t blocks = multiprocessors * kLargeBlocks;
+    split_large<kOrthographic><<<blocks, kLargeThreads, 0, side_stream>>>(rest);
+    raster_large<kOrthographic><<<blocks, kLargeThreads, 0, side_stream>>>(rest);
+    done = cuda_check(cudaGetLastError(), "starting stage 3");
   }
-  if (large_count > large.count()) {
-    if (Result<void> done = large.allocate(min_of<uint64_t>(large_count, UINT32_MAX), kWhat); !done) return done;
+  if (done) done = cuda_check(cudaEventRecord(marks[at.large_done], side_stream), "recording an event");
+  if (done) {
+    raster_medium<kOrthographic><<<multiprocessors * kMediumBlocks, kLargeThreads, 0, stream>>>(rest);
+    done = cuda_check(cudaGetLastError(), "starting stage 2");
   }
-  return {};
+  if (done) done = mark(at.medium_done);
+  if (done) done = cuda_check(cudaStreamWaitEvent(stream, marks[at.large_done]), "joining");
+  return done;
 }
 
 template <bool kOrthographic>
@@ -281,36 +403,49 @@ Result<void> CudaFrames::Impl::submit(const FrameView& frame, uint64_t* samples,
   if (done) done = cuda_check(cudaMemsetAsync(samples, 0xff, sample_count * sizeof(uint64_t), stream), "clearing");
   if (done) done = cuda_check(cudaMemsetAsync(zeroed.data(), 0, zeroed.count(), stream), "clearing the counters");
   if (done) done = mark(kCleared);
-  if (done && list.candidate_count != 0) {
+  if (done && list.instance_count != 0) {
     cull_instances<<<(list.instance_count - 1) / kCullThreads + 1, kCullThreads, 0, stream>>>(scene, frame, list);
-    cull_chunks<<<(list.candidate_count - 1) / kCullThreads + 1, kCullThreads, 0, stream>>>(scene, frame, list);
+    if (list.candidate_count != 0) {
+      cull_chunks<<<(list.candidate_count - 1) / kCullThreads + 1, kCullThreads, 0, stream>>>(scene, frame, list);
+    }
+    if (has_clusters()) {
+      const uint64_t threads = cluster_candidates.count() * kGroupInstances;
+      cull_clustered_chunks<<<static_cast<uint32_t>((threads - 1) / kCullThreads + 1), kCullThreads, 0, stream>>>(
+          scene, frame, list, cluster_list());
+    }
     done = cuda_check(cudaGetLastError(), "starting culling");
   }
   if (done) done = mark(kCulled);
+  const SmallFrame small{scene, frame, target, queues, list, make_sample_limits(frame), options.sampleless_test};
   if (done && list.candidate_count != 0) {
-    const SmallFrame small{scene, frame, target, queues, list, make_sample_limits(frame), options.sampleless_test};
     const SmallVariant& variant = variants[kOrthographic ? 1 : 0];
     variant.kernel<<<variant.blocks, kSmallThreads, variant.shared_bytes, stream>>>(small);
-    done = cuda_check(cudaGetLastError(), "starting stage 1");
   }
-  if (done) done = mark(kSmallDone);
-  // Stages 2 and 3 draw what stage 1 left, each alone too little for the GPU.
-  const LargeFrame rest{frame, target, queues};
-  if (done) done = cuda_check(cudaStreamWaitEvent(side_stream, marks[kSmallDone]), "forking");
-  if (done) done = cuda_check(cudaEventRecord(marks[kLargeBegun], side_stream), "recording an event");
-  if (done) {
-    const uint32_t blocks = multiprocessors * kLargeBlocks;
-    split_large<kOrthographic><<<blocks, kLargeThreads, 0, side_stream>>>(rest);
-    raster_large<kOrthographic><<<blocks, kLargeThreads, 0, side_stream>>>(rest);
-    done = cuda_check(cudaGetLastError(), "starting stage 3");
+  if (has_clusters()) {
+    if (in_two_passes()) {
+      submit_clusters<kOrthographic, ClusterPass::kSeenBefore>(small, options, 0, 1);
+    } else {
+      submit_clusters<kOrthographic, ClusterPass::kOnly>(small, options, 0, 1);
+    }
   }
-  if (done) done = cuda_check(cudaEventRecord(marks[kLargeDone], side_stream), "recording an event");
-  if (done) {
-    raster_medium<kOrthographic><<<multiprocessors * kMediumBlocks, kLargeThreads, 0, stream>>>(rest);
-    done = cuda_check(cudaGetLastError(), "starting stage 2");
+  if (done) done = cuda_check(cudaGetLastError(), "starting stage 1");
+  const LargeFrame rest{frame, target, queues, counters};
+  if (done) done = submit_stages<kOrthographic>(rest, kFirstStages);
+  if (done) done = mark(kFirstDone);
+  if (done && has_clusters() && in_two_passes()) {
+    const auto tiles_along = [](int32_t side) { return (static_cast<uint32_t>(side) - 1) / kPyramidTile + 1; };
+    const dim3 tiles_of_image(tiles_along(frame.width), tiles_along(frame.height));
+    // Where the camera stood still little is new, and one round is the least work.
+    const uint32_t rounds = std::memcmp(&frame, &last_view, sizeof frame) == 0 ? 1 : rounds_when_moving();
+    for (uint32_t round = 0; round < rounds && done; ++round) {
+      build_pyramid_tiles<<<tiles_of_image, kPyramidThreads, 0, stream>>>(pyramid, samples);
+      build_pyramid_top<<<1, 1024, 0, stream>>>(pyramid, counters);
+      if (round == 0) done = mark(kPyramidDone);
+      submit_clusters<kOrthographic, ClusterPass::kNewlySeen>(small, options, round, rounds);
+      if (done) done = cuda_check(cudaGetLastError(), "starting the second pass");
+      if (done) done = submit_stages<kOrthographic>(rest, kSecondStages);
+    }
   }
-  if (done) done = mark(kMediumDone);
-  if (done) done = cuda_check(cudaStreamWaitEvent(stream, marks[kLargeDone]), "joining");
   if (done) done = mark(kAllDone);
   if (done) {
     done = cuda_check(cudaMemcpyAsync(seen, counters, sizeof *seen, cudaMemcpyDeviceToHost, stream),
@@ -321,14 +456,21 @@ Result<void> CudaFrames::Impl::submit(const FrameView& frame, uint64_t* samples,
 }
 
 Result<void> CudaFrames::Impl::read_times(FrameTimes& times) const {
-  const struct {
+  const bool second = has_clusters() && in_two_passes();
+  struct Span {
     float* out;
     Mark from;
     Mark to;
-  } spans[] = {{&times.clear_ms, kStart, kCleared},        {&times.cull_ms, kCleared, kCulled},
-               {&times.small_ms, kCulled, kSmallDone},     {&times.medium_ms, kSmallDone, kMediumDone},
-               {&times.large_ms, kLargeBegun, kLargeDone}, {&times.raster_ms, kCleared, kAllDone}};
-  for (const auto& span : spans) {
+    bool is_there;
+  };
+  const Span spans[] = {
+      {&times.clear_ms, kStart, kCleared, true},          {&times.cull_ms, kCleared, kCulled, true},
+      {&times.small_ms, kCulled, kSmallDone, true},       {&times.medium_ms, kSmallDone, kMediumDone, true},
+      {&times.large_ms, kLargeBegun, kLargeDone, true},   {&times.pyramid_ms, kFirstDone, kPyramidDone, second},
+      {&times.second_ms, kPyramidDone, kAllDone, second}, {&times.raster_ms, kCleared, kAllDone, true}};
+  for (const Span& span : spans) {
+    *span.out = 0;
+    if (!span.is_there) continue;
     Result<void> done = cuda_check(cudaEventElapsedTime(span.out, marks[span.from], marks[span.to]), "reading times");
     if (!done) return done;
   }
@@ -341,11 +483,19 @@ CudaFrames& CudaFrames::operator=(CudaFrames&&) noexcept = default;
 CudaFrames::~CudaFrames() = default;
 
 uint64_t CudaFrames::device_bytes(const SceneView& host, const CudaQueueSizes& sizes) {
-  const std::vector<uint64_t> instances = instances_by_mesh(host);
-  return sizeof(FrameCounters) + 2 * host.mesh_count * sizeof(uint32_t) +
-         host.instance_count * (2 * sizeof(uint32_t) + sizeof(Transform)) + host.chunk_count * sizeof(ChunkBounds) +
-         candidate_count(host, instances) * (sizeof(Candidate) + sizeof(DrawGroup)) +
-         (sizes.medium + sizes.large) * sizeof(Triangle) + sizes.tiles * sizeof(TileItem);
+  const CandidateCounts candidates = count_candidates(host);
+  uint64_t bytes = sizeof(FrameCounters) + 2 * host.mesh_count * sizeof(uint32_t) +
+                   host.instance_count * (2 * sizeof(uint32_t) + sizeof(Transform)) +
+                   host.chunk_count * sizeof(ChunkBounds) +
+                   candidates.indexed * (sizeof(Candidate) + sizeof(DrawGroup)) +
+                   (sizes.medium + sizes.large) * sizeof(Triangle) + sizes.tiles * sizeof(TileItem);
+  if (candidates.clustered != 0) {
+    bytes += candidates.clustered * (sizeof(Candidate) + kGroupInstances * sizeof(ClusterDraw)) +
+             host.chunk_count * sizeof(uint32_t) + host.instance_count * sizeof(uint64_t) +
+             candidates.cluster_groups * sizeof(uint32_t) +
+             first_items(candidates.cluster_groups, sizes) * sizeof(ClusterItem) + sizes.to_clip * sizeof(ClipItem);
+  }
+  return bytes;
 }
 
 Result<CudaFrames> CudaFrames::create(const SceneView& host, const SceneView& device, const CudaQueueSizes& sizes) {
@@ -359,18 +509,21 @@ Result<FrameStats> CudaFrames::draw(const View& view, uint64_t* samples, const D
                                     FrameTimes* times) {
   if (Result<void> checked = check_frame(view, impl_->triangle_count); !checked) return checked.error();
   const FrameView frame = make_frame_view(view);
+  if (Result<void> done = impl_->fit_pyramid(frame); !done) return done.error();
   for (;;) {
     const Result<void> done = view.orthographic ? impl_->submit<true>(frame, samples, options)
                                                 : impl_->submit<false>(frame, samples, options);
     if (!done) return done.error();
-    const Counters& seen = impl_->seen->queues;
-    if (seen.medium <= impl_->medium.count() && seen.large <= impl_->large.count()) break;
+    if (impl_->had_room()) break;
     // A little more than was asked for, since the camera moves; or just that where no more fits.
-    const auto more = [](uint64_t asked, uint64_t there) { return asked > there ? asked + asked / 4 : there; };
-    Result<void> grown = impl_->grow(more(seen.medium, impl_->medium.count()), more(seen.large, impl_->large.count()));
-    if (!grown) grown = impl_->grow(seen.medium, seen.large);
+    Result<void> grown = impl_->grow(impl_->asked(4));
+    if (!grown) grown = impl_->grow(impl_->asked(0));
+    // Clusters without room were not drawn, and hid nothing: what seemed to be seen is no guide.
+    if (grown) grown = impl_->forget();
     if (!grown) return grown.error();
+    if (!impl_->had_room()) return Error{ErrorCode::kRange, "the frame has 2^32 clusters to draw; use --backend cpu"};
   }
+  impl_->last_view = frame;
   if (times != nullptr) {
     if (Result<void> done = impl_->read_times(*times); !done) return done.error();
   }
@@ -383,6 +536,9 @@ Result<FrameStats> CudaFrames::draw(const View& view, uint64_t* samples, const D
   stats.triangles_medium = seen.medium;
   stats.triangles_large = seen.large;
   stats.triangles_clipped = seen.triangles_clipped;
+  stats.groups_tested = impl_->seen->groups_tested;
+  stats.clusters_tested = impl_->seen->clusters_tested;
+  stats.clusters_drawn = clusters_before(*impl_->seen, kClusterPasses);
   return stats;
 }
 

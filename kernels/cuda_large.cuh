@@ -11,6 +11,7 @@ struct LargeFrame {
   FrameView view;
   Target target;
   Queues queues;
+  const FrameCounters* counters;  // what the passes before have drawn
 };
 
 inline constexpr uint32_t kLargeThreads = 256;
@@ -72,7 +73,8 @@ __global__ void __launch_bounds__(kLargeThreads, kLargeBlocks) split_large(const
   const uint64_t warp = (uint64_t{blockIdx.x} * blockDim.x + threadIdx.x) / kWarpLanes;
   const uint64_t warps = uint64_t{gridDim.x} * blockDim.x / kWarpLanes;
   const uint64_t large = min_of(frame.queues.counters->large, frame.queues.large_capacity);
-  for (uint64_t i = warp; i < large; i += warps) split_triangle<kOrthographic>(frame, static_cast<uint32_t>(i));
+  for (uint64_t i = frame.counters->large_drawn + warp; i < large; i += warps)
+    split_triangle<kOrthographic>(frame, static_cast<uint32_t>(i));
 }
 
 /// Draws the medium queue, a triangle or a quarter of its rows a warp.
@@ -81,7 +83,8 @@ __global__ void __launch_bounds__(kLargeThreads, kMediumBlocks)
     raster_medium(const __grid_constant__ LargeFrame frame) {
   const uint64_t warp = (uint64_t{blockIdx.x} * blockDim.x + threadIdx.x) / kWarpLanes;
   const uint64_t warps = uint64_t{gridDim.x} * blockDim.x / kWarpLanes;
-  const uint64_t medium = min_of(frame.queues.counters->medium, frame.queues.medium_capacity);
+  const uint64_t from = min_of(frame.counters->medium_drawn, frame.queues.medium_capacity);
+  const uint64_t medium = min_of(frame.queues.counters->medium, frame.queues.medium_capacity) - from;
   // The larger boxes in parts, which lie a part's count apart in the items, so that one warp does not get them all.
   constexpr uint32_t kParts = 4;
   constexpr int64_t kWholeBox = 512;
@@ -90,7 +93,7 @@ __global__ void __launch_bounds__(kLargeThreads, kMediumBlocks)
   while (medium != 0) {
     for (; number >= medium && part < kParts; number -= medium) ++part;
     if (part == kParts) break;
-    const Triangle triangle = frame.queues.medium[number];
+    const Triangle triangle = frame.queues.medium[from + number];
     number += warps;
     const PixelBox whole = pixel_box(triangle.x, triangle.y, frame.view);
     const bool divided = whole.pixels() > kWholeBox;

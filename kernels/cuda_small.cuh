@@ -42,10 +42,6 @@ inline constexpr int64_t kLaneBox = 4;
 /// The filter's constants cost about as much as it saves on so many rows.
 inline constexpr uint32_t kFilteredRows = 4;
 
-__device__ inline bool is_double_sided(const SceneView& scene, const format::MeshRecord& mesh) {
-  return mesh.material != format::kNone && (scene.materials[mesh.material].flags & format::kMaterialDoubleSided) != 0;
-}
-
 /// Calls `call` with the ways to read the chunk's indices and positions as types: only those that a scene may have are
 /// built, and a rare width of one makes both rare.
 template <bool kLattice, bool kFloat32, class Call>
@@ -136,7 +132,7 @@ __device__ inline SmallShared<kInstanced>& small_shared() {
 /// Every lane takes every 32nd pixel of all of them, whosever it is: boxes of 1 and of 128 pixels leave no lane
 /// waiting.
 template <bool kOrthographic>
-__device__ inline void draw_pixels(const SmallFrame& frame, SetUpTriangles& shared, const Triangle& triangle,
+__device__ inline void draw_pixels(const Target& target, SetUpTriangles& shared, const Triangle& triangle,
                                    const PixelBox& box, int64_t area, uint32_t pixels) {
   const uint32_t lane = threadIdx.x % kWarpLanes;
   uint32_t end = pixels;
@@ -162,7 +158,7 @@ __device__ inline void draw_pixels(const SmallFrame& frame, SetUpTriangles& shar
     shared.slope2[lane] = plane.slope2;
     shared.nearest[lane] = plane.nearest;
     shared.farthest[lane] = plane.farthest;
-    shared.first[lane] = frame.target.row(box.y0) + box.x0;
+    shared.first[lane] = target.row(box.y0) + box.x0;
     shared.id[lane] = triangle.id;
     const auto width = static_cast<uint32_t>(box.x1 - box.x0 + 1);
     shared.width[lane] = width | (65536 + width - 1) / width << 16;
@@ -200,7 +196,7 @@ __device__ inline void draw_pixels(const SmallFrame& frame, SetUpTriangles& shar
       const float depth = depth_at<int32_t>(plane, value[1] + static_cast<int32_t>(exclusive >> 1 & 1),
                                             value[2] + static_cast<int32_t>(exclusive >> 2 & 1));
       drawn[k] = pack_sample(depth_code<kOrthographic>(depth), shared.id[owner]);
-      place[k] = shared.first[owner] + y * static_cast<uint64_t>(frame.target.width) + x;
+      place[k] = shared.first[owner] + y * static_cast<uint64_t>(target.width) + x;
     }
     for (uint32_t k = 0; k < kBatch; ++k) seen[k] = drawn[k] != kBackground ? WarpTeam::look(place[k]) : 0;
     for (uint32_t k = 0; k < kBatch; ++k) {
@@ -208,6 +204,27 @@ __device__ inline void draw_pixels(const SmallFrame& frame, SetUpTriangles& shar
     }
   }
   __syncwarp();
+}
+
+/// Draws the lanes' triangles, whose boxes have `pixels` each (0: the lane has none), or leaves them to the other
+/// stages. Whether stage 1 drew the lane's.
+template <bool kOrthographic>
+__device__ inline bool draw_set_up(const Target& target, const Queues& queues, SetUpTriangles& shared,
+                                   const Triangle& triangle, const PixelBox& box, int64_t area, int64_t pixels) {
+  if (__ballot_sync(~0u, pixels != 0) == 0) return false;
+  bool small = pixels != 0 && pixels <= kSmallBox && fits_narrow_edges(triangle.x, triangle.y);
+  // 32 boxes of a hundred pixels would keep this warp long after all others are done: the larger go to stage 2.
+  if (__reduce_add_sync(~0u, small ? static_cast<uint32_t>(pixels) : 0) > kCrowdedPixels) {
+    small = small && pixels <= kCrowdedBox;
+  }
+  if (pixels >= kMediumBox) {
+    push(WarpTeam{}, &queues.counters->large, queues.large, queues.large_capacity, triangle);
+  } else if (pixels != 0 && !small) {
+    push(WarpTeam{}, &queues.counters->medium, queues.medium, queues.medium_capacity, triangle);
+  }
+  __syncwarp();
+  draw_pixels<kOrthographic>(target, shared, triangle, box, area, small ? static_cast<uint32_t>(pixels) : 0);
+  return small;
 }
 
 /// Projects a triangle that waits. False where there is nothing to draw, or it was drawn the long way (`drawn`).
@@ -257,20 +274,8 @@ __device__ inline uint32_t draw_survivors(const SmallFrame& frame, uint32_t firs
     };
     if (choose_fetch<kLattice, kFloat32>(shared.stored, project)) pixels = box.pixels();
   }
-  if (__ballot_sync(~0u, pixels != 0) == 0) return drawn;
-  bool small = pixels != 0 && pixels <= kSmallBox && fits_narrow_edges(triangle.x, triangle.y);
-  // 32 boxes of a hundred pixels would keep this warp long after all others are done: the larger go to stage 2.
-  if (__reduce_add_sync(~0u, small ? static_cast<uint32_t>(pixels) : 0) > kCrowdedPixels) {
-    small = small && pixels <= kCrowdedBox;
-  }
-  if (pixels >= kMediumBox) {
-    push(WarpTeam{}, &frame.queues.counters->large, frame.queues.large, frame.queues.large_capacity, triangle);
-  } else if (pixels != 0 && !small) {
-    push(WarpTeam{}, &frame.queues.counters->medium, frame.queues.medium, frame.queues.medium_capacity, triangle);
-  }
-  __syncwarp();
-  draw_pixels<kOrthographic>(frame, shared.set_up, triangle, box, area, small ? static_cast<uint32_t>(pixels) : 0);
-  return drawn + (small ? 1 : 0);
+  return drawn +
+         (draw_set_up<kOrthographic>(frame.target, frame.queues, shared.set_up, triangle, box, area, pixels) ? 1 : 0);
 }
 
 /// Fills shared memory with what the chunk and the instances of a group need, by a whole warp. Out of line as well.

@@ -42,12 +42,46 @@ inline constexpr uint32_t kUnitBits = 36;
 inline constexpr uint64_t kUnitMask = (uint64_t{1} << kUnitBits) - 1;
 inline constexpr uint64_t kMaxItems = uint64_t{1} << 28;
 
+/// Passes of a frame that draw clusters: what was seen last time, then the rest, in rounds from near to far.
+inline constexpr uint32_t kMostRounds = 8;
+inline constexpr uint32_t kClusterPasses = 1 + kMostRounds;
+
+/// Chunks are told apart by how near they come: 32 steps an octave of distance.
+inline constexpr uint32_t kNearBuckets = 512;
+
 /// Zero when a frame begins.
 struct FrameCounters {
   Counters queues;
   uint64_t groups;     // items and units
   uint64_t next_unit;  // handed out to stage 1
+  // Of clustered chunks:
+  uint64_t draws;  // items (ClusterDraw) and units
+  uint32_t units_by_bucket[kNearBuckets];
+  uint64_t clusters[kClusterPasses];      // in the queue, pass by pass
+  uint64_t next_cluster[kClusterPasses];  // handed out
+  uint64_t to_clip;                       // queued
+  uint64_t groups_tested;
+  uint64_t clusters_tested;
+  // What the passes before have drawn of the queues of triangles.
+  uint64_t medium_drawn;
+  uint64_t large_drawn;
+  uint64_t to_clip_drawn;
 };
+
+/// Clusters in the queue from the passes before `pass`.
+SCREE_HD inline uint64_t clusters_before(const FrameCounters& counters, uint32_t pass) {
+  uint64_t sum = 0;
+  for (uint32_t i = 0; i < pass; ++i) sum += counters.clusters[i];
+  return sum;
+}
+
+/// Between two passes of a frame: stages 2 and 3 go on with what the next one queues.
+SCREE_HD inline void begin_pass(FrameCounters& counters) {
+  counters.medium_drawn = counters.queues.medium;
+  counters.large_drawn = counters.queues.large;
+  counters.to_clip_drawn = counters.to_clip;
+  counters.queues.tiles = 0;
+}
 
 /// Device memory. Instances without triangles are in no list.
 struct DrawList {

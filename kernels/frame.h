@@ -64,6 +64,10 @@ struct FrameStats {
   uint64_t triangles_medium;
   uint64_t triangles_large;
   uint64_t triangles_clipped;
+  // A GPU's frame of clustered chunks.
+  uint64_t groups_tested;  // of 32 clusters
+  uint64_t clusters_tested;
+  uint64_t clusters_drawn;
 };
 
 /// What every backend asks of a frame. Errors kRange: an image side of 0 or over kMaxImageSide, a camera that is not

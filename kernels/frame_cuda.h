@@ -13,17 +13,23 @@
 namespace scree::kernels {
 
 struct DrawOptions {
-  bool sampleless_test = true;  // triangles that cover no pixel centre go early; the picture is the same without
+  // All leave the picture as it is.
+  bool sampleless_test = true;  // triangles that cover no pixel centre go early
+  bool cluster_bounds = true;   // so do clusters, and those outside of the picture
+  bool occlusion = true;        // clusters behind the depth pyramid go
 };
 
-/// Milliseconds of one frame by CUDA events: clearing, culling, stages 1 to 3, of which 2 and 3 run side by side; and
-/// from the start of culling to the end of all stages.
+/// Milliseconds of one frame by CUDA events: clearing, culling, stages 1 to 3 of the first pass, of which 2 and 3 run
+/// side by side; the depth pyramid and the second pass, where there are clusters enough; and from the start of culling
+/// to the end of all.
 struct FrameTimes {
   float clear_ms;
   float cull_ms;
   float small_ms;
   float medium_ms;
   float large_ms;
+  float pyramid_ms;
+  float second_ms;
   float raster_ms;
 };
 
@@ -32,6 +38,8 @@ struct CudaQueueSizes {
   uint64_t medium = 1u << 20;  // triangles
   uint64_t large = 1u << 16;
   uint64_t tiles = 1u << 20;
+  uint64_t clusters = 1u << 24;  // or as many as there are, if fewer
+  uint64_t to_clip = 1u << 16;  // triangles of clusters
 };
 
 /// Draws on the current device, on one stream, one frame at a time.

@@ -101,33 +101,36 @@ TEST_CASE("the GPU draws what the CPU draws", "[cuda]") {
     WARN("skipped: " << device.error().message);
     return;
   }
-  for (const auto& entry : std::filesystem::directory_iterator(SCREE_TEST_DATA)) {
-    const std::filesystem::path source = entry.path();
-    if (source.extension() != ".glb" && source.extension() != ".gltf") continue;
-    INFO(source.filename().string());
-    const scree::tests::TempFolder folder;
-    scree::convert::ConvertOptions convert;
-    convert.input = source.string();
-    convert.output = folder.file("scene.scree");
-    if (!scree::convert::convert(convert)) continue;
-    const Scene scene = load(convert.output);
-    Result<DeviceScene> device = DeviceScene::upload(scene, 0, 2);
-    REQUIRE(device);
-    scree::runtime::CameraOptions camera;
-    camera.width = 321;
-    camera.height = 123;
-    const Result<View> view = scree::runtime::make_view(scene.container(), 0, scene.view(), camera);
-    REQUIRE(view);
-    for (const uint32_t samples : {1u, 2u, 4u}) compare(scene, *device, *view, samples);
-    View flat = *view;  // the same picture from an orthographic camera
-    flat.orthographic = true;
-    double height = 0;
-    for (size_t i = 0; i < 3; ++i) height = std::max(height, std::abs(flat.eye[i]));
-    flat.half_height = std::max(height, 1.0);
-    flat.half_width = flat.half_height * flat.width / flat.height;
-    flat.z_far = flat.z_near + 100 * flat.half_height;
-    compare(scene, *device, flat, 2);
-  }
+  using Encoding = scree::convert::Encoding;
+  for (const Encoding encoding : {Encoding::kIndexed, Encoding::kClustered})
+    for (const auto& entry : std::filesystem::directory_iterator(SCREE_TEST_DATA)) {
+      const std::filesystem::path source = entry.path();
+      if (source.extension() != ".glb" && source.extension() != ".gltf") continue;
+      INFO(source.filename().string());
+      const scree::tests::TempFolder folder;
+      scree::convert::ConvertOptions convert;
+      convert.input = source.string();
+      convert.output = folder.file("scene.scree");
+      convert.encoding = encoding;
+      if (!scree::convert::convert(convert)) continue;
+      const Scene scene = load(convert.output);
+      Result<DeviceScene> device = DeviceScene::upload(scene, 0, 2);
+      REQUIRE(device);
+      scree::runtime::CameraOptions camera;
+      camera.width = 321;
+      camera.height = 123;
+      const Result<View> view = scree::runtime::make_view(scene.container(), 0, scene.view(), camera);
+      REQUIRE(view);
+      for (const uint32_t samples : {1u, 2u, 4u}) compare(scene, *device, *view, samples);
+      View flat = *view;  // the same picture from an orthographic camera
+      flat.orthographic = true;
+      double height = 0;
+      for (size_t i = 0; i < 3; ++i) height = std::max(height, std::abs(flat.eye[i]));
+      flat.half_height = std::max(height, 1.0);
+      flat.half_width = flat.half_height * flat.width / flat.height;
+      flat.z_far = flat.z_near + 100 * flat.half_height;
+      compare(scene, *device, flat, 2);
+    }
 }
 
 TEST_CASE("pages that only the GPU has are drawn and picked alike", "[cuda]") {

@@ -1,0 +1,81 @@
+// What one frame on a GPU draws of clustered chunks, and what it knows from the frame before. The frame goes in passes:
+// first what was seen last time, then, against the depth pyramid of that, what else is to be seen; where the camera has
+// moved, in rounds from near to far, each against the pyramid of those before.
+#pragma once
+
+#include "kernels/depth_pyramid.h"
+#include "kernels/draw_list.h"
+#include "kernels/sample_filter.h"
+
+namespace scree::kernels {
+
+/// A clustered chunk drawn for one instance. A unit of it is a group of 32 clusters.
+struct alignas(16) ClusterDraw {
+  SampleFilter filter;
+  float x[4];  // rows of the instance's transform
+  float y[4];
+  float w[4];
+  int32_t base[3];  // lattice coordinate of the chunk's position_min minus the transform's reference
+  uint32_t flags;
+  uint64_t first_id;    // of the chunk's triangle 0
+  uint64_t first_unit;  // sum over the draws before
+  uint64_t first_word;  // of ClusterList::seen: of its group 0
+  const std::byte* payload;
+  uint32_t chunk;
+  uint32_t instance;
+  uint32_t cluster_count;
+  float error[3];   // of x, y and w: set_error()
+  uint32_t bucket;  // of kNearBuckets, 0 the nearest
+  uint32_t reserved;
+
+  static constexpr uint32_t kMirrored = 1;
+  static constexpr uint32_t kFarAway = 2;  // base + offset does not fit int32
+  static constexpr uint32_t kDoubleSided = 4;
+
+  SCREE_HD uint32_t group_count() const {
+    return (cluster_count + format::kGroupClusters - 1) / format::kGroupClusters;
+  }
+  SCREE_HD const format::ClusterBounds* group_bounds() const {
+    return reinterpret_cast<const format::ClusterBounds*>(payload);
+  }
+  SCREE_HD const format::ClusterBounds* cluster_bounds() const { return group_bounds() + group_count(); }
+  SCREE_HD const format::ClusterRecord* clusters() const {
+    return reinterpret_cast<const format::ClusterRecord*>(cluster_bounds() + cluster_count);
+  }
+  SCREE_HD const uint32_t* data() const { return reinterpret_cast<const uint32_t*>(clusters() + cluster_count); }
+};
+static_assert(sizeof(ClusterDraw) == 192);
+
+/// A cluster to be drawn.
+struct ClusterItem {
+  uint32_t draw;
+  uint32_t cluster;  // of the draw's chunk
+};
+
+/// A triangle to be drawn by itself: it needs clipping.
+struct ClipItem {
+  uint32_t instance;
+  uint32_t chunk;
+  uint32_t triangle;  // of the chunk
+};
+
+/// Device memory.
+struct ClusterList {
+  // Of the scene:
+  const Candidate* candidates;  // of clustered chunks
+  const uint32_t* chunk_group;  // by chunk: groups of the mesh's chunks before
+  const uint64_t* first_word;   // by instance: groups of the instances before
+  uint32_t candidate_count;
+  // Kept from frame to frame: a bit for each cluster of each instance, set if it was not hidden. Null: every cluster
+  // that is not outside of the picture is drawn in one pass.
+  uint32_t* seen;
+  // Of the frame:
+  ClusterDraw* draws;  // room for candidate_count * kGroupInstances
+  ClusterItem* items;
+  uint64_t item_capacity;  // below 2^32
+  ClipItem* to_clip;
+  uint64_t clip_capacity;
+  DepthPyramid pyramid;
+};
+
+}  // namespace scree::kernels

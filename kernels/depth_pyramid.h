@@ -1,0 +1,99 @@
+// The depth pyramid: of every square of 2, 4, 8, ... samples a side the farthest depth code. What lies behind the code
+// of all squares it touches is hidden. Source: Greene, Kass, Miller, Hierarchical Z-Buffer Visibility, 1993.
+#pragma once
+
+#include "kernels/depth.h"
+#include "kernels/setup.h"
+
+namespace scree::kernels {
+inline namespace SCREE_ISA {
+
+/// Levels 1 to kPyramidLevels; one square of the last covers the largest image.
+inline constexpr uint32_t kPyramidLevels = 14;
+static_assert(kMaxImageSide <= 1u << kPyramidLevels);
+
+/// Squares of 2^level samples a side, row by row; those at the image's end may cover less.
+struct DepthPyramid {
+  uint32_t* codes;
+  uint64_t offset[kPyramidLevels + 1];  // of a level's first code; [0] is unused
+  int32_t width;                        // of the image
+  int32_t height;
+
+  SCREE_HD int32_t across(uint32_t level) const { return ((width - 1) >> level) + 1; }
+  SCREE_HD int32_t down(uint32_t level) const { return ((height - 1) >> level) + 1; }
+  SCREE_HD uint32_t* row(uint32_t level, int32_t y) const {
+    return codes + offset[level] + static_cast<uint64_t>(y) * static_cast<uint64_t>(across(level));
+  }
+};
+
+/// Where the levels lie; returns how many codes there are.
+SCREE_HD inline uint64_t lay_out(DepthPyramid& pyramid, int32_t width, int32_t height) {
+  pyramid.width = width;
+  pyramid.height = height;
+  uint64_t count = 0;
+  pyramid.offset[0] = 0;
+  for (uint32_t level = 1; level <= kPyramidLevels; ++level) {
+    pyramid.offset[level] = count;
+    count += static_cast<uint64_t>(pyramid.across(level)) * static_cast<uint64_t>(pyramid.down(level));
+  }
+  return count;
+}
+
+/// Fills the pyramid from the samples of its image, the plain way.
+inline void build_pyramid(const DepthPyramid& pyramid, const uint64_t* samples) {
+  for (uint32_t level = 1; level <= kPyramidLevels; ++level) {
+    const int32_t below_across = level == 1 ? pyramid.width : pyramid.across(level - 1);
+    const int32_t below_down = level == 1 ? pyramid.height : pyramid.down(level - 1);
+    for (int32_t y = 0; y < pyramid.down(level); ++y) {
+      for (int32_t x = 0; x < pyramid.across(level); ++x) {
+        uint32_t farthest = 0;
+        for (int32_t i = 0; i < 4; ++i) {
+          const int32_t from_x = min_of(2 * x + i % 2, below_across - 1);
+          const int32_t from_y = min_of(2 * y + i / 2, below_down - 1);
+          const uint32_t code =
+              level == 1
+                  ? sample_depth_code(samples[static_cast<uint64_t>(from_y) * static_cast<uint64_t>(pyramid.width) +
+                                              static_cast<uint64_t>(from_x)])
+                  : pyramid.row(level - 1, from_y)[from_x];
+          farthest = max_of(farthest, code);
+        }
+        pyramid.row(level, y)[x] = farthest;
+      }
+    }
+  }
+}
+
+/// The farthest code of the squares of a level that `box` touches.
+SCREE_HD inline uint32_t farthest_code(const DepthPyramid& pyramid, uint32_t level, const PixelBox& box) {
+  uint32_t farthest = 0;
+  for (int32_t y = box.y0 >> level; y <= box.y1 >> level; ++y) {
+    const uint32_t* const row = pyramid.row(level, y);
+    for (int32_t x = box.x0 >> level; x <= box.x1 >> level; ++x) farthest = max_of(farthest, row[x]);
+  }
+  return farthest;
+}
+
+/// Whether every sample of `box` has a depth code smaller than `nearest_code`. `samples`: as the pyramid was made from
+/// them, or nearer since. Boxes of up to 2 x 2 samples are looked up in them; others in the squares of the first level
+/// on which at most 2 x 2 cover the box and, where that does not hide it, in those a quarter as large.
+SCREE_HD inline bool is_hidden(const DepthPyramid& pyramid, const uint64_t* samples, const PixelBox& box,
+                               uint32_t nearest_code) {
+  const int32_t longest = max_of(box.x1 - box.x0, box.y1 - box.y0);
+  if (longest <= 1) {
+    const uint64_t* first = samples + static_cast<uint64_t>(box.y0) * static_cast<uint64_t>(pyramid.width);
+    const uint64_t* second = samples + static_cast<uint64_t>(box.y1) * static_cast<uint64_t>(pyramid.width);
+    const uint64_t a = max_of(first[box.x0], first[box.x1]);
+    const uint64_t b = max_of(second[box.x0], second[box.x1]);
+    return nearest_code > sample_depth_code(max_of(a, b));
+  }
+  uint32_t level = 1;
+  while (longest >> level > 0) ++level;
+  const uint32_t* const first = pyramid.row(level, box.y0 >> level);
+  const uint32_t* const second = pyramid.row(level, box.y1 >> level);
+  const uint32_t farthest = max_of(max_of(first[box.x0 >> level], first[box.x1 >> level]),
+                                   max_of(second[box.x0 >> level], second[box.x1 >> level]));
+  return nearest_code > farthest || nearest_code > farthest_code(pyramid, level - 1, box);
+}
+
+}  // namespace SCREE_ISA
+}  // namespace scree::kernels
