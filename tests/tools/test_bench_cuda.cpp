@@ -1,6 +1,7 @@
 // Scenes made on the GPU: the host's bytes, and the CPU's picture of them.
 #include <algorithm>
 #include <cstring>
+#include <random>
 #include <vector>
 
 #include "runtime/device_scene.h"
@@ -25,6 +26,7 @@ bool has_device() {
 }
 
 constexpr Encoding kEncodings[] = {{false, 16, true}, {true, 16, false}, {false, 24, true}, {false, 8, false}};
+constexpr Encoding kClustered[] = {{false, 16, true, true}, {false, 24, true, true}, {false, 8, true, true}};
 
 void check_bytes(const synth::Scene& scene, const Encoding& encoding) {
   INFO(scene.name << " " << encoding_name(encoding));
@@ -73,6 +75,47 @@ void check_picture(const synth::Scene& scene, const Encoding& encoding) {
   }
 }
 
+std::vector<uint64_t> draw(Frames& frames, const kernels::View& view, const Culling& culling) {
+  FrameOptions options;
+  options.culling = culling;
+  FrameMs ms;
+  REQUIRE(frames.draw(view, options, ms));
+  Result<std::vector<uint64_t>> samples = frames.samples();
+  REQUIRE(samples);
+  return std::move(*samples);
+}
+
+/// Every frame is a jump of the camera, then one where it stands still. What the frames before left behind differs
+/// between `used` and `fresh`.
+void check_culling(const synth::Scene& scene, int cameras) {
+  INFO(scene.name);
+  const Result<ResidentScene> resident = ResidentScene::generate(scene, kClustered[0]);
+  REQUIRE(resident);
+  Result<Frames> used = Frames::create(*resident);
+  Result<Frames> fresh = Frames::create(*resident);
+  REQUIRE(used);
+  REQUIRE(fresh);
+  std::mt19937 random(1);
+  std::uniform_real_distribution<double> share(0, 1);
+  int wrong = 0;
+  for (int i = 0; i < cameras; ++i) {
+    synth::SceneCamera camera = scene.cameras[0];
+    const synth::SceneCamera& other = scene.cameras.back();
+    const double t = share(random);
+    for (size_t axis = 0; axis < 3; ++axis) {
+      camera.eye[axis] += t * (other.eye[axis] - camera.eye[axis]);
+      camera.target[axis] += share(random) * (other.target[axis] - camera.target[axis]) +
+                             (share(random) - 0.5) * (camera.eye[axis] - camera.target[axis]);
+    }
+    const kernels::View view = scene_view(camera, 640, 360);
+    const std::vector<uint64_t> expected = draw(*fresh, view, {false, false});
+    wrong += draw(*used, view, {true, true}) != expected;  // after a jump
+    wrong += draw(*used, view, {true, true}) != expected;  // standing still
+    wrong += draw(*fresh, view, {true, false}) != expected;
+  }
+  CHECK(wrong == 0);
+}
+
 }  // namespace
 
 TEST_CASE("scenes generated on the GPU have the host's bytes", "[cuda]") {
@@ -94,4 +137,18 @@ TEST_CASE("generated scenes are drawn on the GPU as on the CPU", "[cuda]") {
     check_picture(synth::terrain_scene(synth::MeshOrder::kRow, 0.002), encoding);
     check_picture(synth::lantern_scene(synth::MeshOrder::kBlock, 0.01), encoding);
   }
+  for (const Encoding& encoding : kClustered) {
+    check_picture(synth::sponzalike_scene(1), encoding);
+    check_picture(synth::terrain_scene(synth::MeshOrder::kRow, 0.03), encoding);  // enough for two passes
+    check_picture(synth::lantern_scene(synth::MeshOrder::kBlock, 0.01), encoding);
+    check_picture(synth::zorahlike_scene(synth::MeshOrder::kRow, 2e-4), encoding);
+  }
+}
+
+TEST_CASE("culling of clusters changes no picture", "[cuda]") {
+  if (!has_device()) return;
+  check_culling(synth::sponzalike_scene(1), 50);
+  check_culling(synth::terrain_scene(synth::MeshOrder::kRow, 0.05), 50);
+  check_culling(synth::lantern_scene(synth::MeshOrder::kRow, 0.02), 200);
+  check_culling(synth::zorahlike_scene(synth::MeshOrder::kRow, 0.002), 200);
 }

@@ -44,12 +44,13 @@ struct CaseResult {
   std::string order;  // "row", "block" or, of a file, "file"
   double scale = 1;
   std::string positions;  // "16" bits, "float32"; of a file "file"
-  std::string indices;    // "packed", "32"; likewise
+  std::string indices;    // "packed", "32", "clustered"; likewise
   std::string view;       // or "path"
   uint32_t width = 0;     // pixels
   uint32_t height = 0;
   uint32_t samples_per_side = 1;
   bool sampleless_test = true;
+  std::string culling = "all";  // of clusters
   std::string effects = "none";
   uint32_t frames = 0;
 
@@ -59,11 +60,12 @@ struct CaseResult {
   uint64_t device_bytes = 0;     // pages and records
   kernels::FrameStats stats{};   // of the last frame
   uint64_t covered_samples = 0;
+  uint64_t picture = 0;                   // XXH3-64 of the last frame's visibility buffer
   std::optional<uint64_t> touched_bytes;  // indices and positions of the chunks that culling leaves, each chunk once
 
   // Of the stages; none where the backend does not time them apart.
-  std::optional<Times> clear, cull, small, medium, large, resolve, occlusion;
-  std::optional<Times> raster;  // cull and the three stages: what is compared
+  std::optional<Times> clear, cull, small, medium, large, pyramid, second, resolve, occlusion;
+  std::optional<Times> raster;  // all from culling on, without resolve: what is compared
   Times frame;                  // as the host sees it: from the call to a finished picture
 
   std::optional<PictureError> error;

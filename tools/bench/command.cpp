@@ -26,9 +26,12 @@ Command add_bench(CLI::App& parent) {
   app->add_option("--positions", words->positions, "Encodings of generated scenes: 8 to 24 (bits an axis), float32")
       ->capture_default_str()
       ->type_name("LIST");
-  app->add_option("--indices", words->indices, "packed, 32, or auto: 32 bits with float32 positions, else packed")
+  app->add_option(
+         "--indices", words->indices,
+         "packed, 32, clustered (clusters, not chunks of indices), or auto: 32 bits with float32 positions, else "
+         "packed")
       ->capture_default_str()
-      ->type_name("KIND");
+      ->type_name("LIST");
   app->add_option("--order", words->order, "Order of triangles and vertices: row, or block (A, B, C)")
       ->capture_default_str()
       ->type_name("ORDER");
@@ -40,6 +43,10 @@ Command add_bench(CLI::App& parent) {
       ->type_name("LIST");
   app->add_option("--sampleless", words->sampleless,
                   "Dropping triangles that cover no pixel centre early: on, off; the picture is the same")
+      ->capture_default_str()
+      ->type_name("LIST");
+  app->add_option("--culling", words->culling,
+                  "Of clusters: all, bounds (not those hidden by others), none; the picture is the same")
       ->capture_default_str()
       ->type_name("LIST");
   app->add_option("--effects", words->effects, "none, ssao (ambient occlusion), edl (eye-dome lighting), ssao+edl")

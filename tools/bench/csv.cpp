@@ -33,6 +33,12 @@ std::string number(uint64_t value) {
   return std::to_string(value);
 }
 
+std::string hex(uint64_t value) {
+  char text[17];
+  std::snprintf(text, sizeof text, "%016llx", static_cast<unsigned long long>(value));
+  return text;
+}
+
 void add_times(std::vector<Cell>& cells, const std::string& name, const std::optional<Times>& times) {
   cells.emplace_back(name + "_ms", times ? number(times->median) : "");
   cells.emplace_back(name + "_min_ms", times ? number(times->minimum) : "");
@@ -57,6 +63,7 @@ std::vector<Cell> cells_of(const Machine& machine, const CaseResult& r) {
       {"height", number(uint64_t{r.height})},
       {"samples_per_side", number(uint64_t{r.samples_per_side})},
       {"sampleless_test", r.sampleless_test ? "on" : "off"},
+      {"culling", r.culling},
       {"effects", r.effects},
       {"frames", number(uint64_t{r.frames})},
       {"unique_triangles", number(r.unique_triangles)},
@@ -71,7 +78,11 @@ std::vector<Cell> cells_of(const Machine& machine, const CaseResult& r) {
       {"medium_triangles", number(r.stats.triangles_medium)},
       {"large_triangles", number(r.stats.triangles_large)},
       {"clipped_triangles", number(r.stats.triangles_clipped)},
+      {"groups_tested", number(r.stats.groups_tested)},
+      {"clusters_tested", number(r.stats.clusters_tested)},
+      {"clusters_drawn", number(r.stats.clusters_drawn)},
       {"covered_samples", number(r.covered_samples)},
+      {"picture", hex(r.picture)},
       {"touched_bytes", r.touched_bytes ? number(*r.touched_bytes) : ""},
   };
   add_times(cells, "clear", r.clear);
@@ -79,6 +90,8 @@ std::vector<Cell> cells_of(const Machine& machine, const CaseResult& r) {
   add_times(cells, "small", r.small);
   add_times(cells, "medium", r.medium);
   add_times(cells, "large", r.large);
+  add_times(cells, "pyramid", r.pyramid);
+  add_times(cells, "second", r.second);
   add_times(cells, "raster", r.raster);
   add_times(cells, "resolve", r.resolve);
   add_times(cells, "occlusion", r.occlusion);

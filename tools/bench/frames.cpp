@@ -29,6 +29,8 @@ struct Frames::Impl {
   Result<kernels::FrameStats> raster(const kernels::View& view, const FrameOptions& options, FrameMs& ms) {
     kernels::DrawOptions draw;
     draw.sampleless_test = options.sampleless_test;
+    draw.cluster_bounds = options.culling.bounds;
+    draw.occlusion = options.culling.occlusion;
     kernels::FrameTimes times{};
     Result<kernels::FrameStats> stats = frames->draw(view, device_samples(), draw, &times);
     ms.clear = times.clear_ms;
@@ -36,6 +38,10 @@ struct Frames::Impl {
     ms.small = times.small_ms;
     ms.medium = times.medium_ms;
     ms.large = times.large_ms;
+    if (times.second_ms != 0) {
+      ms.pyramid = times.pyramid_ms;
+      ms.second = times.second_ms;
+    }
     ms.raster = times.raster_ms;
     return stats;
   }

@@ -14,13 +14,14 @@ namespace scree::bench {
 
 /// Of one frame, ms; what the backend does not time apart is missing.
 struct FrameMs {
-  std::optional<float> clear, cull, small, medium, large, raster, resolve, occlusion;
+  std::optional<float> clear, cull, small, medium, large, pyramid, second, raster, resolve, occlusion;
   float frame = 0;  // all of it, with the waits between
 };
 
 struct FrameOptions {
   uint32_t samples_per_side = 1;
   bool sampleless_test = true;  // triangles that cover no pixel centre go early
+  Culling culling;
   Effects effects;
 };
 

@@ -42,8 +42,6 @@ Result<std::vector<std::string>> parse_scenes(const std::string& text) {
 }
 
 Result<std::vector<Encoding>> parse_encodings(const std::string& positions, const std::string& indices) {
-  if (indices != "auto" && indices != "packed" && indices != "32")
-    return usage("--indices: '" + indices + "' is not packed, 32 or auto");
   std::vector<Encoding> encodings;
   for (const std::string& word : split(positions)) {
     Encoding encoding;
@@ -53,10 +51,27 @@ Result<std::vector<Encoding>> parse_encodings(const std::string& positions, cons
       if (!bits) return usage("--positions: '" + word + "' is not float32 or a number of bits from 8 to 24");
       encoding.position_bits = static_cast<uint32_t>(*bits);
     }
-    encoding.packed_indices = indices == "auto" ? !encoding.float32 : indices == "packed";
-    encodings.push_back(encoding);
+    for (const std::string& kind : split(indices)) {
+      if (kind != "auto" && kind != "packed" && kind != "32" && kind != "clustered")
+        return usage("--indices: '" + kind + "' is not packed, 32, clustered or auto");
+      if (kind == "clustered" && encoding.float32) continue;  // clusters have lattice positions
+      encoding.packed_indices = kind == "auto" ? !encoding.float32 : kind == "packed";
+      encoding.clustered = kind == "clustered";
+      encodings.push_back(encoding);
+    }
   }
+  if (encodings.empty()) return usage("--indices: clustered takes --positions in bits, not float32");
   return encodings;
+}
+
+Result<std::vector<Culling>> parse_culling(const std::string& text) {
+  std::vector<Culling> cullings;
+  for (const std::string& word : split(text)) {
+    if (word != "all" && word != "bounds" && word != "none")
+      return usage("--culling: '" + word + "' is not all, bounds or none");
+    cullings.push_back({word != "none", word == "all"});
+  }
+  return cullings;
 }
 
 Result<std::vector<uint32_t>> parse_samples(const std::string& text) {
@@ -121,6 +136,10 @@ Result<std::vector<std::string>> parse_views(const std::string& text, const std:
 
 }  // namespace
 
+std::string culling_name(const Culling& culling) {
+  return culling.occlusion ? "all" : culling.bounds ? "bounds" : "none";
+}
+
 std::string effects_name(const Effects& effects) {
   if (!effects.ssao) return effects.edl ? "edl" : "none";
   return effects.edl ? "ssao+edl" : "ssao";
@@ -151,6 +170,9 @@ Result<BenchOptions> parse_options(const BenchWords& words) {
   Result<std::vector<bool>> tests = parse_switches("--sampleless", words.sampleless);
   if (!tests) return tests.error();
   options.sampleless_tests = std::move(*tests);
+  Result<std::vector<Culling>> culling = parse_culling(words.culling);
+  if (!culling) return culling.error();
+  options.culling = std::move(*culling);
   Result<std::vector<Effects>> effects = parse_effects(words.effects);
   if (!effects) return effects.error();
   options.effects = std::move(*effects);

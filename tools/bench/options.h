@@ -22,6 +22,7 @@ struct BenchWords {
   std::string order = "row";
   std::string samples = "1";
   std::string sampleless = "on";
+  std::string culling = "all";
   std::string effects = "none";
   std::string size;
   std::string csv;
@@ -44,6 +45,12 @@ struct Effects {
   bool edl = false;   // eye-dome lighting
 };
 
+/// What of clustered chunks is left out; the picture is the same.
+struct Culling {
+  bool bounds = true;     // clusters outside of the picture, and between pixel centres
+  bool occlusion = true;  // and hidden ones
+};
+
 struct BenchOptions {
   std::string file;                 // a .scree file; empty: generated scenes
   std::vector<std::string> scenes;  // names that make_scene() takes
@@ -52,6 +59,7 @@ struct BenchOptions {
   synth::MeshOrder order = synth::MeshOrder::kRow;
   double scale = 1;                        // of A, B and C
   std::vector<uint32_t> samples_per_side;  // 1, 2, 4
+  std::vector<Culling> culling;
   std::vector<Effects> effects;
   std::vector<bool> sampleless_tests;  // on, off
   std::optional<ImageSize> size;       // instead of the scene's own
@@ -61,6 +69,9 @@ struct BenchOptions {
   bool sweep = false;
   std::string csv;  // empty: none
 };
+
+/// "all", "bounds" or "none".
+std::string culling_name(const Culling& culling);
 
 /// "none", "ssao", "edl" or "ssao+edl".
 std::string effects_name(const Effects& effects);

@@ -2,8 +2,10 @@
 
 #include <algorithm>
 #include <string>
+#include <thread>
 
 #include "format/chunk_layout.h"
+#include "tools/bench/clustered.h"
 #include "tools/bench/generate.h"
 #include "tools/common/options.h"
 
@@ -18,6 +20,14 @@ Result<ResidentScene> ResidentScene::generate(const synth::Scene& scene, const E
   if (!boxes) return boxes.error();
   Result<SceneTables> tables = make_tables(scene, plans, *boxes, encoding);
   if (!tables) return tables.error();
+  std::vector<std::vector<std::byte>> payloads;
+  if (encoding.clustered) {
+    Result<ClusteredScene> clustered =
+        encode_clustered(scene, plans, std::move(*tables), std::max(1u, std::thread::hardware_concurrency()));
+    if (!clustered) return clustered.error();
+    *tables = std::move(clustered->tables);
+    payloads = std::move(clustered->payloads);
+  }
   ResidentScene resident;
   resident.tables_ = std::make_unique<SceneTables>(std::move(*tables));
   resident.host_ = resident.tables_->view(nullptr);
@@ -25,6 +35,10 @@ Result<ResidentScene> ResidentScene::generate(const synth::Scene& scene, const E
   if (Result<void> done = resident.allocate_pages(resident.tables_->arena_bytes); !done) return done.error();
   if (Result<void> done = resident.copy_records(resident.tables_->page_pointers(resident.pages_.data())); !done)
     return done.error();
+  if (encoding.clustered) {
+    if (Result<void> done = resident.copy_payloads(payloads); !done) return done.error();
+    return resident;
+  }
   if (Result<void> done =
           fill_chunks_cuda(scene, plans, resident.device_.meshes, resident.device_.chunks, resident.device_.pages);
       !done)
@@ -46,9 +60,8 @@ Result<ResidentScene> ResidentScene::upload(runtime::Scene scene, uint32_t threa
   for (uint64_t i = 0; i < drawn.size(); ++i) is_drawn[drawn.page(i)] = true;
   const kernels::SceneView& host = resident.host_;
   for (uint64_t i = 0; i < host.chunk_count; ++i) {
-    if (!is_drawn[host.chunks[i].page]) continue;
-    // Indices and positions, or clusters.
-    resident.geometry_bytes_ += format::chunk_streams(host.meshes[host.chunks[i].mesh], host.chunks[i]).uvs.offset;
+    if (is_drawn[host.chunks[i].page])
+      resident.geometry_bytes_ += bench::geometry_bytes(host.meshes[host.chunks[i].mesh], host.chunks[i]);
   }
   return resident;
 }
@@ -66,6 +79,17 @@ Result<void> ResidentScene::allocate_pages(uint64_t bytes) {
   pages_ = std::move(*pages);
   device_bytes_ += bytes;
   return cuda_check(cudaMemset(pages_.data(), 0, bytes), "clearing the scene's pages");
+}
+
+Result<void> ResidentScene::copy_payloads(const std::vector<std::vector<std::byte>>& payloads) {
+  for (size_t i = 0; i < payloads.size(); ++i) {
+    const format::ChunkRecord& chunk = tables_->chunks[i];
+    std::byte* const to = pages_.data() + tables_->page_offset[chunk.page] + chunk.offset;
+    Result<void> done = cuda_check(cudaMemcpy(to, payloads[i].data(), payloads[i].size(), cudaMemcpyHostToDevice),
+                                   "copying a chunk to the device");
+    if (!done) return done;
+  }
+  return {};
 }
 
 Result<void> ResidentScene::copy_records(const std::vector<const std::byte*>& pages) {

@@ -30,7 +30,7 @@ class ResidentScene {
   std::span<const ChunkBox> boxes() const {
     return tables_ ? std::span<const ChunkBox>(tables_->boxes) : std::span<const ChunkBox>();
   }
-  /// Indices and positions.
+  /// Indices and positions, or clusters.
   uint64_t geometry_bytes() const { return geometry_bytes_; }
   uint64_t unique_triangles() const;
   uint64_t drawn_triangles() const { return host_.instance_base[host_.instance_count]; }
@@ -50,6 +50,8 @@ class ResidentScene {
  private:
   ResidentScene() = default;
   Result<void> allocate_pages(uint64_t bytes);
+  /// Copies each chunk's payload to its place.
+  Result<void> copy_payloads(const std::vector<std::vector<std::byte>>& payloads);
   /// Copies the records that host_ shows and the page pointers, and makes device_ of them.
   Result<void> copy_records(const std::vector<const std::byte*>& pages);
 

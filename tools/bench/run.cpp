@@ -9,6 +9,7 @@
 #include <thread>
 #include <vector>
 
+#include "format/checksum.h"
 #include "runtime/camera.h"
 #include "runtime/scene.h"
 #include "tools/bench/csv.h"
@@ -31,7 +32,7 @@ struct NamedView {
 
 /// The times of all frames, stage by stage.
 struct Series {
-  std::vector<float> clear, cull, small, medium, large, raster, resolve, occlusion, frame;
+  std::vector<float> clear, cull, small, medium, large, pyramid, second, raster, resolve, occlusion, frame;
 
   static void add(std::vector<float>& times, const std::optional<float>& ms) {
     if (ms) times.push_back(*ms);
@@ -42,6 +43,8 @@ struct Series {
     add(small, ms.small);
     add(medium, ms.medium);
     add(large, ms.large);
+    add(pyramid, ms.pyramid);
+    add(second, ms.second);
     add(raster, ms.raster);
     add(resolve, ms.resolve);
     add(occlusion, ms.occlusion);
@@ -57,6 +60,8 @@ struct Series {
     result.small = times(small);
     result.medium = times(medium);
     result.large = times(large);
+    result.pyramid = times(pyramid);
+    result.second = times(second);
     result.raster = times(raster);
     result.resolve = times(resolve);
     result.occlusion = times(occlusion);
@@ -109,7 +114,7 @@ class Runner {
     result.order = name == "D" || options_.order == synth::MeshOrder::kRow ? "row" : "block";  // D has row order only
     result.scale = name == "D" || name == "A60" ? 1 : options_.scale;
     result.positions = encoding.float32 ? "float32" : std::to_string(encoding.position_bits);
-    result.indices = encoding.packed_indices ? "packed" : "32";
+    result.indices = encoding.clustered ? "clustered" : encoding.packed_indices ? "packed" : "32";
     const ImageSize size = image_size({scene.width, scene.height});
     result.width = size.width;
     result.height = size.height;
@@ -133,14 +138,17 @@ class Runner {
     return resident;
   }
 
-  /// The cases of one view and number of samples: the sample-less test on and off, the effects.
+  /// The cases of one view and number of samples: what is culled, the effects.
   Result<void> measure_view(const ResidentScene& resident, Frames& frames, const NamedView& view, CaseResult result) {
     for (const bool test : options_.sampleless_tests) {
-      for (const Effects& effects : options_.effects) {
-        result.sampleless_test = test;
-        result.effects = effects_name(effects);
-        if (Result<void> done = measure(resident, frames, view, effects, result); !done) return done;
-        if (Result<void> done = keep(result); !done) return done;
+      for (const Culling& culling : options_.culling) {
+        for (const Effects& effects : options_.effects) {
+          result.sampleless_test = test;
+          result.culling = culling_name(culling);
+          result.effects = effects_name(effects);
+          if (Result<void> done = measure(resident, frames, view, culling, effects, result); !done) return done;
+          if (Result<void> done = keep(result); !done) return done;
+        }
       }
     }
     return {};
@@ -179,7 +187,7 @@ class Runner {
       size_t number = 0;
       for (const NamedView& view : views_of(scene, 1)) {
         CaseResult result = describe(name, scene, encoding, *resident);
-        if (Result<void> done = measure(*resident, *frames, view, Effects{}, result); !done) return done;
+        if (Result<void> done = measure(*resident, *frames, view, Culling{}, Effects{}, result); !done) return done;
         Result<HostPicture> picture = frames->picture();
         if (!picture) return picture.error();
         if (encoding.float32) references.push_back(*picture);
@@ -272,8 +280,8 @@ class Runner {
   }
 
   /// Warms up and takes the times of options_.frames frames, or of a path once.
-  Result<void> measure(const ResidentScene& resident, Frames& frames, const NamedView& view, const Effects& effects,
-                       CaseResult& result) {
+  Result<void> measure(const ResidentScene& resident, Frames& frames, const NamedView& view, const Culling& culling,
+                       const Effects& effects, CaseResult& result) {
     result.view = view.name;
     result.frames = view.frames.size() > 1 ? static_cast<uint32_t>(view.frames.size()) : options_.frames;
     Series series;
@@ -281,6 +289,7 @@ class Runner {
     FrameOptions frame;
     frame.samples_per_side = result.samples_per_side;
     frame.sampleless_test = result.sampleless_test;
+    frame.culling = culling;
     frame.effects = effects;
     // A path's last frames warm up for its first, which is the jump back.
     for (uint32_t i = options_.warmup; i-- > 0;) {
@@ -299,9 +308,11 @@ class Runner {
     if (!samples) return samples.error();
     result.covered_samples = static_cast<uint64_t>(std::count_if(
         samples->begin(), samples->end(), [](uint64_t sample) { return sample != kernels::kBackground; }));
+    result.picture = format::checksum(std::as_bytes(std::span(*samples)));
     const Touched touched = count_touched(resident.host(), resident.boxes(), view.frames.back());
     // Only where the frame drew just these chunks are these the bytes it read.
-    if (view.frames.size() == 1 && touched.draws == result.stats.draws) result.touched_bytes = touched.bytes;
+    if (view.frames.size() == 1 && result.stats.clusters_drawn == 0 && touched.draws == result.stats.draws)
+      result.touched_bytes = touched.bytes;
     return {};
   }
 

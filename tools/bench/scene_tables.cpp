@@ -112,7 +112,23 @@ void add_instances(const synth::Scene& scene, SceneTables& tables) {
 
 std::string encoding_name(const Encoding& encoding) {
   const std::string positions = encoding.float32 ? "float32" : std::to_string(encoding.position_bits) + "-bit";
-  return positions + (encoding.packed_indices ? ", packed" : ", 32-bit");
+  return positions + (encoding.clustered ? ", clustered" : encoding.packed_indices ? ", packed" : ", 32-bit");
+}
+
+void place_chunks(SceneTables& tables) {
+  tables.page_offset.clear();
+  tables.arena_bytes = 0;
+  tables.geometry_bytes = 0;
+  for (format::MeshRecord& mesh : tables.meshes) mesh.vertex_count = 0;
+  uint64_t page_bytes = 0;
+  for (format::ChunkRecord& chunk : tables.chunks) {
+    place_chunk(tables, page_bytes, chunk);
+    tables.meshes[chunk.mesh].vertex_count += chunk.vertex_count;
+  }
+}
+
+uint64_t geometry_bytes(const format::MeshRecord& mesh, const format::ChunkRecord& chunk) {
+  return format::chunk_streams(mesh, chunk).uvs.offset;
 }
 
 std::vector<const std::byte*> SceneTables::page_pointers(const std::byte* base) const {

@@ -18,9 +18,10 @@ struct Encoding {
   bool float32 = false;
   uint32_t position_bits = 16;  // an axis, of the mesh's lattice; 1 to format::kMaxPositionBits
   bool packed_indices = true;   // false: 32 bits each
+  bool clustered = false;       // of lattice positions: clusters, which have indices of their own
 };
 
-/// "16-bit, packed" or "float32, 32-bit": positions, then indices.
+/// "16-bit, packed", "16-bit, clustered" or "float32, 32-bit": positions, then indices.
 std::string encoding_name(const Encoding& encoding);
 
 /// The box of a chunk's vertices.
@@ -39,7 +40,7 @@ struct SceneTables {
   std::vector<ChunkBox> boxes;        // of the chunks
   std::vector<uint64_t> page_offset;  // bytes in the arena
   uint64_t arena_bytes = 0;
-  uint64_t geometry_bytes = 0;  // of the chunks: indices and positions
+  uint64_t geometry_bytes = 0;  // of the chunks: indices and positions, or clusters
 
   /// The pointers of `pages` to fill for an arena at `base`.
   std::vector<const std::byte*> page_pointers(const std::byte* base) const;
@@ -51,6 +52,12 @@ struct SceneTables {
 /// bits over its own box, as `scree convert` gives it. Errors kRange: a mesh's box needs more than 24 bits.
 Result<SceneTables> make_tables(const synth::Scene& scene, std::span<const ChunkPlan> plans,
                                 std::span<const ChunkBox> boxes, const Encoding& encoding);
+
+/// Gives the chunks, whose `bytes` have changed, their places anew, and counts the meshes' vertices.
+void place_chunks(SceneTables& tables);
+
+/// What a chunk takes for indices and positions.
+uint64_t geometry_bytes(const format::MeshRecord& mesh, const format::ChunkRecord& chunk);
 
 /// The boxes, and then the bytes of all chunks, made on the host: for small scenes and tests. `arena`: arena_bytes,
 /// 16-byte aligned, zeroed.

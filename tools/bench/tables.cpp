@@ -39,6 +39,9 @@ std::string image_name(const CaseResult& r) {
   const std::string size = std::to_string(r.width) + "x" + std::to_string(r.height);
   const std::string side = std::to_string(r.samples_per_side);
   return size + (r.samples_per_side == 1 ? "" : " " + side + "x" + side) + (r.sampleless_test ? "" : " untested") +
+         (r.culling == "all"    ? ""
+          : r.culling == "none" ? " no culling"
+                                : " no occlusion") +
          (r.effects == "none" ? "" : " " + r.effects);
 }
 
@@ -50,21 +53,21 @@ double bytes_a_triangle(const CaseResult& r) {
 
 std::string times_table(std::span<const CaseResult> cases) {
   TextTable table(5);
-  table.row({"scene", "view", "order", "data", "image", "clear", "cull", "small", "medium", "large", "raster", "min",
-             "spread", "resolve", "occlusion", "frame", "G tri/s"});
+  table.row({"scene", "view", "order", "data", "image", "clear", "cull", "small", "medium", "large", "pyramid",
+             "second", "raster", "min", "spread", "resolve", "occlusion", "frame", "G tri/s"});
   table.rule();
   for (const CaseResult& r : cases)
     table.row({scene_name(r), r.view, r.order, data_name(r), image_name(r), ms(r.clear), ms(r.cull), ms(r.small),
-               ms(r.medium), ms(r.large), ms(r.raster), r.raster ? ms(r.raster->minimum) : "-",
-               r.raster ? ms(r.raster->spread) : "-", ms(r.resolve), ms(r.occlusion), ms(r.frame.median),
-               fixed(r.triangles_per_s() * 1e-9, 2)});
+               ms(r.medium), ms(r.large), ms(r.pyramid), ms(r.second), ms(r.raster),
+               r.raster ? ms(r.raster->minimum) : "-", r.raster ? ms(r.raster->spread) : "-", ms(r.resolve),
+               ms(r.occlusion), ms(r.frame.median), fixed(r.triangles_per_s() * 1e-9, 2)});
   return table.text();
 }
 
 std::string counts_table(std::span<const CaseResult> cases, const Machine& machine) {
   TextTable table(4);
   table.row({"scene", "view", "order", "data", "bytes", "B/tri", "triangles", "culled", "small", "medium", "large",
-             "clipped", "draws", "covered", "touched", "of copy"});
+             "clipped", "draws", "groups", "tested", "clusters", "covered", "touched", "of copy"});
   table.rule();
   for (const CaseResult& r : cases) {
     std::string touched = "-";
@@ -81,7 +84,8 @@ std::string counts_table(std::span<const CaseResult> cases, const Machine& machi
                tools::format_count(static_cast<double>(r.stats.triangles_medium)),
                tools::format_count(static_cast<double>(r.stats.triangles_large)),
                tools::format_count(static_cast<double>(r.stats.triangles_clipped)), tools::grouped(r.stats.draws),
-               tools::grouped(r.covered_samples), touched, share});
+               tools::grouped(r.stats.groups_tested), tools::grouped(r.stats.clusters_tested),
+               tools::grouped(r.stats.clusters_drawn), tools::grouped(r.covered_samples), touched, share});
   }
   return table.text();
 }

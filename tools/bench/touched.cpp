@@ -45,7 +45,7 @@ Touched count_touched(const kernels::SceneView& scene, std::span<const ChunkBox>
       ++touched.draws;
       if (seen[c]) continue;
       seen[c] = true;
-      touched.bytes += format::chunk_streams(mesh, chunk).uvs.offset;  // indices and positions, or clusters
+      touched.bytes += geometry_bytes(mesh, chunk);
     }
   }
   return touched;
