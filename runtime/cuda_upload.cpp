@@ -98,13 +98,6 @@ uint64_t texel_bytes(const kernels::TextureView& texture) {
 
 Result<CudaScene> CudaScene::upload(const Scene& scene, uint64_t budget_bytes, uint64_t reserved_bytes,
                                     uint32_t threads) {
-  for (uint64_t i = 0; i < scene.view().chunk_count; ++i) {
-    if (scene.view().chunks[i].encoding != format::ChunkEncoding::kIndexed) {
-      return Error{ErrorCode::kDevice, "chunk " + std::to_string(i) +
-                                           " is clustered, which only --backend cpu draws so far; convert with "
-                                           "--encoding indexed to draw on a GPU"};
-    }
-  }
   const auto start = std::chrono::steady_clock::now();
   const kernels::SceneView& host = scene.view();
   const auto page_records = scene.container().pages();
