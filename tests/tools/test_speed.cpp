@@ -21,8 +21,11 @@ TEST_CASE("speed: convert takes 8 M triangles a second and core, in bounded memo
   REQUIRE(made.exit_code == 0);
   const double triangles = static_cast<double>(std::filesystem::file_size(folder.file("scene.bin"))) / 18;
   REQUIRE(triangles > 3.9e6);
+  const std::string encoding = GENERATE("indexed", "clustered");
+  INFO(encoding);
   tests::check_speed(8, triangles / 8e6, [&] {
-    const tests::ProgramRun run = tests::run_program({"convert", input, "--threads", "1"}, folder.file("log"));
+    const tests::ProgramRun run =
+        tests::run_program({"convert", input, "--threads", "1", "--encoding", encoding}, folder.file("log"));
     UNSCOPED_INFO(run.output);
     REQUIRE(run.exit_code == 0);
     CHECK(tests::stated_peak(run.output) <=
