@@ -5,6 +5,7 @@
 
 #include "format/bytes.h"
 #include "format/container_checker.h"
+#include "format/mip_levels.h"
 
 namespace scree::format {
 
@@ -203,6 +204,7 @@ Result<void> Checker::textures() const {
 }
 
 Result<void> Checker::images() const {
+  uint64_t next_level = 0;
   for (uint64_t i = 0; i < images_.size(); ++i) {
     const ImageRecord& image = images_[i];
     if (name_is_bad(image.name)) return fail_name("image", i, image.name);
@@ -211,20 +213,54 @@ Result<void> Checker::images() const {
       return fail(kRange, "image ", i, ": page ", image.page, " is of kind ",
                   static_cast<uint32_t>(pages_[image.page].kind), ", which holds no image");
     }
-    if (image.codec != ImageCodec::kJpeg && image.codec != ImageCodec::kPng) {
+    if (image.codec < ImageCodec::kJpeg || image.codec > ImageCodec::kIndexedJpeg) {
       return fail(kRange, "image ", i, ": codec ", static_cast<uint32_t>(image.codec));
     }
-    if (image.width == 0 || image.width > kMaxImageSide || image.height == 0 || image.height > kMaxImageSide) {
-      return fail(kRange, "image ", i, ": ", image.width, " x ", image.height, " pixels, expected 1 to ",
-                  kMaxImageSide);
+    const bool is_indexed = image.codec == ImageCodec::kIndexedJpeg;
+    const uint32_t most = is_indexed ? kMaxJpegSide : kMaxImageSide;
+    if (image.width == 0 || image.width > most || image.height == 0 || image.height > most) {
+      return fail(kRange, "image ", i, ": ", image.width, " x ", image.height, " pixels, expected 1 to ", most);
     }
-    if (image.channels < 1 || image.channels > 4) return fail(kRange, "image ", i, ": ", image.channels, " channels");
-    if (image.index_page != kNone && !(tables_.newer_minor && image.index_page < pages_.size())) {
-      return fail(kRange, "image ", i, ": index page ", image.index_page, ", which this version does not have");
+    if (image.channels < 1 || image.channels > 4 || (is_indexed && image.channels % 2 == 0)) {
+      return fail(kRange, "image ", i, ": ", image.channels, " channels");
     }
-    if (image.reserved) return fail(kReserved, "image ", i, ": a reserved field is set");
+    const uint32_t levels = is_indexed ? stored_level_count(image.width, image.height) : 0;
+    if (image.level_count != levels) {
+      return fail(kRange, "image ", i, ": ", image.level_count, " mip levels, expected ", levels);
+    }
+    if (image.first_level != (levels == 0 ? uint64_t{kNone} : next_level)) {
+      return fail(kRange, "image ", i, ": mip levels from ", image.first_level, ", expected ",
+                  levels == 0 ? uint64_t{kNone} : next_level);
+    }
+    if (auto error = levels_of(i, next_level)) return *std::move(error);
+    next_level += levels;
   }
+  if (next_level != mip_levels_.size()) return fail(kRange, "mip level ", next_level, ": belongs to no image");
   return {};
+}
+
+/// The image's mip levels from `first` on.
+std::optional<Error> Checker::levels_of(uint64_t image, uint64_t first) const {
+  for (uint64_t i = first; i < first + images_[image].level_count; ++i) {
+    if (i >= mip_levels_.size()) {
+      return fail_index("image", image, "mip level", i, mip_levels_.size(), "mip levels");
+    }
+    const MipLevelRecord& level = mip_levels_[i];
+    if (level.image != image) {
+      return fail(kRange, "mip level ", i, ": image ", level.image, ", expected ", image);
+    }
+    if (level.page >= pages_.size()) return fail_index("mip level", i, "page", level.page, pages_.size(), "pages");
+    const PageRecord& page = pages_[level.page];
+    if (page.kind != PageKind::kImage) {
+      return fail(kRange, "mip level ", i, ": page ", level.page, " is of kind ", static_cast<uint32_t>(page.kind),
+                  ", which holds no image");
+    }
+    if (level.offset % kChunkAlignment != 0 || !range_within(level.offset, level.bytes, page.raw_bytes)) {
+      return fail(kRange, "mip level ", i, ": ", level.bytes, " bytes at byte ", level.offset, " of page ", level.page,
+                  ", which has ", page.raw_bytes);
+    }
+  }
+  return std::nullopt;
 }
 
 Result<void> Checker::cameras() const {

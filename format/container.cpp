@@ -50,8 +50,9 @@ constexpr std::array<KnownTable, kKnownTableKinds> kKnownTables = {{
     known<char>("string"),
     known<SourceRecord>("source"),
     known<LeftOutRecord>("left-out"),
+    known<MipLevelRecord>("mip level"),
 }};
-static_assert(kKnownTables[static_cast<uint32_t>(TableKind::kLeftOut)].record_bytes == sizeof(LeftOutRecord));
+static_assert(kKnownTables[static_cast<uint32_t>(TableKind::kMipLevels)].record_bytes == sizeof(MipLevelRecord));
 
 constexpr uint32_t kZstdMagic = 0xFD2FB528;  // RFC 8878, 3.1.1
 
@@ -351,6 +352,9 @@ Table<TextureRecord> Container::textures() const {
 }
 Table<ImageRecord> Container::images() const {
   return views_->table<ImageRecord>(TableKind::kImages);
+}
+Table<MipLevelRecord> Container::mip_levels() const {
+  return views_->table<MipLevelRecord>(TableKind::kMipLevels);
 }
 Table<CameraRecord> Container::cameras() const {
   return views_->table<CameraRecord>(TableKind::kCameras);

@@ -56,6 +56,7 @@ class Container {
   Table<MaterialRecord> materials() const;
   Table<TextureRecord> textures() const;
   Table<ImageRecord> images() const;
+  Table<MipLevelRecord> mip_levels() const;
   Table<CameraRecord> cameras() const;
   Table<SceneRecord> scenes() const;
   Table<uint32_t> scene_roots() const;
@@ -126,6 +127,7 @@ struct TableSet {
   std::vector<MaterialRecord> materials;
   std::vector<TextureRecord> textures;
   std::vector<ImageRecord> images;
+  std::vector<MipLevelRecord> mip_levels;
   std::vector<CameraRecord> cameras;
   std::vector<SceneRecord> scenes;
   std::vector<uint32_t> scene_roots;

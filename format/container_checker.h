@@ -58,6 +58,7 @@ class Checker {
         materials_(tables.table<MaterialRecord>(TableKind::kMaterials)),
         textures_(tables.table<TextureRecord>(TableKind::kTextures)),
         images_(tables.table<ImageRecord>(TableKind::kImages)),
+        mip_levels_(tables.table<MipLevelRecord>(TableKind::kMipLevels)),
         cameras_(tables.table<CameraRecord>(TableKind::kCameras)),
         scenes_(tables.table<SceneRecord>(TableKind::kScenes)),
         scene_roots_(tables.table<uint32_t>(TableKind::kSceneRoots)) {}
@@ -85,6 +86,7 @@ class Checker {
   std::optional<Error> cluster_fields(uint64_t index, const MeshRecord& mesh) const;
   std::optional<Error> chunk_streams_of(uint64_t index, const MeshRecord& mesh) const;
   std::optional<Error> scene_fields(uint64_t index) const;
+  std::optional<Error> levels_of(uint64_t image, uint64_t first) const;
   Result<void> instances_to(uint64_t end);
 
   /// Before a record is read for the first time. Asks for what lies a block further on, so that the next block's
@@ -138,6 +140,7 @@ class Checker {
   Table<MaterialRecord> materials_;
   Table<TextureRecord> textures_;
   Table<ImageRecord> images_;
+  Table<MipLevelRecord> mip_levels_;
   Table<CameraRecord> cameras_;
   Table<SceneRecord> scenes_;
   Table<uint32_t> scene_roots_;

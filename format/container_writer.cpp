@@ -221,6 +221,7 @@ Result<uint64_t> ContainerWriter::finish(const TableSet& tables) {
   table(TableKind::kMaterials, tables.materials);
   table(TableKind::kTextures, tables.textures);
   table(TableKind::kImages, tables.images);
+  table(TableKind::kMipLevels, tables.mip_levels);
   table(TableKind::kCameras, tables.cameras);
   table(TableKind::kScenes, tables.scenes);
   table(TableKind::kSceneRoots, tables.scene_roots);

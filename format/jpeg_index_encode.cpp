@@ -35,7 +35,7 @@ struct Plan {
 
 Result<Plan> make_plan(const JpegHeader& header) {
   const JpegVerdict verdict = judge_jpeg(header);
-  if (verdict.treatment != JpegTreatment::kNone) return Error{ErrorCode::kUnsupported, "JPEG: " + verdict.reason};
+  if (verdict.treatment != JpegTreatment::kAsItIs) return Error{ErrorCode::kUnsupported, "JPEG: " + verdict.reason};
   Plan plan;
   const std::span<const JpegComponent> components(header.components.data(), header.component_count);
   const auto layout = jpeg_layout(header.width, header.height, components);

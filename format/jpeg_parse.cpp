@@ -231,7 +231,7 @@ JpegVerdict judge_jpeg(const JpegHeader& header) {
   if (header.process == JpegProcess::kProgressive) return {JpegTreatment::kTranscode, "progressive"};
   if (header.is_arithmetic) return {JpegTreatment::kTranscode, "arithmetic coding"};
   if (!header.scan_is_whole) return {JpegTreatment::kTranscode, "several scans"};
-  return {JpegTreatment::kNone, {}};
+  return {JpegTreatment::kAsItIs, {}};
 }
 
 }  // namespace scree::format

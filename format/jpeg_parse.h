@@ -65,7 +65,7 @@ struct JpegHeader {
 
 /// What a texture in such a file needs before it can be indexed.
 enum class JpegTreatment {
-  kNone,       // encode_jpeg_index takes it
+  kAsItIs,     // encode_jpeg_index takes it
   kTranscode,  // progressive, arithmetic or several scans: the same coefficients as a sequential Huffman JPEG
   kReencode,   // not 1 or 3 components (CMYK): another picture, coded anew
   kRefuse,     // not 8 bits a sample, lossless or hierarchical
@@ -80,7 +80,7 @@ Result<JpegHeader> parse_jpeg(std::span<const std::byte> file);
 /// `treatment`, and in one line why, for a note or an error: "progressive", "4 components (CMYK)", "12 bits a sample".
 struct JpegVerdict {
   JpegTreatment treatment;
-  std::string reason;  // empty with kNone
+  std::string reason;  // empty with kAsItIs
 };
 
 /// By the headers alone: a sequential file whose later scans repeat a component is found by encode_jpeg_index.

@@ -61,6 +61,7 @@ enum class TableKind : uint32_t {
   kStrings = 15,
   kSource = 16,
   kLeftOut = 17,
+  kMipLevels = 18,
 };
 
 /// One table. Kinds a reader does not know are skipped; a known kind with larger records (a newer minor version) is
@@ -232,19 +233,29 @@ struct TextureRecord {
 };
 static_assert(sizeof(TextureRecord) == 16);
 
-enum class ImageCodec : uint32_t { kJpeg = 1, kPng = 2 };
+/// kIndexedJpeg: spec/codecs.md, indexed JPEG; the others are image files as they came.
+enum class ImageCodec : uint32_t { kJpeg = 1, kPng = 2, kIndexedJpeg = 3 };
 
 struct ImageRecord {
   uint32_t name;
-  uint32_t page;  // the image file's bytes as they came
+  uint32_t page;  // which it fills
   ImageCodec codec;
   uint32_t width;  // pixels
   uint32_t height;
-  uint32_t channels;    // 1 to 4
-  uint32_t index_page;  // kNone; a later version's JPEG block index
-  uint32_t reserved;
+  uint32_t channels;     // 1 to 4
+  uint32_t first_level;  // of its mip levels from level 1 on, or kNone where it has none
+  uint32_t level_count;  // stored_level_count() of an indexed JPEG, else 0
 };
 static_assert(sizeof(ImageRecord) == 32);
+
+/// A mip level of an indexed JPEG, coded as it is.
+struct MipLevelRecord {
+  uint64_t offset;  // bytes from the start of the page's raw bytes, a multiple of 16
+  uint64_t bytes;
+  uint32_t page;
+  uint32_t image;
+};
+static_assert(sizeof(MipLevelRecord) == 24);
 
 enum class CameraKind : uint32_t { kPerspective = 1, kOrthographic = 2 };
 

@@ -3,6 +3,7 @@
 #include <csetjmp>
 #include <cstdio>
 #include <cstdlib>
+#include <utility>
 
 #include <jpeglib.h>
 
@@ -10,6 +11,7 @@
 
 #include "format/jpeg_parse.h"
 #include "runtime/image.h"
+#include "runtime/jpeg_writer.h"
 
 namespace scree::runtime {
 namespace {
@@ -125,29 +127,6 @@ class Transcoder {
     });
   }
 
-  bool encode(const Image& image, int quality) {
-    return guarded(errors_, [&] {
-      jpeg_create_compress(&writer_);
-      jpeg_mem_dest(&writer_, &out_, &out_bytes_);
-      writer_.image_width = image.width;
-      writer_.image_height = image.height;
-      writer_.input_components = 4;
-      writer_.in_color_space = JCS_EXT_RGBA;
-      jpeg_set_defaults(&writer_);
-      jpeg_set_quality(&writer_, quality, TRUE);
-      for (int i = 0; i < writer_.num_components; ++i)
-        writer_.comp_info[i].h_samp_factor = writer_.comp_info[i].v_samp_factor = 1;
-      writer_.optimize_coding = TRUE;
-      jpeg_start_compress(&writer_, TRUE);
-      while (writer_.next_scanline < writer_.image_height) {
-        // libjpeg only reads it.
-        auto* row = const_cast<JSAMPROW>(image.rgba.data() + size_t{4} * image.width * writer_.next_scanline);
-        jpeg_write_scanlines(&writer_, &row, 1);
-      }
-      jpeg_finish_compress(&writer_);
-    });
-  }
-
   std::vector<std::byte> file() const {
     const auto* const bytes = reinterpret_cast<const std::byte*>(out_);
     return {bytes, bytes + out_bytes_};
@@ -190,6 +169,25 @@ Result<TranscodedJpeg> transcode_jpeg(std::span<const std::byte> file) {
   return result;
 }
 
+Result<std::vector<std::byte>> encode_jpeg(const Image& image, int quality, bool is_grey) {
+  JpegCoding coding;
+  coding.width = image.width;
+  coding.height = image.height;
+  coding.colour = is_grey ? format::JpegColour::kGrey : format::JpegColour::kYcbcr;
+  coding.quality = quality;
+  auto writer = JpegWriter::create(coding);
+  if (!writer) return writer.error();
+  const size_t channels = is_grey ? 1 : 3;
+  std::vector<uint8_t> row(channels * image.width);
+  for (uint32_t y = 0; y < image.height; ++y) {
+    const uint8_t* from = image.rgba.data() + size_t{4} * image.width * y;
+    for (size_t x = 0; x < image.width; ++x)
+      for (size_t c = 0; c < channels; ++c) row[channels * x + c] = from[4 * x + c];
+    if (const Result<void> written = writer->row(row); !written) return written.error();
+  }
+  return writer->finish();
+}
+
 Result<TranscodedJpeg> reencode_jpeg(std::span<const std::byte> file, int quality) {
   const auto header = format::parse_jpeg(file);
   if (!header) return header.error();
@@ -198,9 +196,9 @@ Result<TranscodedJpeg> reencode_jpeg(std::span<const std::byte> file, int qualit
     return Error{ErrorCode::kUnsupported, "JPEG: " + verdict.reason};
   const auto image = decode_image(file);
   if (!image) return image.error();
-  Transcoder transcoder;
-  if (!transcoder.encode(*image, quality)) return transcoder.failure();
-  TranscodedJpeg result{transcoder.file(), (verdict.reason.empty() ? "JPEG" : verdict.reason) +
+  auto coded = encode_jpeg(*image, quality);
+  if (!coded) return coded.error();
+  TranscodedJpeg result{std::move(*coded), (verdict.reason.empty() ? "JPEG" : verdict.reason) +
                                                ", decoded and coded anew with quality " + std::to_string(quality)};
   if (!image->warning.empty()) result.note += "; " + image->warning;
   return result;

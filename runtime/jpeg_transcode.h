@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "format/result.h"
+#include "runtime/image.h"
 
 namespace scree::runtime {
 
@@ -24,9 +25,12 @@ struct TranscodedJpeg {
 /// would hold more than 10 blocks), kRange (more than kMaxImagePixels), kMemory. Reentrant.
 Result<TranscodedJpeg> transcode_jpeg(std::span<const std::byte> file);
 
-/// Any JPEG that decode_image takes (format::JpegTreatment::kReencode: CMYK) decoded and coded anew as YCbCr, 4:4:4,
-/// optimised tables. `quality`: 1 to 100 in libjpeg's scale. Not lossless, as the note says. Holds the picture, 4 bytes
-/// a pixel. Errors as decode_image. Reentrant.
+/// A picture as a JPEG: YCbCr, 4:4:4, or, `is_grey`, its red alone; alpha is left out. By JpegWriter. `quality`: 1 to
+/// 100 in libjpeg's scale. Errors kUnsupported (a side of more than 65500), kMemory. Reentrant.
+Result<std::vector<std::byte>> encode_jpeg(const Image& image, int quality, bool is_grey = false);
+
+/// Any JPEG that decode_image takes (format::JpegTreatment::kReencode: CMYK) decoded and coded anew by
+/// encode_jpeg. Not lossless, as the note says. Holds the picture, 4 bytes a pixel. Errors as decode_image. Reentrant.
 Result<TranscodedJpeg> reencode_jpeg(std::span<const std::byte> file, int quality);
 
 }  // namespace scree::runtime

@@ -8,6 +8,7 @@
 #include "format/bytes.h"
 #include "kernels/visbuffer.h"
 #include "runtime/image.h"
+#include "runtime/jpeg_image.h"
 #include "runtime/parallel.h"
 
 namespace scree::runtime {
@@ -27,6 +28,11 @@ std::string quoted_list(const format::Container& container) {
 /// Decodes an image page and checks it against its record.
 Result<MipChain> load_image(const format::Container& container, uint32_t index, std::string& warning) {
   const format::ImageRecord& record = container.images()[index];
+  if (record.codec == format::ImageCodec::kIndexedJpeg) {
+    const Result<JpegImage> image = JpegImage::open(container, index);
+    if (!image) return image.error();
+    return image->decode();
+  }
   std::vector<std::byte> scratch;
   const Result<std::span<const std::byte>> file = container.load_page(record.page, scratch);
   if (!file) return file.error();

@@ -208,6 +208,56 @@ std::vector<std::vector<uint16_t>> read_quant_tables(std::span<const std::byte> 
   return tables;
 }
 
+std::vector<JpegSamples> read_samples(std::span<const std::byte> file) {
+  Reader reader(file);
+  jpeg_decompress_struct& jpeg = reader.jpeg;
+  jpeg.raw_data_out = TRUE;
+  jpeg.do_block_smoothing = FALSE;
+  jpeg.dct_method = JDCT_ISLOW;
+  jpeg.out_color_space = jpeg.jpeg_color_space;
+  jpeg_start_decompress(&jpeg);
+  std::vector<JpegSamples> planes;
+  std::vector<std::vector<uint8_t>> strips;  // of an MCU row, as wide as libjpeg writes
+  std::vector<std::vector<JSAMPROW>> rows;
+  std::vector<JSAMPARRAY> arrays;
+  for (int c = 0; c < jpeg.num_components; ++c) {
+    const jpeg_component_info& component = jpeg.comp_info[c];
+    planes.push_back({component.downsampled_width, component.downsampled_height, {}});
+    const auto height = static_cast<size_t>(DCTSIZE * component.v_samp_factor);
+    const size_t stride = size_t{DCTSIZE} * (component.width_in_blocks + 4);
+    strips.emplace_back(stride * height);
+    rows.emplace_back();
+    for (size_t y = 0; y < height; ++y) rows.back().push_back(strips.back().data() + stride * y);
+  }
+  for (auto& of_component : rows) arrays.push_back(of_component.data());
+  while (jpeg.output_scanline < jpeg.output_height) {
+    jpeg_read_raw_data(&jpeg, arrays.data(), static_cast<JDIMENSION>(DCTSIZE * jpeg.max_v_samp_factor));
+    for (size_t c = 0; c < planes.size(); ++c) {
+      JpegSamples& plane = planes[c];
+      for (const JSAMPROW row : rows[c])
+        if (plane.values.size() < size_t{plane.width} * plane.height)
+          plane.values.insert(plane.values.end(), row, row + plane.width);
+    }
+  }
+  return planes;
+}
+
+std::vector<uint8_t> read_rgb(std::span<const std::byte> file, bool is_fancy) {
+  Reader reader(file);
+  jpeg_decompress_struct& jpeg = reader.jpeg;
+  jpeg.dct_method = JDCT_ISLOW;
+  jpeg.do_block_smoothing = FALSE;
+  jpeg.do_fancy_upsampling = is_fancy ? TRUE : FALSE;
+  jpeg.out_color_space = JCS_RGB;
+  jpeg_start_decompress(&jpeg);
+  std::vector<uint8_t> pixels(size_t{3} * jpeg.output_width * jpeg.output_height);
+  while (jpeg.output_scanline < jpeg.output_height) {
+    JSAMPROW row = pixels.data() + size_t{3} * jpeg.output_width * jpeg.output_scanline;
+    jpeg_read_scanlines(&jpeg, &row, 1);
+  }
+  return pixels;
+}
+
 int read_colour_space(std::span<const std::byte> file) {
   return Reader(file).jpeg.jpeg_color_space;
 }

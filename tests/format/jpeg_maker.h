@@ -46,6 +46,20 @@ std::vector<JpegPlane> read_coefficients(std::span<const std::byte> file);
 /// The quantisation table of each component, row-major, as libjpeg has them.
 std::vector<std::vector<uint16_t>> read_quant_tables(std::span<const std::byte> file);
 
+/// Samples of a component, rows top to bottom.
+struct JpegSamples {
+  uint32_t width = 0;
+  uint32_t height = 0;
+  std::vector<uint8_t> values;
+};
+
+/// The components as libjpeg's JDCT_ISLOW gives them, before upsampling and colour conversion. What a progressive file
+/// lacks is not guessed (block smoothing).
+std::vector<JpegSamples> read_samples(std::span<const std::byte> file);
+
+/// 3 bytes a pixel, by JDCT_ISLOW. `is_fancy`: chroma is interpolated, not repeated.
+std::vector<uint8_t> read_rgb(std::span<const std::byte> file, bool is_fancy);
+
 /// libjpeg's J_COLOR_SPACE of the file's components.
 int read_colour_space(std::span<const std::byte> file);
 

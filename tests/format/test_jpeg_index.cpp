@@ -163,7 +163,7 @@ TEST_CASE("real JPEG files are indexed without loss", "[jpeg_index]") {
     const Bytes file = read_file(path);
     const auto header = parse_jpeg(file);
     if (!header) FAIL(header.error().message);
-    if (judge_jpeg(*header).treatment != JpegTreatment::kNone) continue;
+    if (judge_jpeg(*header).treatment != JpegTreatment::kAsItIs) continue;
     const auto bytes = encode(file);
     if (!bytes) FAIL(bytes.error().message);
     const auto index = open_jpeg_index(*bytes);
@@ -216,7 +216,7 @@ TEST_CASE("what cannot be indexed says why", "[jpeg_index]") {
   CHECK(changed(0xc3, 8) == std::pair(JpegTreatment::kRefuse, std::string("lossless")));
   CHECK(changed(0xcb, 8) == std::pair(JpegTreatment::kRefuse, std::string("lossless")));
   CHECK(changed(0xc6, 8) == std::pair(JpegTreatment::kRefuse, std::string("hierarchical")));
-  CHECK(changed(0xc1, 8) == std::pair(JpegTreatment::kNone, std::string()));
+  CHECK(changed(0xc1, 8) == std::pair(JpegTreatment::kAsItIs, std::string()));
 
   // A second scan is found behind the first.
   const Bytes file = make_jpeg(recipe_of(40, 30, {{1, 1}}));

@@ -433,7 +433,7 @@ TEST_CASE("container rules: materials, textures, images, cameras, source", "[con
   b.record<I>(
       i, 0, [](I& r) { r.codec = ImageCodec{0}; }, "image 0: codec 0");
   b.record<I>(
-      i, 0, [](I& r) { r.codec = ImageCodec{3}; }, "image 0: codec 3");
+      i, 0, [](I& r) { r.codec = ImageCodec{4}; }, "image 0: codec 4");
   b.record<I>(
       i, 0, [](I& r) { r.width = 0; }, "image 0: 0 x 480 pixels, expected 1 to 16777216");
   b.record<I>(
@@ -443,9 +443,9 @@ TEST_CASE("container rules: materials, textures, images, cameras, source", "[con
   b.record<I>(
       i, 0, [](I& r) { r.channels = 5; }, "image 0: 5 channels");
   b.record<I>(
-      i, 0, [](I& r) { r.index_page = 2; }, "image 0: index page 2, which this version does not have");
+      i, 0, [](I& r) { r.first_level = 2; }, "image 0: mip levels from 2, expected 4294967295");
   b.record<I>(
-      i, 0, [](I& r) { r.reserved = 1; }, "image 0: a reserved field is set", ErrorCode::kReserved);
+      i, 0, [](I& r) { r.level_count = 1; }, "image 0: 1 mip levels, expected 0");
 
   using C = CameraRecord;
   constexpr TableKind c = TableKind::kCameras;
@@ -516,4 +516,62 @@ TEST_CASE("container rules: counts of triangles", "[container]") {
 }
 
 }  // namespace
+TEST_CASE("container rules: indexed JPEGs and their mip levels", "[container]") {
+  scree::tests::Parts parts = full_parts();
+  // 300 x 130 has levels of 150 x 65 and 75 x 32 pixels, 60 x 60 has none.
+  parts.pages.push_back(seal_page(PageKind::kImage, Bytes(96, std::byte{1}), 0));
+  ImageRecord small = parts.tables.images[0];
+  small.codec = ImageCodec::kIndexedJpeg;
+  small.page = 3;
+  small.width = small.height = 60;
+  ImageRecord large = small;
+  large.width = 300;
+  large.height = 130;
+  large.channels = 1;
+  large.first_level = 0;
+  large.level_count = 2;
+  parts.tables.images.push_back(small);
+  parts.tables.images.push_back(large);
+  parts.tables.mip_levels = {{0, 64, 3, 2}, {64, 32, 3, 2}};
+  const Breaker b(parts);
+
+  using I = ImageRecord;
+  constexpr TableKind i = TableKind::kImages;
+  b.record<I>(
+      i, 2, [](I& r) { r.width = 65536; }, "image 2: 65536 x 130 pixels, expected 1 to 65535");
+  b.record<I>(
+      i, 1, [](I& r) { r.channels = 2; }, "image 1: 2 channels");
+  b.record<I>(
+      i, 1, [](I& r) { r.channels = 4; }, "image 1: 4 channels");
+  b.record<I>(
+      i, 2, [](I& r) { r.level_count = 1; }, "image 2: 1 mip levels, expected 2");
+  b.record<I>(
+      i, 2, [](I& r) { r.level_count = UINT32_MAX; }, "image 2: 4294967295 mip levels, expected 2");
+  b.record<I>(
+      i, 2, [](I& r) { r.first_level = 1; }, "image 2: mip levels from 1, expected 0");
+  b.record<I>(
+      i, 1, [](I& r) { r.first_level = 0; }, "image 1: mip levels from 0, expected 4294967295");
+  b.record<I>(
+      i, 2, [](I& r) { r.width = 127, r.height = 1, r.level_count = 0, r.first_level = kNone; },
+      "mip level 0: belongs to no image");
+  b.record<I>(
+      i, 2, [](I& r) { r.width = 600, r.level_count = 3; }, "image 2: mip level 2, but the file has 2 mip levels");
+
+  using L = MipLevelRecord;
+  constexpr TableKind l = TableKind::kMipLevels;
+  b.record<L>(
+      l, 1, [](L& r) { r.image = 1; }, "mip level 1: image 1, expected 2");
+  b.record<L>(
+      l, 0, [](L& r) { r.page = 4; }, "mip level 0: page 4, but the file has 4 pages");
+  b.record<L>(
+      l, 0, [](L& r) { r.page = 0; }, "mip level 0: page 0 is of kind 1, which holds no image");
+  b.record<L>(
+      l, 0, [](L& r) { r.offset = 8; }, "mip level 0: 64 bytes at byte 8 of page 3, which has 96");
+  b.record<L>(
+      l, 1, [](L& r) { r.bytes = 33; }, "mip level 1: 33 bytes at byte 64 of page 3, which has 96");
+  b.record<L>(
+      l, 1, [](L& r) { r.bytes = UINT64_MAX; },
+      "mip level 1: 18446744073709551615 bytes at byte 64 of page 3, which has 96");
+}
+
 }  // namespace scree::tests

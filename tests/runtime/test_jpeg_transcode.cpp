@@ -161,7 +161,7 @@ TEST_CASE("real JPEG files are indexed as they are, transcoded, coded anew or re
     const auto header = format::parse_jpeg(file);
     REQUIRE(header);
     switch (format::judge_jpeg(*header).treatment) {
-      case JpegTreatment::kNone:
+      case JpegTreatment::kAsItIs:
         break;
       case JpegTreatment::kTranscode:
         check_transcode(file);

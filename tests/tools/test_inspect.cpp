@@ -167,6 +167,7 @@ void check_totals(const std::string& path, const json& report) {
   CHECK(sum_of(report.at("position_steps"), "bytes") == report.at("size").at("positions").at("bytes").get<uint64_t>());
   CHECK(sum_of(report.at("chunk_rows"), "triangles") == meshes.at("triangles").get<uint64_t>());
   CHECK(report.at("textures").at("jpeg").at("bytes").get<uint64_t>() +
+            report.at("textures").at("indexed_jpeg").at("bytes").get<uint64_t>() +
             report.at("textures").at("png").at("bytes").get<uint64_t>() ==
         report.at("size").at("textures").at("bytes").get<uint64_t>());
 }

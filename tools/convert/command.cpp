@@ -25,11 +25,32 @@ struct Words {
   std::string zstd = "0";
   std::string threads = "0";
   std::string exclude;
+  std::string textures = "keep";
+  bool keep_going = false;
   bool normals = false;
   bool source_ids = false;
   bool drop_nonfinite = false;
   bool quiet = false;
 };
+
+Result<convert::ImageOptions> parse_textures(const std::string& text) {
+  convert::ImageOptions options;
+  if (text == "keep") return options;
+  if (text == "raw") {
+    options.textures = convert::Textures::kRaw;
+    return options;
+  }
+  if (text != "jpeg" && text.rfind("jpeg:", 0) != 0) {
+    return Error{ErrorCode::kUsage,
+                 "--textures: '" + text + "' is neither 'keep' nor 'raw' nor 'jpeg:' and a quality of 1 to 100"};
+  }
+  options.textures = convert::Textures::kJpeg;
+  if (text == "jpeg") return options;
+  const Result<uint64_t> quality = parse_whole(text.substr(5), 1, 100, "--textures jpeg");
+  if (!quality) return quality.error();
+  options.quality = static_cast<int>(*quality);
+  return options;
+}
 
 Result<convert::ConvertOptions> parse(const Words& words, bool positions_given) {
   convert::ConvertOptions options;
@@ -70,6 +91,10 @@ Result<convert::ConvertOptions> parse(const Words& words, bool positions_given) 
   if (!threads) return threads.error();
   options.threads = static_cast<uint32_t>(*threads);
   options.exclude = words.exclude;
+  const Result<convert::ImageOptions> images = parse_textures(words.textures);
+  if (!images) return images.error();
+  options.images = *images;
+  options.images.keep_going = words.keep_going;
   options.normals = words.normals;
   options.source_ids = words.source_ids;
   options.drop_nonfinite = words.drop_nonfinite;
@@ -124,6 +149,11 @@ Command add_convert(CLI::App& parent) {
                   "Most triangles of a chunk, 1 to 65536 (default); 0: every mesh is one chunk, which takes memory for "
                   "the whole of the largest mesh");
   app->add_option("--zstd", words->zstd, "Compress pages with zstd at this level, 1 to 22; 0: not at all (default)");
+  app->add_option("--textures", words->textures,
+                  "keep (default): JPEGs are indexed without loss, other images stay as they are; jpeg:QUALITY (jpeg: "
+                  "90): others become JPEGs, 4:4:4, without alpha; raw: all images stay as they are");
+  app->add_flag("--keep-going", words->keep_going,
+                "An image that is damaged or of an unsupported kind becomes grey instead of an error");
   app->add_flag("--normals", words->normals, "Store normals, 12 bits an axis of the octahedral map");
   app->add_flag("--source-ids", words->source_ids, "Store every triangle's number in the source");
   app->add_option("--exclude", words->exclude,

@@ -44,6 +44,8 @@ Result<void> check_options(const ConvertOptions& options) {
     return usage("--grid scene and --positions float32 exclude each other");
   if (options.zstd_level < 0 || options.zstd_level > 22)
     return usage("--zstd: level " + std::to_string(options.zstd_level) + ", but 0 to 22 are possible");
+  if (options.images.quality < 1 || options.images.quality > 100)
+    return usage("--textures: quality " + std::to_string(options.images.quality) + ", but 1 to 100 are possible");
   if (options.threads > 4096) return usage("--threads: more than 4096");
   return {};
 }
@@ -93,6 +95,11 @@ std::set<std::string> source_files(const std::string& input, const SourceScene& 
   return files;
 }
 
+std::string describe_textures(const ImageOptions& options) {
+  if (options.textures == Textures::kRaw) return "raw";
+  return options.textures == Textures::kKeep ? "keep" : "jpeg:" + std::to_string(options.quality);
+}
+
 /// The options that shape the bytes, as they are typed.
 std::string describe_options(const ConvertOptions& options) {
   char error[64];
@@ -107,9 +114,11 @@ std::string describe_options(const ConvertOptions& options) {
     text += options.clusters == tools::ClusterEffort::kBest ? " --clusters best" : " --clusters fast";
   text += " --chunk-triangles " + std::to_string(options.chunk_triangles);
   text += " --zstd " + std::to_string(options.zstd_level);
+  text += " --textures " + describe_textures(options.images);
   if (options.normals) text += " --normals";
   if (options.source_ids) text += " --source-ids";
   if (options.drop_nonfinite) text += " --drop-nonfinite";
+  if (options.images.keep_going) text += " --keep-going";
   if (!options.exclude.empty()) text += " --exclude " + options.exclude;
   return text;
 }
@@ -148,9 +157,12 @@ class Converter {
     add_source_record();
     Result<format::ContainerWriter> writer = format::ContainerWriter::create(report_.output);
     if (!writer) return writer.error();
-    if (const Result<void> done = encode(*writer); !done) return done;
-    if (const Result<void> done = write_images(scene_, images_, *writer); !done) return done;
+    // Images come first: what is wrong with one is said before the geometry is encoded.
+    if (const Result<void> done = write_images(scene_, options_.images, images_, pool_, *writer); !done) return done;
+    report_.warnings.insert(report_.warnings.end(), images_.warnings.begin(), images_.warnings.end());
     tables_.images = images_.records;
+    tables_.mip_levels = images_.levels;
+    if (const Result<void> done = encode(*writer); !done) return done;
     add_left_out();
     if (const Result<void> done = write_nodes(scene_, instances_, tables_, *writer); !done) return done;
     const Result<uint64_t> bytes = writer->finish(tables_);
@@ -246,12 +258,11 @@ class Converter {
       if (mesh.material != kNone) mesh.material = use.materials[mesh.material];
     std::vector<bool> wanted(scene_.images.size());
     for (size_t i = 0; i < wanted.size(); ++i) wanted[i] = use.images[i] != kNone;
-    Result<ImagePlan> images = check_images(scene_, wanted, pool_);
+    Result<ImagePlan> images = check_images(scene_, wanted, options_.images, pool_);
     if (!images) return images.error();
     images_ = std::move(*images);
     for (size_t i = 0; i < images_.records.size(); ++i)
       images_.records[i].name = tables_.strings.add(scene_.images[images_.sources[i]].name);
-    report_.warnings.insert(report_.warnings.end(), images_.warnings.begin(), images_.warnings.end());
     add_materials(scene_, use, images_.places, tables_);
     return {};
   }
@@ -335,7 +346,7 @@ class Converter {
         bytes += encoded_bytes_estimate(plans_[mesh_of_[windows[i].primitive]], windows[i]);
       return bytes;
     };
-    GeometryWriter geometry(pool_, writer, options_.zstd_level);
+    GeometryWriter geometry(pool_, writer, images_.page_count, options_.zstd_level);
     uint64_t done = 0;
     const auto take = [&](uint64_t batch, std::vector<EncodedWindow> encoded) -> Result<void> {
       for (uint64_t i = 0; i < encoded.size(); ++i) {

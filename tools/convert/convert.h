@@ -10,6 +10,7 @@
 #include "format/layout.h"
 #include "format/result.h"
 #include "tools/convert/encode.h"
+#include "tools/convert/images.h"
 
 namespace scree::convert {
 
@@ -41,6 +42,7 @@ struct ConvertOptions {
   bool source_ids = false;
   bool drop_nonfinite = false;
   std::string exclude;  // ImportOptions::exclude
+  ImageOptions images;
 
   // Options that do not.
   uint32_t threads = 0;   // 0: one per processor
@@ -68,8 +70,8 @@ struct ConvertReport {
 };
 
 /// Converts. On an error nothing is left at `output` that was not there before. Errors kUsage (options that exclude
-/// each other or are out of range, output is the input), those of import_gltf, measure, check_images, encode_window and
-/// ContainerWriter. The bytes written are the same for any number of threads.
+/// each other or are out of range, output is the input), those of import_gltf, measure, check_images, write_images,
+/// encode_window and ContainerWriter. The bytes written are the same for any number of threads.
 Result<ConvertReport> convert(const ConvertOptions& options);
 
 /// "a.glb -> a.scree: 1.41 MiB -> 283 KiB, ratio 5.10, ..." in one line.

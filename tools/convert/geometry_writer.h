@@ -17,8 +17,14 @@ namespace scree::convert {
 /// pool.
 class GeometryWriter {
  public:
-  GeometryWriter(WorkerPool& pool, format::ContainerWriter& writer, int zstd_level)
-      : pages_(pool, true), writer_(writer), zstd_level_(zstd_level), limit_(2 * uint64_t{pool.threads()} + 2) {}
+  /// `first_page`: the number of pages that `writer` has; nobody else appends any until finish().
+  GeometryWriter(WorkerPool& pool, format::ContainerWriter& writer, uint32_t first_page, int zstd_level)
+      : pages_(pool, true),
+        writer_(writer),
+        zstd_level_(zstd_level),
+        limit_(2 * uint64_t{pool.threads()} + 2),
+        number_(first_page),
+        written_(first_page) {}
 
   /// Places a chunk: sets page and offset of its record. Errors of ContainerWriter::append.
   Result<void> add(EncodedChunk& chunk);
@@ -35,9 +41,9 @@ class GeometryWriter {
   int zstd_level_;
   uint64_t limit_;
   std::vector<std::byte> page_;
-  bool open_ = false;     // page_ holds a chunk, which may be empty: all its values equal
-  uint32_t number_ = 0;   // of the open page
-  uint32_t written_ = 0;  // pages in the file
+  bool open_ = false;  // page_ holds a chunk, which may be empty: all its values equal
+  uint32_t number_;    // of the open page
+  uint32_t written_;   // pages in the file
 };
 
 }  // namespace scree::convert

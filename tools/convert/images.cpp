@@ -5,8 +5,13 @@
 #include <map>
 #include <span>
 #include <tuple>
+#include <utility>
 
+#include "format/jpeg_index.h"
 #include "runtime/image.h"
+#include "runtime/jpeg_file.h"
+#include "runtime/jpeg_levels.h"
+#include "runtime/jpeg_transcode.h"
 
 #define XXH_STATIC_LINKING_ONLY
 #include <xxhash.h>
@@ -16,6 +21,7 @@ namespace {
 
 constexpr uint64_t kMaxImageBytes = uint64_t{1} << 30;
 constexpr uint64_t kCheckedBytes = uint64_t{128} << 20;  // memory of the checks in flight
+constexpr uint64_t kStoredBytes = uint64_t{256} << 20;   // and of the images that are indexed
 constexpr size_t kBlockBytes = size_t{1} << 20;
 
 /// XXH3-128 of bytes that come in parts.
@@ -36,6 +42,7 @@ struct CheckedImage {
   runtime::ImageInfo info{};
   std::array<uint64_t, 2> hash{};
   std::string warning;
+  std::string broken;  // ImagePlan::broken
 };
 
 Result<void> read_image(const SourceImage& image, uint64_t offset, std::span<std::byte> out) {
@@ -57,17 +64,29 @@ Result<std::array<uint64_t, 2>> hash_image(const SourceImage& image) {
   return hash.value();
 }
 
-Result<CheckedImage> check_source(const SourceImage& image) {
+/// Whether the image is stored as an indexed JPEG.
+bool is_indexed(const ImageOptions& options, format::ImageCodec codec) {
+  return options.textures == Textures::kJpeg ||
+         (options.textures == Textures::kKeep && codec == format::ImageCodec::kJpeg);
+}
+
+Result<CheckedImage> check_source(const SourceImage& image, const ImageOptions& options) {
   if (image.bytes > kMaxImageBytes)
     return Error{ErrorCode::kUnsupported, std::to_string(image.bytes) + " bytes, but images of at most " +
                                               std::to_string(kMaxImageBytes) + " are read"};
   CheckedImage checked;
   const Result<runtime::ImageInfo> info = runtime::probe_image(image_file(image));
-  if (!info) return info.error();
-  checked.info = *info;
-  Result<std::string> warning = runtime::check_image(image_file(image));
-  if (!warning) return warning.error();
-  checked.warning = std::move(*warning);
+  Result<std::string> warning = std::string();
+  if (info && !is_indexed(options, info->codec)) warning = runtime::check_image(image_file(image));  // indexing decodes
+  if (info && warning) {
+    checked.info = *info;
+    checked.warning = std::move(*warning);
+  } else {
+    const Error& error = info ? warning.error() : info.error();
+    if (!options.keep_going || error.code == ErrorCode::kFile || error.code == ErrorCode::kMemory) return error;
+    checked.info.codec = format::ImageCodec::kIndexedJpeg;
+    checked.broken = error.message;
+  }
   const Result<std::array<uint64_t, 2>> hash = hash_image(image);
   if (!hash) return hash.error();
   checked.hash = *hash;
@@ -80,6 +99,137 @@ uint64_t check_cost(const SourceImage& image) {
   return kBlockBytes + (info ? runtime::image_check_bytes(*info) : 0);
 }
 
+/// What is stored in place of an image that stays no file.
+struct StoredImage {
+  std::vector<std::byte> base;  // an indexed JPEG; empty: the file as it came
+  std::vector<std::vector<std::byte>> levels;
+  uint32_t width = 0;
+  uint32_t height = 0;
+  uint32_t channels = 0;
+  std::string warning;
+};
+
+Result<std::vector<std::byte>> read_file(const SourceImage& image, const std::array<uint64_t, 2>& hash) {
+  std::vector<std::byte> file(static_cast<size_t>(image.bytes));
+  if (const Result<void> read = read_image(image, 0, file); !read) return read.error();
+  FileHash found;
+  found.add(file);
+  if (found.value() != hash) return Error{ErrorCode::kFile, "was changed while it was converted"};
+  return file;
+}
+
+/// A picture in the place of one that is none.
+Result<std::vector<std::byte>> grey_jpeg() {
+  runtime::Image image;
+  image.width = image.height = 1;
+  image.rgba = {128, 128, 128, 255};
+  return runtime::encode_jpeg(image, 90, true);
+}
+
+/// A file that is no JPEG, coded as one.
+Result<std::vector<std::byte>> code_jpeg(std::span<const std::byte> file, uint32_t channels, int quality,
+                                         std::string& warning) {
+  const Result<runtime::Image> image = runtime::decode_image(file);
+  if (!image) return image.error();
+  warning = image->warning;
+  for (size_t i = 3; i < image->rgba.size(); i += 4) {
+    if (image->rgba[i] == 255) continue;
+    warning += (warning.empty() ? "" : "; ") + std::string("alpha is left out");
+    break;
+  }
+  return runtime::encode_jpeg(*image, quality, channels <= 2);
+}
+
+Result<StoredImage> index_image(std::span<const std::byte> file, std::string warning) {
+  Result<runtime::IndexedJpeg> indexed = runtime::index_jpeg(file);
+  if (!indexed) return indexed.error();
+  const Result<format::JpegIndex> index = format::open_jpeg_index(indexed->bytes);
+  if (!index) return index.error();
+  StoredImage stored;
+  stored.width = index->width;
+  stored.height = index->height;
+  stored.channels = index->component_count;
+  stored.warning = std::move(warning);
+  if (!indexed->note.empty()) stored.warning += (stored.warning.empty() ? "" : "; ") + indexed->note;
+  Result<std::vector<std::vector<std::byte>>> levels = runtime::make_jpeg_levels(*index);
+  if (!levels) return levels.error();
+  stored.levels = std::move(*levels);
+  stored.base = std::move(indexed->bytes);
+  return stored;
+}
+
+Result<StoredImage> grey_image(const std::string& why) {
+  const auto file = grey_jpeg();
+  if (!file) return file.error();
+  return index_image(*file, why + "; grey in its place");
+}
+
+/// What an image is to be stored as.
+Result<StoredImage> store_image(const SourceImage& source, const format::ImageRecord& record,
+                                const std::array<uint64_t, 2>& hash, const ImageOptions& options) {
+  const auto file = read_file(source, hash);
+  if (!file) return file.error();
+  Result<StoredImage> stored = StoredImage{};
+  if (record.codec == format::ImageCodec::kJpeg) {
+    stored = index_image(*file, {});
+  } else {
+    std::string warning;
+    const auto coded = code_jpeg(*file, record.channels, options.quality, warning);
+    stored = coded ? index_image(*coded, std::move(warning)) : coded.error();
+  }
+  if (stored || !options.keep_going || stored.error().code == ErrorCode::kMemory) return stored;
+  return grey_image(stored.error().message);
+}
+
+uint64_t store_cost(const SourceImage& source, const format::ImageRecord& record, const ImageOptions& options) {
+  if (!is_indexed(options, record.codec)) return 0;
+  const uint64_t pixels = uint64_t{record.width} * record.height;
+  return 4 * source.bytes + (record.codec == format::ImageCodec::kJpeg ? 0 : 10 * pixels);
+}
+
+/// The pages of an indexed image: one of its base level, and one of the others together.
+Result<void> append_indexed(StoredImage stored, uint32_t number, ImagePlan& plan, format::ContainerWriter& writer) {
+  format::ImageRecord& record = plan.records[number];
+  record.codec = format::ImageCodec::kIndexedJpeg;
+  record.width = stored.width;
+  record.height = stored.height;
+  record.channels = stored.channels;
+  const Result<uint32_t> page = writer.append(format::seal_page(format::PageKind::kImage, std::move(stored.base), 0));
+  if (!page) return page.error();
+  record.page = *page;
+  ++plan.page_count;
+  if (stored.levels.empty()) return {};
+  record.first_level = static_cast<uint32_t>(plan.levels.size());
+  record.level_count = static_cast<uint32_t>(stored.levels.size());
+  std::vector<std::byte> together;
+  for (const std::vector<std::byte>& level : stored.levels) {
+    plan.levels.push_back({together.size(), level.size(), 0, number});
+    together.insert(together.end(), level.begin(), level.end());
+  }
+  const Result<uint32_t> levels = writer.append(format::seal_page(format::PageKind::kImage, std::move(together), 0));
+  if (!levels) return levels.error();
+  ++plan.page_count;
+  for (size_t i = record.first_level; i < plan.levels.size(); ++i) plan.levels[i].page = *levels;
+  return {};
+}
+
+/// The page of an image that stays the file it is.
+Result<void> append_file(const SourceImage& image, uint32_t number, ImagePlan& plan, format::ContainerWriter& writer) {
+  FileHash hash;
+  // JPEG and PNG are compressed already; a raw page can be decoded where it is mapped.
+  const Result<uint32_t> page =
+      writer.append_raw(format::PageKind::kImage, image.bytes, [&](uint64_t offset, std::span<std::byte> out) {
+        Result<void> read = read_image(image, offset, out);
+        hash.add(out);
+        return read;
+      });
+  if (!page) return page.error();
+  if (hash.value() != plan.hashes[number]) return Error{ErrorCode::kFile, "was changed while it was converted"};
+  plan.records[number].page = *page;
+  ++plan.page_count;
+  return {};
+}
+
 }  // namespace
 
 std::string image_place(const SourceScene& scene, uint32_t image) {
@@ -88,7 +238,8 @@ std::string image_place(const SourceScene& scene, uint32_t image) {
   return place;
 }
 
-Result<ImagePlan> check_images(const SourceScene& scene, const std::vector<bool>& wanted, WorkerPool& pool) {
+Result<ImagePlan> check_images(const SourceScene& scene, const std::vector<bool>& wanted, const ImageOptions& options,
+                               WorkerPool& pool) {
   ImagePlan plan;
   plan.places.assign(scene.images.size(), format::kNone);
   std::vector<uint32_t> images;
@@ -98,7 +249,7 @@ Result<ImagePlan> check_images(const SourceScene& scene, const std::vector<bool>
   std::vector<uint64_t> costs;
   for (const uint32_t image : images) costs.push_back(check_cost(scene.images[image]));
   const auto work = [&](uint64_t i, uint32_t) -> Result<CheckedImage> {
-    Result<CheckedImage> checked = check_source(scene.images[images[i]]);
+    Result<CheckedImage> checked = check_source(scene.images[images[i]], options);
     if (!checked) return at(image_place(scene, images[i]), checked.error());
     return checked;
   };
@@ -111,7 +262,7 @@ Result<ImagePlan> check_images(const SourceScene& scene, const std::vector<bool>
     if (!is_new) return {};
     format::ImageRecord record{};
     record.page = format::kNone;
-    record.index_page = format::kNone;
+    record.first_level = format::kNone;
     record.codec = checked.info.codec;
     record.width = checked.info.width;
     record.height = checked.info.height;
@@ -119,6 +270,7 @@ Result<ImagePlan> check_images(const SourceScene& scene, const std::vector<bool>
     plan.records.push_back(record);
     plan.hashes.push_back(checked.hash);
     plan.sources.push_back(images[i]);
+    plan.broken.push_back(checked.broken);
     if (!checked.warning.empty()) plan.warnings.push_back(image_place(scene, images[i]) + ": " + checked.warning);
     return {};
   };
@@ -128,24 +280,28 @@ Result<ImagePlan> check_images(const SourceScene& scene, const std::vector<bool>
   return plan;
 }
 
-Result<void> write_images(const SourceScene& scene, ImagePlan& plan, format::ContainerWriter& writer) {
-  for (size_t i = 0; i < plan.sources.size(); ++i) {
-    const SourceImage& image = scene.images[plan.sources[i]];
-    FileHash hash;
-    // JPEG and PNG are compressed already; a raw page can be decoded where it is mapped.
-    const Result<uint32_t> page =
-        writer.append_raw(format::PageKind::kImage, image.bytes, [&](uint64_t offset, std::span<std::byte> out) {
-          Result<void> read = read_image(image, offset, out);
-          if (!read) return Result<void>(at(image_place(scene, plan.sources[i]), read.error()));
-          hash.add(out);
-          return read;
-        });
-    if (!page) return page.error();
-    if (hash.value() != plan.hashes[i])
-      return Error{ErrorCode::kFile, image_place(scene, plan.sources[i]) + ": was changed while it was converted"};
-    plan.records[i].page = *page;
-  }
-  return {};
+Result<void> write_images(const SourceScene& scene, const ImageOptions& options, ImagePlan& plan, WorkerPool& pool,
+                          format::ContainerWriter& writer) {
+  const auto source = [&](uint64_t i) -> const SourceImage& { return scene.images[plan.sources[i]]; };
+  // take() changes the records that work() and cost() read.
+  const std::vector<format::ImageRecord> records = plan.records;
+  const auto work = [&](uint64_t i, uint32_t) -> Result<StoredImage> {
+    if (!plan.broken[i].empty()) return grey_image(plan.broken[i]);
+    if (!is_indexed(options, records[i].codec)) return StoredImage{};
+    Result<StoredImage> stored = store_image(source(i), records[i], plan.hashes[i], options);
+    if (!stored) return at(image_place(scene, plan.sources[i]), stored.error());
+    return stored;
+  };
+  const auto cost = [&](uint64_t i) { return store_cost(source(i), records[i], options); };
+  const auto take = [&](uint64_t i, StoredImage stored) -> Result<void> {
+    const std::string place = image_place(scene, plan.sources[i]);
+    if (!stored.warning.empty()) plan.warnings.push_back(place + ": " + stored.warning);
+    const auto number = static_cast<uint32_t>(i);
+    if (!stored.base.empty()) return append_indexed(std::move(stored), number, plan, writer);
+    const Result<void> appended = append_file(source(i), number, plan, writer);
+    return appended ? appended : at(place, appended.error());
+  };
+  return run_ordered<StoredImage>(pool, records.size(), {2 * uint64_t{pool.threads()}, kStoredBytes}, work, cost, take);
 }
 
 }  // namespace scree::convert

@@ -1,4 +1,4 @@
-// Base-colour images: checked once, carried over as they are, equal ones once.
+// Base-colour images: checked once, equal ones stored once, as ConvertOptions::textures says.
 #pragma once
 
 #include <array>
@@ -13,24 +13,44 @@
 
 namespace scree::convert {
 
+/// What becomes of images.
+enum class Textures {
+  kKeep,  // JPEGs are indexed, with the same coefficients; others stay the files they are
+  kJpeg,  // others become indexed JPEGs too
+  kRaw,   // all stay the files they are
+};
+
+struct ImageOptions {
+  Textures textures = Textures::kKeep;
+  int quality = 90;         // of kJpeg, 1 to 100 in libjpeg's scale, 4:4:4
+  bool keep_going = false;  // an image that is damaged or of an unsupported kind becomes a grey one
+};
+
 struct ImagePlan {
   std::vector<uint32_t> places;                 // for each of SourceScene::images: its ImageRecord, or kNone
   std::vector<uint32_t> sources;                // for each ImageRecord: the image of the source it is
-  std::vector<format::ImageRecord> records;     // name and page unset
+  std::vector<format::ImageRecord> records;     // name, page and levels unset
+  std::vector<std::string> broken;              // why a record's file becomes grey; empty where it does not
+  std::vector<format::MipLevelRecord> levels;   // of the records
+  uint32_t page_count = 0;                      // written
   std::vector<std::array<uint64_t, 2>> hashes;  // XXH3-128 of each record's file
-  std::vector<std::string> warnings;            // what the decoder put up with, image named
+  std::vector<std::string> warnings;            // what was put up with or changed, image named
 };
 
 /// "city.gltf: image 3 (bark)".
 std::string image_place(const SourceScene& scene, uint32_t image);
 
-/// Decodes every image of `wanted` (flags) once to see that it can be, without holding its file or its pixels: as many
-/// at a time as runtime::image_check_bytes of them fit into 128 MiB. Errors as runtime::check_image and
-/// ByteSource::read, the image named; kUnsupported: more than 1 GiB.
-Result<ImagePlan> check_images(const SourceScene& scene, const std::vector<bool>& wanted, WorkerPool& pool);
+/// Reads the head of every image of `wanted` (flags), and decodes those that stay files once to see that they can be,
+/// without holding file or pixels: as many at a time as runtime::image_check_bytes of them fit into 128 MiB. Errors as
+/// runtime::check_image and ByteSource::read, the image named; kUnsupported: more than 1 GiB.
+Result<ImagePlan> check_images(const SourceScene& scene, const std::vector<bool>& wanted, const ImageOptions& options,
+                               WorkerPool& pool);
 
-/// Appends a page for every record and sets the records' pages. Errors as ContainerWriter::append_raw; kFile: an image
-/// is not what it was when it was checked.
-Result<void> write_images(const SourceScene& scene, ImagePlan& plan, format::ContainerWriter& writer);
+/// Appends the pages of every record and completes the plan. Holds an image's file about four times while it is
+/// indexed, and, of images coded anew, the picture (10 bytes a pixel); as many at a time as fit into 256 MiB. Errors as
+/// ContainerWriter::append, runtime::index_jpeg and decode_image, the image named; kFile: an image is not what it was
+/// when it was checked.
+Result<void> write_images(const SourceScene& scene, const ImageOptions& options, ImagePlan& plan, WorkerPool& pool,
+                          format::ContainerWriter& writer);
 
 }  // namespace scree::convert

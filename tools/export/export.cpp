@@ -9,6 +9,7 @@
 #include <utility>
 #include <vector>
 
+#include "format/jpeg_index.h"
 #include "runtime/mapped_file.h"
 #include "tools/common/command.h"
 #include "tools/common/gltf_writer.h"
@@ -78,14 +79,34 @@ class Materials {
   std::map<uint32_t, uint32_t> untextured_;
 };
 
+/// An indexed JPEG as a file again, with the same coefficients.
+Result<std::vector<std::byte>> rebuild_jpeg(std::span<const std::byte> bytes) {
+  const auto index = format::open_jpeg_index(bytes);
+  if (!index) return index.error();
+  std::vector<std::byte> file(format::jpeg_file_bound(*index));
+  const auto size = format::decode_jpeg_index(file, *index);
+  if (!size) return size.error();
+  file.resize(*size);
+  return file;
+}
+
 Result<void> add_images(const format::Container& file, GltfWriter& writer, const ExportOptions& options) {
   std::vector<std::byte> scratch;
   const auto images = file.images();
   for (uint32_t i = 0; i < images.size(); ++i) {
     if (options.stop != nullptr && options.stop->load()) return Error{ErrorCode::kFile, "interrupted"};
+    const std::string place = "image " + std::to_string(i) + ", page " + std::to_string(images[i].page);
     const auto bytes = file.load_page(images[i].page, scratch);
-    if (!bytes) return at("image " + std::to_string(i) + ", page " + std::to_string(images[i].page), bytes.error());
-    const auto added = writer.add_image(file.string(images[i].name), images[i].codec, *bytes);
+    if (!bytes) return at(place, bytes.error());
+    const std::string_view name = file.string(images[i].name);
+    if (images[i].codec == format::ImageCodec::kIndexedJpeg) {
+      const auto jpeg = rebuild_jpeg(*bytes);
+      if (!jpeg) return at(place, jpeg.error());
+      const auto added = writer.add_image(name, format::ImageCodec::kJpeg, *jpeg);
+      if (!added) return added.error();
+      continue;
+    }
+    const auto added = writer.add_image(name, images[i].codec, *bytes);
     if (!added) return added.error();
   }
   return {};

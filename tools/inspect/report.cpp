@@ -282,6 +282,11 @@ void add_attributes(const Stats& stats, std::string& text) {
   if (any) text += "\nAttributes\n" + table.text();
 }
 
+const char* kind_name(format::ImageCodec codec) {
+  if (codec == format::ImageCodec::kIndexedJpeg) return "indexed JPEG";
+  return codec == format::ImageCodec::kJpeg ? "JPEG" : "PNG";
+}
+
 void add_textures(const format::Container& file, const Stats& stats, std::string& text) {
   const auto images = file.images();
   if (images.empty()) return;
@@ -289,23 +294,26 @@ void add_textures(const format::Container& file, const Stats& stats, std::string
           times(images.size(), "image", "images") + ", " + human_bytes(stats.images.stored) + "\n";
   TextTable table;
   table.row({"kind", "images", "pixels", "bytes", "share", "bits/pixel"});
-  for (const format::ImageCodec codec : {format::ImageCodec::kJpeg, format::ImageCodec::kPng}) {
+  for (const format::ImageCodec codec :
+       {format::ImageCodec::kIndexedJpeg, format::ImageCodec::kJpeg, format::ImageCodec::kPng}) {
     const ImageStats& kind = stats.image_kinds[static_cast<size_t>(codec)];
     if (kind.images == 0) continue;
-    table.row({codec == format::ImageCodec::kJpeg ? "JPEG" : "PNG", grouped(kind.images), grouped(kind.pixels),
-               human_bytes(kind.cost.stored), percent(kind.cost.stored, stats.file_bytes),
-               bits_each(kind.cost.stored, kind.pixels)});
+    table.row({kind_name(codec), grouped(kind.images), grouped(kind.pixels), human_bytes(kind.cost.stored),
+               percent(kind.cost.stored, stats.file_bytes), bits_each(kind.cost.stored, kind.pixels)});
   }
   text += table.text();
+  if (stats.mip_levels != 0) {
+    text += "  of which " + human_bytes(stats.level_bytes) + " in " +
+            times(stats.mip_levels, "mip level", "mip levels") + " of indexed JPEGs\n";
+  }
   if (stats.top_images.empty()) return;
   TextTable largest;
   largest.row({"largest by bytes", "kind", "size", "channels", "bytes", "share"});
   for (const uint32_t number : stats.top_images) {
     const format::ImageRecord& image = images[number];
-    const uint64_t bytes = file.pages()[image.page].stored_bytes;
+    const uint64_t bytes = image_bytes(file, number);
     const std::string_view name = file.string(image.name);
-    largest.row({name.empty() ? "image " + std::to_string(number) : printable(name, 32),
-                 image.codec == format::ImageCodec::kJpeg ? "JPEG" : "PNG",
+    largest.row({name.empty() ? "image " + std::to_string(number) : printable(name, 32), kind_name(image.codec),
                  std::to_string(image.width) + " x " + std::to_string(image.height), std::to_string(image.channels),
                  human_bytes(bytes), percent(bytes, stats.file_bytes)});
   }

@@ -11,6 +11,7 @@ namespace {
 using tools::JsonWriter;
 
 const char* codec_name(format::ImageCodec codec) {
+  if (codec == format::ImageCodec::kIndexedJpeg) return "indexed_jpeg";
   return codec == format::ImageCodec::kJpeg ? "jpeg" : "png";
 }
 
@@ -258,7 +259,10 @@ void textures_member(JsonWriter& json, const format::Container& file, const Stat
   json.begin_object();
   json.member("count", file.textures().size());
   json.member("images", file.images().size());
-  for (const format::ImageCodec codec : {format::ImageCodec::kJpeg, format::ImageCodec::kPng}) {
+  json.member("mip_levels", stats.mip_levels);
+  json.member("mip_level_bytes", stats.level_bytes);
+  for (const format::ImageCodec codec :
+       {format::ImageCodec::kIndexedJpeg, format::ImageCodec::kJpeg, format::ImageCodec::kPng}) {
     const ImageStats& kind = stats.image_kinds[static_cast<size_t>(codec)];
     json.key(codec_name(codec));
     json.begin_object();
@@ -278,7 +282,7 @@ void textures_member(JsonWriter& json, const format::Container& file, const Stat
     json.member("width", image.width);
     json.member("height", image.height);
     json.member("channels", image.channels);
-    json.member("bytes", file.pages()[image.page].stored_bytes);
+    json.member("bytes", image_bytes(file, number));
     json.end_object();
   }
   json.end_array();

@@ -51,6 +51,8 @@ const char* table_name(format::TableKind kind) {
       return "source";
     case format::TableKind::kLeftOut:
       return "left_out";
+    case format::TableKind::kMipLevels:
+      return "mip_levels";
   }
   return "unknown";
 }
@@ -264,11 +266,11 @@ void count_images(const format::Container& file, uint32_t top, Stats& stats) {
   const auto pages = file.pages();
   const auto images = file.images();
   std::vector<bool> seen(pages.size());
-  std::vector<uint64_t> image_bytes(images.size());
+  std::vector<uint64_t> bytes_of(images.size());
   for (uint32_t i = 0; i < images.size(); ++i) {
     const format::PageRecord& page = pages[images[i].page];
     const size_t codec = static_cast<size_t>(images[i].codec);
-    image_bytes[i] = page.stored_bytes;
+    bytes_of[i] = image_bytes(file, i);
     if (codec < stats.image_kinds.size()) {
       ++stats.image_kinds[codec].images;
       stats.image_kinds[codec].pixels += uint64_t{images[i].width} * images[i].height;
@@ -282,13 +284,33 @@ void count_images(const format::Container& file, uint32_t top, Stats& stats) {
       stats.image_kinds[codec].cost.raw += page.raw_bytes;
     }
   }
+  const auto levels = file.mip_levels();
+  for (uint64_t i = 0; i < levels.size(); ++i) {
+    stats.level_bytes += levels[i].bytes;
+    if (seen[levels[i].page]) continue;
+    seen[levels[i].page] = true;
+    const format::PageRecord& page = pages[levels[i].page];
+    Cost& cost = stats.image_kinds[static_cast<size_t>(format::ImageCodec::kIndexedJpeg)].cost;
+    for (Cost* sum : {&stats.images, &cost}) {
+      sum->stored += page.stored_bytes;
+      sum->raw += page.raw_bytes;
+    }
+  }
+  stats.mip_levels = levels.size();
   for (uint64_t i = 0; i < pages.size(); ++i) {
     if (pages[i].kind != PageKind::kGeometry && !seen[i]) stats.other_pages += pages[i].stored_bytes;
   }
-  stats.top_images = largest(image_bytes, top);
+  stats.top_images = largest(bytes_of, top);
 }
 
 }  // namespace
+
+uint64_t image_bytes(const format::Container& file, uint32_t image) {
+  const format::ImageRecord& record = file.images()[image];
+  uint64_t bytes = file.pages()[record.page].stored_bytes;
+  for (uint32_t i = 0; i < record.level_count; ++i) bytes += file.mip_levels()[record.first_level + i].bytes;
+  return bytes;
+}
 
 const char* stream_key(Stream stream) {
   static constexpr const char* kKeys[kStreamCount] = {"indices", "positions", "cluster_bounds", "cluster_records",

@@ -129,8 +129,10 @@ struct Stats {
   ClusterStats clusters;
   std::vector<LatticeStats> lattices;       // float32 first, then from the coarsest step to the finest
   std::vector<MeshCost> top_meshes;         // the costliest, at most `top`; equal costs by number
-  std::array<ImageStats, 3> image_kinds{};  // by ImageCodec: [1] JPEG, [2] PNG
-  std::vector<uint32_t> top_images;         // by stored bytes of their page
+  std::array<ImageStats, 4> image_kinds{};  // by ImageCodec: [1] JPEG, [2] PNG, [3] indexed JPEG, its levels included
+  std::vector<uint32_t> top_images;         // by stored bytes of their page and levels
+  uint64_t mip_levels = 0;                  // of indexed JPEGs
+  uint64_t level_bytes = 0;                 // of them
 
   uint64_t geometry_bytes() const;   // all streams, stored
   uint64_t attribute_bytes() const;  // uvs, colours, normals, stored
@@ -140,6 +142,9 @@ struct Stats {
 /// Counts. `bytes`: the whole file that `file` was opened on. `top`: how many meshes and images to list. Takes about 60
 /// ns a chunk, 16 bytes a mesh and chunk; pages of clustered chunks are loaded, one after the other.
 Stats gather(const format::Container& file, std::span<const std::byte> bytes, uint32_t top);
+
+/// Stored bytes of an image: its page, and its mip levels.
+uint64_t image_bytes(const format::Container& file, uint32_t image);
 
 /// "Rock", or "Rock #2" where the glTF mesh has several primitives, or "mesh 12" where it has no name.
 std::string mesh_name(const format::Container& file, uint32_t mesh);

@@ -14,6 +14,7 @@
 #include "format/bytes.h"
 #include "format/checksum.h"
 #include "runtime/image.h"
+#include "runtime/jpeg_image.h"
 #include "tools/common/chunk_decode.h"
 
 namespace scree::inspect {
@@ -87,6 +88,8 @@ class Verifier {
     const auto images = file_.images();
     group(chunk_starts_, chunk_list_, chunks.size(), [&](uint64_t i) { return chunks[i].page; });
     group(image_starts_, image_list_, images.size(), [&](uint64_t i) { return images[i].page; });
+    const auto levels = file_.mip_levels();
+    group(level_starts_, level_list_, levels.size(), [&](uint64_t i) { return levels[i].page; });
     for (uint64_t page = 0; page < pages; ++page) {
       std::sort(chunk_list_.begin() + static_cast<std::ptrdiff_t>(chunk_starts_[page]),
                 chunk_list_.begin() + static_cast<std::ptrdiff_t>(chunk_starts_[page + 1]),
@@ -203,7 +206,10 @@ class Verifier {
       report_.raw_bytes += loaded->size();
     }
     if (page.kind == PageKind::kGeometry) check_chunks(number, *loaded, decoded);
-    if (page.kind == PageKind::kImage) check_images(number, *loaded);
+    if (page.kind == PageKind::kImage) {
+      check_images(number, *loaded);
+      check_levels(number, *loaded);
+    }
   }
 
   /// The meshes of a page that cannot be read have no box to compare.
@@ -276,6 +282,10 @@ class Verifier {
       const uint64_t image = image_list_[i];
       const format::ImageRecord& record = file_.images()[image];
       const std::string place = page_place(number) + ": image " + std::to_string(image);
+      if (record.codec == format::ImageCodec::kIndexedJpeg) {
+        check_indexed(number, place, raw, record, 0);
+        continue;
+      }
       const auto info = runtime::probe_image(raw);
       if (!info) {
         fail(file_.pages()[number].offset, at(place, info.error()));
@@ -302,6 +312,50 @@ class Verifier {
       if (!warning->empty()) warnings_.emplace_back(image, place + ": " + *warning);
       ++report_.images;
       report_.pixels += uint64_t{info->width} * info->height;
+    }
+  }
+
+  /// Level `level` of an image: decoded whole, its anchors compared.
+  void check_indexed(uint32_t number, const std::string& place, std::span<const std::byte> bytes,
+                     const format::ImageRecord& record, uint32_t level) {
+    const uint32_t width = std::max(1u, record.width >> level);
+    const uint32_t height = std::max(1u, record.height >> level);
+    const auto index = runtime::open_jpeg_level(bytes, width, height, record.channels);
+    Result<uint64_t> size = index ? Result<uint64_t>(uint64_t{0}) : Result<uint64_t>(index.error());
+    if (index) {
+      std::vector<std::byte> file(format::jpeg_file_bound(*index));
+      size = format::decode_jpeg_index(file, *index);
+    }
+    if (!size) {
+      fail(file_.pages()[number].offset, at(place, size.error()));
+      return;
+    }
+    const std::lock_guard lock(mutex_);
+    if (level == 0) ++report_.images;
+    report_.pixels += uint64_t{width} * height;
+  }
+
+  void check_levels(uint32_t number, std::span<const std::byte> raw) {
+    uint64_t end = 0;
+    for (uint64_t i = level_starts_[number]; i < level_starts_[number + 1]; ++i) {
+      const uint64_t level = level_list_[i];
+      const format::MipLevelRecord& record = file_.mip_levels()[level];
+      const format::ImageRecord& image = file_.images()[record.image];
+      const auto number_of_image = static_cast<uint32_t>(level - image.first_level + 1);
+      const std::string place =
+          page_place(number) + ": image " + std::to_string(record.image) + ", level " + std::to_string(number_of_image);
+      if (record.offset != end) {
+        fail(file_.pages()[number].offset,
+             {ErrorCode::kRange,
+              place + ": begins at byte " + std::to_string(record.offset) + ", expected " + std::to_string(end)});
+      }
+      end = record.offset + record.bytes;
+      check_indexed(number, place, raw.subspan(record.offset, record.bytes), image, number_of_image);
+    }
+    if (level_starts_[number] != level_starts_[number + 1] && end != raw.size()) {
+      fail(file_.pages()[number].offset,
+           {ErrorCode::kTrailing, page_place(number) + ": " + std::to_string(raw.size()) +
+                                      " bytes, but its mip levels end at byte " + std::to_string(end)});
     }
   }
 
@@ -337,7 +391,7 @@ class Verifier {
   const format::Container& file_;
   std::span<const std::byte> bytes_;
   const VerifyHooks& hooks_;
-  std::vector<uint64_t> chunk_starts_, chunk_list_, image_starts_, image_list_;
+  std::vector<uint64_t> chunk_starts_, chunk_list_, image_starts_, image_list_, level_starts_, level_list_;
 
   std::mutex mutex_;  // of everything below
   VerifyReport report_;

@@ -1,0 +1,52 @@
+// An image of a .scree file that is stored as indexed JPEGs: its base level and its mip levels.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <map>
+#include <span>
+#include <vector>
+
+#include "format/container.h"
+#include "format/jpeg_index.h"
+#include "format/result.h"
+#include "runtime/image.h"
+#include "runtime/texture.h"
+
+namespace scree::runtime {
+
+/// The levels of one image, opened; they point into the container's file, or, of compressed pages, into this.
+class JpegImage {
+ public:
+  /// Image `image` of `container`, whose codec is kIndexedJpeg. Checks its pages' checksums, and each level against the
+  /// record. Errors those of Container::load_page and format::open_jpeg_index, kRange (another size or number of
+  /// components than the record says), each with the level.
+  static Result<JpegImage> open(const format::Container& container, uint32_t image);
+
+  /// Level 0 and the stored levels below it.
+  const std::vector<format::JpegIndex>& levels() const { return levels_; }
+
+  /// All levels decoded, those below the stored ones made from the last of them. Errors kFormat. Throws std::bad_alloc.
+  Result<MipChain> decode() const;
+
+  /// The levels below the stored ones alone: level 0 of the result is the last stored one. Errors and throws so.
+  Result<MipChain> decode_tail() const;
+
+ private:
+  struct Page {
+    std::vector<std::byte> unpacked;
+    std::span<const std::byte> bytes;
+  };
+
+  std::map<uint32_t, Page> pages_;
+  std::vector<format::JpegIndex> levels_;
+};
+
+/// Opens one level and checks it: `width` x `height` pixels, `channels` components. Errors as JpegImage::open.
+Result<format::JpegIndex> open_jpeg_level(std::span<const std::byte> bytes, uint32_t width, uint32_t height,
+                                          uint32_t channels);
+
+/// A level as a picture. Errors kFormat, kRange (more than kMaxImagePixels). Throws std::bad_alloc.
+Result<Image> decode_jpeg_level(const format::JpegIndex& level);
+
+}  // namespace scree::runtime
