@@ -3,12 +3,8 @@
 #pragma once
 
 #include <cstdint>
-#include <functional>
-#include <span>
-#include <vector>
 
 #include "format/hd.h"
-#include "format/jpeg_index.h"
 #include "format/jpeg_mcu.h"
 
 namespace scree::format {
@@ -28,17 +24,6 @@ struct JpegPicture {
   uint32_t mcu_blocks;
   uint32_t colour;  // JpegColour
 };
-
-/// What JpegPicture::factors points to.
-std::vector<uint32_t> jpeg_factors(const JpegIndex& index);
-
-/// Valid while `index`, its bytes and `factors` (of jpeg_factors) are.
-JpegPicture jpeg_picture(const JpegIndex& index, const uint32_t* factors);
-
-/// Decodes the whole picture MCU row by MCU row, holding no more than that: row(y, rgb) for every row from the top, 3
-/// bytes a pixel. Errors kFormat: data that are none, with the MCU.
-Result<void> decode_jpeg_rows(const JpegIndex& index,
-                              const std::function<void(uint32_t y, std::span<const uint8_t> rgb)>& row);
 
 /// The one-dimensional inverse DCT of Loeffler, Ligtenberg and Moschytz with 13 bits of fraction: 8 values, `step`
 /// apart, in place, 2^3 times the orthogonal transform's over 2^(shift - 13). Sums wrap where damaged data make them.

@@ -6,19 +6,31 @@
 #include <cstddef>
 #include <cstdint>
 
+#include "format/jpeg_pixels.h"
 #include "format/layout.h"
 
 namespace scree::kernels {
 
-/// A decoded texture with its mip levels: level l is max(1, width >> l) by max(1, height >> l) texels, 4 bytes each
-/// (RGBA8, sRGB-coded colour, linear alpha), rows top to bottom, `level_offset[l]` texels from `texels`.
+/// A mip level that is decoded as it is looked at.
+struct JpegLevel {
+  format::JpegPicture picture;
+  uint32_t number;  // no other level of the scene has it
+};
+
+class BlockCache;
+
+/// A texture with its mip levels: level l is max(1, width >> l) by max(1, height >> l) texels. The first may be JPEGs;
+/// the others are decoded, 4 bytes a texel (RGBA8, sRGB-coded colour, linear alpha), rows top to bottom,
+/// `level_offset[l]` texels from `texels`.
 struct TextureView {
   static constexpr uint32_t kMaxLevels = 17;  // 65536 x 65536
-  const uint8_t* texels;                      // null: no picture, drawn as white
+  const uint8_t* texels;
   uint64_t level_offset[kMaxLevels];
   uint32_t width;
   uint32_t height;
-  uint32_t level_count;
+  uint32_t level_count;       // 0: no picture, drawn as white
+  uint32_t jpeg_level_count;  // of the level_count; on a GPU 0
+  const JpegLevel* jpeg;      // of levels 0 to jpeg_level_count - 1
   format::Wrap wrap_s;
   format::Wrap wrap_t;
   bool nearest;  // magnification filter
@@ -40,6 +52,7 @@ struct SceneView {
   uint64_t matrix_count;
   uint64_t material_count;
   uint64_t texture_count;
+  BlockCache* blocks;  // of the textures' JPEG levels; null where there are none
 };
 
 }  // namespace scree::kernels

@@ -410,10 +410,10 @@ struct Shader {
         if constexpr (kShow == Show::kTexture) {
           if ((at.mesh.attributes & format::kHasUv) != 0 && material->texture != format::kNone) {
             const TextureView& texture = in.scene.textures[material->texture];
-            if (texture.texels != nullptr) {
+            if (texture.level_count != 0) {
               const TexturePlace place = find_place(at, vertex, material, static_cast<float>(texture.width),
                                                     static_cast<float>(texture.height), m, weights, x, y);
-              sample_texture(texture, in.srgb->linear, place.u, place.v, place.footprint, rgb);
+              sample_texture(in.scene.blocks, texture, in.srgb->linear, place.u, place.v, place.footprint, rgb);
             }
           }
         }

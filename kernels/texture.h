@@ -1,8 +1,9 @@
-// Sampling a texture: wrap modes, bilinear in linear light, between mip levels.
+// Sampling a texture: wrap modes, bilinear in linear light, between mip levels, decoded ones and JPEGs.
 #pragma once
 
 #include <cmath>
 
+#include "kernels/block_cache.h"
 #include "kernels/math.h"
 #include "kernels/scene_view.h"
 
@@ -45,25 +46,67 @@ SCREE_HD inline TexelPair texel_pair(double wrapped, uint32_t size, format::Wrap
   return pair;
 }
 
-/// `table`: linear light of the 256 sRGB codes.
-SCREE_HD inline void sample_level(const TextureView& texture, const float* table, uint32_t level, double u, double v,
-                                  bool nearest, float rgb[3]) {
+#if !defined(__CUDA_ARCH__)
+/// The same of a JPEG level. Each group is held once, however many of the texels lie in it.
+inline void fetch_jpeg_texels(BlockCache& blocks, const JpegLevel& level, const TexelPair& column, const TexelPair& row,
+                              uint32_t texels[4]) {
+  format::JpegPlace places[4];
+  for (uint32_t i = 0; i < 4; ++i) {
+    places[i] =
+        format::jpeg_place(level.picture, i % 2 == 0 ? column.first : column.second, i < 2 ? row.first : row.second);
+  }
+  uint32_t missing = 15;
+  for (uint32_t i = 0; i < 4; ++i) {
+    if ((missing >> i & 1u) == 0) continue;
+    uint64_t hold;
+    const uint8_t* samples = blocks.hold(level, places[i].group, hold);
+    for (uint32_t j = i; j < 4; ++j) {
+      if (places[j].group != places[i].group) continue;
+      texels[j] = format::jpeg_colour(level.picture, places[j], samples);
+      missing &= ~(1u << j);
+    }
+    blocks.release(hold);
+  }
+}
+#endif
+
+/// The four texels of two columns and two rows, row by row, as coded, red in the low byte; the high byte is anything.
+SCREE_HD inline void fetch_texels([[maybe_unused]] BlockCache* blocks, const TextureView& texture, uint32_t level,
+                                  const TexelPair& column, const TexelPair& row, uint32_t texels[4]) {
+#if !defined(__CUDA_ARCH__)
+  if (level < texture.jpeg_level_count) {
+    fetch_jpeg_texels(*blocks, texture.jpeg[level], column, row, texels);
+    return;
+  }
+#endif
+  const uint32_t width = max_of(texture.width >> level, 1u);
+  const uint8_t* first = texture.texels + 4 * texture.level_offset[level];
+  for (uint32_t i = 0; i < 4; ++i) {
+    const uint64_t x = i % 2 == 0 ? column.first : column.second;
+    const uint64_t y = i < 2 ? row.first : row.second;
+    const uint8_t* texel = first + 4 * (y * width + x);
+    texels[i] = texel[0] | uint32_t{texel[1]} << 8 | uint32_t{texel[2]} << 16;
+  }
+}
+
+/// `table`: linear light of the 256 sRGB codes. `blocks`: SceneView::blocks.
+SCREE_HD inline void sample_level(BlockCache* blocks, const TextureView& texture, const float* table, uint32_t level,
+                                  double u, double v, bool nearest, float rgb[3]) {
   const uint32_t width = max_of(texture.width >> level, 1u);
   const uint32_t height = max_of(texture.height >> level, 1u);
-  const uint8_t* texels = texture.texels + 4 * texture.level_offset[level];
   TexelPair column = texel_pair(u, width, texture.wrap_s);
   TexelPair row = texel_pair(v, height, texture.wrap_t);
   if (nearest) {
     column.weight = column.weight < 0.5f ? 0.0f : 1.0f;
     row.weight = row.weight < 0.5f ? 0.0f : 1.0f;
   }
-  const uint8_t* top = texels + 4 * (uint64_t{row.first} * width);
-  const uint8_t* bottom = texels + 4 * (uint64_t{row.second} * width);
+  uint32_t texels[4];
+  fetch_texels(blocks, texture, level, column, row, texels);
   for (uint32_t c = 0; c < 3; ++c) {
-    const float a = table[top[4 * uint64_t{column.first} + c]];
-    const float b = table[top[4 * uint64_t{column.second} + c]];
-    const float e = table[bottom[4 * uint64_t{column.first} + c]];
-    const float f = table[bottom[4 * uint64_t{column.second} + c]];
+    const float a = table[texels[0] >> (8 * c) & 255u];
+    const float b = table[texels[1] >> (8 * c) & 255u];
+    const float e = table[texels[2] >> (8 * c) & 255u];
+    const float f = table[texels[3] >> (8 * c) & 255u];
     const float above = a + (b - a) * column.weight;
     const float below = e + (f - e) * column.weight;
     rgb[c] = above + (below - above) * row.weight;
@@ -72,21 +115,21 @@ SCREE_HD inline void sample_level(const TextureView& texture, const float* table
 
 /// The colour at (u, v), any finite numbers. `footprint`: the square of the larger side of a pixel in texels of
 /// level 0; picks the mip levels.
-SCREE_HD inline void sample_texture(const TextureView& texture, const float* table, double u, double v, float footprint,
-                                    float rgb[3]) {
+SCREE_HD inline void sample_texture(BlockCache* blocks, const TextureView& texture, const float* table, double u,
+                                    double v, float footprint, float rgb[3]) {
   rgb[0] = rgb[1] = rgb[2] = 1.0f;
-  if (texture.texels == nullptr || texture.level_count == 0) return;
+  if (texture.level_count == 0) return;
   const double wrapped_u = wrap_coordinate(u, texture.wrap_s);
   const double wrapped_v = wrap_coordinate(v, texture.wrap_t);
   const float last = static_cast<float>(texture.level_count - 1);
   // NaN and infinite footprints (a plane seen edge-on) take the last level.
   const float level = footprint <= 1.0f ? 0.0f : footprint < 1e18f ? min_of(0.5f * std::log2(footprint), last) : last;
   const uint32_t fine = static_cast<uint32_t>(level);
-  sample_level(texture, table, fine, wrapped_u, wrapped_v, texture.nearest && footprint <= 1.0f, rgb);
+  sample_level(blocks, texture, table, fine, wrapped_u, wrapped_v, texture.nearest && footprint <= 1.0f, rgb);
   const float between = level - static_cast<float>(fine);
   if (between > 0) {
     float coarse[3];
-    sample_level(texture, table, fine + 1, wrapped_u, wrapped_v, false, coarse);
+    sample_level(blocks, texture, table, fine + 1, wrapped_u, wrapped_v, false, coarse);
     for (int c = 0; c < 3; ++c) rgb[c] = rgb[c] + (coarse[c] - rgb[c]) * between;
   }
 }

@@ -4,7 +4,7 @@
 #include <string>
 #include <utility>
 
-#include "format/jpeg_pixels.h"
+#include "format/jpeg_picture.h"
 
 namespace scree::runtime {
 
@@ -94,6 +94,48 @@ Result<MipChain> JpegImage::decode() const {
   chain.level_count = stored + tail->level_count;
   chain.texels.insert(chain.texels.end(), tail->texels.begin(), tail->texels.end());
   return chain;
+}
+
+Result<JpegTexture> JpegTexture::make(JpegImage image) {
+  JpegTexture texture;
+  texture.image_ = std::move(image);
+  Result<MipChain> tail = texture.image_.decode_tail();
+  if (!tail) return tail.error();
+  texture.tail_ = std::move(*tail);
+  const std::vector<format::JpegIndex>& levels = texture.image_.levels();
+  for (size_t l = 0; l + 1 < levels.size(); ++l) {
+    texture.factors_.push_back(format::jpeg_factors(levels[l]));
+    texture.levels_.push_back({format::jpeg_picture(levels[l], texture.factors_.back().data()), 0});
+  }
+  return texture;
+}
+
+uint32_t JpegTexture::number_levels(uint32_t first) {
+  for (kernels::JpegLevel& level : levels_) level.number = first++;
+  return first;
+}
+
+kernels::TextureView JpegTexture::view(const format::TextureRecord& record) const {
+  kernels::TextureView view = texture_view(tail_, record);
+  const auto stored = static_cast<uint32_t>(levels_.size());
+  // What the tail says of its level l is said of level `stored` + l.
+  std::copy_backward(view.level_offset, view.level_offset + view.level_count,
+                     view.level_offset + stored + view.level_count);
+  view.level_count += stored;
+  view.width = image_.levels().front().width;
+  view.height = image_.levels().front().height;
+  view.jpeg = levels_.data();
+  view.jpeg_level_count = stored;
+  return view;
+}
+
+uint64_t JpegTexture::jpeg_bytes() const {
+  uint64_t bytes = 0;
+  for (size_t l = 0; l < levels_.size(); ++l) {
+    const format::JpegIndex& level = image_.levels()[l];
+    bytes += level.data.size() + level.index_bytes() + level.tables.size() * sizeof(format::JpegHuffmanTable);
+  }
+  return bytes;
 }
 
 }  // namespace scree::runtime

@@ -10,6 +10,7 @@
 #include "format/container.h"
 #include "format/jpeg_index.h"
 #include "format/result.h"
+#include "kernels/scene_view.h"
 #include "runtime/image.h"
 #include "runtime/texture.h"
 
@@ -40,6 +41,29 @@ class JpegImage {
 
   std::map<uint32_t, Page> pages_;
   std::vector<format::JpegIndex> levels_;
+};
+
+/// An image as kernels see it: its finer levels stay JPEGs, the last stored one and those below are decoded.
+class JpegTexture {
+ public:
+  /// Errors and throws as JpegImage::decode_tail.
+  static Result<JpegTexture> make(JpegImage image);
+
+  /// Numbers the JPEG levels from `first` on and returns the number behind the last.
+  uint32_t number_levels(uint32_t first);
+
+  /// Valid while this is; it may be moved.
+  kernels::TextureView view(const format::TextureRecord& record) const;
+
+  std::span<const kernels::JpegLevel> jpeg_levels() const { return levels_; }
+  uint64_t decoded_bytes() const { return tail_.texels.size(); }
+  uint64_t jpeg_bytes() const;  // of the levels that stay JPEGs: data, index and tables
+
+ private:
+  JpegImage image_;
+  std::vector<std::vector<uint32_t>> factors_;
+  std::vector<kernels::JpegLevel> levels_;
+  MipChain tail_;
 };
 
 /// Opens one level and checks it: `width` x `height` pixels, `channels` components. Errors as JpegImage::open.

@@ -5,7 +5,7 @@
 #include <optional>
 #include <utility>
 
-#include "format/jpeg_pixels.h"
+#include "format/jpeg_picture.h"
 #include "format/mip_levels.h"
 #include "runtime/jpeg_file.h"
 #include "runtime/jpeg_writer.h"

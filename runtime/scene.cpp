@@ -1,5 +1,6 @@
 #include "runtime/scene.h"
 
+#include <algorithm>
 #include <charconv>
 #include <new>
 #include <span>
@@ -44,6 +45,12 @@ Result<MipChain> load_image(const format::Container& container, uint32_t index, 
                                          std::to_string(record.width) + " x " + std::to_string(record.height)};
   warning = std::move(image->warning);
   return make_mips(std::move(*image));
+}
+
+Result<JpegTexture> load_jpeg(const format::Container& container, uint32_t index) {
+  Result<JpegImage> image = JpegImage::open(container, index);
+  if (!image) return image.error();
+  return JpegTexture::make(std::move(*image));
 }
 
 std::string image_place(const format::Container& container, uint32_t index) {
@@ -193,10 +200,21 @@ Result<void> Scene::load_textures(const SceneOptions& options) {
     if (image_drawn[i]) wanted.push_back(i);
 
   mips_.resize(images.size());
+  jpegs_.resize(images.size());
   std::vector<Result<void>> results(wanted.size());
   std::vector<std::string> warnings(wanted.size());
   parallel_for(wanted.size(), options.threads, [&](uint64_t i) {
-    Result<MipChain> mips = load_image(container(), wanted[i], warnings[i]);
+    const uint32_t image = wanted[i];
+    if (options.texture_cache != 0 && images[image].codec == format::ImageCodec::kIndexedJpeg) {
+      Result<JpegTexture> jpeg = load_jpeg(container(), image);
+      if (jpeg) {
+        jpegs_[image] = std::move(*jpeg);
+      } else {
+        results[i] = jpeg.error();
+      }
+      return;
+    }
+    Result<MipChain> mips = load_image(container(), image, warnings[i]);
     if (mips) {
       mips_[wanted[i]] = std::move(*mips);
     } else {
@@ -207,12 +225,33 @@ Result<void> Scene::load_textures(const SceneOptions& options) {
     const std::string place = image_place(container(), wanted[i]);
     if (!results[i]) return at(place, results[i].error());
     if (!warnings[i].empty()) warnings_.push_back(place + ": " + warnings[i]);
-    stats_.texture_bytes += mips_[wanted[i]].texels.size();
+    stats_.texture_bytes += mips_[wanted[i]].texels.size() + jpegs_[wanted[i]].decoded_bytes();
+    stats_.jpeg_bytes += jpegs_[wanted[i]].jpeg_bytes();
   }
+  make_block_cache(options.texture_cache);
   stats_.images = wanted.size();
   for (uint64_t t = 0; t < textures.size(); ++t)
-    if (texture_drawn[t]) textures_[t] = texture_view(mips_[textures[t].image], textures[t]);
+    if (texture_drawn[t]) textures_[t] = view_of(textures[t]);
   return {};
+}
+
+kernels::TextureView Scene::view_of(const format::TextureRecord& record) const {
+  const MipChain& mips = mips_[record.image];
+  return mips.level_count != 0 ? texture_view(mips, record) : jpegs_[record.image].view(record);
+}
+
+/// Slots are as large as the largest group of the scene's JPEG levels.
+void Scene::make_block_cache(uint64_t bytes) {
+  uint32_t number = 0;
+  uint32_t slot_blocks = 0;
+  for (JpegTexture& jpeg : jpegs_) {
+    number = jpeg.number_levels(number);
+    for (const kernels::JpegLevel& level : jpeg.jpeg_levels())
+      slot_blocks = std::max(slot_blocks, level.picture.mcu_blocks * level.picture.view.group_mcus);
+  }
+  if (slot_blocks == 0) return;
+  blocks_ = std::make_unique<kernels::BlockCache>(bytes, 64 * slot_blocks);
+  view_.blocks = blocks_.get();
 }
 
 }  // namespace scree::runtime

@@ -10,7 +10,9 @@
 
 #include "format/container.h"
 #include "format/result.h"
+#include "kernels/block_cache.h"
 #include "kernels/scene_view.h"
+#include "runtime/jpeg_image.h"
 #include "runtime/mapped_file.h"
 #include "runtime/scene_pages.h"
 #include "runtime/stopwatch.h"
@@ -40,6 +42,9 @@ class SceneFile {
 struct SceneOptions {
   bool textures = true;  // false: texture views have no texels
   uint32_t threads = 1;
+  // Most bytes of decoded blocks that are kept of JPEG textures, whose finer levels are decoded as they are looked at;
+  // 0: all levels are decoded at once, as a GPU needs them.
+  uint64_t texture_cache = 0;
   bool pages = true;  // false: view().pages are null until load_pages(), for scenes that a GPU draws
 };
 
@@ -47,8 +52,9 @@ struct LoadStats {
   uint64_t pages = 0;          // geometry pages loaded and checked
   uint64_t stored_bytes = 0;   // of them, in the file
   uint64_t decoded_bytes = 0;  // of those that were compressed, in memory of their own
-  uint64_t images = 0;         // decoded
-  uint64_t texture_bytes = 0;  // of their levels
+  uint64_t images = 0;
+  uint64_t texture_bytes = 0;  // of their decoded levels
+  uint64_t jpeg_bytes = 0;     // of the levels that stay JPEGs, with their tables
   Duration geometry;
   Duration textures;
 };
@@ -57,7 +63,7 @@ struct LoadStats {
 class Scene {
  public:
   /// Numbers the instances of scene number `scene` (below the container's count), loads its pages unless the options
-  /// say not to, and decodes the images of its materials, each once. Errors, with the file and the place named: those
+  /// say not to, and loads the images of its materials, each once. Errors, with the file and the place named: those
   /// of load_pages(); of an image kRange, kFormat, kTrailing, kTruncated; kRange (more than 2^36 - 1 drawn triangles);
   /// kMemory.
   static Result<Scene> load(SceneFile file, uint32_t scene, const SceneOptions& options);
@@ -82,6 +88,8 @@ class Scene {
   uint32_t scene_index() const { return scene_; }
   const kernels::SceneView& view() const { return view_; }
   const LoadStats& stats() const { return stats_; }
+  /// Of the JPEG textures; null where there are none.
+  const kernels::BlockCache* block_cache() const { return blocks_.get(); }
 
   /// Images that decoded with a complaint; one line each, without the file.
   const std::vector<std::string>& warnings() const { return warnings_; }
@@ -94,6 +102,8 @@ class Scene {
   explicit Scene(SceneFile file) : file_(std::move(file)) {}
   Result<void> number_instances();
   Result<void> load_textures(const SceneOptions& options);
+  kernels::TextureView view_of(const format::TextureRecord& record) const;
+  void make_block_cache(uint64_t bytes);
 
   SceneFile file_;
   uint32_t scene_ = 0;
@@ -108,7 +118,9 @@ class Scene {
   DrawnPages drawn_pages_;
   PageSet pages_;
   bool has_pages_ = false;
-  std::vector<MipChain> mips_;  // by image; empty where no drawn material uses it
+  std::vector<MipChain> mips_;      // by image; empty where no drawn material uses it,
+  std::vector<JpegTexture> jpegs_;  // or where it is here
+  std::unique_ptr<kernels::BlockCache> blocks_;
   std::vector<kernels::TextureView> textures_;
   std::vector<std::string> warnings_;
   LoadStats stats_;

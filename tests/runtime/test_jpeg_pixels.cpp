@@ -1,9 +1,10 @@
 // The samples and colours of indexed JPEGs against libjpeg's.
-#include "format/jpeg_pixels.h"
+#include "format/jpeg_picture.h"
 
 #include <algorithm>
 #include <cmath>
 #include <cstdlib>
+#include <random>
 
 #include "runtime/image.h"
 #include "runtime/jpeg_file.h"
@@ -143,6 +144,31 @@ TEST_CASE("samples and colours are libjpeg's, for every kind of file", "[jpeg_pi
     CHECK(difference.unequal == 0);
     if (recipe.width * recipe.height < 40000) CHECK(wrong_places(index, rgb) == 0);
   }
+}
+
+TEST_CASE("damaged groups decode to something, within their bytes", "[jpeg_pixels]") {
+  std::mt19937 random(7);
+  uint32_t opened = 0;
+  for (const auto& recipe : scree::tests::indexable_recipes()) {
+    if (recipe.width * recipe.height > 40000) continue;
+    INFO(recipe.name << ", " << recipe.width << " x " << recipe.height);
+    const auto indexed = runtime::index_jpeg(make_jpeg(recipe));
+    REQUIRE(indexed);
+    for (int round = 0; round < 4; ++round) {
+      GuardedBytes bytes(indexed->bytes);
+      for (int i = 0; i < 6; ++i)
+        bytes.bytes()[64 + random() % (bytes.bytes().size() - 64)] ^= std::byte(1 + random() % 255);
+      const auto index = open_jpeg_index(bytes.bytes());
+      if (!index) continue;
+      ++opened;
+      const auto factors = jpeg_factors(*index);
+      const JpegPicture picture = jpeg_picture(*index, factors.data());
+      GuardedBytes samples(size_t{64} * picture.mcu_blocks * picture.view.group_mcus);
+      for (uint32_t group = 0; group < index->layout.group_count; ++group)
+        decode_jpeg_group(picture, group, reinterpret_cast<uint8_t*>(samples.bytes().data()));
+    }
+  }
+  CHECK(opened > 50);
 }
 
 TEST_CASE("samples and colours of real files are libjpeg's", "[jpeg_pixels]") {

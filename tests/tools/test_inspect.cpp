@@ -9,7 +9,9 @@
 #include <vector>
 
 #include "tests/catch.h"
+#include "tests/format/jpeg_maker.h"
 #include "tests/models.h"
+#include "tests/tools/model_maker.h"
 #include "tests/tools/packed_file.h"
 #include "tools/inspect/inspect.h"
 #include "tools/inspect/report.h"
@@ -74,6 +76,7 @@ format::TableSet tables_of(const format::Container& file) {
   copy(file.materials(), tables.materials);
   copy(file.textures(), tables.textures);
   copy(file.images(), tables.images);
+  copy(file.mip_levels(), tables.mip_levels);
   copy(file.cameras(), tables.cameras);
   copy(file.scenes(), tables.scenes);
   copy(file.scene_roots(), tables.scene_roots);
@@ -272,6 +275,56 @@ TEST_CASE("inspect: --verify finds what checksums cannot", "[inspect][verify]") 
     image.resize(image.size() / 2);
   });
   CHECK(mentions(failures_of(path), "image 0"));
+}
+
+TEST_CASE("inspect: --verify decodes every level of an indexed JPEG", "[inspect][verify][jpeg]") {
+  const tests::TempFolder folder;
+  {
+    tests::ModelMaker maker(folder.file("a.glb"));
+    tests::JpegRecipe recipe;
+    recipe.width = 300;
+    recipe.height = 150;
+    recipe.factors = {{2, 2}, {1, 1}, {1, 1}};
+    const auto image = maker.writer().add_image("bark", format::ImageCodec::kJpeg, tests::make_jpeg(recipe));
+    REQUIRE(image);
+    tools::GltfTexture texture;
+    texture.image = *image;
+    tools::GltfMaterial material;
+    material.texture = maker.writer().add_texture(texture);
+    tests::GridSpec spec;
+    spec.uv = true;
+    maker.node("a", maker.mesh("a", {maker.grid(spec, maker.writer().add_material(material))}));
+    maker.finish();
+  }
+  const auto packed = tests::pack(folder.file("a.glb"), folder.file("a.scree"));
+  REQUIRE(packed);
+  const format::Container& file = packed->file;
+  REQUIRE(file.mip_levels().size() == 2);
+  const uint32_t base = file.images()[0].page;
+  const uint32_t levels = file.mip_levels()[0].page;
+  const std::string path = folder.file("b.scree");
+  rewrite(file, path, [](auto&, auto&) {});
+  CHECK(failures_of(path).empty());
+
+  // The last byte of the anchors: a group begins elsewhere.
+  const auto spoil = [](std::vector<std::byte>& bytes, size_t end) {
+    for (size_t i = end; i-- > 0;) {
+      if (bytes[i] == std::byte{0}) continue;
+      bytes[i] ^= std::byte{1};
+      return;
+    }
+  };
+  rewrite(file, path, [&](format::TableSet&, auto& pages) { spoil(pages[base], pages[base].size()); });
+  CHECK(mentions(failures_of(path), "image 0: indexed JPEG: "));
+  rewrite(file, path,
+          [&](format::TableSet& tables, auto& pages) { spoil(pages[levels], tables.mip_levels[1].offset); });
+  CHECK(mentions(failures_of(path), "image 0, level 1: indexed JPEG: "));
+  rewrite(file, path, [&](format::TableSet&, auto& pages) { pages[levels].resize(pages[levels].size() + 16); });
+  CHECK(mentions(failures_of(path), "but its mip levels end at byte "));
+  rewrite(file, path, [&](format::TableSet& tables, auto&) { tables.images[0].channels = 1; });
+  CHECK(mentions(failures_of(path), "image 0: indexed JPEG: is 300 x 150 x 3, expected 300 x 150 x 1"));
+  rewrite(file, path, [&](format::TableSet& tables, auto&) { tables.mip_levels[1] = tables.mip_levels[0]; });
+  CHECK(mentions(failures_of(path), "image 0, level 2: begins at byte 0"));
 }
 
 TEST_CASE("inspect: a failure is named, printed and ends in an error", "[inspect][verify]") {

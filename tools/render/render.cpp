@@ -106,6 +106,9 @@ void print_stats(const runtime::Scene& scene, const runtime::Frame& frame, const
   }
   std::printf("textures: %llu images, %s with levels, %s\n", static_cast<unsigned long long>(load.images),
               format_bytes(load.texture_bytes).c_str(), both_times(load.textures).c_str());
+  if (const kernels::BlockCache* blocks = scene.block_cache())
+    std::printf("JPEG levels: %s, %llu groups decoded into a cache of %s\n", format_bytes(load.jpeg_bytes).c_str(),
+                static_cast<unsigned long long>(blocks->decoded()), format_bytes(blocks->bytes()).c_str());
   std::printf("view: eye %.9g,%.9g,%.9g forward %.6f,%.6f,%.6f up %.6f,%.6f,%.6f near %g\n", view.eye[0], view.eye[1],
               view.eye[2], view.forward[0], view.forward[1], view.forward[2], view.up[0], view.up[1], view.up[2],
               view.z_near);
@@ -208,6 +211,7 @@ Result<void> render(const RenderOptions& options) {
   load.textures = !options.output.empty() && options.shade.show == kernels::Show::kTexture;
   load.threads = options.threads;
   load.pages = !*on_gpu;
+  if (!*on_gpu) load.texture_cache = options.texture_cache;
   Result<runtime::Scene> scene = runtime::Scene::load(std::move(*file), *scene_index, load);
   if (!scene) return scene.error();
   if (!options.quiet)
@@ -298,6 +302,8 @@ Command add_render(CLI::App& parent) {
                   "cpu, cuda, or auto: the GPU where there is one that holds the scene (default)");
   app->add_option("--device-memory", words->device_memory,
                   "The most the scene may take of the GPU's memory, such as 8GiB (default: what is free)");
+  app->add_option("--texture-cache", words->texture_cache,
+                  "Memory for decoded blocks of JPEG textures when the CPU draws, such as 1GiB (default: 64MiB)");
   app->add_flag("--stats", words->stats, "Print counts and times of every step");
   app->add_flag("-q,--quiet", words->quiet, "No closing line and no warnings");
   return {app, [words] { return run(*words); }};

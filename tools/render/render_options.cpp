@@ -266,6 +266,11 @@ Result<RenderOptions> parse_render_options(const RenderWords& words) {
     if (!bytes) return at("--device-memory", bytes.error());
     options.device_memory = *bytes;
   }
+  if (!words.texture_cache.empty()) {
+    const Result<uint64_t> bytes = parse_size(words.texture_cache);
+    if (!bytes) return at("--texture-cache", bytes.error());
+    options.texture_cache = std::max<uint64_t>(*bytes, 1);
+  }
   for (const std::string& text : words.picks) {
     const Result<PixelPlace> place = parse_pick(text, options.camera.width, options.camera.height);
     if (!place) return place.error();

@@ -1,4 +1,4 @@
-#include "format/jpeg_pixels.h"
+#include "format/jpeg_picture.h"
 
 #include <algorithm>
 #include <string>
