@@ -76,4 +76,21 @@ void BlockCache::release(uint64_t place) {
   sets_[place].is_held.store(false, std::memory_order_release);
 }
 
+void BlockCache::fetch(const JpegLevel& level, const uint32_t x[2], const uint32_t y[2], uint32_t colours[4]) {
+  format::JpegPlace places[4];
+  for (uint32_t i = 0; i < 4; ++i) places[i] = format::jpeg_place(level.picture, x[i % 2], y[i / 2]);
+  uint32_t missing = 15;
+  for (uint32_t i = 0; i < 4; ++i) {
+    if ((missing >> i & 1u) == 0) continue;
+    uint64_t place;
+    const uint8_t* const samples = hold(level, places[i].group, place);
+    for (uint32_t j = i; j < 4; ++j) {
+      if (places[j].group != places[i].group) continue;
+      colours[j] = format::jpeg_colour(level.picture, places[j], samples);
+      missing &= ~(1u << j);
+    }
+    release(place);
+  }
+}
+
 }  // namespace scree::kernels

@@ -27,6 +27,10 @@ class BlockCache {
   const uint8_t* hold(const JpegLevel& level, uint32_t group, uint64_t& place);
   void release(uint64_t place);
 
+  /// The colours of pixels (x[i % 2], y[i / 2]) of a level, as coded, red in the low byte. Each group is held once,
+  /// however many of them lie in it. Not inline: shared by both instruction sets.
+  void fetch(const JpegLevel& level, const uint32_t x[2], const uint32_t y[2], uint32_t colours[4]);
+
   uint64_t slots() const { return keys_.size(); }
   uint64_t bytes() const { return slots() * slot_bytes_; }                       // of samples
   uint64_t decoded() const { return decoded_.load(std::memory_order_relaxed); }  // groups so far

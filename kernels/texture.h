@@ -46,36 +46,14 @@ SCREE_HD inline TexelPair texel_pair(double wrapped, uint32_t size, format::Wrap
   return pair;
 }
 
-#if !defined(__CUDA_ARCH__)
-/// The same of a JPEG level. Each group is held once, however many of the texels lie in it.
-inline void fetch_jpeg_texels(BlockCache& blocks, const JpegLevel& level, const TexelPair& column, const TexelPair& row,
-                              uint32_t texels[4]) {
-  format::JpegPlace places[4];
-  for (uint32_t i = 0; i < 4; ++i) {
-    places[i] =
-        format::jpeg_place(level.picture, i % 2 == 0 ? column.first : column.second, i < 2 ? row.first : row.second);
-  }
-  uint32_t missing = 15;
-  for (uint32_t i = 0; i < 4; ++i) {
-    if ((missing >> i & 1u) == 0) continue;
-    uint64_t hold;
-    const uint8_t* samples = blocks.hold(level, places[i].group, hold);
-    for (uint32_t j = i; j < 4; ++j) {
-      if (places[j].group != places[i].group) continue;
-      texels[j] = format::jpeg_colour(level.picture, places[j], samples);
-      missing &= ~(1u << j);
-    }
-    blocks.release(hold);
-  }
-}
-#endif
-
 /// The four texels of two columns and two rows, row by row, as coded, red in the low byte; the high byte is anything.
 SCREE_HD inline void fetch_texels([[maybe_unused]] BlockCache* blocks, const TextureView& texture, uint32_t level,
                                   const TexelPair& column, const TexelPair& row, uint32_t texels[4]) {
 #if !defined(__CUDA_ARCH__)
   if (level < texture.jpeg_level_count) {
-    fetch_jpeg_texels(*blocks, texture.jpeg[level], column, row, texels);
+    const uint32_t x[2] = {column.first, column.second};
+    const uint32_t y[2] = {row.first, row.second};
+    blocks->fetch(texture.jpeg[level], x, y, texels);
     return;
   }
 #endif
