@@ -61,6 +61,11 @@ SCREE_HD inline CenterRange center_range(const FrameView& view) {
 template <bool kOrthographic>
 SCREE_HD inline bool bound_on_screen(const SampleFilter& filter, const FrameView& view, const CenterRange& centers,
                                      const OffsetBox& box, ScreenBounds& out) {
+  // A filter that knows nothing lets the whole image through.
+  if (!(filter.slack < 16.0f)) {
+    out = {{0, 0, view.width - 1, view.height - 1}, 0};
+    return true;
+  }
   constexpr float kMore = 1.00001f;  // the roundings of a sum of terms of one sign, and more
   const float* rows[2] = {filter.u, filter.v};
   const float w_center = fused(filter.w[0], box.center[0],
@@ -76,7 +81,6 @@ SCREE_HD inline bool bound_on_screen(const SampleFilter& filter, const FrameView
   } else {
     if (w_high < 1.0f) return false;
   }
-  const float limits[2] = {filter.slack, filter.slack};
   const bool in_front = kOrthographic || w_low > 1.0f;
   const float scale = kOrthographic ? 1.0f : 1.0f / w_center;
   const float scale_low = kOrthographic ? 1.0f : 1.0f / w_low;
@@ -94,7 +98,7 @@ SCREE_HD inline bool bound_on_screen(const SampleFilter& filter, const FrameView
         for (int i = 0; i < 3; ++i) reach += size_of(row[i] - limit * filter.w[i]) * box.extent[i];
         const float off = sign * (at - limit * w_center) - kMore * reach;
         const float margin =
-            2.0f * (limits[axis] + (filter.growth + 1e-6f) * (size_of(limit) + 1.0f)) * greatest(w_high, 1.0f);
+            2.0f * (filter.slack + (filter.growth + 1e-6f) * (size_of(limit) + 1.0f)) * greatest(w_high, 1.0f);
         if (off > margin) return false;
       }
       continue;
@@ -108,7 +112,7 @@ SCREE_HD inline bool bound_on_screen(const SampleFilter& filter, const FrameView
     reach = kMore * reach * scale_low;
     // Both ways to the coordinate may be off: here, and where it is drawn.
     const float farthest = size_of(middle) + reach;
-    const float slack = 2.0f * fused(farthest, filter.growth, limits[axis]) + farthest * 1e-6f;
+    const float slack = 2.0f * fused(farthest, filter.growth, filter.slack) + farthest * 1e-6f;
     const float low = greatest(middle - reach - slack, centers.first[axis]);
     const float high = least(middle + reach + slack, centers.last[axis]);
     const float first_center = -floor_of(-low);
@@ -118,8 +122,7 @@ SCREE_HD inline bool bound_on_screen(const SampleFilter& filter, const FrameView
     first[axis] = static_cast<int32_t>(first_center) + shift;
     last[axis] = static_cast<int32_t>(last_center) + shift;
   }
-  // A filter that knows nothing has infinite slack, and lets the whole image through.
-  if (!in_front || !(filter.slack < 16.0f)) {
+  if (!in_front) {
     out = {{0, 0, view.width - 1, view.height - 1}, 0};
     return true;
   }

@@ -70,7 +70,7 @@ struct ClusterList {
   // that is not outside of the picture is drawn in one pass.
   uint32_t* seen;
   // Of the frame:
-  ClusterDraw* draws;  // room for candidate_count * kGroupInstances
+  ClusterDraw* draws;  // room for DrawTables::cluster_draws
   ClusterItem* items;
   uint64_t item_capacity;  // below 2^32
   ClipItem* to_clip;

@@ -100,11 +100,11 @@ struct StageMarks {
 constexpr StageMarks kFirstStages{kSmallDone, kMediumDone, kLargeBegun, kLargeDone};
 constexpr StageMarks kSecondStages{kSecondSmallDone, kSecondMediumDone, kSecondLargeBegun, kSecondLargeDone};
 
-/// Scenes of fewer groups of clusters are drawn in one pass: the pyramid and the second would cost more than they save.
-constexpr uint64_t kTwoPassGroups = 2048;
-
-/// Those of fewer than twice as many are drawn in one round when the camera moves.
-constexpr uint64_t kRoundGroups = 1u << 15;
+bool same_view(const FrameView& a, const FrameView& b) {
+  const auto same = [](const double(&x)[3], const double(&y)[3]) { return std::equal(x, x + 3, y); };
+  return same(a.eye, b.eye) && same(a.row_x, b.row_x) && same(a.row_y, b.row_y) && same(a.row_w, b.row_w) &&
+         a.offset_w == b.offset_w && a.width == b.width && a.height == b.height && a.orthographic == b.orthographic;
+}
 
 /// Threads of the kernels that walk a list of unknown length, a multiprocessor.
 constexpr uint32_t kCullBlocks = 16;
@@ -144,9 +144,9 @@ struct CudaFrames::Impl {
   bool has_clusters() const { return cluster_candidates.count() != 0; }
   /// A round more for every doubling: it is worth its pyramid where it saves enough clusters.
   uint32_t rounds_when_moving() const {
-    return min_of(max_of(static_cast<uint32_t>(std::bit_width(tables.cluster_groups / kRoundGroups)), 1u), kMostRounds);
+    return min_of(max_of(static_cast<uint32_t>(std::bit_width(tables.cluster_groups / round_groups)), 1u), kMostRounds);
   }
-  bool in_two_passes() const { return tables.cluster_groups >= kTwoPassGroups; }
+  bool in_two_passes() const { return tables.cluster_groups >= two_pass_groups; }
   Result<void> mark(Mark place) { return cuda_check(cudaEventRecord(marks[place], stream), "recording an event"); }
   Result<void> read_times(FrameTimes& times) const;
 
@@ -183,10 +183,15 @@ struct CudaFrames::Impl {
   DeviceArray<uint32_t> pyramid_codes;
   DepthPyramid pyramid{};
   FrameView last_view{};
+  bool two_passes = false;  // the last frame
+  uint64_t two_pass_groups = 0;
+  uint64_t round_groups = 0;
 };
 
 Result<void> CudaFrames::Impl::open(const SceneView& host, const CudaQueueSizes& sizes) {
   triangle_count = host.instance_base[host.instance_count];
+  two_pass_groups = sizes.two_pass_groups;
+  round_groups = max_of<uint64_t>(sizes.round_groups, 1);
   Result<DrawTables> made = make_draw_tables(host);
   if (!made) return made.error();
   tables = std::move(*made);
@@ -226,7 +231,7 @@ Result<void> CudaFrames::Impl::open(const SceneView& host, const CudaQueueSizes&
   if (done) done = transforms.allocate(host.instance_count, "allocating the frame's transforms");
   if (done) done = groups.allocate(tables.candidates.size(), "allocating the draw list");
   if (done) done = tiles.allocate(sizes.tiles, "allocating the queues");
-  if (done) done = grow({sizes.medium, sizes.large, 0, 0, 0});
+  if (done) done = grow({sizes.medium, sizes.large, 0, 0, 0, 0, 0});
   if (done && !tables.cluster_candidates.empty()) done = open_clusters(sizes);
   if (done) done = cuda_check(cudaStreamSynchronize(stream), "preparing to draw");
   tables.order = {};
@@ -242,12 +247,12 @@ Result<void> CudaFrames::Impl::open_clusters(const CudaQueueSizes& sizes) {
   Result<void> done = cluster_candidates.fill(tables.cluster_candidates, "allocating the draw list");
   if (done) done = chunk_group.fill(tables.chunk_group, "allocating the draw list");
   if (done) done = first_word.fill(tables.first_word, "allocating the draw list");
-  if (done) done = draws.allocate(tables.cluster_candidates.size() * kGroupInstances, "allocating the draw list");
+  if (done) done = draws.allocate(tables.cluster_draws, "allocating the draw list");
   if (done && in_two_passes()) {
     done = seen_before.allocate(tables.cluster_groups, "allocating a bit for each cluster");
     if (done) done = forget();
   }
-  if (done) done = grow({0, 0, 0, first_items(tables.cluster_groups, sizes), sizes.to_clip});
+  if (done) done = grow({0, 0, 0, first_items(tables.cluster_groups, sizes), sizes.to_clip, 0, 0});
   const auto prepare_clusters = [&](const void* kernel) {
     return cuda_check(cudaFuncSetAttribute(kernel, cudaFuncAttributeMaxDynamicSharedMemorySize,
                                            static_cast<int>(kClusterWarps * sizeof(ClusterShared))),
@@ -311,8 +316,13 @@ CudaQueueSizes CudaFrames::Impl::asked(uint64_t part) const {
   const auto more = [part](uint64_t count, uint64_t there) {
     return count > there && part != 0 ? count + count / part : count;
   };
-  return {more(seen->queues.medium, medium.count()), more(seen->queues.large, large.count()), 0,
-          more(clusters_before(*seen, kClusterPasses), items.count()), more(seen->to_clip, to_clip.count())};
+  return {more(seen->queues.medium, medium.count()),
+          more(seen->queues.large, large.count()),
+          0,
+          more(clusters_before(*seen, kClusterPasses), items.count()),
+          more(seen->to_clip, to_clip.count()),
+          0,
+          0};
 }
 
 bool CudaFrames::Impl::had_room() const {
@@ -421,8 +431,9 @@ Result<void> CudaFrames::Impl::submit(const FrameView& frame, uint64_t* samples,
     const SmallVariant& variant = variants[kOrthographic ? 1 : 0];
     variant.kernel<<<variant.blocks, kSmallThreads, variant.shared_bytes, stream>>>(small);
   }
-  if (has_clusters()) {
-    if (in_two_passes()) {
+  two_passes = has_clusters() && in_two_passes() && options.cluster_bounds && options.occlusion;
+  if (done && has_clusters()) {
+    if (two_passes) {
       submit_clusters<kOrthographic, ClusterPass::kSeenBefore>(small, options, 0, 1);
     } else {
       submit_clusters<kOrthographic, ClusterPass::kOnly>(small, options, 0, 1);
@@ -432,11 +443,11 @@ Result<void> CudaFrames::Impl::submit(const FrameView& frame, uint64_t* samples,
   const LargeFrame rest{frame, target, queues, counters};
   if (done) done = submit_stages<kOrthographic>(rest, kFirstStages);
   if (done) done = mark(kFirstDone);
-  if (done && has_clusters() && in_two_passes()) {
+  if (done && two_passes) {
     const auto tiles_along = [](int32_t side) { return (static_cast<uint32_t>(side) - 1) / kPyramidTile + 1; };
     const dim3 tiles_of_image(tiles_along(frame.width), tiles_along(frame.height));
     // Where the camera stood still little is new, and one round is the least work.
-    const uint32_t rounds = std::memcmp(&frame, &last_view, sizeof frame) == 0 ? 1 : rounds_when_moving();
+    const uint32_t rounds = same_view(frame, last_view) ? 1 : rounds_when_moving();
     for (uint32_t round = 0; round < rounds && done; ++round) {
       build_pyramid_tiles<<<tiles_of_image, kPyramidThreads, 0, stream>>>(pyramid, samples);
       build_pyramid_top<<<1, 1024, 0, stream>>>(pyramid, counters);
@@ -456,18 +467,20 @@ Result<void> CudaFrames::Impl::submit(const FrameView& frame, uint64_t* samples,
 }
 
 Result<void> CudaFrames::Impl::read_times(FrameTimes& times) const {
-  const bool second = has_clusters() && in_two_passes();
   struct Span {
     float* out;
     Mark from;
     Mark to;
     bool is_there;
   };
-  const Span spans[] = {
-      {&times.clear_ms, kStart, kCleared, true},          {&times.cull_ms, kCleared, kCulled, true},
-      {&times.small_ms, kCulled, kSmallDone, true},       {&times.medium_ms, kSmallDone, kMediumDone, true},
-      {&times.large_ms, kLargeBegun, kLargeDone, true},   {&times.pyramid_ms, kFirstDone, kPyramidDone, second},
-      {&times.second_ms, kPyramidDone, kAllDone, second}, {&times.raster_ms, kCleared, kAllDone, true}};
+  const Span spans[] = {{&times.clear_ms, kStart, kCleared, true},
+                        {&times.cull_ms, kCleared, kCulled, true},
+                        {&times.small_ms, kCulled, kSmallDone, true},
+                        {&times.medium_ms, kSmallDone, kMediumDone, true},
+                        {&times.large_ms, kLargeBegun, kLargeDone, true},
+                        {&times.pyramid_ms, kFirstDone, kPyramidDone, two_passes},
+                        {&times.second_ms, kPyramidDone, kAllDone, two_passes},
+                        {&times.raster_ms, kCleared, kAllDone, true}};
   for (const Span& span : spans) {
     *span.out = 0;
     if (!span.is_there) continue;
@@ -490,7 +503,7 @@ uint64_t CudaFrames::device_bytes(const SceneView& host, const CudaQueueSizes& s
                    candidates.indexed * (sizeof(Candidate) + sizeof(DrawGroup)) +
                    (sizes.medium + sizes.large) * sizeof(Triangle) + sizes.tiles * sizeof(TileItem);
   if (candidates.clustered != 0) {
-    bytes += candidates.clustered * (sizeof(Candidate) + kGroupInstances * sizeof(ClusterDraw)) +
+    bytes += candidates.clustered * sizeof(Candidate) + candidates.cluster_draws * sizeof(ClusterDraw) +
              host.chunk_count * sizeof(uint32_t) + host.instance_count * sizeof(uint64_t) +
              candidates.cluster_groups * sizeof(uint32_t) +
              first_items(candidates.cluster_groups, sizes) * sizeof(ClusterItem) + sizes.to_clip * sizeof(ClipItem);
@@ -518,10 +531,11 @@ Result<FrameStats> CudaFrames::draw(const View& view, uint64_t* samples, const D
     // A little more than was asked for, since the camera moves; or just that where no more fits.
     Result<void> grown = impl_->grow(impl_->asked(4));
     if (!grown) grown = impl_->grow(impl_->asked(0));
-    // Clusters without room were not drawn, and hid nothing: what seemed to be seen is no guide.
+    // Clusters or triangles without room were not drawn, and hid nothing: what seemed to be seen is no guide.
     if (grown) grown = impl_->forget();
     if (!grown) return grown.error();
-    if (!impl_->had_room()) return Error{ErrorCode::kRange, "the frame has 2^32 clusters to draw; use --backend cpu"};
+    if (!impl_->had_room())
+      return Error{ErrorCode::kRange, "a queue of the frame would need 2^32 places; use --backend cpu"};
   }
   impl_->last_view = frame;
   if (times != nullptr) {

@@ -7,7 +7,7 @@
 namespace scree::kernels {
 namespace {
 
-/// Instances with triangles, and candidates, of each mesh. `count(mesh, instances)` for every mesh drawn.
+/// Calls count(mesh, instances) for every mesh that is drawn.
 template <class Count>
 void for_each_drawn_mesh(const SceneView& scene, const std::vector<uint64_t>& instances, const Count& count) {
   for (uint64_t m = 0; m < scene.mesh_count; ++m) {
@@ -42,7 +42,9 @@ CandidateCounts count_candidates(const SceneView& scene) {
     const format::MeshRecord& mesh = scene.meshes[m];
     for (uint64_t c = mesh.first_chunk; c < mesh.first_chunk + mesh.chunk_count; ++c) {
       (is_clustered(scene, c) ? counts.clustered : counts.indexed) += parts;
-      if (is_clustered(scene, c)) counts.cluster_groups += count * cluster_group_count(scene.chunks[c]);
+      if (!is_clustered(scene, c)) continue;
+      counts.cluster_draws += count;
+      counts.cluster_groups += count * cluster_group_count(scene.chunks[c]);
     }
   });
   return counts;
@@ -76,17 +78,18 @@ Result<DrawTables> make_draw_tables(const SceneView& scene) {
   const CandidateCounts candidates = count_candidates(scene);
   // A clustered chunk's instances are items one by one; units of both lists fit, since triangles have 36-bit ids.
   if (scene.instance_count >= UINT32_MAX || scene.chunk_count >= UINT32_MAX || candidates.indexed >= kMaxItems ||
-      candidates.clustered >= kMaxItems / kGroupInstances) {
+      candidates.cluster_draws >= kMaxItems) {
     return Error{ErrorCode::kRange,
                  "the scene has " + std::to_string(scene.instance_count) + " instances and " +
-                     std::to_string(candidates.indexed + candidates.clustered) +
-                     " groups of 16 instances of a chunk; a GPU draws fewer than 2^32 - 1 and 2^28; use "
-                     "--backend cpu"};
+                     std::to_string(candidates.indexed) + " groups of 16 instances of a chunk and " +
+                     std::to_string(candidates.cluster_draws) +
+                     " of a clustered chunk; a GPU draws fewer than 2^32 - 1, 2^28 and 2^28; use --backend cpu"};
   }
   DrawTables tables;
   tables.mesh_first.resize(scene.mesh_count);
   tables.candidates.reserve(candidates.indexed);
   tables.cluster_candidates.reserve(candidates.clustered);
+  tables.cluster_draws = candidates.cluster_draws;
   tables.cluster_groups = candidates.cluster_groups;
   if (candidates.clustered != 0) place_seen_bits(scene, tables);
   uint32_t place = 0;

@@ -17,7 +17,8 @@ struct DrawTables {
   std::vector<Candidate> cluster_candidates;  // of clustered chunks
   std::vector<uint32_t> chunk_group;          // as ClusterList has it; empty where no chunk is clustered
   std::vector<uint64_t> first_word;
-  uint64_t cluster_groups = 0;  // of all instances
+  uint64_t cluster_draws = 0;   // clustered chunks of all instances
+  uint64_t cluster_groups = 0;  // their groups of clusters
   bool has_lattice = false;
   bool has_float32 = false;
   bool has_instances = false;  // a mesh is drawn more than once
@@ -27,7 +28,8 @@ struct DrawTables {
 struct CandidateCounts {
   uint64_t indexed = 0;
   uint64_t clustered = 0;
-  uint64_t cluster_groups = 0;  // of all instances
+  uint64_t cluster_draws = 0;  // as in DrawTables
+  uint64_t cluster_groups = 0;
 };
 
 CandidateCounts count_candidates(const SceneView& scene);

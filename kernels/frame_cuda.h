@@ -16,12 +16,12 @@ struct DrawOptions {
   // All leave the picture as it is.
   bool sampleless_test = true;  // triangles that cover no pixel centre go early
   bool cluster_bounds = true;   // so do clusters, and those outside of the picture
-  bool occlusion = true;        // clusters behind the depth pyramid go
+  bool occlusion = true;        // clusters behind the depth pyramid go; takes cluster_bounds
 };
 
 /// Milliseconds of one frame by CUDA events: clearing, culling, stages 1 to 3 of the first pass, of which 2 and 3 run
-/// side by side; the depth pyramid and the second pass, where there are clusters enough; and from the start of culling
-/// to the end of all.
+/// side by side; the depth pyramid and the second pass (with the pyramids of its rounds), where there are clusters
+/// enough; and from the start of culling to the end of all.
 struct FrameTimes {
   float clear_ms;
   float cull_ms;
@@ -33,13 +33,19 @@ struct FrameTimes {
   float raster_ms;
 };
 
-/// First capacities. The queues of triangles grow as frames ask; tiles that find no room are drawn at once.
+/// What a frame is drawn with: first capacities, and when a frame of clusters takes more passes. The queues of
+/// triangles grow as frames ask; tiles that find no room are drawn at once.
 struct CudaQueueSizes {
   uint64_t medium = 1u << 20;  // triangles
   uint64_t large = 1u << 16;
   uint64_t tiles = 1u << 20;
   uint64_t clusters = 1u << 24;  // or as many as there are, if fewer
-  uint64_t to_clip = 1u << 16;  // triangles of clusters
+  uint64_t to_clip = 1u << 16;   // triangles of clusters
+  // Scenes of fewer groups of clusters are drawn in one pass: the pyramid and the second would cost more than they
+  // save.
+  uint64_t two_pass_groups = 2048;
+  // Where the camera moves the second pass goes in a round for so many groups, and one more for every doubling.
+  uint64_t round_groups = 1u << 15;
 };
 
 /// Draws on the current device, on one stream, one frame at a time.
@@ -53,7 +59,8 @@ class CudaFrames {
   CudaFrames& operator=(CudaFrames&&) noexcept;
   ~CudaFrames();
 
-  /// What create() takes of device memory, in bytes, before any queue grows.
+  /// What create() takes of device memory, in bytes, before any queue grows; the depth pyramid, 4/3 bytes a
+  /// sample, comes with the first frame.
   static uint64_t device_bytes(const SceneView& host, const CudaQueueSizes& sizes = {});
 
   /// Draws into `samples` (device memory, view.width * view.height), which is cleared first; returns when it is drawn.

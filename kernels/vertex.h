@@ -254,6 +254,18 @@ struct ClusterBases {
   SCREE_HD uint64_t operator()(uint64_t i) const { return clusters[i].first_triangle; }
 };
 
+/// The cluster that a triangle of a chunk is in. Nearly all clusters are full, and then it is the first that is looked
+/// at: no cluster lies before the one that the triangle would be in if all were.
+SCREE_HD inline uint64_t cluster_of_triangle(const format::ClusterRecord* clusters, uint32_t count, uint32_t triangle) {
+  uint64_t low = min_of(triangle / format::kMaxClusterTriangles, count - 1);
+  uint64_t step = 1;
+  while (low + step < count && clusters[low + step].first_triangle <= triangle) {
+    low += step;
+    step *= 2;
+  }
+  return low + last_not_above(min_of<uint64_t>(step, count - low), triangle, ClusterBases{clusters + low});
+}
+
 /// `page`: the raw bytes of the chunk's page. `triangle`: of the chunk; where it is clustered the reader reads this
 /// triangle's cluster.
 SCREE_HD inline ChunkReader make_reader(const format::MeshRecord& mesh, const format::ChunkRecord& chunk,
@@ -275,7 +287,7 @@ SCREE_HD inline ChunkReader make_reader(const format::MeshRecord& mesh, const fo
     // Pages and streams are 16-byte aligned.
     const auto* clusters = reinterpret_cast<const format::ClusterRecord*>(payload + streams.clusters.offset);
     const auto* bounds = reinterpret_cast<const format::ClusterBounds*>(payload + streams.cluster_bounds.offset);
-    const uint64_t number = last_not_above(chunk.cluster_count, triangle, ClusterBases{clusters});
+    const uint64_t number = cluster_of_triangle(clusters, chunk.cluster_count, triangle);
     reader.cluster = cluster_reader(clusters[number], bounds[number], payload + streams.cluster_data.offset);
     reader.positions = reader.cluster.data + uint64_t{reader.cluster.layout.positions} * 4;
     reader.first_vertex = reader.cluster.first_vertex;

@@ -1,5 +1,6 @@
 // Scenes made on the GPU: the host's bytes, and the CPU's picture of them.
 #include <algorithm>
+#include <cmath>
 #include <cstring>
 #include <random>
 #include <vector>
@@ -75,29 +76,34 @@ void check_picture(const synth::Scene& scene, const Encoding& encoding) {
   }
 }
 
-std::vector<uint64_t> draw(Frames& frames, const kernels::View& view, const Culling& culling) {
+struct Drawn {
+  std::vector<uint64_t> samples;
+  uint64_t clusters = 0;
+};
+
+Drawn draw(Frames& frames, const kernels::View& view, const Culling& culling) {
   FrameOptions options;
   options.culling = culling;
   FrameMs ms;
-  REQUIRE(frames.draw(view, options, ms));
+  const Result<kernels::FrameStats> stats = frames.draw(view, options, ms);
+  REQUIRE(stats);
   Result<std::vector<uint64_t>> samples = frames.samples();
   REQUIRE(samples);
-  return std::move(*samples);
+  return {std::move(*samples), stats->clusters_drawn};
 }
 
-/// Every frame is a jump of the camera, then one where it stands still. What the frames before left behind differs
-/// between `used` and `fresh`.
-void check_culling(const synth::Scene& scene, int cameras) {
-  INFO(scene.name);
+/// Every frame is a jump of the camera, then one where it stands still; some are orthographic, some of another size.
+/// What the frames before left behind differs between `used` and `fresh`. `sizes`: of `used`.
+void check_culling(const synth::Scene& scene, int cameras, const kernels::CudaQueueSizes& sizes) {
   const Result<ResidentScene> resident = ResidentScene::generate(scene, kClustered[0]);
   REQUIRE(resident);
-  Result<Frames> used = Frames::create(*resident);
+  Result<Frames> used = Frames::create(*resident, sizes);
   Result<Frames> fresh = Frames::create(*resident);
   REQUIRE(used);
   REQUIRE(fresh);
   std::mt19937 random(1);
   std::uniform_real_distribution<double> share(0, 1);
-  int wrong = 0;
+  uint64_t clusters[3] = {};  // culled whole, by bounds, not at all
   for (int i = 0; i < cameras; ++i) {
     synth::SceneCamera camera = scene.cameras[0];
     const synth::SceneCamera& other = scene.cameras.back();
@@ -107,13 +113,29 @@ void check_culling(const synth::Scene& scene, int cameras) {
       camera.target[axis] += share(random) * (other.target[axis] - camera.target[axis]) +
                              (share(random) - 0.5) * (camera.eye[axis] - camera.target[axis]);
     }
-    const kernels::View view = scene_view(camera, 640, 360);
-    const std::vector<uint64_t> expected = draw(*fresh, view, {false, false});
-    wrong += draw(*used, view, {true, true}) != expected;  // after a jump
-    wrong += draw(*used, view, {true, true}) != expected;  // standing still
-    wrong += draw(*fresh, view, {true, false}) != expected;
+    kernels::View view = i % 9 == 4 ? scene_view(camera, 333, 517) : scene_view(camera, 640, 360);
+    if (i % 5 == 3) {
+      double distance = 0;
+      for (size_t axis = 0; axis < 3; ++axis) distance += std::abs(camera.target[axis] - camera.eye[axis]);
+      view.orthographic = true;
+      view.half_height = 0.3 * distance;
+      view.half_width = view.half_height * view.width / view.height;
+      view.z_far = view.z_near + 4 * distance;
+    }
+    INFO(scene.name << ", camera " << i);
+    const Drawn all = draw(*fresh, view, {false, false});
+    const Drawn jumped = draw(*used, view, {true, true});
+    const Drawn still = draw(*used, view, {true, true});
+    const Drawn bounds = draw(*fresh, view, {true, false});
+    const bool equal = jumped.samples == all.samples && still.samples == all.samples && bounds.samples == all.samples;
+    CHECK(equal);
+    clusters[0] += still.clusters;
+    clusters[1] += bounds.clusters;
+    clusters[2] += all.clusters;
   }
-  CHECK(wrong == 0);
+  INFO(scene.name);
+  CHECK(clusters[0] < clusters[1]);
+  CHECK(clusters[1] < clusters[2]);
 }
 
 }  // namespace
@@ -147,8 +169,19 @@ TEST_CASE("generated scenes are drawn on the GPU as on the CPU", "[cuda]") {
 
 TEST_CASE("culling of clusters changes no picture", "[cuda]") {
   if (!has_device()) return;
-  check_culling(synth::sponzalike_scene(1), 50);
-  check_culling(synth::terrain_scene(synth::MeshOrder::kRow, 0.05), 50);
-  check_culling(synth::lantern_scene(synth::MeshOrder::kRow, 0.02), 200);
-  check_culling(synth::zorahlike_scene(synth::MeshOrder::kRow, 0.002), 200);
+  kernels::CudaQueueSizes rounds;  // all that there are
+  rounds.two_pass_groups = 1;
+  rounds.round_groups = 1;
+  kernels::CudaQueueSizes tight = rounds;  // each frame is drawn again until its queues are large enough
+  tight.medium = tight.large = tight.tiles = tight.clusters = tight.to_clip = 1;
+  kernels::CudaQueueSizes empty = tight;
+  empty.medium = empty.large = empty.tiles = empty.clusters = empty.to_clip = 0;
+  check_culling(synth::sponzalike_scene(1), 50, rounds);
+  check_culling(synth::sponzalike_scene(1), 10, tight);
+  check_culling(synth::terrain_scene(synth::MeshOrder::kRow, 0.05), 50, {});
+  check_culling(synth::terrain_scene(synth::MeshOrder::kRow, 0.01), 50, rounds);
+  check_culling(synth::lantern_scene(synth::MeshOrder::kRow, 0.02), 200, rounds);
+  check_culling(synth::lantern_scene(synth::MeshOrder::kBlock, 0.02), 20, empty);
+  check_culling(synth::zorahlike_scene(synth::MeshOrder::kRow, 0.002), 200, rounds);
+  check_culling(synth::zorahlike_scene(synth::MeshOrder::kRow, 0.002), 20, {});
 }

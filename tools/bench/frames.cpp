@@ -53,11 +53,11 @@ Frames::Frames(Frames&&) noexcept = default;
 Frames& Frames::operator=(Frames&&) noexcept = default;
 Frames::~Frames() = default;
 
-Result<Frames> Frames::create(const ResidentScene& scene) {
+Result<Frames> Frames::create(const ResidentScene& scene, const kernels::CudaQueueSizes& sizes) {
   Result<GpuTimer> timer = GpuTimer::create();
   if (!timer) return timer.error();
   auto impl = std::make_unique<Impl>(scene, std::move(*timer));
-  Result<kernels::CudaFrames> frames = kernels::CudaFrames::create(scene.host(), scene.device());
+  Result<kernels::CudaFrames> frames = kernels::CudaFrames::create(scene.host(), scene.device(), sizes);
   if (!frames) return frames.error();
   impl->frames = std::make_unique<kernels::CudaFrames>(std::move(*frames));
   return Frames(std::move(impl));

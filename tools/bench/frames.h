@@ -6,6 +6,7 @@
 
 #include "format/result.h"
 #include "kernels/frame.h"
+#include "kernels/frame_cuda.h"
 #include "tools/bench/options.h"
 #include "tools/bench/picture_error.h"
 #include "tools/bench/resident_scene.h"
@@ -28,7 +29,7 @@ struct FrameOptions {
 /// Draws frames of one scene, which outlives it.
 class Frames {
  public:
-  static Result<Frames> create(const ResidentScene& scene);
+  static Result<Frames> create(const ResidentScene& scene, const kernels::CudaQueueSizes& sizes = {});
   Frames(Frames&&) noexcept;
   Frames& operator=(Frames&&) noexcept;
   ~Frames();
