@@ -97,7 +97,7 @@ uint64_t texel_bytes(const kernels::TextureView& texture) {
 }  // namespace
 
 Result<CudaScene> CudaScene::upload(const Scene& scene, uint64_t budget_bytes, uint64_t reserved_bytes,
-                                    uint32_t threads) {
+                                    uint32_t threads, Reading reading) {
   const auto start = std::chrono::steady_clock::now();
   const kernels::SceneView& host = scene.view();
   const auto page_records = scene.container().pages();
@@ -136,10 +136,12 @@ Result<CudaScene> CudaScene::upload(const Scene& scene, uint64_t budget_bytes, u
     if (texture.texels != nullptr)
       texture.texels = reinterpret_cast<const uint8_t*>(base + texel_offset[texture.texels]);
 
-  const StagingSizes sizes = staging_for(plan, threads);
+  const MappedFile& map = scene.file().map();
+  const Reading chosen = choose_reading(plan, map, reading);
+  const StagingSizes sizes = staging_for(plan, chosen, threads);
   PinnedRing ring;
   if (Result<void> opened = ring.open(sizes, base); !opened) return opened.error();
-  const Result<UploadCounts> counts = run_upload(plan, scene.file().map(), ring, sizes, threads);
+  const Result<UploadCounts> counts = run_upload(plan, map, ring, sizes, chosen, threads);
   if (!counts && counts.error().code == ErrorCode::kDevice) return counts.error();
   if (!counts) return at(scene.file().path(), counts.error());
 

@@ -20,7 +20,8 @@ class CudaScene {
   /// what that and `reserved_bytes` may take together; 0: what the device has free. Errors kDevice (a CUDA call that
   /// failed, which and for what; a scene that does not fit, both sizes named) and, with the file named, those of
   /// run_upload.
-  static Result<CudaScene> upload(const Scene& scene, uint64_t budget_bytes, uint64_t reserved_bytes, uint32_t threads);
+  static Result<CudaScene> upload(const Scene& scene, uint64_t budget_bytes, uint64_t reserved_bytes, uint32_t threads,
+                                  Reading reading = Reading::kAuto);
 
   /// As `scene`'s, every pointer one of the device.
   const kernels::SceneView& view() const { return view_; }

@@ -23,7 +23,8 @@ class DeviceScene {
   /// from the file, checked as Scene::load_pages does, and stay on the device alone (runtime/upload.h). `budget_bytes`:
   /// 0 takes what the device has free. Errors kDevice: no usable device, a CUDA call that failed (which and for what),
   /// or a scene that does not fit (both sizes named); with the file named, those of Scene::load_pages.
-  static Result<DeviceScene> upload(const Scene& scene, uint64_t budget_bytes, uint32_t threads);
+  static Result<DeviceScene> upload(const Scene& scene, uint64_t budget_bytes, uint32_t threads,
+                                    Reading reading = Reading::kAuto);
   DeviceScene(DeviceScene&&) noexcept;
   DeviceScene& operator=(DeviceScene&&) noexcept;
   ~DeviceScene();

@@ -62,11 +62,11 @@ const kernels::SceneView& DeviceScene::device_view() const {
   return impl_->scene.view();
 }
 
-Result<DeviceScene> DeviceScene::upload(const Scene& scene, uint64_t budget_bytes, uint32_t threads) {
+Result<DeviceScene> DeviceScene::upload(const Scene& scene, uint64_t budget_bytes, uint32_t threads, Reading reading) {
   if (Result<void> found = find_device(); !found) return found.error();
   const auto start = std::chrono::steady_clock::now();
   Result<CudaScene> copy =
-      CudaScene::upload(scene, budget_bytes, kernels::CudaFrames::device_bytes(scene.view()), threads);
+      CudaScene::upload(scene, budget_bytes, kernels::CudaFrames::device_bytes(scene.view()), threads, reading);
   if (!copy) return copy.error();
   auto impl = std::make_unique<Impl>();
   impl->scene = std::move(*copy);

@@ -16,7 +16,7 @@ DeviceScene::DeviceScene(DeviceScene&&) noexcept = default;
 DeviceScene& DeviceScene::operator=(DeviceScene&&) noexcept = default;
 DeviceScene::~DeviceScene() = default;
 
-Result<DeviceScene> DeviceScene::upload(const Scene&, uint64_t, uint32_t) {
+Result<DeviceScene> DeviceScene::upload(const Scene&, uint64_t, uint32_t, Reading) {
   return find_device().error();
 }
 

@@ -14,7 +14,7 @@
 namespace scree::runtime {
 namespace {
 
-/// Closes a descriptor at the end of its scope: a map outlives its descriptor.
+/// Closes a descriptor at the end of its scope unless it is released.
 class Descriptor {
  public:
   explicit Descriptor(int fd) : fd_(fd) {}
@@ -24,6 +24,7 @@ class Descriptor {
     if (fd_ >= 0) ::close(fd_);
   }
   int get() const { return fd_; }
+  int release() { return std::exchange(fd_, -1); }
 
  private:
   int fd_;
@@ -54,7 +55,7 @@ uint64_t page_bytes() {
 
 Result<MappedFile> MappedFile::open(const std::string& path, Access access) {
   // Without O_NONBLOCK the open of a named pipe would wait for a writer; regular files ignore the flag.
-  const Descriptor file(::open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK));
+  Descriptor file(::open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK));
   if (file.get() < 0) return system_error(path, "cannot open", errno);
   struct stat status {};
   if (::fstat(file.get(), &status) != 0) return system_error(path, "cannot stat", errno);
@@ -70,18 +71,23 @@ Result<MappedFile> MappedFile::open(const std::string& path, Access access) {
   if (address == MAP_FAILED) return system_error(path, "cannot map", errno);
   mapped.data_ = static_cast<const std::byte*>(address);
   mapped.size_ = size;
+  mapped.descriptor_ = file.release();
   ::madvise(address, static_cast<size_t>(size), advice_of(access));
   return mapped;
 }
 
 MappedFile::MappedFile(MappedFile&& other) noexcept
-    : data_(std::exchange(other.data_, nullptr)), size_(std::exchange(other.size_, 0)), path_(std::move(other.path_)) {}
+    : data_(std::exchange(other.data_, nullptr)),
+      size_(std::exchange(other.size_, 0)),
+      descriptor_(std::exchange(other.descriptor_, -1)),
+      path_(std::move(other.path_)) {}
 
 MappedFile& MappedFile::operator=(MappedFile&& other) noexcept {
   if (this == &other) return *this;
   unmap();
   data_ = std::exchange(other.data_, nullptr);
   size_ = std::exchange(other.size_, 0);
+  descriptor_ = std::exchange(other.descriptor_, -1);
   path_ = std::move(other.path_);
   return *this;
 }
@@ -93,6 +99,23 @@ MappedFile::~MappedFile() {
 void MappedFile::unmap() {
   if (data_ != nullptr) ::munmap(const_cast<std::byte*>(data_), static_cast<size_t>(size_));
   data_ = nullptr;
+  if (descriptor_ >= 0) ::close(descriptor_);
+  descriptor_ = -1;
+}
+
+double MappedFile::cached_share() const {
+  constexpr uint64_t kSamples = 256;
+  const uint64_t pages = (size_ + page_bytes() - 1) / page_bytes();
+  const uint64_t samples = std::min(pages, kSamples);
+  uint64_t cached = 0;
+  for (uint64_t i = 0; i < samples; ++i) {
+    const uint64_t page = i * (pages / samples) + i * (pages % samples) / samples;
+    unsigned char state = 0;
+    void* const address = const_cast<std::byte*>(data_ + page * page_bytes());
+    if (::mincore(address, 1, &state) != 0) return 1;
+    cached += state & 1u;
+  }
+  return samples == 0 ? 1 : static_cast<double>(cached) / static_cast<double>(samples);
 }
 
 void MappedFile::will_need(uint64_t offset, uint64_t size) const {

@@ -36,6 +36,13 @@ class MappedFile {
   uint64_t size() const { return size_; }
   const std::string& path() const { return path_; }
 
+  /// Of the open file; -1 where there is none.
+  int descriptor() const { return descriptor_; }
+
+  /// Which share of the file's memory pages is in the page cache, 0 to 1, by looking at a few hundred of them. 1 for an
+  /// empty file, and where the system does not tell.
+  double cached_share() const;
+
   /// Asks for [offset, offset + size) to be read ahead; clipped to the file. A hint: nothing is reported.
   void will_need(uint64_t offset, uint64_t size) const;
 
@@ -48,6 +55,7 @@ class MappedFile {
 
   const std::byte* data_ = nullptr;
   uint64_t size_ = 0;
+  int descriptor_ = -1;
   std::string path_;
 };
 

@@ -5,11 +5,15 @@
 #include <cassert>
 #include <cstring>
 #include <deque>
+#include <memory>
 #include <mutex>
 #include <new>
+#include <optional>
 #include <span>
+#include <utility>
 
 #include "format/bytes.h"
+#include "runtime/direct_file.h"
 #include "runtime/first_error.h"
 #include "runtime/parallel.h"
 
@@ -143,8 +147,19 @@ class Uploader {
         jobs_(jobs_of(plan, sizes.slot_bytes)),
         ring_(target, sizes.slots) {}
 
+  /// Reads pages past the page cache, if that can be done.
+  Result<void> open_direct() {
+    Result<DirectFile> file = DirectFile::open(map_);
+    if (!file && file.error().code != ErrorCode::kUnsupported) return file.error();
+    if (!file) return {};
+    direct_.emplace(std::move(*file));
+    is_direct_ = true;
+    return {};
+  }
+
   Result<UploadCounts> run(uint32_t threads) {
     FirstError failure;
+    if (is_direct_) threads = std::max(threads, kDirectThreads);
     threads = std::clamp(threads, 1u, sizes_.slots);
     for (uint64_t i = 0; i < std::min<uint64_t>(threads, jobs_.size()); ++i) ask_for(i);
     try {
@@ -164,9 +179,45 @@ class Uploader {
   }
 
  private:
+  struct FreeAligned {
+    void operator()(std::byte* memory) const { ::operator delete (memory, std::align_val_t{DirectFile::kAlignment}); }
+  };
+  using AlignedMemory = std::unique_ptr<std::byte, FreeAligned>;
+
+  /// A slot's bytes for compressed pages that are read past the page cache; kept for the next job. None of null.
+  class BounceBuffer {
+   public:
+    explicit BounceBuffer(Uploader* uploader) : uploader_(uploader) {
+      if (uploader_ == nullptr) return;
+      {
+        const std::lock_guard<std::mutex> lock(uploader_->bounce_mutex_);
+        if (!uploader_->bounce_.empty()) {
+          memory_ = std::move(uploader_->bounce_.back());
+          uploader_->bounce_.pop_back();
+          return;
+        }
+      }
+      memory_.reset(static_cast<std::byte*>(
+          ::operator new (uploader_->sizes_.slot_bytes, std::align_val_t{DirectFile::kAlignment})));
+    }
+    BounceBuffer(const BounceBuffer&) = delete;
+    BounceBuffer& operator=(const BounceBuffer&) = delete;
+    ~BounceBuffer() {
+      if (memory_ == nullptr) return;
+      const std::lock_guard<std::mutex> lock(uploader_->bounce_mutex_);
+      uploader_->bounce_.push_back(std::move(memory_));
+    }
+    std::byte* data() const { return memory_.get(); }
+
+   private:
+    Uploader* uploader_;
+    AlignedMemory memory_;
+  };
+
   /// Lets the system read ahead what job `i` will need.
   void ask_for(uint64_t i) const {
     if (i >= jobs_.size() || jobs_[i].first == jobs_[i].last) return;
+    if (is_direct_ && jobs_[i].kind == Job::Kind::kPages) return;
     const DrawnPages& pages = *plan_.pages();
     const format::PageRecord& first = pages.record(jobs_[i].first);
     const format::PageRecord& last = pages.record(jobs_[i].last - 1);
@@ -198,35 +249,73 @@ class Uploader {
   Result<void> copy_pages(const Job& job) {
     const Result<uint32_t> slot = ring_.take();
     if (!slot) return slot.error();
-    for (uint64_t i = job.first; i < job.last; ++i) {
-      const std::span<std::byte> room(target_.slot(*slot) + plan_.page_offset(i) - job.offset,
-                                      page_room(*plan_.pages(), i));
-      if (Result<void> done = load(i, room); !done) {
-        ring_.give_back(*slot);
-        return done;
-      }
+    std::byte* const memory = target_.slot(*slot);
+    Result<void> done;
+    if (is_direct_) done = read_pages(job, memory);
+    // Memory or file system may turn out not to do it; then nothing is tried again.
+    if (!done && done.error().code == ErrorCode::kUnsupported) is_direct_ = false;
+    if (!is_direct_) done = take_pages(job, memory);
+    if (!done) {
+      ring_.give_back(*slot);
+      return done;
     }
     return ring_.copy(*slot, job.offset, job.bytes);
   }
 
-  /// Brings a page to `room`, page_room() bytes, and checks it there.
-  Result<void> load(uint64_t index, std::span<std::byte> room) {
+  /// Brings the pages of a job from the map to a slot.
+  Result<void> take_pages(const Job& job, std::byte* slot) {
     const DrawnPages& pages = *plan_.pages();
-    const format::Container& container = pages.container();
+    for (uint64_t i = job.first; i < job.last; ++i) {
+      std::span<const std::byte> padded = pages.container().padded_page(pages.page(i));
+      std::byte* const to = slot + plan_.page_offset(i) - job.offset;
+      if (pages.record(i).codec == format::PageCodec::kRaw && !padded.empty()) {
+        std::memcpy(to, padded.data(), padded.size());
+        padded = {to, padded.size()};
+      }
+      if (Result<void> done = finish_page(i, padded, to); !done) return done;
+      map_.release(pages.record(i).offset, pages.record(i).stored_bytes);
+    }
+    return {};
+  }
+
+  /// The same past the page cache: raw pages that follow each other in the file lie so in the slot.
+  Result<void> read_pages(const Job& job, std::byte* slot) {
+    const DrawnPages& pages = *plan_.pages();
+    for (uint64_t i = job.first; i < job.last;) {
+      const bool is_raw = pages.record(i).codec == format::PageCodec::kRaw;
+      uint64_t last = i + 1;
+      while (last < job.last && pages.page(last) == pages.page(last - 1) + 1 &&
+             (pages.record(last).codec == format::PageCodec::kRaw) == is_raw)
+        ++last;
+      const uint64_t begin = pages.record(i).offset;
+      const uint64_t end = pages.record(last - 1).offset + pages.record(last - 1).stored_bytes;
+      const uint64_t bytes = format::align_up(end - begin, DirectFile::kAlignment);
+      // Compressed pages take less than unpacked ones, so that all of a job fit a slot's bytes.
+      BounceBuffer bounce(is_raw ? nullptr : this);
+      std::byte* const to = is_raw ? slot + plan_.page_offset(i) - job.offset : bounce.data();
+      if (Result<void> done = direct_->read(begin, {to, bytes}); !done) return done;
+      direct_bytes_ += bytes;
+      for (; i < last; ++i) {
+        const std::span<const std::byte> padded(to + (pages.record(i).offset - begin),
+                                                pages.container().padded_page(pages.page(i)).size());
+        if (Result<void> done = finish_page(i, padded, slot + plan_.page_offset(i) - job.offset); !done) return done;
+      }
+    }
+    return {};
+  }
+
+  /// Checks a page, and unpacks it to `raw` where it is compressed; a raw one lies there already.
+  Result<void> finish_page(uint64_t index, std::span<const std::byte> padded, std::byte* raw) {
+    const DrawnPages& pages = *plan_.pages();
     const format::PageRecord& record = pages.record(index);
     const uint32_t page = pages.page(index);
-    const std::span<const std::byte> padded = container.padded_page(page);
-    const std::span<std::byte> raw = room.first(record.raw_bytes);
-    if (record.codec == format::PageCodec::kRaw) {
-      assert(padded.size() <= room.size());
-      if (!padded.empty()) std::memcpy(room.data(), padded.data(), padded.size());
-      if (Result<void> checked = container.check_page(page, room.first(padded.size())); !checked) return checked;
-    } else {
-      if (Result<void> checked = container.check_page(page, padded); !checked) return checked;
-      if (Result<void> done = container.unpack_page(page, padded.first(record.stored_bytes), raw); !done) return done;
+    if (Result<void> checked = pages.container().check_page(page, padded); !checked) return checked;
+    const std::span<std::byte> room(raw, record.raw_bytes);
+    if (record.codec != format::PageCodec::kRaw) {
+      const auto stored = padded.first(record.stored_bytes);
+      if (Result<void> done = pages.container().unpack_page(page, stored, room); !done) return done;
     }
-    map_.release(record.offset, record.stored_bytes);
-    return pages.check(index, raw);
+    return pages.check(index, room);
   }
 
   Result<void> check_large(const Job& job) {
@@ -254,6 +343,7 @@ class Uploader {
 
   UploadCounts counts() const {
     UploadCounts counts;
+    counts.direct_bytes = direct_bytes_;
     for (const Job& job : jobs_)
       if (job.kind != Job::Kind::kCheck) counts.copied_bytes += job.bytes;
     if (plan_.pages() == nullptr) return counts;
@@ -273,6 +363,11 @@ class Uploader {
   std::vector<Job> jobs_;
   SlotRing ring_;
   std::mutex large_mutex_;
+  std::optional<DirectFile> direct_;
+  std::atomic<bool> is_direct_{false};
+  std::atomic<uint64_t> direct_bytes_{0};
+  std::mutex bounce_mutex_;
+  std::vector<AlignedMemory> bounce_;
 };
 
 }  // namespace
@@ -294,19 +389,30 @@ void UploadPlan::add_pages(const DrawnPages& pages) {
   }
 }
 
-StagingSizes staging_for(const UploadPlan& plan, uint32_t threads, const StagingSizes& most) {
+Reading choose_reading(const UploadPlan& plan, const MappedFile& map, Reading wanted) {
+  if (wanted != Reading::kAuto) return wanted;
+  uint64_t bytes = 0;
+  for (uint64_t i = 0; plan.pages() != nullptr && i < plan.pages()->size(); ++i)
+    bytes += plan.pages()->record(i).stored_bytes;
+  return bytes >= kDirectBytes && map.cached_share() < 0.5 ? Reading::kDirect : Reading::kMapped;
+}
+
+StagingSizes staging_for(const UploadPlan& plan, Reading reading, uint32_t threads, const StagingSizes& most) {
   const uint64_t jobs = jobs_of(plan, most.slot_bytes).size();
+  const uint32_t workers = std::max(threads, reading == Reading::kDirect ? kDirectThreads : 1u);
   StagingSizes sizes = most;
   // One slot is filled by a thread while another of its is copied.
-  const uint64_t wanted = std::min(jobs, 2 * uint64_t{std::max(threads, 1u)});
-  sizes.slots = static_cast<uint32_t>(std::clamp<uint64_t>(wanted, 1, most.slots));
+  sizes.slots = static_cast<uint32_t>(std::clamp<uint64_t>(std::min(jobs, 2 * uint64_t{workers}), 1, most.slots));
   return sizes;
 }
 
 Result<UploadCounts> run_upload(const UploadPlan& plan, const MappedFile& map, UploadTarget& target,
-                                const StagingSizes& sizes, uint32_t threads) {
+                                const StagingSizes& sizes, Reading reading, uint32_t threads) {
   try {
-    return Uploader(plan, map, target, sizes).run(threads);
+    Uploader uploader(plan, map, target, sizes);
+    if (reading == Reading::kDirect)
+      if (Result<void> opened = uploader.open_direct(); !opened) return opened.error();
+    return uploader.run(threads);
   } catch (const std::bad_alloc&) {
     return Error{ErrorCode::kMemory, "no memory left for its pages"};
   }

@@ -13,7 +13,8 @@
 namespace scree::runtime {
 
 /// The ring of staging memory: `slots` times `slot_bytes` (a multiple of format::kPageAlignment). That, one unpacked
-/// page larger than a slot, and zstd's contexts are all the host memory that an upload takes.
+/// page larger than a slot, zstd's contexts, and a slot's bytes a thread where compressed pages are read past the page
+/// cache are all the host memory that an upload takes.
 struct StagingSizes {
   uint64_t slot_bytes = uint64_t{4} << 20;
   uint32_t slots = 32;
@@ -68,15 +69,30 @@ class UploadPlan {
   uint64_t bytes_ = 0;
 };
 
-/// How much staging memory `plan` can use: no more than `most`.
-StagingSizes staging_for(const UploadPlan& plan, uint32_t threads, const StagingSizes& most = {});
+/// How pages come from the file.
+enum class Reading {
+  kAuto,    // kDirect for kDirectBytes of pages or more, most of which are not in the page cache
+  kMapped,  // out of the map, through the page cache
+  kDirect,  // past the page cache, straight into the slots; a page larger than a slot, and all of a file system that
+            // has no such reads, as kMapped
+};
+inline constexpr uint64_t kDirectBytes = uint64_t{256} << 20;
+
+/// What kAuto is for these pages.
+Reading choose_reading(const UploadPlan& plan, const MappedFile& map, Reading wanted);
+
+/// How much staging memory `plan` can use: no more than `most`. `reading`: not kAuto.
+StagingSizes staging_for(const UploadPlan& plan, Reading reading, uint32_t threads, const StagingSizes& most = {});
 
 struct UploadCounts {
   uint64_t pages = 0;
   uint64_t stored_bytes = 0;    // of the pages, in the file
   uint64_t unpacked_bytes = 0;  // of those that were compressed
   uint64_t copied_bytes = 0;    // to the device
+  uint64_t direct_bytes = 0;    // read past the page cache
 };
+
+inline constexpr uint32_t kDirectThreads = 8;
 
 struct UploadStats {
   UploadCounts counts;
@@ -87,12 +103,13 @@ struct UploadStats {
   double gb_per_s() const { return upload_ms > 0 ? static_cast<double>(counts.copied_bytes) * 1e-6 / upload_ms : 0; }
 };
 
-/// Uploads `plan` on up to `threads` threads and returns when all of it lies on the device. A page is checked
-/// (checksum, padding, frame, the streams of its drawn chunks) before it is copied, where it is copied from: in the
-/// slot. Only a raw page larger than a slot is checked in the map. Pages leave the map's resident part as they go.
-/// `map`: what the pages' container was opened on. Errors as load_pages, that of the first bad page whatever the number
-/// of threads; kDevice.
+/// Uploads `plan` on up to `threads` threads (with kDirect, where threads wait for the disk, on kDirectThreads at
+/// least) and returns when all of it lies on the device. `reading`: not kAuto. A page is checked (checksum, padding,
+/// frame, the streams of its drawn chunks) before it is copied, where it is copied from: in the slot. Only a raw page
+/// larger than a slot is checked in the map. Pages leave the map's resident part as they go. `map`: what the pages'
+/// container was opened on. Errors as load_pages and kFile, that of the first bad page whatever the number of threads;
+/// kDevice.
 Result<UploadCounts> run_upload(const UploadPlan& plan, const MappedFile& map, UploadTarget& target,
-                                const StagingSizes& sizes, uint32_t threads);
+                                const StagingSizes& sizes, Reading reading, uint32_t threads);
 
 }  // namespace scree::runtime

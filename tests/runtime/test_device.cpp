@@ -34,7 +34,7 @@ namespace {
 Scene load(const std::string& path, bool pages = true) {
   Result<SceneFile> file = SceneFile::open(path);
   REQUIRE(file);
-  Result<Scene> scene = Scene::load(std::move(*file), 0, {true, 2, pages});
+  Result<Scene> scene = Scene::load(std::move(*file), 0, {.threads = 2, .pages = pages});
   REQUIRE(scene);
   return std::move(*scene);
 }

@@ -10,15 +10,18 @@
 #include <condition_variable>
 #include <cstring>
 #include <deque>
+#include <filesystem>
 #include <limits>
 #include <mutex>
 #include <new>
 #include <random>
+#include <span>
 #include <string>
 #include <thread>
 #include <vector>
 
 #include "format/checksum.h"
+#include "runtime/direct_file.h"
 #include "runtime/scene.h"
 #include "tests/catch.h"
 #include "tests/runtime/paged_scene.h"
@@ -28,6 +31,8 @@ using scree::Error;
 using scree::ErrorCode;
 using scree::Result;
 using scree::format::SealedPage;
+using scree::runtime::DirectFile;
+using scree::runtime::Reading;
 using scree::runtime::Scene;
 using scree::runtime::SceneFile;
 using scree::runtime::StagingSizes;
@@ -156,7 +161,7 @@ std::vector<std::pair<Soup, Encoding>> some_meshes() {
 Scene open_scene(const std::string& path) {
   Result<SceneFile> file = SceneFile::open(path);
   REQUIRE(file);
-  Result<Scene> scene = Scene::load(std::move(*file), 0, {false, 1, false});
+  Result<Scene> scene = Scene::load(std::move(*file), 0, {.textures = false, .pages = false});
   REQUIRE(scene);
   return std::move(*scene);
 }
@@ -167,7 +172,8 @@ struct Attempt {
 };
 
 /// Uploads the pages of `scene` and `table`, and compares what arrived with what the file holds.
-Attempt upload(const Scene& scene, const StagingSizes& sizes, uint32_t threads, uint64_t failing_copy = kNever) {
+Attempt upload(const Scene& scene, const StagingSizes& sizes, Reading reading, uint32_t threads,
+               uint64_t failing_copy = kNever) {
   std::vector<std::byte> table(50000);
   std::mt19937 random(1);
   for (std::byte& byte : table) byte = static_cast<std::byte>(random());
@@ -177,7 +183,7 @@ Attempt upload(const Scene& scene, const StagingSizes& sizes, uint32_t threads, 
   CHECK(plan.add(nullptr, 0) % 256 == 0);
   plan.add_pages(scene.drawn_pages());
   SlowDevice device(plan.bytes(), sizes, failing_copy);
-  Result<UploadCounts> done = run_upload(plan, scene.file().map(), device, sizes, threads);
+  Result<UploadCounts> done = run_upload(plan, scene.file().map(), device, sizes, reading, threads);
   const std::string complaint = device.complaint();
   if (!done) return {done, complaint};
   const auto arrived = [&](uint64_t offset, const std::byte* from, uint64_t bytes) {
@@ -202,8 +208,11 @@ void for_all_ways(const Body& body) {
   for (const uint64_t slot_bytes : {uint64_t{4096}, uint64_t{16384}, uint64_t{65536}, uint64_t{1} << 20}) {
     for (const uint32_t slots : {1u, 2u, 7u}) {
       for (const uint32_t threads : {1u, 2u, 8u}) {
-        INFO("slots of " << slot_bytes << ": " << slots << ", threads " << threads);
-        body(StagingSizes{slot_bytes, slots}, threads);
+        for (const Reading reading : {Reading::kMapped, Reading::kDirect}) {
+          INFO("slots of " << slot_bytes << ": " << slots << ", threads " << threads
+                           << (reading == Reading::kDirect ? ", direct" : ""));
+          body(StagingSizes{slot_bytes, slots}, reading, threads);
+        }
       }
     }
   }
@@ -217,8 +226,8 @@ void check_error(const std::string& path, const std::string& expected) {
   INFO(loaded.error().message);
   CHECK(loaded.error().message.find(expected) != std::string::npos);
   CHECK_FALSE(scene.has_pages());
-  for_all_ways([&](const StagingSizes& sizes, uint32_t threads) {
-    const Attempt attempt = upload(scene, sizes, threads);
+  for_all_ways([&](const StagingSizes& sizes, Reading reading, uint32_t threads) {
+    const Attempt attempt = upload(scene, sizes, reading, threads);
     REQUIRE_FALSE(attempt.result);
     CHECK(attempt.result.error().code == loaded.error().code);
     CHECK(path + ": " + attempt.result.error().message == loaded.error().message);
@@ -251,14 +260,19 @@ TEST_CASE("an upload brings every page and table to its place", "[upload]") {
     }
   }
   REQUIRE(raw_pages > 3);
+  const bool has_direct = static_cast<bool>(DirectFile::open(scene.file().map()));
+  if (!has_direct) WARN("the folder for temporary files has no direct reads");
   REQUIRE(expected.unpacked_bytes > 0);
-  for_all_ways([&](const StagingSizes& sizes, uint32_t threads) {
-    const Attempt attempt = upload(scene, sizes, threads);
+  for_all_ways([&](const StagingSizes& sizes, Reading reading, uint32_t threads) {
+    const Attempt attempt = upload(scene, sizes, reading, threads);
     REQUIRE(attempt.result);
     CHECK(attempt.complaint == "");
     CHECK(attempt.result->pages == pages.size());
     CHECK(attempt.result->stored_bytes == expected.stored_bytes);
     CHECK(attempt.result->unpacked_bytes == expected.unpacked_bytes);
+    const bool is_direct = reading == Reading::kDirect && has_direct && sizes.slot_bytes > 16384;
+    CHECK(attempt.result->direct_bytes >= (is_direct ? expected.stored_bytes : 0));
+    if (reading == Reading::kMapped) CHECK(attempt.result->direct_bytes == 0);
   });
 }
 
@@ -281,7 +295,8 @@ TEST_CASE("a chunk larger than a megabyte is uploaded in parts", "[upload]") {
     CHECK(is_zstd == (zstd_every == 1));
     for (const uint64_t slot_bytes : {uint64_t{65536}, uint64_t{1} << 20, uint64_t{4} << 20}) {
       for (const uint32_t threads : {1u, 4u}) {
-        const Attempt attempt = upload(scene, {slot_bytes, 3}, threads);
+        const Attempt attempt =
+            upload(scene, {slot_bytes, 3}, threads == 1 ? Reading::kDirect : Reading::kMapped, threads);
         REQUIRE(attempt.result);
         CHECK(attempt.complaint == "");
       }
@@ -374,7 +389,7 @@ TEST_CASE("a device that fails ends an upload with its error and nothing under w
   const Scene scene = open_scene(path);
   for (const uint64_t copy : {0u, 1u, 6u}) {
     for (const uint32_t threads : {1u, 2u, 8u}) {
-      const Attempt attempt = upload(scene, {16384, 4}, threads, copy);
+      const Attempt attempt = upload(scene, {16384, 4}, Reading::kMapped, threads, copy);
       REQUIRE_FALSE(attempt.result);
       CHECK(attempt.result.error().code == ErrorCode::kDevice);
       CHECK(attempt.result.error().message == "the device is gone");
@@ -387,11 +402,67 @@ TEST_CASE("staging memory is as large as the work, within its bound", "[upload]"
   std::vector<std::byte> table(10 << 20);
   UploadPlan plan;
   plan.add(table.data(), table.size());
-  CHECK(staging_for(plan, 1).slots == 2);
-  CHECK(staging_for(plan, 16).slots == 3);  // 4 MiB each
-  CHECK(staging_for(plan, 16, {1 << 16, 32}).slots == 32);
-  CHECK(staging_for(UploadPlan{}, 0).slots == 1);
+  CHECK(staging_for(plan, Reading::kMapped, 1).slots == 2);
+  CHECK(staging_for(plan, Reading::kMapped, 16).slots == 3);  // 4 MiB each
+  CHECK(staging_for(plan, Reading::kMapped, 16, {1 << 16, 32}).slots == 32);
+  CHECK(staging_for(plan, Reading::kDirect, 1, {1 << 16, 32}).slots == 16);
+  CHECK(staging_for(UploadPlan{}, Reading::kMapped, 0).slots == 1);
   CHECK(StagingSizes{}.bytes() == 128u << 20);
+}
+
+TEST_CASE("direct reads give the file's bytes, also past a rename", "[upload]") {
+  const TempFolder folder;
+  std::string text(3 * 4096 + 100, 'a');
+  for (size_t i = 0; i < text.size(); ++i) text[i] = static_cast<char>(i * 7 + i / 4096);
+  const std::string path = folder.write("bytes", text);
+  const auto map = scree::runtime::MappedFile::open(path);
+  REQUIRE(map);
+  CHECK(map->descriptor() >= 0);
+  CHECK(map->cached_share() >= 0);
+  CHECK(map->cached_share() <= 1);
+  std::filesystem::rename(path, folder.file("elsewhere"));
+  folder.write("bytes", "another file");
+  const auto file = DirectFile::open(*map);
+  if (!file) {
+    CHECK(file.error().code == ErrorCode::kUnsupported);
+    WARN("the folder for temporary files has no direct reads");
+    return;
+  }
+  struct alignas(4096) Block {
+    char bytes[4096];
+  };
+  for (uint64_t first = 0; first < 4; ++first) {
+    for (uint64_t count = 1; first + count <= 4; ++count) {
+      std::vector<Block> blocks(count);
+      for (Block& block : blocks) std::memset(block.bytes, '#', sizeof block.bytes);
+      REQUIRE(file->read(4096 * first, std::as_writable_bytes(std::span(blocks))));
+      const std::string expected = text.substr(4096 * first, 4096 * count);
+      CHECK(std::memcmp(blocks.data(), expected.data(), expected.size()) == 0);
+    }
+  }
+  std::filesystem::resize_file(folder.file("elsewhere"), 5000);
+  std::vector<Block> blocks(4);
+  REQUIRE(file->read(0, std::as_writable_bytes(std::span(blocks).first(1))));
+  for (uint64_t first = 0; first < 4; ++first) {
+    const auto read = file->read(4096 * first, std::as_writable_bytes(std::span(blocks).first(4 - first)));
+    REQUIRE_FALSE(read);
+    CHECK(read.error().code == ErrorCode::kFile);
+    CHECK(read.error().message.find(", but had 12388 when it was opened") != std::string::npos);
+  }
+}
+
+TEST_CASE("large files out of the page cache are read past it", "[upload]") {
+  const TempFolder folder;
+  const std::string path = folder.file("paged.scree");
+  PagedScene{}.write(path, some_meshes());
+  const Scene scene = open_scene(path);
+  UploadPlan plan;
+  plan.add_pages(scene.drawn_pages());
+  // A small file is not, whatever lies in the cache; what is asked for is done.
+  CHECK(choose_reading(plan, scene.file().map(), Reading::kAuto) == Reading::kMapped);
+  CHECK(choose_reading(plan, scene.file().map(), Reading::kDirect) == Reading::kDirect);
+  CHECK(choose_reading(plan, scene.file().map(), Reading::kMapped) == Reading::kMapped);
+  CHECK(choose_reading(UploadPlan{}, scene.file().map(), Reading::kAuto) == Reading::kMapped);
 }
 
 TEST_CASE("a scene opened without its pages gets them when asked", "[upload]") {

@@ -207,10 +207,13 @@ class Runner {
   }
 
   void print_upload(const runtime::UploadStats& stats) const {
-    std::printf("%s: %s of pages in the file, %s decompressed, %s to the device in %.3f s, %.2f GB/s\n",
-                options_.file.c_str(), tools::format_bytes(stats.counts.stored_bytes).c_str(),
-                tools::format_bytes(stats.counts.unpacked_bytes).c_str(),
-                tools::format_bytes(stats.counts.copied_bytes).c_str(), stats.upload_ms * 1e-3, stats.gb_per_s());
+    std::printf(
+        "%s: %s of pages in the file, %s read past the page cache, %s decompressed, %s to the device in %.3f s, %.2f "
+        "GB/s\n",
+        options_.file.c_str(), tools::format_bytes(stats.counts.stored_bytes).c_str(),
+        tools::format_bytes(stats.counts.direct_bytes).c_str(),
+        tools::format_bytes(stats.counts.unpacked_bytes).c_str(),
+        tools::format_bytes(stats.counts.copied_bytes).c_str(), stats.upload_ms * 1e-3, stats.gb_per_s());
   }
 
   Result<void> measure_file() {
@@ -219,7 +222,8 @@ class Runner {
     const Result<uint32_t> number = file->find_scene("");
     if (!number) return number.error();
     const uint32_t threads = std::max(1u, std::thread::hardware_concurrency());
-    Result<runtime::Scene> loaded = runtime::Scene::load(std::move(*file), *number, {false, threads, false});
+    Result<runtime::Scene> loaded =
+        runtime::Scene::load(std::move(*file), *number, {.textures = false, .threads = threads, .pages = false});
     if (!loaded) return loaded.error();
     Result<ResidentScene> resident = ResidentScene::upload(std::move(*loaded), threads);
     if (!resident && resident.error().code == ErrorCode::kDevice) return at(options_.file, resident.error());

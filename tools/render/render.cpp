@@ -97,12 +97,13 @@ void print_stats(const runtime::Scene& scene, const runtime::Frame& frame, const
   if (times.upload) {
     const runtime::UploadCounts& counts = times.upload->counts;
     std::printf(
-        "upload: %llu pages, %s in the file, %s decompressed, %s copied, %s of device memory taken, %s, "
+        "upload: %llu pages, %s in the file, %s read past the page cache, %s decompressed, %s copied, %s of device "
+        "memory taken, %s, "
         "%.2f GB/s\n",
         static_cast<unsigned long long>(counts.pages), format_bytes(counts.stored_bytes).c_str(),
-        format_bytes(counts.unpacked_bytes).c_str(), format_bytes(counts.copied_bytes).c_str(),
-        format_bytes(times.upload->device_bytes).c_str(), milliseconds(times.upload->upload_ms).c_str(),
-        times.upload->gb_per_s());
+        format_bytes(counts.direct_bytes).c_str(), format_bytes(counts.unpacked_bytes).c_str(),
+        format_bytes(counts.copied_bytes).c_str(), format_bytes(times.upload->device_bytes).c_str(),
+        milliseconds(times.upload->upload_ms).c_str(), times.upload->gb_per_s());
   }
   std::printf("textures: %llu images, %s with levels, %s\n", static_cast<unsigned long long>(load.images),
               format_bytes(load.texture_bytes).c_str(), both_times(load.textures).c_str());
@@ -184,7 +185,8 @@ Result<bool> wants_gpu(BackendChoice backend) {
 
 /// Brings the scene to the GPU; nothing where --backend auto finds that it does not fit.
 Result<std::optional<runtime::DeviceScene>> upload(const RenderOptions& options, const runtime::Scene& scene) {
-  Result<runtime::DeviceScene> device = runtime::DeviceScene::upload(scene, options.device_memory, options.threads);
+  Result<runtime::DeviceScene> device =
+      runtime::DeviceScene::upload(scene, options.device_memory, options.threads, options.reading);
   if (device) return std::optional<runtime::DeviceScene>(std::move(*device));
   if (device.error().code != ErrorCode::kDevice) return device.error();
   if (options.backend == BackendChoice::kAuto) return std::optional<runtime::DeviceScene>{};
@@ -304,6 +306,9 @@ Command add_render(CLI::App& parent) {
                   "The most the scene may take of the GPU's memory, such as 8GiB (default: what is free)");
   app->add_option("--texture-cache", words->texture_cache,
                   "Memory for decoded blocks of JPEG textures when the CPU draws, such as 1GiB (default: 64MiB)");
+  app->add_option("--read", words->read,
+                  "How the GPU's pages come from the file: mapped, direct: past the page cache, or auto: direct where "
+                  "much is to be read that is not cached (default)");
   app->add_flag("--stats", words->stats, "Print counts and times of every step");
   app->add_flag("-q,--quiet", words->quiet, "No closing line and no warnings");
   return {app, [words] { return run(*words); }};

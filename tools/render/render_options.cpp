@@ -271,6 +271,13 @@ Result<RenderOptions> parse_render_options(const RenderWords& words) {
     if (!bytes) return at("--texture-cache", bytes.error());
     options.texture_cache = std::max<uint64_t>(*bytes, 1);
   }
+  if (words.read == "mapped") {
+    options.reading = runtime::Reading::kMapped;
+  } else if (words.read == "direct") {
+    options.reading = runtime::Reading::kDirect;
+  } else if (words.read != "auto") {
+    return usage("--read", words.read, "auto, mapped or direct");
+  }
   for (const std::string& text : words.picks) {
     const Result<PixelPlace> place = parse_pick(text, options.camera.width, options.camera.height);
     if (!place) return place.error();

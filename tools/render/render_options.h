@@ -10,6 +10,7 @@
 #include "format/result.h"
 #include "kernels/frame.h"
 #include "runtime/camera.h"
+#include "runtime/upload.h"
 
 namespace scree::tools {
 
@@ -33,6 +34,7 @@ struct RenderWords {
   std::string backend = "auto";
   std::string device_memory;
   std::string texture_cache;
+  std::string read = "auto";
   std::vector<std::string> picks;
   std::string edl_strength;
   std::string edl_radius;
@@ -62,8 +64,9 @@ struct RenderOptions {
   uint32_t samples_per_side = 1;
   uint32_t threads = 1;
   BackendChoice backend = BackendChoice::kAuto;
-  uint64_t texture_cache = uint64_t{64} << 20;  // bytes of decoded blocks of JPEG textures on a CPU
-  uint64_t device_memory = 0;                   // bytes the scene may take on the GPU; 0: what is free
+  uint64_t texture_cache = uint64_t{64} << 20;         // bytes of decoded blocks of JPEG textures on a CPU
+  uint64_t device_memory = 0;                          // bytes the scene may take on the GPU; 0: what is free
+  runtime::Reading reading = runtime::Reading::kAuto;  // of a GPU's pages
   std::vector<PixelPlace> picks;
   bool list_cameras = false;
   bool stats = false;

@@ -1,0 +1,40 @@
+// Reads past the page cache, for files that are too big to go through it once.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <span>
+
+#include "format/result.h"
+#include "runtime/mapped_file.h"
+
+namespace scree::runtime {
+
+/// The file of a MappedFile, opened again with O_DIRECT. Move-only; reading is thread-safe.
+class DirectFile {
+ public:
+  /// What offsets, sizes and addresses are multiples of: page size and sector size of the disks there are.
+  static constexpr uint64_t kAlignment = 4096;
+
+  /// Errors, without the file's name: kUnsupported (the file system has no such reads), kFile.
+  static Result<DirectFile> open(const MappedFile& map);
+
+  DirectFile(DirectFile&& other) noexcept;
+  DirectFile& operator=(DirectFile&& other) noexcept;
+  DirectFile(const DirectFile&) = delete;
+  DirectFile& operator=(const DirectFile&) = delete;
+  ~DirectFile();
+
+  /// Fills `out` from `offset`; all of kAlignment. What of `out` lies past the end of the file is left as it is.
+  /// Returns when it is read. Errors kUnsupported (not into this memory, not from this file system), kFile (an I/O
+  /// error; the file has become shorter).
+  Result<void> read(uint64_t offset, std::span<std::byte> out) const;
+
+ private:
+  DirectFile() = default;
+
+  int descriptor_ = -1;
+  uint64_t size_ = 0;
+};
+
+}  // namespace scree::runtime
