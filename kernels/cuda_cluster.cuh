@@ -187,8 +187,8 @@ __device__ inline void filter_vertices(const ClusterStage& stage, const PackedRa
   const uint32_t bits_y = counts >> 22 & 31;
   const uint32_t bits_z = counts >> 27;
   const uint32_t stride = bits_x + bits_y + bits_z;
-  // So are those of lengths and widths that hardly any cluster has.
-  if (keeps_all || (layout & 0xffffu) + stage.skipped_words() > 4 * kStagePieces || stride > 64) {
+  // So are those of a length that hardly any cluster has.
+  if (keeps_all || (layout & 0xffffu) + stage.skipped_words() > 4 * kStagePieces) {
     for (uint32_t vertex = lane; vertex < vertex_count; vertex += kWarpLanes) {
       shared.centers[vertex] = {all.first, all.last};
     }
@@ -207,6 +207,7 @@ __device__ inline void filter_vertices(const ClusterStage& stage, const PackedRa
     const uint64_t window = (uint64_t{__funnelshift_r(from[1], from[2], bit)} << 32) | low;
     uint32_t code[3] = {low & mask[0], static_cast<uint32_t>(window >> bits_x) & mask[1],
                         static_cast<uint32_t>(window >> (bits_x + bits_y)) & mask[2]};
+    if (stride > 64) code[2] = unpack_bits(positions, bit + bits_x + bits_y, bits_z);  // past the window
     prediction.apply(code);
     shared.centers[vertex] =
         vertex_centers<kOrthographic>(filter, all, static_cast<float>(min[0] + code[0]),
