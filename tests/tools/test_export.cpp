@@ -133,7 +133,7 @@ TEST_CASE("export: a textured material on a primitive without texture coordinate
   fs::copy_file(tests::data_path("checker.png"), folder.path() / "checker.png");
   tests::write_file(folder.path() / "a.gltf", R"({"asset": {"version": "2.0"}, "scenes": [{"nodes": [0]}], "scene": 0,
     "nodes": [{"mesh": 0}], "images": [{"uri": "checker.png"}], "textures": [{"source": 0}],
-    "materials": [{"name": "m", "pbrMetallicRoughness": {"baseColorTexture": {"index": 0}, "baseColorFactor": [1, 0.5, 0, 1]}}],
+    "materials": [{"name": "m", "pbrMetallicRoughness": {"baseColorTexture": {"index": 0}, "baseColorFactor": [1.0000001, 0.5, 0, 1]}}],
     "meshes": [{"primitives": [{"attributes": {"POSITION": 0, "TEXCOORD_0": 1}, "material": 0},
                                {"attributes": {"POSITION": 0}, "material": 0},
                                {"attributes": {"POSITION": 0}, "material": 0}]}],
@@ -147,6 +147,7 @@ TEST_CASE("export: a textured material on a primitive without texture coordinate
   REQUIRE(back->materials.size() == 2);  // one copy for both
   CHECK(back->materials[0].record.texture != format::kNone);
   CHECK(back->materials[1].record.texture == format::kNone);
+  CHECK(back->materials[1].record.base_color[0] == 1.0f);
   CHECK(back->materials[1].record.base_color[1] == 0.5f);
   const tests::ValidatorRun run = tests::run_validator(exports.path());
   if (!tests::validator_result_is_there(run)) return;

@@ -93,6 +93,8 @@ class MaterialMaker {
                               to.uv_offset[1], to.uv_scale[0], to.uv_scale[1], to.uv_rotation, to.alpha_cutoff}) {
       if (!std::isfinite(value)) return Error{ErrorCode::kRange, "a factor that no float holds"};
     }
+    // glTF has colour factors from 0 to 1; some writers' arithmetic goes an ulp past 1, and export would write that on.
+    for (float& value : to.base_color) value = std::clamp(value, 0.0f, 1.0f);
     return to;
   }
 
