@@ -9,6 +9,9 @@
 
 namespace scree::runtime {
 
+/// Progressive JPEGs may hold any number of scans over the whole picture in a few bytes each; real ones have ten or so.
+inline constexpr int kMaxJpegScans = 500;
+
 /// Heads only; `file` starts with the codec's signature. What they say of a file whose reading failed is void: the
 /// caller looks at ImageFile::error().
 Result<ImageInfo> probe_png(ImageFile& file);

@@ -16,9 +16,6 @@
 namespace scree::runtime {
 namespace {
 
-/// Progressive files may hold any number of scans over the whole picture in a few bytes each; real ones have ten or so.
-constexpr int kMaxScans = 500;
-
 /// libjpeg's error manager with a way out; trivially destructible.
 struct JpegErrors {
   jpeg_error_mgr manager;  // first: libjpeg hands back a pointer to it
@@ -40,9 +37,9 @@ void on_jpeg_message(j_common_ptr info, int level) {
 }
 
 void on_jpeg_progress(j_common_ptr info) {
-  if (reinterpret_cast<j_decompress_ptr>(info)->input_scan_number <= kMaxScans) return;
+  if (reinterpret_cast<j_decompress_ptr>(info)->input_scan_number <= kMaxJpegScans) return;
   auto* const errors = reinterpret_cast<JpegErrors*>(info->err);
-  std::snprintf(errors->fatal, sizeof errors->fatal, "more than %d scans", kMaxScans);
+  std::snprintf(errors->fatal, sizeof errors->fatal, "more than %d scans", kMaxJpegScans);
   on_jpeg_error(info);
 }
 

@@ -11,13 +11,11 @@
 
 #include "format/jpeg_parse.h"
 #include "runtime/image.h"
+#include "runtime/image_codecs.h"
 #include "runtime/jpeg_writer.h"
 
 namespace scree::runtime {
 namespace {
-
-/// Progressive files may hold any number of scans over the whole picture in a few bytes each; real ones have ten or so.
-constexpr int kMaxScans = 500;
 
 /// libjpeg's error manager with a way out, for both ends; trivially destructible.
 struct Errors {
@@ -77,9 +75,9 @@ void on_message(j_common_ptr info, int level) {
 }
 
 void on_progress(j_common_ptr info) {
-  if (reinterpret_cast<j_decompress_ptr>(info)->input_scan_number <= kMaxScans) return;
+  if (reinterpret_cast<j_decompress_ptr>(info)->input_scan_number <= kMaxJpegScans) return;
   auto& errors = *reinterpret_cast<Errors*>(info->err);
-  std::snprintf(errors.fatal, sizeof errors.fatal, "more than %d scans", kMaxScans);
+  std::snprintf(errors.fatal, sizeof errors.fatal, "more than %d scans", kMaxJpegScans);
   leave(errors, ErrorCode::kFormat);
 }
 

@@ -326,6 +326,17 @@ inline Soup grid(uint32_t n, double amplitude) {
   return soup;
 }
 
+/// An instance turned about z and squashed, every seventh `round` mirrored, at (origin, -origin, origin). `unit`: gives
+/// numbers from -1 to 1.
+template <class Unit>
+void add_turned_instance(SceneBuilder& scene, uint32_t mesh, int round, double origin, Unit&& unit) {
+  const double turn = 3 * unit();
+  const double mirror = round % 7 == 0 ? -1.0 : 1.0;
+  const double height = 1 + 0.5 * unit();
+  scene.instance(mesh, scene.matrix({mirror * std::cos(turn), -std::sin(turn), 0, origin, mirror * std::sin(turn),
+                                     std::cos(turn), 0, -origin, 0, 0, height, origin}));
+}
+
 /// A closed sphere with `n` rows of quads, radius 1, bumps of `amplitude`; counter-clockwise from outside.
 inline Soup sphere(uint32_t n, double amplitude) {
   Soup soup;

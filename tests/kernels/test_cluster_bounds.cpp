@@ -162,10 +162,7 @@ TEST_CASE("bounds of clusters hold every pixel and depth code of their triangles
     // From far away to within the mesh; the world's origin near or a million units off; fine and coarse pictures.
     const double distance = std::pow(10.0, 2.5 * unit(random));
     const double origin = round % 4 == 0 ? 1e6 * unit(random) : 0.0;
-    const double turn = 3 * unit(random);
-    const double scale[3] = {round % 7 == 0 ? -1.0 : 1.0, 1 + 0.5 * unit(random), 1.0};
-    scene.instance(mesh, scene.matrix({scale[0] * std::cos(turn), -std::sin(turn), 0, origin, scale[0] * std::sin(turn),
-                                       std::cos(turn), 0, -origin, 0, 0, scale[1], origin}));
+    add_turned_instance(scene, mesh, round, origin, [&] { return unit(random); });
     const uint32_t width = round % 6 == 0 ? 16384 : 60 + static_cast<uint32_t>(round);
     const uint32_t height = round % 6 == 0 ? 9001 : 40 + static_cast<uint32_t>(round * 7 % 31);
     const double around = unit(random) * 3;

@@ -95,10 +95,7 @@ TEST_CASE("no triangle that covers a pixel centre is filtered out", "[sample_fil
     // From far away to within the mesh; the world's origin near or a million units off.
     const double distance = std::pow(10.0, 3 * unit(random));
     const double origin = round % 4 == 0 ? 1e6 * unit(random) : 0.0;
-    const double turn = 3 * unit(random);
-    const double scale[3] = {round % 7 == 0 ? -1.0 : 1.0, 1 + 0.5 * unit(random), 1.0};
-    scene.instance(mesh, scene.matrix({scale[0] * std::cos(turn), -std::sin(turn), 0, origin, scale[0] * std::sin(turn),
-                                       std::cos(turn), 0, -origin, 0, 0, scale[1], origin}));
+    add_turned_instance(scene, mesh, round, origin, [&] { return unit(random); });
     // Odd and even sizes, small to the largest.
     const uint32_t width = round % 6 == 0 ? 16384 : 100 + static_cast<uint32_t>(round);
     const uint32_t height = round % 6 == 0 ? 9001 : 80 + static_cast<uint32_t>(round * 7 % 31);

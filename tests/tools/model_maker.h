@@ -105,6 +105,22 @@ class ModelMaker {
     return out;
   }
 
+  /// A texture of an image file's bytes.
+  tools::GltfTexture texture(const std::string& name, format::ImageCodec codec, std::span<const std::byte> bytes) {
+    const Result<uint32_t> image = writer_.add_image(name, codec, bytes);
+    REQUIRE(image);
+    tools::GltfTexture out;
+    out.image = *image;
+    return out;
+  }
+
+  /// The material that shows it.
+  uint32_t textured(const std::string& name, format::ImageCodec codec, std::span<const std::byte> bytes) {
+    tools::GltfMaterial material;
+    material.texture = writer_.add_texture(texture(name, codec, bytes));
+    return writer_.add_material(material);
+  }
+
   uint32_t mesh(const std::string& name, std::vector<tools::GltfPrimitive> primitives) {
     tools::GltfMesh out;
     out.name = name;
@@ -155,6 +171,25 @@ class ModelMaker {
 inline void make_model(const std::string& path, const GridSpec& spec) {
   ModelMaker maker(path);
   maker.node("node", maker.mesh("mesh", {maker.grid(spec)}));
+  maker.finish();
+}
+
+/// Grids with every attribute, without an index buffer, and flat.
+inline void make_grids(const std::string& path) {
+  ModelMaker maker(path);
+  GridSpec all;
+  all.columns = 60;
+  all.rows = 40;
+  all.uv = all.color = all.normal = true;
+  GridSpec loose = all;  // no index buffer, far from the origin, not in the material's texture
+  loose.columns = 31;
+  loose.indexed = false;
+  loose.origin = {1000, -3, 0.25f};
+  GridSpec flat;
+  flat.flat = true;
+  flat.size = 30;
+  maker.node("a", maker.mesh("a", {maker.grid(all), maker.grid(flat)}));
+  maker.node("b", maker.mesh("b", {maker.grid(loose)}), {5, 0, 0});
   maker.finish();
 }
 

@@ -20,6 +20,7 @@
 
 using namespace scree;
 using tests::GridSpec;
+using tests::make_grids;
 using tests::ModelMaker;
 using tests::must_convert;
 using tests::must_fail;
@@ -37,23 +38,7 @@ constexpr float kInf = std::numeric_limits<float>::infinity();
 
 TEST_CASE("every option keeps the triangles and the stated error", "[convert]") {
   const TempFolder folder;
-  {
-    ModelMaker maker(folder.file("in.glb"));
-    GridSpec all;
-    all.columns = 60;
-    all.rows = 40;
-    all.uv = all.color = all.normal = true;
-    GridSpec loose = all;  // no index buffer, far from the origin, not in the material's texture
-    loose.columns = 31;
-    loose.indexed = false;
-    loose.origin = {1000, -3, 0.25f};
-    GridSpec flat;
-    flat.flat = true;
-    flat.size = 30;
-    maker.node("a", maker.mesh("a", {maker.grid(all), maker.grid(flat)}));
-    maker.node("b", maker.mesh("b", {maker.grid(loose)}), {5, 0, 0});
-    maker.finish();
-  }
+  make_grids(folder.file("in.glb"));
   convert::ConvertOptions options = options_of(folder);
 
   SECTION("defaults") {
@@ -410,15 +395,8 @@ TEST_CASE("attributes that are not finite are repaired and counted", "[convert]"
   const std::string png = tests::read_whole(folder.file("a.png"));
   {
     ModelMaker maker(folder.file("in.glb"));
-    const Result<uint32_t> image =
-        maker.writer().add_image("a", format::ImageCodec::kPng, std::as_bytes(std::span(png)));
-    REQUIRE(image);
-    tools::GltfTexture texture;
-    texture.image = *image;
-    tools::GltfMaterial material;
-    material.texture = maker.writer().add_texture(texture);
     tools::GltfPrimitive primitive = maker.primitive({0, 0, 0, 1, 0, 0, 0, 1, 0, 1, 1, 0}, {0, 1, 2, 1, 3, 2});
-    primitive.material = maker.writer().add_material(material);
+    primitive.material = maker.textured("a", format::ImageCodec::kPng, std::as_bytes(std::span(png)));
     primitive.attributes.emplace_back("TEXCOORD_0",
                                       maker.floats({0, 0, kNan, 1, 0.5f, kInf, 3, 3}, tools::GltfType::kVec2));
     primitive.attributes.emplace_back("COLOR_0",

@@ -13,7 +13,7 @@
 
 using namespace scree;
 using tests::GridSpec;
-using tests::ModelMaker;
+using tests::make_grids;
 using tests::must_convert;
 using tests::must_match;
 using tests::must_open;
@@ -21,25 +21,6 @@ using tests::options_of;
 using tests::TempFolder;
 
 namespace {
-
-/// Grids with every attribute, without an index buffer, and flat.
-void make_grids(const std::string& path) {
-  ModelMaker maker(path);
-  GridSpec all;
-  all.columns = 60;
-  all.rows = 40;
-  all.uv = all.color = all.normal = true;
-  GridSpec loose = all;
-  loose.columns = 31;
-  loose.indexed = false;
-  loose.origin = {1000, -3, 0.25f};
-  GridSpec flat;
-  flat.flat = true;
-  flat.size = 30;
-  maker.node("a", maker.mesh("a", {maker.grid(all), maker.grid(flat)}));
-  maker.node("b", maker.mesh("b", {maker.grid(loose)}), {5, 0, 0});
-  maker.finish();
-}
 
 convert::ConvertOptions clustered(const TempFolder& folder) {
   convert::ConvertOptions options = options_of(folder);

@@ -39,16 +39,10 @@ TEST_CASE("a broken image is named and nothing is written", "[convert]") {
   png.resize(png.size() - 20);
   {
     ModelMaker maker(folder.file("in.glb"));
-    const Result<uint32_t> image =
-        maker.writer().add_image("bark", format::ImageCodec::kPng, std::as_bytes(std::span(png)));
-    REQUIRE(image);
-    tools::GltfTexture texture;
-    texture.image = *image;
-    tools::GltfMaterial material;
-    material.texture = maker.writer().add_texture(texture);
+    const uint32_t material = maker.textured("bark", format::ImageCodec::kPng, std::as_bytes(std::span(png)));
     GridSpec spec;
     spec.uv = true;
-    maker.node("a", maker.mesh("a", {maker.grid(spec, maker.writer().add_material(material))}));
+    maker.node("a", maker.mesh("a", {maker.grid(spec, material)}));
     maker.finish();
   }
   const Result<convert::ConvertReport> report = convert::convert(options_of(folder));

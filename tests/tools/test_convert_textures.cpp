@@ -53,16 +53,10 @@ void make_model(const std::string& path, const std::vector<std::pair<format::Ima
   ModelMaker maker(path);
   std::vector<uint32_t> primitives;
   for (size_t i = 0; i < images.size(); ++i) {
-    const auto image = maker.writer().add_image("image" + std::to_string(i), images[i].first, images[i].second);
-    REQUIRE(image);
-    tools::GltfTexture texture;
-    texture.image = *image;
-    tools::GltfMaterial material;
-    material.texture = maker.writer().add_texture(texture);
+    const uint32_t material = maker.textured("image" + std::to_string(i), images[i].first, images[i].second);
     tests::GridSpec spec;
     spec.uv = true;
-    maker.node("n" + std::to_string(i),
-               maker.mesh("m" + std::to_string(i), {maker.grid(spec, maker.writer().add_material(material))}));
+    maker.node("n" + std::to_string(i), maker.mesh("m" + std::to_string(i), {maker.grid(spec, material)}));
   }
   maker.finish();
 }

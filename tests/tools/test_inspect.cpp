@@ -285,15 +285,10 @@ TEST_CASE("inspect: --verify decodes every level of an indexed JPEG", "[inspect]
     recipe.width = 300;
     recipe.height = 150;
     recipe.factors = {{2, 2}, {1, 1}, {1, 1}};
-    const auto image = maker.writer().add_image("bark", format::ImageCodec::kJpeg, tests::make_jpeg(recipe));
-    REQUIRE(image);
-    tools::GltfTexture texture;
-    texture.image = *image;
-    tools::GltfMaterial material;
-    material.texture = maker.writer().add_texture(texture);
+    const uint32_t material = maker.textured("bark", format::ImageCodec::kJpeg, tests::make_jpeg(recipe));
     tests::GridSpec spec;
     spec.uv = true;
-    maker.node("a", maker.mesh("a", {maker.grid(spec, maker.writer().add_material(material))}));
+    maker.node("a", maker.mesh("a", {maker.grid(spec, material)}));
     maker.finish();
   }
   const auto packed = tests::pack(folder.file("a.glb"), folder.file("a.scree"));

@@ -47,11 +47,8 @@ void make_model(const std::string& path) {
     JpegRecipe jpeg = recipes[i];
     jpeg.is_rgb = i == 1;
     jpeg.restart = i == 2 ? 7 : 0;
-    const auto image =
-        maker.writer().add_image("i" + std::to_string(i), format::ImageCodec::kJpeg, tests::make_jpeg(jpeg));
-    REQUIRE(image);
-    tools::GltfTexture texture;
-    texture.image = *image;
+    tools::GltfTexture texture =
+        maker.texture("i" + std::to_string(i), format::ImageCodec::kJpeg, tests::make_jpeg(jpeg));
     texture.wrap_s = kWraps[i % 3];
     texture.wrap_t = kWraps[(i + 1) % 3];
     texture.mag_filter = i == 4 ? 9728 : 9729;
