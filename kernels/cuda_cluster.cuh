@@ -36,12 +36,24 @@ struct WaitingTriangle {
 
 /// A cluster of a run: what all lanes need of it.
 struct alignas(16) StagedCluster {
-  uint64_t data;  // address of its first word
-  uint32_t
-      layout;  // word count, then from bit 16 on, 4, 7, 2 and 1 bits: distances, positions, predicted axis, wide steps
+  uint64_t data;    // address of its first word
+  uint32_t layout;  // set_layout()
   uint32_t counts;  // of its record
   uint32_t min[3];  // of its bounds
   uint32_t draw;
+
+  /// Word count, then from bit 16 on, 4, 7, 2 and 1 bits: distances, positions, predicted axis, wide steps.
+  __device__ void set_layout(const format::ClusterLayout& at) {
+    layout = (at.end - at.prediction) | (at.distances - at.prediction) << 16 | (at.positions - at.prediction) << 20 |
+             at.predicted_axis << 27 | (at.wide_steps ? 1u << 29 : 0u);
+  }
+  // Places are words from `data`.
+  __device__ uint32_t word_count() const { return layout & 0xffffu; }
+  __device__ uint32_t distances() const { return layout >> 16 & 15; }
+  __device__ uint32_t positions() const { return layout >> 20 & 127; }
+  __device__ uint32_t predicted_axis() const { return layout >> 27 & 3; }
+  __device__ uint32_t steps() const { return predicted_axis() != format::kNotPredicted ? 2 : 0; }
+  __device__ bool wide_steps() const { return (layout >> 29 & 1) != 0; }
 };
 
 /// A cluster on its way through shared memory.
@@ -75,7 +87,7 @@ __device__ inline ClusterShared& cluster_shared() {
   return reinterpret_cast<ClusterShared*>(shared_memory)[threadIdx.x / kWarpLanes];
 }
 
-/// How one axis follows from the other two; nothing does where all are 0.
+/// format::ClusterPredictor with its axes sorted out once a cluster, not once a vertex: no branch is left in the loop.
 struct ClusterPrediction {
   int32_t slope[3];  // of the predicted axis 0
   uint32_t bias;
@@ -112,8 +124,7 @@ __device__ inline StagedCluster find_cluster(const ClusterList& list, uint64_t n
   const format::ClusterBounds bounds = load_bounds(draw.cluster_bounds() + item.cluster);
   StagedCluster out;
   out.data = reinterpret_cast<uint64_t>(draw.data() + at.prediction);
-  out.layout = (at.end - at.prediction) | (at.distances - at.prediction) << 16 | (at.positions - at.prediction) << 20 |
-               at.predicted_axis << 27 | (at.wide_steps ? 1u << 29 : 0u);
+  out.set_layout(at);
   out.counts = record.w;
   for (int i = 0; i < 3; ++i) out.min[i] = format::bounds_min(bounds, i);
   out.draw = item.draw;
@@ -128,7 +139,7 @@ __device__ inline void stage_cluster(const ClusterList& list, const StagedCluste
   __syncwarp();
   // The stream of clusters begins and ends on multiples of 16 bytes, so these pieces lie within it.
   const auto* const from = reinterpret_cast<const uint4*>(stage.cluster.data & ~uint64_t{15});
-  const uint32_t words = (stage.cluster.layout & 0xffffu) + stage.skipped_words();
+  const uint32_t words = stage.cluster.word_count() + stage.skipped_words();
   const uint32_t pieces = min_of((words + 3) / 4, kStagePieces);
   if (lane < pieces) __pipeline_memcpy_async(stage.pieces + lane, from + lane, sizeof(uint4));
   if (lane + kWarpLanes < pieces) {
@@ -180,7 +191,6 @@ template <bool kOrthographic>
 __device__ inline void filter_vertices(const ClusterStage& stage, const PackedRange& all, bool keeps_all) {
   ClusterShared& shared = cluster_shared();
   const uint32_t lane = threadIdx.x % kWarpLanes;
-  const uint32_t layout = stage.cluster.layout;
   const uint32_t counts = stage.cluster.counts;
   const uint32_t vertex_count = (counts >> 7 & 127) + 1;
   const uint32_t bits_x = counts >> 17 & 31;
@@ -188,7 +198,7 @@ __device__ inline void filter_vertices(const ClusterStage& stage, const PackedRa
   const uint32_t bits_z = counts >> 27;
   const uint32_t stride = bits_x + bits_y + bits_z;
   // So are those of a length that hardly any cluster has.
-  if (keeps_all || (layout & 0xffffu) + stage.skipped_words() > 4 * kStagePieces) {
+  if (keeps_all || stage.cluster.word_count() + stage.skipped_words() > 4 * kStagePieces) {
     for (uint32_t vertex = lane; vertex < vertex_count; vertex += kWarpLanes) {
       shared.centers[vertex] = {all.first, all.last};
     }
@@ -196,8 +206,8 @@ __device__ inline void filter_vertices(const ClusterStage& stage, const PackedRa
   }
   const uint32_t mask[3] = {(1u << bits_x) - 1, (1u << bits_y) - 1, (1u << bits_z) - 1};
   const uint32_t min[3] = {stage.cluster.min[0], stage.cluster.min[1], stage.cluster.min[2]};
-  const ClusterPrediction prediction(layout >> 27 & 3, stage.words());
-  const uint32_t* const positions = stage.words() + (layout >> 20 & 127);
+  const ClusterPrediction prediction(stage.cluster.predicted_axis(), stage.words());
+  const uint32_t* const positions = stage.words() + stage.cluster.positions();
   const SampleFilter filter = stage.filter;
 #pragma unroll 1
   for (uint32_t vertex = lane; vertex < vertex_count; vertex += kWarpLanes) {
@@ -223,16 +233,15 @@ __device__ inline uint32_t filter_triangles(const ClusterStage& stage, uint32_t 
   const uint32_t lane = threadIdx.x % kWarpLanes;
   const uint32_t before_lane = (1u << lane) - 1;
   const uint32_t up_to_lane = 2 * before_lane + 1;
-  const uint32_t layout = stage.cluster.layout;
   const uint32_t counts = stage.cluster.counts;
   const uint32_t triangle_count = (counts & 127) + 1;
   const uint32_t distance_bits = counts >> 14 & 7;
   const uint32_t mask = (1u << distance_bits) - 1;
   const uint32_t rounds = (triangle_count + kWarpLanes - 1) / kWarpLanes;
   const uint32_t* const words = stage.words();
-  const uint32_t* const steps = words + ((layout >> 27 & 3) != format::kNotPredicted ? 2 : 0);
-  const bool wide_steps = (layout >> 29 & 1) != 0;
-  const uint32_t* const distances = words + (layout >> 16 & 15);
+  const uint32_t* const steps = words + stage.cluster.steps();
+  const bool wide_steps = stage.cluster.wide_steps();
+  const uint32_t* const distances = words + stage.cluster.distances();
   uint32_t largest = 2;  // vertex of the triangles before
 #pragma unroll 2
   for (uint32_t round = 0; round < rounds; ++round) {

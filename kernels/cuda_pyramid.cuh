@@ -78,21 +78,11 @@ __global__ void __launch_bounds__(1024)
     build_pyramid_top(const __grid_constant__ DepthPyramid pyramid, FrameCounters* counters) {
   for (uint32_t level = kPyramidTileLevel + 1; level <= kPyramidLevels; ++level) {
     const int32_t across = pyramid.across(level);
-    const int32_t below_across = pyramid.across(level - 1);
-    const int32_t below_down = pyramid.down(level - 1);
     const int32_t count = across * pyramid.down(level);
     for (int32_t i = static_cast<int32_t>(threadIdx.x); i < count; i += static_cast<int32_t>(blockDim.x)) {
       const int32_t x = i % across;
       const int32_t y = i / across;
-      uint32_t most = 0;
-      for (int32_t dy = 0; dy < 2; ++dy) {
-        for (int32_t dx = 0; dx < 2; ++dx) {
-          const int32_t from_x = min_of(2 * x + dx, below_across - 1);
-          const int32_t from_y = min_of(2 * y + dy, below_down - 1);
-          most = max_of(most, pyramid.row(level - 1, from_y)[from_x]);
-        }
-      }
-      pyramid.row(level, y)[x] = most;
+      pyramid.row(level, y)[x] = code_from_below(pyramid, level, x, y);
     }
     __syncthreads();
   }

@@ -39,25 +39,37 @@ SCREE_HD inline uint64_t lay_out(DepthPyramid& pyramid, int32_t width, int32_t h
   return count;
 }
 
+/// The code of a square from those of the level below; level 2 and up.
+SCREE_HD inline uint32_t code_from_below(const DepthPyramid& pyramid, uint32_t level, int32_t x, int32_t y) {
+  const PixelBox below{2 * x, 2 * y, min_of(2 * x + 1, pyramid.across(level - 1) - 1),
+                       min_of(2 * y + 1, pyramid.down(level - 1) - 1)};
+  uint32_t farthest = 0;
+  for (int32_t row = below.y0; row <= below.y1; ++row) {
+    for (int32_t column = below.x0; column <= below.x1; ++column) {
+      farthest = max_of(farthest, pyramid.row(level - 1, row)[column]);
+    }
+  }
+  return farthest;
+}
+
 /// Fills the pyramid from the samples of its image, the plain way.
 inline void build_pyramid(const DepthPyramid& pyramid, const uint64_t* samples) {
-  for (uint32_t level = 1; level <= kPyramidLevels; ++level) {
-    const int32_t below_across = level == 1 ? pyramid.width : pyramid.across(level - 1);
-    const int32_t below_down = level == 1 ? pyramid.height : pyramid.down(level - 1);
+  for (int32_t y = 0; y < pyramid.down(1); ++y) {
+    for (int32_t x = 0; x < pyramid.across(1); ++x) {
+      uint32_t farthest = 0;
+      for (int32_t row = 2 * y; row < min_of(2 * y + 2, pyramid.height); ++row) {
+        const uint64_t* const from = samples + static_cast<uint64_t>(row) * static_cast<uint64_t>(pyramid.width);
+        for (int32_t column = 2 * x; column < min_of(2 * x + 2, pyramid.width); ++column) {
+          farthest = max_of(farthest, sample_depth_code(from[column]));
+        }
+      }
+      pyramid.row(1, y)[x] = farthest;
+    }
+  }
+  for (uint32_t level = 2; level <= kPyramidLevels; ++level) {
     for (int32_t y = 0; y < pyramid.down(level); ++y) {
       for (int32_t x = 0; x < pyramid.across(level); ++x) {
-        uint32_t farthest = 0;
-        for (int32_t i = 0; i < 4; ++i) {
-          const int32_t from_x = min_of(2 * x + i % 2, below_across - 1);
-          const int32_t from_y = min_of(2 * y + i / 2, below_down - 1);
-          const uint32_t code =
-              level == 1
-                  ? sample_depth_code(samples[static_cast<uint64_t>(from_y) * static_cast<uint64_t>(pyramid.width) +
-                                              static_cast<uint64_t>(from_x)])
-                  : pyramid.row(level - 1, from_y)[from_x];
-          farthest = max_of(farthest, code);
-        }
-        pyramid.row(level, y)[x] = farthest;
+        pyramid.row(level, y)[x] = code_from_below(pyramid, level, x, y);
       }
     }
   }
