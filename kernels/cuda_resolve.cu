@@ -31,8 +31,8 @@ constexpr uint32_t kThreads = 128;
 /// Blocks that a multiprocessor should hold: what bounds the registers of a pass.
 template <class Pass>
 inline constexpr uint32_t kResidentBlocks = 6;  // 80 registers a thread
-template <bool kOrthographic>
-inline constexpr uint32_t kResidentBlocks<Resolve<Shader<kOrthographic, Show::kTexture>>> = 5;  // 96
+template <bool kOrthographic, ChunkKinds kKinds>
+inline constexpr uint32_t kResidentBlocks<Resolve<Shader<kOrthographic, Show::kTexture, kKinds>>> = 5;  // 96
 template <bool kOrthographic>
 inline constexpr uint32_t kResidentBlocks<Resolve<Shader<kOrthographic, Show::kStage>>> = 4;  // 128, for the clipper
 

@@ -101,12 +101,13 @@ struct PlacedChunk {
   ChunkReader reader;
 };
 
+template <ChunkKinds kKinds>
 SCREE_HD inline PlacedChunk place_chunk(const SceneView& scene, uint64_t number, uint32_t triangle,
                                         const Transform& transform) {
   const format::ChunkRecord& chunk = scene.chunks[number];
   const format::MeshRecord& mesh = scene.meshes[chunk.mesh];
   const std::byte* page = scene.pages[chunk.page];
-  return {mesh, chunk, transform, page, triangle, make_reader(mesh, chunk, page, transform, triangle)};
+  return {mesh, chunk, transform, page, triangle, make_reader<kKinds>(mesh, chunk, page, transform, triangle)};
 }
 
 /// Corner 0 relative to the transform's reference or center, and the edges from it to corners 1 and 2. An edge is the

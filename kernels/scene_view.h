@@ -5,6 +5,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <span>
 
 #include "format/jpeg_pixels.h"
 #include "format/layout.h"
@@ -18,6 +19,16 @@ struct JpegLevel {
 };
 
 class BlockCache;
+
+/// Which encodings a scene's chunks have, so that a pass of one of them is compiled without the other.
+enum class ChunkKinds : uint32_t { kMixed, kIndexed, kClustered };
+
+inline ChunkKinds kinds_of(std::span<const format::ChunkRecord> chunks) {
+  uint64_t clustered = 0;
+  for (const format::ChunkRecord& chunk : chunks) clustered += chunk.encoding == format::ChunkEncoding::kClustered;
+  if (clustered == 0) return ChunkKinds::kIndexed;
+  return clustered == chunks.size() ? ChunkKinds::kClustered : ChunkKinds::kMixed;
+}
 
 /// A texture with its mip levels: level l is max(1, width >> l) by max(1, height >> l) texels. The first may be JPEGs;
 /// the others are decoded, 4 bytes a texel (RGBA8, sRGB-coded colour, linear alpha), rows top to bottom,
@@ -52,7 +63,8 @@ struct SceneView {
   uint64_t matrix_count;
   uint64_t material_count;
   uint64_t texture_count;
-  BlockCache* blocks;  // of the textures' JPEG levels; null where there are none
+  ChunkKinds chunk_kinds;  // kMixed is right for every scene
+  BlockCache* blocks;      // of the textures' JPEG levels; null where there are none
 };
 
 }  // namespace scree::kernels

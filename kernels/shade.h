@@ -343,8 +343,8 @@ struct ShadeState {
   TransformSource<Team::kMakesTransforms> source;
 };
 
-/// The colour of a sample: one kind of picture and of camera, so that no kind pays for another's registers.
-template <bool kOrthographic, Show kShow>
+/// The colour of a sample: one kind of picture, of camera and of scene, so that no kind pays for another's registers.
+template <bool kOrthographic, Show kShow, ChunkKinds kKinds = ChunkKinds::kMixed>
 struct Shader {
   ShadeInputs in;
 
@@ -366,7 +366,8 @@ struct Shader {
         random_color(in.scene.instances[state.at.instance].mesh, rgb);
       } else {
         const uint32_t triangle = static_cast<uint32_t>(id - state.at.first_id);
-        const PlacedChunk at = place_chunk(in.scene, state.at.chunk, triangle, state.source.get(in, state.at.instance));
+        const PlacedChunk at =
+            place_chunk<kKinds>(in.scene, state.at.chunk, triangle, state.source.get(in, state.at.instance));
         uint32_t vertex[3];
         fetch_triangle(at.reader, triangle, vertex);
         if constexpr (kShow == Show::kStage) {
@@ -452,7 +453,7 @@ struct Shader {
                                                              uint32_t vertex1, uint32_t vertex2,
                                                              const format::MaterialRecord* material, float width,
                                                              float height, float x, float y) {
-    const PlacedChunk at = place_chunk(in.scene, chunk, triangle, *transform);
+    const PlacedChunk at = place_chunk<kKinds>(in.scene, chunk, triangle, *transform);
     const uint32_t vertex[3] = {vertex0, vertex1, vertex2};
     const Meeting<double> m = meet<kOrthographic>(at.transform, fetch_corners<double>(at.reader, vertex),
                                                   static_cast<double>(x), static_cast<double>(y));
@@ -487,17 +488,27 @@ struct Shader {
   }
 };
 
-/// Calls visit(shader) with the shader of a camera and a kind of picture; a scene without textures does not pay for
-/// them.
+/// Calls visit(shader) with the shader of a camera and a kind of picture. A scene without textures does not pay for
+/// them, and in pictures of light one encoding does not pay for the other.
 template <class Visit>
 inline void visit_shader(const ShadeInputs& in, const Visit& visit) {
+  const auto with_kinds = [&]<bool kOrthographic, Show kShow>() {
+    switch (in.scene.chunk_kinds) {
+      case ChunkKinds::kMixed:
+        return visit(Shader<kOrthographic, kShow>{in});
+      case ChunkKinds::kIndexed:
+        return visit(Shader<kOrthographic, kShow, ChunkKinds::kIndexed>{in});
+      case ChunkKinds::kClustered:
+        return visit(Shader<kOrthographic, kShow, ChunkKinds::kClustered>{in});
+    }
+  };
   const auto with_camera = [&]<bool kOrthographic>() {
     switch (in.options.show) {
       case Show::kTexture:
-        if (in.scene.texture_count == 0) return visit(Shader<kOrthographic, Show::kColor>{in});
-        return visit(Shader<kOrthographic, Show::kTexture>{in});
+        if (in.scene.texture_count == 0) return with_kinds.template operator()<kOrthographic, Show::kColor>();
+        return with_kinds.template operator()<kOrthographic, Show::kTexture>();
       case Show::kColor:
-        return visit(Shader<kOrthographic, Show::kColor>{in});
+        return with_kinds.template operator()<kOrthographic, Show::kColor>();
       case Show::kUv:
         return visit(Shader<kOrthographic, Show::kUv>{in});
       case Show::kNormal:

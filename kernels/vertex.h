@@ -267,7 +267,8 @@ SCREE_HD inline uint64_t cluster_of_triangle(const format::ClusterRecord* cluste
 }
 
 /// `page`: the raw bytes of the chunk's page. `triangle`: of the chunk; where it is clustered the reader reads this
-/// triangle's cluster.
+/// triangle's cluster. `kKinds`: of the scene.
+template <ChunkKinds kKinds = ChunkKinds::kMixed>
 SCREE_HD inline ChunkReader make_reader(const format::MeshRecord& mesh, const format::ChunkRecord& chunk,
                                         const std::byte* page, const Transform& transform, uint32_t triangle) {
   const format::ChunkStreams streams = streams_of(mesh, chunk);
@@ -278,7 +279,8 @@ SCREE_HD inline ChunkReader make_reader(const format::MeshRecord& mesh, const fo
   reader.index_min = chunk.index_min;
   reader.index_bits = chunk.index_bits;
   reader.float32 = mesh.position_encoding == format::PositionEncoding::kFloat32;
-  reader.clustered = chunk.encoding == format::ChunkEncoding::kClustered;
+  reader.clustered = kKinds == ChunkKinds::kClustered ||
+                     (kKinds == ChunkKinds::kMixed && chunk.encoding == format::ChunkEncoding::kClustered);
   reader.first_vertex = 0;
   reader.end_triangle = chunk.triangle_count;
   for (int i = 0; i < 3; ++i) reader.bits[i] = chunk.position_bits[i];
