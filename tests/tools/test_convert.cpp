@@ -176,6 +176,7 @@ TEST_CASE("pages and chunks keep to their limits", "[convert]") {
   convert::ConvertOptions options = options_of(folder);
   options.float32 = true;
   options.normals = true;
+  options.weld = false;
   must_match(options);
   const tests::OpenFile opened = must_open(options.output);
   CHECK(opened.file.pages().size() > 10);

@@ -30,6 +30,7 @@ struct Words {
   bool normals = false;
   bool source_ids = false;
   bool drop_nonfinite = false;
+  bool no_weld = false;
   bool quiet = false;
 };
 
@@ -98,6 +99,7 @@ Result<convert::ConvertOptions> parse(const Words& words, bool positions_given) 
   options.normals = words.normals;
   options.source_ids = words.source_ids;
   options.drop_nonfinite = words.drop_nonfinite;
+  options.weld = !words.no_weld;
   options.progress = !words.quiet;
   return options;
 }
@@ -160,6 +162,8 @@ Command add_convert(CLI::App& parent) {
                   "Leave out nodes whose name has a match of this regular expression, and those below them");
   app->add_flag("--drop-nonfinite", words->drop_nonfinite,
                 "Leave out triangles with a position that is NaN or infinite instead of failing");
+  app->add_flag("--no-weld", words->no_weld,
+                "Keep vertices apart that are equal, bit for bit, in all that is stored of them");
   app->add_option("--threads", words->threads, "Threads; 0: one per processor (default)");
   app->add_flag("-q,--quiet", words->quiet, "No progress and no closing line");
   return {app, [words, positions] { return run(*words, positions->count() > 0); }};

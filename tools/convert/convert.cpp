@@ -118,6 +118,7 @@ std::string describe_options(const ConvertOptions& options) {
   if (options.normals) text += " --normals";
   if (options.source_ids) text += " --source-ids";
   if (options.drop_nonfinite) text += " --drop-nonfinite";
+  if (!options.weld) text += " --no-weld";
   if (options.images.keep_going) text += " --keep-going";
   if (!options.exclude.empty()) text += " --exclude " + options.exclude;
   return text;
@@ -322,7 +323,7 @@ class Converter {
     const std::vector<WindowPlan>& windows = measurement_.windows;
     const std::vector<Batch> batches = make_batches(windows);
     const EncodeOptions encode_options{options_.order, options_.clusters, options_.chunk_triangles,
-                                       options_.drop_nonfinite};
+                                       options_.drop_nonfinite, options_.weld};
     std::vector<EncodeScratch> scratch(pool_.threads());
     uint64_t source_triangles = 0;
     for (const Batch& batch : batches) source_triangles += batch.triangles;
@@ -389,6 +390,7 @@ class Converter {
     const double diagonal = box_diagonal(plans_[mesh].box);
     if (diagonal > 0)
       report_.relative_position_error = std::max(report_.relative_position_error, window.position_error / diagonal);
+    welded_ += window.welded;
     repaired_uvs_ += window.repaired_uvs;
     repaired_colors_ += window.repaired_colors;
     repaired_normals_ += window.repaired_normals;
@@ -449,6 +451,7 @@ class Converter {
     add("NORMAL", normals.count(), normals.bytes());
     add("COLOR_0 (all white)", white.count(), white.bytes());
     add("primitives no node draws", undrawn_, 0);
+    add("duplicate vertices", welded_, 0);
     add("degenerate triangles of strips and fans", report_.dropped_degenerate, 0);
     add("triangles with positions that are not finite", report_.dropped_nonfinite, 0);
     add("texture coordinates that are not finite", repaired_uvs_, 0);
@@ -489,6 +492,7 @@ class Converter {
   format::TableSet tables_;
   uint64_t next_triangle_ = 0;  // of the mesh that is written
   uint64_t undrawn_ = 0;
+  uint64_t welded_ = 0;
   uint64_t repaired_uvs_ = 0;
   uint64_t repaired_colors_ = 0;
   uint64_t repaired_normals_ = 0;

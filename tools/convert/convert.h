@@ -41,6 +41,7 @@ struct ConvertOptions {
   bool normals = false;
   bool source_ids = false;
   bool drop_nonfinite = false;
+  bool weld = true;     // vertices that are equal in all that is stored of them are stored once a chunk
   std::string exclude;  // ImportOptions::exclude
   ImageOptions images;
 

@@ -6,6 +6,8 @@
 #include <bit>
 #include <cmath>
 #include <limits>
+#include <optional>
+#include <utility>
 
 #include "format/attribute_codec.h"
 #include "format/chunk_layout.h"
@@ -465,6 +467,25 @@ class WindowEncoder {
   std::span<const uint32_t> clustered_triangles_;  // places in s_.ordered, where clustered
 };
 
+/// Makes vertices one that are equal in all that the mesh stores. Returns how many became another one.
+Result<uint64_t> weld(const Primitive& primitive, const MeshPlan& mesh, EncodeScratch& scratch) {
+  Window& window = scratch.window;
+  Welder& welder = scratch.welder;
+  welder.start(window.positions(), mesh.float32 ? Welder::Zeros::kSigned : Welder::Zeros::kUnsigned);
+  const std::pair<uint32_t, const std::optional<Accessor>*> attributes[] = {
+      {format::kHasUv, &primitive.uv}, {format::kHasColor, &primitive.color}, {format::kHasNormal, &primitive.normal}};
+  std::vector<uint32_t>& numbers = scratch.chunk_indices;  // of the candidates in the source
+  for (const auto& [flag, accessor] : attributes) {
+    if (!(mesh.attributes & flag) || welder.duplicates() == 0) continue;
+    numbers.clear();
+    for (const uint32_t place : welder.find_candidates()) numbers.push_back(window.vertices()[place]);
+    if (const Result<void> read = read_vertices(**accessor, numbers, scratch.floats); !read) return read.error();
+    welder.part(scratch.floats, (*accessor)->components);
+  }
+  if (welder.duplicates() > 0) window.merge(welder.firsts());
+  return welder.duplicates();
+}
+
 bool inside(const Box& box, const Box& outer) {
   for (size_t axis = 0; axis < 3; ++axis)
     if (box.lo[axis] < outer.lo[axis] || box.hi[axis] > outer.hi[axis]) return false;
@@ -485,8 +506,12 @@ Result<EncodedWindow> encode_window(const Primitive& primitive, const MeshPlan& 
       !inside(box_of(window.positions()), mesh.box))
     return Error{ErrorCode::kFormat, "mesh " + std::to_string(primitive.mesh) + " primitive " +
                                          std::to_string(primitive.place) + " changed while it was converted"};
+  Result<uint64_t> welded = uint64_t{0};
+  if (options.weld) welded = weld(primitive, mesh, scratch);
+  if (!welded) return welded.error();
   Result<EncodedWindow> encoded = WindowEncoder(primitive, mesh, plan, options, scratch).run();
   if (!encoded) return encoded;
+  encoded->welded = *welded;
   for (EncodedChunk& chunk : encoded->chunks) chunk.record.bytes = chunk.payload.size();
   return encoded;
 }

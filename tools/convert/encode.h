@@ -11,6 +11,7 @@
 #include "tools/common/cluster_builder.h"
 #include "tools/convert/gltf_source.h"
 #include "tools/convert/measure.h"
+#include "tools/convert/weld.h"
 #include "tools/convert/window.h"
 
 namespace scree::convert {
@@ -28,6 +29,7 @@ struct EncodeOptions {
   tools::ClusterEffort clusters = tools::ClusterEffort::kFast;  // of clustered meshes; kBest has an order of its own
   uint64_t chunk_triangles = format::kMaxChunkTriangles;        // at most; 0: the window is one chunk
   bool drop_nonfinite = false;
+  bool weld = true;  // vertices equal in all that is stored of them are one
 };
 
 /// A mesh of the output: what its chunks share.
@@ -49,6 +51,7 @@ struct EncodedWindow {
   std::vector<EncodedChunk> chunks;
   double position_error = 0;      // largest found, model units, per axis
   float uv_error = 0;             // largest possible, per axis
+  uint64_t welded = 0;            // vertices that are another one
   uint64_t repaired_uvs = 0;      // vertices whose texture coordinates were not finite and became 0
   uint64_t repaired_colors = 0;   // likewise; became 0
   uint64_t repaired_normals = 0;  // not finite or zero; became +z
@@ -66,6 +69,7 @@ struct EncodeScratch {
   std::vector<uint32_t> chunk_order;    // window vertices of all chunks, one chunk after the other
   std::vector<uint32_t> coordinates;    // lattice coordinates of the window's vertices
   std::vector<uint32_t> chunk_indices;
+  Welder welder;
   tools::ClusterBuilder clusters;
   std::vector<uint32_t> chunk_coordinates;
   std::vector<float> floats;        // one attribute of the window

@@ -79,6 +79,23 @@ Result<void> Window::load(const Primitive& primitive, uint64_t first, uint64_t c
   return check_positions(primitive, drop_nonfinite, renumber);
 }
 
+void Window::merge(std::span<const uint32_t> firsts) {
+  places_.resize(firsts.size());
+  uint32_t count = 0;
+  for (size_t i = 0; i < firsts.size(); ++i) {
+    if (firsts[i] != i) {
+      places_[i] = places_[firsts[i]];  // it comes before
+      continue;
+    }
+    vertices_[count] = vertices_[i];
+    std::copy_n(&positions_[3 * i], 3, &positions_[3 * size_t{count}]);
+    places_[i] = count++;
+  }
+  vertices_.resize(count);
+  positions_.resize(3 * size_t{count});
+  for (uint32_t& index : indices_) index = places_[index];
+}
+
 Result<void> Window::read_positions(const Primitive& primitive) {
   return read_vertices(primitive.positions, vertices_, positions_);
 }

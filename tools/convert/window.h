@@ -32,6 +32,10 @@ class Window {
   /// kRange for a position that is not finite ("mesh 3 primitive 0: vertex 5: position (nan, 0, 1) is not finite").
   Result<void> load(const Primitive& primitive, uint64_t first, uint64_t count, bool drop_nonfinite, Find find);
 
+  /// Keeps of every class of equal vertices the first: `firsts` has, for each of vertices(), the place of the first
+  /// equal one, which may be its own. Triangles stay as many and in their order. After load() with kTriangles.
+  void merge(std::span<const uint32_t> firsts);
+
   uint64_t triangle_count() const { return indices_.size() / 3; }
   uint64_t dropped_degenerate() const { return dropped_degenerate_; }
   uint64_t dropped_nonfinite() const { return dropped_nonfinite_; }
