@@ -112,26 +112,31 @@ class Comparison {
   }
 
   void compare_meshes() {
-    std::vector<bool> drawn(source_.groups.size());
-    for (const auto& node : source_.nodes)
-      if (node.group != kNone) drawn[node.group] = true;
-    uint32_t mesh = 0;
+    // The group of the file that nodes draw for each of the source's: itself, or an equal one.
+    std::vector<uint32_t> stored_as(source_.groups.size(), kNone);
+    for (size_t i = 0; i < source_.nodes.size() && i < packed_.nodes().size(); ++i)
+      if (source_.nodes[i].group != kNone) stored_as[source_.nodes[i].group] = packed_.nodes()[i].group;
+    std::vector<uint32_t> kept_primitives(source_.groups.size());
+    uint32_t meshes = 0;
     for (uint32_t i = 0; i < source_.primitives.size(); ++i) {
       const Primitive& primitive = source_.primitives[i];
-      if (!drawn[primitive.group]) continue;
+      const uint32_t group = stored_as[primitive.group];
+      if (group == kNone) continue;
       const std::vector<uint32_t> corners = triangles(primitive);
       const Vertices was = vertices(primitive);
       const std::vector<bool> keep = kept(primitive, corners, was.positions);
       if (std::find(keep.begin(), keep.end(), true) == keep.end()) continue;
-      if (mesh >= packed_.meshes().size() || mesh >= back_.primitives.size()) {
+      const uint32_t place = kept_primitives[primitive.group]++;
+      const uint32_t mesh = packed_.groups()[group].first_mesh + place;
+      if (place >= packed_.groups()[group].mesh_count || mesh >= back_.primitives.size()) {
         differ("primitive " + std::to_string(i) + " is missing");
         return;
       }
       compare_mesh("primitive " + std::to_string(i), primitive, corners, keep, was, mesh);
-      ++mesh;
+      meshes += group == primitive.group ? 1 : 0;
     }
-    same_number("meshes in the file", mesh, packed_.meshes().size());
-    same_number("primitives", mesh, back_.primitives.size());
+    same_number("meshes in the file", meshes, packed_.meshes().size());
+    same_number("primitives", meshes, back_.primitives.size());
   }
 
   std::vector<uint64_t> source_ids(uint32_t mesh) {
@@ -340,6 +345,7 @@ class Comparison {
 
   void compare_nodes() {
     if (!same_number("nodes", source_.nodes.size(), back_.nodes.size())) return;
+    if (!same_number("nodes of the file", source_.nodes.size(), packed_.nodes().size())) return;
     // Exported meshes are the groups that kept a primitive.
     std::vector<uint32_t> group_of_mesh;
     for (uint32_t group = 0; group < packed_.groups().size(); ++group)
@@ -354,8 +360,9 @@ class Comparison {
       same(place + ": name", was.name, is.name);
       same_number(place + ": parent", was.parent, is.parent);
       same_number(place + ": camera", was.camera, is.camera);
-      const bool drawn = was.group != kNone && packed_.groups()[was.group].mesh_count != 0;
-      same_number(place + ": mesh", drawn ? was.group : kNone,
+      const uint32_t group = packed_.nodes()[i].group;
+      const bool drawn = group != kNone && packed_.groups()[group].mesh_count != 0;
+      same_number(place + ": mesh", drawn ? group : kNone,
                   is.group < group_of_mesh.size() ? group_of_mesh[is.group] : kNone);
       for (size_t k = 0; k < 16; ++k) {
         close(place + ": world matrix", was_world[i][k], is_world[i][k], 1e-12 * (1 + std::abs(was_world[i][k])));

@@ -5,7 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
-#include <set>
+#include <map>
 #include <string>
 #include <vector>
 
@@ -169,23 +169,38 @@ inline Comparison compare_with_source(const std::string& gltf, const std::string
   const Result<OpenFile> opened = OpenFile::open(scree);
   if (!opened) return {opened.error().message, 0, 0};
   const format::Container& file = opened->file;
-  std::set<uint32_t> drawn;
-  for (const convert::SourceNode& node : scene->nodes) drawn.insert(node.group);
+  // Which glTF mesh each one is stored as: itself, or an equal one, with which it is compared all the same.
+  std::map<uint32_t, uint32_t> stored_as;
+  if (file.nodes().size() != scene->nodes.size()) return {"another number of nodes", 0, 0};
+  for (size_t i = 0; i < scene->nodes.size(); ++i) {
+    const uint32_t group = scene->nodes[i].group;
+    if (group == format::kNone) continue;
+    if (stored_as.try_emplace(group, file.nodes()[i].group).first->second != file.nodes()[i].group)
+      return {"nodes of one mesh draw several", 0, 0};
+  }
   tools::ChunkReader reader(file);
-  uint64_t mesh = 0;
+  std::map<uint32_t, uint32_t> kept;  // primitives of a group so far
+  uint64_t meshes = 0;
   for (const convert::Primitive& primitive : scene->primitives) {
-    if (!drawn.contains(primitive.group)) continue;
+    if (!stored_as.contains(primitive.group)) continue;
     const Result<std::vector<float>> positions = all_floats(primitive.positions);
     if (!positions) return {positions.error().message, 0, 0};
     const Result<SourceTriangles> source = source_triangles(primitive, *positions);
     if (!source) return {source.error().message, 0, 0};
     if (source->kept_count == 0) continue;
-    if (mesh >= file.meshes().size()) return {"meshes are missing", 0, 0};
-    out.difference = compare_mesh(primitive, *source, *positions, file, mesh, reader, out);
+    const uint32_t group = stored_as[primitive.group];
+    const uint32_t place = kept[primitive.group]++;
+    if (place >= file.groups()[group].mesh_count) return {"meshes are missing", 0, 0};
+    Comparison repeat;
+    Comparison& into = group == primitive.group ? out : repeat;
+    out.difference =
+        compare_mesh(primitive, *source, *positions, file, file.groups()[group].first_mesh + place, reader, into);
     if (!out.difference.empty()) return out;
-    ++mesh;
+    meshes += group == primitive.group ? 1 : 0;
   }
-  if (mesh != file.meshes().size()) out.difference = "more meshes than the source has";
+  if (meshes != file.meshes().size()) out.difference = "more meshes than the source has";
+  for (const auto& [group, count] : kept)
+    if (count != file.groups()[stored_as[group]].mesh_count) out.difference = "more primitives than the source has";
   return out;
 }
 

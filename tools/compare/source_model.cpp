@@ -122,17 +122,58 @@ Result<SourceMesh> load_source_mesh(const convert::SourceScene& scene, uint32_t 
 }
 
 MeshMatcher::MeshMatcher(const convert::SourceScene& scene, const format::Container& file)
-    : scene_(scene), file_(file), drawn_(scene.groups.size()) {
-  for (const convert::SourceNode& node : scene.nodes)
-    if (node.group != format::kNone) drawn_[node.group] = true;
+    : scene_(scene), file_(file) {}
+
+Result<void> MeshMatcher::find_stored_groups() {
+  if (file_.nodes().size() != scene_.nodes.size())
+    return other_source(scene_, "nodes", file_.nodes().size(), scene_.nodes.size());
+  stored_as_.assign(scene_.groups.size(), format::kNone);
+  kept_.assign(scene_.groups.size(), 0);
+  for (size_t i = 0; i < scene_.nodes.size(); ++i) {
+    const uint32_t group = scene_.nodes[i].group, stored = file_.nodes()[i].group;
+    if (group == format::kNone && stored == format::kNone) continue;
+    // A mesh is stored as itself or as one before it, for all its nodes.
+    if (group == format::kNone || stored > group || (stored_as_[group] != format::kNone && stored_as_[group] != stored))
+      return Error{ErrorCode::kFormat, "node " + std::to_string(i) + " draws another mesh in " + scene_.file_name};
+    stored_as_[group] = stored;
+  }
+  return {};
+}
+
+Result<void> MeshMatcher::check_repeat(const SourceMesh& mesh) {
+  const uint32_t group = scene_.primitives[mesh.primitive].group;
+  const format::GroupRecord& stored = file_.groups()[stored_as_[group]];
+  const uint64_t number = uint64_t{stored.first_mesh} + kept_[group] - 1;
+  const Error different{ErrorCode::kFormat, "glTF mesh " + std::to_string(group) + " of " + scene_.file_name +
+                                                " is drawn as " + std::to_string(stored_as_[group]) +
+                                                ", but they differ"};
+  if (kept_[group] > stored.mesh_count || number >= primitive_of_mesh_.size()) return different;
+  const Result<SourceMesh> other = load_source_mesh(scene_, primitive_of_mesh_[number]);
+  if (!other) return at(scene_.file_name, other.error());
+  if (mesh.kept != other->kept || mesh.double_sided != other->double_sided) return different;
+  for (size_t corner = 0; corner < mesh.corners.size(); ++corner) {
+    if (!mesh.kept[corner / 3]) continue;
+    const float* const a = &mesh.positions[3 * size_t{mesh.corners[corner]}];
+    const float* const b = &other->positions[3 * size_t{other->corners[corner]}];
+    if (a[0] != b[0] || a[1] != b[1] || a[2] != b[2]) return different;
+  }
+  return {};
 }
 
 Result<std::optional<SourceMesh>> MeshMatcher::next() {
+  if (stored_as_.empty())
+    if (const Result<void> found = find_stored_groups(); !found) return found.error();
   for (; primitive_ < scene_.primitives.size(); ++primitive_) {
-    if (!drawn_[scene_.primitives[primitive_].group]) continue;
+    const uint32_t group = scene_.primitives[primitive_].group;
+    if (stored_as_[group] == format::kNone) continue;
     Result<SourceMesh> mesh = load_source_mesh(scene_, primitive_);
     if (!mesh) return at(scene_.file_name, mesh.error());
     if (mesh->kept_count == 0) continue;
+    ++kept_[group];
+    if (stored_as_[group] != group) {
+      if (const Result<void> checked = check_repeat(*mesh); !checked) return checked.error();
+      continue;
+    }
     if (mesh_ >= file_.meshes().size())
       return other_source(scene_, "meshes", file_.meshes().size(), file_.meshes().size() + 1);
     const format::MeshRecord& record = file_.meshes()[mesh_];
@@ -147,11 +188,16 @@ Result<std::optional<SourceMesh>> MeshMatcher::next() {
       return Error{
           ErrorCode::kUnsupported,
           "no source triangle numbers in the file; convert it with --source-ids to compare it with its source"};
+    primitive_of_mesh_.push_back(primitive_);
     ++primitive_;
     ++mesh_;
     return std::optional<SourceMesh>(std::move(*mesh));
   }
   if (mesh_ != file_.meshes().size()) return other_source(scene_, "meshes", file_.meshes().size(), mesh_);
+  for (size_t group = 0; group < kept_.size(); ++group)
+    if (stored_as_[group] != format::kNone && kept_[group] != file_.groups()[stored_as_[group]].mesh_count)
+      return at("glTF mesh " + std::to_string(group),
+                other_source(scene_, "primitives", file_.groups()[stored_as_[group]].mesh_count, kept_[group]));
   return std::optional<SourceMesh>();
 }
 
@@ -165,18 +211,15 @@ Result<SourceModel> load_source_model(const convert::SourceScene& scene, const f
   if (!loaded) return loaded.error();
   for (const SourceMesh& mesh : model.meshes)
     model.views.push_back({mesh.positions, mesh.corners, &mesh.kept, mesh.double_sided});
-  if (file.nodes().size() != scene.nodes.size())
-    return other_source(scene, "nodes", file.nodes().size(), scene.nodes.size());
-
   // Which mesh stands where is the file's word; where that place is, the source's.
   NodeCopies copies(scene);
   const format::SceneRecord& record = file.scenes()[file_scene];
   for (uint64_t i = record.first_instance; i < record.first_instance + record.instance_count; ++i) {
     const format::InstanceRecord& instance = file.instances()[i];
     const uint32_t group = scene.primitives[model.meshes[instance.mesh].primitive].group;
-    if (scene.nodes[instance.node].group != group)
+    if (file.nodes()[instance.node].group != group)  // whose mesh is the source's, as for_each_mesh has checked
       return Error{ErrorCode::kFormat, "instance " + std::to_string(i) + ": node " + std::to_string(instance.node) +
-                                           " draws another mesh in " + scene.file_name};
+                                           " draws another mesh than its group's"};
     const Result<Rows> world = copies.world(instance.node, instance.node_instance);
     if (!world) return world.error();
     model.instances.push_back({instance.mesh, *world});

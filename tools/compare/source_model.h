@@ -30,8 +30,10 @@ struct SourceMesh {
 Result<SourceMesh> load_source_mesh(const convert::SourceScene& scene, uint32_t primitive);
 
 /// Calls `take(mesh number in `file`, source mesh)` for every mesh of the file in order, one source mesh in memory at a
-/// time. Errors: those of load_source_mesh and `take`; kFormat where the file cannot come from this source (another
-/// number of meshes or triangles); kUnsupported where a mesh has no source triangle numbers.
+/// time. Source meshes that the file draws as an equal one are read and held against that one, triangle by triangle,
+/// but not handed on. Errors: those of load_source_mesh and `take`; kFormat where the file cannot come from this source
+/// (another number of nodes, meshes or triangles; a mesh drawn as one that is not equal); kUnsupported where a mesh has
+/// no source triangle numbers.
 template <class Take>
 Result<void> for_each_mesh(const convert::SourceScene& scene, const format::Container& file, const Take& take);
 
@@ -57,9 +59,14 @@ class MeshMatcher {
   uint64_t mesh() const { return mesh_ - 1; }
 
  private:
+  Result<void> find_stored_groups();
+  Result<void> check_repeat(const SourceMesh& mesh);
+
   const convert::SourceScene& scene_;
   const format::Container& file_;
-  std::vector<bool> drawn_;  // by group
+  std::vector<uint32_t> stored_as_;          // by group of the source: that of the file's nodes, or kNone: not drawn
+  std::vector<uint32_t> kept_;               // by group: primitives that keep a triangle, so far
+  std::vector<uint32_t> primitive_of_mesh_;  // of the meshes so far
   uint32_t primitive_ = 0;
   uint64_t mesh_ = 0;
 };

@@ -31,6 +31,7 @@ struct Words {
   bool source_ids = false;
   bool drop_nonfinite = false;
   bool no_weld = false;
+  bool no_share = false;
   bool quiet = false;
 };
 
@@ -100,6 +101,7 @@ Result<convert::ConvertOptions> parse(const Words& words, bool positions_given) 
   options.source_ids = words.source_ids;
   options.drop_nonfinite = words.drop_nonfinite;
   options.weld = !words.no_weld;
+  options.share = !words.no_share;
   options.progress = !words.quiet;
   return options;
 }
@@ -164,6 +166,8 @@ Command add_convert(CLI::App& parent) {
                 "Leave out triangles with a position that is NaN or infinite instead of failing");
   app->add_flag("--no-weld", words->no_weld,
                 "Keep vertices apart that are equal, bit for bit, in all that is stored of them");
+  app->add_flag("--no-share", words->no_share,
+                "Store equal meshes, textures and materials as often as the source has them");
   app->add_option("--threads", words->threads, "Threads; 0: one per processor (default)");
   app->add_flag("-q,--quiet", words->quiet, "No progress and no closing line");
   return {app, [words, positions] { return run(*words, positions->count() > 0); }};

@@ -17,6 +17,7 @@
 #include "format/quantize.h"
 #include "tools/common/options.h"
 #include "tools/common/progress.h"
+#include "tools/convert/duplicates.h"
 #include "tools/convert/geometry_writer.h"
 #include "tools/convert/gltf_source.h"
 #include "tools/convert/images.h"
@@ -119,6 +120,7 @@ std::string describe_options(const ConvertOptions& options) {
   if (options.source_ids) text += " --source-ids";
   if (options.drop_nonfinite) text += " --drop-nonfinite";
   if (!options.weld) text += " --no-weld";
+  if (!options.share) text += " --no-share";
   if (options.images.keep_going) text += " --keep-going";
   if (!options.exclude.empty()) text += " --exclude " + options.exclude;
   return text;
@@ -143,14 +145,17 @@ class AccessorBytes {
 
 class Converter {
  public:
-  Converter(const ConvertOptions& options, const SourceScene& scene, WorkerPool& pool, tools::Progress& progress,
+  /// `scene` is changed: what it has more than once is referred to once.
+  Converter(const ConvertOptions& options, SourceScene& scene, WorkerPool& pool, tools::Progress& progress,
             ConvertReport& report)
       : options_(options), scene_(scene), pool_(pool), progress_(progress), report_(report) {}
 
   Result<void> run() {
     if (const Result<void> done = measure_primitives(); !done) return done;
-    add_meshes();
     if (const Result<void> done = plan_images(); !done) return done;
+    merge_equal();
+    add_meshes();
+    plan_materials();
     Result<InstancePlan> instances = plan_scenes(scene_, tables_);
     if (!instances) return instances.error();
     instances_ = std::move(*instances);
@@ -186,9 +191,10 @@ class Converter {
       if (!wanted[i]) ++undrawn_;
     }
     progress_.stage("measure", triangles);
-    Result<Measurement> measured =
-        measure(scene_, wanted, {options_.drop_nonfinite, options_.chunk_triangles == 0}, pool_,
-                [&](uint64_t done) { progress_.update(done, bytes_read(done, triangles)); });
+    const MeasureOptions measure_options{options_.drop_nonfinite, options_.chunk_triangles == 0, options_.normals,
+                                         options_.share ? may_repeat(scene_, wanted) : std::vector<bool>()};
+    Result<Measurement> measured = measure(scene_, wanted, measure_options, pool_,
+                                           [&](uint64_t done) { progress_.update(done, bytes_read(done, triangles)); });
     if (!measured) return measured.error();
     measurement_ = std::move(*measured);
     for (const Measured& primitive : measurement_.primitives) {
@@ -214,7 +220,7 @@ class Converter {
       group.name = tables_.strings.add(scene_.groups[g].name);
       group.first_mesh = static_cast<uint32_t>(tables_.meshes.size());
       for (; primitive < scene_.primitives.size() && scene_.primitives[primitive].group == g; ++primitive) {
-        if (measurement_.primitives[primitive].triangles == 0) continue;
+        if (measurement_.primitives[primitive].triangles == 0 || is_repeat(primitive)) continue;
         add_mesh(static_cast<uint32_t>(primitive));
         ++group.mesh_count;
       }
@@ -240,7 +246,7 @@ class Converter {
     record.position_encoding =
         options_.float32 ? format::PositionEncoding::kFloat32 : format::PositionEncoding::kLattice;
     record.attributes = plan.attributes;
-    record.material = source.material;  // numbered anew by plan_images
+    record.material = source.material;  // numbered anew by plan_materials
     record.group = source.group;
     std::copy(plan.box.lo.begin(), plan.box.lo.end(), record.bounds_min);
     std::copy(plan.box.hi.begin(), plan.box.hi.end(), record.bounds_max);
@@ -249,14 +255,18 @@ class Converter {
     plans_.push_back(plan);
   }
 
-  /// Materials, textures and images of the meshes that are kept.
-  Result<void> plan_images() {
+  /// Flags for the materials of primitives that keep a triangle.
+  std::vector<bool> materials_used() const {
     std::vector<bool> used(scene_.materials.size());
-    for (const format::MeshRecord& mesh : tables_.meshes)
-      if (mesh.material != kNone) used[mesh.material] = true;
-    const MaterialUse use = find_material_use(scene_, used);
-    for (format::MeshRecord& mesh : tables_.meshes)
-      if (mesh.material != kNone) mesh.material = use.materials[mesh.material];
+    for (size_t i = 0; i < scene_.primitives.size(); ++i)
+      if (measurement_.primitives[i].triangles != 0 && scene_.primitives[i].material != kNone)
+        used[scene_.primitives[i].material] = true;
+    return used;
+  }
+
+  /// Images of the primitives that are kept.
+  Result<void> plan_images() {
+    const MaterialUse use = find_material_use(scene_, materials_used());
     std::vector<bool> wanted(scene_.images.size());
     for (size_t i = 0; i < wanted.size(); ++i) wanted[i] = use.images[i] != kNone;
     Result<ImagePlan> images = check_images(scene_, wanted, options_.images, pool_);
@@ -264,8 +274,29 @@ class Converter {
     images_ = std::move(*images);
     for (size_t i = 0; i < images_.records.size(); ++i)
       images_.records[i].name = tables_.strings.add(scene_.images[images_.sources[i]].name);
-    add_materials(scene_, use, images_.places, tables_);
     return {};
+  }
+
+  void merge_equal() {
+    if (options_.share) merged_ = merge_materials(scene_, materials_used(), images_.places);
+    first_equal_ = find_equal_groups(scene_, measurement_);
+    for (SourceNode& node : scene_.nodes)
+      if (node.group != kNone) node.group = first_equal_[node.group];
+    std::erase_if(measurement_.windows, [&](const WindowPlan& window) { return is_repeat(window.primitive); });
+  }
+
+  /// Whether a primitive is of a glTF mesh that is stored as another one.
+  bool is_repeat(size_t primitive) const {
+    const uint32_t group = scene_.primitives[primitive].group;
+    return first_equal_[group] != group;
+  }
+
+  /// Materials and textures of the meshes that are kept.
+  void plan_materials() {
+    const MaterialUse use = find_material_use(scene_, materials_used());
+    for (format::MeshRecord& mesh : tables_.meshes)
+      if (mesh.material != kNone) mesh.material = use.materials[mesh.material];
+    add_materials(scene_, use, images_.places, tables_);
   }
 
   Result<void> choose_lattices() {
@@ -480,13 +511,15 @@ class Converter {
   }
 
   const ConvertOptions& options_;
-  const SourceScene& scene_;
+  SourceScene& scene_;
   WorkerPool& pool_;
   tools::Progress& progress_;
   ConvertReport& report_;
   Measurement measurement_;
-  std::vector<MeshPlan> plans_;    // as tables_.meshes
-  std::vector<uint32_t> mesh_of_;  // of each primitive, or kNone
+  MergedMaterials merged_;
+  std::vector<uint32_t> first_equal_;  // of each group the one that is stored for it
+  std::vector<MeshPlan> plans_;        // as tables_.meshes
+  std::vector<uint32_t> mesh_of_;      // of each primitive, or kNone
   ImagePlan images_;
   InstancePlan instances_;
   format::TableSet tables_;
@@ -517,7 +550,7 @@ Result<ConvertReport> convert_or_throw(const ConvertOptions& options) {
   if (const Result<void> checked = check_output(report.output); !checked) return checked.error();
   ImportOptions import_options;
   import_options.exclude = options.exclude;
-  const Result<SourceScene> scene = import_gltf(options.input, import_options);
+  Result<SourceScene> scene = import_gltf(options.input, import_options);
   if (!scene) return scene.error();
   report.warnings = scene->warnings;
   const std::set<std::string> files = source_files(options.input, *scene);

@@ -42,6 +42,7 @@ struct ConvertOptions {
   bool source_ids = false;
   bool drop_nonfinite = false;
   bool weld = true;     // vertices that are equal in all that is stored of them are stored once a chunk
+  bool share = true;    // equal meshes, textures and materials are stored once
   std::string exclude;  // ImportOptions::exclude
   ImageOptions images;
 

@@ -1,7 +1,6 @@
 #include "tools/convert/images.h"
 
 #include <algorithm>
-#include <array>
 #include <map>
 #include <span>
 #include <tuple>
@@ -13,9 +12,6 @@
 #include "runtime/jpeg_levels.h"
 #include "runtime/jpeg_transcode.h"
 
-#define XXH_STATIC_LINKING_ONLY
-#include <xxhash.h>
-
 namespace scree::convert {
 namespace {
 
@@ -24,23 +20,9 @@ constexpr uint64_t kCheckedBytes = uint64_t{128} << 20;  // memory of the checks
 constexpr uint64_t kStoredBytes = uint64_t{256} << 20;   // and of the images that are indexed
 constexpr size_t kBlockBytes = size_t{1} << 20;
 
-/// XXH3-128 of bytes that come in parts.
-class FileHash {
- public:
-  FileHash() { XXH3_128bits_reset(&state_); }
-  void add(std::span<const std::byte> bytes) { XXH3_128bits_update(&state_, bytes.data(), bytes.size()); }
-  std::array<uint64_t, 2> value() const {
-    const XXH128_hash_t hash = XXH3_128bits_digest(&state_);
-    return {hash.high64, hash.low64};
-  }
-
- private:
-  XXH3_state_t state_;
-};
-
 struct CheckedImage {
   runtime::ImageInfo info{};
-  std::array<uint64_t, 2> hash{};
+  ContentHash hash{};
   std::string warning;
   std::string broken;  // ImagePlan::broken
 };
@@ -53,8 +35,8 @@ runtime::ImageFile image_file(const SourceImage& image) {
   return {image.bytes, [&image](uint64_t offset, std::span<std::byte> out) { return read_image(image, offset, out); }};
 }
 
-Result<std::array<uint64_t, 2>> hash_image(const SourceImage& image) {
-  FileHash hash;
+Result<ContentHash> hash_image(const SourceImage& image) {
+  ContentHasher hash;
   std::vector<std::byte> block(static_cast<size_t>(std::min<uint64_t>(kBlockBytes, image.bytes)));
   for (uint64_t done = 0; done < image.bytes; done += block.size()) {
     block.resize(static_cast<size_t>(std::min<uint64_t>(block.size(), image.bytes - done)));
@@ -87,7 +69,7 @@ Result<CheckedImage> check_source(const SourceImage& image, const ImageOptions& 
     checked.info.codec = format::ImageCodec::kIndexedJpeg;
     checked.broken = error.message;
   }
-  const Result<std::array<uint64_t, 2>> hash = hash_image(image);
+  const Result<ContentHash> hash = hash_image(image);
   if (!hash) return hash.error();
   checked.hash = *hash;
   return checked;
@@ -109,10 +91,10 @@ struct StoredImage {
   std::string warning;
 };
 
-Result<std::vector<std::byte>> read_file(const SourceImage& image, const std::array<uint64_t, 2>& hash) {
+Result<std::vector<std::byte>> read_file(const SourceImage& image, const ContentHash& hash) {
   std::vector<std::byte> file(static_cast<size_t>(image.bytes));
   if (const Result<void> read = read_image(image, 0, file); !read) return read.error();
-  FileHash found;
+  ContentHasher found;
   found.add(file);
   if (found.value() != hash) return Error{ErrorCode::kFile, "was changed while it was converted"};
   return file;
@@ -165,8 +147,8 @@ Result<StoredImage> grey_image(const std::string& why) {
 }
 
 /// What an image is to be stored as.
-Result<StoredImage> store_image(const SourceImage& source, const format::ImageRecord& record,
-                                const std::array<uint64_t, 2>& hash, const ImageOptions& options) {
+Result<StoredImage> store_image(const SourceImage& source, const format::ImageRecord& record, const ContentHash& hash,
+                                const ImageOptions& options) {
   const auto file = read_file(source, hash);
   if (!file) return file.error();
   Result<StoredImage> stored = StoredImage{};
@@ -215,7 +197,7 @@ Result<void> append_indexed(StoredImage stored, uint32_t number, ImagePlan& plan
 
 /// The page of an image that stays the file it is.
 Result<void> append_file(const SourceImage& image, uint32_t number, ImagePlan& plan, format::ContainerWriter& writer) {
-  FileHash hash;
+  ContentHasher hash;
   // JPEG and PNG are compressed already; a raw page can be decoded where it is mapped.
   const Result<uint32_t> page =
       writer.append_raw(format::PageKind::kImage, image.bytes, [&](uint64_t offset, std::span<std::byte> out) {

@@ -1,13 +1,13 @@
 // Base-colour images: checked once, equal ones stored once, as ConvertOptions::textures says.
 #pragma once
 
-#include <array>
 #include <cstdint>
 #include <string>
 #include <vector>
 
 #include "format/container.h"
 #include "format/result.h"
+#include "tools/convert/content_hash.h"
 #include "tools/convert/gltf_source.h"
 #include "tools/convert/ordered_pool.h"
 
@@ -27,14 +27,14 @@ struct ImageOptions {
 };
 
 struct ImagePlan {
-  std::vector<uint32_t> places;                 // for each of SourceScene::images: its ImageRecord, or kNone
-  std::vector<uint32_t> sources;                // for each ImageRecord: the image of the source it is
-  std::vector<format::ImageRecord> records;     // name, page and levels unset
-  std::vector<std::string> broken;              // why a record's file becomes grey; empty where it does not
-  std::vector<format::MipLevelRecord> levels;   // of the records
-  uint32_t page_count = 0;                      // written
-  std::vector<std::array<uint64_t, 2>> hashes;  // XXH3-128 of each record's file
-  std::vector<std::string> warnings;            // what was put up with or changed, image named
+  std::vector<uint32_t> places;                // for each of SourceScene::images: its ImageRecord, or kNone
+  std::vector<uint32_t> sources;               // for each ImageRecord: the image of the source it is
+  std::vector<format::ImageRecord> records;    // name, page and levels unset
+  std::vector<std::string> broken;             // why a record's file becomes grey; empty where it does not
+  std::vector<format::MipLevelRecord> levels;  // of the records
+  uint32_t page_count = 0;                     // written
+  std::vector<ContentHash> hashes;             // of each record's file
+  std::vector<std::string> warnings;           // what was put up with or changed, image named
 };
 
 /// "city.gltf: image 3 (bark)".

@@ -1,6 +1,8 @@
 #include "tools/convert/measure.h"
 
 #include <algorithm>
+#include <optional>
+#include <span>
 
 namespace scree::convert {
 namespace {
@@ -16,18 +18,59 @@ struct WindowFacts {
   uint32_t vertices = 0;
   Box box = empty_box();
   bool white = true;
+  ContentHash content{};
 };
 
 struct Scratch {
   Window window;
   std::vector<float> colors;
+  std::vector<float> floats;
+  std::vector<uint32_t> numbers;
 };
 
-Result<WindowFacts> measure_window(const Primitive& primitive, const WindowPlan& plan, bool drop_nonfinite,
+template <class T>
+void add_values(ContentHasher& hasher, std::span<const T> values) {
+  const uint64_t count = values.size();
+  hasher.add(std::as_bytes(std::span(&count, 1)));
+  hasher.add(std::as_bytes(values));
+}
+
+/// The triangles, whatever number their first vertex has in the source, and the vertices they use.
+Result<ContentHash> hash_window(const Primitive& primitive, bool normals, Scratch& scratch) {
+  const Window& window = scratch.window;
+  ContentHasher hasher;
+  add_values(hasher, window.kept());
+  scratch.numbers.assign(window.indices().begin(), window.indices().end());
+  const uint32_t first = window.vertices().empty() ? 0 : window.vertices().front();
+  for (uint32_t& number : scratch.numbers) number -= first;
+  add_values(hasher, std::span<const uint32_t>(scratch.numbers));
+  add_values(hasher, window.positions());
+  const std::optional<Accessor> none;
+  for (const std::optional<Accessor>* accessor :
+       {&primitive.uv, &primitive.color, normals ? &primitive.normal : &none}) {
+    scratch.floats.clear();
+    if (*accessor) {
+      const Result<void> read = read_vertices(**accessor, window.vertices(), scratch.floats);
+      if (!read) return read.error();
+    }
+    add_values(hasher, std::span<const float>(scratch.floats));  // of none 0: its count is hashed too
+  }
+  return hasher.value();
+}
+
+/// What of all windows of a primitive in their order.
+ContentHash joined(const ContentHash& before, const ContentHash& window) {
+  ContentHasher hasher;
+  hasher.add(std::as_bytes(std::span(before)));
+  hasher.add(std::as_bytes(std::span(window)));
+  return hasher.value();
+}
+
+Result<WindowFacts> measure_window(const Primitive& primitive, const WindowPlan& plan, const MeasureOptions& options,
                                    Scratch& scratch) {
   Window& window = scratch.window;
   if (const Result<void> loaded =
-          window.load(primitive, plan.first, plan.count, drop_nonfinite, Window::Find::kVertices);
+          window.load(primitive, plan.first, plan.count, options.drop_nonfinite, Window::Find::kVertices);
       !loaded)
     return loaded.error();
   WindowFacts facts;
@@ -40,6 +83,11 @@ Result<WindowFacts> measure_window(const Primitive& primitive, const WindowPlan&
     if (const Result<void> read = read_vertices(*primitive.color, window.vertices(), scratch.colors); !read)
       return read.error();
     facts.white = std::all_of(scratch.colors.begin(), scratch.colors.end(), [](float value) { return value == 1.0f; });
+  }
+  if (!options.hashed.empty() && options.hashed[plan.primitive]) {
+    const Result<ContentHash> content = hash_window(primitive, options.normals, scratch);
+    if (!content) return content.error();
+    facts.content = *content;
   }
   return facts;
 }
@@ -91,8 +139,7 @@ Result<Measurement> measure(const SourceScene& scene, const std::vector<bool>& w
     std::vector<WindowFacts> facts;
     for (uint64_t i = batches[batch].first; i < batches[batch].first + batches[batch].count; ++i) {
       const WindowPlan& plan = out.windows[i];
-      Result<WindowFacts> measured =
-          measure_window(scene.primitives[plan.primitive], plan, options.drop_nonfinite, scratch[worker]);
+      Result<WindowFacts> measured = measure_window(scene.primitives[plan.primitive], plan, options, scratch[worker]);
       if (!measured) return at(scene.file_name, measured.error());
       facts.push_back(*measured);
     }
@@ -110,6 +157,8 @@ Result<Measurement> measure(const SourceScene& scene, const std::vector<bool>& w
       total.dropped_degenerate += facts[i].dropped_degenerate;
       total.dropped_nonfinite += facts[i].dropped_nonfinite;
       total.white = total.white && facts[i].white;
+      if (!options.hashed.empty() && options.hashed[plan.primitive])
+        total.content = joined(total.content.value_or(ContentHash{}), facts[i].content);
       grow(total.box, facts[i].box);
     }
     done += batches[batch].triangles;

@@ -4,10 +4,12 @@
 
 #include <cstdint>
 #include <functional>
+#include <optional>
 #include <string>
 #include <vector>
 
 #include "format/result.h"
+#include "tools/convert/content_hash.h"
 #include "tools/convert/gltf_source.h"
 #include "tools/convert/ordered_pool.h"
 #include "tools/convert/window.h"
@@ -29,13 +31,16 @@ struct Measured {
   uint64_t triangles = 0;  // kept
   uint64_t dropped_degenerate = 0;
   uint64_t dropped_nonfinite = 0;
-  Box box = empty_box();  // of the vertices its kept triangles use
-  bool white = true;      // every used COLOR_0 is exactly (1, 1, 1, 1)
+  Box box = empty_box();               // of the vertices its kept triangles use
+  bool white = true;                   // every used COLOR_0 is exactly (1, 1, 1, 1)
+  std::optional<ContentHash> content;  // where MeasureOptions::hashed asks: of its triangles and their vertices
 };
 
 struct MeasureOptions {
   bool drop_nonfinite = false;
   bool whole_meshes = false;  // one window a primitive
+  bool normals = false;       // are content
+  std::vector<bool> hashed;   // a flag a primitive, or empty: none
 };
 
 struct Measurement {

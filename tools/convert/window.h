@@ -52,6 +52,9 @@ class Window {
   /// 3 a vertex, finite.
   std::span<const float> positions() const { return positions_; }
 
+  /// Places of the kept triangles, 0 the window's first; empty where all are kept.
+  std::span<const uint32_t> kept() const { return kept_; }
+
   /// The number of kept triangle `place` in the source primitive.
   uint64_t source_id(uint64_t place) const { return first_ + (kept_.empty() ? place : kept_[place]); }
 
