@@ -7,6 +7,7 @@
 #include "runtime/device_scene.h"
 #include "tests/catch.h"
 #include "tests/kernels/device_copy.h"
+#include "tests/kernels/hard_cases.h"
 #include "tests/kernels/scene_builder.h"
 
 using namespace scree;
@@ -142,4 +143,12 @@ TEST_CASE("chunks with widths of no bits are drawn alike on the GPU", "[cuda]") 
   single.chunk_triangles = 1;
   builder.instance(builder.mesh(grid(4, 0.2), single), builder.identity());
   compare(builder, all_views(), 2000);
+}
+
+TEST_CASE("hard cases are drawn alike on the GPU", "[cuda][hard]") {
+  for (const NamedCase& named : hard_cases()) {
+    INFO(named.name);
+    HardCase hard = named.make();
+    compare(hard.builder, hard.views, 0);
+  }
 }

@@ -1,0 +1,70 @@
+// Scenes that break rasterisers, drawn on the CPU by every path there is and held against the double-precision
+// reference of tools/compare; tests/kernels/test_cuda_scenes.cpp draws the same ones on the GPU.
+// docs/results/hard_cases.md has what they gave.
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <string>
+#include <vector>
+
+#include "tests/kernels/scene_builder.h"
+
+namespace scree::tests {
+
+/// A scene with the soups its meshes were made of, which are what the reference draws.
+struct HardCase {
+  SceneBuilder builder;
+  std::vector<Soup> soups;  // by mesh
+  std::vector<kernels::View> views;
+
+  /// Adds a mesh and returns its number.
+  uint32_t mesh(Soup soup, const Encoding& encoding);
+  /// The same, drawn once as it is.
+  void draw_once(Soup soup, const Encoding& encoding);
+  /// Encoding with a material that shows both sides.
+  Encoding both_sides(Encoding encoding = {});
+};
+
+/// What the pictures of a case are beside the reference's, all views together.
+struct Figures {
+  uint64_t pixels = 0;
+  uint64_t covered = 0;         // by us
+  uint64_t reference = 0;       // by the reference
+  uint64_t background = 0;      // covered by one and not by the other
+  uint64_t other_triangle = 0;  // covered by both, by triangles that do not coincide there
+  double depth_error = 0;       // largest, relative, where the triangle is the same
+
+  std::string text() const;
+};
+
+/// Draws all views with one thread, with two and queues that must grow, and with either instruction set, requires equal
+/// pictures, and compares them with the reference.
+Figures judge(HardCase& hard);
+
+/// How often triangles cover pixels, each triangle counted: exact, whatever lies in front of what.
+struct CoverCount {
+  uint64_t covered = 0;  // pixels that any triangle covers
+  uint64_t twice = 0;    // by more than one
+  std::vector<bool> is_covered, is_twice;
+};
+
+/// Draws the scene once for each value of each bit of the triangles' numbers: two triangles differ in a bit, so that a
+/// pixel with two of them is covered by both halves of some bit. Indexed chunks only.
+CoverCount count_covers(SceneBuilder& builder, const kernels::View& view);
+
+/// Notes a case's figure: in the message of a failing check, and as a row in the file that the environment variable
+/// SCREE_HARD_CASES names, if any.
+void note(const std::string& what, const std::string& figure);
+
+/// Cases that are drawn on both backends, by name.
+struct NamedCase {
+  const char* name;
+  std::function<HardCase()> make;
+};
+const std::vector<NamedCase>& hard_cases();
+
+/// The case of that name.
+HardCase make_hard_case(const std::string& name);
+
+}  // namespace scree::tests
