@@ -20,7 +20,7 @@ void with_shader(CpuBackend& backend, const SceneView& scene, const View& view, 
                  const ShadeOptions& options, const SrgbTables& srgb, const Visit& visit) {
   DepthRange range;
   if (options.show == Show::kDepth) backend.for_each(view.height, FindDepthRange{samples, view.width, &range});
-  visit_shader(make_shade_inputs(scene, view, options, nullptr, &srgb, &range), visit);
+  visit_shader<false>(make_shade_inputs(scene, view, options, nullptr, &srgb, &range), visit);
 }
 
 void shade(ThreadPool& pool, const SceneView& scene, const View& view, const uint64_t* samples,

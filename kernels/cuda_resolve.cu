@@ -32,6 +32,8 @@ constexpr uint32_t kThreads = 128;
 template <class Pass>
 inline constexpr uint32_t kResidentBlocks = 6;  // 80 registers a thread
 template <bool kOrthographic, ChunkKinds kKinds>
+inline constexpr uint32_t kResidentBlocks<Resolve<Shader<kOrthographic, Show::kColor, kKinds>>> = 8;  // 64
+template <bool kOrthographic, ChunkKinds kKinds>
 inline constexpr uint32_t kResidentBlocks<Resolve<Shader<kOrthographic, Show::kTexture, kKinds>>> = 5;  // 96
 template <bool kOrthographic>
 inline constexpr uint32_t kResidentBlocks<Resolve<Shader<kOrthographic, Show::kStage>>> = 4;  // 128, for the clipper
@@ -176,12 +178,12 @@ Result<void> CudaResolver::resolve(const SceneView& scene, const View& view, uin
     if (!impl.run(FindDepthRange{samples, view.width, impl.depth_range()}, view.height, stream)) return impl.error;
   }
   bool started = false;
-  visit_shader(make_shade_inputs(scene, view, options, transforms, impl.tables, impl.depth_range()),
-               [&]<class Shader>(const Shader& shader) {
-                 started = impl.run(Resolve<Shader>{shader, tiles, samples, samples_per_side, visibility, 4,
-                                                    reinterpret_cast<uint8_t*>(pixels)},
-                                    tiles.count(), stream);
-               });
+  visit_shader<true>(make_shade_inputs(scene, view, options, transforms, impl.tables, impl.depth_range()),
+                     [&]<class Shader>(const Shader& shader) {
+                       started = impl.run(Resolve<Shader>{shader, tiles, samples, samples_per_side, visibility, 4,
+                                                          reinterpret_cast<uint8_t*>(pixels)},
+                                          tiles.count(), stream);
+                     });
   if (!started) return impl.error;
 
   if (times == nullptr) return {};

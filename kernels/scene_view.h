@@ -6,6 +6,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <span>
+#include <utility>
 
 #include "format/jpeg_pixels.h"
 #include "format/layout.h"
@@ -20,14 +21,22 @@ struct JpegLevel {
 
 class BlockCache;
 
-/// Which encodings a scene's chunks have, so that a pass of one of them is compiled without the other.
-enum class ChunkKinds : uint32_t { kMixed, kIndexed, kClustered };
+/// How a scene's chunks are encoded, so that a pass over one kind is compiled without the others: any of those below,
+/// indexed with float32 positions, indexed with lattice positions, clustered (always on a lattice).
+enum class ChunkKinds : uint32_t { kMixed, kFloat32, kPacked, kClustered };
 
-inline ChunkKinds kinds_of(std::span<const format::ChunkRecord> chunks) {
-  uint64_t clustered = 0;
-  for (const format::ChunkRecord& chunk : chunks) clustered += chunk.encoding == format::ChunkEncoding::kClustered;
-  if (clustered == 0) return ChunkKinds::kIndexed;
-  return clustered == chunks.size() ? ChunkKinds::kClustered : ChunkKinds::kMixed;
+inline ChunkKinds kinds_of(std::span<const format::MeshRecord> meshes, std::span<const format::ChunkRecord> chunks) {
+  bool first = true;
+  ChunkKinds kinds = ChunkKinds::kMixed;
+  for (const format::ChunkRecord& chunk : chunks) {
+    const bool float32 = meshes[chunk.mesh].position_encoding == format::PositionEncoding::kFloat32;
+    const ChunkKinds kind = chunk.encoding == format::ChunkEncoding::kClustered ? ChunkKinds::kClustered
+                            : float32                                           ? ChunkKinds::kFloat32
+                                                                                : ChunkKinds::kPacked;
+    if (!std::exchange(first, false) && kind != kinds) return ChunkKinds::kMixed;
+    kinds = kind;
+  }
+  return kinds;
 }
 
 /// A texture with its mip levels: level l is max(1, width >> l) by max(1, height >> l) texels. The first may be JPEGs;

@@ -489,17 +489,23 @@ struct Shader {
 };
 
 /// Calls visit(shader) with the shader of a camera and a kind of picture. A scene without textures does not pay for
-/// them, and in pictures of light one encoding does not pay for the other.
-template <class Visit>
+/// them, and where `kApart` pictures of light are not drawn by code for another kind of chunks.
+template <bool kApart, class Visit>
 inline void visit_shader(const ShadeInputs& in, const Visit& visit) {
   const auto with_kinds = [&]<bool kOrthographic, Show kShow>() {
-    switch (in.scene.chunk_kinds) {
-      case ChunkKinds::kMixed:
-        return visit(Shader<kOrthographic, kShow>{in});
-      case ChunkKinds::kIndexed:
-        return visit(Shader<kOrthographic, kShow, ChunkKinds::kIndexed>{in});
-      case ChunkKinds::kClustered:
-        return visit(Shader<kOrthographic, kShow, ChunkKinds::kClustered>{in});
+    if constexpr (!kApart) {
+      visit(Shader<kOrthographic, kShow>{in});
+    } else {
+      switch (in.scene.chunk_kinds) {
+        case ChunkKinds::kMixed:
+          return visit(Shader<kOrthographic, kShow>{in});
+        case ChunkKinds::kFloat32:
+          return visit(Shader<kOrthographic, kShow, ChunkKinds::kFloat32>{in});
+        case ChunkKinds::kPacked:
+          return visit(Shader<kOrthographic, kShow, ChunkKinds::kPacked>{in});
+        case ChunkKinds::kClustered:
+          return visit(Shader<kOrthographic, kShow, ChunkKinds::kClustered>{in});
+      }
     }
   };
   const auto with_camera = [&]<bool kOrthographic>() {

@@ -278,7 +278,8 @@ SCREE_HD inline ChunkReader make_reader(const format::MeshRecord& mesh, const fo
   reader.positions = payload + streams.positions.offset;
   reader.index_min = chunk.index_min;
   reader.index_bits = chunk.index_bits;
-  reader.float32 = mesh.position_encoding == format::PositionEncoding::kFloat32;
+  reader.float32 = kKinds == ChunkKinds::kFloat32 ||
+                   (kKinds == ChunkKinds::kMixed && mesh.position_encoding == format::PositionEncoding::kFloat32);
   reader.clustered = kKinds == ChunkKinds::kClustered ||
                      (kKinds == ChunkKinds::kMixed && chunk.encoding == format::ChunkEncoding::kClustered);
   reader.first_vertex = 0;

@@ -112,7 +112,7 @@ Result<Scene> Scene::load(SceneFile file, uint32_t scene_index, const SceneOptio
     view.mesh_count = container.meshes().size();
     view.chunks = dense(container.chunks(), scene.chunks_);
     view.chunk_count = container.chunks().size();
-    view.chunk_kinds = kernels::kinds_of({view.chunks, view.chunk_count});
+    view.chunk_kinds = kernels::kinds_of({view.meshes, view.mesh_count}, {view.chunks, view.chunk_count});
     view.matrices = dense(container.matrices(), scene.matrices_);
     view.matrix_count = container.matrices().size();
     view.materials = dense(container.materials(), scene.materials_);

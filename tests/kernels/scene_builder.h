@@ -128,7 +128,7 @@ class SceneBuilder {
     scene.pages = page_pointers.data();
     scene.mesh_count = meshes.size();
     scene.chunk_count = chunks.size();
-    scene.chunk_kinds = kernels::kinds_of(chunks);
+    scene.chunk_kinds = kernels::kinds_of(meshes, chunks);
     scene.instance_count = instances.size();
     scene.matrix_count = matrices.size();
     scene.material_count = materials.size();

@@ -135,7 +135,7 @@ TEST_CASE("lanes: a team's pixels are a thread's", "[lanes]") {
       REQUIRE(resolve_cpu(scene, view, side, samples, options, 4, expected, 1));
       std::vector<uint8_t> pixels(expected.size());
       const PixelTiles tiles{width, 0, height};
-      visit_shader(make_shade_inputs(scene, view, options, transforms.data(), &tables, nullptr),
+      visit_shader<true>(make_shade_inputs(scene, view, options, transforms.data(), &tables, nullptr),
                    [&]<class Shader>(const Shader& shader) {
                      const Resolve<Shader> pass{shader, tiles, samples.data(), side, nullptr, 4, pixels.data()};
                      on_lanes([&](LaneTeam team) {

@@ -148,7 +148,7 @@ kernels::SceneView SceneTables::view(const std::byte* const* pages) const {
   scene.pages = pages;
   scene.mesh_count = meshes.size();
   scene.chunk_count = chunks.size();
-  scene.chunk_kinds = kernels::kinds_of(chunks);
+  scene.chunk_kinds = kernels::kinds_of(meshes, chunks);
   scene.instance_count = instances.size();
   scene.matrix_count = matrices.size();
   return scene;
