@@ -11,7 +11,10 @@
 namespace scree::kernels {
 inline namespace SCREE_ISA {
 
-/// Pixel centres that triangles in a box may cover.
+/// What of a box is in the picture: nothing; something, but between pixel centres; pixel centres.
+enum class BoxShows : uint32_t { kNothing, kBetween, kCenters };
+
+/// Pixel centres that triangles in a box may cover; where it lies between them, those around it.
 struct ScreenBounds {
   PixelBox pixels;        // inside of the image; not empty
   uint32_t nearest_code;  // no depth code there is smaller; 0 where nothing can be said
@@ -56,15 +59,16 @@ SCREE_HD inline CenterRange center_range(const FrameView& view) {
   return out;
 }
 
-/// False only where no triangle of vertices in the box covers a pixel centre. `filter`: of the box's chunk, for the
+/// kCenters wherever a triangle of vertices in the box covers a pixel centre; `out` is filled unless it is kNothing.
+/// `filter`: of the box's chunk, for the
 /// whole of it. `near_slack`: by how much w may be off, SampleFilter::w_lowest - 1 (orthographic: w_lowest).
 template <bool kOrthographic>
-SCREE_HD inline bool bound_on_screen(const SampleFilter& filter, const FrameView& view, const CenterRange& centers,
-                                     const OffsetBox& box, ScreenBounds& out) {
+SCREE_HD inline BoxShows bound_on_screen(const SampleFilter& filter, const FrameView& view, const CenterRange& centers,
+                                         const OffsetBox& box, ScreenBounds& out) {
   // A filter that knows nothing lets the whole image through.
   if (!(filter.slack < 16.0f)) {
     out = {{0, 0, view.width - 1, view.height - 1}, 0};
-    return true;
+    return BoxShows::kCenters;
   }
   constexpr float kMore = 1.00001f;  // the roundings of a sum of terms of one sign, and more
   const float* rows[2] = {filter.u, filter.v};
@@ -77,13 +81,14 @@ SCREE_HD inline bool bound_on_screen(const SampleFilter& filter, const FrameView
   const float w_high = w_center + w_reach + w_error;
   // Comparisons are written so that NaN keeps the box.
   if constexpr (kOrthographic) {
-    if (w_low > 1.0f || w_high < 0.0f) return false;
+    if (w_low > 1.0f || w_high < 0.0f) return BoxShows::kNothing;
   } else {
-    if (w_high < 1.0f) return false;
+    if (w_high < 1.0f) return BoxShows::kNothing;
   }
   const bool in_front = kOrthographic || w_low > 1.0f;
   const float scale = kOrthographic ? 1.0f : 1.0f / w_center;
   const float scale_low = kOrthographic ? 1.0f : 1.0f / w_low;
+  BoxShows shows = BoxShows::kCenters;
   int32_t first[2];
   int32_t last[2];
   for (int axis = 0; axis < 2; ++axis) {
@@ -99,7 +104,7 @@ SCREE_HD inline bool bound_on_screen(const SampleFilter& filter, const FrameView
         const float off = sign * (at - limit * w_center) - kMore * reach;
         const float margin =
             2.0f * (filter.slack + (filter.growth + 1e-6f) * (size_of(limit) + 1.0f)) * greatest(w_high, 1.0f);
-        if (off > margin) return false;
+        if (off > margin) return BoxShows::kNothing;
       }
       continue;
     }
@@ -115,21 +120,26 @@ SCREE_HD inline bool bound_on_screen(const SampleFilter& filter, const FrameView
     const float slack = 2.0f * fused(farthest, filter.growth, filter.slack) + farthest * 1e-6f;
     const float low = greatest(middle - reach - slack, centers.first[axis]);
     const float high = least(middle + reach + slack, centers.last[axis]);
-    const float first_center = -floor_of(-low);
-    const float last_center = floor_of(high);
-    if (first_center > last_center) return false;
+    if (low > high) return BoxShows::kNothing;
+    float first_center = -floor_of(-low);
+    float last_center = floor_of(high);
+    if (first_center > last_center) {
+      shows = BoxShows::kBetween;
+      first_center = last_center;
+      last_center = first_center + 1.0f;
+    }
     const int32_t shift = (axis == 0 ? view.width : view.height) / 2;
     first[axis] = static_cast<int32_t>(first_center) + shift;
     last[axis] = static_cast<int32_t>(last_center) + shift;
   }
   if (!in_front) {
     out = {{0, 0, view.width - 1, view.height - 1}, 0};
-    return true;
+    return BoxShows::kCenters;
   }
   out.pixels = {first[0], first[1], last[0], last[1]};
   const float nearest = kOrthographic ? w_high : scale_low * kMore;
   out.nearest_code = depth_code<kOrthographic>(least(nearest, 1.0f));
-  return true;
+  return shows;
 }
 
 }  // namespace SCREE_ISA

@@ -24,9 +24,8 @@ struct alignas(16) ClusterDraw {
   uint32_t chunk;
   uint32_t instance;
   uint32_t cluster_count;
-  float error[3];   // of x, y and w: set_error()
-  uint32_t bucket;  // of kNearBuckets, 0 the nearest
-  uint32_t reserved;
+  float error[3];  // of x, y and w: set_error()
+  uint32_t reserved[2];
 
   static constexpr uint32_t kMirrored = 1;
   static constexpr uint32_t kFarAway = 2;  // base + offset does not fit int32
@@ -66,11 +65,12 @@ struct ClusterList {
   const uint32_t* chunk_group;  // by chunk: groups of the mesh's chunks before
   const uint64_t* first_word;   // by instance: groups of the instances before
   uint32_t candidate_count;
-  // Kept from frame to frame: a bit for each cluster of each instance, set if it was not hidden. Null: every cluster
-  // that is not outside of the picture is drawn in one pass.
+  // Kept from frame to frame: a bit for each cluster of each instance, set if it was not hidden when asked. Null: every
+  // cluster that is not outside of the picture is drawn in one pass.
   uint32_t* seen;
   // Of the frame:
-  ClusterDraw* draws;  // room for DrawTables::cluster_draws
+  uint16_t* draw_bucket;  // by thread, kGroupInstances a candidate: of kNearBuckets, or that where it is not drawn
+  ClusterDraw* draws;     // room for DrawTables::cluster_draws; from near to far
   ClusterItem* items;
   uint64_t item_capacity;  // below 2^32
   ClipItem* to_clip;

@@ -25,57 +25,112 @@ __device__ inline uint32_t near_bucket(const FrameView& view, const Transform& t
   return min_of((float_bits(nearest) - float_bits(1.0f)) >> 18, kNearBuckets - 1);
 }
 
-/// One thread for each of the kGroupInstances instances of a candidate: appends the draws and their prefix sum.
+/// What a thread of the two kernels below looks at: one of the kGroupInstances instances of a candidate.
+struct ClusterCandidate {
+  Candidate candidate;
+  uint32_t place;  // among the mesh's visible instances
+
+  __device__ ClusterCandidate(const ClusterList& clusters, uint64_t thread)
+      : candidate(clusters.candidates[thread / kGroupInstances]),
+        place(candidate.first + static_cast<uint32_t>(thread % kGroupInstances)) {}
+
+  __device__ uint32_t instance(const DrawList& list, uint32_t mesh) const {
+    return list.visible[list.mesh_first[mesh] + place];
+  }
+};
+
+/// Of a clustered chunk: an item and its units.
+__device__ inline uint64_t item_of(const format::ChunkRecord& chunk) {
+  return (uint64_t{1} << kUnitBits) + (chunk.cluster_count + format::kGroupClusters - 1) / format::kGroupClusters;
+}
+
+/// Sums of a block's items by bucket, in shared memory.
+__device__ inline void clear_buckets(uint64_t* buckets) {
+  for (uint32_t i = threadIdx.x; i < kNearBuckets; i += kCullThreads) buckets[i] = 0;
+  __syncthreads();
+}
+
+/// Finds the draws and counts them by their buckets; ClusterList::draw_bucket says which they are. Where not `sorts`
+/// all share one bucket.
 __global__ void __launch_bounds__(kCullThreads)
     cull_clustered_chunks(const __grid_constant__ SceneView scene, const __grid_constant__ FrameView view,
-                          const __grid_constant__ DrawList list, const __grid_constant__ ClusterList clusters) {
-  __shared__ uint32_t units_by_bucket[kNearBuckets];
-  for (uint32_t i = threadIdx.x; i < kNearBuckets; i += blockDim.x) units_by_bucket[i] = 0;
-  __syncthreads();
+                          const __grid_constant__ DrawList list, const __grid_constant__ ClusterList clusters,
+                          bool sorts) {
+  __shared__ uint64_t in_bucket[kNearBuckets];
+  clear_buckets(in_bucket);
   const uint32_t lane = threadIdx.x % kWarpLanes;
   const uint64_t thread = uint64_t{blockIdx.x} * blockDim.x + threadIdx.x;
-  const uint64_t number = thread / kGroupInstances;
-  bool seen = false;
-  uint32_t instance = 0;
-  Candidate candidate{};
-  uint64_t units = 0;
+  const bool inside = thread < uint64_t{clusters.candidate_count} * kGroupInstances;
+  uint32_t bucket = kNearBuckets;
   uint64_t triangles = 0;
-  uint32_t bucket = 0;
-  if (number < clusters.candidate_count) {
-    candidate = clusters.candidates[number];
-    const format::ChunkRecord& chunk = scene.chunks[candidate.chunk];
+  if (inside) {
+    const ClusterCandidate at(clusters, thread);
+    const format::ChunkRecord& chunk = scene.chunks[at.candidate.chunk];
     const format::MeshRecord& mesh = scene.meshes[chunk.mesh];
-    const uint32_t place = candidate.first + static_cast<uint32_t>(thread % kGroupInstances);
-    if (place < list.visible_count[chunk.mesh] && scene.pages[chunk.page] != nullptr) {
-      instance = list.visible[list.mesh_first[chunk.mesh] + place];
-      const Transform& transform = list.transforms[instance];
+    if (at.place < list.visible_count[chunk.mesh] && scene.pages[chunk.page] != nullptr) {
+      const Transform& transform = list.transforms[at.instance(list, chunk.mesh)];
       const RelativeBox box = chunk_box(mesh, chunk, transform);
-      seen = mesh.chunk_count == 1 || may_be_seen(transform, view, box);
-      bucket = near_bucket(view, transform, box);
-      units = (chunk.cluster_count + format::kGroupClusters - 1) / format::kGroupClusters;
-      triangles = chunk.triangle_count;
+      if (mesh.chunk_count == 1 || may_be_seen(transform, view, box)) {
+        bucket = sorts ? near_bucket(view, transform, box) : 0;
+        triangles = chunk.triangle_count;
+        atomicAdd(reinterpret_cast<unsigned long long*>(in_bucket + bucket), item_of(chunk));
+      }
     }
+    clusters.draw_bucket[thread] = static_cast<uint16_t>(bucket);
   }
-  if (seen) atomicAdd(units_by_bucket + bucket, static_cast<uint32_t>(units));
   __syncthreads();
-  for (uint32_t i = threadIdx.x; i < kNearBuckets; i += blockDim.x) {
-    if (units_by_bucket[i] != 0) atomicAdd(list.counters->units_by_bucket + i, units_by_bucket[i]);
+  for (uint32_t i = threadIdx.x; i < kNearBuckets; i += kCullThreads) {
+    if (in_bucket[i] != 0) WarpTeam::add(list.counters->in_bucket + i, in_bucket[i]);
   }
-  uint64_t total;
-  const uint64_t before = sum_before(seen ? (uint64_t{1} << kUnitBits) + units : 0, lane, total);
-  if (total == 0) return;
-  uint64_t base = 0;
-  if (lane == 0) base = WarpTeam::add(&list.counters->draws, total);
-  base = __shfl_sync(~0u, base, 0) + before;
+  const auto seen = static_cast<uint32_t>(__popc(__ballot_sync(~0u, bucket != kNearBuckets)));
   uint64_t all_triangles;
-  sum_before(seen ? triangles : 0, lane, all_triangles);
-  if (lane == 0) {
-    WarpTeam::add(&list.counters->queues.draws, total >> kUnitBits);
+  sum_before(triangles, lane, all_triangles);
+  if (lane == 0 && seen != 0) {
+    WarpTeam::add(&list.counters->queues.draws, uint64_t{seen});
     WarpTeam::add(&list.counters->queues.triangles, all_triangles);
   }
+}
+
+/// Writes the draws bucket by bucket, and their prefix sum; as many threads as for cull_clustered_chunks().
+__global__ void __launch_bounds__(kCullThreads)
+    place_cluster_draws(const __grid_constant__ SceneView scene, const __grid_constant__ FrameView view,
+                        const __grid_constant__ DrawList list, const __grid_constant__ ClusterList clusters) {
+  __shared__ uint64_t first_of_bucket[kNearBuckets];  // items and units of the buckets before
+  __shared__ uint64_t in_bucket[kNearBuckets];        // of this block; then where they begin
+  __shared__ uint64_t before_warp[kCullThreads / kWarpLanes];
+  clear_buckets(in_bucket);
+  const uint32_t lane = threadIdx.x % kWarpLanes;
+  const uint64_t thread = uint64_t{blockIdx.x} * blockDim.x + threadIdx.x;
+  const bool inside = thread < uint64_t{clusters.candidate_count} * kGroupInstances;
+  const uint32_t bucket = inside ? clusters.draw_bucket[thread] : kNearBuckets;
+  const ClusterCandidate at(clusters, inside ? thread : 0);
+  const format::ChunkRecord& chunk = scene.chunks[at.candidate.chunk];
+  const bool seen = bucket != kNearBuckets;
+  uint64_t place = 0;
+  if (seen) place = atomicAdd(reinterpret_cast<unsigned long long*>(in_bucket + bucket), item_of(chunk));
+
+  constexpr uint32_t kPerThread = kNearBuckets / kCullThreads;
+  const uint64_t* const mine = list.counters->in_bucket + threadIdx.x * kPerThread;
+  uint64_t sum = 0;
+  for (uint32_t i = 0; i < kPerThread; ++i) sum += mine[i];
+  uint64_t of_warp;
+  uint64_t before = sum_before(sum, lane, of_warp);
+  if (lane == 0) before_warp[threadIdx.x / kWarpLanes] = of_warp;
+  __syncthreads();
+  for (uint32_t i = 0; i < threadIdx.x / kWarpLanes; ++i) before += before_warp[i];
+  for (uint32_t i = 0; i < kPerThread; ++i) {
+    first_of_bucket[threadIdx.x * kPerThread + i] = before;
+    before += mine[i];
+  }
+  if (blockIdx.x == 0 && threadIdx.x == kCullThreads - 1) list.counters->draws = before;
+  for (uint32_t i = threadIdx.x; i < kNearBuckets; i += kCullThreads) {
+    if (in_bucket[i] != 0) in_bucket[i] = WarpTeam::add(list.counters->placed + i, in_bucket[i]);
+  }
+  __syncthreads();
   if (!seen) return;
 
-  const format::ChunkRecord& chunk = scene.chunks[candidate.chunk];
+  const uint64_t base = first_of_bucket[bucket] + in_bucket[bucket] + place;
+  const uint32_t instance = at.instance(list, chunk.mesh);
   const format::MeshRecord& mesh = scene.meshes[chunk.mesh];
   const Transform& transform = list.transforms[instance];
   const RelativeBox box = chunk_box(mesh, chunk, transform);
@@ -99,16 +154,14 @@ __global__ void __launch_bounds__(kCullThreads)
                (is_double_sided(scene, mesh) ? ClusterDraw::kDoubleSided : 0u);
   draw.first_id = scene.instance_base[instance] + chunk.first_triangle;
   draw.first_unit = base & kUnitMask;
-  draw.first_word = clusters.first_word[instance] + clusters.chunk_group[candidate.chunk];
+  draw.first_word = clusters.first_word[instance] + clusters.chunk_group[at.candidate.chunk];
   draw.payload = scene.pages[chunk.page] + chunk.offset;
-  draw.chunk = candidate.chunk;
+  draw.chunk = at.candidate.chunk;
   draw.instance = instance;
   draw.cluster_count = chunk.cluster_count;
   draw.error[0] = error.x;
   draw.error[1] = error.y;
   draw.error[2] = error.w;
-  draw.bucket = bucket;
-  draw.reserved = 0;
 }
 
 /// What the passes of culling ask.
@@ -127,57 +180,40 @@ struct ClusterCull {
   uint32_t pass;    // of FrameCounters::clusters
   uint32_t round;   // of the rounds of the second pass
   uint32_t rounds;  // 1: all at once
+  uint32_t frame;   // any number that goes up
+  uint32_t period;  // frames in which every hint is asked anew once
 };
 
-/// Buckets.
-struct BucketRange {
-  uint32_t first;
-  uint32_t end;
+/// Units.
+struct UnitRange {
+  uint64_t first;
+  uint64_t end;
 };
 
-/// The buckets of a round, by a warp: the last has the farther half of all units, the one before half of the rest, and
-/// so on; whole buckets.
-__device__ inline BucketRange buckets_of_round(const FrameCounters& counters, uint32_t round, uint32_t rounds) {
-  if (rounds <= 1) return {0, kNearBuckets};
-  constexpr uint32_t kPerLane = kNearBuckets / kWarpLanes;
-  const uint32_t lane = threadIdx.x % kWarpLanes;
-  const uint32_t* const mine = counters.units_by_bucket + lane * kPerLane;
-  uint64_t sum = 0;
-  for (uint32_t i = 0; i < kPerLane; ++i) sum += mine[i];
-  uint64_t total;
-  const uint64_t before = sum_before(sum, lane, total);
-  // A bucket belongs to the round in which it begins.
-  const auto end_of = [&](uint32_t number) -> uint32_t {
-    if (number + 1 >= rounds) return kNearBuckets;
-    const uint64_t share = total >> (rounds - 1 - number);
-    uint32_t count = 0;
-    uint64_t at = before;
-    for (uint32_t i = 0; i < kPerLane; ++i) {
-      count += at < share ? 1 : 0;
-      at += mine[i];
-    }
-    return __reduce_add_sync(~0u, count);
-  };
-  const uint32_t first = round == 0 ? 0 : end_of(round - 1);
-  return {first, max_of(first, end_of(round))};
+/// The units of a round: the last has the farther half of all, the one before half of the rest, and so on.
+__device__ inline UnitRange units_of_round(uint64_t total, uint32_t round, uint32_t rounds) {
+  return {round == 0 ? 0 : total >> (rounds - round), total >> (rounds - 1 - round)};
 }
 
-/// How a pass takes the bits of the clusters seen in the last frame: it draws those, or tests all and draws the others,
-/// or there are none.
+/// How a pass takes the bits of the clusters seen before: it draws those, or tests the others and draws them, or there
+/// are none. The bits are hints, and wrong ones cost time alone: a cluster that has one is asked anew every few frames
+/// whether it is hidden; and one that only lay between pixel centres has one too, so that no holes open in the first
+/// pass when the camera moves.
 enum class ClusterPass : uint32_t { kSeenBefore, kNewlySeen, kOnly };
 
-/// False only where nothing of the box can show in the picture.
+/// What of a box may show in the picture. What is hidden is as good as nothing.
 template <bool kOrthographic, bool kOcclusion>
-__device__ inline bool may_show(const ClusterCull& cull, const SampleFilter& filter,
-                                const format::ClusterBounds& bounds) {
+__device__ inline BoxShows may_show(const ClusterCull& cull, const SampleFilter& filter,
+                                    const format::ClusterBounds& bounds) {
+  if (!cull.tests.bounds) return BoxShows::kCenters;
   ScreenBounds on_screen;
-  if (!cull.tests.bounds) return true;
-  if (!bound_on_screen<kOrthographic>(filter, cull.view, cull.centers, offset_box(bounds), on_screen)) return false;
+  const BoxShows shows = bound_on_screen<kOrthographic>(filter, cull.view, cull.centers, offset_box(bounds), on_screen);
   if constexpr (kOcclusion) {
-    return !cull.tests.occlusion ||
-           !is_hidden(cull.list.pyramid, cull.samples, on_screen.pixels, on_screen.nearest_code);
+    if (shows != BoxShows::kNothing && cull.tests.occlusion &&
+        is_hidden(cull.list.pyramid, cull.samples, on_screen.pixels, on_screen.nearest_code))
+      return BoxShows::kNothing;
   }
-  return true;
+  return shows;
 }
 
 __device__ inline format::ClusterBounds load_bounds(const format::ClusterBounds* from) {
@@ -194,15 +230,13 @@ __global__ void __launch_bounds__(kCullThreads) cull_clusters(const __grid_const
   const uint64_t warps = uint64_t{gridDim.x} * blockDim.x / kWarpLanes;
   FrameCounters& counters = *cull.counters;
   const auto draw_count = static_cast<uint32_t>(counters.draws >> kUnitBits);
-  const uint64_t total = counters.draws & kUnitMask;
   // The items of a later pass follow those of the ones before.
   const uint64_t first_item = clusters_before(counters, cull.pass);
-  const BucketRange buckets =
-      kPass == ClusterPass::kNewlySeen ? buckets_of_round(counters, cull.round, cull.rounds) : BucketRange{0, 0};
+  const UnitRange units = units_of_round(counters.draws & kUnitMask, cull.round, cull.rounds);
   const ClusterDraw* const draws = cull.list.draws;
   uint32_t tested = 0;
   uint32_t groups_tested = 0;
-  for (uint64_t start = warp * kWarpLanes; start < total; start += warps * kWarpLanes) {
+  for (uint64_t start = units.first + warp * kWarpLanes; start < units.end; start += warps * kWarpLanes) {
     // The draws of 32 consecutive units are at most 32 consecutive ones.
     const uint32_t first_draw = find_item(draw_count, start, lane, [&](uint32_t i) { return draws[i].first_unit; });
     const uint64_t first_unit = first_draw + lane < draw_count ? draws[first_draw + lane].first_unit : ~uint64_t{0};
@@ -213,15 +247,11 @@ __global__ void __launch_bounds__(kCullThreads) cull_clusters(const __grid_const
     }
     const uint32_t draw_number = first_draw + ahead;
     const auto group = static_cast<uint32_t>(unit - __shfl_sync(~0u, first_unit, static_cast<int>(ahead)));
-    bool shows = unit < total;
-    if constexpr (kPass == ClusterPass::kNewlySeen) {
-      if (shows && cull.rounds > 1) {
-        const uint32_t bucket = draws[draw_number].bucket;
-        shows = bucket >= buckets.first && bucket < buckets.end;
-      }
-    }
+    bool shows = unit < units.end;
     const bool looked_at = shows;
-    uint32_t seen = 0;  // last time
+    uint32_t seen = 0;   // last time
+    uint32_t hints = 0;  // for the next frame
+    bool asks_anew = true;
     uint64_t word = 0;
     if (shows) {
       const ClusterDraw& draw = draws[draw_number];
@@ -231,9 +261,25 @@ __global__ void __launch_bounds__(kCullThreads) cull_clusters(const __grid_const
       }
       if constexpr (kPass == ClusterPass::kSeenBefore) {
         shows = seen != 0;
+        if (shows) {
+          shows = may_show<kOrthographic, false>(cull, draw.filter, load_bounds(draw.group_bounds() + group)) ==
+                  BoxShows::kCenters;
+          ++groups_tested;
+        }
       } else {
-        shows = may_show<kOrthographic, kOcclusion>(cull, draw.filter, load_bounds(draw.group_bounds() + group));
-        ++groups_tested;
+        const uint32_t rest = draw.cluster_count - group * format::kGroupClusters;
+        const uint32_t whole_group = rest >= format::kGroupClusters ? ~0u : (1u << rest) - 1;
+        if constexpr (kOcclusion) asks_anew = (static_cast<uint32_t>(word) + cull.frame) % cull.period == 0;
+        if (!asks_anew && seen == whole_group) {
+          hints = whole_group;
+          shows = false;
+        } else {
+          const BoxShows in_group =
+              may_show<kOrthographic, kOcclusion>(cull, draw.filter, load_bounds(draw.group_bounds() + group));
+          if (in_group == BoxShows::kBetween) hints = whole_group;
+          shows = in_group == BoxShows::kCenters;
+          ++groups_tested;
+        }
       }
     }
     uint32_t kept = 0;  // of this lane's group
@@ -243,16 +289,30 @@ __global__ void __launch_bounds__(kCullThreads) cull_clusters(const __grid_const
       const uint32_t cluster = __shfl_sync(~0u, group, owner) * format::kGroupClusters + lane;
       const uint32_t seen_there = __shfl_sync(~0u, seen, owner);
       bool keep = cluster < draw.cluster_count;
-      if constexpr (kPass == ClusterPass::kSeenBefore) keep = keep && (seen_there >> lane & 1) != 0;
+      const bool was_seen = (seen_there >> lane & 1) != 0;
+      if constexpr (kPass == ClusterPass::kSeenBefore) keep = keep && was_seen;
+      bool hint = false;
+      if constexpr (kPass == ClusterPass::kNewlySeen) {
+        const bool asked = __shfl_sync(~0u, asks_anew ? 1 : 0, owner) != 0;
+        hint = keep && was_seen && !asked;
+        keep = keep && !hint;
+      }
       if (keep) {
-        keep = may_show<kOrthographic, kOcclusion>(cull, draw.filter, load_bounds(draw.cluster_bounds() + cluster));
+        const BoxShows in_cluster =
+            may_show<kOrthographic, kOcclusion>(cull, draw.filter, load_bounds(draw.cluster_bounds() + cluster));
+        keep = in_cluster == BoxShows::kCenters;
+        hint = in_cluster != BoxShows::kNothing;
         ++tested;
       }
       const uint32_t lanes = __ballot_sync(~0u, keep);
       if (static_cast<int>(lane) == owner) kept = lanes;
+      if constexpr (kPass == ClusterPass::kNewlySeen) {
+        const uint32_t hinted = __ballot_sync(~0u, hint);
+        if (static_cast<int>(lane) == owner) hints = hinted;
+      }
     }
     if constexpr (kPass == ClusterPass::kNewlySeen) {
-      if (looked_at && kept != seen) cull.list.seen[word] = kept;
+      if (looked_at && hints != seen) cull.list.seen[word] = hints;
       kept &= ~seen;
     }
     uint64_t all;

@@ -106,6 +106,9 @@ bool same_view(const FrameView& a, const FrameView& b) {
          a.offset_w == b.offset_w && a.width == b.width && a.height == b.height && a.orthographic == b.orthographic;
 }
 
+/// Frames in which every cluster that was seen is asked once more whether it is hidden.
+constexpr uint32_t kHintPeriod = 4;
+
 /// Threads of the kernels that walk a list of unknown length, a multiprocessor.
 constexpr uint32_t kCullBlocks = 16;
 
@@ -177,6 +180,7 @@ struct CudaFrames::Impl {
   DeviceArray<uint32_t> chunk_group;
   DeviceArray<uint64_t> first_word;
   DeviceArray<uint32_t> seen_before;
+  DeviceArray<uint16_t> draw_bucket;
   DeviceArray<ClusterDraw> draws;
   DeviceArray<ClusterItem> items;
   DeviceArray<ClipItem> to_clip;
@@ -186,6 +190,8 @@ struct CudaFrames::Impl {
   bool two_passes = false;  // the last frame
   uint64_t two_pass_groups = 0;
   uint64_t round_groups = 0;
+  uint32_t frame_number = 0;
+  uint32_t hint_period = kHintPeriod;  // of the next frame
 };
 
 Result<void> CudaFrames::Impl::open(const SceneView& host, const CudaQueueSizes& sizes) {
@@ -247,6 +253,9 @@ Result<void> CudaFrames::Impl::open_clusters(const CudaQueueSizes& sizes) {
   Result<void> done = cluster_candidates.fill(tables.cluster_candidates, "allocating the draw list");
   if (done) done = chunk_group.fill(tables.chunk_group, "allocating the draw list");
   if (done) done = first_word.fill(tables.first_word, "allocating the draw list");
+  if (done) {
+    done = draw_bucket.allocate(tables.cluster_candidates.size() * kGroupInstances, "allocating the draw list");
+  }
   if (done) done = draws.allocate(tables.cluster_draws, "allocating the draw list");
   if (done && in_two_passes()) {
     done = seen_before.allocate(tables.cluster_groups, "allocating a bit for each cluster");
@@ -337,6 +346,7 @@ ClusterList CudaFrames::Impl::cluster_list() const {
           first_word.data(),
           static_cast<uint32_t>(cluster_candidates.count()),
           seen_before.data(),
+          draw_bucket.data(),
           draws.data(),
           items.data(),
           items.count(),
@@ -359,7 +369,9 @@ void CudaFrames::Impl::submit_clusters(const SmallFrame& small, const DrawOption
                          {options.cluster_bounds, options.occlusion},
                          pass,
                          round,
-                         rounds};
+                         rounds,
+                         frame_number,
+                         hint_period};
   cull_clusters<kOrthographic, kPass><<<multiprocessors * kCullBlocks, kCullThreads, 0, stream>>>(cull);
   const ClusterFrame frame{small, list, pass};
   raster_clusters<kOrthographic>
@@ -408,6 +420,7 @@ Result<void> CudaFrames::Impl::submit(const FrameView& frame, uint64_t* samples,
   const Target target{samples, frame.width};
   const uint64_t sample_count = static_cast<uint64_t>(frame.width) * static_cast<uint64_t>(frame.height);
 
+  ++frame_number;
   Result<void> done = mark(kStart);
   static_assert(kBackground == ~uint64_t{0});
   if (done) done = cuda_check(cudaMemsetAsync(samples, 0xff, sample_count * sizeof(uint64_t), stream), "clearing");
@@ -420,8 +433,10 @@ Result<void> CudaFrames::Impl::submit(const FrameView& frame, uint64_t* samples,
     }
     if (has_clusters()) {
       const uint64_t threads = cluster_candidates.count() * kGroupInstances;
-      cull_clustered_chunks<<<static_cast<uint32_t>((threads - 1) / kCullThreads + 1), kCullThreads, 0, stream>>>(
-          scene, frame, list, cluster_list());
+      const auto blocks = static_cast<uint32_t>((threads - 1) / kCullThreads + 1);
+      const ClusterList clusters = cluster_list();
+      cull_clustered_chunks<<<blocks, kCullThreads, 0, stream>>>(scene, frame, list, clusters, in_two_passes());
+      place_cluster_draws<<<blocks, kCullThreads, 0, stream>>>(scene, frame, list, clusters);
     }
     done = cuda_check(cudaGetLastError(), "starting culling");
   }
@@ -503,9 +518,9 @@ uint64_t CudaFrames::device_bytes(const SceneView& host, const CudaQueueSizes& s
                    candidates.indexed * (sizeof(Candidate) + sizeof(DrawGroup)) +
                    (sizes.medium + sizes.large) * sizeof(Triangle) + sizes.tiles * sizeof(TileItem);
   if (candidates.clustered != 0) {
-    bytes += candidates.clustered * sizeof(Candidate) + candidates.cluster_draws * sizeof(ClusterDraw) +
-             host.chunk_count * sizeof(uint32_t) + host.instance_count * sizeof(uint64_t) +
-             candidates.cluster_groups * sizeof(uint32_t) +
+    bytes += candidates.clustered * (sizeof(Candidate) + kGroupInstances * sizeof(uint16_t)) +
+             candidates.cluster_draws * sizeof(ClusterDraw) + host.chunk_count * sizeof(uint32_t) +
+             host.instance_count * sizeof(uint64_t) + candidates.cluster_groups * sizeof(uint32_t) +
              first_items(candidates.cluster_groups, sizes) * sizeof(ClusterItem) + sizes.to_clip * sizeof(ClipItem);
   }
   return bytes;
@@ -538,6 +553,10 @@ Result<FrameStats> CudaFrames::draw(const View& view, uint64_t* samples, const D
       return Error{ErrorCode::kRange, "a queue of the frame would need 2^32 places; use --backend cpu"};
   }
   impl_->last_view = frame;
+  // What a jump of the camera drew was mostly hidden in the end.
+  const uint64_t seen_before = impl_->seen->clusters[0];
+  const uint64_t newly_seen = clusters_before(*impl_->seen, kClusterPasses) - seen_before;
+  impl_->hint_period = newly_seen > seen_before ? 1 : kHintPeriod;
   if (times != nullptr) {
     if (Result<void> done = impl_->read_times(*times); !done) return done.error();
   }

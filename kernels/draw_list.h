@@ -46,7 +46,7 @@ inline constexpr uint64_t kMaxItems = uint64_t{1} << 28;
 inline constexpr uint32_t kMostRounds = 8;
 inline constexpr uint32_t kClusterPasses = 1 + kMostRounds;
 
-/// Chunks are told apart by how near they come: 32 steps an octave of distance.
+/// Clustered chunks are drawn from near to far, as far as buckets tell: 32 an octave of distance.
 inline constexpr uint32_t kNearBuckets = 512;
 
 /// Zero when a frame begins.
@@ -55,8 +55,9 @@ struct FrameCounters {
   uint64_t groups;     // items and units
   uint64_t next_unit;  // handed out to stage 1
   // Of clustered chunks:
-  uint64_t draws;  // items (ClusterDraw) and units
-  uint32_t units_by_bucket[kNearBuckets];
+  uint64_t draws;                         // items (ClusterDraw) and units
+  uint64_t in_bucket[kNearBuckets];       // items and units
+  uint64_t placed[kNearBuckets];          // of those
   uint64_t clusters[kClusterPasses];      // in the queue, pass by pass
   uint64_t next_cluster[kClusterPasses];  // handed out
   uint64_t to_clip;                       // queued

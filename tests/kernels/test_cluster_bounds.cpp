@@ -113,7 +113,8 @@ void tally_chunk(const FrameView& view, const format::MeshRecord& mesh, const fo
     first += count;
     const bool empty = covered.box.x0 > covered.box.x1;
     ScreenBounds said{};
-    const bool shows = bound_on_screen<kOrthographic>(filter, view, centers, offset_box(bounds_of_codes(codes)), said);
+    const bool shows = bound_on_screen<kOrthographic>(filter, view, centers, offset_box(bounds_of_codes(codes)),
+                                                      said) == BoxShows::kCenters;
     ++tally.boxes;
     tally.culled += !shows;
     tally.empty += empty;

@@ -65,8 +65,9 @@ struct CaseResult {
 
   // Of the stages; none where the backend does not time them apart.
   std::optional<Times> clear, cull, small, medium, large, pyramid, second, resolve, occlusion;
-  std::optional<Times> raster;  // all from culling on, without resolve: what is compared
-  Times frame;                  // as the host sees it: from the call to a finished picture
+  std::optional<Times> raster;    // all from culling on, without resolve: what is compared
+  std::optional<double> jump_ms;  // of a path: the frame after a jump from its end to its start, as drawing()
+  Times frame;                    // as the host sees it: from the call to a finished picture
 
   std::optional<PictureError> error;
 

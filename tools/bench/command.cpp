@@ -56,7 +56,8 @@ Command add_bench(CLI::App& parent) {
       ->type_name("WxH");
   app->add_option("--frames", words->frames, "Frames measured")->capture_default_str()->type_name("N");
   app->add_option("--warmup", words->warmup, "Frames before them")->capture_default_str()->type_name("N");
-  app->add_flag("--path", words->path, "Move from a scene's first view to its second over 120 frames: mean and worst");
+  app->add_flag("--path", words->path,
+                "Move from a scene's first view to its second over 120 frames: mean, worst, and the jump back");
   app->add_flag("--sweep", words->sweep,
                 "Every width of positions: speed beside size beside error against float32 positions");
   app->add_option("--csv", words->csv, "Append a row a case to this file")->type_name("FILE");

@@ -98,6 +98,7 @@ std::vector<Cell> cells_of(const Machine& machine, const CaseResult& r) {
   add_times(cells, "frame", r.frame);
   cells.emplace_back("mean_ms", number(r.drawing().mean));
   cells.emplace_back("worst_ms", number(r.drawing().worst));
+  cells.emplace_back("jump_ms", r.jump_ms ? number(*r.jump_ms) : "");
   cells.emplace_back("triangles_per_s", number(r.triangles_per_s()));
   const auto error = [&](const char* column, auto member) {
     cells.emplace_back(column, r.error ? number((*r.error).*member) : "");

@@ -295,11 +295,8 @@ class Runner {
     frame.sampleless_test = result.sampleless_test;
     frame.culling = culling;
     frame.effects = effects;
-    // A path's last frames warm up for its first, which is the jump back.
-    for (uint32_t i = options_.warmup; i-- > 0;) {
-      const size_t from_end = i % view.frames.size();
-      if (const auto stats = frames.draw(view.frames[view.frames.size() - 1 - from_end], frame, ms); !stats)
-        return stats.error();
+    for (uint32_t i = 0; i < options_.warmup; ++i) {
+      if (const auto stats = frames.draw(view.frames.front(), frame, ms); !stats) return stats.error();
     }
     for (uint32_t i = 0; i < result.frames; ++i) {
       const Result<kernels::FrameStats> stats = frames.draw(view.frames[i % view.frames.size()], frame, ms);
@@ -310,6 +307,10 @@ class Runner {
     series.summarize_into(result);
     const Result<std::vector<uint64_t>> samples = frames.samples();
     if (!samples) return samples.error();
+    if (view.frames.size() > 1) {
+      if (const auto stats = frames.draw(view.frames.front(), frame, ms); !stats) return stats.error();
+      result.jump_ms = ms.raster.value_or(ms.frame);
+    }
     result.covered_samples = static_cast<uint64_t>(std::count_if(
         samples->begin(), samples->end(), [](uint64_t sample) { return sample != kernels::kBackground; }));
     result.picture = format::checksum(std::as_bytes(std::span(*samples)));

@@ -92,11 +92,11 @@ std::string counts_table(std::span<const CaseResult> cases, const Machine& machi
 
 std::string path_table(std::span<const CaseResult> cases) {
   TextTable table(4);
-  table.row({"scene", "order", "data", "image", "frames", "mean", "worst", "least", "G tri/s"});
+  table.row({"scene", "order", "data", "image", "frames", "mean", "worst", "least", "jump back", "G tri/s"});
   table.rule();
   for (const CaseResult& r : cases)
     table.row({scene_name(r), r.order, data_name(r), image_name(r), std::to_string(r.frames), ms(r.drawing().mean),
-               ms(r.drawing().worst), ms(r.drawing().minimum),
+               ms(r.drawing().worst), ms(r.drawing().minimum), r.jump_ms ? ms(*r.jump_ms) : "-",
                fixed(static_cast<double>(r.drawn_triangles) / r.drawing().mean * 1e-6, 2)});
   return table.text();
 }
