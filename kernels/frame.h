@@ -28,7 +28,7 @@ struct View {
   uint32_t height;
 };
 
-enum class Show : uint32_t { kTexture, kColor, kUv, kNormal, kTriangle, kMesh, kStage, kDepth };
+enum class Show : uint32_t { kTexture, kColor, kUv, kNormal, kTriangle, kCluster, kMesh, kStage, kDepth };
 
 struct ShadeOptions {
   Show show = Show::kTexture;

@@ -370,7 +370,10 @@ struct Shader {
             place_chunk<kKinds>(in.scene, state.at.chunk, triangle, state.source.get(in, state.at.instance));
         uint32_t vertex[3];
         fetch_triangle(at.reader, triangle, vertex);
-        if constexpr (kShow == Show::kStage) {
+        if constexpr (kShow == Show::kCluster) {
+          // An indexed chunk counts as one.
+          random_color(state.at.chunk << 32 | (at.reader.clustered ? at.reader.cluster.first_triangle : 0u), rgb);
+        } else if constexpr (kShow == Show::kStage) {
           const int stage = stage_of<kOrthographic>(at, vertex, in.view, x, y);
           for (int c = 0; c < 3; ++c) rgb[c] = stage == c + 1 ? 1.0f : 0.05f;
         } else {
@@ -521,6 +524,8 @@ inline void visit_shader(const ShadeInputs& in, const Visit& visit) {
         return visit(Shader<kOrthographic, Show::kNormal>{in});
       case Show::kTriangle:
         return visit(Shader<kOrthographic, Show::kTriangle>{in});
+      case Show::kCluster:
+        return visit(Shader<kOrthographic, Show::kCluster>{in});
       case Show::kMesh:
         return visit(Shader<kOrthographic, Show::kMesh>{in});
       case Show::kStage:

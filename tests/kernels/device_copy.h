@@ -38,16 +38,26 @@ class DeviceCopy {
   /// What the GPU draws of it, with queues of `sizes` at first.
   std::vector<uint64_t> draw(const kernels::View& view, const kernels::CudaQueueSizes& sizes = {},
                              const kernels::DrawOptions& options = {}) const {
-    std::vector<uint64_t> samples(size_t{view.width} * view.height);
-    Result<kernels::DeviceBuffer> buffer =
-        kernels::DeviceBuffer::allocate(samples.size() * sizeof(uint64_t), "allocating the picture");
-    REQUIRE(buffer);
+    return draw_in_turn({view}, sizes, options).front();
+  }
+
+  /// The same frame after frame, each of which may know what the one before saw.
+  std::vector<std::vector<uint64_t>> draw_in_turn(const std::vector<kernels::View>& views,
+                                                  const kernels::CudaQueueSizes& sizes = {},
+                                                  const kernels::DrawOptions& options = {}) const {
     Result<kernels::CudaFrames> frames = kernels::CudaFrames::create(host_, view_, sizes);
     REQUIRE(frames);
-    REQUIRE(frames->draw(view, reinterpret_cast<uint64_t*>(buffer->data()), options));
-    REQUIRE(kernels::cuda_check(cudaMemcpy(samples.data(), buffer->data(), buffer->bytes(), cudaMemcpyDeviceToHost),
-                                "reading the picture"));
-    return samples;
+    std::vector<std::vector<uint64_t>> pictures;
+    for (const kernels::View& view : views) {
+      std::vector<uint64_t>& samples = pictures.emplace_back(size_t{view.width} * view.height);
+      Result<kernels::DeviceBuffer> buffer =
+          kernels::DeviceBuffer::allocate(samples.size() * sizeof(uint64_t), "allocating the picture");
+      REQUIRE(buffer);
+      REQUIRE(frames->draw(view, reinterpret_cast<uint64_t*>(buffer->data()), options));
+      REQUIRE(kernels::cuda_check(cudaMemcpy(samples.data(), buffer->data(), buffer->bytes(), cudaMemcpyDeviceToHost),
+                                  "reading the picture"));
+    }
+    return pictures;
   }
 
  private:

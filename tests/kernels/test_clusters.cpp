@@ -1,4 +1,7 @@
+#include <array>
+#include <map>
 #include <random>
+#include <set>
 
 #include "kernels/backend_cpu.h"
 #include "tests/kernels/scene_builder.h"
@@ -109,6 +112,24 @@ TEST_CASE("clusters: shading and picking find the triangle and its vertices", "[
       REQUIRE(shade_cpu(other, view, samples, options, expected, 1));
       CHECK(found == expected);
     }
+    // Each cluster that is seen has a colour of its own.
+    ShadeOptions options;
+    options.show = Show::kCluster;
+    std::vector<float> rgba(4 * samples.size());
+    REQUIRE(shade_cpu(scene, view, samples, options, rgba, 2));
+    std::map<std::pair<uint64_t, uint32_t>, std::set<std::array<float, 3>>> colors;  // by chunk and cluster
+    std::set<std::array<float, 3>> all;
+    for (size_t i = 0; i < samples.size(); ++i) {
+      if (samples[i] == kBackground) continue;
+      const Hit hit = find_triangle(scene, sample_id(samples[i]));
+      const ChunkReader reader = make_reader(scene.meshes[scene.chunks[hit.chunk].mesh], scene.chunks[hit.chunk],
+                                             scene.pages[scene.chunks[hit.chunk].page], Transform{}, hit.triangle);
+      const std::array<float, 3> color{rgba[4 * i], rgba[4 * i + 1], rgba[4 * i + 2]};
+      colors[{hit.chunk, reader.cluster.first_triangle}].insert(color);
+      all.insert(color);
+    }
+    for (const auto& [cluster, of_one] : colors) CHECK(of_one.size() == 1);
+    CHECK(all.size() == colors.size());
     for (const uint64_t sample : samples) {
       if (sample == kBackground) continue;
       const Hit hit = find_triangle(scene, sample_id(sample));

@@ -145,6 +145,57 @@ TEST_CASE("chunks with widths of no bits are drawn alike on the GPU", "[cuda]") 
   compare(builder, all_views(), 2000);
 }
 
+TEST_CASE("scenes of clustered and other chunks are drawn alike on the GPU, frame after frame", "[cuda][clusters]") {
+  SceneBuilder builder;
+  Encoding lattice;
+  lattice.chunk_triangles = 900;
+  Encoding clustered = lattice;
+  clustered.clusters = Clusters::kClustered;
+  Encoding open_clustered = clustered;
+  open_clustered.material = builder.material(format::kMaterialDoubleSided);
+  open_clustered.chunk_triangles = 65536;
+  const uint32_t meshes[] = {builder.mesh(grid(60, 0.2), clustered), builder.mesh(sphere(40, 0.1), open_clustered),
+                             builder.mesh(sphere(30, 0.2), lattice), builder.mesh(grid(31, 0.3), float32()),
+                             builder.mesh(grid(1, 0), clustered)};
+  const uint32_t matrices[] = {builder.identity(), builder.matrix({0.5, 0, 0.1, 0.6, 0, 0.5, 0, 0.3, 0, 0, 0.5, -0.2}),
+                               builder.matrix({-0.3, 0, 0, -0.6, 0, 0.3, 0, 0.1, 0, 0, 0.3, 0.4}),  // mirrored
+                               builder.matrix({1, 0, 0, 0.2, 0, 1, 0, -1.5, 0, 0, 1, 0.3})};        // behind others
+  for (const uint32_t mesh : meshes)
+    for (const uint32_t matrix : matrices) builder.instance(mesh, matrix);
+  const kernels::SceneView scene = builder.view();
+  CHECK(scene.chunk_kinds == kernels::ChunkKinds::kMixed);
+  // Each view twice, the second time with all known; then back again, in jumps.
+  std::vector<View> views;
+  for (const View& view : all_views()) views.insert(views.end(), 2, view);
+  const std::vector<View> once = all_views();
+  views.insert(views.end(), once.rbegin(), once.rend());
+  std::vector<std::vector<uint64_t>> expected;
+  for (const View& view : views) {
+    expected.push_back(draw(scene, view, 2));
+    CHECK(covered(expected.back()) >= 5000);
+  }
+  if (const Result<void> found = runtime::find_device(); !found) {
+    CHECK(found.error().code == ErrorCode::kDevice);
+    WARN("skipped: " << found.error().message);
+    return;
+  }
+  const DeviceCopy device(scene, builder.pages);
+  kernels::CudaQueueSizes two_passes;
+  two_passes.two_pass_groups = two_passes.round_groups = 1;
+  const kernels::CudaQueueSizes no_room{1, 1, 1, 1, 1, 1, 1};
+  for (const kernels::CudaQueueSizes& sizes : {kernels::CudaQueueSizes{}, two_passes, no_room}) {
+    for (const bool occlusion : {true, false}) {
+      kernels::DrawOptions options;
+      options.occlusion = occlusion;
+      const std::vector<std::vector<uint64_t>> pictures = device.draw_in_turn(views, sizes, options);
+      for (size_t i = 0; i < views.size(); ++i) {
+        INFO("frame " << i << " two passes from " << sizes.two_pass_groups << " groups, occlusion " << occlusion);
+        CHECK(pictures[i] == expected[i]);
+      }
+    }
+  }
+}
+
 TEST_CASE("hard cases are drawn alike on the GPU", "[cuda][hard]") {
   for (const NamedCase& named : hard_cases()) {
     INFO(named.name);

@@ -351,6 +351,7 @@ TEST_CASE("shade: triangles, meshes and depth", "[shade]") {
   for (uint64_t sample : samples) ids.insert(sample_id(sample));
   CHECK(colors(Show::kTriangle) == ids.size() - 1);  // the background is one of them
   CHECK(colors(Show::kMesh) == 2);
+  CHECK(colors(Show::kCluster) == 2);  // of indexed chunks, each one of its own
   CHECK(colors(Show::kDepth) > 100);
   uint64_t nearest = kBackground;
   size_t brightest = 0;

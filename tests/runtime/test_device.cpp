@@ -78,8 +78,8 @@ void compare(const Scene& scene, DeviceScene& device, const View& view, uint32_t
   CHECK(std::equal(cpu->samples().begin(), cpu->samples().end(), gpu->samples().begin(), gpu->samples().end()));
   CHECK(std::equal(gpu->samples().begin(), gpu->samples().end(), again->samples().begin(), again->samples().end()));
   scree::kernels::ShadeOptions options;
-  for (const Show show : {Show::kTexture, Show::kColor, Show::kUv, Show::kNormal, Show::kTriangle, Show::kMesh,
-                          Show::kStage, Show::kDepth}) {
+  for (const Show show : {Show::kTexture, Show::kColor, Show::kUv, Show::kNormal, Show::kTriangle, Show::kCluster,
+                          Show::kMesh, Show::kStage, Show::kDepth}) {
     options.show = show;
     compare_pictures(*cpu, *again, options);
   }

@@ -118,8 +118,8 @@ TEST_CASE("resolve: a pixel is the mean of its samples' light, whatever is shown
       if (flat) view = orthographic(view, 1.5, 0.1, 10);
       const std::vector<uint64_t> samples = draw(scene, view);
       std::vector<float> rgba(4 * samples.size());
-      for (const Show show : {Show::kTexture, Show::kColor, Show::kUv, Show::kNormal, Show::kTriangle, Show::kMesh,
-                              Show::kStage, Show::kDepth}) {
+      for (const Show show : {Show::kTexture, Show::kColor, Show::kUv, Show::kNormal, Show::kTriangle, Show::kCluster,
+                              Show::kMesh, Show::kStage, Show::kDepth}) {
         ShadeOptions options;
         options.show = show;
         options.background[0] = 0.25f;

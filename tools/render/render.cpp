@@ -280,7 +280,7 @@ Command add_render(CLI::App& parent) {
   app->add_option("--fov", words->fov, "Vertical field of view in degrees (default: 45, or the camera's)");
   app->add_option(
       "--show", words->show,
-      "texture (default), color: without textures, uv, normal, triangle, mesh, stage: of the rasteriser, or "
+      "texture (default), color: without textures, uv, normal, triangle, cluster, mesh, stage: of the rasteriser, or "
       "depth");
   app->add_flag("--no-light", words->no_light, "Surfaces as they are, without the camera's light");
   app->add_flag("--ssao", words->ssao, "Ambient occlusion: corners and what lies close behind something get darker");

@@ -25,11 +25,12 @@ struct NamedShow {
   kernels::Show show;
 };
 
-constexpr std::array<NamedShow, 8> kShows{{{"texture", kernels::Show::kTexture},
+constexpr std::array<NamedShow, 9> kShows{{{"texture", kernels::Show::kTexture},
                                            {"color", kernels::Show::kColor},
                                            {"uv", kernels::Show::kUv},
                                            {"normal", kernels::Show::kNormal},
                                            {"triangle", kernels::Show::kTriangle},
+                                           {"cluster", kernels::Show::kCluster},
                                            {"mesh", kernels::Show::kMesh},
                                            {"stage", kernels::Show::kStage},
                                            {"depth", kernels::Show::kDepth}}};
