@@ -29,8 +29,8 @@ class DeviceScene {
   DeviceScene& operator=(DeviceScene&&) noexcept;
   ~DeviceScene();
 
-  /// As kernels::draw_cpu, on the device, where the visibility buffer stays.
-  Result<kernels::FrameStats> draw(const kernels::View& view);
+  /// As kernels::draw_cpu, on the device, where the visibility buffer stays. `times`: null, or filled in.
+  Result<kernels::FrameStats> draw(const kernels::View& view, kernels::FrameTimes* times = nullptr);
 
   /// Copies the visibility buffer of the picture that draw() made last to host memory: `samples` is all of it.
   Result<void> read_samples(std::span<uint64_t> samples);

@@ -78,7 +78,7 @@ Result<DeviceScene> DeviceScene::upload(const Scene& scene, uint64_t budget_byte
   return DeviceScene(std::move(impl));
 }
 
-Result<kernels::FrameStats> DeviceScene::draw(const kernels::View& view) {
+Result<kernels::FrameStats> DeviceScene::draw(const kernels::View& view, kernels::FrameTimes* times) {
   const uint64_t bytes = uint64_t{view.width} * view.height * sizeof(uint64_t);
   if (impl_->samples.bytes() != bytes) {
     impl_->samples = DeviceBuffer();
@@ -86,7 +86,7 @@ Result<kernels::FrameStats> DeviceScene::draw(const kernels::View& view) {
     if (!buffer) return buffer.error();
     impl_->samples = std::move(*buffer);
   }
-  return impl_->frames->draw(view, reinterpret_cast<uint64_t*>(impl_->samples.data()));
+  return impl_->frames->draw(view, reinterpret_cast<uint64_t*>(impl_->samples.data()), {}, times);
 }
 
 Result<void> DeviceScene::read_samples(std::span<uint64_t> samples) {

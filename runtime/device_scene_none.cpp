@@ -20,7 +20,7 @@ Result<DeviceScene> DeviceScene::upload(const Scene&, uint64_t, uint32_t, Readin
   return find_device().error();
 }
 
-Result<kernels::FrameStats> DeviceScene::draw(const kernels::View&) {
+Result<kernels::FrameStats> DeviceScene::draw(const kernels::View&, kernels::FrameTimes*) {
   return find_device().error();
 }
 

@@ -100,7 +100,7 @@ TEST_CASE("bench: words that cannot be are refused with what can", "[bench_tool]
   words.views = "overview";
   CHECK(refused(words).find("inside, corner") != std::string::npos);
   words = {};
-  words.file = "a.scree";
+  words.files = {"a.scree"};
   words.scenes = "A";
   CHECK(refused(words).find("exclude") != std::string::npos);
   words.scenes.clear();
@@ -137,10 +137,10 @@ TEST_CASE("bench: a CSV file has one header and a row a case", "[bench_tool]") {
   const Machine machine{"0123456789ab", "NVIDIA \"X\", large", "1.2", 4000};
   CaseResult result = sample_result();
   const std::string row = csv_row(machine, result);
-  REQUIRE(append_csv(path, row));
+  REQUIRE(append_csv(path, csv_header(), row));
   result.raster = Times{1, 1, 0, 1, 1};
   result.error = PictureError{5, 0.25, 0.125, std::numeric_limits<double>::infinity(), 0.5};
-  REQUIRE(append_csv(path, csv_row(machine, result)));
+  REQUIRE(append_csv(path, csv_header(), csv_row(machine, result)));
   std::istringstream lines(read_text(path));
   std::string header, first, second, more;
   std::getline(lines, header);
@@ -161,12 +161,12 @@ TEST_CASE("bench: rows are not put under other columns", "[bench_tool]") {
   const tests::TempFolder folder;
   const std::string path = folder.file("other.csv");
   std::ofstream(path) << "a,b\n1,2\n";
-  const Result<void> done = append_csv(path, csv_row({}, sample_result()));
+  const Result<void> done = append_csv(path, csv_header(), csv_row({}, sample_result()));
   REQUIRE_FALSE(done);
   CHECK(done.error().code == ErrorCode::kFormat);
   CHECK(done.error().message.find("other.csv: line 1") != std::string::npos);
   CHECK(read_text(path) == "a,b\n1,2\n");
-  const Result<void> nowhere = append_csv(folder.file("none/rows.csv"), "1");
+  const Result<void> nowhere = append_csv(folder.file("none/rows.csv"), "a", "1");
   REQUIRE_FALSE(nowhere);
   CHECK(nowhere.error().code == ErrorCode::kFile);
 }

@@ -2,6 +2,7 @@
 
 #include <memory>
 
+#include "tools/bench/judge_run.h"
 #include "tools/bench/options.h"
 #include "tools/bench/run.h"
 
@@ -14,7 +15,9 @@ Command add_bench(CLI::App& parent) {
                             "Measures frames on the GPU: the scenes A to D of synth, made in its memory, or a .scree "
                             "file. Prints a table of\n"
                             "times a stage and one of counts, and appends a CSV row a case (docs/results/README.md).");
-  app->add_option("file", words->file, "A .scree file, instead of --scene")->type_name("FILE.scree");
+  app->add_option("files", words->files,
+                  "A .scree file, instead of --scene; with --reference or --curves .gltf and .glb models")
+      ->type_name("FILES");
   app->add_option("--scene", words->scenes,
                   "A, B, C, D, lantern (B's mesh once) or A60 (A with 60 M triangles), with commas between\n"
                   "(default: A,B,C,D)")
@@ -60,11 +63,17 @@ Command add_bench(CLI::App& parent) {
                 "Move from a scene's first view to its second over 120 frames: mean, worst, and the jump back");
   app->add_flag("--sweep", words->sweep,
                 "Every width of positions: speed beside size beside error against float32 positions");
+  app->add_flag("--reference", words->reference,
+                "Judge the pictures of --scene (default: D) and of models, as convert packs them with --positions and\n"
+                "--indices, by a double-precision reference that draws the source's own vertices: every triangle, by\n"
+                "brute force, so that A, B and C want a small --scale. The CPU draws where there is no GPU");
+  app->add_flag("--curves", words->curves,
+                "--reference for 8 to 24 bits and float32, and what snapping, depth codes and supersampling cost");
   app->add_option("--csv", words->csv, "Append a row a case to this file")->type_name("FILE");
   return {app, [words]() -> Result<void> {
             const Result<bench::BenchOptions> options = bench::parse_options(*words);
             if (!options) return options.error();
-            return bench::run_bench(*options);
+            return options->reference ? bench::judge_scenes(*options) : bench::run_bench(*options);
           }};
 }
 

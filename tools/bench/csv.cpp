@@ -5,13 +5,9 @@
 #include <cstdio>
 #include <cstring>
 #include <fstream>
-#include <utility>
-#include <vector>
 
 namespace scree::bench {
 namespace {
-
-using Cell = std::pair<std::string, std::string>;  // column, value
 
 std::string quoted(const std::string& text) {
   if (text.find_first_of(",\"\r\n") == std::string::npos) return text;
@@ -23,67 +19,56 @@ std::string quoted(const std::string& text) {
   return out + '"';
 }
 
-std::string number(double value) {
-  if (std::isinf(value)) return "inf";
-  char text[32];
-  std::snprintf(text, sizeof text, "%.6g", value);
-  return text;
-}
-std::string number(uint64_t value) {
-  return std::to_string(value);
-}
-
 std::string hex(uint64_t value) {
   char text[17];
   std::snprintf(text, sizeof text, "%016llx", static_cast<unsigned long long>(value));
   return text;
 }
 
-void add_times(std::vector<Cell>& cells, const std::string& name, const std::optional<Times>& times) {
-  cells.emplace_back(name + "_ms", times ? number(times->median) : "");
-  cells.emplace_back(name + "_min_ms", times ? number(times->minimum) : "");
-  cells.emplace_back(name + "_spread_ms", times ? number(times->spread) : "");
+void add_times(CsvCells& cells, const std::string& name, const std::optional<Times>& times) {
+  cells.emplace_back(name + "_ms", times ? csv_number(times->median) : "");
+  cells.emplace_back(name + "_min_ms", times ? csv_number(times->minimum) : "");
+  cells.emplace_back(name + "_spread_ms", times ? csv_number(times->spread) : "");
 }
 
-/// Columns and values stand side by side here alone, so that they cannot come apart.
-std::vector<Cell> cells_of(const Machine& machine, const CaseResult& r) {
+CsvCells cells_of(const Machine& machine, const CaseResult& r) {
   const double unique = static_cast<double>(r.unique_triangles);
-  std::vector<Cell> cells{
+  CsvCells cells{
       {"commit", machine.commit},
       {"gpu", machine.gpu},
       {"driver", machine.driver},
-      {"copy_gb_per_s", number(machine.copy_gb_per_s)},
+      {"copy_gb_per_s", csv_number(machine.copy_gb_per_s)},
       {"scene", r.scene},
       {"order", r.order},
-      {"scale", number(r.scale)},
+      {"scale", csv_number(r.scale)},
       {"positions", r.positions},
       {"indices", r.indices},
       {"view", r.view},
-      {"width", number(uint64_t{r.width})},
-      {"height", number(uint64_t{r.height})},
-      {"samples_per_side", number(uint64_t{r.samples_per_side})},
+      {"width", csv_number(uint64_t{r.width})},
+      {"height", csv_number(uint64_t{r.height})},
+      {"samples_per_side", csv_number(uint64_t{r.samples_per_side})},
       {"sampleless_test", r.sampleless_test ? "on" : "off"},
       {"culling", r.culling},
       {"effects", r.effects},
-      {"frames", number(uint64_t{r.frames})},
-      {"unique_triangles", number(r.unique_triangles)},
-      {"drawn_triangles", number(r.drawn_triangles)},
-      {"geometry_bytes", number(r.geometry_bytes)},
-      {"bytes_per_triangle", number(static_cast<double>(r.geometry_bytes) / unique)},
-      {"device_bytes", number(r.device_bytes)},
-      {"instances_drawn", number(r.stats.instances_drawn)},
-      {"draws", number(r.stats.draws)},
-      {"culled_triangles", number(r.culled_triangles())},
-      {"small_triangles", number(r.stats.triangles_small)},
-      {"medium_triangles", number(r.stats.triangles_medium)},
-      {"large_triangles", number(r.stats.triangles_large)},
-      {"clipped_triangles", number(r.stats.triangles_clipped)},
-      {"groups_tested", number(r.stats.groups_tested)},
-      {"clusters_tested", number(r.stats.clusters_tested)},
-      {"clusters_drawn", number(r.stats.clusters_drawn)},
-      {"covered_samples", number(r.covered_samples)},
+      {"frames", csv_number(uint64_t{r.frames})},
+      {"unique_triangles", csv_number(r.unique_triangles)},
+      {"drawn_triangles", csv_number(r.drawn_triangles)},
+      {"geometry_bytes", csv_number(r.geometry_bytes)},
+      {"bytes_per_triangle", csv_number(static_cast<double>(r.geometry_bytes) / unique)},
+      {"device_bytes", csv_number(r.device_bytes)},
+      {"instances_drawn", csv_number(r.stats.instances_drawn)},
+      {"draws", csv_number(r.stats.draws)},
+      {"culled_triangles", csv_number(r.culled_triangles())},
+      {"small_triangles", csv_number(r.stats.triangles_small)},
+      {"medium_triangles", csv_number(r.stats.triangles_medium)},
+      {"large_triangles", csv_number(r.stats.triangles_large)},
+      {"clipped_triangles", csv_number(r.stats.triangles_clipped)},
+      {"groups_tested", csv_number(r.stats.groups_tested)},
+      {"clusters_tested", csv_number(r.stats.clusters_tested)},
+      {"clusters_drawn", csv_number(r.stats.clusters_drawn)},
+      {"covered_samples", csv_number(r.covered_samples)},
       {"picture", hex(r.picture)},
-      {"touched_bytes", r.touched_bytes ? number(*r.touched_bytes) : ""},
+      {"touched_bytes", r.touched_bytes ? csv_number(*r.touched_bytes) : ""},
   };
   add_times(cells, "clear", r.clear);
   add_times(cells, "cull", r.cull);
@@ -96,12 +81,12 @@ std::vector<Cell> cells_of(const Machine& machine, const CaseResult& r) {
   add_times(cells, "resolve", r.resolve);
   add_times(cells, "occlusion", r.occlusion);
   add_times(cells, "frame", r.frame);
-  cells.emplace_back("mean_ms", number(r.drawing().mean));
-  cells.emplace_back("worst_ms", number(r.drawing().worst));
-  cells.emplace_back("jump_ms", r.jump_ms ? number(*r.jump_ms) : "");
-  cells.emplace_back("triangles_per_s", number(r.triangles_per_s()));
+  cells.emplace_back("mean_ms", csv_number(r.drawing().mean));
+  cells.emplace_back("worst_ms", csv_number(r.drawing().worst));
+  cells.emplace_back("jump_ms", r.jump_ms ? csv_number(*r.jump_ms) : "");
+  cells.emplace_back("triangles_per_s", csv_number(r.triangles_per_s()));
   const auto error = [&](const char* column, auto member) {
-    cells.emplace_back(column, r.error ? number((*r.error).*member) : "");
+    cells.emplace_back(column, r.error ? csv_number((*r.error).*member) : "");
   };
   error("position_error", &PictureError::position_error);
   error("wrong_pixels", &PictureError::wrong_pixels);
@@ -117,16 +102,16 @@ Error file_error(const std::string& path) {
 
 }  // namespace
 
-std::string csv_header() {
+std::string csv_columns(const CsvCells& cells) {
   std::string line;
-  for (const Cell& cell : cells_of({}, {})) line += (line.empty() ? "" : ",") + cell.first;
+  for (const auto& cell : cells) line += (line.empty() ? "" : ",") + cell.first;
   return line;
 }
 
-std::string csv_row(const Machine& machine, const CaseResult& result) {
+std::string csv_values(const CsvCells& cells) {
   std::string line;
   bool first = true;
-  for (const Cell& cell : cells_of(machine, result)) {
+  for (const auto& cell : cells) {
     if (!first) line += ',';
     first = false;
     line += quoted(cell.second);
@@ -134,8 +119,25 @@ std::string csv_row(const Machine& machine, const CaseResult& result) {
   return line;
 }
 
-Result<void> append_csv(const std::string& path, const std::string& row) {
-  const std::string header = csv_header();
+std::string csv_number(double value) {
+  if (std::isinf(value)) return "inf";
+  char text[32];
+  std::snprintf(text, sizeof text, "%.6g", value);
+  return text;
+}
+std::string csv_number(uint64_t value) {
+  return std::to_string(value);
+}
+
+std::string csv_header() {
+  return csv_columns(cells_of({}, {}));
+}
+
+std::string csv_row(const Machine& machine, const CaseResult& result) {
+  return csv_values(cells_of(machine, result));
+}
+
+Result<void> append_csv(const std::string& path, const std::string& header, const std::string& row) {
   bool is_new = true;
   {
     std::ifstream in(path, std::ios::binary);

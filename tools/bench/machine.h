@@ -1,4 +1,4 @@
-// The GPU that is measured.
+// What draws the frames that are measured.
 #pragma once
 
 #include "format/result.h"
@@ -7,7 +7,10 @@
 namespace scree::bench {
 
 /// Names the GPU, its driver and this program's commit, and measures a device copy. Errors kDevice: no usable GPU (what
-/// to do is said), a CUDA call that failed.
+/// to do is said), a CUDA call that failed, a program built without CUDA.
 Result<Machine> find_machine();
+
+/// The processor by its model's name, in place of a GPU's, and this program's commit; no driver, no copy.
+Machine cpu_machine();
 
 }  // namespace scree::bench

@@ -14,6 +14,8 @@ namespace {
 constexpr std::array<std::string_view, 6> kScenes{"A", "B", "C", "D", "lantern", "A60"};
 constexpr double kSixtyMillion = 0.15;  // the share of A's triangles that is 60 M
 constexpr uint32_t kLeastBits = 8;
+constexpr const char* kAllPositions = "8,9,10,11,12,13,14,15,16,17,18,19,20,21,22,23,24,float32";
+constexpr uint32_t kMaxCurveSide = kernels::kMaxImageSide / 8;
 
 Error usage(std::string message) {
   return {ErrorCode::kUsage, std::move(message)};
@@ -115,6 +117,22 @@ Result<ImageSize> parse_size(const std::string& text) {
   return ImageSize{static_cast<uint32_t>(*width), static_cast<uint32_t>(*height)};
 }
 
+/// What --reference and --curves cannot take, because they draw the file that convert makes, one way.
+Result<void> check_reference(const BenchWords& words, const BenchOptions& options) {
+  const BenchWords defaults;
+  if (words.path || words.sweep) return usage("--reference and --curves exclude --path and --sweep");
+  if (words.samples != defaults.samples || words.sampleless != defaults.sampleless ||
+      words.culling != defaults.culling || words.effects != defaults.effects)
+    return usage("--reference and --curves take no --samples, --sampleless, --culling or --effects");
+  for (const Encoding& encoding : options.encodings)
+    if (!encoding.float32 && !encoding.packed_indices && !encoding.clustered)
+      return usage("--indices: the files that --reference and --curves draw have packed or clustered ones");
+  if (options.curves && options.size && std::max(options.size->width, options.size->height) > kMaxCurveSide)
+    return usage("--size: --curves takes at most " + std::to_string(kMaxCurveSide) +
+                 " pixels a side, for its reference has 8 x 8 samples a pixel");
+  return {};
+}
+
 /// The views named, each one of at least one of the scenes.
 Result<std::vector<std::string>> parse_views(const std::string& text, const std::vector<std::string>& scenes) {
   std::vector<std::string> views;
@@ -145,23 +163,34 @@ std::string effects_name(const Effects& effects) {
   return effects.edl ? "ssao+edl" : "ssao";
 }
 
+std::string file_name(const std::string& path) {
+  return path.substr(path.find_last_of('/') + 1);
+}
+
 Result<BenchOptions> parse_options(const BenchWords& words) {
   BenchOptions options;
-  options.file = words.file;
-  if (!words.file.empty() && !words.scenes.empty()) return usage("a file and --scene exclude each other");
+  options.files = words.files;
+  options.plot = words.plot;
+  options.curves = words.curves;
+  options.reference = words.reference || words.curves;
+  const bool has_file = !words.files.empty() && !options.reference;
+  if (has_file && words.files.size() > 1) return usage("one .scree file at a time; --reference takes several models");
+  if (has_file && !words.scenes.empty()) return usage("a file and --scene exclude each other");
   const BenchWords defaults;
-  if (!words.file.empty() && (words.positions != defaults.positions || words.indices != defaults.indices ||
-                              words.order != defaults.order || words.scale != defaults.scale))
+  if (has_file && (words.positions != defaults.positions || words.indices != defaults.indices ||
+                   words.order != defaults.order || words.scale != defaults.scale))
     return usage("--positions, --indices, --order and --scale are for generated scenes: a file brings its own");
-  if (words.file.empty()) {
-    Result<std::vector<std::string>> scenes = parse_scenes(words.scenes);
+  if (words.files.empty() || !words.scenes.empty()) {
+    Result<std::vector<std::string>> scenes =
+        parse_scenes(options.reference && words.scenes.empty() ? "D" : words.scenes);
     if (!scenes) return scenes.error();
     options.scenes = std::move(*scenes);
   }
   Result<std::vector<std::string>> views = parse_views(words.views, options.scenes);
   if (!views) return views.error();
   options.views = std::move(*views);
-  Result<std::vector<Encoding>> encodings = parse_encodings(words.positions, words.indices);
+  Result<std::vector<Encoding>> encodings = parse_encodings(
+      options.curves && words.positions == defaults.positions ? kAllPositions : words.positions, words.indices);
   if (!encodings) return encodings.error();
   options.encodings = std::move(*encodings);
   Result<std::vector<uint32_t>> samples = parse_samples(words.samples);
@@ -181,6 +210,8 @@ Result<BenchOptions> parse_options(const BenchWords& words) {
     if (!size) return size.error();
     options.size = *size;
   }
+  if (options.reference)
+    if (const Result<void> checked = check_reference(words, options); !checked) return checked.error();
   if (words.order != "row" && words.order != "block")
     return usage("--order: '" + words.order + "' is not row or block");
   options.order = words.order == "row" ? synth::MeshOrder::kRow : synth::MeshOrder::kBlock;
@@ -190,9 +221,8 @@ Result<BenchOptions> parse_options(const BenchWords& words) {
   options.frames = words.frames;
   options.warmup = words.warmup;
   if (words.path && words.sweep) return usage("--path and --sweep exclude each other");
-  if (words.sweep && !words.file.empty()) return usage("--sweep generates its scene: it takes --scene, not a file");
-  if (words.path && !words.file.empty())
-    return usage("--path is that of a generated scene: it takes --scene, not a file");
+  if (words.sweep && has_file) return usage("--sweep generates its scene: it takes --scene, not a file");
+  if (words.path && has_file) return usage("--path is that of a generated scene: it takes --scene, not a file");
   if (words.path && !words.views.empty()) return usage("--path moves between a scene's two views: it takes no --view");
   options.path = words.path;
   options.sweep = words.sweep;

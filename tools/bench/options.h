@@ -14,7 +14,7 @@ namespace scree::bench {
 
 /// The words as they came; empty where nothing was said.
 struct BenchWords {
-  std::string file;
+  std::vector<std::string> files;
   std::string scenes;
   std::string views;
   std::string positions = "16,float32";
@@ -31,6 +31,9 @@ struct BenchWords {
   uint32_t warmup = 10;
   bool path = false;
   bool sweep = false;
+  bool reference = false;
+  bool curves = false;
+  std::string plot;
 };
 
 /// A picture's size in pixels.
@@ -52,7 +55,7 @@ struct Culling {
 };
 
 struct BenchOptions {
-  std::string file;                 // a .scree file; empty: generated scenes
+  std::vector<std::string> files;   // one .scree file, or none: generated scenes; where `reference`, glTF models
   std::vector<std::string> scenes;  // names that make_scene() takes
   std::vector<std::string> views;   // empty: all of a scene
   std::vector<Encoding> encodings;  // of generated scenes
@@ -67,7 +70,10 @@ struct BenchOptions {
   uint32_t warmup = 10;
   bool path = false;
   bool sweep = false;
-  std::string csv;  // empty: none
+  bool reference = false;  // against an exact picture of the source: what judge_run.h measures
+  bool curves = false;     // that, for every width, and the studies
+  std::string csv;         // empty: none
+  std::string plot;        // a CSV file to draw; nothing else is done
 };
 
 /// "all", "bounds" or "none".
@@ -75,6 +81,9 @@ std::string culling_name(const Culling& culling);
 
 /// "none", "ssao", "edl" or "ssao+edl".
 std::string effects_name(const Effects& effects);
+
+/// The last part of a path.
+std::string file_name(const std::string& path);
 
 /// Errors kUsage: what cannot be, with what can.
 Result<BenchOptions> parse_options(const BenchWords& words);

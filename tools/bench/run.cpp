@@ -5,30 +5,22 @@
 #include <cstdio>
 #include <memory>
 #include <string>
-#include <string_view>
 #include <thread>
 #include <vector>
 
 #include "format/checksum.h"
-#include "runtime/camera.h"
 #include "runtime/scene.h"
 #include "tools/bench/csv.h"
+#include "tools/bench/file_views.h"
 #include "tools/bench/frames.h"
 #include "tools/bench/machine.h"
 #include "tools/bench/tables.h"
 #include "tools/bench/touched.h"
 #include "tools/bench/views.h"
 #include "tools/common/options.h"
-#include "tools/inspect/text_table.h"
 
 namespace scree::bench {
 namespace {
-
-/// A camera by name; `view` for a picture of one sample a pixel.
-struct NamedView {
-  std::string name;
-  std::vector<kernels::View> frames;  // one, or those of a path
-};
 
 /// The times of all frames, stage by stage.
 struct Series {
@@ -85,7 +77,7 @@ class Runner {
 
  private:
   Result<void> measure_all() {
-    if (!options_.file.empty()) return measure_file();
+    if (!options_.files.empty()) return measure_file(options_.files[0]);
     for (const std::string& name : options_.scenes) {
       if (Result<void> done = options_.sweep ? sweep_scene(name) : measure_scene(name); !done) return done;
     }
@@ -206,18 +198,18 @@ class Runner {
     return largest;
   }
 
-  void print_upload(const runtime::UploadStats& stats) const {
+  static void print_upload(const std::string& path, const runtime::UploadStats& stats) {
     std::printf(
         "%s: %s of pages in the file, %s read past the page cache, %s decompressed, %s to the device in %.3f s, %.2f "
         "GB/s\n",
-        options_.file.c_str(), tools::format_bytes(stats.counts.stored_bytes).c_str(),
+        path.c_str(), tools::format_bytes(stats.counts.stored_bytes).c_str(),
         tools::format_bytes(stats.counts.direct_bytes).c_str(),
         tools::format_bytes(stats.counts.unpacked_bytes).c_str(),
         tools::format_bytes(stats.counts.copied_bytes).c_str(), stats.upload_ms * 1e-3, stats.gb_per_s());
   }
 
-  Result<void> measure_file() {
-    Result<runtime::SceneFile> file = runtime::SceneFile::open(options_.file);
+  Result<void> measure_file(const std::string& path) {
+    Result<runtime::SceneFile> file = runtime::SceneFile::open(path);
     if (!file) return file.error();
     const Result<uint32_t> number = file->find_scene("");
     if (!number) return number.error();
@@ -226,19 +218,19 @@ class Runner {
         runtime::Scene::load(std::move(*file), *number, {.textures = false, .threads = threads, .pages = false});
     if (!loaded) return loaded.error();
     Result<ResidentScene> resident = ResidentScene::upload(std::move(*loaded), threads);
-    if (!resident && resident.error().code == ErrorCode::kDevice) return at(options_.file, resident.error());
+    if (!resident && resident.error().code == ErrorCode::kDevice) return at(path, resident.error());
     if (!resident) return resident.error();
-    print_upload(resident->upload_stats());
+    print_upload(path, resident->upload_stats());
     Result<Frames> frames = Frames::create(*resident);
     if (!frames) return frames.error();
     const ImageSize size = image_size({1920, 1080});
     for (const uint32_t samples : options_.samples_per_side) {
       const Result<std::vector<NamedView>> views =
-          file_views(resident->file(), {size.width * samples, size.height * samples});
+          file_views(resident->file(), options_.views, {size.width * samples, size.height * samples});
       if (!views) return views.error();
       for (const NamedView& view : *views) {
         CaseResult result;
-        result.scene = options_.file.substr(options_.file.find_last_of('/') + 1);
+        result.scene = file_name(path);
         result.order = result.positions = result.indices = "file";
         result.width = size.width;
         result.height = size.height;
@@ -248,39 +240,6 @@ class Runner {
       }
     }
     return {};
-  }
-
-  /// The cameras named, or all of the file's, or the default view where it has none.
-  Result<std::vector<NamedView>> file_views(runtime::Scene& scene, ImageSize size) const {
-    struct Choice {
-      std::string camera;  // as CameraOptions takes it
-      std::string name;
-    };
-    std::vector<Choice> choices;
-    for (const std::string& view : options_.views) choices.push_back({view, view});
-    if (choices.empty()) {
-      const format::Container& file = scene.container();
-      for (const runtime::PlacedCamera& placed : runtime::placed_cameras(file, scene.scene_index())) {
-        const std::string number = std::to_string(placed.camera);
-        const std::string_view name = file.string(file.cameras()[placed.camera].name);
-        choices.push_back({number, name.empty() ? number : inspect::printable(name)});
-      }
-    }
-    if (choices.empty()) choices.push_back({"", "default"});
-    std::vector<NamedView> views;
-    for (const Choice& choice : choices) {
-      runtime::CameraOptions camera;
-      camera.camera = choice.camera;
-      camera.width = size.width;
-      camera.height = size.height;
-      if (runtime::view_reads_vertices(scene.view(), camera))
-        if (const Result<void> pages = scene.load_pages(1); !pages) return pages.error();
-      const Result<kernels::View> view =
-          runtime::make_view(scene.container(), scene.scene_index(), scene.view(), camera);
-      if (!view) return Error{view.error().code, options_.file + ": " + view.error().message};
-      views.push_back({choice.name, {*view}});
-    }
-    return views;
   }
 
   /// Warms up and takes the times of options_.frames frames, or of a path once.
@@ -326,7 +285,7 @@ class Runner {
                  result.width * result.samples_per_side, result.height * result.samples_per_side,
                  result.drawing().median);
     if (!options_.csv.empty()) {
-      if (Result<void> done = append_csv(options_.csv, csv_row(machine_, result)); !done) return done;
+      if (Result<void> done = append_csv(options_.csv, csv_header(), csv_row(machine_, result)); !done) return done;
     }
     results_.push_back(std::move(result));
     return {};

@@ -1,10 +1,15 @@
-// run_bench() where the program is built without CUDA.
+// What needs a GPU, where the program is built without CUDA.
+#include "tools/bench/machine.h"
 #include "tools/bench/run.h"
 
 namespace scree::bench {
 
-Result<void> run_bench(const BenchOptions&) {
+Result<Machine> find_machine() {
   return Error{ErrorCode::kDevice, "built without CUDA; bench measures a GPU (cmake --preset cuda-release)"};
+}
+
+Result<void> run_bench(const BenchOptions&) {
+  return find_machine().error();
 }
 
 }  // namespace scree::bench

@@ -2,12 +2,19 @@
 #pragma once
 
 #include <cstdint>
+#include <string>
 #include <vector>
 
 #include "kernels/frame.h"
 #include "tools/synth/scenes.h"
 
 namespace scree::bench {
+
+/// A camera by name; for a picture of one sample a pixel.
+struct NamedView {
+  std::string name;
+  std::vector<kernels::View> frames;  // one, or those of a path
+};
 
 inline constexpr uint32_t kPathFrames = 120;
 

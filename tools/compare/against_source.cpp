@@ -2,10 +2,12 @@
 
 #include <array>
 #include <cmath>
+#include <new>
 #include <optional>
 #include <string>
+#include <vector>
 
-#include "runtime/renderer.h"
+#include "runtime/parallel.h"
 #include "tools/compare/reference.h"
 
 namespace scree::compare {
@@ -48,7 +50,80 @@ class Judge {
   const kernels::View& view_;
 };
 
+/// Judges all pixels, rows on several threads; the sums of errors are made row by row, so that threads do not show.
+/// `found(x, y)`: a Result of what was drawn there, with no instance where that is background.
+template <class Find>
+Result<PixelReport> judge_pixels(const SourceModel& model, std::span<const ReferencePixel> reference,
+                                 const kernels::View& view, uint32_t threads, const Find& found) {
+  struct Row {
+    DepthError same, surface;
+    std::optional<Error> failed;
+  };
+  try {
+    PixelReport report;
+    report.width = view.width;
+    report.height = view.height;
+    report.kinds.resize(reference.size());
+    const Judge judge(model, view);
+    std::vector<Row> rows(view.height);
+    runtime::parallel_for(view.height, threads, [&](uint64_t row_number) {
+      const auto y = static_cast<uint32_t>(row_number);
+      Row& row = rows[y];
+      for (uint32_t x = 0; x < view.width; ++x) {
+        const uint64_t at = uint64_t{y} * view.width + x;
+        const ReferencePixel& expected = reference[at];
+        const Result<ReferencePixel> drawn = found(x, y);
+        if (!drawn) {
+          row.failed = drawn.error();
+          return;
+        }
+        PixelKind& kind = report.kinds[at];
+        if (drawn->is_background() || expected.is_background()) {
+          kind =
+              drawn->is_background() && expected.is_background() ? PixelKind::kBothBackground : PixelKind::kBackground;
+          continue;
+        }
+        kind = judge.kind({drawn->instance, drawn->triangle}, expected, x, y);
+        row.surface.add(drawn->depth, expected.depth);
+        if (kind == PixelKind::kSame) row.same.add(drawn->depth, expected.depth);
+      }
+    });
+    for (const Row& row : rows) {
+      if (row.failed) return *row.failed;
+      report.same_depth.add(row.same);
+      report.surface_depth.add(row.surface);
+    }
+    return report;
+  } catch (const std::bad_alloc&) {
+    return Error{ErrorCode::kMemory, "no memory left to compare pictures"};
+  }
+}
+
 }  // namespace
+
+Result<PixelReport> compare_frame(const runtime::Frame& frame, const SourceModel& model,
+                                  std::span<const ReferencePixel> expected, const kernels::View& view,
+                                  uint32_t threads) {
+  return judge_pixels(model, expected, view, threads, [&](uint32_t x, uint32_t y) -> Result<ReferencePixel> {
+    const Result<std::optional<runtime::Pick>> picked = frame.pick(x, y);
+    if (!picked) return picked.error();
+    if (!*picked) return ReferencePixel{};
+    const runtime::Pick& pick = **picked;
+    // The files were matched when the model was loaded; the numbers inside a chunk are checked only here.
+    if (!pick.source_triangle || *pick.source_triangle >= model.meshes[pick.mesh].kept.size())
+      return Error{ErrorCode::kRange, "mesh " + std::to_string(pick.mesh) + ": triangle " +
+                                          std::to_string(pick.mesh_triangle) + " has no triangle in the source"};
+    return ReferencePixel{static_cast<uint32_t>(pick.hit.instance), *pick.source_triangle, pick.depth};
+  });
+}
+
+Result<PixelReport> compare_references(std::span<const ReferencePixel> found, const SourceModel& model,
+                                       std::span<const ReferencePixel> expected, const kernels::View& view,
+                                       uint32_t threads) {
+  return judge_pixels(model, expected, view, threads, [&](uint32_t x, uint32_t y) -> Result<ReferencePixel> {
+    return found[uint64_t{y} * view.width + x];
+  });
+}
 
 Result<PixelReport> compare_with_source(const runtime::Scene& scene, const SourceModel& model,
                                         const kernels::View& view, uint32_t threads) {
@@ -56,34 +131,7 @@ Result<PixelReport> compare_with_source(const runtime::Scene& scene, const Sourc
   if (!frame) return frame.error();
   const Result<std::vector<ReferencePixel>> reference = draw_reference(model.views, model.instances, view, threads);
   if (!reference) return reference.error();
-
-  PixelReport report;
-  report.width = view.width;
-  report.height = view.height;
-  report.kinds.resize(reference->size());
-  const Judge judge(model, view);
-  for (uint32_t y = 0; y < view.height; ++y) {
-    for (uint32_t x = 0; x < view.width; ++x) {
-      const uint64_t at = uint64_t{y} * view.width + x;
-      const ReferencePixel& expected = (*reference)[at];
-      const Result<std::optional<runtime::Pick>> picked = frame->pick(x, y);
-      if (!picked) return picked.error();
-      const std::optional<runtime::Pick>& pick = *picked;
-      PixelKind& kind = report.kinds[at];
-      if (!pick || expected.is_background()) {
-        kind = pick || !expected.is_background() ? PixelKind::kBackground : PixelKind::kBothBackground;
-        continue;
-      }
-      // The files were matched when the model was loaded; the numbers inside a chunk are checked only here.
-      if (!pick->source_triangle || *pick->source_triangle >= model.meshes[pick->mesh].kept.size())
-        return Error{ErrorCode::kRange, "mesh " + std::to_string(pick->mesh) + ": triangle " +
-                                            std::to_string(pick->mesh_triangle) + " has no triangle in the source"};
-      kind = judge.kind({static_cast<uint32_t>(pick->hit.instance), *pick->source_triangle}, expected, x, y);
-      report.surface_depth.add(pick->depth, expected.depth);
-      if (kind == PixelKind::kSame) report.same_depth.add(pick->depth, expected.depth);
-    }
-  }
-  return report;
+  return compare_frame(*frame, model, *reference, view, threads);
 }
 
 }  // namespace scree::compare

@@ -2,9 +2,11 @@
 #pragma once
 
 #include <cstdint>
+#include <span>
 
 #include "format/result.h"
 #include "kernels/frame.h"
+#include "runtime/renderer.h"
 #include "runtime/scene.h"
 #include "tools/compare/pixels.h"
 #include "tools/compare/source_model.h"
@@ -20,5 +22,17 @@ inline constexpr double kCoincidence = 1e-12;
 /// triangle number past its mesh.
 Result<PixelReport> compare_with_source(const runtime::Scene& scene, const SourceModel& model,
                                         const kernels::View& view, uint32_t threads);
+
+/// The same of a frame that was drawn of one sample a pixel and has its samples on the host, and of the reference of
+/// the same view: `expected` are its width * height pixels. `model` may have been loaded for another file of the same
+/// source, with the same meshes and instances. Errors kRange, kMemory, those of Frame::pick.
+Result<PixelReport> compare_frame(const runtime::Frame& frame, const SourceModel& model,
+                                  std::span<const ReferencePixel> expected, const kernels::View& view,
+                                  uint32_t threads);
+
+/// One picture of the reference rasteriser (in another ReferenceMode) against another. Errors kMemory.
+Result<PixelReport> compare_references(std::span<const ReferencePixel> found, const SourceModel& model,
+                                       std::span<const ReferencePixel> expected, const kernels::View& view,
+                                       uint32_t threads);
 
 }  // namespace scree::compare

@@ -5,7 +5,6 @@
 
 #include "runtime/image.h"
 #include "runtime/mapped_file.h"
-#include "tools/compare/flip.h"
 
 namespace scree::compare {
 namespace {
@@ -41,24 +40,27 @@ Result<PictureReport> compare_pictures(const std::string& a_path, const std::str
     return Error{ErrorCode::kRange, a_path + ": " + std::to_string(a->width) + " x " + std::to_string(a->height) +
                                         " pixels, but " + b_path + " has " + std::to_string(b->width) + " x " +
                                         std::to_string(b->height)};
+  return compare_rgb({a->width, a->height, a->pixels}, {b->width, b->height, b->pixels}, pixels_per_degree, threads);
+}
+
+PictureReport compare_rgb(const RgbView& a, const RgbView& b, double pixels_per_degree, uint32_t threads) {
   PictureReport report;
-  report.width = a->width;
-  report.height = a->height;
+  report.width = a.width;
+  report.height = a.height;
   uint64_t squares = 0;  // at most 2^28 pixels of 3 * 255^2
-  for (size_t i = 0; i < a->pixels.size(); i += 3) {
+  for (size_t i = 0; i < a.rgb.size(); i += 3) {
     uint32_t largest = 0;
     for (size_t c = 0; c < 3; ++c) {
-      const auto levels = static_cast<uint32_t>(std::abs(int{a->pixels[i + c]} - int{b->pixels[i + c]}));
+      const auto levels = static_cast<uint32_t>(std::abs(int{a.rgb[i + c]} - int{b.rgb[i + c]}));
       largest = std::max(largest, levels);
       squares += levels * levels;
     }
     report.differing += largest > 0 ? 1 : 0;
     report.max_levels = std::max(report.max_levels, largest);
   }
-  const double mean = static_cast<double>(squares) / static_cast<double>(a->pixels.size());
+  const double mean = static_cast<double>(squares) / static_cast<double>(a.rgb.size());
   report.psnr = squares == 0 ? INFINITY : 10 * std::log10(255.0 * 255.0 / mean);
-  report.flip =
-      flip_map({a->width, a->height, a->pixels}, {b->width, b->height, b->pixels}, pixels_per_degree, threads);
+  report.flip = flip_map(a, b, pixels_per_degree, threads);
   double sum = 0;
   for (const float error : report.flip) sum += static_cast<double>(error);
   report.flip_mean = sum / static_cast<double>(report.flip.size());

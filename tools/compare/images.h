@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "format/result.h"
+#include "tools/compare/flip.h"
 
 namespace scree::compare {
 
@@ -25,6 +26,9 @@ struct PictureReport {
 /// the sizes differ.
 Result<PictureReport> compare_pictures(const std::string& a, const std::string& b, double pixels_per_degree,
                                        uint32_t threads);
+
+/// The same of two pictures of one size in memory. Throws std::bad_alloc.
+PictureReport compare_rgb(const RgbView& a, const RgbView& b, double pixels_per_degree, uint32_t threads);
 
 /// Writes the FLIP error of every pixel as a grey: black 0, white 1. Errors kFile.
 Result<void> write_flip(const std::string& path, const PictureReport& report);

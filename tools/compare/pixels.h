@@ -41,6 +41,11 @@ class DepthError {
     squares_ += error * error;
     ++count_;
   }
+  void add(const DepthError& other) {
+    max_ = std::fmax(max_, other.max_);
+    squares_ += other.squares_;
+    count_ += other.count_;
+  }
   uint64_t count() const { return count_; }
   double max() const { return max_; }
   double rms() const { return count_ == 0 ? 0 : std::sqrt(squares_ / static_cast<double>(count_)); }

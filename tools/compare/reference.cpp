@@ -6,6 +6,8 @@
 #include <string>
 
 #include "runtime/parallel.h"
+#include "tools/compare/reference_geometry.h"
+#include "tools/compare/reference_modes.h"
 
 namespace scree::compare {
 namespace {
@@ -15,16 +17,6 @@ using kernels::View;
 constexpr uint64_t kBlockTriangles = 65536;    // the unit of work of a thread
 constexpr uint64_t kGroupTriangles = 1 << 20;  // in flight: 160 bytes each
 
-/// A point seen from the eye: x to the right, y up, z along the view direction; world units.
-struct Point {
-  double x, y, z;
-};
-
-/// Where a pixel's ray is at distance 1 (perspective; `scale` is 1 there) or everywhere (orthographic).
-struct Ray {
-  double x, y;
-};
-
 /// Pixels [x0, x1] x [y0, y1]; empty where x0 > x1 or y0 > y1.
 struct PixelBox {
   uint32_t x0 = 1, y0 = 1, x1 = 0, y1 = 0;
@@ -32,7 +24,7 @@ struct PixelBox {
 };
 
 struct SeenTriangle {
-  std::array<Point, 3> corners;
+  std::array<SeenPoint, 3> corners;
   PixelBox box;
   uint32_t instance;
   uint64_t triangle;
@@ -43,32 +35,6 @@ struct Block {
   uint64_t first, count;  // triangles
 };
 
-/// Exact where a pixel's size is: centres then lie on edges that go through them.
-Ray ray_of(const View& view, uint32_t x, uint32_t y) {
-  return {(2.0 * x + 1.0 - view.width) * (view.half_width / view.width),
-          (view.height - (2.0 * y + 1.0)) * (view.half_height / view.height)};
-}
-
-/// The translation meets the eye first, so that a scene far from the origin loses nothing.
-Point seen_from_eye(const View& view, const ReferenceInstance& instance, const float* position) {
-  double p[3];
-  for (size_t i = 0; i < 3; ++i) {
-    const std::array<double, 4>& row = instance.world[i];
-    p[i] = row[0] * static_cast<double>(position[0]) + row[1] * static_cast<double>(position[1]) +
-           row[2] * static_cast<double>(position[2]) + (row[3] - view.eye[i]);
-  }
-  const auto along = [&](const double(&axis)[3]) { return axis[0] * p[0] + axis[1] * p[1] + axis[2] * p[2]; };
-  return {along(view.right), along(view.up), along(view.forward)};
-}
-
-std::array<Point, 3> seen_corners(const View& view, const ReferenceMesh& mesh, const ReferenceInstance& instance,
-                                  uint64_t triangle) {
-  std::array<Point, 3> out;
-  for (size_t n = 0; n < 3; ++n)
-    out[n] = seen_from_eye(view, instance, &mesh.positions[3 * uint64_t{mesh.corners[3 * triangle + n]}]);
-  return out;
-}
-
 bool is_mirrored(const ReferenceInstance& instance) {
   const auto& m = instance.world;
   return m[0][0] * (m[1][1] * m[2][2] - m[1][2] * m[2][1]) - m[0][1] * (m[1][0] * m[2][2] - m[1][2] * m[2][0]) +
@@ -78,29 +44,17 @@ bool is_mirrored(const ReferenceInstance& instance) {
 
 /// Whether the edge from a to b, whose triangle lies on its left (y up), is a left or top edge of it: then a centre on
 /// the edge belongs to the triangle. The edge's line on the picture is A x + B y + C = 0, positive inside.
-bool owns_ties(const View& view, const Point& a, const Point& b, double orientation) {
+bool owns_ties(const View& view, const SeenPoint& a, const SeenPoint& b, double orientation) {
   const double wa = view.orthographic ? 1 : a.z, wb = view.orthographic ? 1 : b.z;
   const double across = orientation * (a.y * wb - wa * b.y);
   const double upward = orientation * (wa * b.x - a.x * wb);
   return across > 0 || (across == 0 && upward < 0);
 }
 
-/// The depth at which the ray meets the triangle; nothing where it does not. With q_n the corner's distance from the
-/// ray in the plane z = z_n, the ray meets the triangle where all cross products q_a x q_b have the same sign. They are
-/// the corners' weights as well, right in perspective and with corners behind the eye. Two triangles of an edge get the
-/// same product with the opposite sign, to the bit, so that no centre is in both or in neither.
-std::optional<double> meet(const View& view, const std::array<Point, 3>& corners, Ray ray, bool mirrored,
+/// The depth at which the ray meets the triangle; nothing where it does not.
+std::optional<double> meet(const View& view, const std::array<SeenPoint, 3>& corners, Ray ray, bool mirrored,
                            bool double_sided) {
-  Ray q[3];
-  for (size_t n = 0; n < 3; ++n) {
-    const double scale = view.orthographic ? 1 : corners[n].z;
-    q[n] = {corners[n].x - ray.x * scale, corners[n].y - ray.y * scale};
-  }
-  double edge[3];  // opposite corner n
-  for (size_t n = 0; n < 3; ++n) {
-    const Ray &a = q[(n + 1) % 3], &b = q[(n + 2) % 3];
-    edge[n] = a.x * b.y - a.y * b.x;
-  }
+  const std::array<double, 3> edge = corner_weights(view, corners, ray);  // opposite corner n
   const double sum = edge[0] + edge[1] + edge[2];
   if (!(sum != 0)) return std::nullopt;  // edge-on, or not a number
   const double orientation = sum > 0 ? 1 : -1;
@@ -117,9 +71,9 @@ std::optional<double> meet(const View& view, const std::array<Point, 3>& corners
 
 /// The pixels whose centres can lie in the triangle: those of the box of its part in front of the near plane, a little
 /// widened. It only saves time.
-PixelBox box_of(const View& view, const std::array<Point, 3>& corners) {
+PixelBox box_of(const View& view, const std::array<SeenPoint, 3>& corners, const ReferenceMode& mode) {
   double low_x = INFINITY, low_y = INFINITY, high_x = -INFINITY, high_y = -INFINITY;
-  double slack = 1e-6;
+  double slack = 1e-6 + (mode.snap == 0 ? 0 : 1.0 / mode.snap);
   const auto add = [&](double x, double y, double z) {
     const double scale = view.orthographic ? 1 : z;
     const double px = (x / (scale * view.half_width) + 1) * 0.5 * view.width - 0.5;
@@ -130,7 +84,7 @@ PixelBox box_of(const View& view, const std::array<Point, 3>& corners) {
     high_y = std::max(high_y, py);
   };
   for (size_t n = 0; n < 3; ++n) {
-    const Point &a = corners[n], &b = corners[(n + 1) % 3];
+    const SeenPoint &a = corners[n], &b = corners[(n + 1) % 3];
     if (view.orthographic || a.z >= view.z_near) add(a.x, a.y, a.z);
     if (!view.orthographic && (a.z >= view.z_near) != (b.z >= view.z_near)) {
       const double t = (view.z_near - a.z) / (b.z - a.z);
@@ -138,6 +92,7 @@ PixelBox box_of(const View& view, const std::array<Point, 3>& corners) {
       slack = 1;
     }
   }
+  if (low_x > high_x) return {};  // all of it lies before the near plane
   slack += 1e-9 * std::max({std::abs(low_x), std::abs(high_x), std::abs(low_y), std::abs(high_y)});
   PixelBox box;
   if (std::isnan(slack)) return box;
@@ -174,11 +129,14 @@ void for_each_group(std::span<const ReferenceMesh> meshes, std::span<const Refer
 }
 
 /// Draws the rows [first, last] of a triangle.
-void draw_rows(const View& view, const SeenTriangle& seen, bool mirrored, bool double_sided, uint32_t first,
-               uint32_t last, std::span<ReferencePixel> pixels) {
+void draw_rows(const View& view, const SeenTriangle& seen, bool mirrored, bool double_sided, const ReferenceMode& mode,
+               uint32_t first, uint32_t last, std::span<ReferencePixel> pixels) {
   for (uint32_t y = std::max(first, seen.box.y0); y <= std::min(last, seen.box.y1); ++y) {
     for (uint32_t x = seen.box.x0; x <= seen.box.x1; ++x) {
-      const std::optional<double> depth = meet(view, seen.corners, ray_of(view, x, y), mirrored, double_sided);
+      std::optional<double> depth = mode.snap == 0
+                                        ? meet(view, seen.corners, ray_of(view, x, y), mirrored, double_sided)
+                                        : meet_snapped(view, seen.corners, x, y, mode.snap, mirrored, double_sided);
+      if (depth && mode.depth_bits != 0) depth = coded_depth(view, *depth, mode.depth_bits);
       ReferencePixel& pixel = pixels[uint64_t{y} * view.width + x];
       // Triangles come in order: of equal depths the first stays.
       if (depth && *depth < pixel.depth) pixel = {seen.instance, seen.triangle, *depth};
@@ -190,7 +148,7 @@ void draw_rows(const View& view, const SeenTriangle& seen, bool mirrored, bool d
 
 Result<std::vector<ReferencePixel>> draw_reference(std::span<const ReferenceMesh> meshes,
                                                    std::span<const ReferenceInstance> instances, const View& view,
-                                                   uint32_t threads) {
+                                                   uint32_t threads, const ReferenceMode& mode) {
   if (view.width < 1 || view.height < 1 || std::max(view.width, view.height) > kernels::kMaxImageSide)
     return Error{ErrorCode::kRange, "a picture of " + std::to_string(view.width) + " x " + std::to_string(view.height) +
                                         " samples, expected 1 to " + std::to_string(kernels::kMaxImageSide) +
@@ -210,7 +168,7 @@ Result<std::vector<ReferencePixel>> draw_reference(std::span<const ReferenceMesh
         for (uint64_t t = block.first; t < block.first + block.count; ++t) {
           if (mesh.kept != nullptr && !(*mesh.kept)[t]) continue;
           SeenTriangle triangle{seen_corners(view, mesh, instance, t), {}, block.instance, t};
-          triangle.box = box_of(view, triangle.corners);
+          triangle.box = box_of(view, triangle.corners, mode);
           if (!triangle.box.is_empty()) seen[b].push_back(triangle);
         }
       });
@@ -221,7 +179,7 @@ Result<std::vector<ReferencePixel>> draw_reference(std::span<const ReferenceMesh
           for (const SeenTriangle& triangle : block)
             if (triangle.box.y0 <= last && triangle.box.y1 >= first)
               draw_rows(view, triangle, mirrored[triangle.instance],
-                        meshes[instances[triangle.instance].mesh].double_sided, first, last, pixels);
+                        meshes[instances[triangle.instance].mesh].double_sided, mode, first, last, pixels);
       });
     });
     return pixels;

@@ -29,6 +29,16 @@ struct ReferenceInstance {
   std::array<std::array<double, 4>, 3> world{};  // rows of (x, y, z, translation)
 };
 
+/// How much less than exact the drawing is: what a narrower rasteriser would lose, one thing at a time. All 0: nothing.
+struct ReferenceMode {
+  /// Corners are rounded to 1 / snap of a pixel before coverage and depth are decided, from double-precision
+  /// projections and in exact integers; even, 2 to 65536.
+  uint32_t snap = 0;
+  /// Depths are rounded to those that a code of 28 bits (as spec/rasterization.md 5 has it) or of 32 (a float of near /
+  /// depth, as it is) can tell apart; orthographic: fixed point of as many bits.
+  uint32_t depth_bits = 0;
+};
+
 /// What lies under a pixel's centre.
 struct ReferencePixel {
   uint32_t instance = format::kNone;                       // kNone: background
@@ -46,7 +56,8 @@ struct ReferencePixel {
 /// 200 MiB at most for triangles. Errors kRange (an image side of 0 or over kernels::kMaxImageSide), kMemory.
 Result<std::vector<ReferencePixel>> draw_reference(std::span<const ReferenceMesh> meshes,
                                                    std::span<const ReferenceInstance> instances,
-                                                   const kernels::View& view, uint32_t threads);
+                                                   const kernels::View& view, uint32_t threads,
+                                                   const ReferenceMode& mode = {});
 
 /// The depth of one triangle at a pixel's centre; nothing where it does not cover it.
 std::optional<double> reference_depth(const ReferenceMesh& mesh, const ReferenceInstance& instance, uint64_t triangle,

@@ -94,6 +94,20 @@ class NodeCopies {
   std::vector<format::NodeInstanceRecord> block_;
 };
 
+/// Without alpha, and clamped to [0, 1]; what is not a number becomes 0.
+Result<void> read_colors(const convert::Accessor& accessor, std::vector<float>& out) {
+  std::vector<float> all(accessor.components * accessor.count);
+  if (Result<void> read = convert::read_floats(accessor, 0, accessor.count, all); !read) return read;
+  out.resize(3 * accessor.count);
+  for (uint64_t vertex = 0; vertex < accessor.count; ++vertex) {
+    for (size_t c = 0; c < 3; ++c) {
+      const float value = all[vertex * accessor.components + c];
+      out[3 * vertex + c] = value > 0 ? std::min(value, 1.0f) : 0;
+    }
+  }
+  return {};
+}
+
 }  // namespace
 
 Result<SourceMesh> load_source_mesh(const convert::SourceScene& scene, uint32_t primitive_number) {
@@ -116,8 +130,13 @@ Result<SourceMesh> load_source_mesh(const convert::SourceScene& scene, uint32_t 
     mesh.kept[t] = keep;
     mesh.kept_count += keep ? 1 : 0;
   }
-  mesh.double_sided = primitive.material != format::kNone &&
-                      (scene.materials[primitive.material].record.flags & format::kMaterialDoubleSided) != 0;
+  if (primitive.color)
+    if (const Result<void> read = read_colors(*primitive.color, mesh.colors); !read) return read.error();
+  if (primitive.material == format::kNone) return mesh;
+  const format::MaterialRecord& material = scene.materials[primitive.material].record;
+  for (size_t c = 0; c < 3; ++c) mesh.base_color[c] = static_cast<double>(material.base_color[c]);
+  mesh.double_sided = (material.flags & format::kMaterialDoubleSided) != 0;
+  mesh.unlit = (material.flags & format::kMaterialUnlit) != 0;
   return mesh;
 }
 

@@ -15,14 +15,17 @@
 
 namespace scree::compare {
 
-/// One primitive, whole in memory: 12 bytes a vertex and 12 a triangle.
+/// One primitive, whole in memory: 12 bytes a vertex (24 with colours) and 12 a triangle.
 struct SourceMesh {
   uint32_t primitive = 0;         // in SourceScene::primitives
   std::vector<float> positions;   // x y z
   std::vector<uint32_t> corners;  // 3 a triangle, each below the number of vertices
   std::vector<bool> kept;         // by triangle: what convert keeps
   uint64_t kept_count = 0;
+  std::array<double, 3> base_color{1, 1, 1};  // the material's factor, linear
+  std::vector<float> colors;                  // of vertices, linear red, green, blue; empty where there are none
   bool double_sided = false;
+  bool unlit = false;
 };
 
 /// Reads a primitive. Not kept: triangles of strips and fans with two equal indices (they cover nothing) and those with
