@@ -4,6 +4,7 @@
 
 #include "tools/bench/judge_run.h"
 #include "tools/bench/options.h"
+#include "tools/bench/plot.h"
 #include "tools/bench/run.h"
 
 namespace scree::tools {
@@ -69,10 +70,14 @@ Command add_bench(CLI::App& parent) {
                 "brute force, so that A, B and C want a small --scale. The CPU draws where there is no GPU");
   app->add_flag("--curves", words->curves,
                 "--reference for 8 to 24 bits and float32, and what snapping, depth codes and supersampling cost");
+  app->add_option("--plot", words->plot,
+                  "Draw the rows of --curves in this CSV file as curves_*.svg beside it, and do nothing else")
+      ->type_name("FILE.csv");
   app->add_option("--csv", words->csv, "Append a row a case to this file")->type_name("FILE");
   return {app, [words]() -> Result<void> {
             const Result<bench::BenchOptions> options = bench::parse_options(*words);
             if (!options) return options.error();
+            if (!options->plot.empty()) return bench::plot_csv(options->plot);
             return options->reference ? bench::judge_scenes(*options) : bench::run_bench(*options);
           }};
 }

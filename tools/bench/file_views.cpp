@@ -7,8 +7,8 @@
 
 namespace scree::bench {
 
-Result<std::vector<NamedView>> file_views(runtime::Scene& scene, const std::vector<std::string>& names,
-                                          ImageSize size) {
+Result<std::vector<NamedView>> file_views(runtime::Scene& scene, const std::string& file,
+                                          const std::vector<std::string>& names, ImageSize size) {
   struct Choice {
     std::string camera;  // as CameraOptions takes it
     std::string name;
@@ -16,10 +16,10 @@ Result<std::vector<NamedView>> file_views(runtime::Scene& scene, const std::vect
   std::vector<Choice> choices;
   for (const std::string& name : names) choices.push_back({name, name});
   if (choices.empty()) {
-    const format::Container& file = scene.container();
-    for (const runtime::PlacedCamera& placed : runtime::placed_cameras(file, scene.scene_index())) {
+    const format::Container& container = scene.container();
+    for (const runtime::PlacedCamera& placed : runtime::placed_cameras(container, scene.scene_index())) {
       const std::string number = std::to_string(placed.camera);
-      const std::string_view name = file.string(file.cameras()[placed.camera].name);
+      const std::string_view name = container.string(container.cameras()[placed.camera].name);
       choices.push_back({number, name.empty() ? number : inspect::printable(name)});
     }
   }
@@ -33,7 +33,7 @@ Result<std::vector<NamedView>> file_views(runtime::Scene& scene, const std::vect
     if (runtime::view_reads_vertices(scene.view(), camera))
       if (const Result<void> pages = scene.load_pages(1); !pages) return pages.error();
     const Result<kernels::View> view = runtime::make_view(scene.container(), scene.scene_index(), scene.view(), camera);
-    if (!view) return at(scene.file().path(), view.error());
+    if (!view) return at(file, view.error());
     views.push_back({choice.name, {*view}});
   }
   return views;

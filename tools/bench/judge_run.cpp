@@ -79,7 +79,9 @@ class JudgeRun {
       std::filesystem::remove_all(folder_.file(kSceneFolder));
     }
     for (const std::string& path : options_.files) {
-      if (Result<void> done = judge_source({file_name(path), path, 1, options_.views}); !done) return done;
+      // Beside scenes, views named are theirs.
+      const std::vector<std::string> views = options_.scenes.empty() ? options_.views : std::vector<std::string>();
+      if (Result<void> done = judge_source({file_name(path), path, 1, views}); !done) return done;
     }
     return {};
   }
@@ -118,7 +120,7 @@ class JudgeRun {
     if (!judge) return judge.error();
     // The default view depends a little on the vertices: all pictures are of float32's.
     const Result<std::vector<NamedView>> views =
-        file_views(packed->scene(), source.views, options_.size.value_or(kImageSize));
+        file_views(packed->scene(), source.path, source.views, options_.size.value_or(kImageSize));
     if (!views) return views.error();
     std::vector<SourceJudge::Truth> truths;
     std::vector<std::vector<uint8_t>> supersampled;

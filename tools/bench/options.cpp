@@ -173,6 +173,8 @@ Result<BenchOptions> parse_options(const BenchWords& words) {
   options.plot = words.plot;
   options.curves = words.curves;
   options.reference = words.reference || words.curves;
+  if (!words.plot.empty() && (!words.files.empty() || !words.scenes.empty() || !words.csv.empty() || options.reference))
+    return usage("--plot draws a CSV file and takes nothing else");
   const bool has_file = !words.files.empty() && !options.reference;
   if (has_file && words.files.size() > 1) return usage("one .scree file at a time; --reference takes several models");
   if (has_file && !words.scenes.empty()) return usage("a file and --scene exclude each other");

@@ -226,7 +226,7 @@ class Runner {
     const ImageSize size = image_size({1920, 1080});
     for (const uint32_t samples : options_.samples_per_side) {
       const Result<std::vector<NamedView>> views =
-          file_views(resident->file(), options_.views, {size.width * samples, size.height * samples});
+          file_views(resident->file(), path, options_.views, {size.width * samples, size.height * samples});
       if (!views) return views.error();
       for (const NamedView& view : *views) {
         CaseResult result;
