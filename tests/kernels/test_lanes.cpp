@@ -135,13 +135,13 @@ TEST_CASE("lanes: a team's pixels are a thread's", "[lanes]") {
       REQUIRE(resolve_cpu(scene, view, side, samples, options, 4, expected, 1));
       std::vector<uint8_t> pixels(expected.size());
       const PixelTiles tiles{width, 0, height};
-      visit_shader<true>(make_shade_inputs(scene, view, options, transforms.data(), &tables, nullptr),
-                         [&]<class Shader>(const Shader& shader) {
-                           const Resolve<Shader> pass{shader, tiles, samples.data(), side, nullptr, 4, pixels.data()};
-                           on_lanes([&](LaneTeam team) {
-                             for (uint32_t item = 0; item < tiles.count(); ++item) pass(item, team);
-                           });
-                         });
+      visit_shader<false>(make_shade_inputs(scene, view, options, transforms.data(), &tables, nullptr),
+                          [&]<class Shader>(const Shader& shader) {
+                            const Resolve<Shader> pass{shader, tiles, samples.data(), side, nullptr, 4, pixels.data()};
+                            on_lanes([&](LaneTeam team) {
+                              for (uint32_t item = 0; item < tiles.count(); ++item) pass(item, team);
+                            });
+                          });
       CHECK(std::equal(pixels.begin(), pixels.end(), expected.begin(),
                        [](uint8_t a, uint8_t b) { return std::abs(a - b) <= 1; }));
     }
