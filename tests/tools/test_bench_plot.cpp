@@ -115,7 +115,8 @@ TEST_CASE("bench --plot draws rows of --curves, a colour a scene", "[plot]") {
   CHECK(wrong.note == "hollow: 0");
   const auto& speed = *std::find_if(charts->begin(), charts->end(), [](const auto& c) { return c.name == "speed"; });
   REQUIRE(speed.chart.series.size() == 4);
-  CHECK(speed.chart.note == "GPU, \"large\"");
+  CHECK(speed.chart.note == "GPU, \"large\"; dashed: clustered");
+  CHECK(speed.chart.series[2].name.empty());
   CHECK(speed.chart.series[2].dashed);
   CHECK(speed.chart.series[2].colour == speed.chart.series[0].colour);
   const auto run = tests::run_program({"bench", "--plot", csv}, folder.file("log"));

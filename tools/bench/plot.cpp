@@ -193,23 +193,25 @@ Chart make_chart(const Plan& plan, const std::vector<CurveRow>& rows, const Line
     if (!x || !y) continue;
     const size_t number = lines.number(row);
     ChartSeries& line = series[{clustered, number}];
-    line.name = lines.name(number) + (clustered ? ", clustered" : "");
+    if (!clustered) line.name = lines.name(number);
     line.colour = number;
     line.dashed = clustered;
     line.points.emplace_back(*x, *y);
     if (device.empty()) device = row.text("device");
     if (device != row.text("device")) device = "several devices";
   }
-  bool has_border = false;
+  bool has_border = false, has_dashes = false;
   for (auto& [key, line] : series) {
     std::stable_sort(line.points.begin(), line.points.end(),
                      [](const auto& a, const auto& b) { return a.first < b.first; });
+    has_dashes = has_dashes || line.dashed;
     for (const auto& [x, y] : line.points) has_border = has_border || !std::isfinite(y) || (plan.y.log && y <= 0);
     chart.series.push_back(std::move(line));
   }
-  if (plan.name == std::string("speed")) chart.note = device;
-  if (has_border)
-    chart.note += std::string(chart.note.empty() ? "" : "; ") + (plan.y.log ? "hollow: 0" : "hollow: equal");
+  const auto note = [&](const std::string& text) { chart.note += (chart.note.empty() ? "" : "; ") + text; };
+  if (plan.name == std::string("speed")) note(device);
+  if (has_dashes) note("dashed: clustered");
+  if (has_border) note(plan.y.log ? "hollow: 0" : "hollow: equal");
   return chart;
 }
 

@@ -10,7 +10,7 @@
 namespace scree::bench {
 namespace {
 
-constexpr double kWidth = 760, kHeight = 420;
+constexpr double kWidth = 800, kHeight = 420;
 constexpr double kLeft = 72, kRight = 548, kTop = 60, kBottom = 364;  // of the plotted area
 constexpr size_t kMostTicks = 8;
 constexpr double kMarker = 3.2;
@@ -18,10 +18,11 @@ constexpr double kMarker = 3.2;
 // Of middle lightness, apart for most kinds of colour vision (after Okabe and Ito), markers tell the rest.
 constexpr std::array kColours{"#2f86c9", "#d97a1e", "#2a9d74", "#c9579a", "#8a6fd1", "#b8901a", "#5aa9c9", "#c2553f"};
 
+// The first grey stands out on white and on black, where a viewer does not know what its reader prefers.
 constexpr const char* kStyle =
-    "text{font:13px system-ui,sans-serif;fill:#57606a}.title{font-size:15px;font-weight:600;fill:#424a53}"
+    "text{font:13px system-ui,sans-serif;fill:#6e7781}.title{font-size:15px;font-weight:600}"
     ".grid{stroke:#8c959f;stroke-opacity:.3}.axis{stroke:#8c959f;fill:none}"
-    "@media (prefers-color-scheme:dark){text{fill:#a8b1bb}.title{fill:#d0d7de}}";
+    "@media (prefers-color-scheme:light){text{fill:#57606a}}@media (prefers-color-scheme:dark){text{fill:#a8b1bb}}";
 
 std::string number(double value) {
   char text[32];

@@ -31,7 +31,7 @@ struct Chart {
   std::vector<ChartSeries> series;
 };
 
-/// A whole SVG document, 760 x 420. The same chart gives the same bytes.
+/// A whole SVG document, 800 x 420. The same chart gives the same bytes.
 std::string svg_chart(const Chart& chart);
 
 /// Round numbers that cover [low, high] with at most `most` steps: 1, 2 or 5 times a power of ten apart; logarithmic:
