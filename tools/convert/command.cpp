@@ -1,7 +1,9 @@
 // scree convert: the command line.
 #include "tools/common/command.h"
 
+#include <cmath>
 #include <cstdio>
+#include <cstdlib>
 #include <memory>
 #include <string>
 
@@ -17,6 +19,10 @@ struct Words {
   std::string output;
   std::string positions = "16";
   std::string max_error;
+  std::string max_error_pixels;
+  std::string at_distance;
+  std::string at_size = "1920x1080";
+  std::string at_fov = "45";
   std::string grid = "mesh";
   std::string order = "fifo";
   std::string encoding = "indexed";
@@ -54,6 +60,40 @@ Result<convert::ImageOptions> parse_textures(const std::string& text) {
   return options;
 }
 
+/// A number above 0.
+Result<double> parse_positive(const std::string& text, const char* option) {
+  char* end = nullptr;
+  const double value = std::strtod(text.c_str(), &end);
+  if (text.empty() || end != text.c_str() + text.size() || !(value > 0) || !std::isfinite(value))
+    return Error{ErrorCode::kUsage, std::string(option) + ": '" + text + "' is not a number above 0"};
+  return value;
+}
+
+Result<convert::PixelBound> parse_pixel_bound(const Words& words) {
+  if (words.max_error_pixels.empty() || words.at_distance.empty())
+    return Error{ErrorCode::kUsage, "--max-error-pixels and --at-distance need each other"};
+  convert::PixelBound bound;
+  const Result<double> pixels = parse_positive(words.max_error_pixels, "--max-error-pixels");
+  if (!pixels) return pixels.error();
+  bound.pixels = *pixels;
+  const Result<double> distance = parse_length(words.at_distance);
+  if (!distance) return at("--at-distance", distance.error());
+  bound.distance = *distance;
+  const size_t by = words.at_size.find('x');
+  const Error bad_size{ErrorCode::kUsage, "--at-size: '" + words.at_size + "' is not WxH in pixels, 1 to 16384 each"};
+  if (by == std::string::npos) return bad_size;
+  const Result<uint64_t> width = parse_whole(words.at_size.substr(0, by), 1, 16384, "--at-size");
+  const Result<uint64_t> height = parse_whole(words.at_size.substr(by + 1), 1, 16384, "--at-size");
+  if (!width || !height) return bad_size;
+  bound.width = static_cast<uint32_t>(*width);
+  bound.height = static_cast<uint32_t>(*height);
+  const Result<double> fov = parse_positive(words.at_fov, "--at-fov");
+  if (!fov) return fov.error();
+  if (*fov >= 180) return Error{ErrorCode::kUsage, "--at-fov: '" + words.at_fov + "' is not below 180 degrees"};
+  bound.fov_degrees = *fov;
+  return bound;
+}
+
 Result<convert::ConvertOptions> parse(const Words& words, bool positions_given) {
   convert::ConvertOptions options;
   options.input = words.input;
@@ -70,6 +110,13 @@ Result<convert::ConvertOptions> parse(const Words& words, bool positions_given) 
     if (positions_given)
       return Error{ErrorCode::kUsage, "--max-error and --positions exclude each other: both pick the step"};
     options.max_error = *length;
+  }
+  if (!words.max_error_pixels.empty() || !words.at_distance.empty()) {
+    if (positions_given || !words.max_error.empty())
+      return Error{ErrorCode::kUsage, "--max-error-pixels, --max-error and --positions exclude each other"};
+    const Result<convert::PixelBound> bound = parse_pixel_bound(words);
+    if (!bound) return bound.error();
+    options.pixel_bound = *bound;
   }
   if (words.grid != "mesh" && words.grid != "scene")
     return Error{ErrorCode::kUsage, "--grid: '" + words.grid + "' is neither 'mesh' nor 'scene'"};
@@ -121,7 +168,10 @@ Result<void> run(const Words& words, bool positions_given) {
   }
   for (const std::string& warning : report->warnings)
     std::fprintf(stderr, "scree convert: warning: %s\n", warning.c_str());
-  if (!words.quiet) std::printf("%s\n", convert::describe(*options, *report).c_str());
+  if (!words.quiet) {
+    if (!report->positions.rows().empty()) std::printf("%s", report->positions.text().c_str());
+    std::printf("%s\n", convert::describe(*options, *report).c_str());
+  }
   if (std::fflush(stdout) != 0) return Error{ErrorCode::kFile, "standard output: cannot write"};
   return {};
 }
@@ -139,6 +189,20 @@ Command add_convert(CLI::App& parent) {
   app->add_option("--max-error", words->max_error,
                   "Largest position error an axis in a mesh's own units (0.5mm, 1e-3; a unit is a metre); picks the "
                   "step instead of --positions");
+  app->add_option(
+         "--max-error-pixels", words->max_error_pixels,
+         "The fewest bits for each mesh with which no vertex is drawn more than N pixels from its place where it\n"
+         "is --at-distance or more from the eye's plane: a world error of N D / (f sqrt(1 + t^2) + N), with f =\n"
+         "height / (2 tan(fov / 2)) and t the tangent of the view's half diagonal; picks the steps instead of\n"
+         "--positions, keeps the floats of meshes that more than 24 bits would serve, and prints what is saved")
+      ->type_name("N");
+  app->add_option("--at-distance", words->at_distance,
+                  "D of --max-error-pixels in world units (2m, 1e3; a unit is a metre)")
+      ->type_name("D");
+  app->add_option("--at-size", words->at_size, "The picture of --max-error-pixels (default: 1920x1080)")
+      ->type_name("WxH");
+  app->add_option("--at-fov", words->at_fov, "Its vertical field of view in degrees (default: 45)")
+      ->type_name("DEGREES");
   app->add_option("--grid", words->grid,
                   "mesh: each mesh has its own step (default); scene: meshes under one world matrix share the finest");
   app->add_option("--order", words->order,

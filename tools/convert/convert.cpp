@@ -21,6 +21,7 @@
 #include "tools/convert/geometry_writer.h"
 #include "tools/convert/gltf_source.h"
 #include "tools/convert/images.h"
+#include "tools/convert/lattices.h"
 #include "tools/convert/measure.h"
 #include "tools/convert/scene_tables.h"
 
@@ -34,6 +35,21 @@ constexpr uint64_t kFlightBytes = uint64_t{64} << 20;
 constexpr uint64_t kFlightBytesPerThread = uint64_t{12} << 20;
 constexpr uint64_t kJobsPerThread = 3;
 
+/// Whether the error is chosen, and not the bits.
+bool bounds_error(const ConvertOptions& options) {
+  return options.max_error > 0 || options.pixel_bound.pixels > 0;
+}
+
+Result<void> check_pixel_bound(const PixelBound& bound) {
+  const auto usage = [](std::string message) { return Error{ErrorCode::kUsage, std::move(message)}; };
+  const auto is_positive = [](double value) { return value > 0 && std::isfinite(value); };
+  if (!is_positive(bound.pixels)) return usage("--max-error-pixels: not a number of pixels above 0");
+  if (!is_positive(bound.distance)) return usage("--at-distance: not a length above 0");
+  if (bound.width < 1 || bound.height < 1) return usage("--at-size: a picture without pixels");
+  if (!(bound.fov_degrees > 0 && bound.fov_degrees < 180)) return usage("--at-fov: not above 0 and below 180 degrees");
+  return {};
+}
+
 Result<void> check_options(const ConvertOptions& options) {
   const auto usage = [](std::string message) { return Error{ErrorCode::kUsage, std::move(message)}; };
   if (options.position_bits < 8 || options.position_bits > format::kMaxPositionBits)
@@ -41,6 +57,11 @@ Result<void> check_options(const ConvertOptions& options) {
                  std::to_string(format::kMaxPositionBits) + " are possible");
   if (!(options.max_error >= 0) || !std::isfinite(options.max_error)) return usage("--max-error: not a length above 0");
   if (options.float32 && options.max_error > 0) return usage("--max-error and --positions float32 exclude each other");
+  if (options.pixel_bound.pixels != 0) {
+    if (options.max_error > 0 || options.float32)
+      return usage("--max-error-pixels, --max-error and --positions float32 exclude each other");
+    if (Result<void> checked = check_pixel_bound(options.pixel_bound); !checked) return checked;
+  }
   if (options.float32 && options.grid == Grid::kScene)
     return usage("--grid scene and --positions float32 exclude each other");
   if (options.zstd_level < 0 || options.zstd_level > 22)
@@ -105,9 +126,14 @@ std::string describe_textures(const ImageOptions& options) {
 std::string describe_options(const ConvertOptions& options) {
   char error[64];
   std::snprintf(error, sizeof error, "--max-error %.17g", options.max_error);
-  std::string text = options.max_error > 0 ? std::string(error)
-                     : options.float32     ? std::string("--positions float32")
-                                           : "--positions " + std::to_string(options.position_bits);
+  char pixels[192];
+  const PixelBound& bound = options.pixel_bound;
+  std::snprintf(pixels, sizeof pixels, "--max-error-pixels %.17g --at-distance %.17g --at-size %ux%u --at-fov %.17g",
+                bound.pixels, bound.distance, bound.width, bound.height, bound.fov_degrees);
+  std::string text = bound.pixels > 0        ? std::string(pixels)
+                     : options.max_error > 0 ? std::string(error)
+                     : options.float32       ? std::string("--positions float32")
+                                             : "--positions " + std::to_string(options.position_bits);
   text += options.grid == Grid::kScene ? " --grid scene" : " --grid mesh";
   text += options.order == Order::kNone ? " --order none" : " --order fifo";
   text += options.encoding == Encoding::kClustered ? " --encoding clustered" : " --encoding indexed";
@@ -159,7 +185,7 @@ class Converter {
     Result<InstancePlan> instances = plan_scenes(scene_, tables_);
     if (!instances) return instances.error();
     instances_ = std::move(*instances);
-    if (const Result<void> done = choose_lattices(); !done) return done;
+    if (const Result<void> done = choose_lattices(options_, scene_, instances_, plans_, tables_); !done) return done;
     add_source_record();
     Result<format::ContainerWriter> writer = format::ContainerWriter::create(report_.output);
     if (!writer) return writer.error();
@@ -299,57 +325,6 @@ class Converter {
     add_materials(scene_, use, images_.places, tables_);
   }
 
-  Result<void> choose_lattices() {
-    if (options_.float32) return {};
-    for (MeshPlan& plan : plans_) {
-      const Result<format::MeshLattice> lattice =
-          format::choose_lattice(plan.box.lo.data(), plan.box.hi.data(), options_.position_bits, options_.max_error);
-      if (!lattice) return at(primitive_place(scene_, plan.primitive), lattice.error());
-      plan.lattice = *lattice;
-    }
-    if (options_.grid == Grid::kScene)
-      if (const Result<void> shared = share_steps(); !shared) return shared;
-    for (size_t i = 0; i < plans_.size(); ++i) {
-      const MeshPlan& plan = plans_[i];
-      format::MeshRecord& record = tables_.meshes[i];
-      std::copy(plan.lattice.min.begin(), plan.lattice.min.end(), record.lattice_min);
-      std::copy(plan.lattice.bits.begin(), plan.lattice.bits.end(), record.lattice_bits);
-      record.lattice_exponent = plan.lattice.exponent;
-      record.max_position_error = plan.lattice.max_error;
-      for (size_t axis = 0; axis < 3; ++axis) {
-        // Rounding is monotone: the codes of the box's corners are the extremes of all codes.
-        record.bounds_min[axis] = format::dequantize(plan.lattice.min[axis], plan.lattice.exponent);
-        record.bounds_max[axis] =
-            format::dequantize(format::quantize(plan.box.hi[axis], plan.lattice.exponent), plan.lattice.exponent);
-      }
-    }
-    return {};
-  }
-
-  /// --grid scene. A flat or single-point mesh asks for no step of its own: its exponent is only the finest that keeps
-  /// its one coordinate exact, so it takes its neighbours' unless it stands alone.
-  Result<void> share_steps() {
-    const std::vector<uint32_t> shared = meshes_sharing_matrices(instances_, scene_, tables_);
-    constexpr int32_t kUnset = std::numeric_limits<int32_t>::max();
-    std::vector<int32_t> exponent(plans_.size(), kUnset);
-    for (size_t i = 0; i < plans_.size(); ++i)
-      if (plans_[i].box.lo != plans_[i].box.hi)
-        exponent[shared[i]] = std::min(exponent[shared[i]], plans_[i].lattice.exponent);
-    for (size_t i = 0; i < plans_.size(); ++i) {
-      const int32_t common = exponent[shared[i]];
-      if (common == kUnset || common == plans_[i].lattice.exponent) continue;
-      const Result<format::MeshLattice> lattice =
-          format::lattice_of_exponent(plans_[i].box.lo.data(), plans_[i].box.hi.data(), common);
-      if (!lattice) {
-        const Error error = at(primitive_place(scene_, plans_[i].primitive), lattice.error());
-        return Error{error.code,
-                     error.message + " (--grid scene takes the finest step any mesh needs; --max-error sets one)"};
-      }
-      plans_[i].lattice = *lattice;
-    }
-    return {};
-  }
-
   Result<void> encode(format::ContainerWriter& writer) {
     const std::vector<WindowPlan>& windows = measurement_.windows;
     const std::vector<Batch> batches = make_batches(windows);
@@ -412,6 +387,7 @@ class Converter {
       chunk.record.mesh = mesh;
       chunk.record.first_triangle = next_triangle_;
       next_triangle_ += chunk.record.triangle_count;
+      if (bounds_error(options_)) report_.positions.add(record, record.chunk_count == 0, chunk.record, chunk.payload);
       if (const Result<void> added = geometry.add(chunk); !added) return added;
       record.vertex_count += chunk.record.vertex_count;
       ++record.chunk_count;

@@ -11,6 +11,8 @@
 #include "format/result.h"
 #include "tools/convert/encode.h"
 #include "tools/convert/images.h"
+#include "tools/convert/pixel_bound.h"
+#include "tools/convert/position_table.h"
 
 namespace scree::convert {
 
@@ -32,6 +34,7 @@ struct ConvertOptions {
   bool float32 = false;         // positions as they are, instead of:
   uint32_t position_bits = 16;  // 8 to 24 an axis
   double max_error = 0;         // model units, an axis; above 0 it picks the step instead of position_bits
+  PixelBound pixel_bound;       // pixels above 0: picks the step of each mesh, or keeps its floats, instead of both
   Grid grid = Grid::kMesh;
   Order order = Order::kFifo;
   Encoding encoding = Encoding::kIndexed;
@@ -61,6 +64,7 @@ struct ConvertReport {
   uint64_t chunks = 0;
   uint64_t triangles = 0;              // stored
   uint64_t triangles_drawn = 0;        // over all instances of all scenes
+  PositionTable positions;             // where an error was asked for
   double position_error = 0;           // largest found, model units, per axis
   double position_error_bound = 0;     // largest stated in a mesh record
   double relative_position_error = 0;  // largest found / diagonal of the mesh's box

@@ -422,6 +422,34 @@ void add_materials(const SourceScene& scene, const MaterialUse& use, const std::
   }
 }
 
+Result<void> visit_world_matrices(const SourceScene& scene, const InstancePlan& plan, uint32_t group,
+                                  const std::function<void(const format::MatrixRecord&)>& take) {
+  for (uint64_t i = plan.first_of_group[group]; i < plan.first_of_group[group + 1]; ++i) {
+    const uint32_t node = plan.by_group[i];
+    const InstancePlan::Node& place = plan.nodes[node];
+    if (place.first == UINT64_MAX) continue;
+    if (!place.is_streamed) {
+      for (uint64_t m = place.first; m < place.first + copies_of(scene.nodes[node]); ++m)
+        take(plan.matrices[plan.matrix_of[m]]);
+      continue;
+    }
+    // Streams lie one after the other behind the matrices that are held.
+    uint64_t first = plan.matrices.size();
+    for (const InstancePlan::Stream& stream : plan.streams) {
+      if (first == place.first) {
+        const auto visit = [&](std::span<const MatrixRecord> block) -> Result<void> {
+          for (const MatrixRecord& matrix : block) take(matrix);
+          return {};
+        };
+        if (Result<void> read = for_each_matrix_block(scene, stream.node, stream.world, visit); !read) return read;
+        break;
+      }
+      first += copies_of(scene.nodes[stream.node]);
+    }
+  }
+  return {};
+}
+
 std::vector<uint32_t> meshes_sharing_matrices(const InstancePlan& plan, const SourceScene& scene,
                                               const format::TableSet& tables) {
   if (!plan.streams.empty()) return std::vector<uint32_t>(tables.meshes.size(), 0);

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <vector>
 
 #include "format/container.h"
@@ -60,6 +61,11 @@ MaterialUse find_material_use(const SourceScene& scene, const std::vector<bool>&
 /// Fills materials and textures; `image_places`: the record of each of SourceScene::images.
 void add_materials(const SourceScene& scene, const MaterialUse& use, const std::vector<uint32_t>& image_places,
                    format::TableSet& tables);
+
+/// Calls `take` for the world matrices of all instances of a group's nodes that some scene draws. Errors: those of
+/// read_instances.
+Result<void> visit_world_matrices(const SourceScene& scene, const InstancePlan& plan, uint32_t group,
+                                  const std::function<void(const format::MatrixRecord&)>& take);
 
 /// For each mesh of `tables`, the smallest mesh number with which it must share one lattice step so that all meshes
 /// under one world matrix have the same. All of them, where some matrices are not held and so cannot be compared.

@@ -1,0 +1,20 @@
+// Which lattice each mesh's positions lie on.
+#pragma once
+
+#include <vector>
+
+#include "format/container.h"
+#include "format/result.h"
+#include "tools/convert/convert.h"
+#include "tools/convert/encode.h"
+#include "tools/convert/scene_tables.h"
+
+namespace scree::convert {
+
+/// Chooses the lattices of `plans` (as tables.meshes), of boxes measured before, and writes them into both. With
+/// options.pixel_bound a mesh that no lattice of 24 bits an axis serves keeps its floats. Errors kRange (the primitive
+/// named): a lattice that would need more bits; those of read_instances.
+Result<void> choose_lattices(const ConvertOptions& options, const SourceScene& scene, const InstancePlan& instances,
+                             std::vector<MeshPlan>& plans, format::TableSet& tables);
+
+}  // namespace scree::convert
