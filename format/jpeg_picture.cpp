@@ -23,6 +23,14 @@ JpegPicture jpeg_picture(const JpegIndex& index, const uint32_t* factors) {
     picture.mcu_width = std::max(picture.mcu_width, 8u * index.components[i].h);
     picture.mcu_height = std::max(picture.mcu_height, 8u * index.components[i].v);
   }
+  picture.mcu_width_inverse = jpeg_inverse(picture.mcu_width);
+  picture.mcu_height_inverse = jpeg_inverse(picture.mcu_height);
+  picture.group_inverse = jpeg_inverse(picture.view.group_mcus);
+  for (uint32_t i = 0; i < index.component_count; ++i) {
+    const auto share = [](uint32_t part, uint32_t whole) { return ((part << 16) + whole - 1) / whole; };
+    picture.scales[i] = {share(8u * index.components[i].h, picture.mcu_width),
+                         share(8u * index.components[i].v, picture.mcu_height)};
+  }
   picture.mcu_blocks = index.layout.mcu_blocks;
   picture.colour = static_cast<uint32_t>(index.colour);
   return picture;

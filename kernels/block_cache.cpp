@@ -25,7 +25,7 @@ BlockCache::BlockCache(uint64_t bytes, uint32_t slot_bytes) : slot_bytes_(slot_b
   sets_ = std::make_unique<Set[]>(set_count_);
   keys_.assign(ways_ * set_count_, kEmpty);
   stamps_.assign(keys_.size(), 0);
-  samples_.resize(keys_.size() * slot_bytes);
+  samples_ = std::make_unique_for_overwrite<uint8_t[]>(keys_.size() * slot_bytes);
 }
 
 void BlockCache::lock(Set& set) {
@@ -38,7 +38,7 @@ const uint8_t* BlockCache::find(uint64_t set, uint64_t key) {
   for (uint64_t slot = set * ways_; slot < (set + 1) * ways_; ++slot) {
     if (keys_[slot] != key) continue;
     stamps_[slot] = ++sets_[set].clock;
-    return samples_.data() + slot * slot_bytes_;
+    return samples_.get() + slot * slot_bytes_;
   }
   return nullptr;
 }
@@ -67,7 +67,7 @@ const uint8_t* BlockCache::hold(const JpegLevel& level, uint32_t group, uint64_t
   }
   keys_[oldest] = key;
   stamps_[oldest] = ++set.clock;
-  uint8_t* const out = samples_.data() + oldest * slot_bytes_;
+  uint8_t* const out = samples_.get() + oldest * slot_bytes_;
   std::memcpy(out, samples, size_t{64} * level.picture.mcu_blocks * level.picture.view.group_mcus);
   return out;
 }

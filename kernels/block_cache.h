@@ -50,9 +50,9 @@ class BlockCache {
   uint64_t set_count_;
   uint32_t slot_bytes_;
   std::unique_ptr<Set[]> sets_;
-  std::vector<uint64_t> keys_;    // level number << 32 | group
-  std::vector<uint32_t> stamps_;  // of the set's clock
-  std::vector<uint8_t> samples_;
+  std::vector<uint64_t> keys_;          // level number << 32 | group
+  std::vector<uint32_t> stamps_;        // of the set's clock
+  std::unique_ptr<uint8_t[]> samples_;  // memory that nobody looked for is not touched
   std::atomic<uint64_t> decoded_{0};
 };
 

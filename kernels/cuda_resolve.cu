@@ -5,28 +5,13 @@
 #include <utility>
 
 #include "kernels/cuda_check.h"
+#include "kernels/cuda_pixels.cuh"
 #include "kernels/occlusion.h"
 #include "kernels/pixels.h"
 #include "kernels/resolve_cuda.h"
 
 namespace scree::kernels {
 namespace {
-
-/// One warp; all its lanes are there, in every pass.
-struct PixelTeam {
-  static constexpr bool kMakesTransforms = false;
-
-  __device__ static uint32_t rank() { return threadIdx.x & 31u; }
-  SCREE_HD static constexpr uint32_t size() { return 32; }
-  __device__ static uint32_t ballot(bool value) { return __ballot_sync(0xffffffffu, value); }
-  __device__ static uint64_t share(uint64_t value, uint32_t lane) {
-    return __shfl_sync(0xffffffffu, static_cast<unsigned long long>(value), static_cast<int>(lane));
-  }
-  __device__ static void keep_least(uint32_t* place, uint32_t value) { atomicMin(place, value); }
-  __device__ static void keep_most(uint32_t* place, uint32_t value) { atomicMax(place, value); }
-};
-
-constexpr uint32_t kThreads = 128;
 
 /// Blocks that a multiprocessor should hold: what bounds the registers of a pass.
 template <class Pass>
@@ -39,9 +24,9 @@ template <bool kOrthographic>
 inline constexpr uint32_t kResidentBlocks<Resolve<Shader<kOrthographic, Show::kStage>>> = 4;  // 128, for the clipper
 
 template <class Pass>
-__global__ void __launch_bounds__(kThreads, kResidentBlocks<Pass>)
+__global__ void __launch_bounds__(kPixelThreads, kResidentBlocks<Pass>)
     run_pixels(const __grid_constant__ Pass pass, uint32_t count) {
-  const uint32_t item = (blockIdx.x * kThreads + threadIdx.x) / 32;
+  const uint32_t item = (blockIdx.x * kPixelThreads + threadIdx.x) / 32;
   if (item < count) pass(item, PixelTeam{});
 }
 
@@ -124,8 +109,8 @@ struct CudaResolver::Impl {
   template <class Pass>
   bool run(const Pass& pass, uint32_t count, cudaStream_t stream) {
     if (count == 0) return true;
-    constexpr uint32_t kItemsPerBlock = kThreads / 32;
-    run_pixels<Pass><<<(count + kItemsPerBlock - 1) / kItemsPerBlock, kThreads, 0, stream>>>(pass, count);
+    constexpr uint32_t kItemsPerBlock = kPixelThreads / 32;
+    run_pixels<Pass><<<(count + kItemsPerBlock - 1) / kItemsPerBlock, kPixelThreads, 0, stream>>>(pass, count);
     return check(cudaGetLastError(), "starting a pass of the resolve");
   }
 
@@ -145,7 +130,8 @@ CudaResolver::~CudaResolver() = default;
 
 Result<void> CudaResolver::resolve(const SceneView& scene, const View& view, uint32_t samples_per_side,
                                    const uint64_t* samples, const Transform* transforms, const ShadeOptions& options,
-                                   uint32_t* pixels, cudaStream_t stream, ResolveTimes* times) {
+                                   uint32_t* pixels, cudaStream_t stream, ResolveTimes* times,
+                                   CudaTextureCache* cache) {
   if (Result<void> checked = check_resolve(view, samples_per_side); !checked) return checked;
   Impl& impl = *impl_;
   if (!impl.open()) return impl.error;
@@ -177,14 +163,20 @@ Result<void> CudaResolver::resolve(const SceneView& scene, const View& view, uin
     if (!impl.check(cudaGetLastError(), "clearing the range of depths")) return impl.error;
     if (!impl.run(FindDepthRange{samples, view.width, impl.depth_range()}, view.height, stream)) return impl.error;
   }
-  bool started = false;
-  visit_shader<true>(make_shade_inputs(scene, view, options, transforms, impl.tables, impl.depth_range()),
-                     [&]<class Shader>(const Shader& shader) {
-                       started = impl.run(Resolve<Shader>{shader, tiles, samples, samples_per_side, visibility, 4,
-                                                          reinterpret_cast<uint8_t*>(pixels)},
-                                          tiles.count(), stream);
-                     });
-  if (!started) return impl.error;
+  const ShadeInputs inputs = make_shade_inputs(scene, view, options, transforms, impl.tables, impl.depth_range());
+  if (cache != nullptr && options.show == Show::kTexture) {
+    if (Result<void> resolved = cache->resolve(inputs, tiles, samples, samples_per_side, visibility, pixels, stream);
+        !resolved)
+      return resolved;
+  } else {
+    bool started = false;
+    visit_shader<true>(inputs, [&]<class Shader>(const Shader& shader) {
+      started = impl.run(
+          Resolve<Shader>{shader, tiles, samples, samples_per_side, visibility, 4, reinterpret_cast<uint8_t*>(pixels)},
+          tiles.count(), stream);
+    });
+    if (!started) return impl.error;
+  }
 
   if (times == nullptr) return {};
   if (!impl.record(Impl::kEnd, stream)) return impl.error;

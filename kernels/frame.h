@@ -48,6 +48,14 @@ struct ResolveTimes {
   float resolve_ms = 0;    // shading, averaging and coding
 };
 
+/// What the last picture asked of a GPU's cache of JPEG textures.
+struct TextureCacheCounts {
+  uint64_t asked = 0;    // groups that pixels did not find, each round's once
+  uint64_t decoded = 0;  // of them, into the cache
+  uint64_t rounds = 0;   // in which pixels were left over
+  uint64_t tiles = 0;    // of 8 x 4 pixels, whose pixels decoded for themselves in the end
+};
+
 /// Which triangle and where: what picking prints and shading starts from.
 struct Hit {
   uint64_t instance;  // of SceneView::instances

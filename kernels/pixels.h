@@ -69,7 +69,7 @@ struct ShadeRows {
   SCREE_HD void operator()(uint32_t item, Team team) const {
     const uint32_t width = static_cast<uint32_t>(shader.in.view.width);
     const uint32_t y = first_row + item;
-    ShadeState<Team> state;
+    ShadeState<Team, Shader> state;
     for (uint32_t start = 0; start < width; start += team.size()) {
       const uint32_t x = start + team.rank();
       const uint64_t sample = x < width ? samples[uint64_t{y} * width + x] : kBackground;
@@ -97,13 +97,14 @@ struct Resolve {
 
   template <class Team>
   SCREE_HD void operator()(uint32_t item, Team team) const {
-    ShadeState<Team> state;
+    ShadeState<Team, Shader> state;
     tiles.for_each(item, team, [&](uint32_t x, uint32_t y, bool inside) { resolve(team, x, y, inside, state); });
   }
 
- private:
+  /// One pixel; all lanes of a team call it. `inside`: whether the lane has one. Where texels may miss and did,
+  /// state.texels says so and nothing is written.
   template <class Team>
-  SCREE_HD void resolve(Team team, uint32_t x, uint32_t y, bool inside, ShadeState<Team>& state) const {
+  SCREE_HD void resolve(Team team, uint32_t x, uint32_t y, bool inside, ShadeState<Team, Shader>& state) const {
     const ShadeInputs& in = shader.in;
     const uint64_t row_samples = static_cast<uint64_t>(in.view.width);
     float light[3] = {0, 0, 0};
@@ -126,6 +127,8 @@ struct Resolve {
       }
     }
     if (!inside) return;
+    if constexpr (Shader::Texels::kMayMiss)
+      if (state.texels.missed) return;
     const float factor = visibility != nullptr ? visibility[uint64_t{y} * tiles.width + x] : 1.0f;
     const float behind = background * in.options.background[3];
     const float alpha = surface + behind;

@@ -8,6 +8,7 @@
 
 #include "format/result.h"
 #include "kernels/frame.h"
+#include "kernels/texture_cache_cuda.h"
 #include "kernels/transform.h"
 
 namespace scree::kernels {
@@ -24,11 +25,12 @@ class CudaResolver {
   /// As resolve_cpu() with 4 channels. All pointers, those in `scene` too, are of the current device. `transforms`: of
   /// `view`, by instance number, valid for the instances that `samples` show; null makes them here. `pixels`: one RGBA8
   /// word a pixel, red in the low byte. Everything is queued on `stream`; nothing waits, but for the scratch memory of
-  /// a picture larger than those before, and where `times` is given. Errors kRange (as resolve_cpu), kDevice (a CUDA
-  /// call failed; which and for what).
+  /// a picture larger than those before, and where `times` is given. `cache`: where textures of the scene have JPEG
+  /// levels, what was made for them; the picture does not depend on its size. Errors kRange (as resolve_cpu), kDevice
+  /// (a CUDA call failed; which and for what).
   Result<void> resolve(const SceneView& scene, const View& view, uint32_t samples_per_side, const uint64_t* samples,
                        const Transform* transforms, const ShadeOptions& options, uint32_t* pixels, cudaStream_t stream,
-                       ResolveTimes* times = nullptr);
+                       ResolveTimes* times = nullptr, CudaTextureCache* cache = nullptr);
 
  private:
   struct Impl;

@@ -49,7 +49,7 @@ struct TextureView {
   uint32_t width;
   uint32_t height;
   uint32_t level_count;       // 0: no picture, drawn as white
-  uint32_t jpeg_level_count;  // of the level_count; on a GPU 0
+  uint32_t jpeg_level_count;  // of the level_count
   const JpegLevel* jpeg;      // of levels 0 to jpeg_level_count - 1
   format::Wrap wrap_s;
   format::Wrap wrap_t;
@@ -73,7 +73,7 @@ struct SceneView {
   uint64_t material_count;
   uint64_t texture_count;
   ChunkKinds chunk_kinds;  // kMixed is right for every scene
-  BlockCache* blocks;      // of the textures' JPEG levels; null where there are none
+  BlockCache* blocks;      // of the textures' JPEG levels; null where there are none, and on a GPU
 };
 
 }  // namespace scree::kernels

@@ -337,22 +337,27 @@ struct TransformSource<true> {
 };
 
 /// What a lane keeps from sample to sample.
-template <class Team>
+template <class Team, class Shader>
 struct ShadeState {
   Location at;
   TransformSource<Team::kMakesTransforms> source;
+  typename Shader::Texels::Lane texels;
 };
 
-/// The colour of a sample: one kind of picture, of camera and of scene, so that no kind pays for another's registers.
-template <bool kOrthographic, Show kShow, ChunkKinds kKinds = ChunkKinds::kMixed>
+/// The colour of a sample: one kind of picture, of camera, of scene and of textures, so that no kind pays for another's
+/// registers.
+template <bool kOrthographic, Show kShow, ChunkKinds kKinds = ChunkKinds::kMixed, class TexelSource = SceneTexels>
 struct Shader {
+  using Texels = TexelSource;
+
   ShadeInputs in;
+  Texels texels;
 
   /// All lanes of a team call it; `wanted`: whether the lane has a sample that is not background. Sample (x, y) of the
   /// picture, linear light.
   template <class Team>
-  SCREE_HD void operator()(Team team, bool wanted, uint64_t sample, int32_t x, int32_t y, ShadeState<Team>& state,
-                           float rgb[3]) const {
+  SCREE_HD void operator()(Team team, bool wanted, uint64_t sample, int32_t x, int32_t y,
+                           ShadeState<Team, Shader>& state, float rgb[3]) const {
     const uint64_t id = sample_id(sample);
     // The pictures that are not of light are seen as 8-bit sRGB; they are given so that the code is the value.
     if constexpr (kShow == Show::kTriangle) {
@@ -379,7 +384,7 @@ struct Shader {
         } else {
           const float center_x = static_cast<float>(x * kSubpixels + kSubpixels / 2) - in.view.half_width;
           const float center_y = static_cast<float>(y * kSubpixels + kSubpixels / 2) - in.view.half_height;
-          shade(at, state.at.instance, vertex, center_x, center_y, rgb);
+          shade(at, state.at.instance, vertex, center_x, center_y, state.texels, rgb);
         }
       }
     }
@@ -389,7 +394,7 @@ struct Shader {
   static constexpr bool kLight = kShow == Show::kTexture || kShow == Show::kColor;
 
   SCREE_HD void shade(const PlacedChunk& at, uint64_t instance, const uint32_t vertex[3], float x, float y,
-                      float rgb[3]) const {
+                      [[maybe_unused]] typename Texels::Lane& lane, float rgb[3]) const {
     const Meeting<float> m = meet<kOrthographic>(at.transform, fetch_corners<float>(at.reader, vertex), x, y);
     float weights[3];
     hit_weights(m, weights);
@@ -417,7 +422,7 @@ struct Shader {
             if (texture.level_count != 0) {
               const TexturePlace place = find_place(at, vertex, material, static_cast<float>(texture.width),
                                                     static_cast<float>(texture.height), m, weights, x, y);
-              sample_texture(in.scene.blocks, texture, in.srgb->linear, place.u, place.v, place.footprint, rgb);
+              sample_texture(texels, lane, texture, in.srgb->linear, place.u, place.v, place.footprint, rgb);
             }
           }
         }
@@ -497,17 +502,17 @@ template <bool kApart, class Visit>
 inline void visit_shader(const ShadeInputs& in, const Visit& visit) {
   const auto with_kinds = [&]<bool kOrthographic, Show kShow>() {
     if constexpr (!kApart) {
-      visit(Shader<kOrthographic, kShow>{in});
+      visit(Shader<kOrthographic, kShow>{in, {in.scene.blocks}});
     } else {
       switch (in.scene.chunk_kinds) {
         case ChunkKinds::kMixed:
-          return visit(Shader<kOrthographic, kShow>{in});
+          return visit(Shader<kOrthographic, kShow>{in, {in.scene.blocks}});
         case ChunkKinds::kFloat32:
-          return visit(Shader<kOrthographic, kShow, ChunkKinds::kFloat32>{in});
+          return visit(Shader<kOrthographic, kShow, ChunkKinds::kFloat32>{in, {in.scene.blocks}});
         case ChunkKinds::kPacked:
-          return visit(Shader<kOrthographic, kShow, ChunkKinds::kPacked>{in});
+          return visit(Shader<kOrthographic, kShow, ChunkKinds::kPacked>{in, {in.scene.blocks}});
         case ChunkKinds::kClustered:
-          return visit(Shader<kOrthographic, kShow, ChunkKinds::kClustered>{in});
+          return visit(Shader<kOrthographic, kShow, ChunkKinds::kClustered>{in, {in.scene.blocks}});
       }
     }
   };
@@ -519,19 +524,19 @@ inline void visit_shader(const ShadeInputs& in, const Visit& visit) {
       case Show::kColor:
         return with_kinds.template operator()<kOrthographic, Show::kColor>();
       case Show::kUv:
-        return visit(Shader<kOrthographic, Show::kUv>{in});
+        return visit(Shader<kOrthographic, Show::kUv>{in, {in.scene.blocks}});
       case Show::kNormal:
-        return visit(Shader<kOrthographic, Show::kNormal>{in});
+        return visit(Shader<kOrthographic, Show::kNormal>{in, {in.scene.blocks}});
       case Show::kTriangle:
-        return visit(Shader<kOrthographic, Show::kTriangle>{in});
+        return visit(Shader<kOrthographic, Show::kTriangle>{in, {in.scene.blocks}});
       case Show::kCluster:
-        return visit(Shader<kOrthographic, Show::kCluster>{in});
+        return visit(Shader<kOrthographic, Show::kCluster>{in, {in.scene.blocks}});
       case Show::kMesh:
-        return visit(Shader<kOrthographic, Show::kMesh>{in});
+        return visit(Shader<kOrthographic, Show::kMesh>{in, {in.scene.blocks}});
       case Show::kStage:
-        return visit(Shader<kOrthographic, Show::kStage>{in});
+        return visit(Shader<kOrthographic, Show::kStage>{in, {in.scene.blocks}});
       case Show::kDepth:
-        return visit(Shader<kOrthographic, Show::kDepth>{in});
+        return visit(Shader<kOrthographic, Show::kDepth>{in, {in.scene.blocks}});
     }
   };
   in.view.orthographic ? with_camera.template operator()<true>() : with_camera.template operator()<false>();

@@ -47,16 +47,9 @@ SCREE_HD inline TexelPair texel_pair(double wrapped, uint32_t size, format::Wrap
 }
 
 /// The four texels of two columns and two rows, row by row, as coded, red in the low byte; the high byte is anything.
-SCREE_HD inline void fetch_texels([[maybe_unused]] BlockCache* blocks, const TextureView& texture, uint32_t level,
-                                  const TexelPair& column, const TexelPair& row, uint32_t texels[4]) {
-#if !defined(__CUDA_ARCH__)
-  if (level < texture.jpeg_level_count) {
-    const uint32_t x[2] = {column.first, column.second};
-    const uint32_t y[2] = {row.first, row.second};
-    blocks->fetch(texture.jpeg[level], x, y, texels);
-    return;
-  }
-#endif
+/// Of a decoded level.
+SCREE_HD inline void decoded_texels(const TextureView& texture, uint32_t level, const TexelPair& column,
+                                    const TexelPair& row, uint32_t texels[4]) {
   const uint32_t width = max_of(texture.width >> level, 1u);
   const uint8_t* first = texture.texels + 4 * texture.level_offset[level];
   for (uint32_t i = 0; i < 4; ++i) {
@@ -67,9 +60,31 @@ SCREE_HD inline void fetch_texels([[maybe_unused]] BlockCache* blocks, const Tex
   }
 }
 
-/// `table`: linear light of the 256 sRGB codes. `blocks`: SceneView::blocks.
-SCREE_HD inline void sample_level(BlockCache* blocks, const TextureView& texture, const float* table, uint32_t level,
-                                  double u, double v, bool nearest, float rgb[3]) {
+/// Where a sample finds its texels: the decoded levels, and on a CPU the scene's block cache. Never without them.
+struct SceneTexels {
+  static constexpr bool kMayMiss = false;
+  struct Lane {};  // what a lane keeps of its lookups
+
+  BlockCache* blocks;  // SceneView::blocks
+
+  SCREE_HD void fetch(Lane&, const TextureView& texture, uint32_t level, const TexelPair& column, const TexelPair& row,
+                      uint32_t texels[4]) const {
+#if !defined(__CUDA_ARCH__)
+    if (level < texture.jpeg_level_count) {
+      const uint32_t x[2] = {column.first, column.second};
+      const uint32_t y[2] = {row.first, row.second};
+      blocks->fetch(texture.jpeg[level], x, y, texels);
+      return;
+    }
+#endif
+    decoded_texels(texture, level, column, row, texels);
+  }
+};
+
+/// `table`: linear light of the 256 sRGB codes.
+template <class Texels>
+SCREE_HD inline void sample_level(const Texels& source, typename Texels::Lane& lane, const TextureView& texture,
+                                  const float* table, uint32_t level, double u, double v, bool nearest, float rgb[3]) {
   const uint32_t width = max_of(texture.width >> level, 1u);
   const uint32_t height = max_of(texture.height >> level, 1u);
   TexelPair column = texel_pair(u, width, texture.wrap_s);
@@ -79,7 +94,7 @@ SCREE_HD inline void sample_level(BlockCache* blocks, const TextureView& texture
     row.weight = row.weight < 0.5f ? 0.0f : 1.0f;
   }
   uint32_t texels[4];
-  fetch_texels(blocks, texture, level, column, row, texels);
+  source.fetch(lane, texture, level, column, row, texels);
   for (uint32_t c = 0; c < 3; ++c) {
     const float a = table[texels[0] >> (8 * c) & 255u];
     const float b = table[texels[1] >> (8 * c) & 255u];
@@ -93,8 +108,9 @@ SCREE_HD inline void sample_level(BlockCache* blocks, const TextureView& texture
 
 /// The colour at (u, v), any finite numbers. `footprint`: the square of the larger side of a pixel in texels of
 /// level 0; picks the mip levels.
-SCREE_HD inline void sample_texture(BlockCache* blocks, const TextureView& texture, const float* table, double u,
-                                    double v, float footprint, float rgb[3]) {
+template <class Texels>
+SCREE_HD inline void sample_texture(const Texels& source, typename Texels::Lane& lane, const TextureView& texture,
+                                    const float* table, double u, double v, float footprint, float rgb[3]) {
   rgb[0] = rgb[1] = rgb[2] = 1.0f;
   if (texture.level_count == 0) return;
   const double wrapped_u = wrap_coordinate(u, texture.wrap_s);
@@ -103,11 +119,11 @@ SCREE_HD inline void sample_texture(BlockCache* blocks, const TextureView& textu
   // NaN and infinite footprints (a plane seen edge-on) take the last level.
   const float level = footprint <= 1.0f ? 0.0f : footprint < 1e18f ? min_of(0.5f * std::log2(footprint), last) : last;
   const uint32_t fine = static_cast<uint32_t>(level);
-  sample_level(blocks, texture, table, fine, wrapped_u, wrapped_v, texture.nearest && footprint <= 1.0f, rgb);
+  sample_level(source, lane, texture, table, fine, wrapped_u, wrapped_v, texture.nearest && footprint <= 1.0f, rgb);
   const float between = level - static_cast<float>(fine);
   if (between > 0) {
     float coarse[3];
-    sample_level(blocks, texture, table, fine + 1, wrapped_u, wrapped_v, false, coarse);
+    sample_level(source, lane, texture, table, fine + 1, wrapped_u, wrapped_v, false, coarse);
     for (int c = 0; c < 3; ++c) rgb[c] = rgb[c] + (coarse[c] - rgb[c]) * between;
   }
 }

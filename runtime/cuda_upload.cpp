@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <chrono>
 #include <map>
+#include <span>
 #include <string>
 #include <utility>
 #include <vector>
@@ -94,10 +95,59 @@ uint64_t texel_bytes(const kernels::TextureView& texture) {
               uint64_t{std::max(texture.width >> last, 1u)} * std::max(texture.height >> last, 1u));
 }
 
+/// The scene's JPEG levels by number, on their way to the device.
+class JpegLevels {
+ public:
+  void add_to(UploadPlan& plan, const Scene& scene) {
+    for (const JpegTexture& jpeg : scene.jpeg_textures()) {
+      for (size_t l = 0; l < jpeg.jpeg_levels().size(); ++l) {
+        const std::span<const std::byte> bytes = jpeg.level_bytes(l);
+        const std::vector<format::JpegHuffmanTable>& tables = jpeg.index(l).tables;
+        levels_.push_back(jpeg.jpeg_levels()[l]);
+        places_.push_back({plan.add(bytes.data(), bytes.size()), plan.add_array(tables.data(), tables.size()),
+                           plan.add_array(jpeg.factors(l).data(), jpeg.factors(l).size())});
+      }
+    }
+    table_ = plan.add_array(levels_.data(), levels_.size());
+  }
+
+  /// Makes the levels' pointers, and those of `textures` to levels, ones into the arena at `base`.
+  void move_to(const std::byte* base, std::span<kernels::TextureView> textures) {
+    for (kernels::TextureView& texture : textures)
+      if (texture.jpeg_level_count != 0) texture.jpeg = table(base) + texture.jpeg[0].number;
+    for (size_t i = 0; i < levels_.size(); ++i) {
+      format::JpegView& view = levels_[i].picture.view;
+      const auto moved = [&](const void* part) {
+        return base + places_[i].bytes +
+               (static_cast<const std::byte*>(part) - static_cast<const std::byte*>(view.data));
+      };
+      view.blocks = moved(view.blocks);
+      view.anchors = moved(view.anchors);
+      view.data = base + places_[i].bytes;
+      view.tables = reinterpret_cast<const format::JpegHuffmanTable*>(base + places_[i].tables);
+      levels_[i].picture.factors = reinterpret_cast<const uint32_t*>(base + places_[i].factors);
+    }
+  }
+
+  const kernels::JpegLevel* table(const std::byte* base) const {
+    return reinterpret_cast<const kernels::JpegLevel*>(base + table_);
+  }
+
+ private:
+  struct Place {
+    uint64_t bytes;
+    uint64_t tables;
+    uint64_t factors;
+  };
+  std::vector<kernels::JpegLevel> levels_;
+  std::vector<Place> places_;
+  uint64_t table_ = 0;
+};
+
 }  // namespace
 
 Result<CudaScene> CudaScene::upload(const Scene& scene, uint64_t budget_bytes, uint64_t reserved_bytes,
-                                    uint32_t threads, Reading reading) {
+                                    uint32_t threads, Reading reading, uint64_t texture_cache) {
   const auto start = std::chrono::steady_clock::now();
   const kernels::SceneView& host = scene.view();
   const auto page_records = scene.container().pages();
@@ -119,6 +169,8 @@ Result<CudaScene> CudaScene::upload(const Scene& scene, uint64_t budget_bytes, u
     if (texture.texels == nullptr || texel_offset.contains(texture.texels)) continue;
     texel_offset[texture.texels] = plan.add(texture.texels, texel_bytes(texture));
   }
+  JpegLevels levels;
+  levels.add_to(plan, scene);
   std::vector<uint64_t> page_offset(pages.size());
   const DrawnPages& drawn = scene.drawn_pages();
   if (!scene.has_pages()) plan.add_pages(drawn);
@@ -126,7 +178,9 @@ Result<CudaScene> CudaScene::upload(const Scene& scene, uint64_t budget_bytes, u
     page_offset[drawn.page(i)] =
         scene.has_pages() ? plan.add(host.pages[drawn.page(i)], drawn.record(i).raw_bytes) : plan.page_offset(i);
 
-  const uint64_t needed = plan.bytes() + reserved_bytes;
+  const uint32_t slot_bytes = scene.jpeg_slot_bytes();
+  const uint64_t cache_bytes = slot_bytes != 0 ? kernels::CudaTextureCache::device_bytes(texture_cache, slot_bytes) : 0;
+  const uint64_t needed = plan.bytes() + cache_bytes + reserved_bytes;
   if (Result<void> fits = check_budget(needed, budget_bytes); !fits) return fits.error();
   Result<DeviceBuffer> arena = DeviceBuffer::allocate(std::max<uint64_t>(plan.bytes(), 1), "allocating the scene");
   if (!arena) return arena.error();
@@ -135,6 +189,7 @@ Result<CudaScene> CudaScene::upload(const Scene& scene, uint64_t budget_bytes, u
   for (kernels::TextureView& texture : textures)
     if (texture.texels != nullptr)
       texture.texels = reinterpret_cast<const uint8_t*>(base + texel_offset[texture.texels]);
+  levels.move_to(base, textures);
 
   const MappedFile& map = scene.file().map();
   const Reading chosen = choose_reading(plan, map, reading);
@@ -146,8 +201,15 @@ Result<CudaScene> CudaScene::upload(const Scene& scene, uint64_t budget_bytes, u
   if (!counts) return at(scene.file().path(), counts.error());
 
   CudaScene copy;
+  if (slot_bytes != 0) {
+    Result<kernels::CudaTextureCache> cache =
+        kernels::CudaTextureCache::create(levels.table(base), texture_cache, slot_bytes);
+    if (!cache) return cache.error();
+    copy.cache_ = std::move(*cache);
+  }
   copy.arena_ = std::move(*arena);
   copy.view_ = host;
+  copy.view_.blocks = nullptr;
   copy.view_.meshes = reinterpret_cast<const format::MeshRecord*>(base + meshes);
   copy.view_.chunks = reinterpret_cast<const format::ChunkRecord*>(base + chunks);
   copy.view_.instances = reinterpret_cast<const format::InstanceRecord*>(base + instances);

@@ -3,10 +3,12 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 
 #include "format/result.h"
 #include "kernels/cuda_check.h"
 #include "kernels/scene_view.h"
+#include "kernels/texture_cache_cuda.h"
 #include "runtime/scene.h"
 #include "runtime/upload.h"
 
@@ -16,21 +18,24 @@ class CudaScene {
  public:
   CudaScene() = default;
 
-  /// Brings records, pages and textures of `scene` to the current device; `scene` may go afterwards. `budget_bytes`:
-  /// what that and `reserved_bytes` may take together; 0: what the device has free. Errors kDevice (a CUDA call that
-  /// failed, which and for what; a scene that does not fit, both sizes named) and, with the file named, those of
-  /// run_upload.
+  /// Brings records, pages and textures of `scene` to the current device; `scene` may go afterwards. JPEG levels go as
+  /// they are; decoded blocks of them are kept in `texture_cache` bytes. `budget_bytes`: what all that and
+  /// `reserved_bytes` may take together; 0: what the device has free. Errors kDevice (a CUDA call that failed, which
+  /// and for what; a scene that does not fit, both sizes named) and, with the file named, those of run_upload.
   static Result<CudaScene> upload(const Scene& scene, uint64_t budget_bytes, uint64_t reserved_bytes, uint32_t threads,
-                                  Reading reading = Reading::kAuto);
+                                  Reading reading = Reading::kAuto, uint64_t texture_cache = kDeviceTextureCache);
 
   /// As `scene`'s, every pointer one of the device.
   const kernels::SceneView& view() const { return view_; }
-  /// device_bytes: of the arena and `reserved_bytes`.
+  /// Of the textures' JPEG levels; null where there are none.
+  kernels::CudaTextureCache* texture_cache() { return cache_ ? &*cache_ : nullptr; }
+  /// device_bytes: of the arena, the texture cache and `reserved_bytes`.
   const UploadStats& stats() const { return stats_; }
   uint64_t arena_bytes() const { return arena_.bytes(); }
 
  private:
   kernels::DeviceBuffer arena_;
+  std::optional<kernels::CudaTextureCache> cache_;
   kernels::SceneView view_{};
   UploadStats stats_;
 };

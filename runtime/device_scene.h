@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <span>
 
 #include "format/result.h"
@@ -20,11 +21,13 @@ Result<void> find_device();
 class DeviceScene {
  public:
   /// Brings `scene` to the current device: records, pages, textures. Pages that the scene has are copied; others come
-  /// from the file, checked as Scene::load_pages does, and stay on the device alone (runtime/upload.h). `budget_bytes`:
-  /// 0 takes what the device has free. Errors kDevice: no usable device, a CUDA call that failed (which and for what),
-  /// or a scene that does not fit (both sizes named); with the file named, those of Scene::load_pages.
+  /// from the file, checked as Scene::load_pages does, and stay on the device alone (runtime/upload.h). JPEG levels
+  /// that the scene has not decoded stay JPEGs, decoded as they are looked at into `texture_cache` bytes; the picture
+  /// does not depend on how many. `budget_bytes`: 0 takes what the device has free. Errors kDevice: no usable device, a
+  /// CUDA call that failed (which and for what), or a scene that does not fit (both sizes named); with the file named,
+  /// those of Scene::load_pages.
   static Result<DeviceScene> upload(const Scene& scene, uint64_t budget_bytes, uint32_t threads,
-                                    Reading reading = Reading::kAuto);
+                                    Reading reading = Reading::kAuto, uint64_t texture_cache = kDeviceTextureCache);
   DeviceScene(DeviceScene&&) noexcept;
   DeviceScene& operator=(DeviceScene&&) noexcept;
   ~DeviceScene();
@@ -41,6 +44,9 @@ class DeviceScene {
                        std::span<uint32_t> pixels, kernels::ResolveTimes* times = nullptr);
 
   const UploadStats& stats() const;
+
+  /// Of the picture that resolve() made last; nothing where no texture has JPEG levels. Errors kDevice.
+  Result<std::optional<kernels::TextureCacheCounts>> texture_counts() const;
 
   /// For those who draw into device memory themselves: the frames, and the scene as they see it, in device memory.
   /// After a frame drawn so, resolve() needs a draw() first: it reads the transforms of the last frame.

@@ -54,6 +54,14 @@ const UploadStats& DeviceScene::stats() const {
   return impl_->stats;
 }
 
+Result<std::optional<kernels::TextureCacheCounts>> DeviceScene::texture_counts() const {
+  const kernels::CudaTextureCache* const cache = impl_->scene.texture_cache();
+  if (cache == nullptr) return std::optional<kernels::TextureCacheCounts>();
+  const Result<kernels::TextureCacheCounts> counts = cache->counts();
+  if (!counts) return counts.error();
+  return std::optional<kernels::TextureCacheCounts>(*counts);
+}
+
 kernels::CudaFrames& DeviceScene::frames() {
   return *impl_->frames;
 }
@@ -62,11 +70,12 @@ const kernels::SceneView& DeviceScene::device_view() const {
   return impl_->scene.view();
 }
 
-Result<DeviceScene> DeviceScene::upload(const Scene& scene, uint64_t budget_bytes, uint32_t threads, Reading reading) {
+Result<DeviceScene> DeviceScene::upload(const Scene& scene, uint64_t budget_bytes, uint32_t threads, Reading reading,
+                                        uint64_t texture_cache) {
   if (Result<void> found = find_device(); !found) return found.error();
   const auto start = std::chrono::steady_clock::now();
-  Result<CudaScene> copy =
-      CudaScene::upload(scene, budget_bytes, kernels::CudaFrames::device_bytes(scene.view()), threads, reading);
+  Result<CudaScene> copy = CudaScene::upload(scene, budget_bytes, kernels::CudaFrames::device_bytes(scene.view()),
+                                             threads, reading, texture_cache);
   if (!copy) return copy.error();
   auto impl = std::make_unique<Impl>();
   impl->scene = std::move(*copy);
@@ -112,9 +121,9 @@ Result<void> DeviceScene::resolve(const kernels::View& view, uint32_t samples_pe
     impl_->pixels = std::move(*buffer);
   }
   const auto device_pixels = reinterpret_cast<uint32_t*>(impl_->pixels.data());
-  if (auto done = impl_->resolver.resolve(impl_->scene.view(), view, samples_per_side,
-                                          reinterpret_cast<const uint64_t*>(impl_->samples.data()),
-                                          impl_->frames->transforms(), options, device_pixels, nullptr, times);
+  if (auto done = impl_->resolver.resolve(
+          impl_->scene.view(), view, samples_per_side, reinterpret_cast<const uint64_t*>(impl_->samples.data()),
+          impl_->frames->transforms(), options, device_pixels, nullptr, times, impl_->scene.texture_cache());
       !done)
     return done;
   if (pixels.empty()) return {};

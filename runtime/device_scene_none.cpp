@@ -16,7 +16,7 @@ DeviceScene::DeviceScene(DeviceScene&&) noexcept = default;
 DeviceScene& DeviceScene::operator=(DeviceScene&&) noexcept = default;
 DeviceScene::~DeviceScene() = default;
 
-Result<DeviceScene> DeviceScene::upload(const Scene&, uint64_t, uint32_t, Reading) {
+Result<DeviceScene> DeviceScene::upload(const Scene&, uint64_t, uint32_t, Reading, uint64_t) {
   return find_device().error();
 }
 
@@ -31,6 +31,10 @@ Result<void> DeviceScene::read_samples(std::span<uint64_t>) {
 Result<void> DeviceScene::resolve(const kernels::View&, uint32_t, const kernels::ShadeOptions&, std::span<uint32_t>,
                                   kernels::ResolveTimes*) {
   return find_device();
+}
+
+Result<std::optional<kernels::TextureCacheCounts>> DeviceScene::texture_counts() const {
+  return find_device().error();
 }
 
 const UploadStats& DeviceScene::stats() const {

@@ -129,6 +129,11 @@ kernels::TextureView JpegTexture::view(const format::TextureRecord& record) cons
   return view;
 }
 
+std::span<const std::byte> JpegTexture::level_bytes(size_t level) const {
+  const format::JpegIndex& from = index(level);
+  return {from.data.data(), from.anchors.data() + from.anchors.size()};
+}
+
 uint64_t JpegTexture::jpeg_bytes() const {
   uint64_t bytes = 0;
   for (size_t l = 0; l < levels_.size(); ++l) {

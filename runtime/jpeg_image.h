@@ -49,6 +49,12 @@ class JpegTexture {
   /// Errors and throws as JpegImage::decode_tail.
   static Result<JpegTexture> make(JpegImage image);
 
+  /// Where a level's bytes lie: its data, anchor blocks and anchors, one behind the other as in the file, from
+  /// JpegView::data on.
+  std::span<const std::byte> level_bytes(size_t level) const;
+  const format::JpegIndex& index(size_t level) const { return image_.levels()[level]; }
+  std::span<const uint32_t> factors(size_t level) const { return factors_[level]; }
+
   /// Numbers the JPEG levels from `first` on and returns the number behind the last.
   uint32_t number_levels(uint32_t first);
 

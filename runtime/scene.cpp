@@ -229,7 +229,9 @@ Result<void> Scene::load_textures(const SceneOptions& options) {
     stats_.texture_bytes += mips_[wanted[i]].texels.size() + jpegs_[wanted[i]].decoded_bytes();
     stats_.jpeg_bytes += jpegs_[wanted[i]].jpeg_bytes();
   }
-  make_block_cache(options.texture_cache);
+  number_jpeg_levels();
+  if (jpeg_slot_bytes_ != 0) blocks_ = std::make_unique<kernels::BlockCache>(options.texture_cache, jpeg_slot_bytes_);
+  view_.blocks = blocks_.get();
   stats_.images = wanted.size();
   for (uint64_t t = 0; t < textures.size(); ++t)
     if (texture_drawn[t]) textures_[t] = view_of(textures[t]);
@@ -241,18 +243,13 @@ kernels::TextureView Scene::view_of(const format::TextureRecord& record) const {
   return mips.level_count != 0 ? texture_view(mips, record) : jpegs_[record.image].view(record);
 }
 
-/// Slots are as large as the largest group of the scene's JPEG levels.
-void Scene::make_block_cache(uint64_t bytes) {
+void Scene::number_jpeg_levels() {
   uint32_t number = 0;
-  uint32_t slot_blocks = 0;
   for (JpegTexture& jpeg : jpegs_) {
     number = jpeg.number_levels(number);
     for (const kernels::JpegLevel& level : jpeg.jpeg_levels())
-      slot_blocks = std::max(slot_blocks, level.picture.mcu_blocks * level.picture.view.group_mcus);
+      jpeg_slot_bytes_ = std::max(jpeg_slot_bytes_, 64 * level.picture.mcu_blocks * level.picture.view.group_mcus);
   }
-  if (slot_blocks == 0) return;
-  blocks_ = std::make_unique<kernels::BlockCache>(bytes, 64 * slot_blocks);
-  view_.blocks = blocks_.get();
 }
 
 }  // namespace scree::runtime

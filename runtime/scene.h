@@ -39,11 +39,15 @@ class SceneFile {
   format::Container container_;
 };
 
+/// Bytes of decoded blocks of JPEG textures that a CPU and a GPU keep where nothing else is said.
+inline constexpr uint64_t kHostTextureCache = uint64_t{64} << 20;
+inline constexpr uint64_t kDeviceTextureCache = uint64_t{256} << 20;
+
 struct SceneOptions {
   bool textures = true;  // false: texture views have no texels
   uint32_t threads = 1;
-  // Most bytes of decoded blocks that are kept of JPEG textures, whose finer levels are decoded as they are looked at;
-  // 0: all levels are decoded at once, as a GPU needs them.
+  // Most bytes of decoded blocks that a CPU keeps of JPEG textures, whose finer levels are decoded as they are looked
+  // at, memory that is taken as it fills; 0: all levels are decoded at once.
   uint64_t texture_cache = 0;
   bool pages = true;  // false: view().pages are null until load_pages(), for scenes that a GPU draws
 };
@@ -90,6 +94,10 @@ class Scene {
   const LoadStats& stats() const { return stats_; }
   /// Of the JPEG textures; null where there are none.
   const kernels::BlockCache* block_cache() const { return blocks_.get(); }
+  /// By image: those that stay JPEGs; the others have no levels.
+  std::span<const JpegTexture> jpeg_textures() const { return jpegs_; }
+  /// Of the largest group of their levels, decoded; 0 where there are none.
+  uint32_t jpeg_slot_bytes() const { return jpeg_slot_bytes_; }
 
   /// Images that decoded with a complaint; one line each, without the file.
   const std::vector<std::string>& warnings() const { return warnings_; }
@@ -103,7 +111,7 @@ class Scene {
   Result<void> number_instances();
   Result<void> load_textures(const SceneOptions& options);
   kernels::TextureView view_of(const format::TextureRecord& record) const;
-  void make_block_cache(uint64_t bytes);
+  void number_jpeg_levels();
 
   SceneFile file_;
   uint32_t scene_ = 0;
@@ -120,6 +128,7 @@ class Scene {
   bool has_pages_ = false;
   std::vector<MipChain> mips_;      // by image; empty where no drawn material uses it,
   std::vector<JpegTexture> jpegs_;  // or where it is here
+  uint32_t jpeg_slot_bytes_ = 0;
   std::unique_ptr<kernels::BlockCache> blocks_;
   std::vector<kernels::TextureView> textures_;
   std::vector<std::string> warnings_;

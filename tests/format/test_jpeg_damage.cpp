@@ -3,6 +3,7 @@
 #include <random>
 
 #include "format/jpeg_index.h"
+#include "format/jpeg_picture.h"
 #include "tests/catch.h"
 #include "tests/format/guarded_bytes.h"
 #include "tests/format/jpeg_checks.h"
@@ -15,6 +16,33 @@ using namespace scree::tests::jpeg;
 
 namespace {
 
+/// Decodes groups into a buffer of their size that ends at a guard page, and pixels of them without: the same colours,
+/// whatever the data are.
+void decode_groups(const JpegIndex& index, uint32_t step) {
+  const std::vector<uint32_t> factors = jpeg_factors(index);
+  const JpegPicture picture = jpeg_picture(index, factors.data());
+  const uint32_t group_mcus = picture.view.group_mcus;
+  GuardedBytes buffer(size_t{64} * picture.mcu_blocks * group_mcus);
+  auto* const samples = reinterpret_cast<uint8_t*>(buffer.bytes().data());
+  for (uint32_t group = 0; group < index.layout.group_count; group += step) {
+    decode_jpeg_group(picture, group, samples);
+    JpegPlace places[4];
+    uint32_t expected[4];
+    for (uint32_t i = 0; i < 4; ++i) {
+      const uint32_t mcus = std::min(group_mcus, picture.view.mcu_count - group * group_mcus);
+      places[i] = {group, (group + i) % mcus * picture.mcu_blocks, (5 * i + group) % picture.mcu_width,
+                   (3 * i + group) % picture.mcu_height};
+      expected[i] = jpeg_colour(picture, places[i], samples);
+    }
+    for (const uint32_t wanted : {15u, 6u, 8u}) {
+      uint32_t colours[4] = {1, 2, 3, 4};
+      decode_jpeg_colours(picture, places, wanted, colours);
+      for (uint32_t i = 0; i < 4; ++i)
+        if (colours[i] != ((wanted >> i & 1u) != 0 ? expected[i] : i + 1)) FAIL("group " << group << ", pixel " << i);
+    }
+  }
+}
+
 /// Opens and, where that works, decodes every MCU both ways; nothing may be read or written out of place.
 void decode_all(std::span<const std::byte> bytes) {
   const auto index = open_jpeg_index(bytes);
@@ -24,6 +52,7 @@ void decode_all(std::span<const std::byte> bytes) {
   const uint32_t step = std::max(1u, view.mcu_count / 64);
   for (uint32_t mcu = 0; mcu < view.mcu_count; mcu += step) decode_mcu(view, mcu, blocks);
   CHECK_FALSE(decode_mcu(view, view.mcu_count, blocks));
+  decode_groups(*index, std::max(1u, index->layout.group_count / 8));
   (void)rebuild(*index);
 }
 
@@ -214,4 +243,37 @@ TEST_CASE("mutated JPEG files and indexed JPEGs never take a decoder past its li
     decode_all(guarded.bytes());
   }
   CHECK(opened > 300);
+}
+
+TEST_CASE("a group decoder handed any bytes stays inside its buffers and ends", "[jpeg_index]") {
+  std::mt19937 random(20261122);
+  for (const auto& factors :
+       {std::vector<std::pair<int, int>>{{2, 2}, {1, 1}, {1, 1}}, {{1, 1}}, {{4, 1}, {1, 1}, {2, 1}}}) {
+    for (const int restart : {0, 3}) {
+      const auto bytes = encode(make_jpeg(recipe_of(120, 90, factors, restart)));
+      REQUIRE(bytes);
+      const auto index = open_jpeg_index(*bytes);
+      REQUIRE(index);
+      decode_groups(*index, 1);
+      // What open_jpeg_index() looks at stays; the data and the anchors are anything.
+      const auto data_at = static_cast<size_t>(index->data.data() - bytes->data());
+      const auto anchors_at = static_cast<size_t>(index->anchors.data() - bytes->data());
+      GuardedBytes guarded(*bytes);
+      const auto fill = [&](size_t at, size_t size, uint32_t kind) {
+        for (size_t i = at; i < at + size; ++i)
+          guarded.bytes()[i] = static_cast<std::byte>(kind == 0 ? random() : kind == 1 ? 0xff : 0);
+      };
+      for (uint32_t kind = 0; kind < 3; ++kind) {
+        fill(data_at, index->data.size(), kind);
+        const auto damaged = open_jpeg_index(guarded.bytes());
+        REQUIRE(damaged);
+        decode_groups(*damaged, 1);
+        // Anchors that point anywhere: the checks of a file are passed by.
+        fill(anchors_at, index->anchors.size(), kind);
+        decode_groups(*damaged, 1);
+        std::copy_n(bytes->begin() + static_cast<ptrdiff_t>(anchors_at), index->anchors.size(),
+                    guarded.bytes().begin() + static_cast<ptrdiff_t>(anchors_at));
+      }
+    }
+  }
 }

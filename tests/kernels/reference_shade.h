@@ -107,7 +107,9 @@ inline Light reference_light(const kernels::SceneView& scene, const kernels::Vie
         footprint = std::max(footprint, static_cast<float>(squared));
       }
       float rgb[3];
-      sample_texture(scene.blocks, texture, srgb, place(weights, 0), place(weights, 1), footprint, rgb);
+      SceneTexels::Lane lane;
+      sample_texture(SceneTexels{scene.blocks}, lane, texture, srgb, place(weights, 0), place(weights, 1), footprint,
+                     rgb);
       for (size_t c = 0; c < 3; ++c) light[c] = static_cast<double>(rgb[c]);
     }
     for (size_t c = 0; c < 3; ++c) light[c] *= static_cast<double>(material.base_color[c]);

@@ -14,71 +14,17 @@
 #include "tests/format/jpeg_maker.h"
 #include "tests/models.h"
 #include "tests/tools/convert_fixture.h"
-#include "tests/tools/model_maker.h"
+#include "tests/tools/jpeg_model.h"
 #include "tests/tools/temp_folder.h"
 
 using namespace scree;
-using format::Wrap;
 using kernels::BlockCache;
 using kernels::JpegLevel;
-using tests::JpegRecipe;
-using tests::ModelMaker;
+using tests::jpeg_recipe;
+using tests::must_load;
 using tests::TempFolder;
 
 namespace {
-
-JpegRecipe recipe(int width, int height, std::vector<std::pair<int, int>> factors) {
-  JpegRecipe made;
-  made.width = width;
-  made.height = height;
-  made.factors = std::move(factors);
-  return made;
-}
-
-/// Grids side by side, each with another JPEG, wrapping, filter and transform; some of many repeats, some close up.
-void make_model(const std::string& path) {
-  ModelMaker maker(path);
-  const std::vector<JpegRecipe> recipes = {
-      recipe(517, 389, {{2, 2}, {1, 1}, {1, 1}}),  recipe(300, 300, {{1, 1}, {1, 1}, {1, 1}}),
-      recipe(256, 1000, {{2, 1}, {1, 1}, {1, 1}}), recipe(640, 200, {{1, 1}}),
-      recipe(333, 201, {{4, 1}, {1, 1}, {1, 1}}),  recipe(90, 40, {{2, 2}, {1, 1}, {1, 1}})};
-  constexpr Wrap kWraps[3] = {Wrap::kRepeat, Wrap::kMirror, Wrap::kClamp};
-  for (size_t i = 0; i < recipes.size(); ++i) {
-    JpegRecipe jpeg = recipes[i];
-    jpeg.is_rgb = i == 1;
-    jpeg.restart = i == 2 ? 7 : 0;
-    tools::GltfTexture texture =
-        maker.texture("i" + std::to_string(i), format::ImageCodec::kJpeg, tests::make_jpeg(jpeg));
-    texture.wrap_s = kWraps[i % 3];
-    texture.wrap_t = kWraps[(i + 1) % 3];
-    texture.mag_filter = i == 4 ? 9728 : 9729;
-    tools::GltfMaterial material;
-    material.texture = maker.writer().add_texture(texture);
-    material.unlit = i % 2 == 0;
-    material.double_sided = true;
-    material.transform.scale[0] = i == 3 ? 9 : 0.4;
-    material.transform.scale[1] = i == 2 ? 0.05 : 1.3;
-    material.transform.offset[0] = -0.37 * static_cast<double>(i);
-    material.transform.rotation = 0.3 * static_cast<double>(i);
-    tests::GridSpec spec;
-    spec.uv = true;
-    spec.origin = {1.05f * static_cast<float>(i % 3), 0, 1.05f * static_cast<float>(i / 3)};
-    maker.node("n" + std::to_string(i),
-               maker.mesh("m" + std::to_string(i), {maker.grid(spec, maker.writer().add_material(material))}));
-  }
-  maker.finish();
-}
-
-runtime::Scene must_load(const std::string& path, uint64_t texture_cache) {
-  auto file = runtime::SceneFile::open(path);
-  REQUIRE(file);
-  runtime::SceneOptions options;
-  options.texture_cache = texture_cache;
-  options.threads = 2;
-  auto scene = runtime::Scene::load(std::move(*file), 0, options);
-  if (!scene) FAIL(scene.error().message);
-  return std::move(*scene);
-}
 
 std::vector<uint8_t> draw(const runtime::Scene& scene, uint32_t width, uint32_t samples, uint32_t threads) {
   runtime::CameraOptions camera;
@@ -97,7 +43,7 @@ std::vector<uint8_t> draw(const runtime::Scene& scene, uint32_t width, uint32_t 
 
 TEST_CASE("a picture does not depend on the size of the texture cache", "[jpeg_textures]") {
   const TempFolder folder;
-  make_model(folder.file("in.glb"));
+  tests::make_jpeg_model(folder.file("in.glb"));
   tests::must_convert(tests::options_of(folder));
   const runtime::Scene whole = must_load(folder.file("out.scree"), 0);
   CHECK(whole.block_cache() == nullptr);
@@ -142,7 +88,7 @@ TEST_CASE("real models look the same with any texture cache", "[jpeg_textures]")
 }
 
 TEST_CASE("a block cache gives every group's samples to every thread", "[jpeg_textures]") {
-  const auto indexed = runtime::index_jpeg(tests::make_jpeg(recipe(200, 150, {{2, 1}, {1, 1}, {1, 1}})));
+  const auto indexed = runtime::index_jpeg(tests::make_jpeg(jpeg_recipe(200, 150, {{2, 1}, {1, 1}, {1, 1}})));
   REQUIRE(indexed);
   const auto index = format::open_jpeg_index(indexed->bytes);
   REQUIRE(index);

@@ -82,6 +82,7 @@ void print_pick(const format::Container& container, PixelPlace place, const std:
 struct Times {
   Duration open;
   std::optional<runtime::UploadStats> upload;
+  std::optional<kernels::TextureCacheCounts> looked;  // of a GPU's JPEG textures
   Duration shade;
   Duration write;
 };
@@ -107,7 +108,12 @@ void print_stats(const runtime::Scene& scene, const runtime::Frame& frame, const
   }
   std::printf("textures: %llu images, %s with levels, %s\n", static_cast<unsigned long long>(load.images),
               format_bytes(load.texture_bytes).c_str(), both_times(load.textures).c_str());
-  if (const kernels::BlockCache* blocks = scene.block_cache())
+  if (times.looked)
+    std::printf("JPEG levels: %s, %llu groups decoded in %llu rounds, %llu tiles decoded for themselves\n",
+                format_bytes(load.jpeg_bytes).c_str(), static_cast<unsigned long long>(times.looked->decoded),
+                static_cast<unsigned long long>(times.looked->rounds),
+                static_cast<unsigned long long>(times.looked->tiles));
+  else if (const kernels::BlockCache* blocks = scene.block_cache())
     std::printf("JPEG levels: %s, %llu groups decoded into a cache of %s\n", format_bytes(load.jpeg_bytes).c_str(),
                 static_cast<unsigned long long>(blocks->decoded()), format_bytes(blocks->bytes()).c_str());
   std::printf("view: eye %.9g,%.9g,%.9g forward %.6f,%.6f,%.6f up %.6f,%.6f,%.6f near %g\n", view.eye[0], view.eye[1],
@@ -186,7 +192,8 @@ Result<bool> wants_gpu(BackendChoice backend) {
 /// Brings the scene to the GPU; nothing where --backend auto finds that it does not fit.
 Result<std::optional<runtime::DeviceScene>> upload(const RenderOptions& options, const runtime::Scene& scene) {
   Result<runtime::DeviceScene> device =
-      runtime::DeviceScene::upload(scene, options.device_memory, options.threads, options.reading);
+      runtime::DeviceScene::upload(scene, options.device_memory, options.threads, options.reading,
+                                   options.texture_cache.value_or(runtime::kDeviceTextureCache));
   if (device) return std::optional<runtime::DeviceScene>(std::move(*device));
   if (device.error().code != ErrorCode::kDevice) return device.error();
   if (options.backend == BackendChoice::kAuto) return std::optional<runtime::DeviceScene>{};
@@ -213,7 +220,7 @@ Result<void> render(const RenderOptions& options) {
   load.textures = !options.output.empty() && options.shade.show == kernels::Show::kTexture;
   load.threads = options.threads;
   load.pages = !*on_gpu;
-  if (!*on_gpu) load.texture_cache = options.texture_cache;
+  load.texture_cache = options.texture_cache.value_or(runtime::kHostTextureCache);
   Result<runtime::Scene> scene = runtime::Scene::load(std::move(*file), *scene_index, load);
   if (!scene) return scene.error();
   if (!options.quiet)
@@ -247,7 +254,12 @@ Result<void> render(const RenderOptions& options) {
     if (!pick) return pick.error();
     print_pick(scene->container(), place, *pick);
   }
-  if (device) times.upload = device->stats();
+  if (device) {
+    times.upload = device->stats();
+    const auto looked = device->texture_counts();
+    if (!looked) return at(options.file, with_advice(looked.error()));
+    times.looked = *looked;
+  }
   if (options.stats) print_stats(*scene, *frame, *view, times);
   if (!options.quiet) print_summary(options, *scene, *frame, times);
   return {};
@@ -304,8 +316,10 @@ Command add_render(CLI::App& parent) {
                   "cpu, cuda, or auto: the GPU where there is one that holds the scene (default)");
   app->add_option("--device-memory", words->device_memory,
                   "The most the scene may take of the GPU's memory, such as 8GiB (default: what is free)");
-  app->add_option("--texture-cache", words->texture_cache,
-                  "Memory for decoded blocks of JPEG textures when the CPU draws, such as 1GiB (default: 64MiB)");
+  app->add_option(
+      "--texture-cache", words->texture_cache,
+      "Memory for decoded blocks of JPEG textures, such as 1GiB; the picture does not depend on it (default: "
+      "64MiB, on a GPU 256MiB)");
   app->add_option("--read", words->read,
                   "How the GPU's pages come from the file: mapped, direct: past the page cache, or auto: direct where "
                   "much is to be read that is not cached (default)");

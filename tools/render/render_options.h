@@ -3,6 +3,7 @@
 
 #include <array>
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -64,7 +65,9 @@ struct RenderOptions {
   uint32_t samples_per_side = 1;
   uint32_t threads = 1;
   BackendChoice backend = BackendChoice::kAuto;
-  uint64_t texture_cache = uint64_t{64} << 20;         // bytes of decoded blocks of JPEG textures on a CPU
+  // Bytes of decoded blocks of JPEG textures; nothing: runtime::kHostTextureCache, on a GPU
+  // runtime::kDeviceTextureCache.
+  std::optional<uint64_t> texture_cache;
   uint64_t device_memory = 0;                          // bytes the scene may take on the GPU; 0: what is free
   runtime::Reading reading = runtime::Reading::kAuto;  // of a GPU's pages
   std::vector<PixelPlace> picks;

@@ -1,0 +1,28 @@
+// The team that shades pixels on a GPU: a warp, one lane a pixel of a tile.
+#pragma once
+
+#include <cuda_runtime.h>
+
+#include <cstdint>
+
+#include "kernels/math.h"
+
+namespace scree::kernels {
+
+inline constexpr uint32_t kPixelThreads = 128;  // a block
+
+/// One warp; all its lanes are there, in every pass.
+struct PixelTeam {
+  static constexpr bool kMakesTransforms = false;
+
+  __device__ static uint32_t rank() { return threadIdx.x & 31u; }
+  SCREE_HD static constexpr uint32_t size() { return 32; }
+  __device__ static uint32_t ballot(bool value) { return __ballot_sync(0xffffffffu, value); }
+  __device__ static uint64_t share(uint64_t value, uint32_t lane) {
+    return __shfl_sync(0xffffffffu, static_cast<unsigned long long>(value), static_cast<int>(lane));
+  }
+  __device__ static void keep_least(uint32_t* place, uint32_t value) { atomicMin(place, value); }
+  __device__ static void keep_most(uint32_t* place, uint32_t value) { atomicMax(place, value); }
+};
+
+}  // namespace scree::kernels

@@ -1,0 +1,74 @@
+// The resolve of pictures whose textures are decoded as they are looked at, round by round (texture_cache.h).
+#pragma once
+
+#include "kernels/pixels.h"
+#include "kernels/texture_cache.h"
+
+namespace scree::kernels {
+inline namespace SCREE_ISA {
+
+/// Rounds of decoding, each followed by one of shading what was left: a picture that the cache holds takes one, one
+/// that is twice as large two or three.
+inline constexpr uint32_t kDecodeRounds = 3;
+
+/// A tile with pixels that are left: a bit each, row by row.
+struct TileLeft {
+  uint32_t tile;
+  uint32_t pixels;
+};
+
+/// Shades tiles of a picture whose pixels may lack texels, and lists those that did.
+template <class Shader>
+struct ResolveRound {
+  Resolve<Shader> resolve;
+  const TileLeft* tiles;  // an item each; null: all tiles, all pixels
+  TileLeft* left;         // room for all tiles; null where nothing can be missing
+  RoundCounters* counters;
+
+  /// `tiles` has as many entries as the round before counted.
+  template <class Team>
+  SCREE_HD void operator()(uint32_t item, Team team) const {
+    static_assert(Team::size() == 1 || Team::size() == kPixelTileSize);
+    const TileLeft own = tiles != nullptr ? tiles[item] : TileLeft{item, ~uint32_t{0}};
+    ShadeState<Team, Shader> state;
+    uint32_t missed = 0;  // of this lane's pixels
+    uint32_t bit = team.rank();
+    resolve.tiles.for_each(own.tile, team, [&](uint32_t x, uint32_t y, bool inside) {
+      const bool wanted = inside && (own.pixels >> bit & 1u) != 0;
+      if constexpr (Shader::Texels::kMayMiss) state.texels.missed = false;
+      resolve.resolve(team, x, y, wanted, state);
+      if constexpr (Shader::Texels::kMayMiss)
+        if (wanted && state.texels.missed) missed |= 1u << bit;
+      bit += team.size();
+    });
+    if constexpr (Shader::Texels::kMayMiss) {
+      const uint32_t pixels = Team::size() == 1 ? missed : team.ballot(missed != 0);
+      if (pixels != 0 && team.rank() == 0) left[count_up(&counters->tiles)] = {own.tile, pixels};
+    }
+  }
+};
+
+/// Calls visit(shader) with the shader of a textured picture, whose options.show is Show::kTexture. `kApart`: as
+/// visit_shader() has it.
+template <bool kApart, class Texels, class Visit>
+inline void visit_textured(const ShadeInputs& in, const Texels& texels, const Visit& visit) {
+  const auto with_kinds = [&]<bool kOrthographic>() {
+    if constexpr (kApart) {
+      switch (in.scene.chunk_kinds) {
+        case ChunkKinds::kMixed:
+          break;
+        case ChunkKinds::kFloat32:
+          return visit(Shader<kOrthographic, Show::kTexture, ChunkKinds::kFloat32, Texels>{in, texels});
+        case ChunkKinds::kPacked:
+          return visit(Shader<kOrthographic, Show::kTexture, ChunkKinds::kPacked, Texels>{in, texels});
+        case ChunkKinds::kClustered:
+          return visit(Shader<kOrthographic, Show::kTexture, ChunkKinds::kClustered, Texels>{in, texels});
+      }
+    }
+    return visit(Shader<kOrthographic, Show::kTexture, ChunkKinds::kMixed, Texels>{in, texels});
+  };
+  in.view.orthographic ? with_kinds.template operator()<true>() : with_kinds.template operator()<false>();
+}
+
+}  // namespace SCREE_ISA
+}  // namespace scree::kernels

@@ -1,0 +1,69 @@
+// A scene of JPEG textures of every kind, for the tests that draw them.
+#pragma once
+
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "runtime/scene.h"
+#include "tests/catch.h"
+#include "tests/format/jpeg_maker.h"
+#include "tests/tools/model_maker.h"
+
+namespace scree::tests {
+
+inline JpegRecipe jpeg_recipe(int width, int height, std::vector<std::pair<int, int>> factors) {
+  JpegRecipe made;
+  made.width = width;
+  made.height = height;
+  made.factors = std::move(factors);
+  return made;
+}
+
+/// Grids side by side, each with another JPEG, wrapping, filter and transform; some of many repeats, some close up.
+inline void make_jpeg_model(const std::string& path) {
+  ModelMaker maker(path);
+  const std::vector<JpegRecipe> recipes = {
+      jpeg_recipe(517, 389, {{2, 2}, {1, 1}, {1, 1}}),  jpeg_recipe(300, 300, {{1, 1}, {1, 1}, {1, 1}}),
+      jpeg_recipe(256, 1000, {{2, 1}, {1, 1}, {1, 1}}), jpeg_recipe(640, 200, {{1, 1}}),
+      jpeg_recipe(333, 201, {{4, 1}, {1, 1}, {1, 1}}),  jpeg_recipe(90, 40, {{2, 2}, {1, 1}, {1, 1}})};
+  using format::Wrap;
+  constexpr Wrap kWraps[3] = {Wrap::kRepeat, Wrap::kMirror, Wrap::kClamp};
+  for (size_t i = 0; i < recipes.size(); ++i) {
+    JpegRecipe jpeg = recipes[i];
+    jpeg.is_rgb = i == 1;
+    jpeg.restart = i == 2 ? 7 : 0;
+    tools::GltfTexture texture = maker.texture("i" + std::to_string(i), format::ImageCodec::kJpeg, make_jpeg(jpeg));
+    texture.wrap_s = kWraps[i % 3];
+    texture.wrap_t = kWraps[(i + 1) % 3];
+    texture.mag_filter = i == 4 ? 9728 : 9729;
+    tools::GltfMaterial material;
+    material.texture = maker.writer().add_texture(texture);
+    material.unlit = i % 2 == 0;
+    material.double_sided = true;
+    material.transform.scale[0] = i == 3 ? 9 : 0.4;
+    material.transform.scale[1] = i == 2 ? 0.05 : 1.3;
+    material.transform.offset[0] = -0.37 * static_cast<double>(i);
+    material.transform.rotation = 0.3 * static_cast<double>(i);
+    GridSpec spec;
+    spec.uv = true;
+    spec.origin = {1.05f * static_cast<float>(i % 3), 0, 1.05f * static_cast<float>(i / 3)};
+    maker.node("n" + std::to_string(i),
+               maker.mesh("m" + std::to_string(i), {maker.grid(spec, maker.writer().add_material(material))}));
+  }
+  maker.finish();
+}
+
+/// `texture_cache`: SceneOptions::texture_cache.
+inline runtime::Scene must_load(const std::string& path, uint64_t texture_cache) {
+  auto file = runtime::SceneFile::open(path);
+  REQUIRE(file);
+  runtime::SceneOptions options;
+  options.texture_cache = texture_cache;
+  options.threads = 2;
+  auto scene = runtime::Scene::load(std::move(*file), 0, options);
+  if (!scene) FAIL(scene.error().message);
+  return std::move(*scene);
+}
+
+}  // namespace scree::tests
