@@ -206,6 +206,7 @@ Result<CudaScene> CudaScene::upload(const Scene& scene, uint64_t budget_bytes, u
         kernels::CudaTextureCache::create(levels.table(base), texture_cache, slot_bytes);
     if (!cache) return cache.error();
     copy.cache_ = std::move(*cache);
+    copy.jpeg_levels_ = levels.table(base);
   }
   copy.arena_ = std::move(*arena);
   copy.view_ = host;

@@ -29,6 +29,8 @@ class CudaScene {
   const kernels::SceneView& view() const { return view_; }
   /// Of the textures' JPEG levels; null where there are none.
   kernels::CudaTextureCache* texture_cache() { return cache_ ? &*cache_ : nullptr; }
+  /// Of the device, by number, where there are any.
+  const kernels::JpegLevel* jpeg_level(uint32_t number) const { return jpeg_levels_ + number; }
   /// device_bytes: of the arena, the texture cache and `reserved_bytes`.
   const UploadStats& stats() const { return stats_; }
   uint64_t arena_bytes() const { return arena_.bytes(); }
@@ -36,6 +38,7 @@ class CudaScene {
  private:
   kernels::DeviceBuffer arena_;
   std::optional<kernels::CudaTextureCache> cache_;
+  const kernels::JpegLevel* jpeg_levels_ = nullptr;
   kernels::SceneView view_{};
   UploadStats stats_;
 };

@@ -113,6 +113,43 @@ TEST_CASE("bench: words that cannot be are refused with what can", "[bench_tool]
   CHECK(refused(words).find("exclude") != std::string::npos);
 }
 
+TEST_CASE("bench: the textured scene is measured by itself", "[bench_tool]") {
+  BenchWords words;
+  words.scenes = "textured";
+  Result<BenchOptions> options = parse_options(words);
+  REQUIRE(options);
+  CHECK(options->is_textured);
+  CHECK(options->textures == 20);
+  CHECK(options->texture_size == 8192);
+  CHECK(options->texture_cache == runtime::kDeviceTextureCache);
+  words.textures = 12;
+  words.texture_size = 16384;
+  words.texture_cache = "1GiB";
+  words.size = "1920x1080";
+  options = parse_options(words);
+  REQUIRE(options);
+  CHECK(options->textures == 12);
+  CHECK(options->texture_size == 16384);
+  CHECK(options->texture_cache == uint64_t{1} << 30);
+  CHECK(options->size->width == 1920);
+  for (const uint32_t size : {0u, 1000u, 65536u}) {
+    BenchWords bad = words;
+    bad.texture_size = size;
+    CHECK(refused(bad).find("--texture-size") != std::string::npos);
+  }
+  BenchWords bad = words;
+  bad.csv = "rows.csv";
+  CHECK(refused(bad).find("--scene textured takes") != std::string::npos);
+  bad = words;
+  bad.texture_cache = "much";
+  CHECK(refused(bad).find("--texture-cache") != std::string::npos);
+  bad = words;
+  bad.scenes = "A";  // which has no textures
+  CHECK(refused(bad).find("--scene textured") != std::string::npos);
+  bad.scenes = "A,textured";
+  CHECK(refused(bad).find("\"textured\"") != std::string::npos);
+}
+
 TEST_CASE("bench: the extra scenes have the paper's sizes", "[bench_tool]") {
   CHECK(make_scene("lantern", synth::MeshOrder::kRow, 1).drawn_triangles() == 995328);
   const uint64_t sixty = make_scene("A60", synth::MeshOrder::kBlock, 1).drawn_triangles();
@@ -209,7 +246,7 @@ TEST_CASE("bench: pictures are compared by triangle, depth and colour", "[bench_
 
 TEST_CASE("bench: the path goes from a scene's first view to its second", "[bench_tool]") {
   const synth::Scene scene = make_scene("D", synth::MeshOrder::kRow, 1);
-  const std::vector<kernels::View> path = path_views(scene, 64, 32);
+  const std::vector<kernels::View> path = path_views(scene.cameras, 64, 32);
   REQUIRE(path.size() == kPathFrames);
   for (size_t i = 0; i < 3; ++i) {
     CHECK(path.front().eye[i] == scene.cameras[0].eye[i]);

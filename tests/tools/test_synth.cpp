@@ -17,6 +17,7 @@
 #include "tests/tools/temp_folder.h"
 #include "tests/tools/validator.h"
 #include "tools/synth/slope.h"
+#include "tools/synth/textured.h"
 #include "tools/synth/textures.h"
 
 using namespace scree;
@@ -517,4 +518,37 @@ TEST_CASE("a full disk ends synth with nothing left behind", "[synth]") {
   std::signal(SIGXFSZ, handler);
   CHECK(codes == std::vector<ErrorCode>{ErrorCode::kFile, ErrorCode::kFile});
   CHECK(std::filesystem::is_empty(folder.path()));
+}
+
+TEST_CASE("the textured scene has detailed textures, the same for any number of threads", "[synth]") {
+  const TempFolder folder;
+  TexturedOptions options;
+  options.meshes = 7;
+  options.size = 512;
+  options.stone = 256;
+  options.threads = 1;
+  options.output = folder.file("a.gltf");
+  const Result<TexturedReport> report = write_textured(options);
+  if (!report) FAIL(report.error().message);
+  CHECK(report->triangles == 7 * 2 * 256 * 256);
+  const double bits = 8.0 * static_cast<double>(report->texture_bytes) / (7.0 * 512 * 512);
+  CHECK(bits > 1.5);
+  CHECK(bits < 4);
+  options.threads = 4;
+  options.output = folder.file("b.gltf");
+  REQUIRE(write_textured(options));
+  CHECK(read_whole(folder.file("a.bin")) == read_whole(folder.file("b.bin")));
+  for (int i = 0; i < 7; ++i) {
+    const std::string name = "_texture" + std::to_string(i) + ".jpg";
+    CHECK(read_whole(folder.file("a" + name)) == read_whole(folder.file("b" + name)));
+    if (i > 0)
+      CHECK(read_whole(folder.file("a" + name)) !=
+            read_whole(folder.file("a_texture" + std::to_string(i - 1) + ".jpg")));
+  }
+  for (const uint32_t size : {0u, 100u, 65536u}) {
+    options.size = size;
+    const Result<TexturedReport> refused = write_textured(options);
+    REQUIRE_FALSE(refused);
+    CHECK(refused.error().code == ErrorCode::kUsage);
+  }
 }

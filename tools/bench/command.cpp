@@ -21,7 +21,7 @@ Command add_bench(CLI::App& parent) {
       ->type_name("FILES");
   app->add_option("--scene", words->scenes,
                   "A, B, C, D, lantern (B's mesh once) or A60 (A with 60 M triangles), with commas between\n"
-                  "(default: A,B,C,D)")
+                  "(default: A,B,C,D); or textured: JPEG textures, decoded as they are looked at")
       ->type_name("NAMES");
   app->add_option("--view", words->views,
                   "Views by name: overview, closeup (A, B, C), inside, corner (D), or a file's cameras\n"
@@ -73,6 +73,12 @@ Command add_bench(CLI::App& parent) {
   app->add_option("--plot", words->plot,
                   "Draw the rows of --curves in this CSV file as curves_*.svg beside it, and do nothing else")
       ->type_name("FILE.csv");
+  app->add_option("--textures", words->textures, "Textured: how many")->capture_default_str()->type_name("N");
+  app->add_option("--texture-size", words->texture_size, "Textured: texels a side")
+      ->capture_default_str()
+      ->type_name("N");
+  app->add_option("--texture-cache", words->texture_cache, "Textured: memory for decoded blocks (default: 256MiB)")
+      ->type_name("SIZE");
   app->add_option("--csv", words->csv, "Append a row a case to this file")->type_name("FILE");
   return {app, [words]() -> Result<void> {
             const Result<bench::BenchOptions> options = bench::parse_options(*words);

@@ -39,7 +39,7 @@ Result<std::vector<std::string>> parse_scenes(const std::string& text) {
   const std::vector<std::string> names = split(text.empty() ? "A,B,C,D" : text);
   for (const std::string& name : names)
     if (std::find(kScenes.begin(), kScenes.end(), name) == kScenes.end())
-      return usage("--scene: no scene \"" + name + "\": A, B, C, D, lantern or A60, with commas between");
+      return usage("--scene: no scene \"" + name + "\": A, B, C, D, lantern or A60, with commas between, or textured");
   return names;
 }
 
@@ -133,6 +133,36 @@ Result<void> check_reference(const BenchWords& words, const BenchOptions& option
   return {};
 }
 
+/// The scene that is measured by itself.
+Result<BenchOptions> parse_textured(const BenchWords& words, BenchOptions options) {
+  const BenchWords defaults;
+  if (words.positions != defaults.positions || words.indices != defaults.indices || words.order != defaults.order ||
+      words.scale != defaults.scale || words.samples != defaults.samples || words.sampleless != defaults.sampleless ||
+      words.culling != defaults.culling || words.effects != defaults.effects || !words.views.empty() || words.path ||
+      words.sweep || words.reference || words.curves || !words.csv.empty())
+    return usage("--scene textured takes --textures, --texture-size, --texture-cache, --size, --frames and --warmup");
+  options.is_textured = true;
+  if (words.textures < 1 || words.textures > 1000) return usage("--textures: 1 to 1000");
+  if (words.texture_size == 0 || words.texture_size % 1024 != 0 || words.texture_size > 32768)
+    return usage("--texture-size: 1024, 2048, ... 32768 texels a side");
+  options.textures = words.textures;
+  options.texture_size = words.texture_size;
+  if (!words.texture_cache.empty()) {
+    const Result<uint64_t> bytes = tools::parse_size(words.texture_cache);
+    if (!bytes) return at("--texture-cache", bytes.error());
+    options.texture_cache = *bytes;
+  }
+  if (!words.size.empty()) {
+    const Result<ImageSize> size = parse_size(words.size);
+    if (!size) return size.error();
+    options.size = *size;
+  }
+  if (words.frames == 0) return usage("--frames is at least 1");
+  options.frames = words.frames;
+  options.warmup = words.warmup;
+  return options;
+}
+
 /// The views named, each one of at least one of the scenes.
 Result<std::vector<std::string>> parse_views(const std::string& text, const std::vector<std::string>& scenes) {
   std::vector<std::string> views;
@@ -182,12 +212,16 @@ Result<BenchOptions> parse_options(const BenchWords& words) {
   if (has_file && (words.positions != defaults.positions || words.indices != defaults.indices ||
                    words.order != defaults.order || words.scale != defaults.scale))
     return usage("--positions, --indices, --order and --scale are for generated scenes: a file brings its own");
-  if (words.files.empty() || !words.scenes.empty()) {
+  if (words.scenes != "textured" && (words.files.empty() || !words.scenes.empty())) {
     Result<std::vector<std::string>> scenes =
         parse_scenes(options.reference && words.scenes.empty() ? "D" : words.scenes);
     if (!scenes) return scenes.error();
     options.scenes = std::move(*scenes);
   }
+  if (words.scenes == "textured") return parse_textured(words, std::move(options));
+  if (!words.texture_cache.empty() || words.textures != defaults.textures ||
+      words.texture_size != defaults.texture_size)
+    return usage("--textures, --texture-size and --texture-cache are for --scene textured");
   Result<std::vector<std::string>> views = parse_views(words.views, options.scenes);
   if (!views) return views.error();
   options.views = std::move(*views);

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "format/result.h"
+#include "runtime/scene.h"
 #include "tools/bench/scene_tables.h"
 #include "tools/synth/scenes.h"
 
@@ -26,6 +27,9 @@ struct BenchWords {
   std::string effects = "none";
   std::string size;
   std::string csv;
+  std::string texture_cache;
+  uint32_t textures = 20;
+  uint32_t texture_size = 8192;
   double scale = 1;
   uint32_t frames = 60;
   uint32_t warmup = 10;
@@ -74,6 +78,11 @@ struct BenchOptions {
   bool curves = false;     // that, for every width, and the studies
   std::string csv;         // empty: none
   std::string plot;        // a CSV file to draw; nothing else is done
+  // Of the scene "textured", which is measured by itself:
+  bool is_textured = false;
+  uint32_t textures = 20;
+  uint32_t texture_size = 8192;  // texels a side
+  uint64_t texture_cache = runtime::kDeviceTextureCache;
 };
 
 /// "all", "bounds" or "none".

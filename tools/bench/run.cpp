@@ -15,6 +15,7 @@
 #include "tools/bench/frames.h"
 #include "tools/bench/machine.h"
 #include "tools/bench/tables.h"
+#include "tools/bench/textured.h"
 #include "tools/bench/touched.h"
 #include "tools/bench/views.h"
 #include "tools/common/options.h"
@@ -90,7 +91,7 @@ class Runner {
     const ImageSize size = image_size({scene.width, scene.height});
     const uint32_t width = size.width * samples_per_side;
     const uint32_t height = size.height * samples_per_side;
-    if (options_.path) return {{"path", path_views(scene, width, height)}};
+    if (options_.path) return {{"path", path_views(scene.cameras, width, height)}};
     std::vector<NamedView> views;
     for (const synth::SceneCamera& camera : scene.cameras)
       if (options_.views.empty() ||
@@ -313,6 +314,7 @@ class Runner {
 Result<void> run_bench(const BenchOptions& options) {
   Result<Machine> machine = find_machine();
   if (!machine) return machine.error();
+  if (options.is_textured) return run_textured(options, *machine);
   return Runner(options, std::move(*machine)).run();
 }
 

@@ -24,12 +24,13 @@ kernels::View scene_view(const synth::SceneCamera& camera, uint32_t width, uint3
   return view;
 }
 
-std::vector<kernels::View> path_views(const synth::Scene& scene, uint32_t width, uint32_t height) {
-  const synth::SceneCamera& from = scene.cameras[0];
-  const synth::SceneCamera& to = scene.cameras[1];
+std::vector<kernels::View> path_views(std::span<const synth::SceneCamera> cameras, uint32_t width, uint32_t height,
+                                      uint32_t frames) {
+  const synth::SceneCamera& from = cameras[0];
+  const synth::SceneCamera& to = cameras[1];
   std::vector<kernels::View> views;
-  for (uint32_t frame = 0; frame < kPathFrames; ++frame) {
-    const double t = static_cast<double>(frame) / (kPathFrames - 1);
+  for (uint32_t frame = 0; frame < frames; ++frame) {
+    const double t = static_cast<double>(frame) / (frames - 1);
     synth::SceneCamera camera;
     for (size_t i = 0; i < 3; ++i) {
       camera.eye[i] = from.eye[i] + (to.eye[i] - from.eye[i]) * t;

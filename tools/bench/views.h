@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -22,8 +23,9 @@ inline constexpr uint32_t kPathFrames = 120;
 /// writes.
 kernels::View scene_view(const synth::SceneCamera& camera, uint32_t width, uint32_t height);
 
-/// The camera path of a scene: kPathFrames frames on which eye and target move linearly from its first view to its
+/// The camera path of a scene: frames on which eye and target move linearly from its first view to its
 /// second, both ends included. Played in a circle, its first frame is the jump back.
-std::vector<kernels::View> path_views(const synth::Scene& scene, uint32_t width, uint32_t height);
+std::vector<kernels::View> path_views(std::span<const synth::SceneCamera> cameras, uint32_t width, uint32_t height,
+                                      uint32_t frames = kPathFrames);
 
 }  // namespace scree::bench

@@ -17,7 +17,6 @@ namespace {
 
 constexpr uint64_t kMaxImageBytes = uint64_t{1} << 30;
 constexpr uint64_t kCheckedBytes = uint64_t{128} << 20;  // memory of the checks in flight
-constexpr uint64_t kStoredBytes = uint64_t{256} << 20;   // and of the images that are indexed
 constexpr size_t kBlockBytes = size_t{1} << 20;
 
 struct CheckedImage {
@@ -283,7 +282,8 @@ Result<void> write_images(const SourceScene& scene, const ImageOptions& options,
     const Result<void> appended = append_file(source(i), number, plan, writer);
     return appended ? appended : at(place, appended.error());
   };
-  return run_ordered<StoredImage>(pool, records.size(), {2 * uint64_t{pool.threads()}, kStoredBytes}, work, cost, take);
+  return run_ordered<StoredImage>(pool, records.size(), {2 * uint64_t{pool.threads()}, options.memory}, work, cost,
+                                  take);
 }
 
 }  // namespace scree::convert

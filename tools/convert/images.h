@@ -22,8 +22,9 @@ enum class Textures {
 
 struct ImageOptions {
   Textures textures = Textures::kKeep;
-  int quality = 90;         // of kJpeg, 1 to 100 in libjpeg's scale, 4:4:4
-  bool keep_going = false;  // an image that is damaged or of an unsupported kind becomes a grey one
+  int quality = 90;                       // of kJpeg, 1 to 100 in libjpeg's scale, 4:4:4
+  bool keep_going = false;                // an image that is damaged or of an unsupported kind becomes a grey one
+  uint64_t memory = uint64_t{256} << 20;  // bytes that images in flight may take while they are indexed
 };
 
 struct ImagePlan {
@@ -47,9 +48,9 @@ Result<ImagePlan> check_images(const SourceScene& scene, const std::vector<bool>
                                WorkerPool& pool);
 
 /// Appends the pages of every record and completes the plan. Holds an image's file about four times while it is
-/// indexed, and, of images coded anew, the picture (10 bytes a pixel); as many at a time as fit into 256 MiB. Errors as
-/// ContainerWriter::append, runtime::index_jpeg and decode_image, the image named; kFile: an image is not what it was
-/// when it was checked.
+/// indexed, and, of images coded anew, the picture (10 bytes a pixel); as many at a time as fit into
+/// ImageOptions::memory. Errors as ContainerWriter::append, runtime::index_jpeg and decode_image, the image named;
+/// kFile: an image is not what it was when it was checked.
 Result<void> write_images(const SourceScene& scene, const ImageOptions& options, ImagePlan& plan, WorkerPool& pool,
                           format::ContainerWriter& writer);
 

@@ -1,0 +1,181 @@
+#include "tools/synth/textured.h"
+
+#include <algorithm>
+#include <array>
+#include <bit>
+#include <cmath>
+#include <cstddef>
+#include <limits>
+#include <new>
+#include <span>
+#include <utility>
+#include <vector>
+
+#include "runtime/jpeg_writer.h"
+#include "runtime/parallel.h"
+#include "tools/common/gltf_writer.h"
+#include "tools/synth/gltf_parts.h"
+#include "tools/synth/textures.h"
+
+namespace scree::synth {
+namespace {
+
+using namespace tools;
+
+constexpr uint32_t kAcross = 5;   // tiles
+constexpr uint32_t kQuads = 256;  // a tile's side
+constexpr double kTileSide = 100;
+constexpr int kDetail = 1;  // of 255, of each texel: what a photograph's noise and grain take
+
+/// Grid steps from the terrain's corner.
+double height(int gi, int gj) {
+  return 18.0 * noise2(1, 8, gi, gj) + 7.0 * noise2(2, 6, gi, gj) + 1.5 * noise2(3, 4, gi, gj) +
+         0.3 * noise2(4, 2, gi, gj);
+}
+
+Result<void> add_tile(GltfWriter& writer, uint32_t number, uint32_t material) {
+  const int first_i = static_cast<int>(number % kAcross * kQuads);
+  const int first_j = static_cast<int>(number / kAcross * kQuads);
+  constexpr double kStep = kTileSide / kQuads;
+  std::vector<float> positions;
+  std::vector<float> uvs;
+  GltfAccessor accessor;
+  accessor.min.assign(3, std::numeric_limits<double>::infinity());
+  accessor.max.assign(3, -std::numeric_limits<double>::infinity());
+  for (int j = 0; j <= static_cast<int>(kQuads); ++j) {
+    for (int i = 0; i <= static_cast<int>(kQuads); ++i) {
+      const double place[3] = {(first_i + i) * kStep, (first_j + j) * kStep, height(first_i + i, first_j + j)};
+      for (size_t axis = 0; axis < 3; ++axis) {
+        const auto value = static_cast<float>(place[axis]);
+        positions.push_back(value);
+        accessor.min[axis] = std::min(accessor.min[axis], double{value});
+        accessor.max[axis] = std::max(accessor.max[axis], double{value});
+      }
+      uvs.push_back(static_cast<float>(i) / kQuads);
+      uvs.push_back(static_cast<float>(j) / kQuads);
+    }
+  }
+  std::vector<uint32_t> indices;
+  for (uint32_t j = 0; j < kQuads; ++j) {
+    for (uint32_t i = 0; i < kQuads; ++i) {
+      const uint32_t corner = j * (kQuads + 1) + i;
+      const uint32_t below = corner + kQuads + 1;
+      indices.insert(indices.end(), {corner, corner + 1, below + 1, corner, below + 1, below});
+    }
+  }
+  GltfPrimitive primitive;
+  primitive.material = material;
+  accessor.count = uvs.size() / 2;
+  const auto add = [&](const auto& values, GltfTarget target) {
+    return append_stream(writer, values, accessor, target);
+  };
+  Result<uint32_t> added = add(positions, GltfTarget::kVertices);
+  if (!added) return added.error();
+  primitive.attributes.emplace_back("POSITION", *added);
+  accessor.min.clear();
+  accessor.max.clear();
+  accessor.type = GltfType::kVec2;
+  added = add(uvs, GltfTarget::kVertices);
+  if (!added) return added.error();
+  primitive.attributes.emplace_back("TEXCOORD_0", *added);
+  accessor.type = GltfType::kScalar;
+  accessor.component = GltfComponent::kUint32;
+  accessor.count = indices.size();
+  added = add(indices, GltfTarget::kIndices);
+  if (!added) return added.error();
+  primitive.indices = *added;
+  writer.add_mesh({"tile " + std::to_string(number), {std::move(primitive)}});
+  return {};
+}
+
+/// A texture of stones laid side by side, each turned its own way, under light that changes slowly, with grain.
+Result<std::vector<std::byte>> make_jpeg(uint32_t number, const TexturedOptions& options,
+                                         std::span<const std::vector<uint8_t>> stones) {
+  const uint32_t size = options.size;
+  const uint32_t side = options.stone;
+  runtime::JpegCoding coding;
+  coding.width = coding.height = size;
+  coding.components[0].h = coding.components[0].v = 2;
+  for (size_t c = 1; c < 3; ++c) {
+    coding.components[c].h = coding.components[c].v = 1;
+    coding.components[c].quant = 1;
+  }
+  Result<runtime::JpegWriter> writer = runtime::JpegWriter::create(coding);
+  if (!writer) return writer.error();
+  std::vector<uint8_t> row(size_t{3} * size);
+  for (uint32_t y = 0; y < size; ++y) {
+    for (uint32_t tile = 0; tile < size / side; ++tile) {
+      const uint32_t way = hash2(number, tile, y / side);
+      const std::vector<uint8_t>& stone = stones[way % stones.size()];
+      const uint32_t from_y = (way & 256u) != 0 ? side - 1 - y % side : y % side;
+      for (uint32_t x = 0; x < side; ++x) {
+        const uint32_t from_x = (way & 512u) != 0 ? side - 1 - x : x;
+        const uint8_t* const texel = stone.data() + 3 * (size_t{from_y} * side + from_x);
+        const int grain = static_cast<int>(hash32(way + from_y * side + from_x) % (2 * kDetail + 1)) - kDetail;
+        uint8_t* const out = row.data() + 3 * (size_t{tile} * side + x);
+        for (size_t c = 0; c < 3; ++c) out[c] = static_cast<uint8_t>(std::clamp(texel[c] + grain, 0, 255));
+      }
+    }
+    if (const Result<void> written = writer->row(row); !written) return written.error();
+  }
+  return writer->finish();
+}
+
+}  // namespace
+
+std::array<SceneCamera, 2> textured_cameras() {
+  return {SceneCamera{"overview", {250, -220, 190}, {250, 210, 0}},
+          SceneCamera{"closeup", {210, 160, 34}, {280, 230, 8}}};
+}
+
+Result<TexturedReport> write_textured(const TexturedOptions& options) {
+  if (options.meshes == 0 || options.size == 0 || options.size > 32768 || options.stone < 32 ||
+      !std::has_single_bit(options.stone) || options.size % options.stone != 0)
+    return Error{ErrorCode::kUsage, std::to_string(options.meshes) + " textures of " + std::to_string(options.size) +
+                                        " texels a side, expected 1 or more of a multiple of " +
+                                        std::to_string(options.stone) + ", at most 32768"};
+  try {
+    const uint32_t threads = thread_count(options.threads, options.meshes);
+    std::vector<std::vector<uint8_t>> stones;
+    for (const TextureKind kind :
+         {TextureKind::kGranite, TextureKind::kSandstone, TextureKind::kSlate, TextureKind::kGround})
+      stones.push_back(make_texture(kind, options.stone, options.threads));
+    std::vector<Result<std::vector<std::byte>>> files(options.meshes, std::vector<std::byte>());
+    runtime::parallel_for(files.size(), threads,
+                          [&](uint64_t i) { files[i] = make_jpeg(static_cast<uint32_t>(i), options, stones); });
+    Result<GltfWriter> writer = GltfWriter::create(options.output);
+    if (!writer) return writer.error();
+    TexturedReport report;
+    GltfScene scene;
+    scene.name = "textured";
+    for (uint32_t i = 0; i < options.meshes; ++i) {
+      if (!files[i]) return files[i].error();
+      report.texture_bytes += files[i]->size();
+      const std::string name = "texture" + std::to_string(i);
+      const Result<uint32_t> image = writer->add_image(name, format::ImageCodec::kJpeg, *files[i]);
+      if (!image) return image.error();
+      files[i] = std::vector<std::byte>{};
+      GltfTexture texture;
+      texture.image = *image;
+      texture.wrap_s = texture.wrap_t = format::Wrap::kClamp;
+      texture.mag_filter = 9729;  // linear
+      texture.min_filter = 9987;  // linear between mip levels too
+      GltfMaterial material;
+      material.texture = writer->add_texture(std::move(texture));
+      if (const Result<void> added = add_tile(*writer, i, writer->add_material(std::move(material))); !added)
+        return added.error();
+      GltfNode node;
+      node.name = "tile " + std::to_string(i);
+      node.mesh = i;
+      scene.nodes.push_back(writer->add_node(std::move(node)));
+      report.triangles += uint64_t{2} * kQuads * kQuads;
+    }
+    writer->add_scene(std::move(scene));
+    if (const Result<void> finished = writer->finish(); !finished) return finished.error();
+    return report;
+  } catch (const std::bad_alloc&) {
+    return Error{ErrorCode::kMemory, "no memory left for " + std::to_string(options.meshes) + " textures"};
+  }
+}
+
+}  // namespace scree::synth
