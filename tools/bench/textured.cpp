@@ -81,8 +81,10 @@ class TexturedBench {
     if (!folder) return folder.error();
     auto start = std::chrono::steady_clock::now();
     const uint32_t threads = std::max(1u, std::thread::hardware_concurrency());
-    const Result<synth::TexturedReport> written =
-        synth::write_textured({folder->file("textured.gltf"), options_.textures, options_.texture_size, threads});
+    const Result<synth::TexturedReport> written = synth::write_textured({.output = folder->file("textured.gltf"),
+                                                                         .meshes = options_.textures,
+                                                                         .size = options_.texture_size,
+                                                                         .threads = threads});
     if (!written) return written.error();
     const double synth_s = seconds_since(start);
     start = std::chrono::steady_clock::now();
