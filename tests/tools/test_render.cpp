@@ -91,7 +91,7 @@ TEST_CASE("a bad value is named with what is allowed", "[render]") {
   CHECK(usage_message(words_with(&RenderWords::size, "-5x5")) != "");
   CHECK(usage_message(words_with(&RenderWords::samples, "3")) == "--samples: '3' is not 1, 2 or 4");
   CHECK(usage_message(words_with(&RenderWords::show, "colour")) ==
-        "--show: 'colour' is not one of texture, color, uv, normal, triangle, mesh, stage, depth");
+        "--show: 'colour' is not one of texture, color, uv, normal, triangle, cluster, mesh, stage, depth");
   CHECK(usage_message(words_with(&RenderWords::edl_strength, "2")) == "--edl-strength needs --edl");
   CHECK(usage_message(words_with(&RenderWords::edl_radius, "2")) == "--edl-radius needs --edl");
   for (const char* strength : {"-1", "101", "nan", "strong"}) {
