@@ -119,17 +119,17 @@ TEST_CASE("bench: the textured scene is measured by itself", "[bench_tool]") {
   Result<BenchOptions> options = parse_options(words);
   REQUIRE(options);
   CHECK(options->is_textured);
-  CHECK(options->textures == 20);
-  CHECK(options->texture_size == 8192);
+  CHECK(options->textures == 12);
+  CHECK(options->texture_size == 16384);
   CHECK(options->texture_cache == runtime::kDeviceTextureCache);
   words.textures = 12;
-  words.texture_size = 16384;
+  words.texture_size = 8192;
   words.texture_cache = "1GiB";
   words.size = "1920x1080";
   options = parse_options(words);
   REQUIRE(options);
   CHECK(options->textures == 12);
-  CHECK(options->texture_size == 16384);
+  CHECK(options->texture_size == 8192);
   CHECK(options->texture_cache == uint64_t{1} << 30);
   CHECK(options->size->width == 1920);
   for (const uint32_t size : {0u, 1000u, 65536u}) {

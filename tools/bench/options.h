@@ -28,8 +28,8 @@ struct BenchWords {
   std::string size;
   std::string csv;
   std::string texture_cache;
-  uint32_t textures = 20;
-  uint32_t texture_size = 8192;
+  uint32_t textures = 12;
+  uint32_t texture_size = 16384;
   double scale = 1;
   uint32_t frames = 60;
   uint32_t warmup = 10;
@@ -80,8 +80,8 @@ struct BenchOptions {
   std::string plot;        // a CSV file to draw; nothing else is done
   // Of the scene "textured", which is measured by itself:
   bool is_textured = false;
-  uint32_t textures = 20;
-  uint32_t texture_size = 8192;  // texels a side
+  uint32_t textures = 12;
+  uint32_t texture_size = 16384;  // texels a side
   uint64_t texture_cache = runtime::kDeviceTextureCache;
 };
 

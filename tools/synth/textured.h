@@ -12,8 +12,8 @@ namespace scree::synth {
 
 struct TexturedOptions {
   std::string output;     // .gltf; the textures lie beside it
-  uint32_t meshes = 20;   // each with a texture of its own
-  uint32_t size = 8192;   // texels a side, a multiple of `stone`, at most 32768
+  uint32_t meshes = 12;   // each with a texture of its own
+  uint32_t size = 16384;  // texels a side, a multiple of `stone`, at most 32768
   uint32_t stone = 1024;  // of the pictures that textures are made of; a power of two, at least 32
   uint32_t threads = 0;   // 0: as many as the machine runs at once
 };
