@@ -46,6 +46,8 @@ Result<ImageInfo> probe_within_limits(ImageFile& file) {
     return Error{ErrorCode::kRange, size_text(*info) + ", but at most " + std::to_string(kMaxDecodedSide) + " a side"};
   if (uint64_t{info->width} * info->height > kMaxImagePixels)
     return Error{ErrorCode::kRange, size_text(*info) + ", but at most " + std::to_string(kMaxImagePixels) + " in all"};
+  if (!may_hold_pixels(uint64_t{info->width} * info->height, file.size()))
+    return Error{ErrorCode::kTruncated, size_text(*info) + " in " + std::to_string(file.size()) + " bytes"};
   return info;
 }
 

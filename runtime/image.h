@@ -82,11 +82,18 @@ struct Image {
 inline constexpr uint64_t kMaxImagePixels = uint64_t{1} << 28;  // 16384 x 16384, 1 GiB decoded
 inline constexpr uint32_t kMaxDecodedSide = 65536;              // kernels::TextureView has levels for no more
 
+/// Whether `bytes` of a file can be a picture of so many pixels: at most 2^15 of them a byte, so that a file of 200
+/// bytes takes no more than 26 MB. A PNG holds 8,256 a byte at most, a JPEG 256, a progressive one 512 (a bit a block).
+/// Arithmetic coding alone, which browsers do not read, could do with less for one colour.
+constexpr bool may_hold_pixels(uint64_t pixels, uint64_t bytes) {
+  return pixels >> 15 <= bytes;
+}
+
 /// Decodes a PNG (any colour type, depth and interlace; 16 bits are rounded to 8) or JPEG (grey, YCbCr, RGB, CMYK,
 /// YCCK; baseline and progressive). Sizes are checked before anything is allocated. Corrupt entropy-coded JPEG data is
 /// put up with and named in Image::warning, as other decoders do; all else is an error: kFormat (what the library
-/// said), kTruncated, kRange (more than kMaxImagePixels or kMaxDecodedSide), kUnsupported, kMemory, and those of reading
-/// the file. Reentrant.
+/// said), kTruncated (also where the file is too small for so many pixels), kRange (more than kMaxImagePixels or
+/// kMaxDecodedSide), kUnsupported, kMemory, and those of reading the file. Reentrant.
 Result<Image> decode_image(ImageFile file);
 
 /// What decode_image would say: an error where it has one, else its warning, which is empty where all was well. Decodes

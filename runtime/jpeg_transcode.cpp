@@ -159,6 +159,10 @@ Result<TranscodedJpeg> transcode_jpeg(std::span<const std::byte> file) {
     return Error{ErrorCode::kTruncated,
                  "JPEG: byte " + std::to_string(file.size()) + ": the file ends, expected a bit a block or more"};
   }
+  if (!may_hold_pixels(pixels, file.size())) {
+    return Error{ErrorCode::kTruncated,
+                 "JPEG: " + std::to_string(pixels) + " pixels in " + std::to_string(file.size()) + " bytes"};
+  }
   Transcoder transcoder;
   if (!transcoder.transcode(file)) return transcoder.failure();
   TranscodedJpeg result{transcoder.file(), (verdict.reason.empty() ? "sequential" : verdict.reason) +

@@ -1,8 +1,5 @@
 #include "tests/format/container_fixture.h"
 
-#define XXH_STATIC_LINKING_ONLY
-#include <xxhash.h>
-
 #include <algorithm>
 #include <cmath>
 
@@ -240,23 +237,6 @@ size_t record_offset(const Bytes& file, TableKind kind, uint64_t index) {
   const auto entry = load<TocEntry>(file.data() + toc_entry_offset(file, kind));
   REQUIRE(index < entry.record_count);
   return entry.offset + index * entry.record_bytes;
-}
-
-void reseal(Bytes& file) {
-  auto header = load<FileHeader>(file.data());
-  if (range_within(header.toc_offset, uint64_t{header.toc_count} * sizeof(TocEntry), file.size())) {
-    for (uint32_t i = 0; i < header.toc_count; ++i) {
-      std::byte* const at = file.data() + header.toc_offset + i * sizeof(TocEntry);
-      auto entry = load<TocEntry>(at);
-      const auto bytes = checked_mul(entry.record_bytes, entry.record_count);
-      if (!bytes || !range_within(entry.offset, *bytes, file.size())) continue;
-      entry.checksum = XXH3_64bits(file.data() + entry.offset, *bytes);
-      store(at, entry);
-    }
-    header.toc_checksum = XXH3_64bits(file.data() + header.toc_offset, header.toc_count * sizeof(TocEntry));
-  }
-  header.checksum = XXH3_64bits(&header, offsetof(FileHeader, checksum));
-  store(file.data(), header);
 }
 
 RawFile::RawFile(const Bytes& file) {

@@ -14,6 +14,7 @@
 #include <vector>
 
 #include "format/container.h"
+#include "tests/format/reseal.h"
 
 namespace scree::tests {
 
@@ -100,9 +101,6 @@ size_t toc_entry_offset(const Bytes& file, format::TableKind kind);
 
 /// Offset of record `index` of a table.
 size_t record_offset(const Bytes& file, format::TableKind kind, uint64_t index);
-
-/// Makes the checksums of tables, table of contents and header fit the bytes; touches nothing that lies out of bounds.
-void reseal(Bytes& file);
 
 /// `file` with one record changed and resealed.
 template <class Record>

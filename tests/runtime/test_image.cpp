@@ -254,6 +254,23 @@ TEST_CASE("a huge picture in a few bytes is refused before its memory is taken",
   REQUIRE_FALSE(image);
   CHECK(image.error().code == ErrorCode::kRange);
   std::filesystem::remove(path);
+
+  // A JPEG may lack data, but not all of them.
+  const std::string flat = scree::tests::flat_jpeg(64, scree::tests::JpegKind::kBaseline);
+  file.assign(reinterpret_cast<const std::byte*>(flat.data()),
+              reinterpret_cast<const std::byte*>(flat.data() + flat.size()));
+  size_t frame = 2;  // SOF0
+  while (file[frame] != std::byte{0xff} || file[frame + 1] != std::byte{0xc0}) ++frame;
+  file[frame + 5] = file[frame + 7] = std::byte{0x3f};  // 16383 x 16383
+  file[frame + 6] = file[frame + 8] = std::byte{0xff};
+  REQUIRE(file.size() < 8192);
+  image = decode_image(file);
+  REQUIRE_FALSE(image);
+  CHECK(image.error().code == ErrorCode::kTruncated);
+  CHECK(image.error().message.find("pixels in " + std::to_string(file.size()) + " bytes") != std::string::npos);
+  const Result<std::string> checked = check_image(file);
+  REQUIRE_FALSE(checked);
+  CHECK(checked.error().message == image.error().message);
 }
 
 TEST_CASE("an image is accepted by its check just where it is decoded", "[image]") {

@@ -324,6 +324,39 @@ TEST_CASE("paths stay inside the scene's folder", "[import][uri]") {
   CHECK(import_gltf(folder.path().string(), {}).error().message.find("not a regular file") != std::string::npos);
 }
 
+TEST_CASE("images stay inside the scene's folder", "[import][uri]") {
+  const tests::TempFolder folder;
+  const std::string picture = tests::read_whole(tests::data_path("checker.png").string());
+  folder.write("outside.png", picture);
+  folder.write("scene/here.png", picture);
+  folder.write("scene/points.bin", std::string(60, '\0'));
+  fs::create_symlink("../outside.png", folder.path() / "scene" / "escape.png");
+  const auto import_image = [&](const std::string& uri) {
+    return import_gltf(
+        folder.write("scene/scene.gltf", R"({"asset":{"version":"2.0"},"scene":0,"scenes":[{"nodes":[0]}],
+"nodes":[{"mesh":0}],"meshes":[{"primitives":[{"attributes":{"POSITION":0,"TEXCOORD_0":1},"material":0}]}],
+"materials":[{"pbrMetallicRoughness":{"baseColorTexture":{"index":0}}}],"textures":[{"source":0}],
+"images":[{"uri":")" + uri + R"("}],"buffers":[{"byteLength":60,"uri":"points.bin"}],
+"bufferViews":[{"buffer":0,"byteLength":36},{"buffer":0,"byteOffset":36,"byteLength":24}],
+"accessors":[{"bufferView":0,"componentType":5126,"count":3,"type":"VEC3","min":[0,0,0],"max":[0,0,0]},
+{"bufferView":1,"componentType":5126,"count":3,"type":"VEC2"}]})"),
+        {});
+  };
+  const auto good = import_image("here.png");
+  if (!good) FAIL(good.error().message);
+  REQUIRE(good->images.size() == 1);
+  for (const std::string& uri :
+       {std::string("../outside.png"), std::string("%2e%2e/outside.png"), std::string("escape.png"),
+        (folder.path() / "outside.png").string(), "file://" + (folder.path() / "outside.png").string()}) {
+    INFO(uri);
+    const auto refused = import_image(uri);
+    REQUIRE_FALSE(refused);
+    INFO(refused.error().message);
+    CHECK(refused.error().code == ErrorCode::kUnsupported);
+    CHECK(refused.error().message.find("image 0: ") != std::string::npos);
+  }
+}
+
 TEST_CASE("a scene may have more buffer files than a process may open", "[import]") {
   const tests::TempFolder folder;
   constexpr int kFiles = 1500;

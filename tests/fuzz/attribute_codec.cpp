@@ -1,0 +1,80 @@
+// The streams of texture coordinates, colours, normals and source numbers.
+#include "format/attribute_codec.h"
+
+#include <cmath>
+
+#include "tests/fuzz/input.h"
+
+namespace scree::fuzz {
+namespace {
+
+void uvs(Parameters& in, uint32_t count) {
+  format::UvRange range;
+  range.exponent = in.take<int16_t>();
+  for (int64_t& min : range.min) min = in.take<int64_t>();
+  for (uint8_t& bits : range.bits) bits = in.take<uint8_t>();
+  const ExactCopy stream(in.rest());
+  std::vector<float> values(2 * size_t{count});
+  const auto decoded = format::decode_uvs(values, range, stream.bytes());
+  must(bool(decoded) == bool(format::check_uvs(count, range, stream.bytes())), "decode and check of uvs agree");
+  if (decoded)
+    for (const float value : values) must(std::isfinite(value), "a texture coordinate is finite");
+}
+
+void colors(Parameters& in, uint32_t count) {
+  const ExactCopy stream(in.rest());
+  std::vector<float> values(4 * size_t{count});
+  const auto decoded = format::decode_colors(values, stream.bytes());
+  must(bool(decoded) == bool(format::check_colors(count, stream.bytes())), "decode and check of colours agree");
+  if (!decoded) return;
+  std::vector<std::byte> again(format::color_stream_bytes(count));
+  format::encode_colors(again, values);
+  must(std::equal(again.begin(), again.end(), stream.bytes().begin(), stream.bytes().end()), "colours have one form");
+}
+
+void normals(Parameters& in, uint32_t count) {
+  const uint32_t bits = in.take<uint8_t>();
+  const ExactCopy stream(in.rest());
+  std::vector<float> values(3 * size_t{count});
+  const auto decoded = format::decode_normals(values, bits, stream.bytes());
+  must(bool(decoded) == bool(format::check_normals(count, bits, stream.bytes())), "decode and check of normals agree");
+  if (!decoded) return;
+  for (uint32_t i = 0; i < count; ++i) {
+    const float* const n = &values[3 * size_t{i}];
+    must(std::fabs(n[0] * n[0] + n[1] * n[1] + n[2] * n[2] - 1) < 1e-5f, "a normal has unit length");
+  }
+}
+
+void source_ids(Parameters& in, uint32_t count) {
+  format::SourceIdRange range;
+  range.min = in.take<uint64_t>();
+  range.bits = in.take<uint8_t>();
+  const ExactCopy stream(in.rest());
+  std::vector<uint64_t> values(count);
+  const auto decoded = format::decode_source_ids(values, range, stream.bytes());
+  must(bool(decoded) == bool(format::check_source_ids(count, range, stream.bytes())), "decode and check of ids agree");
+  if (!decoded) return;
+  std::vector<std::byte> again(format::source_id_stream_bytes(count, range));
+  format::encode_source_ids(again, values, range);
+  must(std::equal(again.begin(), again.end(), stream.bytes().begin(), stream.bytes().end()), "ids have one form");
+}
+
+}  // namespace
+
+void attribute_codec(Bytes bytes) {
+  Parameters in(bytes);
+  const uint32_t kind = in.take<uint8_t>() % 4;
+  const uint32_t count = in.take<uint16_t>() % 2048;
+  switch (kind) {
+    case 0:
+      return uvs(in, count);
+    case 1:
+      return colors(in, count);
+    case 2:
+      return normals(in, count);
+    default:
+      return source_ids(in, count);
+  }
+}
+
+}  // namespace scree::fuzz

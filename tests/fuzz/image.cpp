@@ -1,0 +1,25 @@
+// A PNG or JPEG as a texture.
+#include "runtime/image.h"
+
+#include "runtime/texture.h"
+#include "tests/fuzz/input.h"
+
+namespace scree::fuzz {
+
+void image(Bytes bytes) {
+  const ExactCopy copy(bytes);
+  const auto info = runtime::probe_image(copy.bytes());
+  // Time goes with pixels; memory is the business of these functions.
+  if (info && uint64_t{info->width} * info->height > 1024 * 1024 && bytes.size() > 4096) return;
+  const auto checked = runtime::check_image(copy.bytes());
+  const auto decoded = runtime::decode_image(copy.bytes());
+  must(bool(checked) == bool(decoded), "check and decode of an image agree");
+  if (!decoded) return;
+  must(bool(info), "what decodes has a head");
+  must(decoded->width == info->width && decoded->height == info->height, "the head says the size");
+  must(decoded->rgba.size() == size_t{4} * decoded->width * decoded->height, "a pixel is 4 bytes");
+  must(decoded->warning.empty() == checked->empty(), "check and decode warn alike");
+  if (uint64_t{decoded->width} * decoded->height <= 256 * 256) (void)runtime::make_mips(*decoded);
+}
+
+}  // namespace scree::fuzz

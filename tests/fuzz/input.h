@@ -1,0 +1,102 @@
+// What the targets share.
+#pragma once
+
+#include <unistd.h>
+
+#include <algorithm>
+#include <cstdint>
+#include <cstdio>
+#include <cstdlib>
+#include <cstring>
+#include <filesystem>
+#include <fstream>
+#include <new>
+#include <string>
+#include <vector>
+
+#include "tests/fuzz/targets.h"
+
+namespace scree::fuzz {
+
+/// A promise that was broken: the program ends, as it would for a crash.
+inline void must(bool holds, const char* promise) {
+  if (holds) return;
+  std::fprintf(stderr, "broken promise: %s\n", promise);
+  std::abort();
+}
+
+/// Numbers from the front of an input, zeros past its end; rest() is the stream they describe.
+class Parameters {
+ public:
+  explicit Parameters(Bytes bytes) : bytes_(bytes) {}
+
+  template <class T>
+  T take() {
+    T value{};
+    const size_t size = std::min(sizeof value, bytes_.size());
+    if (size > 0) std::memcpy(&value, bytes_.data(), size);
+    bytes_ = bytes_.subspan(size);
+    return value;
+  }
+  Bytes rest() const { return bytes_; }
+
+ private:
+  Bytes bytes_;
+};
+
+/// A copy in a heap block of exactly that size, aligned as a map is, so that ASan sees every byte read past its end.
+class ExactCopy {
+ public:
+  explicit ExactCopy(Bytes bytes, size_t size)
+      : data_(static_cast<std::byte*>(::operator new(size, kAlignment))), size_(size) {
+    const size_t copied = std::min(size, bytes.size());
+    if (copied > 0) std::memcpy(data_, bytes.data(), copied);
+    if (size > copied) std::memset(data_ + copied, 0, size - copied);
+  }
+  explicit ExactCopy(Bytes bytes) : ExactCopy(bytes, bytes.size()) {}
+  ~ExactCopy() { ::operator delete(data_, kAlignment); }
+  ExactCopy(const ExactCopy&) = delete;
+  ExactCopy& operator=(const ExactCopy&) = delete;
+  Bytes bytes() const { return {data_, size_}; }
+
+ private:
+  static constexpr std::align_val_t kAlignment{64};
+  std::byte* data_;
+  size_t size_;
+};
+
+/// A folder of this process, in memory where the system has such a place, gone at its end.
+class Folder {
+ public:
+  static const std::filesystem::path& path() {
+    static const Folder folder;
+    return folder.path_;
+  }
+  static std::string file(const char* name) { return (path() / name).string(); }
+  static std::string write(const char* name, Bytes bytes) {
+    const std::string path = file(name);
+    std::ofstream out(path, std::ios::binary | std::ios::trunc);
+    out.write(reinterpret_cast<const char*>(bytes.data()), static_cast<std::streamsize>(bytes.size()));
+    out.close();
+    must(out.good(), "the input can be written to a file");
+    return path;
+  }
+
+ private:
+  Folder() {
+    std::error_code ignored;
+    const std::filesystem::path memory = "/dev/shm";
+    const bool has_memory = std::filesystem::is_directory(memory, ignored) && ::access(memory.c_str(), W_OK) == 0;
+    std::string name = ((has_memory ? memory : std::filesystem::temp_directory_path()) / "scree-fuzz-XXXXXX").string();
+    must(::mkdtemp(name.data()) != nullptr, "a folder can be made");
+    path_ = name;
+  }
+  ~Folder() {
+    std::error_code ignored;
+    std::filesystem::remove_all(path_, ignored);
+  }
+
+  std::filesystem::path path_;
+};
+
+}  // namespace scree::fuzz

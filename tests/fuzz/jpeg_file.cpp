@@ -1,0 +1,33 @@
+// A JPEG file on its way into a container: parsed, indexed (transcoded or coded anew where it has to be), its mip
+// levels made, and all of it decoded again.
+#include "runtime/jpeg_file.h"
+
+#include "format/jpeg_index.h"
+#include "format/jpeg_parse.h"
+#include "format/jpeg_picture.h"
+#include "runtime/jpeg_levels.h"
+#include "tests/fuzz/input.h"
+
+namespace scree::fuzz {
+
+void jpeg_file(Bytes bytes) {
+  const ExactCopy copy(bytes);
+  const auto header = format::parse_jpeg(copy.bytes());
+  if (!header) return;
+  // Time goes with pixels, which are cheap to claim; memory is the business of these functions.
+  if (uint64_t{header->width} * header->height > 512 * 512 && bytes.size() > 4096) return;
+  const auto indexed = runtime::index_jpeg(copy.bytes());
+  if (!indexed) return;
+  const ExactCopy file(indexed->bytes);
+  const auto index = format::open_jpeg_index(file.bytes());
+  must(bool(index), "what index_jpeg makes can be opened");
+  must(index->width == header->width && index->height == header->height, "the size is kept");
+  must(bool(format::decode_jpeg_rows(*index, [](uint32_t, std::span<const uint8_t>) {})), "what was indexed decodes");
+  if (uint64_t{index->width} * index->height > 512 * 512) return;
+  const auto levels = runtime::make_jpeg_levels(*index);
+  must(bool(levels), "mip levels of what was indexed can be made");
+  for (const std::vector<std::byte>& level : *levels)
+    must(bool(format::open_jpeg_index(level)), "a level can be opened");
+}
+
+}  // namespace scree::fuzz

@@ -1,0 +1,51 @@
+// A .scree file as render sees it, on the CPU: whatever it holds, a picture or an error.
+#include "runtime/scene.h"
+
+#include "runtime/camera.h"
+#include "runtime/renderer.h"
+#include "tests/fuzz/input.h"
+
+namespace scree::fuzz {
+namespace {
+
+void draw(const runtime::Scene& scene, const runtime::CameraOptions& camera) {
+  const auto view = runtime::make_view(scene.container(), scene.scene_index(), scene.view(), camera);
+  if (!view) return;
+  const auto frame = runtime::Frame::draw(scene, *view, 1, 1);
+  if (!frame) return;
+  kernels::ShadeOptions shade;
+  must(bool(frame->shade(shade, 1)), "a frame that was drawn is shaded");
+  (void)frame->depth();
+  for (uint32_t x = 0; x < camera.width; x += 7) (void)frame->pick(x, camera.height / 2);
+}
+
+}  // namespace
+
+void scene(Bytes bytes) {
+  auto file = runtime::SceneFile::open(Folder::write("in.scree", bytes));
+  if (!file) return;
+  const auto chosen = file->find_scene("");
+  if (!chosen) return;
+  // Much can be drawn of few bytes, which takes time and proves nothing.
+  const format::SceneRecord& record = file->container().scenes()[*chosen];
+  if (record.triangle_count > 200000 || record.instance_count > 20000) return;
+  for (uint64_t i = 0; i < file->container().images().size(); ++i) {
+    const format::ImageRecord& image = file->container().images()[i];
+    if (uint64_t{image.width} * image.height > 1024 * 1024 && bytes.size() > 16384) return;
+  }
+  runtime::SceneOptions options;
+  options.texture_cache = 65536;
+  const auto loaded = runtime::Scene::load(std::move(*file), *chosen, options);
+  if (!loaded) return;
+  runtime::CameraOptions camera;
+  camera.width = 40;
+  camera.height = 24;
+  draw(*loaded, camera);
+  for (const runtime::PlacedCamera& placed : runtime::placed_cameras(loaded->container(), *chosen)) {
+    camera.camera = std::to_string(placed.camera);
+    draw(*loaded, camera);
+    break;
+  }
+}
+
+}  // namespace scree::fuzz

@@ -1,0 +1,42 @@
+// What is fuzzed: functions that take any bytes and may neither crash, hang, nor break a promise. Each is a libFuzzer
+// program (SCREE_FUZZ, scripts/fuzz) and, over the committed corpus, a plain test (test_corpus.cpp).
+#pragma once
+
+#include <cstddef>
+#include <span>
+
+namespace scree::fuzz {
+
+using Bytes = std::span<const std::byte>;
+
+void index_codec(Bytes bytes);
+void position_codec(Bytes bytes);
+void attribute_codec(Bytes bytes);
+void cluster_codec(Bytes bytes);
+void jpeg_index(Bytes bytes);  // an indexed JPEG, as it lies in a container
+void jpeg_file(Bytes bytes);   // a JPEG file on its way into one, with mip levels
+void image(Bytes bytes);       // a PNG or JPEG as a texture
+void container(Bytes bytes);   // inspect --verify, and export
+void scene(Bytes bytes);       // render
+void gltf(Bytes bytes);        // convert
+
+struct Target {
+  const char* name;
+  void (*run)(Bytes);
+  bool is_container;  // bytes are a .scree file: mutated as one (mutate_container.h)
+};
+
+inline constexpr Target kTargets[] = {
+    {"index_codec", index_codec, false},
+    {"position_codec", position_codec, false},
+    {"attribute_codec", attribute_codec, false},
+    {"cluster_codec", cluster_codec, false},
+    {"jpeg_index", jpeg_index, false},
+    {"jpeg_file", jpeg_file, false},
+    {"image", image, false},
+    {"container", container, true},
+    {"scene", scene, true},
+    {"gltf", gltf, false},
+};
+
+}  // namespace scree::fuzz
