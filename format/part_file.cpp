@@ -38,7 +38,12 @@ Result<PartFile> PartFile::create(const std::string& path) {
     const int opened = ::open(name.c_str(), O_RDWR | O_CREAT | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK, 0666);
     if (opened < 0) return Error{ErrorCode::kFile, name + ": open: " + std::strerror(errno)};
     struct stat of_file;
-    if (::fstat(opened, &of_file) != 0 || !S_ISREG(of_file.st_mode)) {
+    if (::fstat(opened, &of_file) != 0) {
+      const int error = errno;
+      ::close(opened);
+      return Error{ErrorCode::kFile, name + ": stat: " + std::strerror(error)};
+    }
+    if (!S_ISREG(of_file.st_mode)) {
       ::close(opened);
       return Error{ErrorCode::kFile, name + ": is not a regular file"};
     }

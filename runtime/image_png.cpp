@@ -27,6 +27,11 @@ struct PngMessage {
   png_longjmp(png, 1);
 }
 
+/// libpng says it in words: "Out of memory", and zlib through it "insufficient memory".
+ErrorCode code_of(const PngMessage& message) {
+  return std::strstr(message.text, "memory") != nullptr ? ErrorCode::kMemory : ErrorCode::kFormat;
+}
+
 void on_png_warning(png_structp, png_const_charp) {}
 
 /// Runs `body`, whose frame must own nothing, and returns whether libpng got to its end.
@@ -166,7 +171,8 @@ Result<void> read_png(ImageFile& file, const ImageInfo& info, const Place& place
   Source source{file, 0, false};
   const auto failure = [&] {
     if (file.error()) return *file.error();
-    return Error{source.ended ? ErrorCode::kTruncated : ErrorCode::kFormat, std::string("PNG: ") + reader.message.text};
+    return Error{source.ended ? ErrorCode::kTruncated : code_of(reader.message),
+                 std::string("PNG: ") + reader.message.text};
   };
 
   size_t row_bytes = 0;

@@ -1,6 +1,7 @@
 // scree: dispatches subcommands, prints errors, sets exit codes.
 #include <csignal>
 #include <cstdio>
+#include <cstdlib>
 #include <exception>
 #include <new>
 #include <vector>
@@ -44,9 +45,23 @@ int run(int argc, char** argv) {
   return 0;
 }
 
+/// Where memory runs out in a destructor or in a thread's first lines, nobody can catch it; what is half written keeps
+/// its name .part. Everything else that ends here is a bug, and leaves a core.
+[[noreturn]] void on_terminate() {
+  try {
+    if (const std::exception_ptr current = std::current_exception()) std::rethrow_exception(current);
+  } catch (const std::bad_alloc&) {
+    std::fputs("scree: out of memory\n", stderr);
+    std::_Exit(scree::exit_code(scree::ErrorCode::kMemory));
+  } catch (...) {
+  }
+  std::abort();
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
+  std::set_terminate(on_terminate);
   std::signal(SIGXFSZ, SIG_IGN);  // a file past the size limit is an error of write(), not the end of the program
   try {
     return run(argc, argv);

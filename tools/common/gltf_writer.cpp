@@ -12,6 +12,7 @@
 #include "format/bytes.h"
 #include "format/part_file.h"
 #include "tools/common/json_writer.h"
+#include "tools/common/replacement.h"
 
 namespace scree::tools {
 namespace {
@@ -473,17 +474,10 @@ Result<void> GltfWriter::State::commit_all() {
   if (!glb && buffer_bytes != 0) files.push_back(&binary);
   for (PartFile& file : image_files) files.push_back(&file);
   files.push_back(&document);
-  std::vector<std::string> renamed;
-  for (PartFile* file : files) {
-    const std::string name = file->path();
-    const Result<void> committed = file->commit();
-    if (!committed) {
-      std::error_code ignored;
-      for (const std::string& earlier : renamed) std::filesystem::remove(earlier, ignored);
-      return committed;
-    }
-    renamed.push_back(name);
-  }
+  Replacement replacement(files);
+  for (size_t i = 0; i < files.size(); ++i)
+    if (const Result<void> done = replacement.commit(i); !done) return done;
+  replacement.keep();
   binary = PartFile();  // removes the unused one
   return {};
 }

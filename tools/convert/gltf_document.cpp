@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <exception>
 #include <functional>
+#include <new>
 #include <nlohmann/json.hpp>
 #include <span>
 #include <string_view>
@@ -42,9 +43,13 @@ Result<tinygltf::Model> parse(const std::string& batch) {
   try {
     loaded = loader.LoadASCIIFromString(&model, &error, &warning, batch.data(), static_cast<unsigned int>(batch.size()),
                                         "", tinygltf::NO_REQUIRE);
+  } catch (const std::bad_alloc&) {
+    throw;
   } catch (const std::exception& exception) {
     error = exception.what();
   }
+  // The parser catches this one too and keeps its name alone. It is no fault of the document's.
+  if (!loaded && error.find(std::bad_alloc().what()) != std::string::npos) throw std::bad_alloc();
   if (!loaded) return Error{ErrorCode::kFormat, one_line(error.empty() ? "refused by the parser" : error)};
   return model;
 }

@@ -3,8 +3,8 @@
 #include <algorithm>
 #include <chrono>
 #include <condition_variable>
+#include <exception>
 #include <mutex>
-#include <system_error>
 #include <thread>
 #include <vector>
 
@@ -40,11 +40,12 @@ struct WorkerPool::Impl {
 
 WorkerPool::WorkerPool(uint32_t threads, const std::atomic<bool>* stop) : impl_(std::make_unique<Impl>()) {
   impl_->stop = stop;
+  impl_->threads.reserve(std::max(threads, 1u));
   for (uint32_t worker = 0; worker < std::max(threads, 1u); ++worker) {
     try {
       impl_->threads.emplace_back([impl = impl_.get(), worker] { impl->run(worker); });
-    } catch (const std::system_error&) {
-      if (worker == 0) throw;  // no thread at all; with fewer than asked the result is the same
+    } catch (const std::exception&) {  // refused, or no memory
+      if (worker == 0) throw;          // no thread at all; with fewer than asked the result is the same
       break;
     }
   }

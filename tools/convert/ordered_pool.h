@@ -69,27 +69,13 @@ class OrderedResults {
     auto slot = std::make_shared<Slot>();
     slot->cost = cost;
     slots_.push_back(slot);
+    try {
+      submit(slot, std::move(work));
+    } catch (...) {  // a job that nobody runs is one that nobody may wait for
+      slots_.pop_back();
+      throw;
+    }
     cost_ += cost;
-    pool_.submit(
-        [slot, work = std::move(work), cancelled = cancelled_, &pool = pool_](uint32_t worker) {
-          std::optional<Result<T>> result;
-          try {
-            if (cancelled->load(std::memory_order_relaxed)) {
-              result.emplace(Error{ErrorCode::kFile, "interrupted"});
-            } else {
-              result.emplace(work(worker));
-            }
-          } catch (const std::bad_alloc&) {
-            result.emplace(Error{ErrorCode::kMemory, "out of memory"});
-          } catch (const std::exception& error) {
-            result.emplace(Error{ErrorCode::kMemory, std::string("unexpected: ") + error.what()});
-          }
-          pool.notify([&] {
-            slot->result = std::move(result);
-            slot->done = true;
-          });
-        },
-        urgent_);
   }
 
   uint64_t size() const { return slots_.size(); }
@@ -120,6 +106,29 @@ class OrderedResults {
     uint64_t cost = 0;
     std::optional<Result<T>> result;
   };
+
+  void submit(const std::shared_ptr<Slot>& slot, Work work) {
+    pool_.submit(
+        [slot, work = std::move(work), cancelled = cancelled_, &pool = pool_](uint32_t worker) {
+          std::optional<Result<T>> result;
+          try {
+            if (cancelled->load(std::memory_order_relaxed)) {
+              result.emplace(Error{ErrorCode::kFile, "interrupted"});
+            } else {
+              result.emplace(work(worker));
+            }
+          } catch (const std::bad_alloc&) {
+            result.emplace(Error{ErrorCode::kMemory, "out of memory"});
+          } catch (const std::exception& error) {
+            result.emplace(Error{ErrorCode::kMemory, std::string("unexpected: ") + error.what()});
+          }
+          pool.notify([&] {
+            slot->result = std::move(result);
+            slot->done = true;
+          });
+        },
+        urgent_);
+  }
 
   WorkerPool& pool_;
   bool urgent_;

@@ -4,11 +4,11 @@
 #include <array>
 #include <atomic>
 #include <cmath>
+#include <exception>
 #include <limits>
 #include <mutex>
 #include <new>
 #include <optional>
-#include <system_error>
 #include <thread>
 #include <utility>
 
@@ -273,8 +273,8 @@ class JobRunner {
     for (uint32_t i = 1; i < threads && i < plan_.jobs.size(); ++i) {
       try {
         workers.emplace_back([this] { work(false); });
-      } catch (const std::system_error&) {
-        break;  // fewer threads do the same work
+      } catch (const std::exception&) {
+        break;  // refused, or no memory: fewer threads do the same work
       }
     }
     work(true);

@@ -4,10 +4,10 @@
 #include <array>
 #include <atomic>
 #include <cstring>
+#include <exception>
 #include <limits>
 #include <mutex>
 #include <new>
-#include <system_error>
 #include <thread>
 #include <utility>
 
@@ -179,8 +179,8 @@ class Verifier {
     for (uint64_t i = 1; i < threads && i < pages; ++i) {
       try {
         workers.emplace_back(work, false);
-      } catch (const std::system_error&) {
-        break;  // fewer threads do the same work
+      } catch (const std::exception&) {
+        break;  // refused, or no memory: fewer threads do the same work
       }
     }
     work(true);

@@ -1,0 +1,117 @@
+// Every command with every call failing once: files, memory, and the GPU (scree_faults does the work).
+#include <string>
+#include <vector>
+
+#include "tests/catch.h"
+#include "tests/format/jpeg_maker.h"
+#include "tests/models.h"
+#include "tests/tools/model_maker.h"
+#include "tests/tools/run_program.h"
+#include "tests/tools/temp_folder.h"
+
+namespace scree::tests {
+namespace {
+
+/// A scene of a .gltf, its .bin and its images, and what the program made of it: the inputs of all commands.
+class Inputs {
+ public:
+  Inputs() {
+    JpegRecipe recipe;
+    recipe.width = recipe.height = 70;
+    recipe.factors = {{2, 2}, {1, 1}, {1, 1}};
+    recipe.quality = 30;
+    {
+      ModelMaker maker(folder_.file("in.gltf"));
+      GridSpec spec;
+      spec.uv = spec.color = spec.normal = true;
+      const uint32_t jpeg = maker.textured("jpeg", format::ImageCodec::kJpeg, make_jpeg(recipe));
+      const std::string png = read_whole(data_path("checker.png").string());
+      const uint32_t checker = maker.textured("png", format::ImageCodec::kPng, std::as_bytes(std::span(png)));
+      maker.node("a", maker.mesh("a", {maker.grid(spec, jpeg), maker.grid(spec, checker)}));
+      maker.node("b", maker.mesh("b", {maker.grid(GridSpec{})}), {1.5, 0, 0});
+      maker.finish();
+    }
+    make("convert in.gltf -o in.scree --source-ids --normals --quiet --threads 1");
+    make("convert in.gltf -o packed.scree --encoding clustered --zstd 3 --quiet --threads 1");
+  }
+
+  /// Runs scree_faults; fails the test with what it says where something is wrong.
+  void check(const std::string& kind, const std::string& which, const std::string& outputs,
+             const std::string& command) {
+    const std::string log =
+        (std::filesystem::temp_directory_path() / (folder_.path().filename().string() + ".log")).string();
+    const std::string line = "\"" SCREE_FAULTS_PROGRAM "\" " + kind + " " + which + " \"" + folder_.path().string() +
+                             "\" \"" + outputs + "\" -- " + command + " >\"" + log + "\" 2>&1";
+    const int status = std::system(line.c_str());
+    const std::string said = read_whole(log);
+    std::filesystem::remove(log);
+    INFO(command);
+    if (status != 0) FAIL_CHECK(said);
+    SUCCEED(said);
+  }
+
+ private:
+  void make(const std::string& command) {
+    const std::string line = "cd \"" + folder_.path().string() + "\" && \"" SCREE_PROGRAM "\" " + command;
+    REQUIRE(std::system(line.c_str()) == 0);
+  }
+
+  TempFolder folder_;
+};
+
+struct Job {
+  const char* outputs;
+  const char* command;
+};
+
+// Pages stay raw where memory for compressing them is short (format::seal_page).
+constexpr Job kConvert[] = {
+    {"out.scree", "convert in.gltf -o out.scree --normals --quiet --threads 1"},
+    {"~out.scree", "convert in.gltf -o out.scree --encoding clustered --zstd 3 --quiet --threads 2"},
+};
+constexpr Job kReaders[] = {
+    {"", "inspect packed.scree --verify --threads 2"},
+    {"", "inspect in.scree --json"},
+    {"out.glb", "export in.scree -o out.glb --quiet --threads 1"},
+    {"out.gltf+out.bin+out_jpeg.jpg+out_png.png", "export in.scree -o out.gltf --quiet --threads 2"},
+    {"", "compare in.scree in.gltf --size 24x16 --threads 1"},
+    {"out.png,out.pfm,out.bin",
+     "render in.scree -o out.png --depth out.pfm --visbuffer out.bin --size 24x16 --ssao --pick 12,8 --backend cpu "
+     "--quiet --threads 1"},
+    {"out.png", "render packed.scree -o out.png --size 24x16 --samples 2 --backend cpu --quiet --threads 2"},
+};
+constexpr Job kDevice[] = {
+    {"out.png,out.bin",
+     "render in.scree -o out.png --visbuffer out.bin --size 640x480 --ssao --edl --pick 12,8 --backend cuda --quiet "
+     "--threads 2"},
+    {"out.png", "render packed.scree -o out.png --size 640x480 --samples 2 --backend cuda --quiet --threads 2"},
+};
+
+template <size_t kCount>
+void check_all(const std::string& kind, const std::string& which, const Job (&jobs)[kCount]) {
+  Inputs inputs;
+  for (const Job& job : jobs) inputs.check(kind, which, job.outputs, job.command);
+}
+
+TEST_CASE("faults: every call for a file fails once while converting", "[faults]") {
+  check_all("file", "all", kConvert);
+}
+TEST_CASE("faults: every call for a file fails once while reading", "[faults]") {
+  check_all("file", "all", kReaders);
+}
+TEST_CASE("faults: every place that takes memory fails once while converting", "[faults]") {
+  check_all("memory", SCREE_FAULT_SITES, kConvert);
+}
+TEST_CASE("faults: every place that takes memory fails once while reading", "[faults]") {
+  check_all("memory", SCREE_FAULT_SITES, kReaders);
+}
+TEST_CASE("faults: every allocation fails once", "[.][faults-all]") {
+  check_all("memory", "all", kConvert);
+  check_all("memory", "all", kReaders);
+}
+TEST_CASE("faults: every CUDA call fails once", "[cuda][faults]") {
+  check_all("device", "all", kDevice);
+}
+
+}  // namespace
+}  // namespace scree::tests

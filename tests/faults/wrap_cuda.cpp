@@ -1,0 +1,107 @@
+// The calls of the CUDA runtime that may fail. The list of names stands in tests/CMakeLists.txt too, where a test holds
+// it against what the program calls.
+#include <cuda_runtime_api.h>
+
+#include <atomic>
+
+#include "tests/faults/faults.h"
+
+using scree::faults::fails;
+using scree::faults::Kind;
+
+namespace {
+
+// A launch that failed says so in the next cudaGetLastError().
+std::atomic<bool> has_failed_launch{false};
+
+bool fails_here(const char* what, const void* site) {
+  return fails(Kind::kDevice, what, site);
+}
+
+}  // namespace
+
+extern "C" {
+
+/// A call whose failure is `error`.
+#define SCREE_WRAP(name, error, parameters, arguments)                \
+  cudaError_t __real_##name parameters;                               \
+  cudaError_t __wrap_##name parameters {                              \
+    if (fails_here(#name, __builtin_return_address(0))) return error; \
+    return __real_##name arguments;                                   \
+  }
+
+SCREE_WRAP(cudaMalloc, cudaErrorMemoryAllocation, (void** out, size_t bytes), (out, bytes))
+SCREE_WRAP(cudaMallocHost, cudaErrorMemoryAllocation, (void** out, size_t bytes), (out, bytes))
+SCREE_WRAP(cudaMemcpy, cudaErrorUnknown, (void* to, const void* from, size_t bytes, cudaMemcpyKind kind),
+           (to, from, bytes, kind))
+SCREE_WRAP(cudaMemcpyAsync, cudaErrorUnknown,
+           (void* to, const void* from, size_t bytes, cudaMemcpyKind kind, cudaStream_t stream),
+           (to, from, bytes, kind, stream))
+SCREE_WRAP(cudaMemset, cudaErrorUnknown, (void* at, int value, size_t bytes), (at, value, bytes))
+SCREE_WRAP(cudaMemsetAsync, cudaErrorUnknown, (void* at, int value, size_t bytes, cudaStream_t stream),
+           (at, value, bytes, stream))
+SCREE_WRAP(cudaMemGetInfo, cudaErrorUnknown, (size_t * free, size_t* total), (free, total))
+SCREE_WRAP(cudaGetDevice, cudaErrorUnknown, (int* device), (device))
+SCREE_WRAP(cudaSetDevice, cudaErrorUnknown, (int device), (device))
+SCREE_WRAP(cudaGetDeviceCount, cudaErrorUnknown, (int* count), (count))
+SCREE_WRAP(cudaGetDeviceProperties, cudaErrorUnknown, (cudaDeviceProp * out, int device), (out, device))
+SCREE_WRAP(cudaDeviceGetAttribute, cudaErrorUnknown, (int* value, cudaDeviceAttr attribute, int device),
+           (value, attribute, device))
+SCREE_WRAP(cudaDeviceSynchronize, cudaErrorUnknown, (), ())
+SCREE_WRAP(cudaDriverGetVersion, cudaErrorUnknown, (int* version), (version))
+SCREE_WRAP(cudaEventCreate, cudaErrorUnknown, (cudaEvent_t * event), (event))
+SCREE_WRAP(cudaEventCreateWithFlags, cudaErrorUnknown, (cudaEvent_t * event, unsigned flags), (event, flags))
+SCREE_WRAP(cudaEventRecord, cudaErrorUnknown, (cudaEvent_t event, cudaStream_t stream), (event, stream))
+SCREE_WRAP(cudaEventSynchronize, cudaErrorUnknown, (cudaEvent_t event), (event))
+SCREE_WRAP(cudaEventElapsedTime, cudaErrorUnknown, (float* ms, cudaEvent_t begin, cudaEvent_t end), (ms, begin, end))
+SCREE_WRAP(cudaStreamCreate, cudaErrorUnknown, (cudaStream_t * stream), (stream))
+SCREE_WRAP(cudaStreamCreateWithFlags, cudaErrorUnknown, (cudaStream_t * stream, unsigned flags), (stream, flags))
+SCREE_WRAP(cudaStreamSynchronize, cudaErrorUnknown, (cudaStream_t stream), (stream))
+SCREE_WRAP(cudaStreamWaitEvent, cudaErrorUnknown, (cudaStream_t stream, cudaEvent_t event, unsigned flags),
+           (stream, event, flags))
+SCREE_WRAP(cudaFuncSetAttribute, cudaErrorUnknown, (const void* kernel, cudaFuncAttribute attribute, int value),
+           (kernel, attribute, value))
+SCREE_WRAP(cudaOccupancyMaxActiveBlocksPerMultiprocessorWithFlags, cudaErrorUnknown,
+           (int* blocks, const void* kernel, int threads, size_t bytes, unsigned flags),
+           (blocks, kernel, threads, bytes, flags))
+#undef SCREE_WRAP
+
+/// Calls that give something back do it all the same: what they say is of no use to anybody then.
+#define SCREE_WRAP_RELEASE(name, parameters, arguments)                              \
+  cudaError_t __real_##name parameters;                                              \
+  cudaError_t __wrap_##name parameters {                                             \
+    const cudaError_t done = __real_##name arguments;                                \
+    return fails_here(#name, __builtin_return_address(0)) ? cudaErrorUnknown : done; \
+  }
+
+SCREE_WRAP_RELEASE(cudaFree, (void* block), (block))
+SCREE_WRAP_RELEASE(cudaFreeHost, (void* block), (block))
+SCREE_WRAP_RELEASE(cudaEventDestroy, (cudaEvent_t event), (event))
+SCREE_WRAP_RELEASE(cudaStreamDestroy, (cudaStream_t stream), (stream))
+#undef SCREE_WRAP_RELEASE
+
+/// What <<<>>> calls: CUDA 12 the first, CUDA 13 the second, whose kernel is a handle.
+#define SCREE_WRAP_LAUNCH(name)                                                                         \
+  cudaError_t __real_##name(const void* kernel, dim3 grid, dim3 block, void** arguments, size_t shared, \
+                            cudaStream_t stream);                                                       \
+  cudaError_t __wrap_##name(const void* kernel, dim3 grid, dim3 block, void** arguments, size_t shared, \
+                            cudaStream_t stream) {                                                      \
+    if (!fails_here(#name, __builtin_return_address(0)))                                                \
+      return __real_##name(kernel, grid, block, arguments, shared, stream);                             \
+    has_failed_launch = true;                                                                           \
+    return cudaErrorLaunchFailure;                                                                      \
+  }
+
+SCREE_WRAP_LAUNCH(cudaLaunchKernel)
+#if CUDART_VERSION >= 13000
+SCREE_WRAP_LAUNCH(__cudaLaunchKernel)
+#endif
+#undef SCREE_WRAP_LAUNCH
+
+cudaError_t __real_cudaGetLastError();
+cudaError_t __wrap_cudaGetLastError() {
+  const cudaError_t error = __real_cudaGetLastError();
+  return has_failed_launch.exchange(false) ? cudaErrorLaunchFailure : error;
+}
+
+}  // extern "C"

@@ -1,0 +1,239 @@
+// The calls of the C library that may fail, and operator new. The list of names stands in tests/CMakeLists.txt too.
+#include <fcntl.h>
+#include <pthread.h>
+#include <sys/mman.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <cerrno>
+#include <cstdarg>
+#include <cstdio>
+#include <cstdlib>
+#include <new>
+#include <system_error>
+
+#include "tests/faults/faults.h"
+
+using scree::faults::fails;
+using scree::faults::Kind;
+
+#define SCREE_SITE __builtin_return_address(0)
+
+extern "C" {
+
+int __real_open(const char* path, int flags, ...);
+int __wrap_open(const char* path, int flags, ...) {
+  if (fails(Kind::kFile, "open", SCREE_SITE)) return errno = EMFILE, -1;
+  va_list arguments;
+  va_start(arguments, flags);
+  const mode_t mode = flags & O_CREAT ? va_arg(arguments, mode_t) : 0;
+  va_end(arguments);
+  return __real_open(path, flags, mode);
+}
+
+int __real_close(int file);
+int __wrap_close(int file) {
+  const int done = __real_close(file);  // Linux closes it whatever it says
+  if (fails(Kind::kFile, "close", SCREE_SITE)) return errno = EIO, -1;
+  return done;
+}
+
+ssize_t __real_read(int file, void* out, size_t size);
+ssize_t __wrap_read(int file, void* out, size_t size) {
+  if (fails(Kind::kFile, "read", SCREE_SITE)) return errno = EIO, -1;
+  return __real_read(file, out, size);
+}
+
+ssize_t __real_pread(int file, void* out, size_t size, off_t offset);
+ssize_t __wrap_pread(int file, void* out, size_t size, off_t offset) {
+  if (fails(Kind::kFile, "pread", SCREE_SITE)) return errno = EIO, -1;
+  return __real_pread(file, out, size, offset);
+}
+
+ssize_t __real_write(int file, const void* bytes, size_t size);
+ssize_t __wrap_write(int file, const void* bytes, size_t size) {
+  if (fails(Kind::kFile, "write", SCREE_SITE)) return errno = ENOSPC, -1;
+  return __real_write(file, bytes, size);
+}
+
+ssize_t __real_pwrite(int file, const void* bytes, size_t size, off_t offset);
+ssize_t __wrap_pwrite(int file, const void* bytes, size_t size, off_t offset) {
+  if (fails(Kind::kFile, "pwrite", SCREE_SITE)) return errno = ENOSPC, -1;
+  return __real_pwrite(file, bytes, size, offset);
+}
+
+int __real_ftruncate(int file, off_t size);
+int __wrap_ftruncate(int file, off_t size) {
+  if (fails(Kind::kFile, "ftruncate", SCREE_SITE)) return errno = EIO, -1;
+  return __real_ftruncate(file, size);
+}
+
+int __real_fsync(int file);
+int __wrap_fsync(int file) {
+  if (fails(Kind::kFile, "fsync", SCREE_SITE)) return errno = EIO, -1;
+  return __real_fsync(file);
+}
+
+int __real_flock(int file, int operation);
+int __wrap_flock(int file, int operation) {
+  if (fails(Kind::kFile, "flock", SCREE_SITE)) return errno = ENOLCK, -1;
+  return __real_flock(file, operation);
+}
+
+int __real_fstat(int file, struct stat* out);
+int __wrap_fstat(int file, struct stat* out) {
+  if (fails(Kind::kFile, "fstat", SCREE_SITE)) return errno = EIO, -1;
+  return __real_fstat(file, out);
+}
+
+int __real_stat(const char* path, struct stat* out);
+int __wrap_stat(const char* path, struct stat* out) {
+  if (fails(Kind::kFile, "stat", SCREE_SITE)) return errno = EACCES, -1;
+  return __real_stat(path, out);
+}
+
+int __real_lstat(const char* path, struct stat* out);
+int __wrap_lstat(const char* path, struct stat* out) {
+  if (fails(Kind::kFile, "lstat", SCREE_SITE)) return errno = EACCES, -1;
+  return __real_lstat(path, out);
+}
+
+int __real_rename(const char* from, const char* to);
+int __wrap_rename(const char* from, const char* to) {
+  if (fails(Kind::kFile, "rename", SCREE_SITE)) return errno = EIO, -1;
+  return __real_rename(from, to);
+}
+
+char* __real_realpath(const char* path, char* out);
+char* __wrap_realpath(const char* path, char* out) {
+  if (fails(Kind::kFile, "realpath", SCREE_SITE)) return errno = EIO, nullptr;
+  return __real_realpath(path, out);
+}
+
+void* __real_mmap(void* at, size_t size, int protection, int flags, int file, off_t offset);
+void* __wrap_mmap(void* at, size_t size, int protection, int flags, int file, off_t offset) {
+  if (fails(Kind::kFile, "mmap", SCREE_SITE)) return errno = ENOMEM, MAP_FAILED;
+  return __real_mmap(at, size, protection, flags, file, offset);
+}
+
+int __real_madvise(void* at, size_t size, int advice);
+int __wrap_madvise(void* at, size_t size, int advice) {
+  if (fails(Kind::kFile, "madvise", SCREE_SITE)) return errno = EAGAIN, -1;
+  return __real_madvise(at, size, advice);
+}
+
+int __real_mincore(void* at, size_t size, unsigned char* out);
+int __wrap_mincore(void* at, size_t size, unsigned char* out) {
+  if (fails(Kind::kFile, "mincore", SCREE_SITE)) return errno = EAGAIN, -1;
+  return __real_mincore(at, size, out);
+}
+
+void* __real_malloc(size_t size);
+void* __wrap_malloc(size_t size) {
+  if (fails(Kind::kMemory, "malloc", SCREE_SITE, size)) return errno = ENOMEM, nullptr;
+  return __real_malloc(size);
+}
+
+void* __real_calloc(size_t count, size_t size);
+void* __wrap_calloc(size_t count, size_t size) {
+  if (fails(Kind::kMemory, "calloc", SCREE_SITE, count * size)) return errno = ENOMEM, nullptr;
+  return __real_calloc(count, size);
+}
+
+void* __real_realloc(void* block, size_t size);
+void* __wrap_realloc(void* block, size_t size) {
+  if (fails(Kind::kMemory, "realloc", SCREE_SITE, size)) return errno = ENOMEM, nullptr;
+  return __real_realloc(block, size);
+}
+
+/// std::thread's constructor, by its name in libstdc++: no thread is to be had.
+void __real__ZNSt6thread15_M_start_threadESt10unique_ptrINS_6_StateESt14default_deleteIS1_EEPFvvE(void* thread,
+                                                                                                  void* state,
+                                                                                                  void (*depend)());
+void __wrap__ZNSt6thread15_M_start_threadESt10unique_ptrINS_6_StateESt14default_deleteIS1_EEPFvvE(void* thread,
+                                                                                                  void* state,
+                                                                                                  void (*depend)()) {
+  if (fails(Kind::kMemory, "std::thread", SCREE_SITE))
+    throw std::system_error(EAGAIN, std::generic_category(), "Enable multithreading to use std::thread");
+  __real__ZNSt6thread15_M_start_threadESt10unique_ptrINS_6_StateESt14default_deleteIS1_EEPFvvE(thread, state, depend);
+}
+
+}  // extern "C"
+
+// Replaced, which the language allows, so that those of libstdc++ come here too.
+namespace {
+
+void* take(size_t size, size_t alignment) {
+  if (size == 0) size = 1;
+  return alignment == 0 ? __real_malloc(size)
+                        : std::aligned_alloc(alignment, (size + alignment - 1) / alignment * alignment);
+}
+
+void* take_or_throw(size_t size, size_t alignment, const void* site) {
+  void* const block = fails(Kind::kMemory, "operator new", site, size) ? nullptr : take(size, alignment);
+  if (block == nullptr) throw std::bad_alloc();
+  return block;
+}
+
+}  // namespace
+
+void* operator new(size_t size) {
+  return take_or_throw(size, 0, SCREE_SITE);
+}
+void* operator new[](size_t size) {
+  return take_or_throw(size, 0, SCREE_SITE);
+}
+void* operator new(size_t size, std::align_val_t alignment) {
+  return take_or_throw(size, static_cast<size_t>(alignment), SCREE_SITE);
+}
+void* operator new[](size_t size, std::align_val_t alignment) {
+  return take_or_throw(size, static_cast<size_t>(alignment), SCREE_SITE);
+}
+void* operator new(size_t size, const std::nothrow_t&) noexcept {
+  return fails(Kind::kMemory, "operator new", SCREE_SITE, size) ? nullptr : take(size, 0);
+}
+void* operator new[](size_t size, const std::nothrow_t&) noexcept {
+  return fails(Kind::kMemory, "operator new", SCREE_SITE, size) ? nullptr : take(size, 0);
+}
+void* operator new(size_t size, std::align_val_t alignment, const std::nothrow_t&) noexcept {
+  return fails(Kind::kMemory, "operator new", SCREE_SITE, size) ? nullptr : take(size, static_cast<size_t>(alignment));
+}
+void* operator new[](size_t size, std::align_val_t alignment, const std::nothrow_t&) noexcept {
+  return fails(Kind::kMemory, "operator new", SCREE_SITE, size) ? nullptr : take(size, static_cast<size_t>(alignment));
+}
+void operator delete(void* block) noexcept {
+  std::free(block);
+}
+void operator delete[](void* block) noexcept {
+  std::free(block);
+}
+void operator delete(void* block, size_t) noexcept {
+  std::free(block);
+}
+void operator delete[](void* block, size_t) noexcept {
+  std::free(block);
+}
+void operator delete(void* block, std::align_val_t) noexcept {
+  std::free(block);
+}
+void operator delete[](void* block, std::align_val_t) noexcept {
+  std::free(block);
+}
+void operator delete(void* block, size_t, std::align_val_t) noexcept {
+  std::free(block);
+}
+void operator delete[](void* block, size_t, std::align_val_t) noexcept {
+  std::free(block);
+}
+void operator delete(void* block, const std::nothrow_t&) noexcept {
+  std::free(block);
+}
+void operator delete[](void* block, const std::nothrow_t&) noexcept {
+  std::free(block);
+}
+void operator delete(void* block, std::align_val_t, const std::nothrow_t&) noexcept {
+  std::free(block);
+}
+void operator delete[](void* block, std::align_val_t, const std::nothrow_t&) noexcept {
+  std::free(block);
+}
