@@ -122,13 +122,13 @@ TEST_CASE("bench: the textured scene is measured by itself", "[bench_tool]") {
   CHECK(options->textures == 12);
   CHECK(options->texture_size == 16384);
   CHECK(options->texture_cache == runtime::kDeviceTextureCache);
-  words.textures = 12;
+  words.textures = 20;
   words.texture_size = 8192;
   words.texture_cache = "1GiB";
   words.size = "1920x1080";
   options = parse_options(words);
   REQUIRE(options);
-  CHECK(options->textures == 12);
+  CHECK(options->textures == 20);
   CHECK(options->texture_size == 8192);
   CHECK(options->texture_cache == uint64_t{1} << 30);
   CHECK(options->size->width == 1920);
