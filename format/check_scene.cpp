@@ -297,6 +297,9 @@ Result<void> Checker::source() const {
     if (name_is_bad(left_out[i].what)) return fail_name("left-out", i, left_out[i].what);
     if (left_out[i].reserved) return fail(kReserved, "left-out ", i, ": a reserved field is set");
   }
+  const uint64_t costs = tables_.table<uint64_t>(TableKind::kLeftOutCosts).size();
+  if (costs != 0 && costs != left_out.size())
+    return fail(kRange, "left-out costs: ", costs, " records, expected ", left_out.size(), " or none");
   return {};
 }
 

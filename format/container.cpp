@@ -51,8 +51,9 @@ constexpr std::array<KnownTable, kKnownTableKinds> kKnownTables = {{
     known<SourceRecord>("source"),
     known<LeftOutRecord>("left-out"),
     known<MipLevelRecord>("mip level"),
+    known<uint64_t>("left-out cost"),
 }};
-static_assert(kKnownTables[static_cast<uint32_t>(TableKind::kMipLevels)].record_bytes == sizeof(MipLevelRecord));
+static_assert(kKnownTables[static_cast<uint32_t>(TableKind::kLeftOutCosts)].record_bytes == sizeof(uint64_t));
 
 constexpr uint32_t kZstdMagic = 0xFD2FB528;  // RFC 8878, 3.1.1
 
@@ -367,6 +368,9 @@ Table<uint32_t> Container::scene_roots() const {
 }
 Table<LeftOutRecord> Container::left_out() const {
   return views_->table<LeftOutRecord>(TableKind::kLeftOut);
+}
+Table<uint64_t> Container::left_out_costs() const {
+  return views_->table<uint64_t>(TableKind::kLeftOutCosts);
 }
 const SourceRecord& Container::source() const {
   return views_->table<SourceRecord>(TableKind::kSource)[0];

@@ -61,6 +61,7 @@ class Container {
   Table<SceneRecord> scenes() const;
   Table<uint32_t> scene_roots() const;
   Table<LeftOutRecord> left_out() const;
+  Table<uint64_t> left_out_costs() const;  // one for each of left_out(), or none
   const SourceRecord& source() const;
 
   /// The zero-terminated UTF-8 string at `offset` of the string table.
@@ -132,6 +133,7 @@ struct TableSet {
   std::vector<SceneRecord> scenes;
   std::vector<uint32_t> scene_roots;
   std::vector<LeftOutRecord> left_out;
+  std::vector<uint64_t> left_out_costs;
   SourceRecord source{};
   StringTable strings;
 };

@@ -228,6 +228,7 @@ Result<uint64_t> ContainerWriter::finish(const TableSet& tables) {
   table(TableKind::kStrings, tables.strings.bytes());
   table(TableKind::kSource, std::span<const SourceRecord>(&tables.source, 1));
   table(TableKind::kLeftOut, tables.left_out);
+  table(TableKind::kLeftOutCosts, tables.left_out_costs);
   if (!written) return written.error();
 
   const std::vector<TocEntry>& toc = impl_->toc;

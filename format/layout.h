@@ -62,6 +62,7 @@ enum class TableKind : uint32_t {
   kSource = 16,
   kLeftOut = 17,
   kMipLevels = 18,
+  kLeftOutCosts = 19,
 };
 
 /// One table. Kinds a reader does not know are skipped; a known kind with larger records (a newer minor version) is
@@ -304,5 +305,8 @@ struct LeftOutRecord {
   uint64_t source_bytes;
 };
 static_assert(sizeof(LeftOutRecord) == 24);
+
+// A u64 for each LeftOutRecord in kLeftOutCosts: bytes it would have taken in the file, about; 0 where that is not
+// known. Files may lack the table.
 
 }  // namespace scree::format

@@ -51,6 +51,7 @@ TEST_CASE("container: every table and page comes back as it was written", "[cont
   CHECK(same(container.scenes(), tables.scenes));
   CHECK(same(container.scene_roots(), tables.scene_roots));
   CHECK(same(container.left_out(), tables.left_out));
+  CHECK(same(container.left_out_costs(), tables.left_out_costs));
   CHECK(std::memcmp(&container.source(), &tables.source, sizeof tables.source) == 0);
   CHECK(container.string(tables.groups[0].name) == "boulder");
   CHECK(container.string(container.images()[0].name) == "moss.png");

@@ -489,6 +489,18 @@ TEST_CASE("container rules: materials, textures, images, cameras, source", "[con
       ErrorCode::kReserved);
 }
 
+TEST_CASE("container rules: costs of what is left out, one each or none", "[container]") {
+  Parts parts = full_parts();
+  REQUIRE(parts.tables.left_out.size() == 2);
+  for (const size_t count : {0, 1, 2, 3}) {
+    parts.tables.left_out_costs.assign(count, 7);
+    const auto opened = Container::open(file_of(parts));
+    CHECK(static_cast<bool>(opened) == (count == 0 || count == 2));
+    if (!opened)
+      CHECK(opened.error().message.find("left-out costs: " + std::to_string(count) + " records, expected 2") == 0);
+  }
+}
+
 TEST_CASE("container rules: counts of triangles", "[container]") {
   // Triangles that take bits take bytes.
   Parts parts = tiny_parts();

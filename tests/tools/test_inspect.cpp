@@ -81,6 +81,7 @@ format::TableSet tables_of(const format::Container& file) {
   copy(file.scenes(), tables.scenes);
   copy(file.scene_roots(), tables.scene_roots);
   copy(file.left_out(), tables.left_out);
+  copy(file.left_out_costs(), tables.left_out_costs);
   tables.source = file.source();
   for (auto& record : tables.groups) name(record.name);
   for (auto& record : tables.nodes) name(record.name);

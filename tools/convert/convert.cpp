@@ -22,6 +22,7 @@
 #include "tools/convert/gltf_source.h"
 #include "tools/convert/images.h"
 #include "tools/convert/lattices.h"
+#include "tools/convert/left_out.h"
 #include "tools/convert/measure.h"
 #include "tools/convert/scene_tables.h"
 
@@ -152,23 +153,6 @@ std::string describe_options(const ConvertOptions& options) {
   return text;
 }
 
-/// Sums the bytes of accessors, each counted once.
-class AccessorBytes {
- public:
-  void add(const Accessor& accessor) {
-    if (!seen_.insert(accessor.index).second) return;
-    bytes_ += accessor.count * accessor.element_bytes();
-    ++count_;
-  }
-  uint64_t bytes() const { return bytes_; }
-  uint64_t count() const { return count_; }
-
- private:
-  std::set<uint32_t> seen_;
-  uint64_t bytes_ = 0;
-  uint64_t count_ = 0;
-};
-
 class Converter {
  public:
   /// `scene` is changed: what it has more than once is referred to once.
@@ -195,7 +179,7 @@ class Converter {
     tables_.images = images_.records;
     tables_.mip_levels = images_.levels;
     if (const Result<void> done = encode(*writer); !done) return done;
-    add_left_out();
+    list_left_out();
     if (const Result<void> done = write_nodes(scene_, instances_, tables_, *writer); !done) return done;
     const Result<uint64_t> bytes = writer->finish(tables_);
     if (!bytes) return bytes.error();
@@ -397,7 +381,7 @@ class Converter {
     const double diagonal = box_diagonal(plans_[mesh].box);
     if (diagonal > 0)
       report_.relative_position_error = std::max(report_.relative_position_error, window.position_error / diagonal);
-    welded_ += window.welded;
+    welded_.add(window.welded);
     repaired_uvs_ += window.repaired_uvs;
     repaired_colors_ += window.repaired_colors;
     repaired_normals_ += window.repaired_normals;
@@ -436,35 +420,11 @@ class Converter {
     source.copyright = tables_.strings.add(scene_.copyright);
   }
 
-  void add_left_out() {
-    const auto add = [&](std::string_view what, uint64_t count, uint64_t bytes) {
-      if (count == 0) return;
-      format::LeftOutRecord record{};
-      record.what = tables_.strings.add(what);
-      record.count = count;
-      record.source_bytes = bytes;
-      tables_.left_out.push_back(record);
-    };
-    AccessorBytes normals, white;
-    for (size_t i = 0; i < scene_.primitives.size(); ++i) {
-      if (mesh_of_[i] == kNone) continue;
-      const Primitive& primitive = scene_.primitives[i];
-      const uint32_t stored = plans_[mesh_of_[i]].attributes;
-      if (primitive.normal && !(stored & format::kHasNormal)) normals.add(*primitive.normal);
-      if (primitive.color && !(stored & format::kHasColor)) white.add(*primitive.color);
-    }
-    for (const LeftOut& entry : scene_.left_out)
-      if (entry.what != "NORMAL") add(entry.what, entry.count, entry.source_bytes);  // of all primitives, kept or not
-    add("NORMAL", normals.count(), normals.bytes());
-    add("COLOR_0 (all white)", white.count(), white.bytes());
-    add("primitives no node draws", undrawn_, 0);
-    add("duplicate vertices", welded_, 0);
-    add("degenerate triangles of strips and fans", report_.dropped_degenerate, 0);
-    add("triangles with positions that are not finite", report_.dropped_nonfinite, 0);
-    add("texture coordinates that are not finite", repaired_uvs_, 0);
-    add("colours that are not finite", repaired_colors_, 0);
-    add("normals that are not finite or zero", repaired_normals_, 0);
-
+  void list_left_out() {
+    convert::add_left_out(
+        {scene_, plans_, mesh_of_, measurement_.primitives, first_equal_, images_, merged_, welded_, undrawn_,
+         report_.dropped_degenerate, report_.dropped_nonfinite, repaired_uvs_, repaired_colors_, repaired_normals_},
+        tables_);
     const auto warn = [&](uint64_t count, const char* text) {
       if (count > 0) report_.warnings.push_back(scene_.file_name + ": " + std::to_string(count) + " " + text);
     };
@@ -501,7 +461,7 @@ class Converter {
   format::TableSet tables_;
   uint64_t next_triangle_ = 0;  // of the mesh that is written
   uint64_t undrawn_ = 0;
-  uint64_t welded_ = 0;
+  Welded welded_;
   uint64_t repaired_uvs_ = 0;
   uint64_t repaired_colors_ = 0;
   uint64_t repaired_normals_ = 0;

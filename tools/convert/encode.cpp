@@ -467,8 +467,8 @@ class WindowEncoder {
   std::span<const uint32_t> clustered_triangles_;  // places in s_.ordered, where clustered
 };
 
-/// Makes vertices one that are equal in all that the mesh stores. Returns how many became another one.
-Result<uint64_t> weld(const Primitive& primitive, const MeshPlan& mesh, EncodeScratch& scratch) {
+/// Makes vertices one that are equal in all that the mesh stores.
+Result<Welded> weld(const Primitive& primitive, const MeshPlan& mesh, EncodeScratch& scratch) {
   Window& window = scratch.window;
   Welder& welder = scratch.welder;
   welder.start(window.positions(), mesh.float32 ? Welder::Zeros::kSigned : Welder::Zeros::kUnsigned);
@@ -482,8 +482,29 @@ Result<uint64_t> weld(const Primitive& primitive, const MeshPlan& mesh, EncodeSc
     if (const Result<void> read = read_vertices(**accessor, numbers, scratch.floats); !read) return read.error();
     welder.part(scratch.floats, (*accessor)->components);
   }
-  if (welder.duplicates() > 0) window.merge(welder.firsts());
-  return welder.duplicates();
+  Welded welded;
+  welded.vertices = welder.duplicates();
+  if (welded.vertices == 0) return welded;
+  window.merge(welder.firsts());
+  welded.source_bytes = welded.vertices * primitive.positions.element_bytes();
+  for (const auto& [flag, accessor] : attributes)
+    if (mesh.attributes & flag) welded.source_bytes += welded.vertices * (*accessor)->element_bytes();
+  return welded;
+}
+
+/// What `vertices` more would have taken with the widths of the chunks' vertices.
+uint64_t cost_bits(uint64_t vertices, const MeshPlan& mesh, const std::vector<EncodedChunk>& chunks) {
+  if (mesh.clustered || chunks.empty()) return 0;
+  uint64_t bits = 0, count = 0;
+  for (const EncodedChunk& chunk : chunks) {
+    const format::ChunkRecord& r = chunk.record;
+    const uint64_t color = mesh.attributes & format::kHasColor ? 32 : 0;
+    const uint64_t vertex = uint64_t{r.position_bits[0]} + r.position_bits[1] + r.position_bits[2] + r.uv_bits[0] +
+                            r.uv_bits[1] + 2 * uint64_t{r.normal_bits} + color;
+    bits += r.vertex_count * vertex;
+    count += r.vertex_count;
+  }
+  return static_cast<uint64_t>(static_cast<double>(bits) / static_cast<double>(count) * static_cast<double>(vertices));
 }
 
 bool inside(const Box& box, const Box& outer) {
@@ -506,12 +527,13 @@ Result<EncodedWindow> encode_window(const Primitive& primitive, const MeshPlan& 
       !inside(box_of(window.positions()), mesh.box))
     return Error{ErrorCode::kFormat, "mesh " + std::to_string(primitive.mesh) + " primitive " +
                                          std::to_string(primitive.place) + " changed while it was converted"};
-  Result<uint64_t> welded = uint64_t{0};
+  Result<Welded> welded = Welded{};
   if (options.weld) welded = weld(primitive, mesh, scratch);
   if (!welded) return welded.error();
   Result<EncodedWindow> encoded = WindowEncoder(primitive, mesh, plan, options, scratch).run();
   if (!encoded) return encoded;
   encoded->welded = *welded;
+  encoded->welded.cost_bits = cost_bits(welded->vertices, mesh, encoded->chunks);
   for (EncodedChunk& chunk : encoded->chunks) chunk.record.bytes = chunk.payload.size();
   return encoded;
 }

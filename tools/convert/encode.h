@@ -47,11 +47,24 @@ struct EncodedChunk {
   std::vector<std::byte> payload;
 };
 
+/// Vertices that became another one.
+struct Welded {
+  uint64_t vertices = 0;
+  uint64_t source_bytes = 0;
+  uint64_t cost_bits = 0;  // with the widths of the vertices that stayed; 0 where clustered: not known
+
+  void add(const Welded& other) {
+    vertices += other.vertices;
+    source_bytes += other.source_bytes;
+    cost_bits += other.cost_bits;
+  }
+};
+
 struct EncodedWindow {
   std::vector<EncodedChunk> chunks;
-  double position_error = 0;      // largest found, model units, per axis
-  float uv_error = 0;             // largest possible, per axis
-  uint64_t welded = 0;            // vertices that are another one
+  double position_error = 0;  // largest found, model units, per axis
+  float uv_error = 0;         // largest possible, per axis
+  Welded welded;
   uint64_t repaired_uvs = 0;      // vertices whose texture coordinates were not finite and became 0
   uint64_t repaired_colors = 0;   // likewise; became 0
   uint64_t repaired_normals = 0;  // not finite or zero; became +z

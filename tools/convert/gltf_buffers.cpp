@@ -182,6 +182,12 @@ Result<GltfBuffers::View> GltfBuffers::image(const DocImage& image) {
   return View{std::move(source).value(), 0, size};
 }
 
+uint64_t GltfBuffers::stated_count(int32_t index) const {
+  return index < 0 || static_cast<size_t>(index) >= document_.accessors.size()
+             ? 0
+             : document_.accessors[static_cast<size_t>(index)].count;
+}
+
 uint64_t GltfBuffers::stated_bytes(int32_t index) const {
   if (index < 0 || static_cast<size_t>(index) >= document_.accessors.size()) return 0;
   const DocAccessor& stated = document_.accessors[static_cast<size_t>(index)];

@@ -40,6 +40,9 @@ class GltfBuffers {
   /// nonsense.
   uint64_t stated_bytes(int32_t accessor) const;
 
+  /// And its elements.
+  uint64_t stated_count(int32_t accessor) const;
+
  private:
   Result<std::shared_ptr<const ByteSource>> buffer(int32_t index);
   Result<std::shared_ptr<const ByteSource>> open_buffer(int32_t index);

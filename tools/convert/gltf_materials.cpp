@@ -106,7 +106,9 @@ class MaterialMaker {
     }
     uint64_t unused = 0;
     for (const uint32_t place : image_places_) unused += place == kUnknown ? 1 : 0;
-    if (unused > 0) scene_.left_out.push_back({"images not used for base colour", unused, unused_bytes()});
+    if (unused > 0) scene_.left_out.push_back({"images not used for base colour", unused, unused_bytes(), 0});
+    const auto textures = std::count(texture_places_.begin(), texture_places_.end(), kUnknown);
+    if (textures > 0) scene_.left_out.push_back({"unused textures", static_cast<uint64_t>(textures), 0, 0});
   }
 
  private:
@@ -241,7 +243,7 @@ void warn_of_alpha(const GltfDocument& document, const std::vector<bool>& used, 
     if (count == 0) continue;
     scene.warnings.push_back(std::string(what) + " of " + std::to_string(count) +
                              (count == 1 ? " material" : " materials") + is + " left out: drawn opaque");
-    scene.left_out.push_back({what, count, 0});
+    scene.left_out.push_back({what, count, 0, 0});
   }
 }
 
@@ -266,7 +268,7 @@ Result<MaterialPlan> make_materials(const GltfDocument& document, const std::vec
     plan.textured[i] = textured;
     scene.materials.push_back({document.materials[i].name, *record});
   }
-  if (unused > 0) scene.left_out.push_back({"unused materials", unused, 0});
+  if (unused > 0) scene.left_out.push_back({"unused materials", unused, 0, 0});
   maker.warn();
   warn_of_alpha(document, used, scene);
   return plan;

@@ -106,7 +106,7 @@ class LeftOutList {
 
   void move_to(SourceScene& scene) const {
     for (const auto& [what, entry] : entries_) {
-      if (entry.count > 0) scene.left_out.push_back({what, entry.count, entry.bytes});
+      if (entry.count > 0) scene.left_out.push_back({what, entry.count, entry.bytes, entry.elements});
     }
   }
 
@@ -114,6 +114,7 @@ class LeftOutList {
   struct Entry {
     uint64_t count = 0;
     uint64_t bytes = 0;
+    uint64_t elements = 0;
   };
 
   bool take(int32_t accessor) {
@@ -124,8 +125,9 @@ class LeftOutList {
 
   void add_bytes(const std::string& what, int32_t accessor) {
     if (!fresh_) return;
-    uint64_t& bytes = entries_[what].bytes;
-    bytes = format::checked_add(bytes, buffers_.stated_bytes(accessor)).value_or(bytes);
+    Entry& entry = entries_[what];
+    entry.bytes = format::checked_add(entry.bytes, buffers_.stated_bytes(accessor)).value_or(entry.bytes);
+    entry.elements = format::checked_add(entry.elements, buffers_.stated_count(accessor)).value_or(entry.elements);
   }
 
   const GltfBuffers& buffers_;
@@ -221,6 +223,7 @@ class Importer {
     for (uint32_t m = 0; m < document_.meshes.size(); ++m) {
       if (!used[m]) {
         left_out_.add("unused meshes", 1);
+        for (const DocPrimitive& primitive : document_.meshes[m].primitives) dropped_.emplace_back(nullptr, &primitive);
         continue;
       }
       const DocMesh& mesh = document_.meshes[m];
@@ -332,8 +335,9 @@ class Importer {
       ++morphed_;
       for (const int32_t accessor : from.target_accessors) left_out_.add_accessor_bytes("morph targets", accessor);
     }
-    for (const auto& [what, from] : dropped_) {
-      left_out_.add(what, 1);
+    for (const auto& [why, from] : dropped_) {
+      const char* const what = why != nullptr ? why : "unused meshes";  // which count as meshes, not as primitives
+      if (why != nullptr) left_out_.add(what, 1);
       for (const auto& [name, accessor] : from->attributes) left_out_.add_accessor_bytes(what, accessor);
       if (from->indices != kAbsent) left_out_.add_accessor_bytes(what, from->indices);
     }
@@ -450,7 +454,7 @@ class Importer {
   LeftOutList left_out_;
   std::vector<uint32_t> group_of_mesh_;
   std::vector<bool> material_used_;
-  std::vector<std::pair<const char*, const DocPrimitive*>> dropped_;  // why, what
+  std::vector<std::pair<const char*, const DocPrimitive*>> dropped_;  // why (null: of a mesh that is not used), what
   uint64_t morphed_ = 0;
   uint64_t undeclared_quantization_ = 0;
   uint64_t unflagged_colors_ = 0;

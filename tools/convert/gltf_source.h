@@ -171,6 +171,7 @@ struct LeftOut {
   std::string what;
   uint64_t count = 0;
   uint64_t source_bytes = 0;
+  uint64_t elements = 0;  // of its accessors, each once
 };
 
 /// Nodes are in an order in which parents come before children; every index below is checked.

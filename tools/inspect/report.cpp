@@ -4,6 +4,7 @@
 #include <cmath>
 #include <string_view>
 
+#include "format/bytes.h"
 #include "format/quantize.h"
 #include "tools/common/human.h"
 #include "tools/common/options.h"
@@ -344,11 +345,19 @@ void add_left_out(const format::Container& file, std::string& text) {
   const auto left_out = file.left_out();
   if (left_out.empty()) return;
   TextTable table;
-  table.row({"what", "count", "bytes in the source"});
+  const auto costs = file.left_out_costs();
+  const auto known = [](uint64_t bytes) { return bytes == 0 ? "-" : human_bytes(bytes); };
+  table.row({"what", "count", "bytes in the source", "would take here [10]"});
+  uint64_t in_source = 0, here = 0;
   for (uint64_t i = 0; i < left_out.size(); ++i) {
+    const uint64_t cost = costs.empty() ? 0 : costs[i];
     table.row({printable(file.string(left_out[i].what), 60), grouped(left_out[i].count),
-               left_out[i].source_bytes == 0 ? "-" : human_bytes(left_out[i].source_bytes)});
+               known(left_out[i].source_bytes), known(cost)});
+    in_source = format::checked_add(in_source, left_out[i].source_bytes).value_or(UINT64_MAX);
+    here = format::checked_add(here, cost).value_or(UINT64_MAX);
   }
+  table.rule();
+  table.row({"all", "", known(in_source), known(here)});
   text += "\nLeft out (in the source, not in this file)\n" + table.text();
 }
 
@@ -373,7 +382,8 @@ void add_footnotes(const Stats& stats, std::string& text) {
     text += "  [8] Of a compressed page, each stream has the share of the stored bytes that it has of the raw bytes.\n";
   }
   text +=
-      "  [9] A chunk's indices are stored as differences to its smallest, all with the bits that the largest needs.\n";
+      "  [9] A chunk's indices are stored as differences to its smallest, all with the bits that the largest needs.\n"
+      "  [10] As near as can be said without encoding it, before compression; -: nothing, or not known.\n";
 }
 
 }  // namespace

@@ -53,6 +53,8 @@ const char* table_name(format::TableKind kind) {
       return "left_out";
     case format::TableKind::kMipLevels:
       return "mip_levels";
+    case format::TableKind::kLeftOutCosts:
+      return "left_out_costs";
   }
   return "unknown";
 }
