@@ -342,6 +342,7 @@ TEST_CASE("the GPU draws JPEG textures as if they were decoded whole, with cache
                                  uint64_t{1} << 20, runtime::kDeviceTextureCache}) {
       auto device = runtime::DeviceScene::upload(scene, 0, 2, runtime::Reading::kAuto, bytes);
       if (!device) FAIL(device.error().message);
+      uint64_t most_left = 0;  // tiles that decoded for themselves
       for (uint32_t frame = 0; frame < 2 * views.size(); ++frame) {
         INFO(input << ", " << bytes << " bytes, frame " << frame);
         const kernels::View& view = views[frame % views.size()];
@@ -359,7 +360,7 @@ TEST_CASE("the GPU draws JPEG textures as if they were decoded whole, with cache
           const auto counts = device->texture_counts();
           REQUIRE(counts);
           REQUIRE(counts->has_value());
-          if (bytes == 1) CHECK((*counts)->tiles > 0);
+          most_left = std::max<uint64_t>(most_left, (*counts)->tiles);
           if (bytes == runtime::kDeviceTextureCache) CHECK((*counts)->tiles == 0);
         }
         if (bytes != runtime::kDeviceTextureCache) continue;
@@ -377,6 +378,7 @@ TEST_CASE("the GPU draws JPEG textures as if they were decoded whole, with cache
         for (size_t i = 0; i < cpu_pixels.size(); ++i) off += std::abs(int{cpu_pixels[i]} - int{gpu_pixels[i]}) > 1;
         CHECK(off <= cpu_pixels.size() / 10000);
       }
+      if (bytes == 1) CHECK(most_left > 0);
     }
   }
 }
