@@ -24,7 +24,7 @@ struct alignas(16) ClusterDraw {
   uint32_t chunk;
   uint32_t instance;
   uint32_t cluster_count;
-  float error[3];  // of x, y and w: set_error()
+  float error[3];  // of x, y and w: error_of()
   uint32_t reserved[2];
 
   static constexpr uint32_t kMirrored = 1;

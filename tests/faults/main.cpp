@@ -14,6 +14,7 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <cerrno>
 #include <cstdio>
 #include <cstdlib>
 #include <cstring>
@@ -73,8 +74,12 @@ class Experiment {
     std::fflush(nullptr);
     const pid_t child = ::fork();
     if (child == 0) run_child(plan);
+    if (child < 0) {
+      std::perror("scree_faults: fork");
+      std::exit(1);
+    }
     int status = 0;
-    while (::waitpid(child, &status, 0) < 0) {
+    while (::waitpid(child, &status, 0) < 0 && errno == EINTR) {
     }
     Run run;
     if (WIFEXITED(status)) run.code = WEXITSTATUS(status);

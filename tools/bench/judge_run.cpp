@@ -73,10 +73,12 @@ class JudgeRun {
  private:
   Result<void> judge_all() {
     for (const std::string& name : options_.scenes) {
+      if (!has_view(name)) continue;  // the views named are other scenes'
       const Result<Source> source = synthesize(name);
       if (!source) return source.error();
       if (Result<void> done = judge_source(*source); !done) return done;
-      std::filesystem::remove_all(folder_.file(kSceneFolder));
+      std::error_code ignored;
+      std::filesystem::remove_all(folder_.file(kSceneFolder), ignored);
     }
     for (const std::string& path : options_.files) {
       // Beside scenes, views named are theirs.
@@ -86,10 +88,21 @@ class JudgeRun {
     return {};
   }
 
+  /// Whether a scene has one of the views named; where none is, all are drawn.
+  bool has_view(const std::string& name) const {
+    if (options_.views.empty()) return true;
+    const synth::Scene scene = make_scene(name, options_.order, options_.scale);
+    return std::any_of(scene.cameras.begin(), scene.cameras.end(), [&](const synth::SceneCamera& camera) {
+      return std::find(options_.views.begin(), options_.views.end(), camera.name) != options_.views.end();
+    });
+  }
+
   /// Writes a measured scene as a glTF.
   Result<Source> synthesize(const std::string& name) const {
     const synth::Scene scene = make_scene(name, options_.order, options_.scale);
-    std::filesystem::create_directories(folder_.file(kSceneFolder));
+    std::error_code failed;
+    std::filesystem::create_directories(folder_.file(kSceneFolder), failed);
+    if (failed) return Error{ErrorCode::kFile, folder_.file(kSceneFolder) + ": " + failed.message()};
     synth::SynthOptions synth;
     synth.scene = name;
     synth.output = folder_.file(std::string(kSceneFolder) + "/scene.gltf");

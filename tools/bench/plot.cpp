@@ -6,6 +6,7 @@
 #include <cstdio>
 #include <cstdlib>
 #include <cstring>
+#include <filesystem>
 #include <fstream>
 #include <iterator>
 #include <map>
@@ -221,8 +222,9 @@ Result<CsvTable> read_csv(const std::string& path) {
   errno = 0;
   std::ifstream in(path, std::ios::binary);
   if (!in) return Error{ErrorCode::kFile, path + ": " + std::strerror(errno)};
+  std::error_code unknown;
+  if (std::filesystem::is_directory(path, unknown)) return Error{ErrorCode::kFile, path + ": is a folder"};
   const std::string text{std::istreambuf_iterator<char>(in), {}};
-  if (in.bad()) return Error{ErrorCode::kFile, path + ": cannot read"};
   std::vector<std::vector<std::string>> lines;
   std::vector<std::string> cells;
   std::string cell;
