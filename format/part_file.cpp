@@ -20,7 +20,7 @@ constexpr size_t kMaxCallBytes = size_t{1} << 30;
 }  // namespace
 
 Error PartFile::error_of(const char* call, int error) const {
-  return {ErrorCode::kFile, path_ + ".part: " + call + ": " + std::strerror(error)};
+  return {ErrorCode::kFile, part_path_ + ": " + call + ": " + std::strerror(error)};
 }
 
 /// Opens, locks and empties the .part. A stale one (of a run that was killed) is taken over; one that a running writer
@@ -31,7 +31,10 @@ Result<PartFile> PartFile::create(const std::string& path) {
   if (::stat(path.c_str(), &target) == 0 && !S_ISREG(target.st_mode)) {
     return Error{ErrorCode::kFile, path + (S_ISDIR(target.st_mode) ? ": is a folder" : ": is not a regular file")};
   }
-  const std::string name = path + ".part";
+  PartFile part;
+  part.path_ = path;
+  part.part_path_ = path + ".part";
+  const std::string& name = part.part_path_;
   // Between opening and locking, another writer may have renamed the file that was opened into place, and it must not
   // be emptied then: the lock counts only while the name still means the locked file.
   for (int attempt = 0; attempt < 100; ++attempt) {
@@ -58,10 +61,8 @@ Result<PartFile> PartFile::create(const std::string& path) {
     }
     struct stat of_name;
     if (::lstat(name.c_str(), &of_name) == 0 && of_name.st_dev == of_file.st_dev && of_name.st_ino == of_file.st_ino) {
-      PartFile part;
       part.file_ = opened;
       part.is_part_ = true;
-      part.path_ = path;
       if (::ftruncate(opened, 0) != 0) return part.error_of("truncate", errno);
       return part;
     }
@@ -73,18 +74,20 @@ Result<PartFile> PartFile::create(const std::string& path) {
 PartFile::PartFile(PartFile&& other) noexcept
     : file_(std::exchange(other.file_, -1)),
       is_part_(std::exchange(other.is_part_, false)),
-      path_(std::exchange(other.path_, {})) {}
+      path_(std::exchange(other.path_, {})),
+      part_path_(std::exchange(other.part_path_, {})) {}
 
 PartFile& PartFile::operator=(PartFile&& other) noexcept {
   std::swap(file_, other.file_);
   std::swap(is_part_, other.is_part_);
   std::swap(path_, other.path_);
+  std::swap(part_path_, other.part_path_);
   return *this;
 }
 
-void PartFile::discard() {
+void PartFile::discard() noexcept {
   // While the lock on it is held, so that it is ours.
-  if (std::exchange(is_part_, false)) ::unlink((path_ + ".part").c_str());
+  if (std::exchange(is_part_, false)) ::unlink(part_path_.c_str());
   if (file_ >= 0) ::close(std::exchange(file_, -1));
 }
 
@@ -107,7 +110,7 @@ Result<void> PartFile::read_at(uint64_t offset, std::span<std::byte> out) const 
     const ssize_t got = ::pread(file_, out.data(), std::min(out.size(), kMaxCallBytes), static_cast<off_t>(offset));
     if (got < 0 && errno == EINTR) continue;
     if (got < 0) return error_of("read back", errno);
-    if (got == 0) return Error{ErrorCode::kFile, path_ + ".part: shorter than what was written to it"};
+    if (got == 0) return Error{ErrorCode::kFile, part_path_ + ": shorter than what was written to it"};
     offset += static_cast<uint64_t>(got);
     out = out.subspan(static_cast<size_t>(got));
   }
@@ -136,7 +139,7 @@ Result<void> PartFile::close() {
 
 Result<void> PartFile::commit() {
   if (!is_part_) return not_open();
-  if (std::rename((path_ + ".part").c_str(), path_.c_str()) != 0) return error_of("rename", errno);
+  if (std::rename(part_path_.c_str(), path_.c_str()) != 0) return error_of("rename", errno);
   is_part_ = false;
   discard();
   return {};

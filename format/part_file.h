@@ -32,8 +32,8 @@ class PartFile {
   /// Closes before commit(): some file systems find only now that the disk is full. Others may then take the .part.
   Result<void> close();
   Result<void> commit();
-  /// Removes the .part, if it has not got its name, and closes it.
-  void discard();
+  /// Removes the .part, if it has not got its name, and closes it. Takes no memory: it may be what ran out.
+  void discard() noexcept;
 
   bool is_open() const { return file_ >= 0; }
   /// Of the finished file.
@@ -41,11 +41,12 @@ class PartFile {
 
  private:
   Error error_of(const char* call, int error) const;
-  Error not_open() const { return {ErrorCode::kFile, path_ + ".part: is not open any more"}; }
+  Error not_open() const { return {ErrorCode::kFile, part_path_ + ": is not open any more"}; }
 
   int file_ = -1;
   bool is_part_ = false;  // there is a .part to be removed
   std::string path_;
+  std::string part_path_;
 };
 
 }  // namespace scree::format
