@@ -65,7 +65,7 @@ CacheLayout lay_out(uint32_t slots, uint32_t slot_bytes) {
   layout.samples = add(slots, slot_bytes);
   layout.wanted = add(TextureCache::wanted_for(slots), sizeof(uint64_t));
   layout.requests = add(slots, sizeof(GroupRequest));
-  layout.counters = add(kDecodeRounds + 1, sizeof(RoundCounters));
+  layout.counters = add(kDecodeRounds, sizeof(RoundCounters));
   layout.bytes = at;
   return layout;
 }
@@ -114,7 +114,7 @@ struct CudaTextureCache::Impl {
                check(cudaMemsetAsync(cache.stamps, 0xff, ways * sizeof(uint32_t), stream), kWhat) &&
                check(cudaMemsetAsync(cache.stamps, 0, cache.slot_count * sizeof(uint32_t), stream), kWhat) &&
                check(cudaMemsetAsync(cache.wanted, 0xff, cache.wanted_count * sizeof(uint64_t), stream), kWhat) &&
-               check(cudaMemsetAsync(counters, 0, (kDecodeRounds + 1) * sizeof(RoundCounters), stream), kWhat);
+               check(cudaMemsetAsync(counters, 0, kDecodeRounds * sizeof(RoundCounters), stream), kWhat);
     return is_clean;
   }
 
@@ -135,10 +135,10 @@ bool CudaTextureCache::Impl::resolve(const ShadeInputs& in, const PixelTiles& ti
                                      uint32_t side, const float* visibility, uint32_t* pixels, cudaStream_t stream) {
   const uint32_t tile_count = tiles.count();
   if (!reserve(tile_count)) return false;
-  constexpr uint32_t kRounds = kDecodeRounds + 1;
-  if ((!is_clean || now > TextureCache::kNever - kRounds) && !clear(stream)) return false;
+  if ((!is_clean || now > TextureCache::kNever - kDecodeRounds) && !clear(stream)) return false;
   is_clean = false;
-  if (!check(cudaMemsetAsync(counters, 0, kRounds * sizeof(RoundCounters), stream), "clearing the rounds' counters"))
+  if (!check(cudaMemsetAsync(counters, 0, kDecodeRounds * sizeof(RoundCounters), stream),
+             "clearing the rounds' counters"))
     return false;
   auto* const first_list = reinterpret_cast<TileLeft*>(lists.data());
   TileLeft* const list[2] = {first_list, first_list + tile_count};
@@ -146,23 +146,23 @@ bool CudaTextureCache::Impl::resolve(const ShadeInputs& in, const PixelTiles& ti
     return Resolve<Shader>{shader, tiles, samples, side, visibility, 4, reinterpret_cast<uint8_t*>(pixels)};
   };
   bool started = true;
-  for (uint32_t round = 0; round < kRounds && started; ++round, ++now) {
+  for (uint32_t round = 0; round < kDecodeRounds && started; ++round, ++now) {
     const TileLeft* const from = round == 0 ? nullptr : list[(round - 1) % 2];
     const RoundCounters* const before = round == 0 ? nullptr : counters + round - 1;
     visit_textured<true>(in, CachedTexels{cache, counters + round, now}, [&]<class Shader>(const Shader& shader) {
       const ResolveRound<Shader> pass{resolve_of(shader), from, list[round % 2], counters + round};
       started = run(pass, tile_count, before, stream);
     });
-    // What the last round asks for is there for the next picture.
     if (!started) return false;
+    // The last round decodes too: for the pixels that are left, and for the next picture.
     decode_round<<<multiprocessors * kDecodeBlocks, kDecodeThreads, 0, stream>>>(
         DecodeGroups{cache, counters + round, now});
     started = check(cudaGetLastError(), "starting a round of decoding");
   }
   if (!started) return false;
   visit_textured<false>(in, PatientTexels{cache, now - 1}, [&]<class Shader>(const Shader& shader) {
-    const ResolveRound<Shader> pass{resolve_of(shader), list[(kRounds - 1) % 2], nullptr, nullptr};
-    started = run(pass, tile_count, counters + kRounds - 1, stream);
+    const ResolveRound<Shader> pass{resolve_of(shader), list[(kDecodeRounds - 1) % 2], nullptr, nullptr};
+    started = run(pass, tile_count, counters + kDecodeRounds - 1, stream);
   });
   is_clean = started;
   return started;
@@ -224,7 +224,7 @@ Result<void> CudaTextureCache::resolve(const ShadeInputs& in, const PixelTiles& 
 }
 
 Result<TextureCacheCounts> CudaTextureCache::counts() const {
-  RoundCounters rounds[kDecodeRounds + 1];
+  RoundCounters rounds[kDecodeRounds];
   if (Result<void> done = cuda_check(cudaMemcpy(rounds, impl_->counters, sizeof rounds, cudaMemcpyDeviceToHost),
                                      "reading the rounds' counters");
       !done)
@@ -235,7 +235,7 @@ Result<TextureCacheCounts> CudaTextureCache::counts() const {
     counts.decoded += round.decoded;
     counts.rounds += round.tiles != 0 ? 1 : 0;
   }
-  counts.tiles = rounds[kDecodeRounds].tiles;
+  counts.tiles = rounds[kDecodeRounds - 1].tiles;
   return counts;
 }
 

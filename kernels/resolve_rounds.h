@@ -7,9 +7,10 @@
 namespace scree::kernels {
 inline namespace SCREE_ISA {
 
-/// Rounds of decoding, each followed by one of shading what was left: a picture that the cache holds takes one, one
-/// that is twice as large two or three.
-inline constexpr uint32_t kDecodeRounds = 3;
+/// Rounds, each of shading the pixels that are left and decoding what they lacked: a picture whose texels lie in the
+/// cache takes one, one that the cache can hold two, a larger one more. Pixels that the last one leaves decode for
+/// themselves (PatientTexels).
+inline constexpr uint32_t kDecodeRounds = 4;
 
 /// A tile with pixels that are left: a bit each, row by row.
 struct TileLeft {
@@ -49,25 +50,11 @@ struct ResolveRound {
 };
 
 /// Calls visit(shader) with the shader of a textured picture, whose options.show is Show::kTexture. `kApart`: as
-/// visit_shader() has it.
+/// visit_kinds() has it.
 template <bool kApart, class Texels, class Visit>
 inline void visit_textured(const ShadeInputs& in, const Texels& texels, const Visit& visit) {
-  const auto with_kinds = [&]<bool kOrthographic>() {
-    if constexpr (kApart) {
-      switch (in.scene.chunk_kinds) {
-        case ChunkKinds::kMixed:
-          break;
-        case ChunkKinds::kFloat32:
-          return visit(Shader<kOrthographic, Show::kTexture, ChunkKinds::kFloat32, Texels>{in, texels});
-        case ChunkKinds::kPacked:
-          return visit(Shader<kOrthographic, Show::kTexture, ChunkKinds::kPacked, Texels>{in, texels});
-        case ChunkKinds::kClustered:
-          return visit(Shader<kOrthographic, Show::kTexture, ChunkKinds::kClustered, Texels>{in, texels});
-      }
-    }
-    return visit(Shader<kOrthographic, Show::kTexture, ChunkKinds::kMixed, Texels>{in, texels});
-  };
-  in.view.orthographic ? with_kinds.template operator()<true>() : with_kinds.template operator()<false>();
+  in.view.orthographic ? visit_kinds<kApart, true, Show::kTexture>(in, texels, visit)
+                       : visit_kinds<kApart, false, Show::kTexture>(in, texels, visit);
 }
 
 }  // namespace SCREE_ISA

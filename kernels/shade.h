@@ -496,25 +496,32 @@ struct Shader {
   }
 };
 
-/// Calls visit(shader) with the shader of a camera and a kind of picture. A scene without textures does not pay for
-/// them, and where `kApart` pictures of light are not drawn by code for another kind of chunks.
+/// Calls visit(shader) with the shader of the scene's kind of chunks, where `kApart`: pictures of light are not drawn
+/// by code for another kind then.
+template <bool kApart, bool kOrthographic, Show kShow, class Texels, class Visit>
+inline void visit_kinds(const ShadeInputs& in, const Texels& texels, const Visit& visit) {
+  if constexpr (kApart) {
+    switch (in.scene.chunk_kinds) {
+      case ChunkKinds::kMixed:
+        break;
+      case ChunkKinds::kFloat32:
+        return visit(Shader<kOrthographic, kShow, ChunkKinds::kFloat32, Texels>{in, texels});
+      case ChunkKinds::kPacked:
+        return visit(Shader<kOrthographic, kShow, ChunkKinds::kPacked, Texels>{in, texels});
+      case ChunkKinds::kClustered:
+        return visit(Shader<kOrthographic, kShow, ChunkKinds::kClustered, Texels>{in, texels});
+    }
+  }
+  visit(Shader<kOrthographic, kShow, ChunkKinds::kMixed, Texels>{in, texels});
+}
+
+/// Calls visit(shader) with the shader of a camera and a kind of picture, and as visit_kinds() does. A scene without
+/// textures does not pay for them.
 template <bool kApart, class Visit>
 inline void visit_shader(const ShadeInputs& in, const Visit& visit) {
+  const SceneTexels texels{in.scene.blocks};
   const auto with_kinds = [&]<bool kOrthographic, Show kShow>() {
-    if constexpr (!kApart) {
-      visit(Shader<kOrthographic, kShow>{in, {in.scene.blocks}});
-    } else {
-      switch (in.scene.chunk_kinds) {
-        case ChunkKinds::kMixed:
-          return visit(Shader<kOrthographic, kShow>{in, {in.scene.blocks}});
-        case ChunkKinds::kFloat32:
-          return visit(Shader<kOrthographic, kShow, ChunkKinds::kFloat32>{in, {in.scene.blocks}});
-        case ChunkKinds::kPacked:
-          return visit(Shader<kOrthographic, kShow, ChunkKinds::kPacked>{in, {in.scene.blocks}});
-        case ChunkKinds::kClustered:
-          return visit(Shader<kOrthographic, kShow, ChunkKinds::kClustered>{in, {in.scene.blocks}});
-      }
-    }
+    visit_kinds<kApart, kOrthographic, kShow>(in, texels, visit);
   };
   const auto with_camera = [&]<bool kOrthographic>() {
     switch (in.options.show) {

@@ -159,7 +159,7 @@ std::string fault_of(const Run& run, const Run& good, const std::vector<std::str
 
 int main(int argc, char** argv) {
   const auto usage = [] {
-    std::fprintf(stderr, "scree_faults file|memory|device all|sites[/N] FOLDER OUTPUTS -- ARGUMENTS\n");
+    std::fprintf(stderr, "scree_faults file|memory|device all[/N]|sites[/N]|call/N FOLDER OUTPUTS -- ARGUMENTS\n");
     return 1;
   };
   if (argc < 7 || std::string_view(argv[5]) != "--") return usage();

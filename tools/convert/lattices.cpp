@@ -54,8 +54,10 @@ Result<void> share_steps(const SourceScene& scene, const InstancePlan& instances
         format::lattice_of_exponent(plans[i].box.lo.data(), plans[i].box.hi.data(), common);
     if (!lattice) {
       const Error error = at(primitive_place(scene, plans[i].primitive), lattice.error());
-      return Error{error.code,
-                   error.message + " (--grid scene takes the finest step any mesh needs; --max-error sets one)"};
+      return Error{
+          error.code,
+          error.message +
+              " (--grid scene takes the finest step any mesh needs; --max-error or --max-error-pixels sets one)"};
     }
     plans[i].lattice = *lattice;
   }
