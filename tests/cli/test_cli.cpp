@@ -11,23 +11,16 @@
 #include <cstdlib>
 #include <filesystem>
 #include <fstream>
-#include <sstream>
 #include <string>
 #include <vector>
 
 #include "tests/catch.h"
 #include "tests/models.h"
+#include "tests/tools/temp_folder.h"
 
 namespace {
 
 namespace fs = std::filesystem;
-
-std::string read_text(const fs::path& path) {
-  std::ifstream in(path, std::ios::binary);
-  std::stringstream text;
-  text << in.rdbuf();
-  return text.str();
-}
 
 struct Expectation {
   std::string verb;
@@ -65,8 +58,8 @@ void run_step(const Step& step, const fs::path& folder) {
                              "':\"$PATH\" DATA='" SCREE_TEST_DATA "' && export PATH DATA && { " + step.command +
                              "\n} >'" + out.string() + "' 2>'" + err.string() + "' </dev/null";
   const int status = std::system(script.c_str());
-  const std::string out_text = read_text(out);
-  const std::string err_text = read_text(err);
+  const std::string out_text = scree::tests::read_whole(out.string());
+  const std::string err_text = scree::tests::read_whole(err.string());
   INFO("line " << step.line << ": " << step.command << "\nstdout: " << out_text << "\nstderr: " << err_text);
   REQUIRE(WIFEXITED(status));
   int expected_exit = 0;

@@ -15,12 +15,6 @@ using kernels::View;
 
 constexpr double kPi = 3.14159265358979323846;
 
-Encoding float32() {
-  Encoding encoding;
-  encoding.float32 = true;
-  return encoding;
-}
-
 Encoding lattice(int32_t exponent) {
   Encoding encoding;
   encoding.exponent = exponent;

@@ -49,6 +49,12 @@ struct Encoding {
   Clusters clusters = Clusters::kNone;
 };
 
+inline Encoding float32() {
+  Encoding encoding;
+  encoding.float32 = true;
+  return encoding;
+}
+
 class SceneBuilder {
  public:
   /// Adds a mesh of the soup's triangles, cut into chunks that keep the soup's vertex order; returns its number.

@@ -52,12 +52,6 @@ std::vector<View> all_views() {
           orthographic(above, 1, 0.1, 20)};
 }
 
-Encoding float32() {
-  Encoding encoding;
-  encoding.float32 = true;
-  return encoding;
-}
-
 /// A mesh whose corners all lie on `values` along the first `flat` axes.
 Soup flat_soup(int flat) {
   Soup soup;

@@ -5,6 +5,7 @@
 #include <sstream>
 
 #include "tests/catch.h"
+#include "tests/tools/refused_bench.h"
 #include "tests/tools/temp_folder.h"
 #include "tools/bench/case_result.h"
 #include "tools/bench/csv.h"
@@ -16,23 +17,9 @@
 
 using namespace scree;
 using namespace scree::bench;
+using tests::refused;
 
 namespace {
-
-/// The message of options that must be refused.
-std::string refused(const BenchWords& words) {
-  const Result<BenchOptions> options = parse_options(words);
-  REQUIRE_FALSE(options);
-  CHECK(options.error().code == ErrorCode::kUsage);
-  return options.error().message;
-}
-
-std::string read_text(const std::string& path) {
-  std::ifstream in(path, std::ios::binary);
-  std::stringstream text;
-  text << in.rdbuf();
-  return text.str();
-}
 
 size_t commas(const std::string& line) {
   return static_cast<size_t>(std::count(line.begin(), line.end(), ','));
@@ -178,7 +165,7 @@ TEST_CASE("bench: a CSV file has one header and a row a case", "[bench_tool]") {
   result.raster = Times{1, 1, 0, 1, 1};
   result.error = PictureError{5, 0.25, 0.125, std::numeric_limits<double>::infinity(), 0.5};
   REQUIRE(append_csv(path, csv_header(), csv_row(machine, result)));
-  std::istringstream lines(read_text(path));
+  std::istringstream lines(tests::read_whole(path));
   std::string header, first, second, more;
   std::getline(lines, header);
   std::getline(lines, first);
@@ -202,7 +189,7 @@ TEST_CASE("bench: rows are not put under other columns", "[bench_tool]") {
   REQUIRE_FALSE(done);
   CHECK(done.error().code == ErrorCode::kFormat);
   CHECK(done.error().message.find("other.csv: line 1") != std::string::npos);
-  CHECK(read_text(path) == "a,b\n1,2\n");
+  CHECK(tests::read_whole(path) == "a,b\n1,2\n");
   const Result<void> nowhere = append_csv(folder.file("none/rows.csv"), "a", "1");
   REQUIRE_FALSE(nowhere);
   CHECK(nowhere.error().code == ErrorCode::kFile);

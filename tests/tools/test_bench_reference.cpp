@@ -1,45 +1,33 @@
 // scree bench --reference and --curves: what they say of small pictures of real scenes.
 #include <cmath>
 #include <map>
-#include <sstream>
 #include <string>
 #include <vector>
 
 #include "tests/catch.h"
 #include "tests/models.h"
+#include "tests/tools/refused_bench.h"
 #include "tests/tools/run_program.h"
 #include "tests/tools/temp_folder.h"
 #include "tools/bench/judge.h"
 #include "tools/bench/judged_case.h"
+#include "tools/bench/plot.h"
 
 using namespace scree;
 using namespace scree::bench;
+using tests::refused;
 
 namespace {
 
 using Row = std::map<std::string, std::string>;
 
-/// Of a CSV file without quotes.
 std::vector<Row> read_rows(const std::string& path) {
-  std::istringstream in(tests::read_whole(path));
-  const auto split = [](const std::string& line) {
-    std::vector<std::string> cells;
-    size_t begin = 0;
-    for (size_t end; (end = line.find(',', begin)) != std::string::npos; begin = end + 1)
-      cells.push_back(line.substr(begin, end - begin));
-    cells.push_back(line.substr(begin));
-    return cells;
-  };
-  std::string line;
-  std::getline(in, line);
-  const std::vector<std::string> columns = split(line);
+  const Result<CsvTable> table = read_csv(path);
+  REQUIRE(table);
   std::vector<Row> rows;
-  while (std::getline(in, line)) {
-    const std::vector<std::string> cells = split(line);
-    REQUIRE(cells.size() == columns.size());
-    Row row;
-    for (size_t i = 0; i < cells.size(); ++i) row[columns[i]] = cells[i];
-    rows.push_back(row);
+  for (const std::vector<std::string>& cells : table->rows) {
+    Row& row = rows.emplace_back();
+    for (size_t i = 0; i < cells.size(); ++i) row[table->columns[i]] = cells[i];
   }
   return rows;
 }
@@ -55,13 +43,6 @@ BenchWords reference_words() {
   BenchWords words;
   words.reference = true;
   return words;
-}
-
-std::string refused(const BenchWords& words) {
-  const Result<BenchOptions> options = parse_options(words);
-  REQUIRE_FALSE(options);
-  CHECK(options.error().code == ErrorCode::kUsage);
-  return options.error().message;
 }
 
 }  // namespace
@@ -91,7 +72,7 @@ TEST_CASE("bench --reference: wider positions are nearer to the source", "[bench
   }
   CHECK(number(named["float32packed"], "position_error") == 0);
   CHECK(number(named["float32packed"], "wrong_pixels") <= 0.005 * 160 * 90);  // 1/256 pixel of snapping: 0.1% and less
-  CHECK(number(named["float32packed"], "same_depth_error_rms") < 1e-4);  // walls seen at a grazing angle
+  CHECK(number(named["float32packed"], "same_depth_error_rms") < 1e-4);       // walls seen at a grazing angle
   for (const char* indices : {"packed", "clustered"}) {
     const Row &coarse = named[std::string("10") + indices], &fine = named[std::string("16") + indices];
     CHECK(number(coarse, "wrong_pixels") > 2 * number(fine, "wrong_pixels"));

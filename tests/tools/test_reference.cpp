@@ -5,54 +5,27 @@
 #include <vector>
 
 #include "tests/catch.h"
+#include "tests/tools/reference_fixture.h"
 #include "tools/compare/reference.h"
 
 using namespace scree;
 using compare::ReferenceInstance;
 using compare::ReferenceMesh;
 using compare::ReferencePixel;
+using tests::covered;
+using tests::deep_view;
+using tests::identity;
+using tests::kSquareCorners;
+using tests::pixel_view;
 
 namespace {
 
 using Points = std::vector<float>;
 using Corners = std::vector<uint32_t>;
 
-/// A camera at (0, 0, 8) that looks along -z: a unit is a pixel, the picture's middle is the origin.
-kernels::View pixel_view(uint32_t width, uint32_t height) {
-  kernels::View view{};
-  view.eye[2] = 8;
-  view.right[0] = view.up[1] = 1;
-  view.forward[2] = -1;
-  view.orthographic = true;
-  view.half_width = 0.5 * width;
-  view.half_height = 0.5 * height;
-  view.z_near = 1;
-  view.z_far = 100;
-  view.width = width;
-  view.height = height;
-  return view;
-}
-
-/// The same with perspective: a unit is a pixel at z = 0.
-kernels::View deep_view(uint32_t width, uint32_t height) {
-  kernels::View view = pixel_view(width, height);
-  view.orthographic = false;
-  view.half_width /= 8;
-  view.half_height /= 8;
-  return view;
-}
-
-ReferenceInstance identity(uint32_t mesh = 0) {
-  ReferenceInstance instance{mesh, {}};
-  for (size_t i = 0; i < 3; ++i) instance.world[i][i] = 1;
-  return instance;
-}
-
 std::vector<ReferencePixel> draw(const ReferenceMesh& mesh, const kernels::View& view,
-                                 std::vector<ReferenceInstance> instances = {identity()}, uint32_t threads = 2) {
-  const auto drawn = compare::draw_reference({&mesh, 1}, instances, view, threads);
-  REQUIRE(drawn);
-  return *drawn;
+                                 const std::vector<ReferenceInstance>& instances = {identity()}, uint32_t threads = 2) {
+  return tests::draw_reference(mesh, view, instances, {}, threads);
 }
 
 uint64_t count(const std::vector<ReferencePixel>& pixels, uint64_t triangle) {
@@ -61,13 +34,7 @@ uint64_t count(const std::vector<ReferencePixel>& pixels, uint64_t triangle) {
   }));
 }
 
-uint64_t covered(const std::vector<ReferencePixel>& pixels) {
-  return static_cast<uint64_t>(
-      std::count_if(pixels.begin(), pixels.end(), [](const ReferencePixel& pixel) { return !pixel.is_background(); }));
-}
-
 const Points kSquare{-4, -4, 0, 4, -4, 0, 4, 4, 0, -4, 4, 0};
-const Corners kSquareCorners{0, 1, 2, 0, 2, 3};
 
 }  // namespace
 

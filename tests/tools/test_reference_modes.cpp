@@ -13,6 +13,7 @@
 #include "tests/catch.h"
 #include "tests/models.h"
 #include "tests/tools/packed_file.h"
+#include "tests/tools/reference_fixture.h"
 #include "tests/tools/temp_folder.h"
 #include "tools/compare/against_source.h"
 #include "tools/compare/reference_modes.h"
@@ -22,46 +23,20 @@ using namespace scree;
 using compare::ReferenceMesh;
 using compare::ReferenceMode;
 using compare::ReferencePixel;
+using tests::covered;
+using tests::deep_view;
+using tests::identity;
+using tests::kSquareCorners;
 
 namespace {
 
-/// From z = 8 along -z; a unit is a pixel at z = 0, the picture's middle is the origin.
-kernels::View deep_view(uint32_t width, uint32_t height) {
-  kernels::View view{};
-  view.eye[2] = 8;
-  view.right[0] = view.up[1] = 1;
-  view.forward[2] = -1;
-  view.half_width = 0.5 * width / 8;
-  view.half_height = 0.5 * height / 8;
-  view.z_near = 1;
-  view.width = width;
-  view.height = height;
-  return view;
-}
-
-compare::ReferenceInstance identity() {
-  compare::ReferenceInstance instance{0, {}};
-  for (size_t i = 0; i < 3; ++i) instance.world[i][i] = 1;
-  return instance;
-}
-
 std::vector<ReferencePixel> draw(const std::vector<float>& points, const std::vector<uint32_t>& corners,
                                  const kernels::View& view, const ReferenceMode& mode) {
-  const ReferenceMesh mesh{points, corners, nullptr, false};
   const compare::ReferenceInstance instance = identity();
-  const auto pixels = compare::draw_reference({&mesh, 1}, {&instance, 1}, view, 2, mode);
-  REQUIRE(pixels);
-  return *pixels;
+  return tests::draw_reference({points, corners, nullptr, false}, view, {&instance, 1}, mode);
 }
 
-uint64_t covered(const std::vector<ReferencePixel>& pixels) {
-  return static_cast<uint64_t>(
-      std::count_if(pixels.begin(), pixels.end(), [](const ReferencePixel& pixel) { return !pixel.is_background(); }));
-}
-
-const std::vector<uint32_t> kSquareCorners{0, 1, 2, 0, 2, 3};
-
-/// A square of 8 pixels, its lower left corner at (x, y), where it is `z` nearer than the origin.
+/// A square of 8 pixels at z = 0, its lower left corner at (x, y).
 std::vector<float> square(float x, float y) {
   return {x, y, 0, x + 8, y, 0, x + 8, y + 8, 0, x, y + 8, 0};
 }
@@ -70,8 +45,8 @@ std::vector<float> square(float x, float y) {
 
 TEST_CASE("snapping: corners go to the nearest step, and coverage is exact there", "[reference]") {
   const kernels::View view = deep_view(32, 32);
-  // Its left edge is 0.04 pixel left of centres and its right one too: with 1/8 pixel they go through the centres, the
-  // left ones stay covered (left edge) and the right ones are covered no longer... nor were they before.
+  // Its left edge is 0.04 pixel left of centres and its right one too: with 1/8 pixel they go through the centres, of
+  // which the left ones stay covered (a left edge owns them) and the right ones stay free.
   const std::vector<float> left = square(-3.54f, -4);
   CHECK(covered(draw(left, kSquareCorners, view, {})) == 64);
   CHECK(covered(draw(left, kSquareCorners, view, {.snap = 8, .depth_bits = 0})) == 64);

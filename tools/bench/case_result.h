@@ -74,6 +74,9 @@ struct CaseResult {
   /// The time that speed is reckoned with.
   const Times& drawing() const { return raster ? *raster : frame; }
   double triangles_per_s() const { return static_cast<double>(drawn_triangles) / (drawing().median * 1e-3); }
+  double bytes_per_triangle() const {
+    return static_cast<double>(geometry_bytes) / static_cast<double>(unique_triangles);
+  }
   uint64_t culled_triangles() const { return drawn_triangles - stats.triangles; }
 };
 

@@ -32,7 +32,6 @@ void add_times(CsvCells& cells, const std::string& name, const std::optional<Tim
 }
 
 CsvCells cells_of(const Machine& machine, const CaseResult& r) {
-  const double unique = static_cast<double>(r.unique_triangles);
   CsvCells cells{
       {"commit", machine.commit},
       {"gpu", machine.gpu},
@@ -54,7 +53,7 @@ CsvCells cells_of(const Machine& machine, const CaseResult& r) {
       {"unique_triangles", csv_number(r.unique_triangles)},
       {"drawn_triangles", csv_number(r.drawn_triangles)},
       {"geometry_bytes", csv_number(r.geometry_bytes)},
-      {"bytes_per_triangle", csv_number(static_cast<double>(r.geometry_bytes) / unique)},
+      {"bytes_per_triangle", csv_number(r.bytes_per_triangle())},
       {"device_bytes", csv_number(r.device_bytes)},
       {"instances_drawn", csv_number(r.stats.instances_drawn)},
       {"draws", csv_number(r.stats.draws)},

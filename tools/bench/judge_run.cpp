@@ -1,11 +1,7 @@
 #include "tools/bench/judge_run.h"
 
-#include <stdlib.h>
-
 #include <algorithm>
-#include <cerrno>
 #include <cstdio>
-#include <cstring>
 #include <filesystem>
 #include <new>
 #include <thread>
@@ -16,37 +12,13 @@
 #include "tools/bench/judge.h"
 #include "tools/bench/judged_case.h"
 #include "tools/bench/machine.h"
+#include "tools/bench/work_folder.h"
 #include "tools/synth/synth.h"
 
 namespace scree::bench {
 namespace {
 
 constexpr ImageSize kImageSize{1920, 1080};
-constexpr uint32_t kTruthSamples = 8;  // a side of a pixel, of the supersampled reference
-
-/// A folder of its own for the files on the way, gone with this.
-class WorkFolder {
- public:
-  static Result<WorkFolder> make() {
-    std::error_code failed;
-    std::filesystem::path parent = std::filesystem::temp_directory_path(failed);
-    if (failed) return Error{ErrorCode::kFile, "the folder for temporary files: " + failed.message()};
-    std::string pattern = (parent / "scree-bench-XXXXXX").string();
-    if (::mkdtemp(pattern.data()) == nullptr) return Error{ErrorCode::kFile, pattern + ": " + std::strerror(errno)};
-    return WorkFolder(pattern);
-  }
-  WorkFolder(WorkFolder&& other) noexcept : path_(std::exchange(other.path_, {})) {}
-  WorkFolder& operator=(WorkFolder&&) = delete;
-  ~WorkFolder() {
-    std::error_code ignored;
-    if (!path_.empty()) std::filesystem::remove_all(path_, ignored);
-  }
-  std::string file(const std::string& name) const { return path_ + "/" + name; }
-
- private:
-  explicit WorkFolder(std::string path) : path_(std::move(path)) {}
-  std::string path_;
-};
 
 /// A glTF to judge.
 struct Source {
@@ -109,7 +81,7 @@ class JudgeRun {
     synth.threads = settings_.threads;
     const Result<synth::SynthReport> written = synth::write_scene(scene, synth);
     if (!written) return written.error();
-    Source source{name, synth.output, name == "D" || name == "A60" ? 1 : options_.scale, {}};
+    Source source{name, synth.output, scene_scale(name, options_.scale), {}};
     for (const synth::SceneCamera& camera : scene.cameras)
       if (std::find(options_.views.begin(), options_.views.end(), camera.name) != options_.views.end())
         source.views.push_back(camera.name);

@@ -22,10 +22,6 @@ uint64_t count_of(const JudgedCase::Pixels& pixels, PixelKind kind) {
   return pixels.kinds[static_cast<size_t>(kind)];
 }
 
-double bytes_a_triangle(const JudgedCase& row) {
-  return static_cast<double>(row.geometry_bytes) / static_cast<double>(row.unique_triangles);
-}
-
 std::string psnr(const JudgedCase& row) {
   return std::isinf(row.psnr_db) ? "equal" : short_number(row.psnr_db);
 }
@@ -66,7 +62,7 @@ std::string pixel_table(std::span<const JudgedCase> rows, Study study) {
     std::vector<std::string> cells{
         scene_of(row),
         drawn_as(row),
-        is_file ? short_number(bytes_a_triangle(row)) : "-",
+        is_file ? short_number(row.bytes_per_triangle()) : "-",
         row.drawing ? short_number(row.drawing->median) : "-",
         is_file ? short_number(row.position_error) : "-",
         is_file ? short_number(row.position_bound) : "-",
@@ -135,7 +131,7 @@ CsvCells judged_cells(const Machine& machine, const JudgedCase& row) {
       {"unique_triangles", csv_number(row.unique_triangles)},
       {"drawn_triangles", csv_number(row.drawn_triangles)},
       {"geometry_bytes", of_file(csv_number(row.geometry_bytes))},
-      {"bytes_per_triangle", of_file(csv_number(bytes_a_triangle(row)))},
+      {"bytes_per_triangle", of_file(csv_number(row.bytes_per_triangle()))},
       {"position_error", of_file(csv_number(row.position_error))},
       {"position_bound", of_file(csv_number(row.position_bound))},
       {"frames", csv_number(uint64_t{row.frames})},

@@ -56,6 +56,10 @@ struct JudgedCase {
   double psnr_db = 0;  // infinity: equal
   double flip_mean = 0;
   double flip_max = 0;
+
+  double bytes_per_triangle() const {
+    return static_cast<double>(geometry_bytes) / static_cast<double>(unique_triangles);
+  }
 };
 
 CsvCells judged_cells(const Machine& machine, const JudgedCase& row);

@@ -6,7 +6,6 @@
 #include <string_view>
 
 #include "kernels/visbuffer.h"
-#include "tools/common/options.h"
 
 namespace scree::bench {
 namespace {
@@ -15,7 +14,7 @@ constexpr std::array<std::string_view, 6> kScenes{"A", "B", "C", "D", "lantern",
 constexpr double kSixtyMillion = 0.15;  // the share of A's triangles that is 60 M
 constexpr uint32_t kLeastBits = 8;
 constexpr const char* kAllPositions = "8,9,10,11,12,13,14,15,16,17,18,19,20,21,22,23,24,float32";
-constexpr uint32_t kMaxCurveSide = kernels::kMaxImageSide / 8;
+constexpr uint32_t kMaxCurveSide = kernels::kMaxImageSide / kTruthSamples;
 
 Error usage(std::string message) {
   return {ErrorCode::kUsage, std::move(message)};
@@ -107,16 +106,6 @@ Result<std::vector<Effects>> parse_effects(const std::string& text) {
   return effects;
 }
 
-Result<ImageSize> parse_size(const std::string& text) {
-  const size_t by = text.find('x');
-  const Error bad = usage("--size: '" + text + "' is not WxH in pixels, 1 to 16384 each");
-  if (by == std::string::npos) return bad;
-  const Result<uint64_t> width = tools::parse_whole(text.substr(0, by), 1, kernels::kMaxImageSide, "--size");
-  const Result<uint64_t> height = tools::parse_whole(text.substr(by + 1), 1, kernels::kMaxImageSide, "--size");
-  if (!width || !height) return bad;
-  return ImageSize{static_cast<uint32_t>(*width), static_cast<uint32_t>(*height)};
-}
-
 /// What --reference and --curves cannot take, because they draw the file that convert makes, one way.
 Result<void> check_reference(const BenchWords& words, const BenchOptions& options) {
   const BenchWords defaults;
@@ -129,7 +118,8 @@ Result<void> check_reference(const BenchWords& words, const BenchOptions& option
       return usage("--indices: the files that --reference and --curves draw have packed or clustered ones");
   if (options.curves && options.size && std::max(options.size->width, options.size->height) > kMaxCurveSide)
     return usage("--size: --curves takes at most " + std::to_string(kMaxCurveSide) +
-                 " pixels a side, for its reference has 8 x 8 samples a pixel");
+                 " pixels a side, for its reference has " + std::to_string(kTruthSamples) +
+                 " samples a side of a pixel");
   return {};
 }
 
@@ -153,7 +143,7 @@ Result<BenchOptions> parse_textured(const BenchWords& words, BenchOptions option
     options.texture_cache = *bytes;
   }
   if (!words.size.empty()) {
-    const Result<ImageSize> size = parse_size(words.size);
+    const Result<ImageSize> size = tools::parse_image_size(words.size, "--size");
     if (!size) return size.error();
     options.size = *size;
   }
@@ -242,7 +232,7 @@ Result<BenchOptions> parse_options(const BenchWords& words) {
   if (!effects) return effects.error();
   options.effects = std::move(*effects);
   if (!words.size.empty()) {
-    const Result<ImageSize> size = parse_size(words.size);
+    const Result<ImageSize> size = tools::parse_image_size(words.size, "--size");
     if (!size) return size.error();
     options.size = *size;
   }
@@ -266,11 +256,16 @@ Result<BenchOptions> parse_options(const BenchWords& words) {
   return options;
 }
 
+double scene_scale(const std::string& name, double scale) {
+  return name == "D" || name == "A60" ? 1 : scale;
+}
+
 synth::Scene make_scene(const std::string& name, synth::MeshOrder order, double scale) {
+  scale = scene_scale(name, scale);
   if (name == "A") return synth::terrain_scene(order, scale);
   if (name == "A60") return synth::terrain_scene(order, kSixtyMillion);
   if (name == "C") return synth::zorahlike_scene(order, scale);
-  if (name == "D") return synth::sponzalike_scene(1);
+  if (name == "D") return synth::sponzalike_scene(scale);
   synth::Scene scene = synth::lantern_scene(order, scale);
   if (name == "lantern") scene.instances.resize(1);
   return scene;

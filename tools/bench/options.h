@@ -9,6 +9,7 @@
 #include "format/result.h"
 #include "runtime/scene.h"
 #include "tools/bench/scene_tables.h"
+#include "tools/common/options.h"
 #include "tools/synth/scenes.h"
 
 namespace scree::bench {
@@ -40,11 +41,9 @@ struct BenchWords {
   std::string plot;
 };
 
-/// A picture's size in pixels.
-struct ImageSize {
-  uint32_t width;
-  uint32_t height;
-};
+using tools::ImageSize;
+
+constexpr uint32_t kTruthSamples = 8;  // a side of a pixel, of the supersampled reference of --curves
 
 /// What is drawn beside the shaded triangles.
 struct Effects {
@@ -96,6 +95,9 @@ std::string file_name(const std::string& path);
 
 /// Errors kUsage: what cannot be, with what can.
 Result<BenchOptions> parse_options(const BenchWords& words);
+
+/// The share of its triangles that a scene is made with: `scale`, but D and A60 are always whole.
+double scene_scale(const std::string& name, double scale);
 
 /// A, B, C or D; "lantern": B's mesh, one instance; "A60": A with 60 M triangles. `name` is one that parse_options()
 /// accepted.

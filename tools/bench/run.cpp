@@ -105,7 +105,7 @@ class Runner {
     CaseResult result;
     result.scene = name;
     result.order = name == "D" || options_.order == synth::MeshOrder::kRow ? "row" : "block";  // D has row order only
-    result.scale = name == "D" || name == "A60" ? 1 : options_.scale;
+    result.scale = scene_scale(name, options_.scale);
     result.positions = encoding.float32 ? "float32" : std::to_string(encoding.position_bits);
     result.indices = encoding.clustered ? "clustered" : encoding.packed_indices ? "packed" : "32";
     const ImageSize size = image_size({scene.width, scene.height});

@@ -12,12 +12,7 @@ namespace scree::bench {
 namespace {
 
 using inspect::TextTable;
-
-std::string fixed(double value, int digits) {
-  char text[32];
-  std::snprintf(text, sizeof text, "%.*f", digits, value);
-  return text;
-}
+using tools::fixed;
 
 std::string ms(double value) {
   return fixed(value, value < 10 ? 3 : value < 100 ? 2 : 1);
@@ -43,10 +38,6 @@ std::string image_name(const CaseResult& r) {
           : r.culling == "none" ? " no culling"
                                 : " no occlusion") +
          (r.effects == "none" ? "" : " " + r.effects);
-}
-
-double bytes_a_triangle(const CaseResult& r) {
-  return static_cast<double>(r.geometry_bytes) / static_cast<double>(r.unique_triangles);
 }
 
 }  // namespace
@@ -78,7 +69,7 @@ std::string counts_table(std::span<const CaseResult> cases, const Machine& machi
       share = fixed(100 * rate / machine.copy_gb_per_s, 1) + "%";
     }
     table.row({scene_name(r), r.view, r.order, data_name(r), tools::format_bytes(r.geometry_bytes),
-               fixed(bytes_a_triangle(r), 2), tools::format_count(static_cast<double>(r.drawn_triangles)),
+               fixed(r.bytes_per_triangle(), 2), tools::format_count(static_cast<double>(r.drawn_triangles)),
                tools::format_count(static_cast<double>(r.culled_triangles())),
                tools::format_count(static_cast<double>(r.stats.triangles_small)),
                tools::format_count(static_cast<double>(r.stats.triangles_medium)),
@@ -107,8 +98,8 @@ std::string sweep_table(std::span<const CaseResult> cases) {
              "depth max", "depth RMS", "PSNR dB"});
   table.rule();
   for (const CaseResult& r : cases) {
-    std::vector<std::string> cells{scene_name(r),     r.view, data_name(r), fixed(bytes_a_triangle(r), 2), ms(r.raster),
-                                   ms(r.frame.median)};
+    std::vector<std::string> cells{
+        scene_name(r), r.view, data_name(r), fixed(r.bytes_per_triangle(), 2), ms(r.raster), ms(r.frame.median)};
     if (r.error) {
       const double covered = static_cast<double>(std::max<uint64_t>(r.covered_samples, 1));
       for (const std::string& cell :

@@ -1,15 +1,10 @@
 #include "tools/bench/textured.h"
 
-#include <stdlib.h>
-
 #include <algorithm>
 #include <array>
-#include <chrono>
 #include <cstdio>
-#include <filesystem>
 #include <optional>
 #include <string>
-#include <system_error>
 #include <thread>
 #include <utility>
 #include <vector>
@@ -18,8 +13,11 @@
 #include "kernels/resolve_cuda.h"
 #include "runtime/cuda_upload.h"
 #include "runtime/scene.h"
+#include "runtime/stopwatch.h"
 #include "tools/bench/gpu_timer.h"
 #include "tools/bench/views.h"
+#include "tools/bench/work_folder.h"
+#include "tools/common/human.h"
 #include "tools/common/options.h"
 #include "tools/convert/convert.h"
 #include "tools/inspect/text_table.h"
@@ -30,45 +28,9 @@ namespace {
 
 using kernels::cuda_check;
 using kernels::DeviceBuffer;
+using tools::fixed;
 
 constexpr uint32_t kTexturedPathFrames = 60;
-
-/// Removed with what is in it.
-class Folder {
- public:
-  static Result<Folder> create() {
-    std::error_code failure;
-    std::string pattern = (std::filesystem::temp_directory_path(failure) / "scree-bench-XXXXXX").string();
-    if (failure || mkdtemp(pattern.data()) == nullptr) return Error{ErrorCode::kFile, pattern + ": cannot be made"};
-    Folder folder;
-    folder.path_ = pattern;
-    return Result<Folder>(std::move(folder));
-  }
-  Folder(Folder&& other) noexcept : path_(std::exchange(other.path_, {})) {}
-  Folder& operator=(Folder&& other) noexcept {
-    std::swap(path_, other.path_);
-    return *this;
-  }
-  ~Folder() {
-    std::error_code ignored;
-    if (!path_.empty()) std::filesystem::remove_all(path_, ignored);
-  }
-  std::string file(const char* name) const { return (path_ / name).string(); }
-
- private:
-  Folder() = default;
-  std::filesystem::path path_;
-};
-
-double seconds_since(std::chrono::steady_clock::time_point start) {
-  return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
-}
-
-std::string decimals(double value, int digits) {
-  char text[40];
-  std::snprintf(text, sizeof text, "%.*f", digits, value);
-  return text;
-}
 
 /// The scene, on the host and on the GPU.
 class TexturedBench {
@@ -77,24 +39,24 @@ class TexturedBench {
       : options_(options), size_(options.size.value_or(ImageSize{3840, 2160})) {}
 
   Result<void> load() {
-    Result<Folder> folder = Folder::create();
+    Result<WorkFolder> folder = WorkFolder::make();
     if (!folder) return folder.error();
-    auto start = std::chrono::steady_clock::now();
+    const runtime::Stopwatch synth_watch;
     const uint32_t threads = std::max(1u, std::thread::hardware_concurrency());
     const Result<synth::TexturedReport> written = synth::write_textured({.output = folder->file("textured.gltf"),
                                                                          .meshes = options_.textures,
                                                                          .size = options_.texture_size,
                                                                          .threads = threads});
     if (!written) return written.error();
-    const double synth_s = seconds_since(start);
-    start = std::chrono::steady_clock::now();
+    const double synth_s = synth_watch.elapsed().wall_ms * 1e-3;
+    const runtime::Stopwatch convert_watch;
     convert::ConvertOptions convert;
     convert.input = folder->file("textured.gltf");
     convert.output = folder->file("textured.scree");
     convert.threads = threads;
     convert.images.memory = uint64_t{8} << 30;
     if (const auto converted = convert::convert(convert); !converted) return converted.error();
-    const double convert_s = seconds_since(start);
+    const double convert_s = convert_watch.elapsed().wall_ms * 1e-3;
 
     Result<runtime::SceneFile> file = runtime::SceneFile::open(convert.output);
     if (!file) return file.error();
@@ -225,9 +187,9 @@ class TexturedBench {
     }
     const Times times = summarize(ms);
     const double frames = static_cast<double>(views.size());
-    table.row({name, textures, decimals(name == "path" ? times.mean : times.median, 3), decimals(times.minimum, 3),
-               decimals(times.worst, 3), decimals(static_cast<double>(sum.asked) / frames, 0),
-               decimals(static_cast<double>(sum.decoded) / frames, 0), std::to_string(sum.rounds),
+    table.row({name, textures, fixed(name == "path" ? times.mean : times.median, 3), fixed(times.minimum, 3),
+               fixed(times.worst, 3), fixed(static_cast<double>(sum.asked) / frames, 0),
+               fixed(static_cast<double>(sum.decoded) / frames, 0), std::to_string(sum.rounds),
                std::to_string(sum.tiles)});
     return {};
   }

@@ -6,6 +6,9 @@
 
 namespace scree::tools {
 
+/// With `digits` digits after the point.
+std::string fixed(double number, int digits);
+
 /// "18,900,000,000".
 std::string grouped(uint64_t number);
 

@@ -7,6 +7,8 @@
 #include <cmath>
 #include <cstdio>
 
+#include "kernels/visbuffer.h"
+
 namespace scree::tools {
 namespace {
 
@@ -101,6 +103,17 @@ Result<uint64_t> parse_whole(std::string_view text, uint64_t lowest, uint64_t hi
     return Error{ErrorCode::kUsage, std::string(what) + ": '" + std::string(text) + "' is not a whole number of " +
                                         std::to_string(lowest) + " to " + std::to_string(highest)};
   return value;
+}
+
+Result<ImageSize> parse_image_size(std::string_view text, std::string_view what) {
+  const size_t by = std::min(text.find('x'), text.size());
+  const Result<uint64_t> width = parse_whole(text.substr(0, by), 1, kernels::kMaxImageSide, what);
+  const Result<uint64_t> height =
+      parse_whole(text.substr(std::min(by + 1, text.size())), 1, kernels::kMaxImageSide, what);
+  if (!width || !height)
+    return Error{ErrorCode::kUsage, std::string(what) + ": '" + std::string(text) +
+                                        "' is not WxH with each side 1 to " + std::to_string(kernels::kMaxImageSide)};
+  return ImageSize{static_cast<uint32_t>(*width), static_cast<uint32_t>(*height)};
 }
 
 std::string format_bytes(uint64_t bytes) {

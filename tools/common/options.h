@@ -23,6 +23,15 @@ Result<uint64_t> parse_whole(std::string_view text, uint64_t lowest, uint64_t hi
 /// "812 bytes", "1.46 MiB": three significant digits from a KiB on.
 std::string format_bytes(uint64_t bytes);
 
+/// A picture's size in pixels.
+struct ImageSize {
+  uint32_t width;
+  uint32_t height;
+};
+
+/// "1920x1080", each side 1 to kernels::kMaxImageSide. Errors kUsage; `what` names the option in the message.
+Result<ImageSize> parse_image_size(std::string_view text, std::string_view what);
+
 /// "950", "12.4 k", "8.31 M", "1.64 G": three significant digits from a thousand on.
 std::string format_count(double count);
 

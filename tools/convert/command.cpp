@@ -79,14 +79,10 @@ Result<convert::PixelBound> parse_pixel_bound(const Words& words) {
   const Result<double> distance = parse_length(words.at_distance);
   if (!distance) return at("--at-distance", distance.error());
   bound.distance = *distance;
-  const size_t by = words.at_size.find('x');
-  const Error bad_size{ErrorCode::kUsage, "--at-size: '" + words.at_size + "' is not WxH in pixels, 1 to 16384 each"};
-  if (by == std::string::npos) return bad_size;
-  const Result<uint64_t> width = parse_whole(words.at_size.substr(0, by), 1, 16384, "--at-size");
-  const Result<uint64_t> height = parse_whole(words.at_size.substr(by + 1), 1, 16384, "--at-size");
-  if (!width || !height) return bad_size;
-  bound.width = static_cast<uint32_t>(*width);
-  bound.height = static_cast<uint32_t>(*height);
+  const Result<ImageSize> size = parse_image_size(words.at_size, "--at-size");
+  if (!size) return size.error();
+  bound.width = size->width;
+  bound.height = size->height;
   const Result<double> fov = parse_positive(words.at_fov, "--at-fov");
   if (!fov) return fov.error();
   if (*fov >= 180) return Error{ErrorCode::kUsage, "--at-fov: '" + words.at_fov + "' is not below 180 degrees"};

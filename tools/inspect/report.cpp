@@ -13,6 +13,7 @@
 namespace scree::inspect {
 namespace {
 
+using tools::fixed;
 using tools::grouped;
 using tools::short_number;
 
@@ -25,12 +26,6 @@ std::string human_bytes(uint64_t bytes) {
 
 double divided(uint64_t a, uint64_t b) {
   return b == 0 ? 0 : static_cast<double>(a) / static_cast<double>(b);
-}
-
-std::string fixed(double value, int digits) {
-  char text[64];
-  std::snprintf(text, sizeof text, "%.*f", digits, value);
-  return text;
 }
 
 /// "31.2%", or nothing where there is nothing to compare with.

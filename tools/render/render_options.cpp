@@ -205,19 +205,6 @@ Result<runtime::Vec3> parse_vector(std::string_view text, std::string_view what)
   return out;
 }
 
-Result<std::array<uint32_t, 2>> parse_picture_size(std::string_view text) {
-  const std::string expected = "WxH with each side 1 to " + std::to_string(kernels::kMaxImageSide);
-  const std::vector<std::string_view> parts = split(text, 'x');
-  if (parts.size() != 2) return usage("--size", text, expected);
-  std::array<uint32_t, 2> out{};
-  for (size_t i = 0; i < 2; ++i) {
-    const std::optional<uint32_t> side = whole(parts[i]);
-    if (!side || *side < 1 || *side > kernels::kMaxImageSide) return usage("--size", text, expected);
-    out[i] = *side;
-  }
-  return out;
-}
-
 Result<RenderOptions> parse_render_options(const RenderWords& words) {
   RenderOptions options;
   options.file = words.file;
@@ -229,14 +216,14 @@ Result<RenderOptions> parse_render_options(const RenderWords& words) {
   options.stats = words.stats;
   options.quiet = words.quiet;
 
-  const Result<std::array<uint32_t, 2>> size = parse_picture_size(words.size);
+  const Result<ImageSize> size = parse_image_size(words.size, "--size");
   if (!size) return size.error();
-  options.camera.width = (*size)[0];
-  options.camera.height = (*size)[1];
+  options.camera.width = size->width;
+  options.camera.height = size->height;
   if (words.samples != "1" && words.samples != "2" && words.samples != "4")
     return usage("--samples", words.samples, "1, 2 or 4");
   options.samples_per_side = *whole(words.samples);
-  const uint64_t longest = uint64_t{std::max((*size)[0], (*size)[1])} * options.samples_per_side;
+  const uint64_t longest = uint64_t{std::max(size->width, size->height)} * options.samples_per_side;
   if (longest > kernels::kMaxImageSide)
     return Error{ErrorCode::kUsage, "--size " + words.size + " with --samples " + words.samples + " makes " +
                                         std::to_string(longest) + " samples a side, at most " +

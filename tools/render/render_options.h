@@ -86,7 +86,4 @@ Result<std::array<float, 4>> parse_color(std::string_view text);
 /// "1,-2.5,3e4": three finite numbers. Errors kUsage; `what` names the option.
 Result<runtime::Vec3> parse_vector(std::string_view text, std::string_view what);
 
-/// "1920x1080", each side 1 to kernels::kMaxImageSide. Errors kUsage.
-Result<std::array<uint32_t, 2>> parse_picture_size(std::string_view text);
-
 }  // namespace scree::tools

@@ -1,0 +1,41 @@
+// Files on the way of a measurement.
+#pragma once
+
+#include <stdlib.h>
+
+#include <cerrno>
+#include <cstring>
+#include <filesystem>
+#include <string>
+#include <utility>
+
+#include "format/result.h"
+
+namespace scree::bench {
+
+/// A folder of its own in $TMPDIR (else /tmp), gone with all that is in it when this goes.
+class WorkFolder {
+ public:
+  /// Errors kFile.
+  static Result<WorkFolder> make() {
+    std::error_code failed;
+    const std::filesystem::path parent = std::filesystem::temp_directory_path(failed);
+    if (failed) return Error{ErrorCode::kFile, "the folder for temporary files: " + failed.message()};
+    std::string pattern = (parent / "scree-bench-XXXXXX").string();
+    if (::mkdtemp(pattern.data()) == nullptr) return Error{ErrorCode::kFile, pattern + ": " + std::strerror(errno)};
+    return WorkFolder(pattern);
+  }
+  WorkFolder(WorkFolder&& other) noexcept : path_(std::exchange(other.path_, {})) {}
+  WorkFolder& operator=(WorkFolder&&) = delete;
+  ~WorkFolder() {
+    std::error_code ignored;
+    if (!path_.empty()) std::filesystem::remove_all(path_, ignored);
+  }
+  std::string file(const std::string& name) const { return path_ + "/" + name; }
+
+ private:
+  explicit WorkFolder(std::string path) : path_(std::move(path)) {}
+  std::string path_;
+};
+
+}  // namespace scree::bench
