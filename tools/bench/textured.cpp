@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cstdio>
+#include <filesystem>
 #include <optional>
 #include <string>
 #include <thread>
@@ -15,6 +16,7 @@
 #include "runtime/scene.h"
 #include "runtime/stopwatch.h"
 #include "tools/bench/gpu_timer.h"
+#include "tools/bench/nvjpeg.h"
 #include "tools/bench/views.h"
 #include "tools/bench/work_folder.h"
 #include "tools/common/human.h"
@@ -31,6 +33,14 @@ using kernels::DeviceBuffer;
 using tools::fixed;
 
 constexpr uint32_t kTexturedPathFrames = 60;
+
+std::vector<std::string> jpegs_in(const std::string& folder) {
+  std::vector<std::string> files;
+  for (const auto& entry : std::filesystem::directory_iterator(folder))
+    if (entry.path().extension() == ".jpg") files.push_back(entry.path().string());
+  std::sort(files.begin(), files.end());
+  return files;
+}
 
 /// The scene, on the host and on the GPU.
 class TexturedBench {
@@ -49,6 +59,9 @@ class TexturedBench {
                                                                          .threads = threads});
     if (!written) return written.error();
     const double synth_s = synth_watch.elapsed().wall_ms * 1e-3;
+    Result<std::vector<NvJpegTimes>> nvjpeg = time_nvjpeg(jpegs_in(folder->path()));
+    if (!nvjpeg) return nvjpeg.error();
+    nvjpeg_ = std::move(*nvjpeg);
     const runtime::Stopwatch convert_watch;
     convert::ConvertOptions convert;
     convert.input = folder->file("textured.gltf");
@@ -234,9 +247,17 @@ class TexturedBench {
     }
     std::printf(
         "\ndecoding whole base levels, a thread a group: %.2f Gpixel/s, %.2f GMCU/s, %.1f GB/s of samples, %.1f GB/s "
-        "as "
-        "RGB, from %.2f GB/s of JPEG\n",
+        "as RGB, from %.2f GB/s of JPEG\n",
         pixels * 1e-6 / ms, mcus * 1e-6 / ms, sample_bytes * 1e-6 / ms, 3 * pixels * 1e-6 / ms, jpeg_bytes * 1e-6 / ms);
+    for (const NvJpegTimes& times : nvjpeg_) {
+      std::printf("nvJPEG, %s: ", times.way.c_str());
+      if (times.impossible.empty()) {
+        std::printf("%.2f Gpixel/s, from files in host memory to RGB on the GPU\n",
+                    times.pixels * 1e-9 / times.seconds);
+      } else {
+        std::printf("%s\n", times.impossible.c_str());
+      }
+    }
     return {};
   }
 
@@ -248,6 +269,7 @@ class TexturedBench {
   kernels::CudaResolver resolver_;
   DeviceBuffer samples_;
   DeviceBuffer pixels_;
+  std::vector<NvJpegTimes> nvjpeg_;
 };
 
 }  // namespace
