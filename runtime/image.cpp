@@ -71,6 +71,10 @@ Result<ImageInfo> probe_image(ImageFile file) {
   return probe(file);
 }
 
+Result<ImageInfo> probe_decodable(ImageFile file) {
+  return probe_within_limits(file);
+}
+
 Result<Image> decode_image(ImageFile file) {
   const Result<ImageInfo> info = probe_within_limits(file);
   if (!info) return info.error();

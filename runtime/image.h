@@ -22,7 +22,8 @@ struct ImageInfo {
   format::ImageCodec codec;
   uint32_t width;  // pixels, at least 1
   uint32_t height;
-  uint32_t channels;  // 1 grey, 2 grey and alpha, 3 colour, 4 colour and alpha (PNG) or CMYK (JPEG)
+  uint32_t channels;   // 1 grey, 2 grey and alpha, 3 colour, 4 colour and alpha (PNG) or CMYK (JPEG)
+  bool is_coded_anew;  // JPEG: progressive or arithmetic; making it sequential holds 2 bytes a sample
 };
 
 /// The bytes of an image file: in memory, or read as they are needed, so that a large file takes a window of memory.
@@ -69,6 +70,9 @@ class ImageFile {
 /// Reads the size of a PNG or JPEG file from its head; decodes nothing. The codec is told by the first bytes. Errors
 /// kFormat (neither, or malformed), kTruncated, and those of reading the file.
 Result<ImageInfo> probe_image(ImageFile file);
+
+/// The same for pictures that decode_image() would try: errors as its own where what the header says is too much.
+Result<ImageInfo> probe_decodable(ImageFile file);
 
 /// A decoded picture: 4 bytes a pixel, RGBA, not premultiplied, rows top to bottom. Colour stays as it is coded (sRGB
 /// in glTF, which has gamma, profile and orientation tags ignored).

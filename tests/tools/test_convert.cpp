@@ -134,7 +134,7 @@ TEST_CASE("source ids change nothing but themselves", "[convert]") {
   }
 }
 
-TEST_CASE("the number of threads does not show in the bytes", "[convert]") {
+TEST_CASE("neither the number of threads nor the memory shows in the bytes", "[convert]") {
   const TempFolder folder;
   {
     ModelMaker maker(folder.file("in.glb"));
@@ -161,6 +161,23 @@ TEST_CASE("the number of threads does not show in the bytes", "[convert]") {
   for (const uint32_t threads : {2u, 3u, 9u}) {
     options.threads = threads;
     must_convert(options);
+    CHECK((tests::read_whole(options.output) == one));
+  }
+  options.memory = 1;  // the message says what is enough
+  const Result<convert::ConvertReport> refused = convert::convert(options);
+  REQUIRE_FALSE(refused);
+  CHECK(refused.error().code == ErrorCode::kUsage);
+  const std::string words = "in.glb needs at least ";
+  const size_t at = refused.error().message.find(words);
+  INFO(refused.error().message);
+  REQUIRE(at != std::string::npos);
+  const uint64_t least = std::stoull(refused.error().message.substr(at + words.size())) << 20;
+  // The test program's own memory counts too, and its sanitizers'.
+  for (const uint64_t memory : {least, 2 * least}) {
+    options.memory = memory;
+    const convert::ConvertReport bounded = must_convert(options);
+    CHECK(bounded.threads >= 1);
+    CHECK(bounded.threads_asked == 9);
     CHECK((tests::read_whole(options.output) == one));
   }
 }

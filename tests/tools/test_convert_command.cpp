@@ -49,6 +49,8 @@ TEST_CASE("the convert command: exit codes, one line each way", "[convert]") {
   CHECK(run({in, "--chunk-triangles", "65537"}, "--chunk-triangles") == 1);
   CHECK(run({in, "--zstd", "-1"}, "--zstd") == 1);
   CHECK(run({in, "--threads", "many"}, "--threads") == 1);
+  CHECK(run({in, "--memory", "much"}, "--memory") == 1);
+  CHECK(run({in, "--memory", "1MiB"}, "needs at least") == 1);
   CHECK(run({in, "--exclude", "("}, "--exclude") == 1);
   CHECK(run({in, "--positons", "16"}, "did you mean --positions?") == 1);
   CHECK(run({folder.file("none.glb")}, "none.glb") == 2);

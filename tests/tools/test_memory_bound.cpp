@@ -36,6 +36,30 @@ std::string float_bytes(const std::vector<float>& values) {
   return {reinterpret_cast<const char*>(values.data()), 4 * values.size()};
 }
 
+/// Triangles of random corners, no two alike, in one accessor: nothing asks for more memory. `input`: a .gltf; its .bin
+/// is written beside it, 36 bytes a triangle.
+void write_soup(const TempFolder& folder, uint64_t triangles) {
+  std::ofstream out(folder.file("soup.bin"), std::ios::binary);
+  std::vector<float> block;
+  uint64_t state = 1;
+  for (uint64_t i = 0; i < 9 * triangles; ++i) {
+    state = state * 6364136223846793005u + 1442695040888963407u;
+    block.push_back(static_cast<float>(state >> 40) / 16777216.0f);
+    if (block.size() < 9 * 4096 && i + 1 < 9 * triangles) continue;
+    const std::string bytes = float_bytes(block);
+    out.write(bytes.data(), static_cast<std::streamsize>(bytes.size()));
+    block.clear();
+  }
+  REQUIRE(out.good());
+  const std::string bytes = std::to_string(36 * triangles);
+  folder.write("soup.gltf",
+               R"({"asset":{"version":"2.0"},"scene":0,"scenes":[{"nodes":[0]}],"nodes":[{"mesh":0}],
+"meshes":[{"primitives":[{"attributes":{"POSITION":0}}]}],"buffers":[{"uri":"soup.bin","byteLength":)" +
+                   bytes + R"(}],"bufferViews":[{"buffer":0,"byteLength":)" + bytes +
+                   R"(}],"accessors":[{"bufferView":0,"componentType":5126,"count":)" + std::to_string(3 * triangles) +
+                   R"(,"type":"VEC3","min":[0,0,0],"max":[1,1,1]}]})");
+}
+
 /// `more`: bytes that the input may take beyond the bound.
 void check_bound(const tests::ProgramRun& run, uint64_t threads, uint64_t json_bytes, uint64_t more = 0) {
   INFO(run.output);
@@ -97,4 +121,33 @@ TEST_CASE("convert keeps its memory where a node has three million instances", "
   const std::string input = folder.write("scene.gltf", json);
   const tests::ProgramRun run = tests::run_program({"convert", input, "--threads", "1"}, folder.file("log"));
   check_bound(run, 1, json.size());
+}
+
+TEST_CASE("convert keeps within --memory, however many threads it may have", "[convert][memory]") {
+  const TempFolder folder;
+  write_soup(folder, 10 * 262144);
+  // What a process may have of data, which is more than what it uses of it: stacks, and vectors that are not full.
+  constexpr uint64_t kMemory = uint64_t{280} << 20;
+  const auto convert = [&](const std::string& memory, const std::string& output) {
+    const std::string command = "cd '" + folder.path().string() + "' && ulimit -d " +
+                                std::to_string(kMemory * 5 / 4 / 1024) +
+                                " && '" SCREE_PROGRAM "' convert soup.gltf -o " + output +
+                                " --source-ids --threads 8 --memory " + memory + " >log 2>&1";
+    const int status = std::system(command.c_str());
+    REQUIRE(WIFEXITED(status));
+    return WEXITSTATUS(status);
+  };
+  CHECK(convert("2GiB", "broken.scree") == 2);  // the bound is what holds it
+  CHECK(tests::read_whole(folder.file("log")).find("out of memory") != std::string::npos);
+  CHECK(convert("280MiB", "out.scree") == 0);
+  const std::string said = tests::read_whole(folder.file("log"));
+  INFO(said);
+  CHECK(tests::stated_peak(said) > uint64_t{32} << 20);
+  CHECK(tests::stated_peak(said) <= kMemory);
+  CHECK(said.find("of 8 threads (--memory)") != std::string::npos);
+  const tests::ProgramRun one = tests::run_program(
+      {"convert", folder.file("soup.gltf"), "-o", folder.file("one.scree"), "--source-ids", "--threads", "1"},
+      folder.file("log"));
+  REQUIRE(one.exit_code == 0);
+  CHECK((tests::read_whole(folder.file("one.scree")) == tests::read_whole(folder.file("out.scree"))));
 }

@@ -30,6 +30,7 @@ struct Words {
   std::string chunk_triangles = std::to_string(format::kMaxChunkTriangles);
   std::string zstd = "0";
   std::string threads = "0";
+  std::string memory = "2GiB";
   std::string exclude;
   std::string textures = "keep";
   bool keep_going = false;
@@ -135,6 +136,9 @@ Result<convert::ConvertOptions> parse(const Words& words, bool positions_given) 
   const Result<uint64_t> threads = parse_whole(words.threads, 0, 4096, "--threads");
   if (!threads) return threads.error();
   options.threads = static_cast<uint32_t>(*threads);
+  const Result<uint64_t> memory = parse_size(words.memory);
+  if (!memory) return at("--memory", memory.error());
+  options.memory = *memory;
   options.exclude = words.exclude;
   const Result<convert::ImageOptions> images = parse_textures(words.textures);
   if (!images) return images.error();
@@ -229,6 +233,9 @@ Command add_convert(CLI::App& parent) {
   app->add_flag("--no-share", words->no_share,
                 "Store equal meshes, textures and materials as often as the source has them");
   app->add_option("--threads", words->threads, "Threads; 0: one per processor (default)");
+  app->add_option("--memory", words->memory,
+                  "The most memory to take (default: 2GiB): with less, fewer threads work at a time on the same bytes")
+      ->type_name("SIZE");
   app->add_flag("-q,--quiet", words->quiet, "No progress and no closing line");
   return {app, [words, positions] { return run(*words, positions->count() > 0); }};
 }

@@ -8,13 +8,13 @@
 #include <cstdio>
 #include <cstring>
 #include <filesystem>
-#include <fstream>
 #include <limits>
 #include <set>
 #include <thread>
 
 #include "format/container.h"
 #include "format/quantize.h"
+#include "tools/common/memory_use.h"
 #include "tools/common/options.h"
 #include "tools/common/progress.h"
 #include "tools/convert/duplicates.h"
@@ -24,6 +24,7 @@
 #include "tools/convert/lattices.h"
 #include "tools/convert/left_out.h"
 #include "tools/convert/measure.h"
+#include "tools/convert/memory_plan.h"
 #include "tools/convert/scene_tables.h"
 
 namespace scree::convert {
@@ -31,9 +32,6 @@ namespace {
 
 using format::kNone;
 
-// What encoded windows in flight may take, beside each thread's scratch memory.
-constexpr uint64_t kFlightBytes = uint64_t{64} << 20;
-constexpr uint64_t kFlightBytesPerThread = uint64_t{12} << 20;
 constexpr uint64_t kJobsPerThread = 3;
 
 /// Whether the error is chosen, and not the bits.
@@ -156,11 +154,12 @@ std::string describe_options(const ConvertOptions& options) {
 class Converter {
  public:
   /// `scene` is changed: what it has more than once is referred to once.
-  Converter(const ConvertOptions& options, SourceScene& scene, WorkerPool& pool, tools::Progress& progress,
-            ConvertReport& report)
-      : options_(options), scene_(scene), pool_(pool), progress_(progress), report_(report) {}
+  Converter(const ConvertOptions& options, SourceScene& scene, tools::Progress& progress, ConvertReport& report)
+      : options_(options), scene_(scene), progress_(progress), report_(report) {}
 
   Result<void> run() {
+    find_wanted();
+    if (const Result<void> done = plan_memory(); !done) return done;
     if (const Result<void> done = measure_primitives(); !done) return done;
     if (const Result<void> done = plan_images(); !done) return done;
     merge_equal();
@@ -174,7 +173,7 @@ class Converter {
     Result<format::ContainerWriter> writer = format::ContainerWriter::create(report_.output);
     if (!writer) return writer.error();
     // Images come first: what is wrong with one is said before the geometry is encoded.
-    if (const Result<void> done = write_images(scene_, options_.images, images_, pool_, *writer); !done) return done;
+    if (const Result<void> done = store_images(*writer); !done) return done;
     report_.warnings.insert(report_.warnings.end(), images_.warnings.begin(), images_.warnings.end());
     tables_.images = images_.records;
     tables_.mip_levels = images_.levels;
@@ -189,21 +188,36 @@ class Converter {
   }
 
  private:
-  Result<void> measure_primitives() {
+  void find_wanted() {
     std::vector<bool> drawn(scene_.groups.size());
     for (const SourceNode& node : scene_.nodes)
       if (node.group != kNone) drawn[node.group] = true;
-    std::vector<bool> wanted(scene_.primitives.size());
-    uint64_t triangles = 0;
-    for (size_t i = 0; i < wanted.size(); ++i) {
-      wanted[i] = drawn[scene_.primitives[i].group];
-      if (wanted[i]) triangles += scene_.primitives[i].triangle_count();
-      if (!wanted[i]) ++undrawn_;
+    wanted_.resize(scene_.primitives.size());
+    for (size_t i = 0; i < wanted_.size(); ++i) {
+      wanted_[i] = drawn[scene_.primitives[i].group];
+      if (!wanted_[i]) ++undrawn_;
     }
+  }
+
+  Result<void> plan_memory() {
+    report_.threads_asked =
+        options_.threads != 0 ? options_.threads : std::max(1u, std::thread::hardware_concurrency());
+    Result<MemoryPlan> plan = MemoryPlan::make(options_, scene_, wanted_, largest_image_bytes(scene_, options_.images),
+                                               report_.threads_asked);
+    if (!plan) return plan.error();
+    memory_ = *plan;
+    return {};
+  }
+
+  Result<void> measure_primitives() {
+    uint64_t triangles = 0;
+    for (size_t i = 0; i < wanted_.size(); ++i)
+      if (wanted_[i]) triangles += scene_.primitives[i].triangle_count();
     progress_.stage("measure", triangles);
     const MeasureOptions measure_options{options_.drop_nonfinite, options_.chunk_triangles == 0, options_.normals,
-                                         options_.share ? may_repeat(scene_, wanted) : std::vector<bool>()};
-    Result<Measurement> measured = measure(scene_, wanted, measure_options, pool_,
+                                         options_.share ? may_repeat(scene_, wanted_) : std::vector<bool>()};
+    const StageLimits limits = memory_.measure();
+    Result<Measurement> measured = measure(scene_, wanted_, measure_options, limits.threads, options_.stop,
                                            [&](uint64_t done) { progress_.update(done, bytes_read(done, triangles)); });
     if (!measured) return measured.error();
     measurement_ = std::move(*measured);
@@ -279,12 +293,24 @@ class Converter {
     const MaterialUse use = find_material_use(scene_, materials_used());
     std::vector<bool> wanted(scene_.images.size());
     for (size_t i = 0; i < wanted.size(); ++i) wanted[i] = use.images[i] != kNone;
-    Result<ImagePlan> images = check_images(scene_, wanted, options_.images, pool_);
+    ImageOptions image_options = options_.images;
+    const StageLimits limits = memory_.images(image_options.memory);
+    image_options.memory = limits.flight_bytes;
+    WorkerPool pool(limits.threads, options_.stop);
+    Result<ImagePlan> images = check_images(scene_, wanted, image_options, pool);
     if (!images) return images.error();
     images_ = std::move(*images);
     for (size_t i = 0; i < images_.records.size(); ++i)
       images_.records[i].name = tables_.strings.add(scene_.images[images_.sources[i]].name);
     return {};
+  }
+
+  Result<void> store_images(format::ContainerWriter& writer) {
+    ImageOptions image_options = options_.images;
+    const StageLimits limits = memory_.images(image_options.memory);
+    image_options.memory = limits.flight_bytes;
+    WorkerPool pool(limits.threads, options_.stop);
+    return write_images(scene_, image_options, images_, pool, writer);
   }
 
   void merge_equal() {
@@ -314,7 +340,9 @@ class Converter {
     const std::vector<Batch> batches = make_batches(windows);
     const EncodeOptions encode_options{options_.order, options_.clusters, options_.chunk_triangles,
                                        options_.drop_nonfinite, options_.weld};
-    std::vector<EncodeScratch> scratch(pool_.threads());
+    const StageLimits limits = memory_.encode(windows);
+    report_.threads = limits.threads;
+    std::vector<EncodeScratch> scratch(limits.threads);
     uint64_t source_triangles = 0;
     for (const Batch& batch : batches) source_triangles += batch.triangles;
     progress_.stage("encode", source_triangles);
@@ -337,7 +365,8 @@ class Converter {
         bytes += encoded_bytes_estimate(plans_[mesh_of_[windows[i].primitive]], windows[i]);
       return bytes;
     };
-    GeometryWriter geometry(pool_, writer, images_.page_count, options_.zstd_level);
+    WorkerPool pool(limits.threads, options_.stop);
+    GeometryWriter geometry(pool, writer, images_.page_count, options_.zstd_level);
     uint64_t done = 0;
     const auto take = [&](uint64_t batch, std::vector<EncodedWindow> encoded) -> Result<void> {
       for (uint64_t i = 0; i < encoded.size(); ++i) {
@@ -348,9 +377,8 @@ class Converter {
       progress_.update(done, writer.bytes());
       return {};
     };
-    const InFlight limit{kJobsPerThread * pool_.threads(), kFlightBytes + kFlightBytesPerThread * pool_.threads()};
-    if (const Result<void> run =
-            run_ordered<std::vector<EncodedWindow>>(pool_, batches.size(), limit, work, cost, take);
+    const InFlight limit{kJobsPerThread * pool.threads(), limits.flight_bytes};
+    if (const Result<void> run = run_ordered<std::vector<EncodedWindow>>(pool, batches.size(), limit, work, cost, take);
         !run)
       return run;
     return geometry.finish();
@@ -448,9 +476,10 @@ class Converter {
 
   const ConvertOptions& options_;
   SourceScene& scene_;
-  WorkerPool& pool_;
   tools::Progress& progress_;
   ConvertReport& report_;
+  std::vector<bool> wanted_;  // of the primitives: some node draws them
+  MemoryPlan memory_;
   Measurement measurement_;
   MergedMaterials merged_;
   std::vector<uint32_t> first_equal_;  // of each group the one that is stored for it
@@ -467,18 +496,9 @@ class Converter {
   uint64_t repaired_normals_ = 0;
 };
 
-/// getrusage() would count what the program that started this one held at that moment.
-uint64_t peak_resident_bytes() {
-  std::ifstream status("/proc/self/status");
-  for (std::string line; std::getline(status, line);) {
-    unsigned long long kibibytes = 0;
-    if (std::sscanf(line.c_str(), "VmHWM: %llu kB", &kibibytes) == 1) return uint64_t{kibibytes} * 1024;
-  }
-  return 0;
-}
-
 Result<ConvertReport> convert_or_throw(const ConvertOptions& options) {
   const auto start = std::chrono::steady_clock::now();
+  const tools::MemoryUse before = tools::memory_use();
   if (const Result<void> checked = check_options(options); !checked) return checked.error();
   ConvertReport report;
   report.output = options.output.empty() ? std::filesystem::path(options.input).replace_extension(".scree").string()
@@ -486,6 +506,7 @@ Result<ConvertReport> convert_or_throw(const ConvertOptions& options) {
   if (const Result<void> checked = check_output(report.output); !checked) return checked.error();
   ImportOptions import_options;
   import_options.exclude = options.exclude;
+  import_options.kept_view_bytes = kept_view_bytes(options.memory);
   Result<SourceScene> scene = import_gltf(options.input, import_options);
   if (!scene) return scene.error();
   report.warnings = scene->warnings;
@@ -496,14 +517,12 @@ Result<ConvertReport> convert_or_throw(const ConvertOptions& options) {
     const uint64_t bytes = std::filesystem::file_size(file, ignored);
     if (!ignored) report.input_bytes += bytes;
   }
-  const uint32_t threads = options.threads != 0 ? options.threads : std::max(1u, std::thread::hardware_concurrency());
   {
     tools::Progress progress(options.progress);
-    WorkerPool pool(threads, options.stop);
-    if (const Result<void> done = Converter(options, *scene, pool, progress, report).run(); !done) return done.error();
+    if (const Result<void> done = Converter(options, *scene, progress, report).run(); !done) return done.error();
   }
   report.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
-  report.peak_bytes = peak_resident_bytes();
+  report.peak_bytes = tools::peak_anonymous(before);
   return report;
 }
 
@@ -531,8 +550,12 @@ std::string describe(const ConvertOptions& options, const ConvertReport& report)
                 report.relative_position_error, report.seconds,
                 tools::format_count(report.seconds > 0 ? triangles / report.seconds : 0).c_str(),
                 tools::format_bytes(report.peak_bytes).c_str());
-  return options.input + " -> " + report.output + ": " + tools::format_bytes(report.input_bytes) + " -> " +
-         tools::format_bytes(report.output_bytes) + ", " + numbers;
+  std::string text = options.input + " -> " + report.output + ": " + tools::format_bytes(report.input_bytes) + " -> " +
+                     tools::format_bytes(report.output_bytes) + ", " + numbers;
+  if (report.threads < report.threads_asked)
+    text +=
+        ", " + std::to_string(report.threads) + " of " + std::to_string(report.threads_asked) + " threads (--memory)";
+  return text;
 }
 
 }  // namespace scree::convert

@@ -50,8 +50,9 @@ struct ConvertOptions {
   ImageOptions images;
 
   // Options that do not.
-  uint32_t threads = 0;   // 0: one per processor
-  bool progress = false;  // a line on stderr where that is a terminal
+  uint32_t threads = 0;                 // at most; 0: one per processor
+  uint64_t memory = uint64_t{2} << 30;  // bytes that the process may take; fewer threads work where it is short
+  bool progress = false;                // a line on stderr where that is a terminal
   const std::atomic<bool>* stop =
       nullptr;  // raised: the conversion ends with kFile "interrupted", nothing is left behind
 };
@@ -69,7 +70,9 @@ struct ConvertReport {
   double position_error_bound = 0;     // largest stated in a mesh record
   double relative_position_error = 0;  // largest found / diagonal of the mesh's box
   double seconds = 0;
-  uint64_t peak_bytes = 0;          // resident, of the whole process
+  uint64_t peak_bytes = 0;  // resident and not of a file, of the whole process: RssAnon + RssShmem
+  uint32_t threads = 0;     // that encoded
+  uint32_t threads_asked = 0;
   uint64_t dropped_degenerate = 0;  // triangles of strips and fans with two equal indices
   uint64_t dropped_nonfinite = 0;
   std::vector<std::string> warnings;  // one line each
@@ -77,7 +80,8 @@ struct ConvertReport {
 
 /// Converts. On an error nothing is left at `output` that was not there before. Errors kUsage (options that exclude
 /// each other or are out of range, output is the input), those of import_gltf, measure, check_images, write_images,
-/// encode_window and ContainerWriter. The bytes written are the same for any number of threads.
+/// encode_window and ContainerWriter; kUsage where ConvertOptions::memory is too little, with the least that is needed.
+/// The bytes written are the same for any number of threads and any memory.
 Result<ConvertReport> convert(const ConvertOptions& options);
 
 /// "a.glb -> a.scree: 1.41 MiB -> 283 KiB, ratio 5.10, ..." in one line.

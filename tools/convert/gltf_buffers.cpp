@@ -46,11 +46,13 @@ Result<void> check_ascending(const Accessor::Sparse& sparse, uint64_t count) {
 
 }  // namespace
 
-GltfBuffers::GltfBuffers(const GltfDocument& document, std::string folder, std::shared_ptr<const ByteSource> bin)
+GltfBuffers::GltfBuffers(const GltfDocument& document, std::string folder, std::shared_ptr<const ByteSource> bin,
+                         uint64_t kept_bytes)
     : document_(document),
       folder_(std::move(folder)),
       bin_(std::move(bin)),
       buffers_(document.buffers.size()),
+      meshopt_(kept_bytes),
       unpacked_(document.meshopt.size()),
       sparse_checked_(document.sparse.size()) {}
 
@@ -104,6 +106,8 @@ Result<GltfBuffers::View> GltfBuffers::view(int32_t index) {
       auto stream = buffer(meshopt.buffer);
       if (!stream) return stream.error();
       unpacked = meshopt_.source(meshopt, *stream);
+      largest_view_bytes_ = std::max(largest_view_bytes_, unpacked->size() + meshopt.bytes);
+      unpacked_bytes_ += unpacked->size();
     }
     return View{unpacked, 0, stated.bytes};
   }

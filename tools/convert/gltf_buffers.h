@@ -18,7 +18,13 @@ class GltfBuffers {
  public:
   /// `folder`: of the scene. `bin`: the binary chunk of a .glb, or null. `document` has passed check_document() and
   /// outlives this. Indices given to the functions below are in range.
-  GltfBuffers(const GltfDocument& document, std::string folder, std::shared_ptr<const ByteSource> bin);
+  /// `kept_bytes`: of unpacked buffer views, see MeshoptCache.
+  GltfBuffers(const GltfDocument& document, std::string folder, std::shared_ptr<const ByteSource> bin,
+              uint64_t kept_bytes);
+
+  /// Of the compressed buffer views that were asked for: the largest with its stream, and all of them unpacked.
+  uint64_t largest_view_bytes() const { return largest_view_bytes_; }
+  uint64_t unpacked_bytes() const { return unpacked_bytes_; }
 
   struct View {
     std::shared_ptr<const ByteSource> source;
@@ -55,6 +61,8 @@ class GltfBuffers {
   MeshoptCache meshopt_;
   std::vector<std::shared_ptr<const ByteSource>> unpacked_;  // by number in GltfDocument::meshopt
   std::vector<bool> sparse_checked_;
+  uint64_t largest_view_bytes_ = 0;
+  uint64_t unpacked_bytes_ = 0;
 };
 
 }  // namespace scree::convert

@@ -151,9 +151,10 @@ std::string attribute_kind(const std::string& name) {
 
 class Importer {
  public:
-  Importer(const GltfDocument& document, std::string folder, std::shared_ptr<const ByteSource> bin, SourceScene& scene)
+  Importer(const GltfDocument& document, std::string folder, std::shared_ptr<const ByteSource> bin,
+           const ImportOptions& options, SourceScene& scene)
       : document_(document),
-        buffers_(document, std::move(folder), std::move(bin)),
+        buffers_(document, std::move(folder), std::move(bin), options.kept_view_bytes),
         scene_(scene),
         left_out_(document, buffers_) {}
 
@@ -182,6 +183,8 @@ class Importer {
     scene_.nodes = std::move(nodes).value();
     note_the_rest(*plan);
     left_out_.move_to(scene_);
+    scene_.largest_view_bytes = buffers_.largest_view_bytes();
+    scene_.unpacked_bytes = buffers_.unpacked_bytes();
     return {};
   }
 
@@ -508,7 +511,7 @@ Result<SourceScene> import_checked(const std::string& path, const ImportOptions&
   if (!document) return document.error();
   std::shared_ptr<const ByteSource> bin;
   if (layout->has_bin) bin = window_source(*file, layout->bin_offset, layout->bin_bytes);
-  Importer importer(*document, folder_of(path), std::move(bin), scene);
+  Importer importer(*document, folder_of(path), std::move(bin), options, scene);
   if (auto run = importer.run(options); !run) return run.error();
   return scene;
 }

@@ -189,13 +189,16 @@ struct SourceScene {
   std::vector<LeftOut> left_out;
   std::vector<std::string> warnings;  // one line each, without the program's name
   uint64_t json_bytes = 0;
-  uint64_t buffer_bytes = 0;  // declared lengths of buffers, external and embedded
+  uint64_t buffer_bytes = 0;        // declared lengths of buffers, external and embedded
+  uint64_t largest_view_bytes = 0;  // of compressed buffer views: the largest unpacked, with its stream
+  uint64_t unpacked_bytes = 0;      // of all of them
 };
 
 struct ImportOptions {
   std::string
       exclude;  // regular expression (ECMAScript) searched in node names; matching nodes and those below are left out
   uint64_t max_json_bytes = uint64_t{1} << 31;
+  uint64_t kept_view_bytes = uint64_t{1} << 30;  // memory for compressed buffer views that were unpacked
 };
 
 /// Opens a .gltf or .glb. Errors kFile, kFormat, kTruncated, kRange, kUnsupported (a required extension that scree does

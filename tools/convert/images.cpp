@@ -162,10 +162,13 @@ Result<StoredImage> store_image(const SourceImage& source, const format::ImageRe
   return grey_image(stored.error().message);
 }
 
-uint64_t store_cost(const SourceImage& source, const format::ImageRecord& record, const ImageOptions& options) {
-  if (!is_indexed(options, record.codec)) return 0;
-  const uint64_t pixels = uint64_t{record.width} * record.height;
-  return 4 * source.bytes + (record.codec == format::ImageCodec::kJpeg ? 0 : 10 * pixels);
+uint64_t store_cost(const SourceImage& source, const runtime::ImageInfo& info, const ImageOptions& options) {
+  if (!is_indexed(options, info.codec)) return kBlockBytes;
+  const uint64_t pixels = uint64_t{info.width} * info.height;
+  uint64_t bytes = 4 * source.bytes;
+  if (info.codec != format::ImageCodec::kJpeg) bytes += 10 * pixels;
+  if (info.is_coded_anew) bytes += 2 * info.channels * pixels;
+  return bytes;
 }
 
 /// The pages of an indexed image: one of its base level, and one of the others together.
@@ -213,6 +216,16 @@ Result<void> append_file(const SourceImage& image, uint32_t number, ImagePlan& p
 
 }  // namespace
 
+uint64_t largest_image_bytes(const SourceScene& scene, const ImageOptions& options) {
+  uint64_t largest = 0;
+  for (const SourceImage& image : scene.images) {
+    if (image.bytes > kMaxImageBytes) continue;  // refused later, as pictures are that claim too many pixels
+    const Result<runtime::ImageInfo> info = runtime::probe_decodable(image_file(image));
+    if (info) largest = std::max({largest, check_cost(image), store_cost(image, *info, options)});
+  }
+  return largest;
+}
+
 std::string image_place(const SourceScene& scene, uint32_t image) {
   std::string place = scene.file_name + ": image " + std::to_string(image);
   if (!scene.images[image].name.empty()) place += " (" + scene.images[image].name + ")";
@@ -250,13 +263,14 @@ Result<ImagePlan> check_images(const SourceScene& scene, const std::vector<bool>
     record.channels = checked.info.channels;
     plan.records.push_back(record);
     plan.hashes.push_back(checked.hash);
+    plan.costs.push_back(store_cost(scene.images[images[i]], checked.info, options));
     plan.sources.push_back(images[i]);
     plan.broken.push_back(checked.broken);
     if (!checked.warning.empty()) plan.warnings.push_back(image_place(scene, images[i]) + ": " + checked.warning);
     return {};
   };
-  const Result<void> run =
-      run_ordered<CheckedImage>(pool, images.size(), {2 * uint64_t{pool.threads()}, kCheckedBytes}, work, cost, take);
+  const Result<void> run = run_ordered<CheckedImage>(
+      pool, images.size(), {2 * uint64_t{pool.threads()}, std::min(kCheckedBytes, options.memory)}, work, cost, take);
   if (!run) return run.error();
   return plan;
 }
@@ -273,7 +287,7 @@ Result<void> write_images(const SourceScene& scene, const ImageOptions& options,
     if (!stored) return at(image_place(scene, plan.sources[i]), stored.error());
     return stored;
   };
-  const auto cost = [&](uint64_t i) { return store_cost(source(i), records[i], options); };
+  const auto cost = [&](uint64_t i) { return plan.costs[i]; };
   const auto take = [&](uint64_t i, StoredImage stored) -> Result<void> {
     const std::string place = image_place(scene, plan.sources[i]);
     if (!stored.warning.empty()) plan.warnings.push_back(place + ": " + stored.warning);

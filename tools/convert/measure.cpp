@@ -16,6 +16,7 @@ struct WindowFacts {
   uint64_t dropped_degenerate = 0;
   uint64_t dropped_nonfinite = 0;
   uint32_t vertices = 0;
+  uint32_t span = 0;
   Box box = empty_box();
   bool white = true;
   ContentHash content{};
@@ -78,6 +79,7 @@ Result<WindowFacts> measure_window(const Primitive& primitive, const WindowPlan&
   facts.dropped_degenerate = window.dropped_degenerate();
   facts.dropped_nonfinite = window.dropped_nonfinite();
   facts.vertices = static_cast<uint32_t>(window.vertices().size());
+  facts.span = static_cast<uint32_t>(window.span());
   facts.box = box_of(window.positions());
   if (primitive.color) {
     if (const Result<void> read = read_vertices(*primitive.color, window.vertices(), scratch.colors); !read)
@@ -112,7 +114,8 @@ std::string primitive_place(const SourceScene& scene, uint32_t primitive) {
 }
 
 Result<Measurement> measure(const SourceScene& scene, const std::vector<bool>& wanted, const MeasureOptions& options,
-                            WorkerPool& pool, const std::function<void(uint64_t)>& progress) {
+                            uint32_t threads, const std::atomic<bool>* stop,
+                            const std::function<void(uint64_t)>& progress) {
   Measurement out;
   out.primitives.resize(scene.primitives.size());
   for (uint32_t i = 0; i < scene.primitives.size(); ++i) {
@@ -134,7 +137,7 @@ Result<Measurement> measure(const SourceScene& scene, const std::vector<bool>& w
   }
 
   const std::vector<Batch> batches = make_batches(out.windows);
-  std::vector<Scratch> scratch(pool.threads());
+  std::vector<Scratch> scratch(threads);
   const auto work = [&](uint64_t batch, uint32_t worker) -> Result<std::vector<WindowFacts>> {
     std::vector<WindowFacts> facts;
     for (uint64_t i = batches[batch].first; i < batches[batch].first + batches[batch].count; ++i) {
@@ -151,6 +154,7 @@ Result<Measurement> measure(const SourceScene& scene, const std::vector<bool>& w
       WindowPlan& plan = out.windows[batches[batch].first + i];
       plan.kept = facts[i].kept;
       plan.vertices = facts[i].vertices;
+      plan.span = facts[i].span;
       plan.box = facts[i].box;
       Measured& total = out.primitives[plan.primitive];
       total.triangles += facts[i].kept;
@@ -165,6 +169,7 @@ Result<Measurement> measure(const SourceScene& scene, const std::vector<bool>& w
     progress(done);
     return {};
   };
+  WorkerPool pool(threads, stop);
   const auto no_cost = [](uint64_t) { return uint64_t{0}; };
   if (const Result<void> run = run_ordered<std::vector<WindowFacts>>(
           pool, batches.size(), {kJobsPerThread * pool.threads(), UINT64_MAX}, work, no_cost, take);

@@ -2,6 +2,7 @@
 // lattice and the attributes of each mesh must hold.
 #pragma once
 
+#include <atomic>
 #include <cstdint>
 #include <functional>
 #include <optional>
@@ -20,6 +21,7 @@ namespace scree::convert {
 struct WindowPlan {
   uint32_t primitive = 0;  // in SourceScene::primitives
   uint32_t vertices = 0;   // distinct ones used
+  uint32_t span = 0;       // from the smallest of their numbers to the largest
   uint64_t first = 0;      // source triangle
   uint64_t count = 0;      // source triangles
   uint64_t kept = 0;
@@ -59,10 +61,12 @@ std::vector<Batch> make_batches(const std::vector<WindowPlan>& windows);
 /// "city.gltf: mesh 12 primitive 1", in glTF's numbers.
 std::string primitive_place(const SourceScene& scene, uint32_t primitive);
 
-/// Measures all `wanted` primitives (others keep 0 triangles). `progress(triangles)`: done so far. Errors as
+/// Measures all `wanted` primitives (others keep 0 triangles) on `threads` threads. `stop`: as WorkerPool's.
+/// `progress(triangles)`: done so far. Errors as
 /// Window::load with the primitive named, the first in source order; kUnsupported: a primitive past 2^32 / 3 triangles
 /// with whole_meshes.
 Result<Measurement> measure(const SourceScene& scene, const std::vector<bool>& wanted, const MeasureOptions& options,
-                            WorkerPool& pool, const std::function<void(uint64_t)>& progress);
+                            uint32_t threads, const std::atomic<bool>* stop,
+                            const std::function<void(uint64_t)>& progress);
 
 }  // namespace scree::convert

@@ -70,6 +70,7 @@ Result<void> Window::load(const Primitive& primitive, uint64_t first, uint64_t c
   dropped_degenerate_ = 0;
   dropped_nonfinite_ = 0;
   kept_.clear();
+  span_ = 0;
   indices_.resize(3 * count);
   if (const Result<void> read = read_triangles(primitive, first, count, indices_); !read) return read;
   if (primitive.mode != PrimitiveMode::kTriangles) drop_degenerate();
@@ -154,6 +155,7 @@ void Window::find_vertices(bool renumber) {
     hi = std::max(hi, index);
   }
   const uint64_t span = uint64_t{hi} - lo + 1;
+  span_ = std::max(span_, span);
   if (span <= kTableSpanPerCorner * indices_.size() + 1024) {
     places_.assign(span, 0);
     for (const uint32_t index : indices_) places_[index - lo] = 1;

@@ -37,6 +37,9 @@ class Window {
   void merge(std::span<const uint32_t> firsts);
 
   uint64_t triangle_count() const { return indices_.size() / 3; }
+
+  /// From the smallest vertex number that was read to the largest, both counted; below 2^32.
+  uint64_t span() const { return span_; }
   uint64_t dropped_degenerate() const { return dropped_degenerate_; }
   uint64_t dropped_nonfinite() const { return dropped_nonfinite_; }
 
@@ -75,6 +78,7 @@ class Window {
   std::vector<float> positions_;
   std::vector<uint32_t> places_;  // of a vertex number in vertices_
   bool is_scattered_ = false;
+  uint64_t span_ = 0;
   std::vector<uint64_t> used_;   // a bit a vertex number
   std::vector<uint32_t> ranks_;  // vertices before each word of used_
   std::vector<uint64_t> pairs_;  // (vertex number, corner) of wide windows

@@ -1,0 +1,39 @@
+#include "tools/common/memory_use.h"
+
+#include <malloc.h>
+
+#include <algorithm>
+#include <cstdio>
+#include <fstream>
+#include <string>
+#include <string_view>
+
+namespace scree::tools {
+
+// getrusage() would count what the program that started this one held at that moment.
+MemoryUse memory_use() {
+  MemoryUse use;
+  std::ifstream status("/proc/self/status");
+  for (std::string line; std::getline(status, line);) {
+    char name[32] = {};
+    unsigned long long kibibytes = 0;
+    if (std::sscanf(line.c_str(), "%31[A-Za-z]: %llu kB", name, &kibibytes) != 2) continue;
+    const std::string_view key = name;
+    const uint64_t bytes = uint64_t{kibibytes} * 1024;
+    if (key == "VmHWM") use.peak = bytes;
+    if (key == "RssAnon" || key == "RssShmem") use.anonymous += bytes;
+    if (key == "RssFile") use.file = bytes;
+  }
+  return use;
+}
+
+uint64_t peak_anonymous(const MemoryUse& before) {
+  const MemoryUse now = memory_use();
+  return std::max(now.anonymous, now.peak - std::min(now.peak, before.file));
+}
+
+void give_back_free_memory() {
+  malloc_trim(0);
+}
+
+}  // namespace scree::tools

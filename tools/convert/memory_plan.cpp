@@ -1,0 +1,175 @@
+#include "tools/convert/memory_plan.h"
+
+#include <algorithm>
+#include <bit>
+#include <string>
+
+#include "tools/common/memory_use.h"
+#include "tools/common/options.h"
+#include "tools/convert/meshopt_source.h"
+#include "tools/convert/scene_tables.h"
+
+namespace scree::convert {
+namespace {
+
+constexpr uint64_t kMiB = uint64_t{1} << 20;
+
+// The allocator's rounding, code that is not counted below, and what a thread has beside its scratch memory.
+constexpr uint64_t kOtherBytes = 12 * kMiB;
+constexpr uint64_t kThreadBytes = 3 * kMiB;
+
+// What encoded windows in flight take where there is memory: more than this gains nothing.
+constexpr uint64_t kFlightBytes = 64 * kMiB;
+constexpr uint64_t kFlightBytesPerThread = 12 * kMiB;
+
+// What convert holds of a primitive (measured, planned, recorded) and of an instance (its matrix, found again by a
+// hash).
+constexpr uint64_t kPrimitiveBytes = 600;
+constexpr uint64_t kInstanceBytes = 400;
+
+/// Of the least that is stated, so that it still suffices when the process takes some pages more.
+constexpr uint64_t kLeastStep = 4 * kMiB;
+
+uint64_t chunks_of(uint64_t triangles, uint64_t chunk_triangles) {
+  return chunk_triangles == 0 ? 1 : triangles / chunk_triangles + 2;
+}
+
+}  // namespace
+
+uint64_t kept_view_bytes(uint64_t memory) {
+  return std::min(MeshoptCache::kKeptBytes, memory / 4);
+}
+
+Result<MemoryPlan> MemoryPlan::make(const ConvertOptions& options, const SourceScene& scene,
+                                    const std::vector<bool>& wanted, uint64_t image_bytes, uint32_t threads) {
+  MemoryPlan plan;
+  plan.memory_ = options.memory;
+  plan.threads_ = threads;
+  plan.chunk_triangles_ = options.chunk_triangles;
+  plan.zstd_level_ = options.zstd_level;
+  plan.clustered_ = options.encoding == Encoding::kClustered;
+  plan.source_ids_ = options.source_ids;
+  plan.largest_view_ = scene.largest_view_bytes;
+  plan.all_views_ = scene.unpacked_bytes;
+  plan.vertex_bits_ = 96;
+  uint64_t windows = 0;
+  bool has_uv = false, has_color = false, has_normal = false;
+  for (size_t i = 0; i < wanted.size(); ++i) {
+    if (!wanted[i]) continue;
+    const Primitive& primitive = scene.primitives[i];
+    const uint64_t all = primitive.triangle_count();
+    const uint64_t triangles = options.chunk_triangles == 0 ? all : std::min(all, kWindowTriangles);
+    plan.most_.triangles = std::max(plan.most_.triangles, triangles);
+    plan.most_.vertices = std::max(plan.most_.vertices, std::min(3 * triangles, primitive.vertex_count()));
+    plan.most_.span = std::max(plan.most_.span, primitive.indices ? primitive.vertex_count() : 3 * triangles);
+    plan.most_.chunks += chunks_of(all, options.chunk_triangles);
+    windows += triangles == 0 ? 0 : (all - 1) / triangles + 1;
+    has_uv |= primitive.uv.has_value();
+    has_color |= primitive.color.has_value();
+    has_normal |= primitive.normal.has_value();
+  }
+  plan.vertex_bits_ += (has_uv ? 48u : 0u) + (has_color ? 32u : 0u) + (has_normal && options.normals ? 24u : 0u);
+  plan.attribute_components_ = has_color ? 4 : has_normal ? 3 : has_uv ? 2 : 0;
+
+  uint64_t held_instances = 0;
+  for (const SourceNode& node : scene.nodes) held_instances += node.instances ? node.instances->count : 1;
+  held_instances = std::min(held_instances, kMaxHeldInstances + scene.nodes.size());
+  const uint64_t tables = 3 * sizeof(WindowPlan) * windows + kPrimitiveBytes * wanted.size() +
+                          kInstanceBytes * held_instances + plan.table_bytes(plan.most_);
+  const uint64_t geometry = tables + std::max(plan.measure_thread_bytes(plan.most_),
+                                              plan.encode_thread_bytes(plan.most_) + plan.encoded_bytes(plan.most_) +
+                                                  4 * plan.page_bytes(plan.most_));
+  const uint64_t rest = tools::memory_use().anonymous + kOtherBytes + std::max(geometry, image_bytes + kThreadBytes);
+  const uint64_t least = rest + plan.largest_view_ + std::max(plan.largest_view_, std::min(plan.all_views_, rest / 3));
+  if (least > options.memory)
+    return Error{ErrorCode::kUsage,
+                 "--memory: " + tools::format_bytes(options.memory) + ", but " + scene.file_name + " needs at least " +
+                     std::to_string((least / kLeastStep + 2) * kLeastStep / kMiB) + " MiB with these options"};
+  return plan;
+}
+
+StageLimits MemoryPlan::measure() const {
+  const uint64_t a_thread = measure_thread_bytes(most_) + largest_view_;
+  return {static_cast<uint32_t>(std::clamp<uint64_t>(free_bytes() / a_thread, 1, threads_)), 0};
+}
+
+StageLimits MemoryPlan::images(uint64_t most) const {
+  const uint64_t threads = std::clamp<uint64_t>(free_bytes() / 4 / kThreadBytes, 1, threads_);
+  const uint64_t taken = threads * kThreadBytes;
+  return {static_cast<uint32_t>(threads), std::min(most, free_bytes() - std::min(free_bytes(), taken))};
+}
+
+StageLimits MemoryPlan::encode(const std::vector<WindowPlan>& windows) const {
+  WindowNeeds needs;
+  for (const WindowPlan& window : windows) {
+    needs.triangles = std::max(needs.triangles, window.count);
+    needs.vertices = std::max(needs.vertices, uint64_t{window.vertices});
+    needs.span = std::max(needs.span, uint64_t{window.span});
+    needs.chunks += chunks_of(window.kept, chunk_triangles_);
+  }
+  const uint64_t tables = table_bytes(needs) + 2 * page_bytes(needs);  // a page is filled, and one is on its way
+  const uint64_t left = free_bytes() - std::min(free_bytes(), tables);
+  const uint64_t a_result = encoded_bytes(needs);
+  const uint64_t a_thread = encode_thread_bytes(needs) + largest_view_ + 2 * page_bytes(needs);
+  const uint64_t threads = std::clamp<uint64_t>(left / (a_thread + a_result), 1, threads_);
+  const uint64_t flight = left - std::min(left, threads * a_thread);
+  return {static_cast<uint32_t>(threads),
+          std::clamp(flight, threads * a_result, threads * a_result + kFlightBytes + kFlightBytesPerThread * threads)};
+}
+
+uint64_t MemoryPlan::free_bytes() const {
+  tools::give_back_free_memory();  // what earlier stages had would count twice
+  const uint64_t kept = std::max(largest_view_, std::min(all_views_, kept_view_bytes(memory_)));
+  const uint64_t taken = tools::memory_use().anonymous + kOtherBytes + kept;
+  return memory_ - std::min(memory_, taken);
+}
+
+/// Window's vectors. They keep what the largest window took, and windows are numbered in three ways (window.cpp).
+uint64_t MemoryPlan::window_bytes(const WindowNeeds& needs) const {
+  const uint64_t table = std::min(needs.span, 12 * needs.triangles + 1024);
+  uint64_t bytes = 16 * needs.triangles + 8 * table + 12 * needs.vertices;
+  if (needs.span > table) bytes += std::min(needs.span, uint64_t{1} << 26) * 3 / 16;
+  if (needs.span > uint64_t{1} << 26) bytes += 48 * needs.triangles;
+  return bytes;
+}
+
+uint64_t MemoryPlan::measure_thread_bytes(const WindowNeeds& needs) const {
+  return window_bytes(needs) + 2 * 4 * attribute_components_ * needs.vertices + 12 * needs.triangles + kThreadBytes;
+}
+
+/// EncodeScratch, and what the encoder and meshoptimizer take while they work.
+uint64_t MemoryPlan::encode_thread_bytes(const WindowNeeds& needs) const {
+  const uint64_t t = needs.triangles, v = needs.vertices;
+  uint64_t bytes = window_bytes(needs);
+  bytes += 12 * t + 4 * v + 12 * v + 4 * attribute_components_ * v;  // ordered, slots, coordinates, floats
+  bytes += 8 * std::min(3 * t, v + v / 2);                           // vertices of all chunks
+  bytes += 25 * t + 16 * v;                                          // meshoptimizer's tables
+  if (needs.span > 12 * t + 1024) bytes += 12 * t + 12 * v;          // numbered by first use
+  if (source_ids_) bytes += 8 * std::bit_ceil(2 * t + 2) + 8 * t;    // to find the triangles again
+  bytes += 8 * std::bit_ceil(v + v / 4 + 2) + 13 * v;                // Welder
+  if (clustered_) bytes += 30 * t + 20 * v + 2 * encoded_bytes(needs);
+  const uint64_t chunk = chunk_triangles_ == 0 ? t : std::min(t, chunk_triangles_);
+  bytes += 108 * chunk;  // one chunk's indices, coordinates and floats
+  if (zstd_level_ > 0) bytes += (zstd_level_ < 10 ? 8 : 20) * std::min(page_bytes(needs), 128 * kMiB);
+  return bytes + kThreadBytes;
+}
+
+/// As encoded_bytes_estimate(), of the worst window.
+uint64_t MemoryPlan::encoded_bytes(const WindowNeeds& needs) const {
+  const uint64_t index_bits = 3 * static_cast<uint64_t>(std::bit_width(needs.vertices));
+  const uint64_t id_bits = source_ids_ ? static_cast<uint64_t>(std::bit_width(needs.triangles)) : 0;
+  return (needs.triangles * (index_bits + id_bits) + needs.vertices * vertex_bits_ * 3 / 2) / 8 + 256;
+}
+
+uint64_t MemoryPlan::page_bytes(const WindowNeeds& needs) const {
+  const uint64_t page =
+      chunk_triangles_ == 0 ? std::max(format::kPageTargetBytes, encoded_bytes(needs)) : format::kPageTargetBytes;
+  return zstd_level_ > 0 ? 2 * page : page;
+}
+
+/// Tables that grow while chunks are written; a vector that grows has what it had twice.
+uint64_t MemoryPlan::table_bytes(const WindowNeeds& needs) const {
+  return 3 * needs.chunks * (sizeof(format::ChunkRecord) + sizeof(format::PageRecord));
+}
+
+}  // namespace scree::convert

@@ -1,0 +1,70 @@
+// What a conversion takes, reckoned from the scene before it begins, so that ConvertOptions::memory holds for any
+// scene: it decides how many threads work at a time and how much they may have in flight, and nothing else, so that it
+// never shows in the bytes.
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "format/result.h"
+#include "tools/convert/convert.h"
+#include "tools/convert/gltf_source.h"
+#include "tools/convert/measure.h"
+
+namespace scree::convert {
+
+/// The largest of each over all windows: what the scratch memory of a thread grows to.
+struct WindowNeeds {
+  uint64_t triangles = 0;
+  uint64_t vertices = 0;  // distinct ones
+  uint64_t span = 0;      // from the smallest vertex number to the largest, at most
+  uint64_t chunks = 0;    // that all windows together become, about
+};
+
+/// What one stage may do.
+struct StageLimits {
+  uint32_t threads = 1;
+  uint64_t flight_bytes = 0;  // of results on their way to the file
+};
+
+class MemoryPlan {
+ public:
+  /// `wanted`: flags for the primitives that are converted; `threads`: as many as are asked for; `image_bytes`: what
+  /// checking or packing one image takes at most. Error kUsage: ConvertOptions::memory is below the least that is
+  /// needed, which the message says; it counts on every corner of a window having a vertex of its own.
+  static Result<MemoryPlan> make(const ConvertOptions& options, const SourceScene& scene,
+                                 const std::vector<bool>& wanted, uint64_t image_bytes, uint32_t threads);
+
+  StageLimits measure() const;
+  /// flight_bytes: for images, at most `most`.
+  StageLimits images(uint64_t most) const;
+  /// `windows`: as they were measured. flight_bytes: for encoded windows.
+  StageLimits encode(const std::vector<WindowPlan>& windows) const;
+
+ private:
+  uint64_t views_bytes() const;
+  uint64_t free_bytes() const;
+  uint64_t window_bytes(const WindowNeeds& needs) const;
+  uint64_t measure_thread_bytes(const WindowNeeds& needs) const;
+  uint64_t encode_thread_bytes(const WindowNeeds& needs) const;
+  uint64_t encoded_bytes(const WindowNeeds& needs) const;
+  uint64_t page_bytes(const WindowNeeds& needs) const;
+  uint64_t table_bytes(const WindowNeeds& needs) const;
+
+  uint64_t memory_ = 0;
+  uint32_t threads_ = 1;
+  uint64_t chunk_triangles_ = 0;
+  int zstd_level_ = 0;
+  bool clustered_ = false;
+  bool source_ids_ = false;
+  uint64_t vertex_bits_ = 0;           // most that are stored
+  uint64_t attribute_components_ = 0;  // most of one attribute
+  uint64_t largest_view_ = 0;          // of compressed buffer views, with its stream
+  uint64_t all_views_ = 0;             // unpacked
+  WindowNeeds most_;                   // of any window, by what the document says
+};
+
+/// Memory for unpacked buffer views that are kept, of `memory` in all.
+uint64_t kept_view_bytes(uint64_t memory);
+
+}  // namespace scree::convert
