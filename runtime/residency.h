@@ -1,0 +1,125 @@
+// Which chunks lie in a memory pool that is too small for all of them, and where: what is loaded next, what gives way.
+// Knows no device and no file; runtime/streamer.h brings the bytes.
+#pragma once
+
+#include <cstdint>
+#include <deque>
+#include <map>
+#include <set>
+#include <span>
+#include <utility>
+#include <vector>
+
+#include "format/result.h"
+
+namespace scree::runtime {
+
+/// A frame goes so: begin_frame() gives the chunks that are seen and there already, the first batch; next_batch() gives
+/// the others batch by batch, near ones first. A batch stays where it is until batch_drawn() is called for it, in their
+/// order, so that one can be drawn while the next is loaded. A chunk is loaded at most once a frame, and one that the
+/// frame still has to draw never gives way.
+///
+/// What gives way: chunks that were not seen in this frame, those first that were seen longest ago; then chunks that
+/// this frame has drawn, the farthest first, so that the near ones are there when the next frame begins.
+///
+/// A chunk lies in one piece on a multiple of kAlignment. Where enough is free, but not in one piece, chunks that need
+/// not stay where they are move together; so whatever is seen stays there from frame to frame if its bytes, each
+/// chunk's rounded up to kAlignment, fit the pool. All methods may throw std::bad_alloc; not thread-safe.
+class Residency {
+ public:
+  static constexpr uint64_t kAlignment = 256;
+
+  /// A chunk's bytes in the pool.
+  struct Place {
+    uint32_t chunk;
+    uint64_t offset;
+    uint64_t bytes;
+  };
+  /// Bytes that move within the pool, always to a smaller offset; the two ranges may overlap.
+  struct Move {
+    uint64_t from;
+    uint64_t to;
+    uint64_t bytes;
+  };
+  /// The moves come first, in their order; none touches a chunk of an earlier batch that is not drawn yet.
+  struct Batch {
+    std::vector<Move> moves;
+    std::vector<Place> loads;
+  };
+
+  /// `chunk_bytes`: by chunk, 0 for those that are never drawn. Nothing is there at first. Errors kRange: a chunk that
+  /// does not fit `pool_bytes`, with the least pool that does; 2^32 chunks.
+  static Result<Residency> create(uint64_t pool_bytes, std::vector<uint64_t> chunk_bytes);
+
+  /// Begins a frame that sees these chunks, each once, near ones first. Returns those that are there, in that order.
+  std::vector<Place> begin_frame(std::span<const uint32_t> visible);
+
+  /// The next batch: as many of the missing chunks as take `most_bytes` together, at least one, and fewer where the
+  /// batches that are not drawn yet leave less room. Without loads where none is missing, or where nothing fits until
+  /// batch_drawn() was called; with every batch drawn there is always room.
+  Batch next_batch(uint64_t most_bytes);
+
+  /// The oldest batch that was not is drawn; the first is that of begin_frame().
+  void batch_drawn();
+
+  /// Takes out those of the missing chunks for which `is_dropped(chunk)`, asked once for each: the frame does without.
+  template <class IsDropped>
+  void drop_missing(const IsDropped& is_dropped) {
+    std::erase_if(missing_, is_dropped);
+  }
+
+  /// Puts some of those back, behind the others.
+  void add_missing(std::span<const uint32_t> chunks) { missing_.insert(missing_.end(), chunks.begin(), chunks.end()); }
+
+  /// Nothing is there any more: after an error nobody knows what the pool holds.
+  void forget();
+
+  /// Near ones first.
+  std::span<const uint32_t> missing() const { return missing_; }
+  bool is_resident(uint32_t chunk) const { return slots_[chunk].offset != kAbsent; }
+  uint64_t chunk_bytes(uint32_t chunk) const { return chunk_bytes_[chunk]; }
+  uint64_t pool_bytes() const { return pool_bytes_; }
+  uint64_t free_bytes() const { return free_bytes_; }
+
+ private:
+  static constexpr uint64_t kAbsent = ~uint64_t{0};
+
+  struct Slot {
+    uint64_t offset = kAbsent;
+    uint64_t frame = 0;  // that saw it last
+    uint32_t rank = 0;   // there, 0 is the nearest
+    bool pinned = false;
+  };
+  /// In the order in which chunks give way.
+  struct Age {
+    uint64_t frame;
+    uint32_t nearness;  // ~rank
+    uint32_t chunk;
+    auto operator<=>(const Age&) const = default;
+  };
+
+  Residency() = default;
+  uint64_t room(uint32_t chunk) const;
+  Age age(uint32_t chunk) const { return {slots_[chunk].frame, ~slots_[chunk].rank, chunk}; }
+  void add_hole(uint64_t offset, uint64_t bytes);
+  std::map<uint64_t, uint64_t>::iterator remove_hole(std::map<uint64_t, uint64_t>::iterator hole);
+  bool place(uint32_t chunk);
+  void evict(uint32_t chunk);
+  void make_free(uint64_t bytes);
+  void move_together(std::vector<Move>& moves);
+
+  uint64_t pool_bytes_ = 0;
+  std::vector<uint64_t> chunk_bytes_;
+  std::vector<Slot> slots_;
+  std::set<Age> ages_;                               // of all that are there
+  std::map<uint64_t, uint32_t> chunk_at_;            // by offset
+  std::map<uint64_t, uint64_t> holes_;               // bytes by offset
+  std::set<std::pair<uint64_t, uint64_t>> by_size_;  // the same, bytes and offset
+  uint64_t free_bytes_ = 0;
+  uint64_t pinned_bytes_ = 0;
+  uint64_t frame_ = 0;
+  std::vector<uint32_t> missing_;
+  std::deque<std::vector<uint32_t>> batches_;  // not drawn yet
+};
+
+}  // namespace scree::runtime
