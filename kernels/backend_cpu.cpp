@@ -12,6 +12,7 @@
 #include <thread>
 #include <vector>
 
+#include "kernels/frame_parts.h"
 #include "kernels/resolve.h"
 
 namespace scree::kernels {
@@ -188,23 +189,37 @@ Result<void> check_frame(const View& view, uint64_t triangle_count) {
   return {};
 }
 
-Result<FrameStats> draw_cpu_with(const SceneView& scene, const View& view, std::span<uint64_t> samples,
-                                 uint32_t threads, InstructionSet set, const QueueSizes& sizes) {
+namespace {
+
+Result<FrameStats> draw_into(const SceneView& scene, const View& view, std::span<uint64_t> samples, bool clear,
+                             uint32_t threads, InstructionSet set, const QueueSizes& sizes) {
   if (auto checked = check_picture(view, samples.size(), 1, "samples"); !checked) return checked.error();
   const uint64_t triangles = scene.instance_count == 0 ? 0 : scene.instance_base[scene.instance_count];
   if (auto checked = check_frame(view, triangles); !checked) return checked.error();
   try {
     ThreadPool pool(threads);
     FrameStats stats{};
-    if (!passes_for(set).draw(pool, scene, view, samples.data(), sizes, stats)) return out_of_memory();
+    if (!passes_for(set).draw(pool, scene, view, samples.data(), clear, sizes, stats)) return out_of_memory();
     return stats;
   } catch (const std::bad_alloc&) {
     return out_of_memory();
   }
 }
 
+}  // namespace
+
+Result<FrameStats> draw_cpu_with(const SceneView& scene, const View& view, std::span<uint64_t> samples,
+                                 uint32_t threads, InstructionSet set, const QueueSizes& sizes) {
+  return draw_into(scene, view, samples, true, threads, set, sizes);
+}
+
 Result<FrameStats> draw_cpu(const SceneView& scene, const View& view, std::span<uint64_t> samples, uint32_t threads) {
   return draw_cpu_with(scene, view, samples, threads, best_instruction_set(), QueueSizes{});
+}
+
+Result<FrameStats> draw_part_cpu(const SceneView& scene, const View& view, std::span<uint64_t> samples,
+                                 uint32_t threads) {
+  return draw_into(scene, view, samples, false, threads, best_instruction_set(), QueueSizes{});
 }
 
 Result<void> shade_cpu(const SceneView& scene, const View& view, std::span<const uint64_t> samples,
@@ -238,9 +253,13 @@ Result<void> check_resolve(const View& view, uint32_t samples_per_side) {
   return check_frame(view, 0);
 }
 
-Result<void> resolve_cpu(const SceneView& scene, const View& view, uint32_t samples_per_side,
-                         std::span<const uint64_t> samples, const ShadeOptions& options, uint32_t channels,
-                         std::span<uint8_t> pixels, uint32_t threads) {
+namespace {
+
+/// Both ways to finished pixels. `run(pool, visibility)`: visibility is null where `options` asks for no occlusion.
+template <class Run>
+Result<void> resolve_with(const View& view, uint32_t samples_per_side, std::span<const uint64_t> samples,
+                          const ShadeOptions& options, uint32_t channels, std::span<uint8_t> pixels, uint32_t threads,
+                          const Run& run) {
   if (auto checked = check_resolve(view, samples_per_side); !checked) return checked;
   if (auto checked = check_picture(view, samples.size(), 1, "samples"); !checked) return checked;
   const uint64_t count = uint64_t{view.width / samples_per_side} * (view.height / samples_per_side);
@@ -254,13 +273,51 @@ Result<void> resolve_cpu(const SceneView& scene, const View& view, uint32_t samp
       if (auto done = occlusion_cpu(view, samples_per_side, samples, options, visibility, threads); !done) return done;
     }
     ThreadPool pool(threads);
-    passes_for(best_instruction_set())
-        .resolve(pool, scene, view, samples_per_side, samples.data(), options, srgb_tables(),
-                 visibility.empty() ? nullptr : visibility.data(), channels, pixels.data());
+    run(pool, visibility.empty() ? nullptr : visibility.data());
     return {};
   } catch (const std::bad_alloc&) {
     return out_of_memory();
   }
+}
+
+}  // namespace
+
+Result<void> resolve_cpu(const SceneView& scene, const View& view, uint32_t samples_per_side,
+                         std::span<const uint64_t> samples, const ShadeOptions& options, uint32_t channels,
+                         std::span<uint8_t> pixels, uint32_t threads) {
+  return resolve_with(view, samples_per_side, samples, options, channels, pixels, threads,
+                      [&](ThreadPool& pool, const float* visibility) {
+                        passes_for(best_instruction_set())
+                            .resolve(pool, scene, view, samples_per_side, samples.data(), options, srgb_tables(),
+                                     visibility, channels, pixels.data());
+                      });
+}
+
+Result<void> shade_part_cpu(const SceneView& scene, const View& view, std::span<const uint64_t> samples,
+                            const ShadeOptions& options, std::span<float> colors, uint32_t threads) {
+  if (auto checked = check_picture(view, samples.size(), 1, "samples"); !checked) return checked;
+  if (auto checked = check_picture(view, colors.size(), 3, "values of colours"); !checked) return checked;
+  if (auto checked = check_view(view); !checked) return checked;
+  try {
+    ThreadPool pool(threads);
+    passes_for(best_instruction_set())
+        .shade_part(pool, scene, view, samples.data(), options, srgb_tables(), colors.data());
+    return {};
+  } catch (const std::bad_alloc&) {
+    return out_of_memory();
+  }
+}
+
+Result<void> resolve_colors_cpu(const View& view, uint32_t samples_per_side, std::span<const uint64_t> samples,
+                                std::span<const float> colors, const ShadeOptions& options, uint32_t channels,
+                                std::span<uint8_t> pixels, uint32_t threads) {
+  if (auto checked = check_picture(view, colors.size(), 3, "values of colours"); !checked) return checked;
+  return resolve_with(view, samples_per_side, samples, options, channels, pixels, threads,
+                      [&](ThreadPool& pool, const float* visibility) {
+                        passes_for(best_instruction_set())
+                            .resolve_colors(pool, view, samples_per_side, samples.data(), colors.data(), options,
+                                            srgb_tables(), visibility, channels, pixels.data());
+                      });
 }
 
 Result<void> occlusion_cpu(const View& view, uint32_t samples_per_side, std::span<const uint64_t> samples,

@@ -50,16 +50,21 @@ InstructionSet best_instruction_set();
 Result<FrameStats> draw_cpu_with(const SceneView& scene, const View& view, std::span<uint64_t> samples,
                                  uint32_t threads, InstructionSet set, const QueueSizes& sizes);
 
-/// What cpu_passes.cpp gives for each instruction set. draw: false when memory ran out.
+/// What cpu_passes.cpp gives for each instruction set. draw: false when memory ran out; `clear`: before it.
 struct CpuPasses {
-  bool (*draw)(ThreadPool& pool, const SceneView& scene, const View& view, uint64_t* samples, const QueueSizes& sizes,
-               FrameStats& stats);
+  bool (*draw)(ThreadPool& pool, const SceneView& scene, const View& view, uint64_t* samples, bool clear,
+               const QueueSizes& sizes, FrameStats& stats);
   void (*shade)(ThreadPool& pool, const SceneView& scene, const View& view, const uint64_t* samples,
                 const ShadeOptions& options, const SrgbTables& srgb, uint32_t first_row, uint32_t row_count,
                 float* rgba);
   void (*resolve)(ThreadPool& pool, const SceneView& scene, const View& view, uint32_t side, const uint64_t* samples,
                   const ShadeOptions& options, const SrgbTables& srgb, const float* visibility, uint32_t channels,
                   uint8_t* pixels);
+  void (*shade_part)(ThreadPool& pool, const SceneView& scene, const View& view, const uint64_t* samples,
+                     const ShadeOptions& options, const SrgbTables& srgb, float* colors);
+  void (*resolve_colors)(ThreadPool& pool, const View& view, uint32_t side, const uint64_t* samples,
+                         const float* colors, const ShadeOptions& options, const SrgbTables& srgb,
+                         const float* visibility, uint32_t channels, uint8_t* pixels);
   void (*occlude)(ThreadPool& pool, const View& view, uint32_t side, const uint64_t* samples,
                   const ShadeOptions& options, float* depth, float* open, float* visibility);
 };

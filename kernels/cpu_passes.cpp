@@ -2,16 +2,19 @@
 #include "kernels/occlusion.h"
 #include "kernels/passes.h"
 #include "kernels/pixels.h"
+#include "kernels/stored_colors.h"
 #include "kernels/team_cpu.h"
 
 namespace scree::kernels {
 inline namespace SCREE_ISA {
 namespace {
 
-bool draw(ThreadPool& pool, const SceneView& scene, const View& view, uint64_t* samples, const QueueSizes& sizes,
-          FrameStats& stats) {
+bool draw(ThreadPool& pool, const SceneView& scene, const View& view, uint64_t* samples, bool clear,
+          const QueueSizes& sizes, FrameStats& stats) {
   CpuBackend backend(pool);
-  return draw_frame(backend, scene, make_frame_view(view), samples, sizes, stats);
+  const FrameView frame = make_frame_view(view);
+  if (clear) clear_frame(backend, frame, samples);
+  return draw_frame(backend, scene, frame, samples, sizes, stats);
 }
 
 /// Calls visit(shader) with what the samples of the picture are shaded by.
@@ -41,6 +44,24 @@ void resolve(ThreadPool& pool, const SceneView& scene, const View& view, uint32_
   });
 }
 
+void shade_part(ThreadPool& pool, const SceneView& scene, const View& view, const uint64_t* samples,
+                const ShadeOptions& options, const SrgbTables& srgb, float* colors) {
+  CpuBackend backend(pool);
+  const PixelTiles tiles{view.width, 0, view.height};
+  with_shader(backend, scene, view, samples, options, srgb, [&]<class Shader>(const Shader& shader) {
+    backend.for_each(tiles.count(), ShadePart<Shader>{shader, tiles, samples, colors});
+  });
+}
+
+void resolve_colors(ThreadPool& pool, const View& view, uint32_t side, const uint64_t* samples, const float* colors,
+                    const ShadeOptions& options, const SrgbTables& srgb, const float* visibility, uint32_t channels,
+                    uint8_t* pixels) {
+  CpuBackend backend(pool);
+  const PixelTiles tiles{view.width / side, 0, view.height / side};
+  const StoredColors shader{make_shade_inputs(SceneView{}, view, options, nullptr, &srgb, nullptr), colors};
+  backend.for_each(tiles.count(), Resolve<StoredColors>{shader, tiles, samples, side, visibility, channels, pixels});
+}
+
 void occlude(ThreadPool& pool, const View& view, uint32_t side, const uint64_t* samples, const ShadeOptions& options,
              float* depth, float* open, float* visibility) {
   CpuBackend backend(pool);
@@ -51,7 +72,7 @@ void occlude(ThreadPool& pool, const View& view, uint32_t side, const uint64_t* 
 }  // namespace
 
 extern const CpuPasses kPasses;
-const CpuPasses kPasses = {draw, shade, resolve, occlude};
+const CpuPasses kPasses = {draw, shade, resolve, shade_part, resolve_colors, occlude};
 
 }  // namespace SCREE_ISA
 }  // namespace scree::kernels

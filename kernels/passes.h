@@ -41,7 +41,8 @@ struct Clear {
   }
 };
 
-/// Draws one frame. `draw()` returns false when memory ran out.
+/// Draws into a picture that was cleared, or holds what chunks that have gone since drew. `draw()` returns false when
+/// memory ran out.
 template <class Backend, bool kOrthographic>
 class FrameDrawer {
  public:
@@ -62,7 +63,6 @@ class FrameDrawer {
 
   bool draw(FrameStats& stats) {
     stats = FrameStats{};
-    backend_.for_each(static_cast<uint64_t>(view_.height), Clear{target_});
     // A large triangle must find room for all its tiles at once.
     const uint64_t image_tiles = tiles_of(view_.width) * tiles_of(view_.height);
     if (!grow(queues_.blocks, queues_.block_capacity, sizes_.blocks) ||
@@ -166,6 +166,11 @@ class FrameDrawer {
   QueueSizes sizes_;
   Queues queues_;
 };
+
+template <class Backend>
+void clear_frame(Backend& backend, const FrameView& view, uint64_t* samples) {
+  backend.for_each(static_cast<uint64_t>(view.height), Clear{{samples, view.width}});
+}
 
 template <class Backend>
 bool draw_frame(Backend& backend, const SceneView& scene, const FrameView& view, uint64_t* samples,

@@ -1,0 +1,150 @@
+#include "runtime/streamer.h"
+
+#include <algorithm>
+#include <deque>
+#include <new>
+#include <string>
+#include <utility>
+
+#include "runtime/stopwatch.h"
+
+namespace scree::runtime {
+namespace {
+
+void add(kernels::FrameStats& sum, const kernels::FrameStats& part) {
+  sum.instances_drawn += part.instances_drawn;
+  sum.draws += part.draws;
+  sum.triangles += part.triangles;
+  sum.triangles_small += part.triangles_small;
+  sum.triangles_medium += part.triangles_medium;
+  sum.triangles_large += part.triangles_large;
+  sum.triangles_clipped += part.triangles_clipped;
+  sum.groups_tested += part.groups_tested;
+  sum.clusters_tested += part.clusters_tested;
+  sum.clusters_drawn += part.clusters_drawn;
+}
+
+Error no_memory(const std::string& what) {
+  return {ErrorCode::kMemory, "no memory left " + what};
+}
+
+}  // namespace
+
+Streamer::Streamer(const Scene& scene, Residency residency) : residency_(std::move(residency)), view_(scene.view()) {
+  chunks_.assign(view_.chunks, view_.chunks + view_.chunk_count);
+  for (uint64_t c = 0; c < view_.chunk_count; ++c) {
+    chunks_[c].page = static_cast<uint32_t>(c);
+    chunks_[c].offset = 0;
+  }
+  was_hidden_.assign(view_.chunk_count, false);
+  view_.chunks = chunks_.data();
+  view_.pages = nullptr;
+}
+
+Result<Streamer> Streamer::create(const Scene& scene, uint64_t pool_bytes, std::vector<uint64_t> chunk_bytes) {
+  try {
+    Result<Residency> residency = Residency::create(pool_bytes, std::move(chunk_bytes));
+    if (!residency) return at(scene.file().path(), residency.error());
+    return Result<Streamer>(Streamer(scene, std::move(*residency)));
+  } catch (const std::bad_alloc&) {
+    return at(scene.file().path(), no_memory("to list its chunks"));
+  }
+}
+
+Result<StreamStats> Streamer::draw(const kernels::View& view, const kernels::ShadeOptions* shade, StreamTarget& target,
+                                   uint32_t threads) {
+  const uint64_t triangles = view_.instance_count == 0 ? 0 : view_.instance_base[view_.instance_count];
+  if (Result<void> checked = kernels::check_frame(view, triangles); !checked) return checked.error();
+  Result<StreamStats> drawn = [&]() -> Result<StreamStats> {
+    try {
+      return draw_all(view, shade, target, threads);
+    } catch (const std::bad_alloc&) {
+      return no_memory("for the frame's chunks");
+    }
+  }();
+  if (!drawn) {
+    target.stop_loading();
+    residency_.forget();
+  }
+  return drawn;
+}
+
+Result<StreamStats> Streamer::draw_all(const kernels::View& view, const kernels::ShadeOptions* shade,
+                                       StreamTarget& target, uint32_t threads) {
+  StreamStats stats{};
+  if (Result<void> begun = target.begin(view, shade); !begun) return begun.error();
+  const Stopwatch list_watch;
+  const VisibleChunks visible(view_, view, threads);
+  stats.list_ms = list_watch.elapsed().wall_ms;
+  stats.seen_chunks = visible.near_to_far().size();
+  for (const uint32_t chunk : visible.near_to_far()) stats.seen_bytes += residency_.chunk_bytes(chunk);
+  std::vector<Residency::Place> batch = residency_.begin_frame(visible.near_to_far());
+  for (const uint32_t chunk : residency_.missing()) stats.missing_bytes += residency_.chunk_bytes(chunk);
+  // What was hidden last time most likely is again, by something that is drawn later than the first loads are chosen:
+  // it waits until all else is drawn.
+  std::vector<uint32_t> waiting;
+  residency_.drop_missing([&](uint32_t chunk) {
+    if (was_hidden_[chunk]) waiting.push_back(chunk);
+    return was_hidden_[chunk];
+  });
+  // An eighth: with what is drawn and what is loaded apart, most of the pool keeps what is near.
+  const uint64_t batch_bytes = std::min(residency_.pool_bytes() / 8, kMostBatchBytes);
+
+  std::deque<std::vector<Residency::Place>> loading;
+  bool has_batch = true;  // `batch` is to be drawn; that of begin_frame() may be empty
+  bool is_drawn = false;  // something
+  while (has_batch || !residency_.missing().empty() || !waiting.empty()) {
+    if (!has_batch && residency_.missing().empty()) {
+      residency_.add_missing(waiting);
+      waiting.clear();
+    }
+    // Before there is anything to hide behind, as little as possible is asked for.
+    while (loading.size() < (is_drawn ? kLoadsAhead : 1) && !residency_.missing().empty()) {
+      Residency::Batch next = residency_.next_batch(batch_bytes);
+      if (!next.moves.empty()) {
+        if (Result<void> moved = target.move(next.moves); !moved) return moved.error();
+        for (const Residency::Move& move : next.moves) stats.moved_bytes += move.bytes;
+      }
+      if (next.loads.empty()) break;  // until what is drawn now may give way
+      if (Result<void> started = target.start_loading(next.loads); !started) return started.error();
+      for (const Residency::Place& place : next.loads) {
+        stats.streamed_bytes += place.bytes;
+        was_hidden_[place.chunk] = false;
+      }
+      ++stats.batches;
+      loading.push_back(std::move(next.loads));
+    }
+    if (has_batch) {
+      if (!batch.empty()) {
+        const Result<kernels::FrameStats> drawn = target.draw(batch);
+        if (!drawn) return drawn.error();
+        add(stats.drawn, *drawn);
+        is_drawn = true;
+      }
+      residency_.batch_drawn();
+      if (!batch.empty() && (!residency_.missing().empty() || !waiting.empty())) {
+        const Result<DepthLevels> depths = target.depths();
+        if (!depths) return depths.error();
+        const auto is_hidden = [&](uint32_t chunk) {
+          if (!visible.is_hidden(chunk, *depths)) return false;
+          stats.hidden_bytes += residency_.chunk_bytes(chunk);
+          was_hidden_[chunk] = true;
+          return true;
+        };
+        residency_.drop_missing(is_hidden);
+        std::erase_if(waiting, is_hidden);
+      }
+    }
+    has_batch = !loading.empty();
+    if (has_batch) {
+      const Stopwatch load_watch;
+      if (Result<void> loaded = target.finish_loading(); !loaded) return loaded.error();
+      stats.load_ms += load_watch.elapsed().wall_ms;
+      batch = std::move(loading.front());
+      loading.pop_front();
+    }
+  }
+  return stats;
+}
+
+}  // namespace scree::runtime

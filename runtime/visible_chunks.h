@@ -1,0 +1,50 @@
+// Which chunks a view may show, how near they come, and which of them hide behind what is drawn already. From records
+// alone: no page is read.
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "kernels/depth_pyramid.h"
+#include "kernels/frame.h"
+#include "kernels/scene_view.h"
+
+namespace scree::runtime {
+
+/// A pyramid of depths, of which levels from `first_level` (1 or more) on are filled.
+struct DepthLevels {
+  kernels::DepthPyramid pyramid;
+  uint32_t first_level;
+};
+
+class VisibleChunks {
+ public:
+  VisibleChunks() = default;
+
+  /// Culls all instances and their chunks on up to `threads` threads, conservatively: what is not listed draws no
+  /// sample. The list does not depend on the number of threads. A chunk of float32 positions is where its mesh is.
+  /// Fewer than 2^32 chunks. Throws std::bad_alloc.
+  VisibleChunks(const kernels::SceneView& scene, const kernels::View& view, uint32_t threads);
+
+  /// Chunks by the nearest depth code that they may have, each once; of equal codes the smaller number comes first.
+  std::span<const uint32_t> near_to_far() const { return order_; }
+
+  /// Whether the chunk cannot change a sample of the picture that `depths` was made from, or of a nearer one: all that
+  /// its instances may cover has smaller depth codes. `chunk`: one of near_to_far().
+  bool is_hidden(uint32_t chunk, const DepthLevels& depths) const;
+
+ private:
+  /// What one instance's chunk may cover.
+  struct Place {
+    uint32_t chunk;
+    uint32_t nearest_code;
+    kernels::PixelBox pixels;
+  };
+
+  std::vector<uint32_t> order_;
+  std::vector<Place> places_;    // chunk by chunk
+  std::vector<uint64_t> first_;  // of a chunk, in places_; one more ends the last
+};
+
+}  // namespace scree::runtime
