@@ -4,20 +4,12 @@
 #include <xxhash.h>
 
 #include "format/checksum_avx2.h"
+#include "format/processor.h"
 
 namespace scree::format {
 namespace {
 
 static_assert(sizeof(XXH3_state_t) == 576 && alignof(XXH3_state_t) == 64);
-
-bool has_avx2() {
-#ifdef SCREE_HAS_AVX2_CHECKSUM
-  static const bool has = __builtin_cpu_supports("avx2");
-  return has;
-#else
-  return false;
-#endif
-}
 
 XXH3_state_t* xxh3(std::byte* state) {
   return reinterpret_cast<XXH3_state_t*>(state);

@@ -7,8 +7,9 @@
 
 #include "format/bytes.h"
 #include "format/chunk_layout.h"
-#include "format/cluster_read.h"
+#include "format/cluster_scan.h"
 #include "format/packed_values.h"
+#include "format/processor.h"
 
 namespace scree::format {
 namespace {
@@ -58,12 +59,12 @@ uint64_t group_count(uint64_t clusters) {
   return (clusters + kGroupClusters - 1) / kGroupClusters;
 }
 
-Result<void> check_bounds(const ClusterBounds& bounds, const std::string& place) {
+/// `what`, `number`: whose bounds they are, for the message.
+Result<void> check_bounds(const ClusterBounds& bounds, const char* what, uint64_t number) {
+  if (bounds.shift <= kMaxBoundsShift) return {};
+  const std::string place = what + (" " + std::to_string(number));
   if (bounds.shift > 31) return Error{kReserved, place + ": reserved bits of its bounds are set"};
-  if (bounds.shift > kMaxBoundsShift) {
-    return Error{kRange, place + ": bounds of shift " + std::to_string(bounds.shift) + ", expected at most 16"};
-  }
-  return {};
+  return Error{kRange, place + ": bounds of shift " + std::to_string(bounds.shift) + ", expected at most 16"};
 }
 
 /// Whether the bits of a word section after its `bits` are zero. Sections end within the stream.
@@ -75,7 +76,11 @@ bool ends_clean(const std::byte* data, uint32_t first_word, uint32_t bits) {
 /// Decodes and checks one cluster after the other.
 class Decoder {
  public:
-  Decoder(const ClusterStreams& streams, const ClusterOutput& out) : s_(streams), out_(out) {}
+  Decoder(const ClusterStreams& streams, const ClusterOutput& out)
+      : s_(streams),
+        out_(out),
+        scans_(isa_avx2::kScansClusters && has_avx2() && out.indices.empty() && out.offsets.empty() &&
+               out.positions.empty()) {}
 
   Result<void> run() {
     // Before anything is scaled by it.
@@ -85,7 +90,7 @@ class Decoder {
     for (cluster_ = 0; cluster_ < s_.cluster_count; ++cluster_) {
       if (cluster_ % kGroupClusters == 0) {
         group_ = load<ClusterBounds>(s_.group_bounds.data() + cluster_ / kGroupClusters * sizeof(ClusterBounds));
-        const auto good = check_bounds(group_, "cluster group " + std::to_string(cluster_ / kGroupClusters));
+        const auto good = check_bounds(group_, "cluster group", cluster_ / kGroupClusters);
         if (!good) return good;
       }
       if (const Result<void> done = cluster(); !done) return done;
@@ -162,10 +167,23 @@ class Decoder {
       return error(kRange, std::to_string(layout.triangle_count) + " triangles and " +
                                std::to_string(layout.vertex_count) + " vertices, more than the chunk has left");
     }
-    if (const auto checked = check_bounds(bounds, "cluster " + std::to_string(cluster_)); !checked) return checked;
+    if (const auto checked = check_bounds(bounds, "cluster", cluster_); !checked) return checked;
     const ClusterReader reader = make_cluster_reader(record, bounds, s_.data.data());
-    if (const auto done = triangles(reader); !done) return done;
-    if (const auto done = vertices(reader, bounds); !done) return done;
+    if (!ends_clean(s_.data.data(), layout.steps, layout.triangle_count) ||
+        (layout.wide_steps &&
+         !ends_clean(s_.data.data(), layout.steps + (layout.triangle_count + 31) / 32, layout.triangle_count)) ||
+        !ends_clean(s_.data.data(), layout.distances, layout.triangle_count * 2 * layout.distance_bits)) {
+      return error(kTrailing, "a bit is set after its triangles");
+    }
+    ClusterScan scan;
+    const bool scanned = scans_ && isa_avx2::scan_cluster(reader, s_.data.size(), scan);
+    if (!scanned || !scan.triangles_are_good)
+      if (const auto done = triangles(reader); !done) return done;
+    if (!ends_clean(s_.data.data(), layout.positions, layout.vertex_count * reader.stride())) {
+      return error(kTrailing, "a bit is set after its positions");
+    }
+    if (!scanned) vertices(reader, scan);
+    if (const auto inside = boxes(reader, bounds, scan); !inside) return inside;
     triangles_ += layout.triangle_count;
     vertices_ += layout.vertex_count;
     words_ = layout.end;
@@ -191,11 +209,6 @@ class Decoder {
     const std::byte* data = s_.data.data();
     const uint32_t count = layout.triangle_count;
     const uint32_t step_words = (count + 31) / 32;
-    if (!ends_clean(data, layout.steps, count) ||
-        (layout.wide_steps && !ends_clean(data, layout.steps + step_words, count)) ||
-        !ends_clean(data, layout.distances, count * 2 * layout.distance_bits)) {
-      return error(kTrailing, "a bit is set after its triangles");
-    }
     uint32_t* out = out_.indices.empty() ? nullptr : out_.indices.data() + uint64_t{3} * triangles_;
     // As reader.triangle(), with what it looks up again for each kept.
     const uint32_t bits = layout.distance_bits;
@@ -234,22 +247,21 @@ class Decoder {
     return {};
   }
 
-  Result<void> vertices(const ClusterReader& reader, const ClusterBounds& bounds) {
+  void vertices(const ClusterReader& reader, ClusterScan& scan) {
     const ClusterLayout& layout = reader.layout;
-    if (!ends_clean(s_.data.data(), layout.positions, layout.vertex_count * reader.stride())) {
-      return error(kTrailing, "a bit is set after its positions");
-    }
     uint32_t* offsets = out_.offsets.empty() ? nullptr : out_.offsets.data() + uint64_t{3} * vertices_;
     float* positions = out_.positions.empty() ? nullptr : out_.positions.data() + uint64_t{3} * vertices_;
-    // Wraps only where it is refused below.
+    // Wraps only where boxes() refuses it.
     uint32_t base[3];
     for (size_t axis = 0; axis < 3; ++axis) base[axis] = s_.range.min[axis] + reader.min[axis];
     const uint32_t stride = reader.stride();
     const uint64_t first_bit = uint64_t{layout.positions} * 32;
     uint64_t masks[3];
     for (size_t axis = 0; axis < 3; ++axis) masks[axis] = low_mask(layout.position_bits[axis]);
-    std::array<uint32_t, 3> smallest{~0u, ~0u, ~0u};
-    std::array<uint32_t, 3> largest{};
+    for (size_t axis = 0; axis < 3; ++axis) {
+      scan.smallest[axis] = ~0u;
+      scan.largest[axis] = 0;
+    }
     for (uint32_t v = 0; v < layout.vertex_count; ++v) {
       uint32_t code[3];
       if (stride <= 57) {  // 64 bits hold a vertex that starts at any of a byte's 8 bits
@@ -263,8 +275,8 @@ class Decoder {
       }
       reader.predictor.apply(code);
       for (size_t axis = 0; axis < 3; ++axis) {
-        smallest[axis] = std::min(smallest[axis], code[axis]);
-        largest[axis] = std::max(largest[axis], code[axis]);
+        scan.smallest[axis] = std::min(scan.smallest[axis], code[axis]);
+        scan.largest[axis] = std::max(scan.largest[axis], code[axis]);
         code[axis] += base[axis];
         if (offsets != nullptr) offsets[3 * v + axis] = code[axis];
         if (positions != nullptr) {
@@ -273,15 +285,19 @@ class Decoder {
         }
       }
     }
+  }
+
+  /// Whether a cluster's codes lie in its bounds and its group's.
+  Result<void> boxes(const ClusterReader& reader, const ClusterBounds& bounds, const ClusterScan& scan) {
     for (int axis = 0; axis < 3; ++axis) {
       const auto i = static_cast<size_t>(axis);
-      if (largest[i] > bounds_extent(bounds, axis)) {
-        return error(kRange, "a position's code " + std::to_string(largest[i]) + ", but its bounds end at " +
+      if (scan.largest[i] > bounds_extent(bounds, axis)) {
+        return error(kRange, "a position's code " + std::to_string(scan.largest[i]) + ", but its bounds end at " +
                                  std::to_string(bounds_extent(bounds, axis)));
       }
       // Both below 2^24 here.
-      const uint32_t first = reader.min[i] + smallest[i];
-      const uint32_t last = reader.min[i] + largest[i];
+      const uint32_t first = reader.min[i] + scan.smallest[i];
+      const uint32_t last = reader.min[i] + scan.largest[i];
       if (first < bounds_min(group_, axis) || last - bounds_min(group_, axis) > bounds_extent(group_, axis)) {
         return error(kRange, "positions from " + std::to_string(first) + " to " + std::to_string(last) +
                                  ", outside the bounds of its group");
@@ -293,6 +309,7 @@ class Decoder {
 
   const ClusterStreams& s_;
   const ClusterOutput& out_;
+  bool scans_;       // nothing is wanted but the checks
   double step_ = 0;  // of the lattice
   uint64_t cluster_ = 0;
   ClusterBounds group_{};

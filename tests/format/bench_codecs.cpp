@@ -7,9 +7,12 @@
 #include <vector>
 
 #include "format/attribute_codec.h"
+#include "format/chunk_layout.h"
+#include "format/cluster_codec.h"
 #include "format/index_codec.h"
 #include "format/position_codec.h"
 #include "tests/catch.h"
+#include "tools/common/cluster_builder.h"
 
 using namespace scree::format;
 
@@ -132,4 +135,41 @@ TEST_CASE("codec speed", "[.bench]") {
     CHECK(good);
     CHECK(decoded == ids);
   }
+}
+
+TEST_CASE("cluster speed", "[.bench]") {
+  // A height field of 181 x 181 quads, rough and at 16 bits as scans are: a chunk.
+  constexpr uint32_t kSide = 181;
+  std::mt19937 random(2);
+  std::vector<uint32_t> indices, offsets;
+  for (uint32_t y = 0; y <= kSide; ++y)
+    for (uint32_t x = 0; x <= kSide; ++x)
+      offsets.insert(offsets.end(),
+                     {x * 300 + static_cast<uint32_t>(random() % 40), y * 300 + static_cast<uint32_t>(random() % 40),
+                      20000 + 100 * x + 50 * y + static_cast<uint32_t>(random() % 60)});
+  for (uint32_t y = 0; y < kSide; ++y)
+    for (uint32_t x = 0; x < kSide; ++x) {
+      const uint32_t a = y * (kSide + 1) + x;
+      indices.insert(indices.end(), {a, a + 1, a + kSide + 2, a, a + kSide + 2, a + kSide + 1});
+    }
+  MeshRecord mesh{};
+  for (uint8_t& bits : mesh.lattice_bits) bits = 16;
+  ChunkRecord record{};
+  const uint64_t triangles = indices.size() / 3;
+  ClusterSet set;
+  report("clusters, cut and pack", triangles,
+         [&] { set = scree::tools::ClusterBuilder().build(indices, offsets, scree::tools::ClusterEffort::kFast); });
+  const ClusterRun run{0, set.clusters.size(), 0};
+  describe_clusters(set, run, record);
+  std::vector<std::byte> bytes(cluster_stream_bytes(record.cluster_count, record.cluster_words));
+  report("clusters, write", triangles, [&] { write_clusters(bytes, set, run, record); });
+  const ClusterStreams streams = cluster_streams_of(mesh, record, bytes);
+  std::vector<uint32_t> decoded(3 * uint64_t{record.triangle_count});
+  std::vector<float> positions(3 * uint64_t{record.vertex_count});
+  bool good = true;
+  report("clusters, decode", triangles, [&] { good &= bool(decode_clusters(streams, {decoded, {}, positions})); });
+  report("clusters, check", triangles, [&] { good &= bool(check_clusters(streams)); });
+  std::printf("clusters, bytes a triangle %27.2f\n",
+              static_cast<double>(bytes.size()) / static_cast<double>(triangles));
+  CHECK(good);
 }

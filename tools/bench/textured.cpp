@@ -67,6 +67,7 @@ class TexturedBench {
     convert.input = folder->file("textured.gltf");
     convert.output = folder->file("textured.scree");
     convert.threads = threads;
+    convert.memory = uint64_t{12} << 30;
     convert.images.memory = uint64_t{8} << 30;
     if (const auto converted = convert::convert(convert); !converted) return converted.error();
     const double convert_s = convert_watch.elapsed().wall_ms * 1e-3;
