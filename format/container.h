@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "format/layout.h"
+#include "format/part_log.h"
 #include "format/result.h"
 
 namespace scree::format {
@@ -140,12 +141,32 @@ struct TableSet {
 
 /// Writes `path`.part and renames it to `path` in finish(). A writer destroyed before that, or that met an error,
 /// removes the .part; the earlier `path` is untouched until the rename. A .part that another writer is busy with is an
-/// error, one that was left behind is overwritten. Errors name the file. Equal pages and tables give equal bytes. Not
-/// thread-safe.
+/// error, one that was left behind is overwritten, or gone on with by resume(). Errors name the file. Equal pages and
+/// tables give equal bytes. Not thread-safe.
 class ContainerWriter {
  public:
   /// Errors kFile.
   static Result<ContainerWriter> create(const std::string& path);
+
+  /// Goes on with a .part that was left behind by a writer which called keep_log() with this id: with as many pages as
+  /// lie in it whole and good, from the first one on. `take`: for what log() noted, in that order. Errors kFile;
+  /// kFormat: there is nothing to go on from, and why.
+  static Result<ContainerWriter> resume(const std::string& path, const PartId& id, const PartLog::Take& take);
+
+  /// Keeps a log in the .part from now on, behind the first `most_bytes` bytes, for resume(); before the first page.
+  /// Where it cannot be written, or the file grows past `most_bytes`, the writer goes on without.
+  void keep_log(const PartId& id, uint64_t most_bytes);
+
+  /// Notes an entry of the caller's in the log, if there is one; `kind`: 16 and up.
+  void log(uint32_t kind, std::span<const std::byte> entry);
+
+  /// The .part stays when the writer is destroyed before finish(), whatever the reason.
+  void keep_part();
+
+  uint32_t page_count() const;
+
+  /// Forgets the pages from number `page_count` on; before the first table.
+  void drop_pages(uint32_t page_count);
   ContainerWriter(ContainerWriter&&) noexcept;
   ContainerWriter& operator=(ContainerWriter&&) noexcept;
   ~ContainerWriter();

@@ -3,6 +3,7 @@
 #include <zstd.h>
 
 #include <algorithm>
+#include <array>
 #include <cassert>
 #include <cerrno>
 #include <cstddef>
@@ -10,6 +11,7 @@
 #include <filesystem>
 #include <memory>
 #include <new>
+#include <optional>
 #include <unordered_map>
 
 #include "format/bytes.h"
@@ -20,6 +22,8 @@
 namespace scree::format {
 
 namespace {
+
+constexpr uint32_t kPageEntry = 1;  // of a PartLog: a PageRecord
 
 /// One zstd frame that says its content's size, or nothing where it would not be smaller than `raw` or memory is short.
 std::vector<std::byte> compress(std::span<const std::byte> raw, int level) try {
@@ -86,21 +90,65 @@ std::span<const char> StringTable::bytes() const {
 struct ContainerWriter::Impl {
   std::string path;
   PartFile file;
+  std::optional<PartLog> log;
+  bool is_logged = false;         // there is a log behind the file's end, which goes in the end
+  bool overwrites = false;        // the .part is an earlier one: what is not written is not zero
   uint64_t end = kPageAlignment;  // of what is written; the header comes last
   std::vector<PageRecord> pages;
   std::vector<TocEntry> toc;  // of the tables that are written
   Checksum checksum;          // of the last of them, while it may grow
 
   Result<void> write(uint64_t offset, std::span<const std::byte> bytes);
+  Result<void> pad(uint64_t from, uint64_t to);
+  void add_page(const PageRecord& record);
+  void note(uint32_t kind, std::span<const std::byte> entry);
+  Result<bool> is_whole(const PageRecord& record, uint64_t earlier_end);
   Result<void> append_records(TableKind kind, uint32_t record_bytes, std::span<const std::byte> records);
-  Result<void> rename_into_place();
+  Result<void> rename_into_place(uint64_t file_bytes);
 };
 
 /// A .part that cannot be written whole is given up at once, so that it does not fill the disk any longer.
 Result<void> ContainerWriter::Impl::write(uint64_t offset, std::span<const std::byte> bytes) {
+  if (log && offset + bytes.size() > log->offset()) log.reset();
   Result<void> written = file.write_at(offset, bytes);
   if (!written) file.discard();
   return written;
+}
+
+/// Zeros between two pages or tables, where nothing was written before.
+Result<void> ContainerWriter::Impl::pad(uint64_t from, uint64_t to) {
+  static constexpr std::array<std::byte, kPageAlignment> kZeros{};
+  if (!overwrites || from == to) return {};
+  return write(from, std::span(kZeros).first(to - from));
+}
+
+void ContainerWriter::Impl::add_page(const PageRecord& record) {
+  end = record.offset + record.stored_bytes;
+  pages.push_back(record);
+  note(kPageEntry, std::as_bytes(std::span(&record, 1)));
+}
+
+/// Whoever cannot write the log finds out when he writes the rest; if it is only the log, nobody need know.
+void ContainerWriter::Impl::note(uint32_t kind, std::span<const std::byte> entry) {
+  if (log && !log->add(file, kind, entry)) log.reset();
+}
+
+/// Whether a page that was noted follows the page before it, and is there.
+Result<bool> ContainerWriter::Impl::is_whole(const PageRecord& record, uint64_t earlier_end) {
+  constexpr uint64_t kBlockBytes = 1 << 20;
+  if (record.offset != align_up(earlier_end, kPageAlignment) ||
+      !range_within(record.offset, record.stored_bytes, log->offset()))
+    return false;
+  Checksum sum;
+  std::vector<std::byte> block(static_cast<size_t>(std::min(record.stored_bytes, kBlockBytes)));
+  for (uint64_t done = 0; done < record.stored_bytes;) {
+    const std::span<std::byte> part(block.data(),
+                                    static_cast<size_t>(std::min(kBlockBytes, record.stored_bytes - done)));
+    if (auto read = file.read_at(record.offset + done, part); !read) return read.error();
+    sum.add(part);
+    done += part.size();
+  }
+  return sum.value() == record.checksum;
 }
 
 /// Empty tables are left out. Padding is what the file has where nothing was written: zeros.
@@ -110,7 +158,9 @@ Result<void> ContainerWriter::Impl::append_records(TableKind kind, uint32_t reco
   if (!file.is_open()) return write(end, records);  // which says so
   if (toc.empty() || toc.back().kind != kind) {
     assert(std::none_of(toc.begin(), toc.end(), [&](const TocEntry& entry) { return entry.kind == kind; }));
-    end = align_up(end, kTableAlignment);
+    const uint64_t begin = align_up(end, kTableAlignment);
+    if (auto padded = pad(end, begin); !padded) return padded;
+    end = begin;
     toc.push_back({kind, record_bytes, 0, end, 0});
     checksum = {};
   }
@@ -130,8 +180,9 @@ Result<void> ContainerWriter::Impl::append_records(TableKind kind, uint32_t reco
 }
 
 /// The data must be on the disk before the name is, and the name before the caller is told.
-Result<void> ContainerWriter::Impl::rename_into_place() {
-  Result<void> done = file.sync();
+Result<void> ContainerWriter::Impl::rename_into_place(uint64_t file_bytes) {
+  Result<void> done = is_logged ? file.resize(file_bytes) : Result<void>();
+  if (done) done = file.sync();
   if (done) done = file.commit();
   if (!done) {
     file.discard();
@@ -158,6 +209,75 @@ Result<ContainerWriter> ContainerWriter::create(const std::string& path) {
   return ContainerWriter(std::move(impl));
 }
 
+Result<ContainerWriter> ContainerWriter::resume(const std::string& path, const PartId& id, const PartLog::Take& take) {
+  std::error_code ignored;
+  if (!std::filesystem::exists(path + ".part", ignored)) return Error{ErrorCode::kFormat, "there is none"};
+  auto part = PartFile::create(path, PartFile::Content::kAsItIs);
+  if (!part) return part.error();
+  part->keep();
+  auto impl = std::make_unique<Impl>();
+  impl->path = path;
+  impl->file = std::move(*part);
+  impl->overwrites = impl->is_logged = true;
+  std::vector<PageRecord> noted;
+  auto log = PartLog::read(impl->file, id, [&](uint32_t kind, std::span<const std::byte> entry) {
+    PageRecord record;
+    if (kind != kPageEntry) return take(kind, entry);
+    if (entry.size() != sizeof record) return;
+    std::memcpy(&record, entry.data(), sizeof record);
+    noted.push_back(record);
+  });
+  if (!log) return log.error();
+  impl->log = *log;
+  for (const PageRecord& record : noted) {
+    // Pages that an earlier resume() found damaged were written and noted again.
+    while (!impl->pages.empty() && impl->pages.back().offset >= record.offset) impl->pages.pop_back();
+    const uint64_t end =
+        impl->pages.empty() ? kPageAlignment : impl->pages.back().offset + impl->pages.back().stored_bytes;
+    if (record.offset != align_up(end, kPageAlignment)) break;
+    impl->pages.push_back(record);
+  }
+  for (size_t i = 0; i < impl->pages.size(); ++i) {
+    const auto is_whole = impl->is_whole(impl->pages[i], impl->end);
+    if (!is_whole) return is_whole.error();
+    if (!*is_whole) {
+      impl->pages.resize(i);
+      break;
+    }
+    if (auto padded = impl->pad(impl->end, impl->pages[i].offset); !padded) return padded.error();
+    impl->end = impl->pages[i].offset + impl->pages[i].stored_bytes;
+  }
+  // Padding is no part of a page's checksum, and neither is what is behind the header.
+  if (auto padded = impl->pad(sizeof(FileHeader), kPageAlignment); !padded) return padded.error();
+  return ContainerWriter(std::move(impl));
+}
+
+void ContainerWriter::keep_log(const PartId& id, uint64_t most_bytes) {
+  assert(impl_->pages.empty() && impl_->toc.empty());
+  impl_->is_logged = true;
+  auto log = PartLog::start(impl_->file, id, align_up(most_bytes, kPageAlignment));
+  if (log) impl_->log = *log;
+}
+
+void ContainerWriter::log(uint32_t kind, std::span<const std::byte> entry) {
+  assert(kind != kPageEntry);
+  impl_->note(kind, entry);
+}
+
+void ContainerWriter::keep_part() {
+  impl_->file.keep();
+}
+
+uint32_t ContainerWriter::page_count() const {
+  return static_cast<uint32_t>(impl_->pages.size());
+}
+
+void ContainerWriter::drop_pages(uint32_t page_count) {
+  assert(page_count <= impl_->pages.size() && impl_->toc.empty());
+  impl_->pages.resize(page_count);
+  impl_->end = page_count == 0 ? kPageAlignment : impl_->pages.back().offset + impl_->pages.back().stored_bytes;
+}
+
 ContainerWriter::ContainerWriter(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
 ContainerWriter::ContainerWriter(ContainerWriter&&) noexcept = default;
 ContainerWriter& ContainerWriter::operator=(ContainerWriter&&) noexcept = default;
@@ -171,9 +291,9 @@ Result<uint32_t> ContainerWriter::append(const SealedPage& page) {
   assert(page.record.stored_bytes == page.stored.size() && impl_->toc.empty());
   PageRecord record = page.record;
   record.offset = align_up(impl_->end, kPageAlignment);
+  if (auto padded = impl_->pad(impl_->end, record.offset); !padded) return padded.error();
   if (auto written = impl_->write(record.offset, page.stored); !written) return written.error();
-  impl_->end = record.offset + record.stored_bytes;
-  impl_->pages.push_back(record);
+  impl_->add_page(record);
   return static_cast<uint32_t>(impl_->pages.size() - 1);
 }
 
@@ -185,6 +305,7 @@ Result<uint32_t> ContainerWriter::append_raw(PageKind kind, uint64_t bytes, cons
   record.codec = PageCodec::kRaw;
   record.offset = align_up(impl_->end, kPageAlignment);
   record.stored_bytes = record.raw_bytes = bytes;
+  if (auto padded = impl_->pad(impl_->end, record.offset); !padded) return padded.error();
   Checksum checksum;
   std::vector<std::byte> block(static_cast<size_t>(std::min(bytes, kBlockBytes)));
   for (uint64_t done = 0; done < bytes;) {
@@ -195,8 +316,7 @@ Result<uint32_t> ContainerWriter::append_raw(PageKind kind, uint64_t bytes, cons
     done += part.size();
   }
   record.checksum = checksum.value();
-  impl_->end = record.offset + bytes;
-  impl_->pages.push_back(record);
+  impl_->add_page(record);
   return static_cast<uint32_t>(impl_->pages.size() - 1);
 }
 
@@ -243,11 +363,12 @@ Result<uint64_t> ContainerWriter::finish(const TableSet& tables) {
   header.toc_checksum = checksum(toc_bytes);
   header.file_bytes = header.toc_offset + toc_bytes.size();
   header.checksum = checksum(std::as_bytes(std::span(&header, 1)).first(offsetof(FileHeader, checksum)));
+  if (written = impl_->pad(impl_->end, header.toc_offset); !written) return written.error();
   if (written = impl_->write(header.toc_offset, toc_bytes); !written) return written.error();
   if (written = impl_->write(0, std::as_bytes(std::span<const FileHeader>(&header, 1))); !written) {
     return written.error();
   }
-  if (written = impl_->rename_into_place(); !written) return written.error();
+  if (written = impl_->rename_into_place(header.file_bytes); !written) return written.error();
   impl_->end = header.file_bytes;
   return header.file_bytes;
 }

@@ -23,9 +23,9 @@ Error PartFile::error_of(const char* call, int error) const {
   return {ErrorCode::kFile, part_path_ + ": " + call + ": " + std::strerror(error)};
 }
 
-/// Opens, locks and empties the .part. A stale one (of a run that was killed) is taken over; one that a running writer
-/// holds is not.
-Result<PartFile> PartFile::create(const std::string& path) {
+/// Opens, locks and, where that is asked, empties the .part. A stale one (of a run that was killed) is taken over; one
+/// that a running writer holds is not.
+Result<PartFile> PartFile::create(const std::string& path, Content content) {
   if (path.empty()) return Error{ErrorCode::kFile, "a file without a name cannot be written"};
   struct stat target;
   if (::stat(path.c_str(), &target) == 0 && !S_ISREG(target.st_mode)) {
@@ -63,7 +63,7 @@ Result<PartFile> PartFile::create(const std::string& path) {
     if (::lstat(name.c_str(), &of_name) == 0 && of_name.st_dev == of_file.st_dev && of_name.st_ino == of_file.st_ino) {
       part.file_ = opened;
       part.is_part_ = true;
-      if (::ftruncate(opened, 0) != 0) return part.error_of("truncate", errno);
+      if (content == Content::kEmpty && ::ftruncate(opened, 0) != 0) return part.error_of("truncate", errno);
       return part;
     }
     ::close(opened);
@@ -74,12 +74,14 @@ Result<PartFile> PartFile::create(const std::string& path) {
 PartFile::PartFile(PartFile&& other) noexcept
     : file_(std::exchange(other.file_, -1)),
       is_part_(std::exchange(other.is_part_, false)),
+      is_kept_(other.is_kept_),
       path_(std::exchange(other.path_, {})),
       part_path_(std::exchange(other.part_path_, {})) {}
 
 PartFile& PartFile::operator=(PartFile&& other) noexcept {
   std::swap(file_, other.file_);
   std::swap(is_part_, other.is_part_);
+  std::swap(is_kept_, other.is_kept_);
   std::swap(path_, other.path_);
   std::swap(part_path_, other.part_path_);
   return *this;
@@ -87,7 +89,7 @@ PartFile& PartFile::operator=(PartFile&& other) noexcept {
 
 void PartFile::discard() noexcept {
   // While the lock on it is held, so that it is ours.
-  if (std::exchange(is_part_, false)) ::unlink(part_path_.c_str());
+  if (std::exchange(is_part_, false) && !is_kept_) ::unlink(part_path_.c_str());
   if (file_ >= 0) ::close(std::exchange(file_, -1));
 }
 
@@ -115,6 +117,13 @@ Result<void> PartFile::read_at(uint64_t offset, std::span<std::byte> out) const 
     out = out.subspan(static_cast<size_t>(got));
   }
   return {};
+}
+
+Result<uint64_t> PartFile::size() const {
+  if (file_ < 0) return not_open();
+  struct stat status;
+  if (::fstat(file_, &status) != 0) return error_of("stat", errno);
+  return static_cast<uint64_t>(status.st_size);
 }
 
 Result<void> PartFile::resize(uint64_t bytes) const {

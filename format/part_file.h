@@ -16,7 +16,9 @@ namespace scree::format {
 class PartFile {
  public:
   PartFile() = default;
-  static Result<PartFile> create(const std::string& path);
+  enum class Content { kEmpty, kAsItIs };
+  /// kAsItIs: what an earlier .part holds stays, until it is written over.
+  static Result<PartFile> create(const std::string& path, Content content = Content::kEmpty);
   PartFile(PartFile&& other) noexcept;
   PartFile& operator=(PartFile&& other) noexcept;
   ~PartFile() { discard(); }
@@ -25,6 +27,7 @@ class PartFile {
   Result<void> write_at(uint64_t offset, std::span<const std::byte> bytes) const;
   /// Fills `out` with what was written.
   Result<void> read_at(uint64_t offset, std::span<std::byte> out) const;
+  Result<uint64_t> size() const;
   /// Sets the size, with zeros behind what is written.
   Result<void> resize(uint64_t bytes) const;
   /// What was written is on the disk.
@@ -32,7 +35,10 @@ class PartFile {
   /// Closes before commit(): some file systems find only now that the disk is full. Others may then take the .part.
   Result<void> close();
   Result<void> commit();
-  /// Removes the .part, if it has not got its name, and closes it. Takes no memory: it may be what ran out.
+  /// From now on discard() leaves the .part where it is, for another create() to take over.
+  void keep() { is_kept_ = true; }
+  /// Removes the .part, if it has not got its name and is not to be kept, and closes it. Takes no memory: it may be
+  /// what ran out.
   void discard() noexcept;
 
   bool is_open() const { return file_ >= 0; }
@@ -45,6 +51,7 @@ class PartFile {
 
   int file_ = -1;
   bool is_part_ = false;  // there is a .part to be removed
+  bool is_kept_ = false;
   std::string path_;
   std::string part_path_;
 };

@@ -39,6 +39,7 @@ struct Words {
   bool drop_nonfinite = false;
   bool no_weld = false;
   bool no_share = false;
+  bool resume = false;
   bool quiet = false;
 };
 
@@ -149,6 +150,7 @@ Result<convert::ConvertOptions> parse(const Words& words, bool positions_given) 
   options.drop_nonfinite = words.drop_nonfinite;
   options.weld = !words.no_weld;
   options.share = !words.no_share;
+  options.resume = words.resume;
   options.progress = !words.quiet;
   return options;
 }
@@ -236,6 +238,10 @@ Command add_convert(CLI::App& parent) {
   app->add_option("--memory", words->memory,
                   "The most memory to take (default: 2GiB): with less, fewer threads work at a time on the same bytes")
       ->type_name("SIZE");
+  app->add_flag(
+      "--resume", words->resume,
+      "Go on with OUTPUT.part where an earlier run of the same input and options was killed, to the same bytes;\n"
+      "and leave it there when this one is stopped or fails");
   app->add_flag("-q,--quiet", words->quiet, "No progress and no closing line");
   return {app, [words, positions] { return run(*words, positions->count() > 0); }};
 }

@@ -17,6 +17,7 @@
 #include "tools/common/memory_use.h"
 #include "tools/common/options.h"
 #include "tools/common/progress.h"
+#include "tools/convert/convert_options.h"
 #include "tools/convert/duplicates.h"
 #include "tools/convert/geometry_writer.h"
 #include "tools/convert/gltf_source.h"
@@ -25,6 +26,7 @@
 #include "tools/convert/left_out.h"
 #include "tools/convert/measure.h"
 #include "tools/convert/memory_plan.h"
+#include "tools/convert/resume.h"
 #include "tools/convert/scene_tables.h"
 
 namespace scree::convert {
@@ -33,43 +35,6 @@ namespace {
 using format::kNone;
 
 constexpr uint64_t kJobsPerThread = 3;
-
-/// Whether the error is chosen, and not the bits.
-bool bounds_error(const ConvertOptions& options) {
-  return options.max_error > 0 || options.pixel_bound.pixels > 0;
-}
-
-Result<void> check_pixel_bound(const PixelBound& bound) {
-  const auto usage = [](std::string message) { return Error{ErrorCode::kUsage, std::move(message)}; };
-  const auto is_positive = [](double value) { return value > 0 && std::isfinite(value); };
-  if (!is_positive(bound.pixels)) return usage("--max-error-pixels: not a number of pixels above 0");
-  if (!is_positive(bound.distance)) return usage("--at-distance: not a length above 0");
-  if (bound.width < 1 || bound.height < 1) return usage("--at-size: a picture without pixels");
-  if (!(bound.fov_degrees > 0 && bound.fov_degrees < 180)) return usage("--at-fov: not above 0 and below 180 degrees");
-  return {};
-}
-
-Result<void> check_options(const ConvertOptions& options) {
-  const auto usage = [](std::string message) { return Error{ErrorCode::kUsage, std::move(message)}; };
-  if (options.position_bits < 8 || options.position_bits > format::kMaxPositionBits)
-    return usage("--positions: " + std::to_string(options.position_bits) + " bits, but 8 to " +
-                 std::to_string(format::kMaxPositionBits) + " are possible");
-  if (!(options.max_error >= 0) || !std::isfinite(options.max_error)) return usage("--max-error: not a length above 0");
-  if (options.float32 && options.max_error > 0) return usage("--max-error and --positions float32 exclude each other");
-  if (options.pixel_bound.pixels != 0) {
-    if (options.max_error > 0 || options.float32)
-      return usage("--max-error-pixels, --max-error and --positions float32 exclude each other");
-    if (Result<void> checked = check_pixel_bound(options.pixel_bound); !checked) return checked;
-  }
-  if (options.float32 && options.grid == Grid::kScene)
-    return usage("--grid scene and --positions float32 exclude each other");
-  if (options.zstd_level < 0 || options.zstd_level > 22)
-    return usage("--zstd: level " + std::to_string(options.zstd_level) + ", but 0 to 22 are possible");
-  if (options.images.quality < 1 || options.images.quality > 100)
-    return usage("--textures: quality " + std::to_string(options.images.quality) + ", but 1 to 100 are possible");
-  if (options.threads > 4096) return usage("--threads: more than 4096");
-  return {};
-}
 
 /// Fails early where the end of a long run would: a folder, or a place where nothing can be made.
 Result<void> check_output(const std::string& output) {
@@ -116,46 +81,13 @@ std::set<std::string> source_files(const std::string& input, const SourceScene& 
   return files;
 }
 
-std::string describe_textures(const ImageOptions& options) {
-  if (options.textures == Textures::kRaw) return "raw";
-  return options.textures == Textures::kKeep ? "keep" : "jpeg:" + std::to_string(options.quality);
-}
-
-/// The options that shape the bytes, as they are typed.
-std::string describe_options(const ConvertOptions& options) {
-  char error[64];
-  std::snprintf(error, sizeof error, "--max-error %.17g", options.max_error);
-  char pixels[192];
-  const PixelBound& bound = options.pixel_bound;
-  std::snprintf(pixels, sizeof pixels, "--max-error-pixels %.17g --at-distance %.17g --at-size %ux%u --at-fov %.17g",
-                bound.pixels, bound.distance, bound.width, bound.height, bound.fov_degrees);
-  std::string text = bound.pixels > 0        ? std::string(pixels)
-                     : options.max_error > 0 ? std::string(error)
-                     : options.float32       ? std::string("--positions float32")
-                                             : "--positions " + std::to_string(options.position_bits);
-  text += options.grid == Grid::kScene ? " --grid scene" : " --grid mesh";
-  text += options.order == Order::kNone ? " --order none" : " --order fifo";
-  text += options.encoding == Encoding::kClustered ? " --encoding clustered" : " --encoding indexed";
-  if (options.encoding == Encoding::kClustered)
-    text += options.clusters == tools::ClusterEffort::kBest ? " --clusters best" : " --clusters fast";
-  text += " --chunk-triangles " + std::to_string(options.chunk_triangles);
-  text += " --zstd " + std::to_string(options.zstd_level);
-  text += " --textures " + describe_textures(options.images);
-  if (options.normals) text += " --normals";
-  if (options.source_ids) text += " --source-ids";
-  if (options.drop_nonfinite) text += " --drop-nonfinite";
-  if (!options.weld) text += " --no-weld";
-  if (!options.share) text += " --no-share";
-  if (options.images.keep_going) text += " --keep-going";
-  if (!options.exclude.empty()) text += " --exclude " + options.exclude;
-  return text;
-}
-
 class Converter {
  public:
   /// `scene` is changed: what it has more than once is referred to once.
-  Converter(const ConvertOptions& options, SourceScene& scene, tools::Progress& progress, ConvertReport& report)
-      : options_(options), scene_(scene), progress_(progress), report_(report) {}
+  /// `files`: all that the scene is read from.
+  Converter(const ConvertOptions& options, SourceScene& scene, const std::set<std::string>& files,
+            tools::Progress& progress, ConvertReport& report)
+      : options_(options), scene_(scene), files_(files), progress_(progress), report_(report) {}
 
   Result<void> run() {
     find_wanted();
@@ -170,7 +102,7 @@ class Converter {
     instances_ = std::move(*instances);
     if (const Result<void> done = choose_lattices(options_, scene_, instances_, plans_, tables_); !done) return done;
     add_source_record();
-    Result<format::ContainerWriter> writer = format::ContainerWriter::create(report_.output);
+    Result<format::ContainerWriter> writer = open_writer();
     if (!writer) return writer.error();
     // Images come first: what is wrong with one is said before the geometry is encoded.
     if (const Result<void> done = store_images(*writer); !done) return done;
@@ -310,7 +242,8 @@ class Converter {
     const StageLimits limits = memory_.images(image_options.memory);
     image_options.memory = limits.flight_bytes;
     WorkerPool pool(limits.threads, options_.stop);
-    return write_images(scene_, image_options, images_, pool, writer);
+    return write_images(scene_, image_options, images_, pool, writer, resumed_.images,
+                        [&](uint64_t number, const StoredImageRecord& stored) { log_image(writer, number, stored); });
   }
 
   void merge_equal() {
@@ -335,9 +268,55 @@ class Converter {
     add_materials(scene_, use, images_.places, tables_);
   }
 
+  /// A writer that begins, or goes on where an earlier run ended.
+  Result<format::ContainerWriter> open_writer() {
+    const format::PartId id = part_id(describe_options(options_), files_, measurement_, images_, tables_);
+    if (options_.resume) {
+      const std::string part = report_.output + ".part";
+      std::error_code ignored;
+      const bool is_there = std::filesystem::exists(part, ignored);
+      progress_.stage("check " + part, 0);
+      Result<format::ContainerWriter> writer = format::ContainerWriter::resume(
+          report_.output, id,
+          [&](uint32_t kind, std::span<const std::byte> entry) { read_entry(kind, entry, resumed_); });
+      if (!writer && writer.error().code != ErrorCode::kFormat) return writer;
+      if (writer) {
+        settle(resumed_, writer->page_count(), images_.records.size(), measurement_.windows.size());
+        writer->drop_pages(resumed_.pages);
+        report_.resumed_pages = resumed_.pages;
+      }
+      if (is_there && resumed_.pages == 0)
+        report_.warnings.push_back(part +
+                                   ": starts afresh: " + (writer ? "it has no whole page" : writer.error().message));
+      if (writer) return writer;
+      resumed_ = {};
+    }
+    Result<format::ContainerWriter> writer = format::ContainerWriter::create(report_.output);
+    if (!writer) return writer;
+    if (options_.resume) writer->keep_part();
+    writer->keep_log(id, most_bytes());
+    return writer;
+  }
+
+  /// More than the finished file will take.
+  uint64_t most_bytes() const {
+    uint64_t bytes = uint64_t{1} << 20;
+    for (const WindowPlan& window : measurement_.windows) {
+      const uint64_t chunks = options_.chunk_triangles == 0 ? 1 : window.kept / options_.chunk_triangles + 2;
+      bytes += encoded_bytes_estimate(plans_[mesh_of_[window.primitive]], window) + 512 * chunks;
+    }
+    for (const uint64_t cost : images_.costs) bytes += 4 * cost;
+    bytes += 512 * (scene_.nodes.size() + tables_.meshes.size()) + tables_.strings.bytes().size();
+    for (const SourceNode& node : scene_.nodes)
+      bytes += node.name.size() + (node.instances ? 256 * node.instances->count : 0);
+    return bytes + bytes / 4;
+  }
+
   Result<void> encode(format::ContainerWriter& writer) {
     const std::vector<WindowPlan>& windows = measurement_.windows;
-    const std::vector<Batch> batches = make_batches(windows);
+    for (uint64_t i = 0; i < resumed_.whole_windows; ++i)
+      note_window(resumed_.windows[i], mesh_of_[windows[i].primitive]);
+    const std::vector<Batch> batches = make_batches(windows, resumed_.whole_windows);
     const EncodeOptions encode_options{options_.order, options_.clusters, options_.chunk_triangles,
                                        options_.drop_nonfinite, options_.weld};
     const StageLimits limits = memory_.encode(windows);
@@ -366,13 +345,17 @@ class Converter {
       return bytes;
     };
     WorkerPool pool(limits.threads, options_.stop);
-    GeometryWriter geometry(pool, writer, images_.page_count, options_.zstd_level);
+    GeometryWriter geometry(pool, writer, writer.page_count(), options_.zstd_level);
     uint64_t done = 0;
     const auto take = [&](uint64_t batch, std::vector<EncodedWindow> encoded) -> Result<void> {
+      std::vector<WindowOutcome> outcomes;
       for (uint64_t i = 0; i < encoded.size(); ++i) {
-        const uint32_t mesh = mesh_of_[windows[batches[batch].first + i].primitive];
-        if (const Result<void> added = add_window(encoded[i], mesh, geometry); !added) return added;
+        Result<WindowOutcome> outcome = place_window(encoded[i], batches[batch].first + i, geometry);
+        if (!outcome) return outcome.error();
+        note_window(*outcome, mesh_of_[windows[batches[batch].first + i].primitive]);
+        outcomes.push_back(std::move(*outcome));
       }
+      log_windows(writer, batches[batch].first, outcomes);
       done += batches[batch].triangles;
       progress_.update(done, writer.bytes());
       return {};
@@ -384,26 +367,53 @@ class Converter {
     return geometry.finish();
   }
 
-  Result<void> add_window(EncodedWindow& window, uint32_t mesh, GeometryWriter& geometry) {
-    format::MeshRecord& record = tables_.meshes[mesh];
-    if (record.chunk_count == 0) {
-      record.first_chunk = tables_.chunks.size();
-      next_triangle_ = 0;
-    }
+  /// Gives the chunks of window `number` their places; those that are in the file already have them.
+  Result<WindowOutcome> place_window(EncodedWindow& window, uint64_t number, GeometryWriter& geometry) {
+    const uint32_t mesh = mesh_of_[measurement_.windows[number].primitive];
+    const format::MeshRecord& record = tables_.meshes[mesh];
     if (window.position_error > record.max_position_error)
       return Error{ErrorCode::kRange, primitive_place(scene_, plans_[mesh].primitive) + ": a position error of " +
                                           std::to_string(window.position_error) + ", but at most " +
                                           std::to_string(record.max_position_error) + " is stated"};
-    record.max_uv_error = std::max(record.max_uv_error, window.uv_error);
-    for (EncodedChunk& chunk : window.chunks) {
+    WindowOutcome outcome;
+    outcome.position_error = window.position_error;
+    outcome.uv_error = window.uv_error;
+    outcome.welded = window.welded;
+    outcome.repaired_uvs = window.repaired_uvs;
+    outcome.repaired_colors = window.repaired_colors;
+    outcome.repaired_normals = window.repaired_normals;
+    uint64_t triangle = 0;
+    if (record.chunk_count > 0) triangle = tables_.chunks.back().first_triangle + tables_.chunks.back().triangle_count;
+    const size_t placed = number == resumed_.whole_windows ? resumed_.chunks_of_next : 0;
+    for (size_t i = 0; i < window.chunks.size(); ++i) {
+      EncodedChunk& chunk = window.chunks[i];
       chunk.record.mesh = mesh;
-      chunk.record.first_triangle = next_triangle_;
-      next_triangle_ += chunk.record.triangle_count;
-      if (bounds_error(options_)) report_.positions.add(record, record.chunk_count == 0, chunk.record, chunk.payload);
-      if (const Result<void> added = geometry.add(chunk); !added) return added;
-      record.vertex_count += chunk.record.vertex_count;
+      chunk.record.first_triangle = triangle;
+      triangle += chunk.record.triangle_count;
+      outcome.position_bytes.push_back(
+          bounds_error(options_) ? PositionTable::position_bytes(record, chunk.record, chunk.payload) : 0);
+      if (i < placed) {
+        chunk.record.page = resumed_.windows[number].chunks[i].page;
+        chunk.record.offset = resumed_.windows[number].chunks[i].offset;
+      } else if (const Result<void> added = geometry.add(chunk); !added) {
+        return added.error();
+      }
+      outcome.chunks.push_back(chunk.record);
+    }
+    return outcome;
+  }
+
+  void note_window(const WindowOutcome& window, uint32_t mesh) {
+    format::MeshRecord& record = tables_.meshes[mesh];
+    if (record.chunk_count == 0) record.first_chunk = tables_.chunks.size();
+    record.max_uv_error = std::max(record.max_uv_error, window.uv_error);
+    for (size_t i = 0; i < window.chunks.size(); ++i) {
+      const format::ChunkRecord& chunk = window.chunks[i];
+      if (bounds_error(options_))
+        report_.positions.add(record, record.chunk_count == 0, chunk, window.position_bytes[i]);
+      record.vertex_count += chunk.vertex_count;
       ++record.chunk_count;
-      tables_.chunks.push_back(chunk.record);
+      tables_.chunks.push_back(chunk);
     }
     report_.position_error = std::max(report_.position_error, window.position_error);
     const double diagonal = box_diagonal(plans_[mesh].box);
@@ -413,7 +423,6 @@ class Converter {
     repaired_uvs_ += window.repaired_uvs;
     repaired_colors_ += window.repaired_colors;
     repaired_normals_ += window.repaired_normals;
-    return {};
   }
 
   static double box_diagonal(const Box& box) {
@@ -476,8 +485,10 @@ class Converter {
 
   const ConvertOptions& options_;
   SourceScene& scene_;
+  const std::set<std::string>& files_;
   tools::Progress& progress_;
   ConvertReport& report_;
+  Resumed resumed_;
   std::vector<bool> wanted_;  // of the primitives: some node draws them
   MemoryPlan memory_;
   Measurement measurement_;
@@ -488,7 +499,6 @@ class Converter {
   ImagePlan images_;
   InstancePlan instances_;
   format::TableSet tables_;
-  uint64_t next_triangle_ = 0;  // of the mesh that is written
   uint64_t undrawn_ = 0;
   Welded welded_;
   uint64_t repaired_uvs_ = 0;
@@ -519,7 +529,7 @@ Result<ConvertReport> convert_or_throw(const ConvertOptions& options) {
   }
   {
     tools::Progress progress(options.progress);
-    if (const Result<void> done = Converter(options, *scene, progress, report).run(); !done) return done.error();
+    if (const Result<void> done = Converter(options, *scene, files, progress, report).run(); !done) return done.error();
   }
   report.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   report.peak_bytes = tools::peak_anonymous(before);
@@ -536,26 +546,6 @@ Result<ConvertReport> convert(const ConvertOptions& options) {
   } catch (const std::exception& error) {  // no thread to be had
     return Error{ErrorCode::kMemory, options.input + ": " + error.what()};
   }
-}
-
-std::string describe(const ConvertOptions& options, const ConvertReport& report) {
-  char numbers[256];
-  const double in = static_cast<double>(report.input_bytes);
-  const double out = static_cast<double>(report.output_bytes);
-  const double triangles = static_cast<double>(report.triangles);
-  std::snprintf(numbers, sizeof numbers,
-                "ratio %.2f, %.2f bits/triangle, max position error %.3g (%.2g of the diagonal), %.2f s, "
-                "%s triangles/s, peak memory %s",
-                out > 0 ? in / out : 0.0, triangles > 0 ? 8 * out / triangles : 0.0, report.position_error,
-                report.relative_position_error, report.seconds,
-                tools::format_count(report.seconds > 0 ? triangles / report.seconds : 0).c_str(),
-                tools::format_bytes(report.peak_bytes).c_str());
-  std::string text = options.input + " -> " + report.output + ": " + tools::format_bytes(report.input_bytes) + " -> " +
-                     tools::format_bytes(report.output_bytes) + ", " + numbers;
-  if (report.threads < report.threads_asked)
-    text +=
-        ", " + std::to_string(report.threads) + " of " + std::to_string(report.threads_asked) + " threads (--memory)";
-  return text;
 }
 
 }  // namespace scree::convert

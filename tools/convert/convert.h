@@ -39,8 +39,8 @@ struct ConvertOptions {
   Order order = Order::kFifo;
   Encoding encoding = Encoding::kIndexed;
   tools::ClusterEffort clusters = tools::ClusterEffort::kFast;  // where clustered
-  uint64_t chunk_triangles = format::kMaxChunkTriangles;  // 1 and up; 0: every mesh is one chunk, memory without bound
-  int zstd_level = 0;                                     // 0 (raw pages) to 22
+  uint64_t chunk_triangles = format::kMaxChunkTriangles;        // 1 and up; 0: every mesh is one chunk and one window
+  int zstd_level = 0;                                           // 0 (raw pages) to 22
   bool normals = false;
   bool source_ids = false;
   bool drop_nonfinite = false;
@@ -52,9 +52,10 @@ struct ConvertOptions {
   // Options that do not.
   uint32_t threads = 0;                 // at most; 0: one per processor
   uint64_t memory = uint64_t{2} << 30;  // bytes that the process may take; fewer threads work where it is short
-  bool progress = false;                // a line on stderr where that is a terminal
-  const std::atomic<bool>* stop =
-      nullptr;  // raised: the conversion ends with kFile "interrupted", nothing is left behind
+  bool resume = false;    // goes on with the .part of an earlier run where it fits, and leaves one that is not finished
+  bool progress = false;  // a line on stderr where that is a terminal
+  const std::atomic<bool>* stop = nullptr;  // raised: the conversion ends with kFile "interrupted", nothing is left
+                                            // behind but with `resume`
 };
 
 struct ConvertReport {
@@ -73,15 +74,17 @@ struct ConvertReport {
   uint64_t peak_bytes = 0;  // resident and not of a file, of the whole process: RssAnon + RssShmem
   uint32_t threads = 0;     // that encoded
   uint32_t threads_asked = 0;
+  uint32_t resumed_pages = 0;       // of an earlier run, that were not made again
   uint64_t dropped_degenerate = 0;  // triangles of strips and fans with two equal indices
   uint64_t dropped_nonfinite = 0;
   std::vector<std::string> warnings;  // one line each
 };
 
-/// Converts. On an error nothing is left at `output` that was not there before. Errors kUsage (options that exclude
-/// each other or are out of range, output is the input), those of import_gltf, measure, check_images, write_images,
-/// encode_window and ContainerWriter; kUsage where ConvertOptions::memory is too little, with the least that is needed.
-/// The bytes written are the same for any number of threads and any memory.
+/// Converts. On an error nothing is left at `output` that was not there before; with ConvertOptions::resume there may
+/// be an unfinished .part. Errors kUsage (options that exclude each other or are out of range, output is the input),
+/// those of import_gltf, measure, check_images, write_images, encode_window and ContainerWriter; kUsage where
+/// ConvertOptions::memory is too little, with the least that is needed. The bytes written are the same for any number
+/// of threads and any memory.
 Result<ConvertReport> convert(const ConvertOptions& options);
 
 /// "a.glb -> a.scree: 1.41 MiB -> 283 KiB, ratio 5.10, ..." in one line.

@@ -172,8 +172,9 @@ uint64_t store_cost(const SourceImage& source, const runtime::ImageInfo& info, c
 }
 
 /// The pages of an indexed image: one of its base level, and one of the others together.
-Result<void> append_indexed(StoredImage stored, uint32_t number, ImagePlan& plan, format::ContainerWriter& writer) {
-  format::ImageRecord& record = plan.records[number];
+Result<void> append_indexed(StoredImage stored, uint32_t number, StoredImageRecord& written,
+                            format::ContainerWriter& writer) {
+  format::ImageRecord& record = written.record;
   record.codec = format::ImageCodec::kIndexedJpeg;
   record.width = stored.width;
   record.height = stored.height;
@@ -181,24 +182,24 @@ Result<void> append_indexed(StoredImage stored, uint32_t number, ImagePlan& plan
   const Result<uint32_t> page = writer.append(format::seal_page(format::PageKind::kImage, std::move(stored.base), 0));
   if (!page) return page.error();
   record.page = *page;
-  ++plan.page_count;
+  ++written.page_count;
   if (stored.levels.empty()) return {};
-  record.first_level = static_cast<uint32_t>(plan.levels.size());
   record.level_count = static_cast<uint32_t>(stored.levels.size());
   std::vector<std::byte> together;
   for (const std::vector<std::byte>& level : stored.levels) {
-    plan.levels.push_back({together.size(), level.size(), 0, number});
+    written.levels.push_back({together.size(), level.size(), 0, number});
     together.insert(together.end(), level.begin(), level.end());
   }
   const Result<uint32_t> levels = writer.append(format::seal_page(format::PageKind::kImage, std::move(together), 0));
   if (!levels) return levels.error();
-  ++plan.page_count;
-  for (size_t i = record.first_level; i < plan.levels.size(); ++i) plan.levels[i].page = *levels;
+  ++written.page_count;
+  for (format::MipLevelRecord& level : written.levels) level.page = *levels;
   return {};
 }
 
 /// The page of an image that stays the file it is.
-Result<void> append_file(const SourceImage& image, uint32_t number, ImagePlan& plan, format::ContainerWriter& writer) {
+Result<void> append_file(const SourceImage& image, const ContentHash& expected, StoredImageRecord& written,
+                         format::ContainerWriter& writer) {
   ContentHasher hash;
   // JPEG and PNG are compressed already; a raw page can be decoded where it is mapped.
   const Result<uint32_t> page =
@@ -208,10 +209,21 @@ Result<void> append_file(const SourceImage& image, uint32_t number, ImagePlan& p
         return read;
       });
   if (!page) return page.error();
-  if (hash.value() != plan.hashes[number]) return Error{ErrorCode::kFile, "was changed while it was converted"};
-  plan.records[number].page = *page;
-  ++plan.page_count;
+  if (hash.value() != expected) return Error{ErrorCode::kFile, "was changed while it was converted"};
+  written.record.page = *page;
+  ++written.page_count;
   return {};
+}
+
+/// Completes the plan by an image that is written.
+void add_stored(const SourceScene& scene, uint64_t number, const StoredImageRecord& stored, ImagePlan& plan) {
+  format::ImageRecord& record = plan.records[number];
+  record = stored.record;
+  if (!stored.levels.empty()) record.first_level = static_cast<uint32_t>(plan.levels.size());
+  plan.levels.insert(plan.levels.end(), stored.levels.begin(), stored.levels.end());
+  plan.page_count += stored.page_count;
+  if (!stored.warning.empty())
+    plan.warnings.push_back(image_place(scene, plan.sources[number]) + ": " + stored.warning);
 }
 
 }  // namespace
@@ -276,28 +288,39 @@ Result<ImagePlan> check_images(const SourceScene& scene, const std::vector<bool>
 }
 
 Result<void> write_images(const SourceScene& scene, const ImageOptions& options, ImagePlan& plan, WorkerPool& pool,
-                          format::ContainerWriter& writer) {
+                          format::ContainerWriter& writer, const std::vector<StoredImageRecord>& stored_before,
+                          const std::function<void(uint64_t number, const StoredImageRecord&)>& note) {
+  const uint64_t first = stored_before.size();
+  for (uint64_t i = 0; i < first; ++i) add_stored(scene, i, stored_before[i], plan);
   const auto source = [&](uint64_t i) -> const SourceImage& { return scene.images[plan.sources[i]]; };
   // take() changes the records that work() and cost() read.
   const std::vector<format::ImageRecord> records = plan.records;
-  const auto work = [&](uint64_t i, uint32_t) -> Result<StoredImage> {
+  const auto work = [&](uint64_t place, uint32_t) -> Result<StoredImage> {
+    const uint64_t i = first + place;
     if (!plan.broken[i].empty()) return grey_image(plan.broken[i]);
     if (!is_indexed(options, records[i].codec)) return StoredImage{};
     Result<StoredImage> stored = store_image(source(i), records[i], plan.hashes[i], options);
     if (!stored) return at(image_place(scene, plan.sources[i]), stored.error());
     return stored;
   };
-  const auto cost = [&](uint64_t i) { return plan.costs[i]; };
-  const auto take = [&](uint64_t i, StoredImage stored) -> Result<void> {
-    const std::string place = image_place(scene, plan.sources[i]);
-    if (!stored.warning.empty()) plan.warnings.push_back(place + ": " + stored.warning);
-    const auto number = static_cast<uint32_t>(i);
-    if (!stored.base.empty()) return append_indexed(std::move(stored), number, plan, writer);
-    const Result<void> appended = append_file(source(i), number, plan, writer);
-    return appended ? appended : at(place, appended.error());
+  const auto cost = [&](uint64_t place) { return plan.costs[first + place]; };
+  const auto take = [&](uint64_t place, StoredImage stored) -> Result<void> {
+    const uint64_t i = first + place;
+    StoredImageRecord written;
+    written.record = records[i];
+    written.warning = stored.warning;
+    if (!stored.base.empty()) {
+      const Result<void> appended = append_indexed(std::move(stored), static_cast<uint32_t>(i), written, writer);
+      if (!appended) return appended;
+    } else if (const Result<void> appended = append_file(source(i), plan.hashes[i], written, writer); !appended) {
+      return at(image_place(scene, plan.sources[i]), appended.error());
+    }
+    add_stored(scene, i, written, plan);
+    note(i, written);
+    return {};
   };
-  return run_ordered<StoredImage>(pool, records.size(), {2 * uint64_t{pool.threads()}, options.memory}, work, cost,
-                                  take);
+  return run_ordered<StoredImage>(pool, records.size() - first, {2 * uint64_t{pool.threads()}, options.memory}, work,
+                                  cost, take);
 }
 
 }  // namespace scree::convert

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <string>
 #include <vector>
 
@@ -39,6 +40,14 @@ struct ImagePlan {
   std::vector<std::string> warnings;           // what was put up with or changed, image named
 };
 
+/// An image as it was written.
+struct StoredImageRecord {
+  format::ImageRecord record{};  // complete
+  uint32_t page_count = 0;
+  std::vector<format::MipLevelRecord> levels;
+  std::string warning;
+};
+
 /// What checking or storing one image of the scene takes at most, bytes.
 uint64_t largest_image_bytes(const SourceScene& scene, const ImageOptions& options);
 
@@ -52,11 +61,13 @@ std::string image_place(const SourceScene& scene, uint32_t image);
 Result<ImagePlan> check_images(const SourceScene& scene, const std::vector<bool>& wanted, const ImageOptions& options,
                                WorkerPool& pool);
 
-/// Appends the pages of every record and completes the plan. Holds an image's file about four times while it is
+/// Appends the pages of every record and completes the plan; the first ones are `stored` already, `note` is called for
+/// each of the others once it is written. Holds an image's file about four times while it is
 /// indexed, and, of images coded anew, the picture (10 bytes a pixel) or its coefficients (2 bytes a sample); as many
 /// at a time as fit into ImageOptions::memory, but one always. Errors as ContainerWriter::append, runtime::index_jpeg
 /// and decode_image, the image named; kFile: an image is not what it was when it was checked.
 Result<void> write_images(const SourceScene& scene, const ImageOptions& options, ImagePlan& plan, WorkerPool& pool,
-                          format::ContainerWriter& writer);
+                          format::ContainerWriter& writer, const std::vector<StoredImageRecord>& stored,
+                          const std::function<void(uint64_t number, const StoredImageRecord&)>& note);
 
 }  // namespace scree::convert

@@ -96,9 +96,9 @@ Result<WindowFacts> measure_window(const Primitive& primitive, const WindowPlan&
 
 }  // namespace
 
-std::vector<Batch> make_batches(const std::vector<WindowPlan>& windows) {
+std::vector<Batch> make_batches(const std::vector<WindowPlan>& windows, uint64_t first) {
   std::vector<Batch> batches;
-  for (uint64_t i = 0; i < windows.size(); ++i) {
+  for (uint64_t i = first; i < windows.size(); ++i) {
     if (batches.empty() || batches.back().count >= kBatchWindows ||
         batches.back().triangles + windows[i].count > kBatchTriangles)
       batches.push_back({i, 0, 0});

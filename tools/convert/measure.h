@@ -56,7 +56,8 @@ struct Batch {
   uint64_t count = 0;
   uint64_t triangles = 0;  // of the source
 };
-std::vector<Batch> make_batches(const std::vector<WindowPlan>& windows);
+/// Of the windows from number `first` on.
+std::vector<Batch> make_batches(const std::vector<WindowPlan>& windows, uint64_t first = 0);
 
 /// "city.gltf: mesh 12 primitive 1", in glTF's numbers.
 std::string primitive_place(const SourceScene& scene, uint32_t primitive);

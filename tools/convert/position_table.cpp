@@ -13,9 +13,11 @@ namespace {
 
 constexpr uint32_t kFloatBits = 32;
 
+}  // namespace
+
 /// Of a clustered chunk what is left when its clusters' indices are taken off.
-uint64_t position_bytes(const format::MeshRecord& mesh, const format::ChunkRecord& chunk,
-                        std::span<const std::byte> payload) {
+uint64_t PositionTable::position_bytes(const format::MeshRecord& mesh, const format::ChunkRecord& chunk,
+                                       std::span<const std::byte> payload) {
   const format::ChunkStreams streams = format::chunk_streams(mesh, chunk);
   if (chunk.encoding != format::ChunkEncoding::kClustered) return streams.positions.bytes;
   uint64_t index_words = 0;
@@ -28,17 +30,15 @@ uint64_t position_bytes(const format::MeshRecord& mesh, const format::ChunkRecor
   return streams.cluster_data.bytes - 4 * index_words;
 }
 
-}  // namespace
-
 void PositionTable::add(const format::MeshRecord& mesh, bool is_first, const format::ChunkRecord& chunk,
-                        std::span<const std::byte> payload) {
+                        uint64_t position_bytes) {
   const uint32_t bits = mesh.position_encoding == format::PositionEncoding::kFloat32
                             ? kFloatBits
                             : *std::max_element(std::begin(mesh.lattice_bits), std::end(mesh.lattice_bits));
   Row& row = rows_[bits];
   row.meshes += is_first ? 1 : 0;
   row.triangles += chunk.triangle_count;
-  row.bytes += position_bytes(mesh, chunk, payload);
+  row.bytes += position_bytes;
   row.float_bytes += uint64_t{12} * chunk.vertex_count;
 }
 

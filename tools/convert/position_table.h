@@ -13,9 +13,12 @@ namespace scree::convert {
 
 class PositionTable {
  public:
-  /// One chunk of `mesh`, its first or a further one. `payload`: the chunk's bytes.
-  void add(const format::MeshRecord& mesh, bool is_first, const format::ChunkRecord& chunk,
-           std::span<const std::byte> payload);
+  /// Bytes that the positions of a chunk of `mesh` take in its `payload`.
+  static uint64_t position_bytes(const format::MeshRecord& mesh, const format::ChunkRecord& chunk,
+                                 std::span<const std::byte> payload);
+
+  /// One chunk of `mesh`, its first or a further one, and its position_bytes().
+  void add(const format::MeshRecord& mesh, bool is_first, const format::ChunkRecord& chunk, uint64_t position_bytes);
 
   struct Row {
     uint64_t meshes = 0;

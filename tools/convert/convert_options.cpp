@@ -1,0 +1,105 @@
+#include "tools/convert/convert_options.h"
+
+#include <cmath>
+#include <cstdio>
+#include <utility>
+
+#include "tools/common/options.h"
+
+namespace scree::convert {
+namespace {
+
+Result<void> check_pixel_bound(const PixelBound& bound) {
+  const auto usage = [](std::string message) { return Error{ErrorCode::kUsage, std::move(message)}; };
+  const auto is_positive = [](double value) { return value > 0 && std::isfinite(value); };
+  if (!is_positive(bound.pixels)) return usage("--max-error-pixels: not a number of pixels above 0");
+  if (!is_positive(bound.distance)) return usage("--at-distance: not a length above 0");
+  if (bound.width < 1 || bound.height < 1) return usage("--at-size: a picture without pixels");
+  if (!(bound.fov_degrees > 0 && bound.fov_degrees < 180)) return usage("--at-fov: not above 0 and below 180 degrees");
+  return {};
+}
+
+std::string describe_textures(const ImageOptions& options) {
+  if (options.textures == Textures::kRaw) return "raw";
+  return options.textures == Textures::kKeep ? "keep" : "jpeg:" + std::to_string(options.quality);
+}
+
+}  // namespace
+
+bool bounds_error(const ConvertOptions& options) {
+  return options.max_error > 0 || options.pixel_bound.pixels > 0;
+}
+
+Result<void> check_options(const ConvertOptions& options) {
+  const auto usage = [](std::string message) { return Error{ErrorCode::kUsage, std::move(message)}; };
+  if (options.position_bits < 8 || options.position_bits > format::kMaxPositionBits)
+    return usage("--positions: " + std::to_string(options.position_bits) + " bits, but 8 to " +
+                 std::to_string(format::kMaxPositionBits) + " are possible");
+  if (!(options.max_error >= 0) || !std::isfinite(options.max_error)) return usage("--max-error: not a length above 0");
+  if (options.float32 && options.max_error > 0) return usage("--max-error and --positions float32 exclude each other");
+  if (options.pixel_bound.pixels != 0) {
+    if (options.max_error > 0 || options.float32)
+      return usage("--max-error-pixels, --max-error and --positions float32 exclude each other");
+    if (Result<void> checked = check_pixel_bound(options.pixel_bound); !checked) return checked;
+  }
+  if (options.float32 && options.grid == Grid::kScene)
+    return usage("--grid scene and --positions float32 exclude each other");
+  if (options.zstd_level < 0 || options.zstd_level > 22)
+    return usage("--zstd: level " + std::to_string(options.zstd_level) + ", but 0 to 22 are possible");
+  if (options.images.quality < 1 || options.images.quality > 100)
+    return usage("--textures: quality " + std::to_string(options.images.quality) + ", but 1 to 100 are possible");
+  if (options.threads > 4096) return usage("--threads: more than 4096");
+  return {};
+}
+
+std::string describe_options(const ConvertOptions& options) {
+  char error[64];
+  std::snprintf(error, sizeof error, "--max-error %.17g", options.max_error);
+  char pixels[192];
+  const PixelBound& bound = options.pixel_bound;
+  std::snprintf(pixels, sizeof pixels, "--max-error-pixels %.17g --at-distance %.17g --at-size %ux%u --at-fov %.17g",
+                bound.pixels, bound.distance, bound.width, bound.height, bound.fov_degrees);
+  std::string text = bound.pixels > 0        ? std::string(pixels)
+                     : options.max_error > 0 ? std::string(error)
+                     : options.float32       ? std::string("--positions float32")
+                                             : "--positions " + std::to_string(options.position_bits);
+  text += options.grid == Grid::kScene ? " --grid scene" : " --grid mesh";
+  text += options.order == Order::kNone ? " --order none" : " --order fifo";
+  text += options.encoding == Encoding::kClustered ? " --encoding clustered" : " --encoding indexed";
+  if (options.encoding == Encoding::kClustered)
+    text += options.clusters == tools::ClusterEffort::kBest ? " --clusters best" : " --clusters fast";
+  text += " --chunk-triangles " + std::to_string(options.chunk_triangles);
+  text += " --zstd " + std::to_string(options.zstd_level);
+  text += " --textures " + describe_textures(options.images);
+  if (options.normals) text += " --normals";
+  if (options.source_ids) text += " --source-ids";
+  if (options.drop_nonfinite) text += " --drop-nonfinite";
+  if (!options.weld) text += " --no-weld";
+  if (!options.share) text += " --no-share";
+  if (options.images.keep_going) text += " --keep-going";
+  if (!options.exclude.empty()) text += " --exclude " + options.exclude;
+  return text;
+}
+
+std::string describe(const ConvertOptions& options, const ConvertReport& report) {
+  char numbers[256];
+  const double in = static_cast<double>(report.input_bytes);
+  const double out = static_cast<double>(report.output_bytes);
+  const double triangles = static_cast<double>(report.triangles);
+  std::snprintf(numbers, sizeof numbers,
+                "ratio %.2f, %.2f bits/triangle, max position error %.3g (%.2g of the diagonal), %.2f s, "
+                "%s triangles/s, peak memory %s",
+                out > 0 ? in / out : 0.0, triangles > 0 ? 8 * out / triangles : 0.0, report.position_error,
+                report.relative_position_error, report.seconds,
+                tools::format_count(report.seconds > 0 ? triangles / report.seconds : 0).c_str(),
+                tools::format_bytes(report.peak_bytes).c_str());
+  std::string text = options.input + " -> " + report.output + ": " + tools::format_bytes(report.input_bytes) + " -> " +
+                     tools::format_bytes(report.output_bytes) + ", " + numbers;
+  if (report.threads < report.threads_asked)
+    text +=
+        ", " + std::to_string(report.threads) + " of " + std::to_string(report.threads_asked) + " threads (--memory)";
+  if (report.resumed_pages > 0) text += ", resumed after " + std::to_string(report.resumed_pages) + " pages";
+  return text;
+}
+
+}  // namespace scree::convert
