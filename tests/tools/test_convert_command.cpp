@@ -75,3 +75,73 @@ TEST_CASE("a signal ends the command and removes what it wrote", "[convert]") {
   CHECK(WTERMSIG(status) == SIGTERM);
   CHECK(folder.names() == std::vector<std::string>{"in.glb", "log"});
 }
+
+TEST_CASE("convert: an input that gets shorter or goes away meanwhile", "[convert]") {
+  const TempFolder folder;
+  const bool shrinks = GENERATE(true, false);
+  GridSpec spec;
+  spec.columns = 700;
+  spec.rows = shrinks ? 2000 : 400;
+  tests::make_model(folder.file("in.gltf"), spec);
+  folder.write("out.scree", "earlier");
+  // Measured, and at work on the first of several windows: such a level takes half a second each.
+  const pid_t child = start_program(
+      {"convert", folder.file("in.gltf"), "-o", folder.file("out.scree"), "--zstd", "16", "--threads", "1"},
+      folder.file("log"));
+  for (int i = 0; i < 6000 && !std::filesystem::exists(folder.file("out.scree.part")); ++i)
+    std::this_thread::sleep_for(std::chrono::milliseconds(5));
+  if (shrinks) {
+    std::filesystem::resize_file(folder.file("in.bin"), 1000);
+  } else {
+    std::filesystem::remove(folder.file("in.bin"));  // it is open, so nothing is lost
+  }
+  const int status = wait_for(child);
+  const std::string log = tests::read_whole(folder.file("log"));
+  INFO(log);
+  REQUIRE(WIFEXITED(status));
+  if (shrinks) {
+    CHECK(WEXITSTATUS(status) == 3);
+    CHECK(log.find("in.bin: ends at byte ") != std::string::npos);  // where it was being read, past its end
+    CHECK(log.find(" when it was opened") != std::string::npos);
+    CHECK(std::count(log.begin(), log.end(), '\n') == 1);
+    CHECK(tests::read_whole(folder.file("out.scree")) == "earlier");
+    CHECK(folder.names() == std::vector<std::string>{"in.bin", "in.gltf", "log", "out.scree"});
+  } else {
+    CHECK(WEXITSTATUS(status) == 0);
+    CHECK(folder.names() == std::vector<std::string>{"in.gltf", "log", "out.scree"});
+  }
+}
+
+TEST_CASE("convert: progress on a terminal, with what limits", "[convert]") {
+  const TempFolder folder;
+  GridSpec spec;
+  spec.columns = 700;
+  spec.rows = 400;
+  tests::make_model(folder.file("in.glb"), spec);
+  const int terminal = posix_openpt(O_RDWR | O_NOCTTY | O_NONBLOCK | O_CLOEXEC);
+  REQUIRE(terminal >= 0);
+  REQUIRE(grantpt(terminal) == 0);
+  REQUIRE(unlockpt(terminal) == 0);
+  const pid_t child =
+      start_program({"convert", folder.file("in.glb"), "--zstd", "19", "--threads", "1"}, ptsname(terminal));
+  std::string shown;
+  siginfo_t ended{};
+  for (int i = 0; i < 60000 && ended.si_pid == 0; ++i) {
+    std::this_thread::sleep_for(std::chrono::milliseconds(1));
+    REQUIRE(waitid(P_PID, static_cast<id_t>(child), &ended, WEXITED | WNOHANG | WNOWAIT) == 0);
+    char buffer[4096];
+    for (ssize_t got; (got = read(terminal, buffer, sizeof buffer)) > 0;)
+      shown.append(buffer, static_cast<size_t>(got));
+  }
+  const int status = wait_for(child);
+  close(terminal);
+  INFO(shown);
+  REQUIRE(WIFEXITED(status));
+  CHECK(WEXITSTATUS(status) == 0);
+  CHECK(shown.find("\rencode: ") != std::string::npos);
+  CHECK(shown.find("/s: encoding limits\x1b[K") != std::string::npos);
+  const size_t last = shown.find("in.glb -> ");
+  REQUIRE(last != std::string::npos);
+  CHECK(shown.find(", write ", last) != std::string::npos);
+  CHECK(shown.find(": encoding limits", last) != std::string::npos);
+}

@@ -24,7 +24,7 @@ void Progress::stage(std::string name, uint64_t triangles) {
   last_ = start_;
 }
 
-void Progress::update(uint64_t triangles, uint64_t bytes) {
+void Progress::update(uint64_t triangles, uint64_t bytes, const std::function<std::string()>& detail) {
   if (!enabled_) return;
   const Clock::time_point now = Clock::now();
   if (now - last_ < std::chrono::milliseconds(200)) return;
@@ -35,8 +35,9 @@ void Progress::update(uint64_t triangles, uint64_t bytes) {
   const std::string left =
       rate > 0 && triangles <= total_ ? format_duration(static_cast<double>(total_ - triangles) / rate) + " left" : "";
   // The clear code comes last: a shorter line leaves nothing of a longer one behind.
-  std::fprintf(stderr, "\r%s: %3.0f%%, %s, %s triangles/s, %s\x1b[K", name_.c_str(), std::floor(100 * share),
-               format_bytes(bytes).c_str(), format_count(rate).c_str(), left.c_str());
+  const std::string more = detail ? "; " + detail() : "";
+  std::fprintf(stderr, "\r%s: %3.0f%%, %s, %s triangles/s, %s%s\x1b[K", name_.c_str(), std::floor(100 * share),
+               format_bytes(bytes).c_str(), format_count(rate).c_str(), left.c_str(), more.c_str());
   std::fflush(stderr);
   shown_ = true;
 }

@@ -3,6 +3,7 @@
 
 #include <chrono>
 #include <cstdint>
+#include <functional>
 #include <string>
 
 namespace scree::tools {
@@ -19,8 +20,9 @@ class Progress {
   /// Starts a stage of `triangles` in all; the line begins with `name`.
   void stage(std::string name, uint64_t triangles);
 
-  /// `triangles` of the stage are done, with `bytes` read or written so far.
-  void update(uint64_t triangles, uint64_t bytes);
+  /// `triangles` of the stage are done, with `bytes` read or written so far. `detail`: asked for what else to say, when
+  /// something is shown.
+  void update(uint64_t triangles, uint64_t bytes, const std::function<std::string()>& detail = nullptr);
 
   /// Erases the line, so that other text can be printed.
   void erase();

@@ -11,6 +11,7 @@
 #include <utility>
 
 #include "format/bytes.h"
+#include "tools/convert/stage_rates.h"
 
 namespace scree::convert {
 namespace {
@@ -18,6 +19,9 @@ namespace {
 // Half of the usual limit of open files; the rest is for everything else the process has open.
 constexpr int kKeptDescriptors = 512;
 std::atomic<int> kept_descriptors{0};
+
+std::atomic<uint64_t> bytes_read{0};
+std::atomic<uint64_t> nanoseconds_read{0};
 
 Error file_error(const std::string& path, int number) {
   return {ErrorCode::kFile, path + ": " + std::strerror(number)};
@@ -47,6 +51,8 @@ class FileSource final : public ByteSource {
     if (!format::range_within(offset, out.size(), size_))
       return Error{ErrorCode::kTruncated, path_ + ": read of " + std::to_string(out.size()) + " bytes at " +
                                               std::to_string(offset) + ", but the file has " + std::to_string(size_)};
+    const Timed timed(nanoseconds_read);
+    bytes_read.fetch_add(out.size(), std::memory_order_relaxed);
     const int descriptor = descriptor_ >= 0 ? descriptor_ : open_read_only(path_);
     if (descriptor < 0) return file_error(path_, errno);
     Result<void> result = read_from(descriptor, offset, out);
@@ -144,6 +150,11 @@ Result<std::shared_ptr<const ByteSource>> open_file_source(const std::string& pa
   --kept_descriptors;
   ::close(descriptor);
   return std::shared_ptr<const ByteSource>(std::make_shared<FileSource>(path, -1, size));
+}
+
+ReadTotals read_totals() {
+  return {bytes_read.load(std::memory_order_relaxed),
+          1e-9 * static_cast<double>(nanoseconds_read.load(std::memory_order_relaxed))};
 }
 
 std::shared_ptr<const ByteSource> window_source(std::shared_ptr<const ByteSource> whole, uint64_t offset,

@@ -17,6 +17,13 @@ namespace scree::convert {
 /// read, so that a scene of thousands of .bin files works within the usual limit of 1024. Errors kFile.
 Result<std::shared_ptr<const ByteSource>> open_file_source(const std::string& path);
 
+/// What all reads of files took since the program began, in all threads.
+struct ReadTotals {
+  uint64_t bytes = 0;
+  double seconds = 0;
+};
+ReadTotals read_totals();
+
 /// [offset, offset + size) of another source. The caller has checked the range.
 std::shared_ptr<const ByteSource> window_source(std::shared_ptr<const ByteSource> whole, uint64_t offset,
                                                 uint64_t size);

@@ -17,6 +17,7 @@
 #include "tools/common/memory_use.h"
 #include "tools/common/options.h"
 #include "tools/common/progress.h"
+#include "tools/convert/byte_source.h"
 #include "tools/convert/convert_options.h"
 #include "tools/convert/duplicates.h"
 #include "tools/convert/geometry_writer.h"
@@ -326,7 +327,11 @@ class Converter {
     for (const Batch& batch : batches) source_triangles += batch.triangles;
     progress_.stage("encode", source_triangles);
 
+    const ReadTotals before = read_totals();
+    const uint64_t written_before = writer.bytes();
+    std::atomic<uint64_t> nanoseconds{0};
     const auto work = [&](uint64_t batch, uint32_t worker) -> Result<std::vector<EncodedWindow>> {
+      const Timed timed(nanoseconds);
       std::vector<EncodedWindow> encoded;
       for (uint64_t i = batches[batch].first; i < batches[batch].first + batches[batch].count; ++i) {
         const WindowPlan& window = windows[i];
@@ -347,6 +352,19 @@ class Converter {
     WorkerPool pool(limits.threads, options_.stop);
     GeometryWriter geometry(pool, writer, writer.page_count(), options_.zstd_level);
     uint64_t done = 0;
+    const auto rates = [&] {
+      const ReadTotals read = read_totals();
+      StageRates now;
+      now.triangles = done;
+      now.read_bytes = read.bytes - before.bytes;
+      now.written_bytes = writer.bytes() - written_before;
+      now.read_seconds = read.seconds - before.seconds;
+      now.encode_seconds =
+          std::max(0.0, 1e-9 * static_cast<double>(nanoseconds.load()) - now.read_seconds) + geometry.seal_seconds();
+      now.write_seconds = geometry.write_seconds();
+      now.threads = limits.threads;
+      return now;
+    };
     const auto take = [&](uint64_t batch, std::vector<EncodedWindow> encoded) -> Result<void> {
       std::vector<WindowOutcome> outcomes;
       for (uint64_t i = 0; i < encoded.size(); ++i) {
@@ -357,14 +375,16 @@ class Converter {
       }
       log_windows(writer, batches[batch].first, outcomes);
       done += batches[batch].triangles;
-      progress_.update(done, writer.bytes());
+      progress_.update(done, writer.bytes(), [&] { return describe(rates()); });
       return {};
     };
     const InFlight limit{kJobsPerThread * pool.threads(), limits.flight_bytes};
     if (const Result<void> run = run_ordered<std::vector<EncodedWindow>>(pool, batches.size(), limit, work, cost, take);
         !run)
       return run;
-    return geometry.finish();
+    const Result<void> finished = geometry.finish();
+    report_.rates = rates();
+    return finished;
   }
 
   /// Gives the chunks of window `number` their places; those that are in the file already have them.

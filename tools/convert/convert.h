@@ -13,6 +13,7 @@
 #include "tools/convert/images.h"
 #include "tools/convert/pixel_bound.h"
 #include "tools/convert/position_table.h"
+#include "tools/convert/stage_rates.h"
 
 namespace scree::convert {
 
@@ -77,6 +78,7 @@ struct ConvertReport {
   uint32_t resumed_pages = 0;       // of an earlier run, that were not made again
   uint64_t dropped_degenerate = 0;  // triangles of strips and fans with two equal indices
   uint64_t dropped_nonfinite = 0;
+  StageRates rates;                   // of the pass that encodes
   std::vector<std::string> warnings;  // one line each
 };
 

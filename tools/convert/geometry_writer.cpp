@@ -3,6 +3,8 @@
 #include <memory>
 #include <utility>
 
+#include "tools/convert/stage_rates.h"
+
 namespace scree::convert {
 
 Result<void> GeometryWriter::add(EncodedChunk& chunk) {
@@ -35,7 +37,8 @@ Result<void> GeometryWriter::seal() {
   ++number_;
   const uint64_t cost = raw->size();
   pages_.submit(
-      [raw, level = zstd_level_](uint32_t) -> Result<format::SealedPage> {
+      [raw, level = zstd_level_, &time = sealing_](uint32_t) -> Result<format::SealedPage> {
+        const Timed timed(time);
         return format::seal_page(format::PageKind::kGeometry, std::move(*raw), level);
       },
       cost);
@@ -47,6 +50,7 @@ Result<void> GeometryWriter::seal() {
 Result<void> GeometryWriter::write_one() {
   const Result<format::SealedPage> page = pages_.take();
   if (!page) return page.error();
+  const Timed timed(writing_);
   const Result<uint32_t> number = writer_.append(*page);
   if (!number) return number.error();
   if (*number != written_)

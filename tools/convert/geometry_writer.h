@@ -1,6 +1,7 @@
 // Chunks into pages, pages into the file, in order.
 #pragma once
 
+#include <atomic>
 #include <cstddef>
 #include <cstdint>
 #include <vector>
@@ -29,6 +30,10 @@ class GeometryWriter {
   /// Places a chunk: sets page and offset of its record. Errors of ContainerWriter::append.
   Result<void> add(EncodedChunk& chunk);
 
+  /// Time in calls that write, and in threads that check-sum and compress.
+  double write_seconds() const { return 1e-9 * static_cast<double>(writing_.load()); }
+  double seal_seconds() const { return 1e-9 * static_cast<double>(sealing_.load()); }
+
   /// Closes the last page and writes what is left.
   Result<void> finish();
 
@@ -36,6 +41,9 @@ class GeometryWriter {
   Result<void> seal();
   Result<void> write_one();
 
+  // Nanoseconds; outlive the jobs of pages_.
+  std::atomic<uint64_t> writing_{0};
+  std::atomic<uint64_t> sealing_{0};
   OrderedResults<format::SealedPage> pages_;
   format::ContainerWriter& writer_;
   int zstd_level_;
