@@ -49,7 +49,9 @@ Result<void> Checker::pages() const {
       if (page.raw_bytes != page.stored_bytes) {
         return fail(kRange, "page ", i, ": ", page.raw_bytes, " raw bytes, but ", page.stored_bytes, " are stored raw");
       }
-    } else if (page.codec == PageCodec::kZstd) {
+    } else if (page.codec == PageCodec::kZstd || page.codec == PageCodec::kSplit) {
+      if (page.codec == PageCodec::kSplit && page.kind != PageKind::kGeometry)
+        return fail(kRange, "page ", i, ": split, but of kind ", static_cast<uint32_t>(page.kind));
       if (page.stored_bytes >= page.raw_bytes) {
         return fail(kRange, "page ", i, ": ", page.raw_bytes, " bytes compressed to ", page.stored_bytes);
       }

@@ -18,26 +18,6 @@ using enum ErrorCode;
 
 constexpr uint32_t kMaxBoundsShift = 16;  // boxes of 2^24
 
-/// A box of lattice offsets.
-struct OffsetBox {
-  uint32_t min[3];
-  uint32_t max[3];
-};
-
-/// The bounds that hold `box`, relative to `origin`: the finest.
-ClusterBounds bounds_of(const OffsetBox& box, const uint32_t origin[3]) {
-  ClusterBounds bounds{};
-  uint32_t widest = 0;
-  for (int i = 0; i < 3; ++i) widest = std::max(widest, box.max[i] - box.min[i]);
-  bounds.shift = widest < 256 ? 0u : static_cast<uint32_t>(std::bit_width(widest)) - 8;
-  for (int i = 0; i < 3; ++i) {
-    const uint32_t min = box.min[i] - origin[i];
-    assert(min < 1u << 24);
-    bounds.axis[i] = min | ((box.max[i] - box.min[i]) >> bounds.shift) << 24;
-  }
-  return bounds;
-}
-
 void grow(OffsetBox& box, const PackedCluster& cluster) {
   for (int i = 0; i < 3; ++i) {
     box.min[i] = std::min(box.min[i], cluster.min[i]);
@@ -53,10 +33,6 @@ OffsetBox box_of(std::span<const PackedCluster> clusters) {
 
 std::span<const PackedCluster> clusters_of(const ClusterSet& set, const ClusterRun& run) {
   return std::span<const PackedCluster>(set.clusters).subspan(run.first_cluster, run.cluster_count);
-}
-
-uint64_t group_count(uint64_t clusters) {
-  return (clusters + kGroupClusters - 1) / kGroupClusters;
 }
 
 /// `what`, `number`: whose bounds they are, for the message.
@@ -320,6 +296,19 @@ class Decoder {
 };
 
 }  // namespace
+
+ClusterBounds bounds_of(const OffsetBox& box, const uint32_t origin[3]) {
+  ClusterBounds bounds{};
+  uint32_t widest = 0;
+  for (int i = 0; i < 3; ++i) widest = std::max(widest, box.max[i] - box.min[i]);
+  bounds.shift = widest < 256 ? 0u : static_cast<uint32_t>(std::bit_width(widest)) - 8;
+  for (int i = 0; i < 3; ++i) {
+    const uint32_t min = box.min[i] - origin[i];
+    assert(min < 1u << 24);
+    bounds.axis[i] = min | ((box.max[i] - box.min[i]) >> bounds.shift) << 24;
+  }
+  return bounds;
+}
 
 ClusterStreams cluster_streams_of(const MeshRecord& mesh, const ChunkRecord& chunk,
                                   std::span<const std::byte> payload) {

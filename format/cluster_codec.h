@@ -14,6 +14,11 @@
 
 namespace scree::format {
 
+/// Groups of so many clusters.
+constexpr uint64_t group_count(uint64_t clusters) {
+  return (clusters + kGroupClusters - 1) / kGroupClusters;
+}
+
 /// What the records say of a clustered chunk, and its streams: exactly chunk_streams() of them.
 struct ClusterStreams {
   uint32_t triangle_count = 0;
@@ -44,6 +49,15 @@ Result<void> decode_clusters(const ClusterStreams& streams, const ClusterOutput&
 
 /// The same checks without the output, for validating a page.
 Result<void> check_clusters(const ClusterStreams& streams);
+
+/// A box of lattice offsets.
+struct OffsetBox {
+  uint32_t min[3];
+  uint32_t max[3];
+};
+
+/// The bounds that hold `box`, relative to `origin`, from which it lies less than 2^24: the finest.
+ClusterBounds bounds_of(const OffsetBox& box, const uint32_t origin[3]);
 
 /// A packed cluster of a ClusterSet.
 struct PackedCluster {

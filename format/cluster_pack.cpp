@@ -7,6 +7,7 @@
 #include <cstring>
 
 #include "format/cluster_read.h"
+#include "format/word_writer.h"
 
 namespace scree::format {
 namespace {
@@ -15,37 +16,6 @@ constexpr uint8_t kFree = 0xff;
 
 // What a compact cluster of 128 triangles takes at best: it is about 10 vertices across.
 constexpr uint32_t kGoodDistanceBits = 4;
-
-/// Most words of a cluster's data: a prediction, steps of two bits, distances of 7 and positions of 24.
-constexpr uint32_t kMostWords = 2 + 2 * kMaxClusterTriangles / 32 + 14 * kMaxClusterTriangles / 32 +
-                                3 * kMaxPositionBits * kMaxClusterVertices / 32;
-
-/// Appends values of at most 32 bits to words that have room, the first in the lowest bits.
-class WordWriter {
- public:
-  explicit WordWriter(uint32_t* words) : at_(words) {}
-
-  void put(uint32_t value, uint32_t bits) {
-    pending_ |= uint64_t{value} << fill_;
-    fill_ += bits;
-    if (fill_ < 32) return;
-    *at_++ = static_cast<uint32_t>(pending_);
-    pending_ >>= 32;
-    fill_ -= 32;
-  }
-  /// The next value begins on a word. Returns where.
-  uint32_t* end_section() {
-    if (fill_ != 0) *at_++ = static_cast<uint32_t>(pending_);
-    pending_ = 0;
-    fill_ = 0;
-    return at_;
-  }
-
- private:
-  uint32_t* at_;
-  uint64_t pending_ = 0;
-  uint32_t fill_ = 0;
-};
 
 uint32_t words_for(uint32_t bits) {
   return (bits + 31) / 32;
@@ -279,7 +249,8 @@ uint32_t* ClusterPacker::put_triangles(PackedCluster& cluster, uint32_t* words) 
   return writer.end_section();
 }
 
-/// Appends the cluster's vertices and writes all its data to `words`, which has room for kMostWords; returns their end.
+/// Appends the cluster's vertices and writes all its data to `words`, which has room for kMostClusterWords + 1; returns
+/// their end.
 uint32_t* ClusterPacker::put_data(PackedCluster& cluster, std::vector<uint32_t>& vertices, uint32_t* words) const {
   const uint32_t count = vertex_count_ + best_.padding;
   const size_t first = vertices.size();
@@ -336,7 +307,7 @@ void ClusterPacker::pack(std::span<const uint32_t> triangles, ClusterSet& out) {
   choose_numbering();
   for (uint32_t i = 0; i < triangle_count_; ++i) out.triangles.push_back(triangles[best_.order[i]]);
   PackedCluster cluster{};
-  std::array<uint32_t, kMostWords> words;
+  std::array<uint32_t, kMostClusterWords + 1> words;
   const uint32_t* end = put_data(cluster, out.vertices, words.data());
   cluster.words = static_cast<uint32_t>(end - words.data());
   out.words.insert(out.words.end(), words.begin(), words.begin() + cluster.words);

@@ -280,9 +280,10 @@ Result<void> decompress(uint32_t page, std::span<std::byte> out, std::span<const
   return {};
 }
 
-/// What can be said about a zstd page before any memory is taken: one frame, neither shorter nor longer than the stored
-/// bytes, that says it holds raw_bytes.
-Result<void> check_frame(uint32_t page, uint64_t raw_bytes, std::span<const std::byte> stored) {
+/// What can be said about a compressed page before any memory is taken: one frame, neither shorter nor longer than the
+/// stored bytes, that says it holds raw_bytes, or of a split page not more than it may. Returns what it holds.
+Result<uint64_t> check_frame(uint32_t page, const PageRecord& record, std::span<const std::byte> stored) {
+  const uint64_t raw_bytes = record.raw_bytes;
   if (stored.size() < sizeof kZstdMagic || load<uint32_t>(stored.data()) != kZstdMagic) {
     return fail(ErrorCode::kFormat, "page ", page, ": not a zstd frame");
   }
@@ -291,14 +292,29 @@ Result<void> check_frame(uint32_t page, uint64_t raw_bytes, std::span<const std:
   if (content == ZSTD_CONTENTSIZE_UNKNOWN) {
     return fail(ErrorCode::kFormat, "page ", page, ": the zstd frame does not say its size");
   }
-  if (content != raw_bytes) {
-    return fail(ErrorCode::kFormat, "page ", page, ": the zstd frame holds ", content, " bytes, expected ", raw_bytes);
+  if (record.codec == PageCodec::kSplit ? content > kMaxSplitRatio * raw_bytes : content != raw_bytes) {
+    return fail(ErrorCode::kFormat, "page ", page, ": the zstd frame holds ", content, " bytes, expected ",
+                record.codec == PageCodec::kSplit ? "at most " : "",
+                record.codec == PageCodec::kSplit ? kMaxSplitRatio * raw_bytes : raw_bytes);
   }
   const size_t frame = ZSTD_findFrameCompressedSize(stored.data(), stored.size());
   if (ZSTD_isError(frame)) return fail(ErrorCode::kTruncated, "page ", page, ": zstd: ", ZSTD_getErrorName(frame));
   if (frame != stored.size()) {
     return fail(ErrorCode::kTrailing, "page ", page, ": the zstd frame takes ", frame, " of ", stored.size(), " bytes");
   }
+  return uint64_t{content};
+}
+
+/// Unpacks a page whose frame has been checked, and holds `content` bytes.
+Result<void> unpack(uint32_t page, const PageRecord& record, uint64_t content, std::span<std::byte> raw,
+                    std::span<const std::byte> stored) {
+  if (record.codec != PageCodec::kSplit) return decompress(page, raw, stored);
+  const std::unique_ptr<std::byte[]> memory(new (std::nothrow) std::byte[content]);
+  if (!memory) return fail(ErrorCode::kMemory, "page ", page, ": no memory for ", content, " bytes");
+  const std::span<std::byte> split(memory.get(), content);
+  if (auto done = decompress(page, split, stored); !done) return done;
+  const Result<void> joined = join_page(split, raw);
+  if (!joined) return fail(joined.error().code, "page ", page, ": ", joined.error().message.c_str());
   return {};
 }
 
@@ -406,8 +422,10 @@ Result<void> Container::check_page(uint32_t page, std::span<const std::byte> pad
 
 Result<void> Container::unpack_page(uint32_t page, std::span<const std::byte> stored, std::span<std::byte> raw) const {
   assert(raw.size() == pages()[page].raw_bytes);
-  if (auto frame = check_frame(page, raw.size(), stored); !frame) return frame;
-  return decompress(page, raw, stored);
+  const PageRecord& record = pages()[page];
+  const auto content = check_frame(page, record, stored);
+  if (!content) return content.error();
+  return unpack(page, record, *content, raw, stored);
 }
 
 Result<std::span<const std::byte>> Container::load_page(uint32_t page, std::vector<std::byte>& scratch) const {
@@ -420,7 +438,8 @@ Result<std::span<const std::byte>> Container::load_page(uint32_t page, std::vect
   const std::span<const std::byte> stored = stored_page(page);
   if (record.codec == PageCodec::kRaw) return stored;
 
-  if (auto frame = check_frame(page, record.raw_bytes, stored); !frame) return frame.error();
+  const auto content = check_frame(page, record, stored);
+  if (!content) return content.error();
   try {
     // A vector that grows may take twice what it is asked for; one that starts empty takes exactly that.
     if (scratch.capacity() < record.raw_bytes) scratch = std::vector<std::byte>();
@@ -430,7 +449,7 @@ Result<std::span<const std::byte>> Container::load_page(uint32_t page, std::vect
   } catch (const std::length_error&) {
     return fail(ErrorCode::kMemory, "page ", page, ": no memory for ", record.raw_bytes, " bytes");
   }
-  if (auto done = decompress(page, scratch, stored); !done) return done.error();
+  if (auto done = unpack(page, record, *content, scratch, stored); !done) return done.error();
   return std::span<const std::byte>(scratch);
 }
 

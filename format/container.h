@@ -10,6 +10,7 @@
 #include <string_view>
 #include <vector>
 
+#include "format/cluster_page.h"
 #include "format/layout.h"
 #include "format/part_log.h"
 #include "format/result.h"
@@ -72,10 +73,11 @@ class Container {
   std::span<const std::byte> stored_page(uint32_t page) const;
 
   /// Checks a page's checksum and gives its raw bytes: a view of the file where the page is raw, else of `scratch`,
-  /// which is resized. kGeometry raw bytes start 16-byte aligned. Never takes more than raw_bytes, which a small file
-  /// cannot make large (kMaxZstdRatio). Reentrant with different scratch. Errors kChecksum, kReserved (padding after
-  /// the page that is not zero), kFormat, kTruncated, kTrailing (not exactly one zstd frame of raw_bytes), kRange (no
-  /// such page), kMemory.
+  /// which is resized. kGeometry raw bytes start 16-byte aligned. Takes raw_bytes, which a small file cannot make large
+  /// (kMaxZstdRatio); while a split page is put together kMaxSplitRatio times as much more, and 1.1 MiB a thread.
+  /// Reentrant with different scratch. Errors kChecksum, kReserved (padding after the page that is not zero), kFormat,
+  /// kTruncated, kTrailing (not exactly one zstd frame of raw_bytes), kRange (no such page; a split page's streams),
+  /// kMemory.
   Result<std::span<const std::byte>> load_page(uint32_t page, std::vector<std::byte>& scratch) const;
 
   // For those who keep pages in memory of their own, the steps of load_page; `page` is one the file has.
@@ -84,8 +86,8 @@ class Container {
   std::span<const std::byte> padded_page(uint32_t page) const;
   /// Checks `padded`, padded_page() or a copy of it. Errors kChecksum, kReserved as load_page.
   Result<void> check_page(uint32_t page, std::span<const std::byte> padded) const;
-  /// Unpacks a zstd page from `stored`, its stored bytes, into `raw`, which has raw_bytes. Safe on any bytes;
-  /// reentrant. Errors kFormat, kTruncated, kTrailing, kMemory as load_page.
+  /// Unpacks a compressed page from `stored`, its stored bytes, into `raw`, which has raw_bytes. Safe on any bytes;
+  /// reentrant. Errors kFormat, kTruncated, kTrailing, kRange, kReserved, kMemory as load_page.
   Result<void> unpack_page(uint32_t page, std::span<const std::byte> stored, std::span<std::byte> raw) const;
 
  private:
@@ -100,10 +102,12 @@ struct SealedPage {
   std::vector<std::byte> stored;
 };
 
-/// Compresses (zstd_level 1 to 22; 0 keeps the bytes raw) and checksums a page. Raw as well where zstd does not make it
+/// Compresses (zstd_level 1 to 22; 0 keeps the bytes raw) and checksums a page, split where it has clusters (in the
+/// order in which they lie) and can be. Raw as well where zstd does not make it
 /// smaller, where a reader would refuse the size it unpacks to (kMaxZstdRatio), and where memory for compressing is
 /// short. Pure but for the last: the same bytes for the same arguments.
-SealedPage seal_page(PageKind kind, std::vector<std::byte> raw, int zstd_level);
+SealedPage seal_page(PageKind kind, std::vector<std::byte> raw, int zstd_level,
+                     std::span<const PageClusters> clusters = {});
 
 /// All strings of a file; equal strings are kept once, the empty string is at offset 0.
 class StringTable {

@@ -25,8 +25,10 @@ namespace {
 
 constexpr uint32_t kPageEntry = 1;  // of a PartLog: a PageRecord
 
-/// One zstd frame that says its content's size, or nothing where it would not be smaller than `raw` or memory is short.
-std::vector<std::byte> compress(std::span<const std::byte> raw, int level) try {
+/// One zstd frame that says its content's size, or nothing where it would take `limit` bytes or memory is short.
+/// `ends`: in `content`, where bytes of another kind begin; each gets blocks of its own, with codes that fit it.
+std::vector<std::byte> compress(std::span<const std::byte> content, std::span<const uint64_t> ends, uint64_t limit,
+                                int level) try {
   struct Free {
     void operator()(ZSTD_CCtx* context) const { ZSTD_freeCCtx(context); }
   };
@@ -35,17 +37,31 @@ std::vector<std::byte> compress(std::span<const std::byte> raw, int level) try {
   ZSTD_CCtx_setParameter(context.get(), ZSTD_c_compressionLevel, std::min(level, ZSTD_maxCLevel()));
   ZSTD_CCtx_setParameter(context.get(), ZSTD_c_contentSizeFlag, 1);
   ZSTD_CCtx_setParameter(context.get(), ZSTD_c_checksumFlag, 0);  // the page has its own
-  std::vector<std::byte> frame(raw.size() - 1);                   // what does not fit is not smaller
-  const size_t bytes = ZSTD_compress2(context.get(), frame.data(), frame.size(), raw.data(), raw.size());
-  if (ZSTD_isError(bytes)) return {};
-  return {frame.begin(), frame.begin() + static_cast<ptrdiff_t>(bytes)};
+  std::vector<std::byte> frame(limit - 1);
+  if (ends.empty()) {
+    const size_t bytes = ZSTD_compress2(context.get(), frame.data(), frame.size(), content.data(), content.size());
+    if (ZSTD_isError(bytes)) return {};
+    return {frame.begin(), frame.begin() + static_cast<ptrdiff_t>(bytes)};
+  }
+  ZSTD_CCtx_setPledgedSrcSize(context.get(), content.size());
+  ZSTD_outBuffer out{frame.data(), frame.size(), 0};
+  ZSTD_inBuffer in{content.data(), 0, 0};
+  const auto feed = [&](uint64_t end, ZSTD_EndDirective directive) {
+    in.size = end;
+    return ZSTD_compressStream2(context.get(), &out, &in, directive) == 0;  // neither an error nor out of room
+  };
+  for (const uint64_t end : ends)
+    if (end != in.pos && end != content.size() && !feed(end, ZSTD_e_flush)) return {};
+  if (!feed(content.size(), ZSTD_e_end)) return {};
+  return {frame.begin(), frame.begin() + static_cast<ptrdiff_t>(out.pos)};
 } catch (const std::bad_alloc&) {
   return {};
 }
 
 }  // namespace
 
-SealedPage seal_page(PageKind kind, std::vector<std::byte> raw, int zstd_level) {
+SealedPage seal_page(PageKind kind, std::vector<std::byte> raw, int zstd_level,
+                     std::span<const PageClusters> clusters) {
   SealedPage page;
   page.record.kind = kind;
   page.record.codec = PageCodec::kRaw;
@@ -53,12 +69,15 @@ SealedPage seal_page(PageKind kind, std::vector<std::byte> raw, int zstd_level) 
   page.stored = std::move(raw);
 
   if (zstd_level > 0 && page.stored.size() > 1 && page.stored.size() <= kMaxZstdPageBytes) {
-    std::vector<std::byte> compressed = compress(page.stored, zstd_level);
+    const SplitPage split = clusters.empty() ? SplitPage{} : split_page(page.stored, clusters);
+    const bool is_split = !split.bytes.empty();
+    std::vector<std::byte> compressed =
+        compress(is_split ? split.bytes : page.stored, split.stream_ends, page.stored.size(), zstd_level);
     // The last rule is the reader's (spec/container.md, pages): what unpacks to much must have been large itself.
     if (!compressed.empty() &&
         (page.stored.size() <= kPageTargetBytes || page.stored.size() / kMaxZstdRatio < compressed.size())) {
       page.stored = std::move(compressed);
-      page.record.codec = PageCodec::kZstd;
+      page.record.codec = is_split ? PageCodec::kSplit : PageCodec::kZstd;
     }
   }
   page.record.stored_bytes = page.stored.size();

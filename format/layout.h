@@ -77,7 +77,11 @@ struct TocEntry {
 static_assert(sizeof(TocEntry) == 32);
 
 enum class PageKind : uint32_t { kGeometry = 1, kImage = 2 };
-enum class PageCodec : uint32_t { kRaw = 0, kZstd = 1 };
+enum class PageCodec : uint32_t {
+  kRaw = 0,
+  kZstd = 1,
+  kSplit = 2,  // zstd of clusters taken apart (spec/codecs.md, split pages)
+};
 
 /// A run of the file that is read, checked, compressed and kept resident as one. Geometry pages hold chunks and are at
 /// most kPageTargetBytes, except that a chunk larger than that has a page of its own; an image page holds one image
@@ -88,7 +92,7 @@ struct PageRecord {
   uint64_t raw_bytes;     // after decompression; equal to stored_bytes when raw
   uint64_t checksum;      // XXH3-64 of the stored bytes
   PageKind kind;          // a reader skips kinds it does not know
-  PageCodec codec;        // kZstd: exactly one frame
+  PageCodec codec;        // kZstd, kSplit: exactly one frame
 };
 static_assert(sizeof(PageRecord) == 40);
 

@@ -13,8 +13,9 @@
 namespace scree::runtime {
 
 /// The ring of staging memory: `slots` times `slot_bytes` (a multiple of format::kPageAlignment). That, one unpacked
-/// page larger than a slot, zstd's contexts, and a slot's bytes a thread where compressed pages are read past the page
-/// cache are all the host memory that an upload takes.
+/// page larger than a slot, zstd's contexts, for each thread what a split page takes (Container::load_page), and a
+/// slot's bytes a thread where compressed pages are read past the page cache are all the host memory that an upload
+/// takes.
 struct StagingSizes {
   uint64_t slot_bytes = uint64_t{4} << 20;
   uint32_t slots = 32;

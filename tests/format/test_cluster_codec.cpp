@@ -10,6 +10,7 @@
 #include "format/cluster_pack.h"
 #include "format/cluster_read.h"
 #include "tests/catch.h"
+#include "tests/format/cluster_lists.h"
 #include "tests/format/guarded_bytes.h"
 #include "tests/format/spec_vectors.h"
 #include "tests/format/stream_checks.h"
@@ -19,51 +20,13 @@ using namespace scree::format;
 using scree::tests::GuardedBytes;
 using scree::tests::outcome;
 using scree::tools::ClusterEffort;
+using namespace scree::tests;
 
 namespace {
 
-/// Triangles over lattice offsets.
-struct List {
-  std::vector<uint32_t> indices;
-  std::vector<uint32_t> offsets;
-
-  uint32_t vertex_count() const { return static_cast<uint32_t>(offsets.size() / 3); }
-  uint32_t add(uint32_t x, uint32_t y, uint32_t z) {
-    offsets.insert(offsets.end(), {x, y, z});
-    return vertex_count() - 1;
-  }
-  void triangle(uint32_t a, uint32_t b, uint32_t c) { indices.insert(indices.end(), {a, b, c}); }
-};
-
-/// A chunk made of a list, alone in its mesh.
-struct Chunk {
-  MeshRecord mesh{};
-  ChunkRecord record{};
-  std::vector<std::byte> payload;
-  ClusterSet set;
-
-  ClusterStreams streams(std::span<const std::byte> bytes) const { return cluster_streams_of(mesh, record, bytes); }
-};
-
-Chunk encode(const List& list, ClusterEffort effort = ClusterEffort::kFast, uint32_t lattice_bits = 24) {
-  Chunk chunk;
-  for (uint8_t& bits : chunk.mesh.lattice_bits) bits = static_cast<uint8_t>(lattice_bits);
-  chunk.mesh.lattice_min[1] = -12345;
-  chunk.mesh.lattice_exponent = -7;
-  chunk.set = scree::tools::ClusterBuilder().build(list.indices, list.offsets, effort);
-  const ClusterRun run{0, chunk.set.clusters.size(), 0};
-  describe_clusters(chunk.set, run, chunk.record);
-  chunk.payload.resize(cluster_stream_bytes(chunk.record.cluster_count, chunk.record.cluster_words));
-  REQUIRE(chunk.payload.size() == chunk_streams(chunk.mesh, chunk.record).bytes);
-  GuardedBytes guarded(chunk.payload.size());
-  std::fill(guarded.bytes().begin(), guarded.bytes().end(), std::byte{0xaa});  // the writer clears what it leaves
-  write_clusters(guarded.bytes(), chunk.set, run, chunk.record);
-  chunk.payload.assign(guarded.bytes().begin(), guarded.bytes().end());
-  return chunk;
-}
-
 /// As the decoder has it, one triangle and one vertex at a time by the reader that kernels use.
-void check_reader(const Chunk& chunk, const std::vector<uint32_t>& indices, const std::vector<uint32_t>& offsets) {
+void check_reader(const ClusteredChunk& chunk, const std::vector<uint32_t>& indices,
+                  const std::vector<uint32_t>& offsets) {
   const ClusterStreams streams = chunk.streams(chunk.payload);
   for (uint32_t c = 0; c < streams.cluster_count; ++c) {
     const auto record = load<ClusterRecord>(streams.clusters.data() + c * sizeof(ClusterRecord));
@@ -89,7 +52,7 @@ void check_reader(const Chunk& chunk, const std::vector<uint32_t>& indices, cons
 }
 
 /// Decodes the chunk and compares it with the list, triangle by triangle: same vertices, same side, same offsets.
-void check_round_trip(const List& list, const Chunk& chunk) {
+void check_round_trip(const List& list, const ClusteredChunk& chunk) {
   std::vector<uint32_t> indices(3 * size_t{chunk.record.triangle_count});
   std::vector<uint32_t> offsets(3 * size_t{chunk.record.vertex_count});
   std::vector<float> positions(offsets.size());
@@ -136,40 +99,12 @@ void check_round_trip(const List& list) {
     check_round_trip(list, encode(list, effort));
 }
 
-/// A height field of n x n quads whose triangles come row by row.
-List grid(uint32_t n, uint32_t step, uint32_t slope) {
-  List list;
-  for (uint32_t y = 0; y <= n; ++y)
-    for (uint32_t x = 0; x <= n; ++x) list.add(x * step, y * step, 1000 + slope * x + (x * y * 7) % 5);
-  for (uint32_t y = 0; y < n; ++y) {
-    for (uint32_t x = 0; x < n; ++x) {
-      const uint32_t a = y * (n + 1) + x;
-      list.triangle(a, a + 1, a + n + 2);
-      list.triangle(a, a + n + 2, a + n + 1);
-    }
-  }
-  return list;
-}
-
-/// Triangles between random vertices.
-List soup(std::mt19937& random, uint32_t triangles, uint32_t vertices, uint32_t bits) {
-  List list;
-  for (uint32_t v = 0; v < vertices; ++v) {
-    uint32_t c[3];
-    for (uint32_t& value : c) value = bits == 0 ? 0 : static_cast<uint32_t>(random()) >> (32 - bits);
-    list.add(c[0], c[1], c[2]);
-  }
-  const auto any = [&] { return static_cast<uint32_t>(random() % vertices); };
-  for (uint32_t t = 0; t < triangles; ++t) list.triangle(any(), any(), any());
-  return list;
-}
-
 }  // namespace
 
 TEST_CASE("cluster streams of the spec", "[cluster_codec][spec]") {
   for (const auto& vector : scree::tests::spec_vectors("clusters.txt")) {
     INFO(vector.text("name"));
-    Chunk chunk;
+    ClusteredChunk chunk;
     const auto lattice_bits = vector.integers<uint32_t>("lattice_bits");
     const auto position_min = vector.integers<uint32_t>("position_min");
     const auto position_bits = vector.integers<uint32_t>("position_bits");
@@ -244,7 +179,7 @@ TEST_CASE("clusters end where vertices run out", "[cluster_codec]") {
     for (uint32_t i = 0; i < 3; ++i) apart.add(t * 50 + i, t * i, 4000 - t);
     apart.triangle(3 * t, 3 * t + 1, 3 * t + 2);
   }
-  const Chunk chunk = encode(apart);
+  const ClusteredChunk chunk = encode(apart);
   CHECK(chunk.record.cluster_count == 4);
   CHECK(chunk.record.vertex_count == 3 * 128);
   check_round_trip(apart);
@@ -280,7 +215,7 @@ TEST_CASE("an axis that follows from the others takes few bits", "[cluster_codec
       slope.offsets[v + (axis + 1) % 3] = x;
       slope.offsets[v + (axis + 2) % 3] = y;
     }
-    const Chunk chunk = encode(slope);
+    const ClusteredChunk chunk = encode(slope);
     const ClusterLayout layout = cluster_layout(chunk.set.clusters[0].record);
     // Slopes of -2 are past the steepest that a prediction takes along this axis; another is taken then.
     CHECK(layout.predicted_axis != kNotPredicted);
@@ -294,7 +229,7 @@ TEST_CASE("damaged clusters are refused or decode within their limits", "[cluste
   const List lists[] = {grid(20, 300, 200), soup(random, 200, 90, 20), soup(random, 60, 4, 3)};
   uint64_t accepted = 0;
   for (const List& list : lists) {
-    const Chunk chunk = encode(list, ClusterEffort::kFast, 20);
+    const ClusteredChunk chunk = encode(list, ClusterEffort::kFast, 20);
     std::vector<uint32_t> indices(3 * size_t{chunk.record.triangle_count});
     std::vector<uint32_t> offsets(3 * size_t{chunk.record.vertex_count});
     std::vector<float> positions(offsets.size());
@@ -326,7 +261,7 @@ TEST_CASE("damaged clusters are refused or decode within their limits", "[cluste
 }
 
 TEST_CASE("each stream of a clustered chunk has one size and clean slack", "[cluster_codec]") {
-  const Chunk chunk = encode(grid(30, 100, 10));
+  const ClusteredChunk chunk = encode(grid(30, 100, 10));
   const ClusterStreams streams = chunk.streams(chunk.payload);
   const uint64_t records = streams.cluster_count * sizeof(ClusterRecord);
   const auto with = [&](std::span<const std::byte> ClusterStreams::*part) {
@@ -344,16 +279,16 @@ TEST_CASE("each stream of a clustered chunk has one size and clean slack", "[clu
 }
 
 TEST_CASE("what is wrong with a cluster is said", "[cluster_codec]") {
-  const Chunk chunk = encode(grid(20, 300, 200), ClusterEffort::kFast, 20);
+  const ClusteredChunk chunk = encode(grid(20, 300, 200), ClusterEffort::kFast, 20);
   const ChunkStreams streams = chunk_streams(chunk.mesh, chunk.record);
   const auto message = [&](const auto& change) {
-    Chunk broken = chunk;
+    ClusteredChunk broken = chunk;
     change(broken);
     const auto checked = check_clusters(broken.streams(broken.payload));
     return checked ? std::string("ok") : outcome(checked) + ": " + checked.error().message;
   };
   const auto change_record = [&](uint32_t cluster, auto change) {
-    return message([&](Chunk& c) {
+    return message([&](ClusteredChunk& c) {
       std::byte* at = c.payload.data() + streams.clusters.offset + cluster * sizeof(ClusterRecord);
       auto record = load<ClusterRecord>(at);
       change(record);
@@ -361,14 +296,14 @@ TEST_CASE("what is wrong with a cluster is said", "[cluster_codec]") {
     });
   };
   const auto change_bounds = [&](uint64_t place, auto change) {
-    return message([&](Chunk& c) {
+    return message([&](ClusteredChunk& c) {
       std::byte* at = c.payload.data() + place;
       auto bounds = load<ClusterBounds>(at);
       change(bounds);
       store(at, bounds);
     });
   };
-  CHECK(message([](Chunk&) {}) == "ok");
+  CHECK(message([](ClusteredChunk&) {}) == "ok");
   CHECK(change_record(1, [](ClusterRecord& r) { ++r.first_triangle; }).starts_with("range: cluster 1: first triangle"));
   CHECK(change_record(1, [](ClusterRecord& r) { --r.first_vertex; }).starts_with("range: cluster 1: first triangle"));
   CHECK(change_record(2, [](ClusterRecord& r) { ++r.place; }).starts_with("range: cluster 2: data at word"));
@@ -392,8 +327,9 @@ TEST_CASE("what is wrong with a cluster is said", "[cluster_codec]") {
   CHECK(change_bounds(streams.group_bounds.offset, [](ClusterBounds& b) {
           b.axis[1] &= 0xffffffu;
         }).find("outside the bounds of its group") != std::string::npos);
-  CHECK(message([](Chunk& c) { c.record.position_bits[0] -= 1; }).find("but the chunk's box has") != std::string::npos);
-  CHECK(message([](Chunk& c) { c.mesh.lattice_bits[0] = 10; }).starts_with("range: positions: code"));
+  CHECK(message([](ClusteredChunk& c) { c.record.position_bits[0] -= 1; }).find("but the chunk's box has") !=
+        std::string::npos);
+  CHECK(message([](ClusteredChunk& c) { c.mesh.lattice_bits[0] = 10; }).starts_with("range: positions: code"));
 }
 
 TEST_CASE("bounds hold exactly what they say", "[cluster_codec]") {
@@ -407,7 +343,7 @@ TEST_CASE("bounds hold exactly what they say", "[cluster_codec]") {
       list.add(extent, 0, 0);
       list.add(0, extent / 3, 0);
       list.triangle(0, 1, 2);
-      const Chunk chunk = encode(list);
+      const ClusteredChunk chunk = encode(list);
       const auto bounds = load<ClusterBounds>(chunk.streams(chunk.payload).cluster_bounds.data());
       const uint32_t step = 1u << bounds.shift;
       CHECK(bounds_extent(bounds, 0) >= extent);

@@ -174,7 +174,9 @@ TEST_CASE("container rules: pages", "[container]") {
        ", which is more than is allowed")
           .c_str());
   b.record<P>(
-      k, 2, [](P& p) { p.codec = PageCodec{2}; }, "page 2: codec 2");
+      k, 2, [](P& p) { p.codec = PageCodec{3}; }, "page 2: codec 3");
+  b.record<P>(
+      k, 2, [](P& p) { p.codec = PageCodec::kSplit; }, "page 2: split, but of kind 2");
   b.record<P>(
       k, 2, [](P& p) { p.stored_bytes = p.raw_bytes = 3; }, "page 2: the checksum differs", ErrorCode::kChecksum);
   b.record<P>(
@@ -203,8 +205,9 @@ TEST_CASE("container rules: pages", "[container]") {
 }
 
 /// A file whose second page holds these stored bytes in place of the zstd frame, checksum fitting.
-Bytes with_frame(Bytes frame, uint64_t raw_bytes) {
+Bytes with_frame(Bytes frame, uint64_t raw_bytes, PageCodec codec = PageCodec::kZstd) {
   Parts parts = full_parts();
+  parts.pages[1].record.codec = codec;
   parts.pages[1].record.stored_bytes = frame.size();
   parts.pages[1].record.raw_bytes = raw_bytes;
   parts.pages[1].record.checksum = XXH3_64bits(frame.data(), frame.size());
@@ -257,6 +260,23 @@ TEST_CASE("container rules: a zstd page is one frame of its size", "[container]"
   unsized.resize(ZSTD_compress2(context, unsized.data(), unsized.size(), raw.data(), raw.size()));
   ZSTD_freeCCtx(context);
   Breaker::expect(with_frame(unsized, raw_bytes), "page 1: the zstd frame does not say its size", ErrorCode::kFormat);
+}
+
+TEST_CASE("container rules: a split page holds at most twice its bytes, and makes them all", "[container]") {
+  const uint64_t raw_bytes = full_parts().pages[1].record.raw_bytes;
+  const auto zeros = [&](uint64_t bytes) {
+    const Bytes content(bytes);
+    Bytes frame(ZSTD_compressBound(bytes));
+    frame.resize(ZSTD_compress(frame.data(), frame.size(), content.data(), content.size(), 3));
+    return with_frame(frame, raw_bytes, PageCodec::kSplit);
+  };
+  Breaker::expect(zeros(2 * raw_bytes + 1),
+                  ("page 1: the zstd frame holds " + std::to_string(2 * raw_bytes + 1) + " bytes, expected at most " +
+                   std::to_string(2 * raw_bytes))
+                      .c_str(),
+                  ErrorCode::kFormat);
+  Breaker::expect(zeros(2 * raw_bytes), "page 1: split page: residuals of 0 bytes, expected 1 to 3", ErrorCode::kRange);
+  Breaker::expect(zeros(1), "page 1: split page: no header", ErrorCode::kTruncated);
 }
 
 TEST_CASE("container rules: what a compressed page may grow to", "[container]") {

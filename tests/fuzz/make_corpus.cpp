@@ -9,6 +9,7 @@
 #include "format/attribute_codec.h"
 #include "format/chunk_layout.h"
 #include "format/cluster_codec.h"
+#include "format/cluster_page.h"
 #include "format/index_codec.h"
 #include "format/position_codec.h"
 #include "runtime/image.h"
@@ -169,6 +170,11 @@ void make_cluster_seed(uint32_t side, tools::ClusterEffort effort, const std::st
   for (const uint32_t min : chunk.position_min) seed.add(min);
   for (const uint8_t bits : chunk.position_bits) seed.add(bits);
   seed.stream(stream).save("cluster_codec", name);
+  const format::PageClusters clusters{0, chunk.cluster_count};
+  Seed()
+      .add(static_cast<uint32_t>(stream.size()))
+      .stream(format::split_page(stream, {&clusters, 1}).bytes)
+      .save("cluster_page", name);
 }
 
 void make_jpeg_seeds() {
@@ -254,6 +260,10 @@ void make_scene_seeds(const TempFolder& folder) {
   pack_as(grid, "grid_clustered", [](convert::ConvertOptions& o) {
     o.encoding = convert::Encoding::kClustered;
     o.normals = o.source_ids = true;
+  });
+  pack_as(grid, "grid_split", [](convert::ConvertOptions& o) {
+    o.encoding = convert::Encoding::kClustered;
+    o.zstd_level = 3;
   });
   pack_as(grid, "grid_zstd", [](convert::ConvertOptions& o) { o.zstd_level = 3, o.chunk_triangles = 50; });
 

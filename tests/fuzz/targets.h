@@ -13,6 +13,7 @@ void index_codec(Bytes bytes);
 void position_codec(Bytes bytes);
 void attribute_codec(Bytes bytes);
 void cluster_codec(Bytes bytes);
+void cluster_page(Bytes bytes);
 void jpeg_index(Bytes bytes);  // an indexed JPEG, as it lies in a container
 void jpeg_file(Bytes bytes);   // a JPEG file on its way into one, with mip levels
 void image(Bytes bytes);       // a PNG or JPEG as a texture
@@ -31,6 +32,7 @@ inline constexpr Target kTargets[] = {
     {"position_codec", position_codec, false},
     {"attribute_codec", attribute_codec, false},
     {"cluster_codec", cluster_codec, false},
+    {"cluster_page", cluster_page, false},
     {"jpeg_index", jpeg_index, false},
     {"jpeg_file", jpeg_file, false},
     {"image", image, false},

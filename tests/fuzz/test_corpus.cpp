@@ -44,6 +44,9 @@ TEST_CASE("fuzz corpus: attribute_codec", "[fuzz]") {
 TEST_CASE("fuzz corpus: cluster_codec", "[fuzz]") {
   replay("cluster_codec", "cluster_codec");
 }
+TEST_CASE("fuzz corpus: cluster_page", "[fuzz]") {
+  replay("cluster_page", "cluster_page");
+}
 TEST_CASE("fuzz corpus: jpeg_index", "[fuzz]") {
   replay("jpeg_index", "jpeg_index");
 }

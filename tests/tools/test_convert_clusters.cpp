@@ -149,6 +149,37 @@ TEST_CASE("clustered pages keep to their limit, whatever the number of threads",
   CHECK((tests::read_whole(options.output) == one));
 }
 
+TEST_CASE("split pages unpack to the bytes of raw ones, whatever the number of threads", "[convert][clusters]") {
+  const TempFolder folder;
+  make_grids(folder.file("in.glb"));
+  convert::ConvertOptions options = clustered(folder);
+  options.normals = true;
+  options.chunk_triangles = 3000;
+  must_convert(options);
+  const std::string raw_name = options.output;
+  const tests::OpenFile raw = must_open(raw_name);
+  options.output = folder.file("split.scree");
+  options.zstd_level = GENERATE(1, 3, 19);
+  options.threads = 1;
+  must_match(options);
+  const tests::OpenFile split = must_open(options.output);
+  must_verify(split);
+  REQUIRE(split.file.pages().size() == raw.file.pages().size());
+  CHECK(split.map.bytes().size() < raw.map.bytes().size());
+  std::vector<std::byte> expected, found;
+  for (uint32_t i = 0; i < raw.file.pages().size(); ++i) {
+    CHECK(split.file.pages()[i].codec == format::PageCodec::kSplit);
+    const auto a = raw.file.load_page(i, expected);
+    const auto b = split.file.load_page(i, found);
+    REQUIRE((a && b && a->size() == b->size()));
+    CHECK(std::equal(a->begin(), a->end(), b->begin()));
+  }
+  const std::string one = tests::read_whole(options.output);
+  options.threads = 3;
+  must_convert(options);
+  CHECK((tests::read_whole(options.output) == one));
+}
+
 TEST_CASE("inspect shares out the bytes of clusters", "[convert][inspect][clusters]") {
   const TempFolder folder;
   make_grids(folder.file("in.glb"));
@@ -204,6 +235,8 @@ TEST_CASE("scans take half the bytes of indexed chunks", "[convert][clusters][mo
     CHECK(8 * static_cast<double>(bytes[inspect::kIndices]) / triangles <= 12);
     sum += each;
     ++count;
+    options.zstd_level = 3;
+    CHECK(static_cast<double>(must_convert(options).output_bytes) <= 3.5 * triangles);
   }
   CHECK(sum / count <= 4.5);
 }

@@ -12,6 +12,8 @@ Result<void> GeometryWriter::add(EncodedChunk& chunk) {
     if (const Result<void> sealed = seal(); !sealed) return sealed;
   chunk.record.page = number_;
   chunk.record.offset = page_.size();
+  if (chunk.record.encoding == format::ChunkEncoding::kClustered)
+    clusters_.push_back({chunk.record.offset, chunk.record.cluster_count});
   if (page_.empty() && chunk.payload.size() >= format::kPageTargetBytes / 2) {
     page_ = std::move(chunk.payload);
   } else {
@@ -32,14 +34,17 @@ Result<void> GeometryWriter::finish() {
 
 Result<void> GeometryWriter::seal() {
   const auto raw = std::make_shared<std::vector<std::byte>>(std::move(page_));
+  std::vector<format::PageClusters> clusters = std::move(clusters_);
   page_.clear();
+  clusters_.clear();
   open_ = false;
   ++number_;
   const uint64_t cost = raw->size();
   pages_.submit(
-      [raw, level = zstd_level_, &time = sealing_](uint32_t) -> Result<format::SealedPage> {
+      [raw, clusters = std::move(clusters), level = zstd_level_,
+       &time = sealing_](uint32_t) -> Result<format::SealedPage> {
         const Timed timed(time);
-        return format::seal_page(format::PageKind::kGeometry, std::move(*raw), level);
+        return format::seal_page(format::PageKind::kGeometry, std::move(*raw), level, clusters);
       },
       cost);
   while (pages_.size() > limit_ || pages_.ready())

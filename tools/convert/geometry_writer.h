@@ -49,9 +49,10 @@ class GeometryWriter {
   int zstd_level_;
   uint64_t limit_;
   std::vector<std::byte> page_;
-  bool open_ = false;  // page_ holds a chunk, which may be empty: all its values equal
-  uint32_t number_;    // of the open page
-  uint32_t written_;   // pages in the file
+  std::vector<format::PageClusters> clusters_;  // of the open page
+  bool open_ = false;                           // page_ holds a chunk, which may be empty: all its values equal
+  uint32_t number_;                             // of the open page
+  uint32_t written_;                            // pages in the file
 };
 
 }  // namespace scree::convert

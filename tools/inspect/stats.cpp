@@ -356,7 +356,7 @@ Stats gather(const format::Container& file, std::span<const std::byte> bytes, ui
     page_bytes += pages[i].stored_bytes;
     ++stats.pages;
     stats.geometry_pages += pages[i].kind == PageKind::kGeometry;
-    stats.compressed_pages += pages[i].codec == format::PageCodec::kZstd;
+    stats.compressed_pages += pages[i].codec != format::PageCodec::kRaw;
     if (pages[i].kind == PageKind::kGeometry) shares[i].start(pages[i].stored_bytes, pages[i].raw_bytes);
   }
 
