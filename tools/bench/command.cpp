@@ -6,6 +6,7 @@
 #include "tools/bench/options.h"
 #include "tools/bench/plot.h"
 #include "tools/bench/run.h"
+#include "tools/bench/sizes.h"
 
 namespace scree::tools {
 
@@ -79,8 +80,18 @@ Command add_bench(CLI::App& parent) {
       ->type_name("N");
   app->add_option("--texture-cache", words->texture_cache, "Textured: memory for decoded blocks (default: 256MiB)")
       ->type_name("SIZE");
+  const auto sizes = std::make_shared<bool>(false);
+  CLI::Option* const sizes_flag = app->add_flag(
+      "--sizes", *sizes,
+      "What geometry takes, and seconds to encode and decode it: models (.gltf, .glb) as convert packs them, through\n"
+      "meshoptimizer's codecs, through draco_encoder where it is installed, and in the glTF");
+  for (CLI::Option* option : app->get_options())
+    if (option != sizes_flag && option->get_name() != "files" && option->get_name() != "--help")
+      sizes_flag->excludes(option);
   app->add_option("--csv", words->csv, "Append a row a case to this file")->type_name("FILE");
-  return {app, [words]() -> Result<void> {
+  return {app, [words, sizes]() -> Result<void> {
+            if (*sizes && words->files.empty()) return Error{ErrorCode::kUsage, "--sizes takes models"};
+            if (*sizes) return bench::run_sizes(words->files, words->csv);
             const Result<bench::BenchOptions> options = bench::parse_options(*words);
             if (!options) return options.error();
             if (!options->plot.empty()) return bench::plot_csv(options->plot);
