@@ -349,7 +349,8 @@ class Importer {
   Result<void> check_draco(bool draco, const Accessor& accessor) const {
     if (!draco || accessor.source != nullptr || accessor.sparse) return {};
     return Error{ErrorCode::kUnsupported, "accessor " + std::to_string(accessor.index) +
-                                              " has only Draco-compressed data, which scree does not read"};
+                                              " has only Draco-compressed data, which scree does not read" +
+                                              hint("KHR_draco_mesh_compression")};
   }
 
   // A vertex attribute with the types glTF 2.0 (3.7.2.1) and KHR_mesh_quantization allow. `vertices`: of the primitive,
