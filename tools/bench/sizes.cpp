@@ -20,6 +20,7 @@
 #include "tools/bench/options.h"
 #include "tools/bench/work_folder.h"
 #include "tools/common/chunk_decode.h"
+#include "tools/common/human.h"
 #include "tools/convert/convert.h"
 #include "tools/inspect/text_table.h"
 
@@ -27,6 +28,7 @@ namespace scree::bench {
 namespace {
 
 using Bytes = std::vector<std::byte>;
+using tools::fixed;
 
 constexpr int kZstdLevels[] = {0, 3, 9, 19};
 constexpr uint32_t kPositionBits = 16;
@@ -348,12 +350,6 @@ class ModelSizes {
   uint64_t vertices_ = 0;
   bool has_normals_ = false;
 };
-
-std::string fixed(double value, int digits) {
-  char text[32];
-  std::snprintf(text, sizeof text, "%.*f", digits, value);
-  return text;
-}
 
 }  // namespace
 
