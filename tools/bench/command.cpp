@@ -1,14 +1,29 @@
 #include "tools/common/command.h"
 
+#include <algorithm>
 #include <memory>
+#include <string>
+#include <vector>
 
 #include "tools/bench/judge_run.h"
+#include "tools/bench/load_report.h"
 #include "tools/bench/options.h"
 #include "tools/bench/plot.h"
 #include "tools/bench/run.h"
 #include "tools/bench/sizes.h"
 
 namespace scree::tools {
+namespace {
+
+/// A mode of its own: no other option goes with it.
+void takes_only(CLI::App& app, CLI::Option& mode, const std::vector<std::string>& names) {
+  for (CLI::Option* option : app.get_options())
+    if (option != &mode && option->get_name() != "--help" &&
+        std::find(names.begin(), names.end(), option->get_name()) == names.end())
+      mode.excludes(option);
+}
+
+}  // namespace
 
 Command add_bench(CLI::App& parent) {
   const auto words = std::make_shared<bench::BenchWords>();
@@ -80,18 +95,34 @@ Command add_bench(CLI::App& parent) {
       ->type_name("N");
   app->add_option("--texture-cache", words->texture_cache, "Textured: memory for decoded blocks (default: 256MiB)")
       ->type_name("SIZE");
+  app->add_option("--csv", words->csv, "Append a row a case to this file")->type_name("FILE");
   const auto sizes = std::make_shared<bool>(false);
   CLI::Option* const sizes_flag = app->add_flag(
       "--sizes", *sizes,
       "What geometry takes, and seconds to encode and decode it: models (.gltf, .glb) as convert packs them, through\n"
       "meshoptimizer's codecs, through draco_encoder where it is installed, and in the glTF");
-  for (CLI::Option* option : app->get_options())
-    if (option != sizes_flag && option->get_name() != "files" && option->get_name() != "--help")
-      sizes_flag->excludes(option);
-  app->add_option("--csv", words->csv, "Append a row a case to this file")->type_name("FILE");
+  CLI::Option* const load_flag = app->add_flag(
+      "--load", words->load,
+      "How fast .scree files load: cold, dropped from the page cache, and out of it, to all resident and to the first\n"
+      "picture, as rates and as shares of what reading the raw disk gives. On the CPU the ring that feeds a GPU fills\n"
+      "host memory instead");
+  app->add_option("--backend", words->backend, "--load: auto, cpu or cuda")->capture_default_str()->type_name("NAME");
+  app->add_option("--threads", words->threads, "--load: threads; 0: one per processor")
+      ->capture_default_str()
+      ->type_name("N");
+  app->add_option("--repeats", words->repeats, "--load: loads of each kind; medians are told")
+      ->capture_default_str()
+      ->type_name("N");
+  takes_only(*app, *sizes_flag, {"files", "--csv"});
+  takes_only(*app, *load_flag, {"files", "--csv", "--view", "--size", "--backend", "--threads", "--repeats"});
+  for (const char* name : {"--backend", "--threads", "--repeats"}) app->get_option(name)->needs(load_flag);
   return {app, [words, sizes]() -> Result<void> {
             if (*sizes && words->files.empty()) return Error{ErrorCode::kUsage, "--sizes takes models"};
             if (*sizes) return bench::run_sizes(words->files, words->csv);
+            if (words->load) {
+              const Result<bench::LoadOptions> options = bench::parse_loads(*words);
+              return options ? bench::run_loads(*options) : options.error();
+            }
             const Result<bench::BenchOptions> options = bench::parse_options(*words);
             if (!options) return options.error();
             if (!options->plot.empty()) return bench::plot_csv(options->plot);

@@ -39,6 +39,11 @@ struct BenchWords {
   bool reference = false;
   bool curves = false;
   std::string plot;
+  // Of --load:
+  bool load = false;
+  std::string backend = "auto";
+  std::string threads = "0";
+  uint32_t repeats = 5;
 };
 
 using tools::ImageSize;
@@ -95,6 +100,9 @@ std::string file_name(const std::string& path);
 
 /// Errors kUsage: what cannot be, with what can.
 Result<BenchOptions> parse_options(const BenchWords& words);
+
+/// What --threads says: 1 to 4096; 0 is one for each processor. Errors kUsage.
+Result<uint32_t> parse_threads(const std::string& word);
 
 /// The share of its triangles that a scene is made with: `scale`, but D and A60 are always whole.
 double scene_scale(const std::string& name, double scale);

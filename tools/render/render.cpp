@@ -181,14 +181,6 @@ Error with_advice(Error error) {
   return error;
 }
 
-/// Whether a GPU is to draw. --backend auto takes one that is there.
-Result<bool> wants_gpu(BackendChoice backend) {
-  if (backend == BackendChoice::kCpu) return false;
-  const Result<void> found = runtime::find_device();
-  if (!found && backend == BackendChoice::kCuda) return found.error();
-  return static_cast<bool>(found);
-}
-
 /// Brings the scene to the GPU; nothing where --backend auto finds that it does not fit.
 Result<std::optional<runtime::DeviceScene>> upload(const RenderOptions& options, const runtime::Scene& scene) {
   Result<runtime::DeviceScene> device =

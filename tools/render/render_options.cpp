@@ -242,13 +242,9 @@ Result<RenderOptions> parse_render_options(const RenderWords& words) {
   const Result<uint64_t> threads = parse_whole(words.threads, 0, 4096, "--threads");
   if (!threads) return threads.error();
   options.threads = *threads != 0 ? static_cast<uint32_t>(*threads) : std::max(1u, std::thread::hardware_concurrency());
-  if (words.backend == "cpu") {
-    options.backend = BackendChoice::kCpu;
-  } else if (words.backend == "cuda") {
-    options.backend = BackendChoice::kCuda;
-  } else if (words.backend != "auto") {
-    return usage("--backend", words.backend, "auto, cpu or cuda");
-  }
+  const Result<BackendChoice> backend = parse_backend(words.backend);
+  if (!backend) return backend.error();
+  options.backend = *backend;
   if (!words.device_memory.empty()) {
     const Result<uint64_t> bytes = parse_size(words.device_memory);
     if (!bytes) return at("--device-memory", bytes.error());

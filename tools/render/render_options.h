@@ -12,6 +12,7 @@
 #include "kernels/frame.h"
 #include "runtime/camera.h"
 #include "runtime/upload.h"
+#include "tools/common/backend.h"
 
 namespace scree::tools {
 
@@ -51,8 +52,6 @@ struct PixelPlace {
   uint32_t x;
   uint32_t y;
 };
-
-enum class BackendChoice { kAuto, kCpu, kCuda };
 
 struct RenderOptions {
   std::string file;
