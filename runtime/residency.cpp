@@ -35,160 +35,119 @@ Result<Residency> Residency::create(uint64_t pool_bytes, std::vector<uint64_t> c
 
 void Residency::forget() {
   for (Slot& slot : slots_) slot = Slot();
-  ages_.clear();
-  chunk_at_.clear();
-  holes_.clear();
-  by_size_.clear();
+  blocks_.reset(pool_bytes_ / kAlignment);
+  unseen_.clear();
+  drawn_.clear();
   missing_.clear();
+  first_missing_ = 0;
   batches_.clear();
-  free_bytes_ = pinned_bytes_ = 0;
-  if (pool_bytes_ != 0) add_hole(0, pool_bytes_);
+  pinned_bytes_ = 0;
 }
 
 std::vector<Residency::Place> Residency::begin_frame(std::span<const uint32_t> visible) {
   assert(batches_.empty());
   ++frame_;
   missing_.clear();
+  first_missing_ = 0;
   std::vector<Place> there;
   std::vector<uint32_t> batch;
   uint32_t rank = 0;
   for (const uint32_t chunk : visible) {
     Slot& slot = slots_[chunk];
-    const bool resident = slot.offset != kAbsent;
-    if (resident) ages_.erase(age(chunk));
     slot.frame = frame_;
     slot.rank = rank++;
-    if (!resident) {
+    if (!is_resident(chunk)) {
       missing_.push_back(chunk);
       continue;
     }
-    ages_.insert(age(chunk));
     slot.pinned = true;
     pinned_bytes_ += room(chunk);
-    there.push_back({chunk, slot.offset, chunk_bytes_[chunk]});
+    there.push_back({chunk, offset(chunk), chunk_bytes_[chunk]});
     batch.push_back(chunk);
   }
+  unseen_.clear();
+  drawn_.clear();
+  for (uint32_t block = blocks_.first(); block != BlockPool::kNone; block = blocks_.next(block))
+    if (!blocks_.is_free(block) && slots_[blocks_.owner(block)].frame != frame_)
+      unseen_.push_back(blocks_.owner(block));
+  std::sort(unseen_.begin(), unseen_.end(), [&](uint32_t a, uint32_t b) {
+    const Slot& first = slots_[a];
+    const Slot& second = slots_[b];
+    if (first.frame != second.frame) return first.frame > second.frame;
+    return first.rank != second.rank ? first.rank < second.rank : a > b;
+  });
   batches_.push_back(std::move(batch));
   return there;
 }
 
-Residency::Batch Residency::next_batch(uint64_t most_bytes) {
+/// Brings as many of the chosen chunks as find a place, the first ones; the others are missing again. They take `bytes`
+/// together, and so much is not pinned.
+Residency::Batch Residency::load(std::span<const uint32_t> chosen, uint64_t bytes) {
   Batch batch;
-  const uint64_t room_left = pool_bytes_ - pinned_bytes_;
-  uint64_t wanted = 0;
-  size_t count = 0;
-  for (; count < missing_.size(); ++count) {
-    const uint64_t bytes = room(missing_[count]);
-    if (bytes > room_left - wanted || (count != 0 && wanted + bytes > most_bytes)) break;
-    wanted += bytes;
-  }
-  if (count == 0) return batch;
-  make_free(wanted);
+  if (chosen.empty()) return batch;
+  make_free(bytes);
   size_t placed = 0;
-  while (placed < count && place(missing_[placed])) ++placed;
-  if (placed < count) {
-    while (placed != 0) evict(missing_[--placed]);
+  while (placed < chosen.size() && place(chosen[placed])) ++placed;
+  if (placed < chosen.size()) {
+    while (placed != 0) evict(chosen[--placed]);
     move_together(batch.moves);
-    while (placed < count && place(missing_[placed])) ++placed;
+    while (placed < chosen.size() && place(chosen[placed])) ++placed;
   }
-  std::vector<uint32_t> chunks(missing_.begin(), missing_.begin() + static_cast<ptrdiff_t>(placed));
-  for (const uint32_t chunk : chunks) {
+  for (const uint32_t chunk : chosen.first(placed)) {
     slots_[chunk].pinned = true;
     pinned_bytes_ += room(chunk);
-    batch.loads.push_back({chunk, slots_[chunk].offset, chunk_bytes_[chunk]});
+    batch.loads.push_back({chunk, offset(chunk), chunk_bytes_[chunk]});
   }
-  missing_.erase(missing_.begin(), missing_.begin() + static_cast<ptrdiff_t>(chunks.size()));
-  if (!chunks.empty()) batches_.push_back(std::move(chunks));
+  // Between two of them may be some that were dropped.
+  for (size_t i = chosen.size(); i-- > placed;) missing_[--first_missing_] = chosen[i];
+  if (placed != 0) batches_.emplace_back(chosen.begin(), chosen.begin() + static_cast<ptrdiff_t>(placed));
   return batch;
 }
 
 void Residency::batch_drawn() {
   assert(!batches_.empty());
+  const auto is_nearer = [&](uint32_t a, uint32_t b) { return slots_[a].rank < slots_[b].rank; };
   for (const uint32_t chunk : batches_.front()) {
     slots_[chunk].pinned = false;
     pinned_bytes_ -= room(chunk);
+    drawn_.push_back(chunk);
+    std::push_heap(drawn_.begin(), drawn_.end(), is_nearer);
   }
   batches_.pop_front();
 }
 
-/// Joins it with the holes beside it.
-void Residency::add_hole(uint64_t offset, uint64_t bytes) {
-  free_bytes_ += bytes;
-  auto next = holes_.lower_bound(offset);
-  if (next != holes_.end() && offset + bytes == next->first) {
-    bytes += next->second;
-    by_size_.erase({next->second, next->first});
-    next = holes_.erase(next);
-  }
-  if (next != holes_.begin()) {
-    const auto before = std::prev(next);
-    if (before->first + before->second == offset) {
-      by_size_.erase({before->second, before->first});
-      before->second += bytes;
-      by_size_.insert({before->second, before->first});
-      return;
-    }
-  }
-  holes_.emplace_hint(next, offset, bytes);
-  by_size_.insert({bytes, offset});
-}
-
-std::map<uint64_t, uint64_t>::iterator Residency::remove_hole(std::map<uint64_t, uint64_t>::iterator hole) {
-  free_bytes_ -= hole->second;
-  by_size_.erase({hole->second, hole->first});
-  return holes_.erase(hole);
-}
-
-/// In the smallest hole that has room; false where none has.
+/// False where no free piece has room.
 bool Residency::place(uint32_t chunk) {
-  const uint64_t bytes = room(chunk);
-  const auto found = by_size_.lower_bound({bytes, 0});
-  if (found == by_size_.end()) return false;
-  const auto [hole_bytes, offset] = *found;
-  remove_hole(holes_.find(offset));
-  if (hole_bytes > bytes) add_hole(offset + bytes, hole_bytes - bytes);
-  slots_[chunk].offset = offset;
-  chunk_at_.emplace(offset, chunk);
-  ages_.insert(age(chunk));
-  return true;
+  slots_[chunk].block = blocks_.take(room(chunk) / kAlignment, chunk);
+  return is_resident(chunk);
 }
 
 void Residency::evict(uint32_t chunk) {
-  Slot& slot = slots_[chunk];
-  assert(!slot.pinned);
-  ages_.erase(age(chunk));
-  chunk_at_.erase(slot.offset);
-  add_hole(slot.offset, room(chunk));
-  slot.offset = kAbsent;
+  assert(!slots_[chunk].pinned);
+  blocks_.give_back(slots_[chunk].block);
+  slots_[chunk].block = BlockPool::kNone;
 }
 
 /// Lets chunks give way until so many bytes are free, wherever they lie.
 void Residency::make_free(uint64_t bytes) {
-  for (auto next = ages_.begin(); free_bytes_ < bytes && next != ages_.end();) {
-    const uint32_t chunk = next->chunk;
-    ++next;  // what gives way leaves the set
-    if (!slots_[chunk].pinned) evict(chunk);
+  const auto is_nearer = [&](uint32_t a, uint32_t b) { return slots_[a].rank < slots_[b].rank; };
+  while (free_bytes() < bytes && !unseen_.empty()) {
+    evict(unseen_.back());
+    unseen_.pop_back();
+  }
+  while (free_bytes() < bytes && !drawn_.empty()) {
+    std::pop_heap(drawn_.begin(), drawn_.end(), is_nearer);
+    evict(drawn_.back());
+    drawn_.pop_back();
   }
 }
 
 void Residency::move_together(std::vector<Move>& moves) {
-  std::map<uint64_t, uint32_t> moved;
-  holes_.clear();
-  by_size_.clear();
-  free_bytes_ = 0;
-  uint64_t end = 0;  // of what lies together
-  for (const auto& [offset, chunk] : chunk_at_) {
-    Slot& slot = slots_[chunk];
-    const uint64_t bytes = room(chunk);
-    if (slot.pinned && offset > end) add_hole(end, offset - end);
-    if (slot.pinned) end = offset;
-    if (end != offset) moves.push_back({offset, end, chunk_bytes_[chunk]});
-    slot.offset = end;
-    moved.emplace_hint(moved.end(), end, chunk);
-    end += bytes;
-  }
-  if (end < pool_bytes_) add_hole(end, pool_bytes_ - end);
-  chunk_at_ = std::move(moved);
+  blocks_.move_together([&](uint32_t chunk) { return slots_[chunk].pinned; },
+                        [&](uint32_t block, uint64_t from) {
+                          const uint64_t bytes = chunk_bytes_[blocks_.owner(block)];
+                          moves.push_back({from * kAlignment, blocks_.offset(block) * kAlignment, bytes});
+                        });
 }
 
 }  // namespace scree::runtime

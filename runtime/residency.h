@@ -2,15 +2,14 @@
 // Knows no device and no file; runtime/streamer.h brings the bytes.
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 #include <deque>
-#include <map>
-#include <set>
 #include <span>
-#include <utility>
 #include <vector>
 
 #include "format/result.h"
+#include "runtime/block_pool.h"
 
 namespace scree::runtime {
 
@@ -55,9 +54,15 @@ class Residency {
   std::vector<Place> begin_frame(std::span<const uint32_t> visible);
 
   /// The next batch: as many of the missing chunks as take `most_bytes` together, at least one, and fewer where the
-  /// batches that are not drawn yet leave less room. Without loads where none is missing, or where nothing fits until
-  /// batch_drawn() was called; with every batch drawn there is always room.
-  Batch next_batch(uint64_t most_bytes);
+  /// batches that are not drawn yet leave less room. Those for which `is_dropped(chunk)` are not missing any more: the
+  /// frame does without. It is asked for chunks in their order up to the batch's end, and may be asked again for one
+  /// that did not fit. Without loads where none is missing, or where nothing fits until batch_drawn() was called; with
+  /// every batch drawn there is always room.
+  template <class IsDropped>
+  Batch next_batch(uint64_t most_bytes, const IsDropped& is_dropped);
+  Batch next_batch(uint64_t most_bytes) {
+    return next_batch(most_bytes, [](uint32_t) { return false; });
+  }
 
   /// The oldest batch that was not is drawn; the first is that of begin_frame().
   void batch_drawn();
@@ -65,6 +70,8 @@ class Residency {
   /// Takes out those of the missing chunks for which `is_dropped(chunk)`, asked once for each: the frame does without.
   template <class IsDropped>
   void drop_missing(const IsDropped& is_dropped) {
+    missing_.erase(missing_.begin(), missing_.begin() + static_cast<ptrdiff_t>(first_missing_));
+    first_missing_ = 0;
     std::erase_if(missing_, is_dropped);
   }
 
@@ -75,34 +82,24 @@ class Residency {
   void forget();
 
   /// Near ones first.
-  std::span<const uint32_t> missing() const { return missing_; }
-  bool is_resident(uint32_t chunk) const { return slots_[chunk].offset != kAbsent; }
+  std::span<const uint32_t> missing() const { return std::span<const uint32_t>(missing_).subspan(first_missing_); }
+  bool is_resident(uint32_t chunk) const { return slots_[chunk].block != BlockPool::kNone; }
   uint64_t chunk_bytes(uint32_t chunk) const { return chunk_bytes_[chunk]; }
   uint64_t pool_bytes() const { return pool_bytes_; }
-  uint64_t free_bytes() const { return free_bytes_; }
+  uint64_t free_bytes() const { return blocks_.free_units() * kAlignment; }
 
  private:
-  static constexpr uint64_t kAbsent = ~uint64_t{0};
-
   struct Slot {
-    uint64_t offset = kAbsent;
-    uint64_t frame = 0;  // that saw it last
+    uint32_t block = BlockPool::kNone;
     uint32_t rank = 0;   // there, 0 is the nearest
+    uint64_t frame = 0;  // that saw it last
     bool pinned = false;
-  };
-  /// In the order in which chunks give way.
-  struct Age {
-    uint64_t frame;
-    uint32_t nearness;  // ~rank
-    uint32_t chunk;
-    auto operator<=>(const Age&) const = default;
   };
 
   Residency() = default;
   uint64_t room(uint32_t chunk) const;
-  Age age(uint32_t chunk) const { return {slots_[chunk].frame, ~slots_[chunk].rank, chunk}; }
-  void add_hole(uint64_t offset, uint64_t bytes);
-  std::map<uint64_t, uint64_t>::iterator remove_hole(std::map<uint64_t, uint64_t>::iterator hole);
+  uint64_t offset(uint32_t chunk) const { return blocks_.offset(slots_[chunk].block) * kAlignment; }
+  Batch load(std::span<const uint32_t> chosen, uint64_t bytes);
   bool place(uint32_t chunk);
   void evict(uint32_t chunk);
   void make_free(uint64_t bytes);
@@ -111,15 +108,32 @@ class Residency {
   uint64_t pool_bytes_ = 0;
   std::vector<uint64_t> chunk_bytes_;
   std::vector<Slot> slots_;
-  std::set<Age> ages_;                               // of all that are there
-  std::map<uint64_t, uint32_t> chunk_at_;            // by offset
-  std::map<uint64_t, uint64_t> holes_;               // bytes by offset
-  std::set<std::pair<uint64_t, uint64_t>> by_size_;  // the same, bytes and offset
-  uint64_t free_bytes_ = 0;
+  BlockPool blocks_;  // in units of kAlignment; owners are chunks
   uint64_t pinned_bytes_ = 0;
   uint64_t frame_ = 0;
+  // Those that this frame does not see, the last gives way first; then those that it has drawn, as a heap with the
+  // farthest on top.
+  std::vector<uint32_t> unseen_;
+  std::vector<uint32_t> drawn_;
   std::vector<uint32_t> missing_;
+  size_t first_missing_ = 0;                   // those before it are not missing any more
   std::deque<std::vector<uint32_t>> batches_;  // not drawn yet
 };
+
+template <class IsDropped>
+Residency::Batch Residency::next_batch(uint64_t most_bytes, const IsDropped& is_dropped) {
+  const uint64_t room_left = pool_bytes_ - pinned_bytes_;
+  uint64_t wanted = 0;
+  std::vector<uint32_t> chosen;
+  for (; first_missing_ < missing_.size(); ++first_missing_) {
+    const uint32_t chunk = missing_[first_missing_];
+    if (is_dropped(chunk)) continue;
+    const uint64_t bytes = room(chunk);
+    if (bytes > room_left - wanted || (!chosen.empty() && wanted + bytes > most_bytes)) break;
+    wanted += bytes;
+    chosen.push_back(chunk);
+  }
+  return load(chosen, wanted);
+}
 
 }  // namespace scree::runtime

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <deque>
 #include <new>
+#include <optional>
 #include <string>
 #include <utility>
 
@@ -90,6 +91,13 @@ Result<StreamStats> Streamer::draw_all(const kernels::View& view, const kernels:
   // An eighth: with what is drawn and what is loaded apart, most of the pool keeps what is near.
   const uint64_t batch_bytes = std::min(residency_.pool_bytes() / 8, kMostBatchBytes);
 
+  std::optional<DepthLevels> depths;  // of what is drawn
+  const auto is_hidden = [&](uint32_t chunk) {
+    if (!depths || !visible.is_hidden(chunk, *depths)) return false;
+    stats.hidden_bytes += residency_.chunk_bytes(chunk);
+    was_hidden_[chunk] = true;
+    return true;
+  };
   std::deque<std::vector<Residency::Place>> loading;
   bool has_batch = true;  // `batch` is to be drawn; that of begin_frame() may be empty
   bool is_drawn = false;  // something
@@ -100,7 +108,7 @@ Result<StreamStats> Streamer::draw_all(const kernels::View& view, const kernels:
     }
     // Before there is anything to hide behind, as little as possible is asked for.
     while (loading.size() < (is_drawn ? kLoadsAhead : 1) && !residency_.missing().empty()) {
-      Residency::Batch next = residency_.next_batch(batch_bytes);
+      Residency::Batch next = residency_.next_batch(batch_bytes, is_hidden);
       if (!next.moves.empty()) {
         if (Result<void> moved = target.move(next.moves); !moved) return moved.error();
         for (const Residency::Move& move : next.moves) stats.moved_bytes += move.bytes;
@@ -116,6 +124,7 @@ Result<StreamStats> Streamer::draw_all(const kernels::View& view, const kernels:
     }
     if (has_batch) {
       if (!batch.empty()) {
+        depths.reset();
         const Result<kernels::FrameStats> drawn = target.draw(batch);
         if (!drawn) return drawn.error();
         add(stats.drawn, *drawn);
@@ -123,16 +132,9 @@ Result<StreamStats> Streamer::draw_all(const kernels::View& view, const kernels:
       }
       residency_.batch_drawn();
       if (!batch.empty() && (!residency_.missing().empty() || !waiting.empty())) {
-        const Result<DepthLevels> depths = target.depths();
-        if (!depths) return depths.error();
-        const auto is_hidden = [&](uint32_t chunk) {
-          if (!visible.is_hidden(chunk, *depths)) return false;
-          stats.hidden_bytes += residency_.chunk_bytes(chunk);
-          was_hidden_[chunk] = true;
-          return true;
-        };
-        residency_.drop_missing(is_hidden);
-        std::erase_if(waiting, is_hidden);
+        const Result<DepthLevels> now = target.depths();
+        if (!now) return now.error();
+        depths = *now;
       }
     }
     has_batch = !loading.empty();

@@ -111,6 +111,7 @@ VisibleChunks::VisibleChunks(const kernels::SceneView& scene, const kernels::Vie
 
   first_.assign(scene.chunk_count + 1, 0);
   std::vector<uint32_t> nearest(scene.chunk_count, UINT32_MAX);
+  std::vector<uint64_t> order;  // nearest depth code, chunk
   for (const std::vector<Place>& places : found) {
     for (const Place& place : places) {
       ++first_[place.chunk + 1];
@@ -118,15 +119,16 @@ VisibleChunks::VisibleChunks(const kernels::SceneView& scene, const kernels::Vie
     }
   }
   for (uint64_t c = 0; c < scene.chunk_count; ++c) {
-    if (first_[c + 1] != 0) order_.push_back(static_cast<uint32_t>(c));
+    if (first_[c + 1] != 0) order.push_back(uint64_t{nearest[c]} << 32 | c);
     first_[c + 1] += first_[c];
   }
   places_.resize(first_.back());
   std::vector<uint64_t> next(first_.begin(), first_.end() - 1);
   for (const std::vector<Place>& places : found)
     for (const Place& place : places) places_[next[place.chunk]++] = place;
-  std::sort(order_.begin(), order_.end(),
-            [&](uint32_t a, uint32_t b) { return nearest[a] != nearest[b] ? nearest[a] < nearest[b] : a < b; });
+  std::sort(order.begin(), order.end());
+  order_.reserve(order.size());
+  for (const uint64_t place : order) order_.push_back(static_cast<uint32_t>(place));
 }
 
 bool VisibleChunks::is_hidden(uint32_t chunk, const DepthLevels& depths) const {

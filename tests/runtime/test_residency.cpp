@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "tests/catch.h"
+#include "tests/speed.h"
 
 using scree::ErrorCode;
 using scree::Result;
@@ -40,8 +41,8 @@ class Checked {
     uint32_t batches = 0;
   };
 
-  /// `ahead`: a batch is loaded before the one before it is drawn. `hide`: share of the missing that is dropped after
-  /// each batch.
+  /// `ahead`: a batch is loaded before the one before it is drawn. `hide_one_of`: share of the missing that is dropped
+  /// after each batch, and as many again when a batch is chosen.
   Frame frame(const std::vector<uint32_t>& visible, uint64_t batch_bytes, bool ahead, std::mt19937& random,
               uint32_t hide_one_of = 0) {
     ++number_;
@@ -63,7 +64,12 @@ class Checked {
     };
     if (!ahead) draw_oldest();
     while (!undrawn.empty() || !residency_->missing().empty()) {
-      const Residency::Batch batch = load(batch_bytes, undrawn, out);
+      const Residency::Batch batch = load(batch_bytes, undrawn, out, [&](uint32_t chunk) {
+        if (hide_one_of == 0 || random() % hide_one_of != 0) return false;
+        REQUIRE(to_draw.erase(chunk) == 1);
+        out.missing_bytes -= chunk_bytes_[chunk];
+        return true;
+      });
       for (const Residency::Place& place : batch.loads) {
         REQUIRE(loaded.insert(place.chunk).second);
         REQUIRE(to_draw.contains(place.chunk));
@@ -118,7 +124,9 @@ class Checked {
     return bytes;
   }
 
-  Residency::Batch load(uint64_t batch_bytes, const std::vector<std::vector<Residency::Place>>& undrawn, Frame& frame) {
+  template <class IsDropped>
+  Residency::Batch load(uint64_t batch_bytes, const std::vector<std::vector<Residency::Place>>& undrawn, Frame& frame,
+                        const IsDropped& is_dropped) {
     std::set<uint32_t> pinned;
     uint64_t pinned_bytes = 0;
     for (const auto& batch : undrawn) {
@@ -127,9 +135,17 @@ class Checked {
         pinned_bytes += room_of(place.bytes);
       }
     }
-    const std::vector<uint32_t> missing(residency_->missing().begin(), residency_->missing().end());
+    std::vector<uint32_t> missing(residency_->missing().begin(), residency_->missing().end());
     const uint64_t free_before = units_.size() * Residency::kAlignment - used();
-    const Residency::Batch batch = residency_->next_batch(batch_bytes);
+    const Residency::Batch batch = residency_->next_batch(batch_bytes, [&](uint32_t chunk) {
+      REQUIRE(std::find(missing.begin(), missing.end(), chunk) != missing.end());
+      if (!is_dropped(chunk)) return false;
+      std::erase(missing, chunk);
+      return true;
+    });
+    REQUIRE(residency_->missing().size() + batch.loads.size() == missing.size());
+    REQUIRE(std::equal(residency_->missing().begin(), residency_->missing().end(),
+                       missing.begin() + static_cast<ptrdiff_t>(batch.loads.size())));
 
     // What gave way is what had to, by the order promised.
     std::vector<uint32_t> gone;
@@ -301,4 +317,41 @@ TEST_CASE("sizes beyond 32 bits are kept", "[residency]") {
   const Residency::Batch second = made->next_batch(~uint64_t{0});
   REQUIRE(second.loads.size() == 2);
   CHECK(second.loads[1].offset + second.loads[1].bytes <= 100 * gib);
+}
+
+TEST_CASE("what choosing chunks costs", "[.bench][residency]") {
+  // As many chunks as scene C has at a quarter of its size, the pool a quarter of them.
+  constexpr uint32_t kCount = 36000;
+  std::mt19937 random(3);
+  std::vector<uint64_t> bytes(kCount);
+  for (uint64_t& chunk : bytes) chunk = 250000 + random() % 150000;
+  const uint64_t pool = std::accumulate(bytes.begin(), bytes.end(), uint64_t{0}) / 4;
+  Result<Residency> residency = Residency::create(pool, bytes);
+  REQUIRE(residency);
+  const auto frame = [&](const std::string& name, const std::vector<uint32_t>& visible) {
+    const double start = scree::tests::cpu_seconds();
+    uint64_t loaded = 0;
+    uint64_t moved = 0;
+    uint32_t batches = 0;
+    residency->begin_frame(visible);
+    for (uint32_t undrawn = 1; undrawn != 0 || !residency->missing().empty();) {
+      const Residency::Batch batch = residency->next_batch(std::min(pool / 8, uint64_t{256} << 20));
+      for (const Residency::Place& place : batch.loads) loaded += place.bytes;
+      for (const Residency::Move& move : batch.moves) moved += move.bytes;
+      batches += batch.loads.empty() ? 0 : 1;
+      undrawn += batch.loads.empty() ? 0 : 1;
+      residency->batch_drawn();
+      --undrawn;
+    }
+    char line[160];
+    std::snprintf(line, sizeof line, "%-24s %6.1f ms, %3u batches, %.1f GB loaded, %.1f GB moved", name.c_str(),
+                  1e3 * (scree::tests::cpu_seconds() - start), batches, 1e-9 * static_cast<double>(loaded),
+                  1e-9 * static_cast<double>(moved));
+    WARN(line);
+  };
+  std::vector<uint32_t> all(kCount);
+  std::iota(all.begin(), all.end(), 0u);
+  frame("first", all);
+  for (int i = 0; i < 3; ++i) frame("still", all);
+  for (int i = 0; i < 4; ++i) frame("another random 60%", some_of(kCount, kCount * 6 / 10, random));
 }
