@@ -3,21 +3,25 @@
 
 #include <filesystem>
 
+#include "tests/paths.h"
+
 namespace scree::tests {
 
 /// A file of tests/data (in the repository).
-inline std::filesystem::path data_path(const char* name) { return std::filesystem::path(SCREE_TEST_DATA) / name; }
+inline std::filesystem::path data_path(const char* name) {
+  return std::filesystem::path(kDataFolder) / name;
+}
 
-/// The folder of real models beside the checkout (scenes/, jpeg/, bad/), empty where it is not there: such tests say so with
-/// WARN and return.
+/// The folder of real models beside the checkout (scenes/, jpeg/, bad/), empty where it is not there: such tests say so
+/// with WARN and return.
 inline std::filesystem::path models_path() {
-  const std::filesystem::path path = std::filesystem::path(SCREE_MODELS) / "models";
+  const std::filesystem::path path = std::filesystem::path(kModelsFolder) / "models";
   return std::filesystem::exists(path) ? path : std::filesystem::path{};
 }
 
 /// The definitions of the measured scenes (expected.txt), empty where they are not there.
 inline std::filesystem::path bench_scenes_path() {
-  const std::filesystem::path path = std::filesystem::path(SCREE_MODELS) / "bench-scenes";
+  const std::filesystem::path path = std::filesystem::path(kModelsFolder) / "bench-scenes";
   return std::filesystem::exists(path) ? path : std::filesystem::path{};
 }
 

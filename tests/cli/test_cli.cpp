@@ -16,6 +16,7 @@
 
 #include "tests/catch.h"
 #include "tests/models.h"
+#include "tests/paths.h"
 #include "tests/tools/temp_folder.h"
 
 namespace {
@@ -54,9 +55,10 @@ std::vector<Step> parse_steps(const fs::path& path) {
 void run_step(const Step& step, const fs::path& folder) {
   const fs::path out = folder / ".stdout";
   const fs::path err = folder / ".stderr";
-  const std::string script = "cd '" + folder.string() + "' && PATH='" + fs::path(SCREE_PROGRAM).parent_path().string() +
-                             "':\"$PATH\" DATA='" SCREE_TEST_DATA "' && export PATH DATA && { " + step.command +
-                             "\n} >'" + out.string() + "' 2>'" + err.string() + "' </dev/null";
+  const std::string script = "cd '" + folder.string() + "' && PATH='" +
+                             fs::path(scree::tests::kProgram).parent_path().string() + "':\"$PATH\" DATA='" +
+                             scree::tests::kDataFolder + "' && export PATH DATA && { " + step.command + "\n} >'" +
+                             out.string() + "' 2>'" + err.string() + "' </dev/null";
   const int status = std::system(script.c_str());
   const std::string out_text = scree::tests::read_whole(out.string());
   const std::string err_text = scree::tests::read_whole(err.string());
@@ -88,7 +90,7 @@ void run_step(const Step& step, const fs::path& folder) {
 
 TEST_CASE("the command line does what tests/cli says", "[cli]") {
   std::vector<fs::path> files;
-  for (const auto& entry : fs::directory_iterator(SCREE_CLI_TESTS))
+  for (const auto& entry : fs::directory_iterator(scree::tests::kCliFolder))
     if (entry.path().extension() == ".cli") files.push_back(entry.path());
   std::sort(files.begin(), files.end());
   REQUIRE(!files.empty());

@@ -6,6 +6,7 @@
 #include "tests/catch.h"
 #include "tests/format/jpeg_maker.h"
 #include "tests/models.h"
+#include "tests/paths.h"
 #include "tests/tools/model_maker.h"
 #include "tests/tools/run_program.h"
 #include "tests/tools/temp_folder.h"
@@ -41,8 +42,9 @@ class Inputs {
              const std::string& command) {
     const std::string log =
         (std::filesystem::temp_directory_path() / (folder_.path().filename().string() + ".log")).string();
-    const std::string line = "\"" SCREE_FAULTS_PROGRAM "\" " + kind + " " + which + " \"" + folder_.path().string() +
-                             "\" \"" + outputs + "\" -- " + command + " >\"" + log + "\" 2>&1";
+    const std::string line = "\"" + std::string(tests::kFaultsProgram) + "\" " + kind + " " + which + " \"" +
+                             folder_.path().string() + "\" \"" + outputs + "\" -- " + command + " >\"" + log +
+                             "\" 2>&1";
     const int status = std::system(line.c_str());
     const std::string said = read_whole(log);
     std::filesystem::remove(log);
@@ -53,7 +55,7 @@ class Inputs {
 
  private:
   void make(const std::string& command) {
-    const std::string line = "cd \"" + folder_.path().string() + "\" && \"" SCREE_PROGRAM "\" " + command;
+    const std::string line = "cd \"" + folder_.path().string() + "\" && \"" + tests::kProgram + "\" " + command;
     REQUIRE(std::system(line.c_str()) == 0);
   }
 

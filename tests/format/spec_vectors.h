@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "tests/catch.h"
+#include "tests/paths.h"
 
 namespace scree::tests {
 
@@ -67,7 +68,7 @@ class SpecVector {
 
 /// The examples of a file of spec/vectors; fails the test where there are none.
 inline std::vector<SpecVector> spec_vectors(const std::string& file) {
-  std::ifstream stream(std::string(SCREE_SPEC_VECTORS) + "/" + file);
+  std::ifstream stream(std::string(tests::kVectorsFolder) + "/" + file);
   std::vector<SpecVector> vectors;
   SpecVector current;
   const auto finish = [&] {

@@ -13,6 +13,7 @@
 #include "format/container.h"
 #include "tests/catch.h"
 #include "tests/format/container_fixture.h"
+#include "tests/paths.h"
 
 namespace scree::tests {
 namespace {
@@ -239,7 +240,7 @@ TEST_CASE("container writer: strings", "[container]") {
 
 /// A worked example: lines of "offset: bytes   # what they are"; bytes not shown are zero. The last offset is the size.
 Bytes read_vector(const char* name) {
-  std::ifstream file(fs::path(SCREE_SPEC_VECTORS) / name);
+  std::ifstream file(fs::path(tests::kVectorsFolder) / name);
   REQUIRE(file);
   Bytes bytes;
   for (std::string line; std::getline(file, line);) {

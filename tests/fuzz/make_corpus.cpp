@@ -18,6 +18,7 @@
 #include "tests/format/jpeg_checks.h"
 #include "tests/format/jpeg_maker.h"
 #include "tests/models.h"
+#include "tests/paths.h"
 #include "tests/tools/model_maker.h"
 #include "tests/tools/packed_file.h"
 #include "tests/tools/temp_folder.h"
@@ -42,7 +43,7 @@ class Seed {
   void save(const std::string& target, const std::string& name) const { save(bytes_, target, name); }
 
   static void save(std::span<const std::byte> bytes, const std::string& target, const std::string& name) {
-    const std::filesystem::path folder = std::filesystem::path(SCREE_FUZZ_CORPUS) / target;
+    const std::filesystem::path folder = std::filesystem::path(tests::kCorpusFolder) / target;
     std::filesystem::create_directories(folder);
     std::ofstream out(folder / name, std::ios::binary);
     out.write(reinterpret_cast<const char*>(bytes.data()), static_cast<std::streamsize>(bytes.size()));

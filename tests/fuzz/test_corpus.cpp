@@ -8,6 +8,7 @@
 #include "tests/catch.h"
 #include "tests/format/container_fixture.h"
 #include "tests/fuzz/targets.h"
+#include "tests/paths.h"
 
 namespace scree::fuzz {
 namespace {
@@ -18,7 +19,7 @@ void replay(const std::string& name, const std::string& folder) {
                                           [&](const Target& candidate) { return candidate.name == name; });
   REQUIRE(target != std::end(kTargets));
   std::vector<std::filesystem::path> files;
-  for (const auto& entry : std::filesystem::directory_iterator(std::filesystem::path(SCREE_FUZZ_CORPUS) / folder))
+  for (const auto& entry : std::filesystem::directory_iterator(std::filesystem::path(tests::kCorpusFolder) / folder))
     files.push_back(entry.path());
   std::sort(files.begin(), files.end());
   REQUIRE(!files.empty());

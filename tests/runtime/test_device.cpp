@@ -12,6 +12,7 @@
 #include "runtime/renderer.h"
 #include "tests/catch.h"
 #include "tests/models.h"
+#include "tests/paths.h"
 #include "tests/runtime/paged_scene.h"
 #include "tests/tools/temp_folder.h"
 #include "tools/convert/convert.h"
@@ -103,7 +104,7 @@ TEST_CASE("the GPU draws what the CPU draws", "[cuda]") {
   }
   using Encoding = scree::convert::Encoding;
   for (const Encoding encoding : {Encoding::kIndexed, Encoding::kClustered})
-    for (const auto& entry : std::filesystem::directory_iterator(SCREE_TEST_DATA)) {
+    for (const auto& entry : std::filesystem::directory_iterator(scree::tests::kDataFolder)) {
       const std::filesystem::path source = entry.path();
       if (source.extension() != ".glb" && source.extension() != ".gltf") continue;
       INFO(source.filename().string());

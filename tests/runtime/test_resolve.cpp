@@ -12,6 +12,7 @@
 #include "tests/kernels/reference_shade.h"
 #include "tests/kernels/scene_builder.h"
 #include "tests/models.h"
+#include "tests/paths.h"
 #include "tests/tools/temp_folder.h"
 #include "tools/convert/convert.h"
 
@@ -284,7 +285,7 @@ TEST_CASE("resolve: two triangles of a wide ground are as sharp as in double", "
 
 TEST_CASE("resolve: real models are within a level of double", "[resolve][models]") {
   std::vector<std::filesystem::path> sources;
-  for (const auto& entry : std::filesystem::directory_iterator(SCREE_TEST_DATA)) sources.push_back(entry.path());
+  for (const auto& entry : std::filesystem::directory_iterator(tests::kDataFolder)) sources.push_back(entry.path());
   if (models_path().empty()) {
     WARN("skipped: no real models beside the checkout; those of tests/data alone");
   } else {

@@ -15,6 +15,7 @@
 #include <vector>
 
 #include "tests/catch.h"
+#include "tests/paths.h"
 #include "tests/tools/temp_folder.h"
 
 namespace scree::tests {
@@ -22,7 +23,7 @@ namespace scree::tests {
 /// Starts the program; its output, both streams, goes to the file `log`.
 inline pid_t start_program(const std::vector<std::string>& words, const std::string& log) {
   std::vector<char*> arguments;
-  std::vector<std::string> all{SCREE_PROGRAM};
+  std::vector<std::string> all{kProgram};
   all.insert(all.end(), words.begin(), words.end());
   for (std::string& word : all) arguments.push_back(word.data());
   arguments.push_back(nullptr);
@@ -31,7 +32,7 @@ inline pid_t start_program(const std::vector<std::string>& words, const std::str
   posix_spawn_file_actions_addopen(&files, STDOUT_FILENO, log.c_str(), O_WRONLY | O_CREAT | O_TRUNC, 0666);
   posix_spawn_file_actions_adddup2(&files, STDOUT_FILENO, STDERR_FILENO);
   pid_t child = -1;
-  REQUIRE(posix_spawn(&child, SCREE_PROGRAM, &files, nullptr, arguments.data(), environ) == 0);
+  REQUIRE(posix_spawn(&child, kProgram, &files, nullptr, arguments.data(), environ) == 0);
   posix_spawn_file_actions_destroy(&files);
   return child;
 }

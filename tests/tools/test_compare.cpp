@@ -10,6 +10,7 @@
 #include "runtime/camera.h"
 #include "tests/catch.h"
 #include "tests/models.h"
+#include "tests/paths.h"
 #include "tests/tools/model_maker.h"
 #include "tests/tools/packed_file.h"
 #include "tests/tools/run_program.h"
@@ -288,7 +289,7 @@ TEST_CASE("the small models are drawn as the reference draws them", "[compare]")
   const tests::TempFolder folder;
   const std::string file = folder.file("model.scree");
   uint64_t compared = 0;
-  for (const std::filesystem::path& path : tests::gltf_files(SCREE_TEST_DATA)) {
+  for (const std::filesystem::path& path : tests::gltf_files(tests::kDataFolder)) {
     INFO(path.string());
     convert::ConvertOptions options;
     options.float32 = true;

@@ -8,6 +8,7 @@
 
 #include "tests/catch.h"
 #include "tests/models.h"
+#include "tests/paths.h"
 #include "tests/tools/compare_scenes.h"
 #include "tests/tools/packed_file.h"
 #include "tests/tools/validator.h"
@@ -108,7 +109,7 @@ fs::path small_model() {
 }  // namespace
 
 TEST_CASE("export: the models of tests/data come back as they were", "[export][roundtrip]") {
-  const auto sources = tests::gltf_files(SCREE_TEST_DATA);
+  const auto sources = tests::gltf_files(tests::kDataFolder);
   REQUIRE(sources.size() >= 2);
   round_trip_all(sources, 0.5);
 }

@@ -9,6 +9,7 @@
 #include "runtime/scene.h"
 #include "tests/catch.h"
 #include "tests/kernels/hard_cases.h"
+#include "tests/paths.h"
 #include "tests/tools/convert_fixture.h"
 #include "tests/tools/model_maker.h"
 
@@ -177,7 +178,7 @@ TEST_CASE("hard: georeferenced detail survives in the node's translation, not in
 
 TEST_CASE("hard: texture coordinates in the thousands keep what float32 has of them", "[hard]") {
   const TempFolder folder;
-  const std::string png = tests::read_whole(std::string(SCREE_TEST_DATA) + "/checker.png");
+  const std::string png = tests::read_whole(std::string(tests::kDataFolder) + "/checker.png");
   for (const double offset : {0.0, 1000.0, 5000.0, -70000.0}) {
     tests::ModelMaker maker(folder.file("in.glb"));
     tests::GridSpec spec;

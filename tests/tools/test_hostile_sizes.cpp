@@ -15,6 +15,7 @@
 #include "tests/format/jpeg_checks.h"
 #include "tests/format/jpeg_maker.h"
 #include "tests/models.h"
+#include "tests/paths.h"
 #include "tests/tools/model_maker.h"
 #include "tests/tools/temp_folder.h"
 
@@ -26,7 +27,7 @@ using namespace scree::format;
 /// Runs the program in `folder` within the limit; an exit code that is not 3 fails the test.
 void must_refuse(const TempFolder& folder, const std::string& words) {
   const std::string log = folder.file("log");
-  const std::string command = "cd '" + folder.path().string() + "' && ulimit -v 524288 && '" SCREE_PROGRAM "' " +
+  const std::string command = "cd '" + folder.path().string() + "' && ulimit -v 524288 && '" + tests::kProgram + "' " +
                               words + " >'" + log + "' 2>&1";
   const int status = std::system(command.c_str());
   const std::string said = read_whole(log);

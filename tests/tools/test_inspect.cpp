@@ -11,6 +11,7 @@
 #include "tests/catch.h"
 #include "tests/format/jpeg_maker.h"
 #include "tests/models.h"
+#include "tests/paths.h"
 #include "tests/tools/model_maker.h"
 #include "tests/tools/packed_file.h"
 #include "tools/inspect/inspect.h"
@@ -179,7 +180,7 @@ void check_totals(const std::string& path, const json& report) {
 }  // namespace
 
 TEST_CASE("inspect: the rows account for every byte of the file", "[inspect]") {
-  std::vector<std::filesystem::path> models = tests::gltf_files(SCREE_TEST_DATA);
+  std::vector<std::filesystem::path> models = tests::gltf_files(tests::kDataFolder);
   REQUIRE(!models.empty());
   if (const auto real = tests::models_path(); !real.empty()) {
     for (const char* name : {"scenes/building/building.glb", "scenes/InstanceTest/InstanceTest.glb",

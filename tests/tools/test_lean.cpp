@@ -11,6 +11,7 @@
 #include "format/chunk_layout.h"
 #include "tests/catch.h"
 #include "tests/models.h"
+#include "tests/paths.h"
 #include "tests/tools/convert_fixture.h"
 #include "tests/tools/model_maker.h"
 
@@ -35,7 +36,7 @@ void make_scene(const std::string& path, bool with_ballast) {
   tests::ModelMaker maker(path);
   uint32_t material = format::kNone;
   if (with_ballast) {
-    const std::string png = tests::read_whole(std::string(SCREE_TEST_DATA) + "/checker.png");
+    const std::string png = tests::read_whole(std::string(tests::kDataFolder) + "/checker.png");
     maker.textured("nobody's", format::ImageCodec::kPng, std::as_bytes(std::span(png)));
   }
   for (uint32_t i = 0; i <= 300; ++i) {

@@ -4,6 +4,7 @@
 #include <vector>
 
 #include "tests/catch.h"
+#include "tests/paths.h"
 #include "tests/tools/flat_images.h"
 #include "tests/tools/run_program.h"
 #include "tests/tools/temp_folder.h"
@@ -130,9 +131,9 @@ TEST_CASE("convert keeps within --memory, however many threads it may have", "[c
   constexpr uint64_t kMemory = uint64_t{280} << 20;
   const auto convert = [&](const std::string& memory, const std::string& output) {
     const std::string command = "cd '" + folder.path().string() + "' && ulimit -d " +
-                                std::to_string(kMemory * 5 / 4 / 1024) +
-                                " && '" SCREE_PROGRAM "' convert soup.gltf -o " + output +
-                                " --source-ids --threads 8 --memory " + memory + " >log 2>&1";
+                                std::to_string(kMemory * 5 / 4 / 1024) + " && '" + tests::kProgram +
+                                "' convert soup.gltf -o " + output + " --source-ids --threads 8 --memory " + memory +
+                                " >log 2>&1";
     const int status = std::system(command.c_str());
     REQUIRE(WIFEXITED(status));
     return WEXITSTATUS(status);

@@ -6,6 +6,7 @@
 
 #include "tests/catch.h"
 #include "tests/models.h"
+#include "tests/paths.h"
 #include "tests/tools/source_compare.h"
 #include "tests/tools/temp_folder.h"
 #include "tools/convert/convert.h"
@@ -33,7 +34,7 @@ TEST_CASE("the small models convert to what they were within the stated error", 
   const tests::TempFolder folder;
   const std::string output = folder.file("model.scree");
   uint64_t converted = 0;
-  for (const fs::directory_entry& entry : fs::recursive_directory_iterator(SCREE_TEST_DATA)) {
+  for (const fs::directory_entry& entry : fs::recursive_directory_iterator(tests::kDataFolder)) {
     const std::string extension = entry.path().extension().string();
     if (extension != ".gltf" && extension != ".glb") continue;
     INFO(entry.path().string());

@@ -12,6 +12,7 @@
 #include "runtime/camera.h"
 #include "tests/catch.h"
 #include "tests/models.h"
+#include "tests/paths.h"
 #include "tests/tools/packed_file.h"
 #include "tests/tools/reference_fixture.h"
 #include "tests/tools/temp_folder.h"
@@ -228,7 +229,7 @@ TEST_CASE("averages of 8 x 8 samples are in linear light", "[reference]") {
 }
 
 TEST_CASE("the judge takes a type and a limit from kernels/, and no code", "[reference]") {
-  const std::filesystem::path folder = std::filesystem::path(SCREE_TEST_DATA) / "../../tools/compare";
+  const std::filesystem::path folder = std::filesystem::path(tests::kDataFolder) / "../../tools/compare";
   const std::regex name("kernels::([A-Za-z_]+)"), include("#include \"kernels/([a-z_.]+)\"");
   uint64_t files = 0;
   for (const auto& entry : std::filesystem::directory_iterator(folder)) {

@@ -1,4 +1,5 @@
 #include "tests/tools/validator.h"
+#include "tests/paths.h"
 
 #include <sys/wait.h>
 
@@ -31,7 +32,7 @@ int run(const std::string& command, std::string& output) {
 
 ValidatorRun run_validator(const std::filesystem::path& folder) {
   ValidatorRun result;
-  const std::filesystem::path place = SCREE_TEST_VALIDATOR;
+  const std::filesystem::path place = tests::kValidatorFolder;
   if (!std::filesystem::exists(place / "node_modules" / "gltf-validator")) {
     result.output = "the npm package gltf-validator is not installed (npm ci --prefix tests/validator)";
     return result;
