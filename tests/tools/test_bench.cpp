@@ -100,6 +100,25 @@ TEST_CASE("bench: words that cannot be are refused with what can", "[bench_tool]
   CHECK(refused(words).find("exclude") != std::string::npos);
 }
 
+TEST_CASE("bench: a sweep goes over the encodings that are asked for", "[bench_tool]") {
+  BenchWords words;
+  words.scenes = "A";
+  words.sweep = true;
+  Result<BenchOptions> options = parse_options(words);
+  REQUIRE(options);
+  CHECK(options->encodings.size() == 8);
+  CHECK(options->encodings.front().position_bits == 8);
+  CHECK(options->encodings.back().position_bits == 24);
+  words.indices = "packed,clustered";
+  words.positions = "12,float32";
+  options = parse_options(words);
+  REQUIRE(options);
+  REQUIRE(options->encodings.size() == 3);
+  CHECK_FALSE(options->encodings[0].clustered);
+  CHECK(options->encodings[1].clustered);
+  CHECK(options->encodings[2].float32);
+}
+
 TEST_CASE("bench: the textured scene is measured by itself", "[bench_tool]") {
   BenchWords words;
   words.scenes = "textured";

@@ -78,8 +78,10 @@ Command add_bench(CLI::App& parent) {
   app->add_option("--warmup", words->warmup, "Frames before them")->capture_default_str()->type_name("N");
   app->add_flag("--path", words->path,
                 "Move from a scene's first view to its second over 120 frames: mean, worst, and the jump back");
-  app->add_flag("--sweep", words->sweep,
-                "Every width of positions: speed beside size beside error against float32 positions");
+  app->add_flag(
+      "--sweep", words->sweep,
+      "Speed beside size beside error against float32 positions, for all --indices and --positions (default:\n"
+      "8,10,12,14,16,18,20,24)");
   app->add_flag("--reference", words->reference,
                 "Judge the pictures of --scene (default: D) and of models, as convert packs them with --positions and\n"
                 "--indices, by a double-precision reference that draws the source's own vertices: every triangle, by\n"

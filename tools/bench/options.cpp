@@ -15,6 +15,7 @@ constexpr std::array<std::string_view, 6> kScenes{"A", "B", "C", "D", "lantern",
 constexpr double kSixtyMillion = 0.15;  // the share of A's triangles that is 60 M
 constexpr uint32_t kLeastBits = 8;
 constexpr const char* kAllPositions = "8,9,10,11,12,13,14,15,16,17,18,19,20,21,22,23,24,float32";
+constexpr const char* kSweepPositions = "8,10,12,14,16,18,20,24";  // float32 is what they are compared with
 constexpr uint32_t kMaxCurveSide = kernels::kMaxImageSide / kTruthSamples;
 
 Error usage(std::string message) {
@@ -216,8 +217,10 @@ Result<BenchOptions> parse_options(const BenchWords& words) {
   Result<std::vector<std::string>> views = parse_views(words.views, options.scenes);
   if (!views) return views.error();
   options.views = std::move(*views);
-  Result<std::vector<Encoding>> encodings = parse_encodings(
-      options.curves && words.positions == defaults.positions ? kAllPositions : words.positions, words.indices);
+  std::string positions = words.positions;
+  if (positions == defaults.positions && (options.curves || words.sweep))
+    positions = options.curves ? kAllPositions : kSweepPositions;
+  Result<std::vector<Encoding>> encodings = parse_encodings(positions, words.indices);
   if (!encodings) return encodings.error();
   options.encodings = std::move(*encodings);
   Result<std::vector<uint32_t>> samples = parse_samples(words.samples);

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <chrono>
 #include <cstdio>
+#include <iterator>
 #include <memory>
 #include <string>
 #include <thread>
@@ -165,14 +166,14 @@ class Runner {
     return {};
   }
 
-  /// Every width of positions against float32 of the same view.
+  /// Every encoding against packed float32 of the same view.
   Result<void> sweep_scene(const std::string& name) {
     const synth::Scene scene = make_scene(name, options_.order, options_.scale);
     std::vector<HostPicture> references;
-    for (const uint32_t bits : {0u, 8u, 10u, 12u, 14u, 16u, 18u, 20u, 24u}) {  // 0: float32, the reference
-      Encoding encoding;
-      encoding.float32 = bits == 0;
-      encoding.position_bits = bits;
+    std::vector<Encoding> encodings{{.float32 = true}};
+    std::copy_if(options_.encodings.begin(), options_.encodings.end(), std::back_inserter(encodings),
+                 [](const Encoding& encoding) { return !encoding.float32; });
+    for (const Encoding& encoding : encodings) {
       const Result<ResidentScene> resident = generate(name, scene, encoding);
       if (!resident) return resident.error();
       Result<Frames> frames = Frames::create(*resident);
