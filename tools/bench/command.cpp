@@ -5,6 +5,7 @@
 #include <string>
 #include <vector>
 
+#include "tools/bench/end_to_end.h"
 #include "tools/bench/judge_run.h"
 #include "tools/bench/load_report.h"
 #include "tools/bench/options.h"
@@ -108,23 +109,45 @@ Command add_bench(CLI::App& parent) {
       "How fast .scree files load: cold, dropped from the page cache, and out of it, to all resident and to the first\n"
       "picture, as rates and as shares of what reading the raw disk gives. On the CPU the ring that feeds a GPU fills\n"
       "host memory instead");
-  app->add_option("--backend", words->backend, "--load: auto, cpu or cuda")->capture_default_str()->type_name("NAME");
-  app->add_option("--threads", words->threads, "--load: threads; 0: one per processor")
+  CLI::Option* const story_flag = app->add_flag(
+      "--end-to-end", words->end_to_end,
+      "One --scene or one glTF from the source to the picture: convert's seconds and memory, sizes, the load from the\n"
+      "disk, frames resident and from a quarter of the memory, position error. Takes one encoding (default: 16, "
+      "packed)\n"
+      "and files of twice the glTF's size on the way");
+  app->add_option("--backend", words->backend, "--load, --end-to-end: auto, cpu or cuda")
+      ->capture_default_str()
+      ->type_name("NAME");
+  app->add_option("--threads", words->threads, "--load, --end-to-end: threads; 0: one per processor")
       ->capture_default_str()
       ->type_name("N");
-  app->add_option("--repeats", words->repeats, "--load: loads of each kind; medians are told")
+  app->add_option("--repeats", words->repeats, "--load, --end-to-end: loads of each kind; medians are told")
       ->capture_default_str()
       ->type_name("N");
+  app->add_option("--work", words->work, "--end-to-end: a folder for files on the way (default: $TMPDIR, else /tmp)")
+      ->type_name("FOLDER");
+  app->add_option("--memory", words->memory, "--end-to-end: the most that convert may take (default: 2GiB)")
+      ->type_name("SIZE");
   takes_only(*app, *sizes_flag, {"files", "--csv"});
   takes_only(*app, *load_flag, {"files", "--csv", "--view", "--size", "--backend", "--threads", "--repeats"});
-  for (const char* name : {"--backend", "--threads", "--repeats"}) app->get_option(name)->needs(load_flag);
-  return {app, [words, sizes]() -> Result<void> {
+  takes_only(*app, *story_flag,
+             {"files", "--scene", "--scale", "--order", "--positions", "--indices", "--view", "--size", "--frames",
+              "--warmup", "--csv", "--backend", "--threads", "--repeats", "--work", "--memory"});
+  for (const char* name : {"--work", "--memory"}) app->get_option(name)->needs(story_flag);
+  return {app, [app, words, sizes]() -> Result<void> {
             if (*sizes && words->files.empty()) return Error{ErrorCode::kUsage, "--sizes takes models"};
             if (*sizes) return bench::run_sizes(words->files, words->csv);
             if (words->load) {
               const Result<bench::LoadOptions> options = bench::parse_loads(*words);
               return options ? bench::run_loads(*options) : options.error();
             }
+            if (words->end_to_end) {
+              const Result<bench::EndToEndOptions> options = bench::parse_end_to_end(*words);
+              return options ? bench::run_end_to_end(*options) : options.error();
+            }
+            for (const char* name : {"--backend", "--threads", "--repeats"})
+              if (app->count(name) != 0)
+                return Error{ErrorCode::kUsage, std::string(name) + " goes with --load or --end-to-end"};
             const Result<bench::BenchOptions> options = bench::parse_options(*words);
             if (!options) return options.error();
             if (!options->plot.empty()) return bench::plot_csv(options->plot);

@@ -90,21 +90,10 @@ Result<PackedScene::Drawn> PackedScene::draw(const kernels::View& view, uint32_t
     drawn.frame = std::move(*frame);
     return static_cast<float>(drawn.frame->draw_time().wall_ms);
   };
-  std::vector<float> times;
-  const auto draw_many = [&](uint32_t count, double budget_ms) -> Result<void> {
-    const runtime::Stopwatch watch;
-    times.clear();
-    while (times.size() < count && (times.empty() || watch.elapsed().wall_ms < budget_ms)) {
-      const Result<float> ms = draw_one();
-      if (!ms) return ms.error();
-      times.push_back(*ms);
-    }
-    return {};
-  };
-  if (Result<void> done = draw_many(settings_.warmup, kTimeBudgetMs / 4); !done) return done.error();
-  if (Result<void> done = draw_many(settings_.frames, kTimeBudgetMs); !done) return done.error();
-  drawn.times = summarize(times);
-  drawn.frames = static_cast<uint32_t>(times.size());
+  const Result<std::vector<float>> times = timed_frames(settings_.frames, settings_.warmup, draw_one);
+  if (!times) return times.error();
+  drawn.times = summarize(*times);
+  drawn.frames = static_cast<uint32_t>(times->size());
   if (device_ != nullptr) {
     Result<runtime::Frame> frame =
         runtime::Frame::draw(*scene_, view, samples_per_side, settings_.threads, device_.get());

@@ -12,6 +12,7 @@
 #include "runtime/renderer.h"
 #include "tools/bench/judged_case.h"
 #include "tools/bench/options.h"
+#include "tools/bench/timed_frames.h"
 #include "tools/bench/views.h"
 #include "tools/compare/images.h"
 #include "tools/compare/source_model.h"
@@ -25,8 +26,6 @@ struct DrawSettings {
   uint32_t frames = 60;  // fewer where they take longer than kTimeBudgetMs
   uint32_t warmup = 10;  // likewise, a quarter of that
 };
-inline constexpr double kTimeBudgetMs = 2000;
-
 /// A source as convert packs it one way, ready to draw. Its file is mapped: it may be unlinked, not changed.
 class PackedScene {
  public:

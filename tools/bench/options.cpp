@@ -117,7 +117,7 @@ Result<void> check_reference(const BenchWords& words, const BenchOptions& option
     return usage("--reference and --curves take no --samples, --sampleless, --culling or --effects");
   for (const Encoding& encoding : options.encodings)
     if (!encoding.float32 && !encoding.packed_indices && !encoding.clustered)
-      return usage("--indices: the files that --reference and --curves draw have packed or clustered ones");
+      return usage("--indices: files that convert makes have packed or clustered ones");
   if (options.curves && options.size && std::max(options.size->width, options.size->height) > kMaxCurveSide)
     return usage("--size: --curves takes at most " + std::to_string(kMaxCurveSide) +
                  " pixels a side, for its reference has " + std::to_string(kTruthSamples) +

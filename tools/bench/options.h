@@ -39,11 +39,14 @@ struct BenchWords {
   bool reference = false;
   bool curves = false;
   std::string plot;
-  // Of --load:
+  // Of --load and --end-to-end:
   bool load = false;
+  bool end_to_end = false;
   std::string backend = "auto";
   std::string threads = "0";
   uint32_t repeats = 5;
+  std::string work;    // a folder
+  std::string memory;  // that convert may take
 };
 
 using tools::ImageSize;

@@ -55,14 +55,6 @@ uint64_t available_memory() {
   return ~uint64_t{0};
 }
 
-Result<runtime::Scene> open_scene(const std::string& path, const runtime::SceneOptions& options) {
-  Result<runtime::SceneFile> file = runtime::SceneFile::open(path);
-  if (!file) return file.error();
-  const Result<uint32_t> number = file->find_scene("");
-  if (!number) return number.error();
-  return runtime::Scene::load(std::move(*file), *number, options);
-}
-
 /// The file without the pages of geometry that the scene does not draw.
 uint64_t read_bytes(const runtime::Scene& scene) {
   uint64_t bytes = scene.file().map().size();
@@ -108,7 +100,7 @@ class Loading {
     options.threads = settings_.threads;
     options.pages = way_ == LoadWay::kMap;
     options.texture_cache = runtime::kHostTextureCache;
-    Result<runtime::Scene> scene = open_scene(path_, options);
+    Result<runtime::Scene> scene = open_default_scene(path_, options);
     if (!scene) return scene.error();
     scene_.emplace(std::move(*scene));
     const uint64_t textures = scene_->stats().texture_bytes + scene_->stats().jpeg_bytes;
@@ -226,11 +218,19 @@ Result<HostArena> HostArena::allocate(uint64_t bytes) {
   return Result<HostArena>(std::move(arena));
 }
 
+Result<runtime::Scene> open_default_scene(const std::string& path, const runtime::SceneOptions& options) {
+  Result<runtime::SceneFile> file = runtime::SceneFile::open(path);
+  if (!file) return file.error();
+  const Result<uint32_t> number = file->find_scene("");
+  if (!number) return number.error();
+  return runtime::Scene::load(std::move(*file), *number, options);
+}
+
 Result<uint64_t> arena_bytes(const std::string& path) {
   runtime::SceneOptions options;
   options.pages = false;
   options.textures = false;
-  const Result<runtime::Scene> scene = open_scene(path, options);
+  const Result<runtime::Scene> scene = open_default_scene(path, options);
   if (!scene) return scene.error();
   runtime::UploadPlan plan;
   plan.add_pages(scene->drawn_pages());

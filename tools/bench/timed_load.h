@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "format/result.h"
+#include "runtime/scene.h"
 #include "runtime/upload.h"
 #include "tools/common/options.h"
 
@@ -59,8 +60,10 @@ struct TimedLoad {
   uint64_t device_bytes = 0;  // of what is resident; of kMap and arenas pages and textures alone
 };
 
-/// Bytes that the scene's pages take in an arena; opens the file for it. Errors as SceneFile::open, find_scene and
-/// Scene::load.
+/// The scene that `path` shows where none is named. Errors as SceneFile::open, find_scene and Scene::load.
+Result<runtime::Scene> open_default_scene(const std::string& path, const runtime::SceneOptions& options);
+
+/// Bytes that the scene's pages take in an arena; opens the file for it. Errors as open_default_scene().
 Result<uint64_t> arena_bytes(const std::string& path);
 
 /// Loads the default scene of `path` with its textures. `arena`: arena_bytes() at least, where `way` is one of an

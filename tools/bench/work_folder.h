@@ -13,15 +13,26 @@
 
 namespace scree::bench {
 
-/// A folder of its own in $TMPDIR (else /tmp), gone with all that is in it when this goes.
+/// A folder of its own, gone with all that is in it when this goes.
 class WorkFolder {
  public:
-  /// Errors kFile.
-  static Result<WorkFolder> make() {
+  /// $TMPDIR, else /tmp. Errors kFile: there is none.
+  static Result<std::string> default_parent() {
     std::error_code failed;
     const std::filesystem::path parent = std::filesystem::temp_directory_path(failed);
     if (failed) return Error{ErrorCode::kFile, "the folder for temporary files: " + failed.message()};
-    std::string pattern = (parent / "scree-bench-XXXXXX").string();
+    return parent.string();
+  }
+
+  /// In default_parent(). Errors kFile.
+  static Result<WorkFolder> make() {
+    const Result<std::string> parent = default_parent();
+    return parent ? make(*parent) : parent.error();
+  }
+
+  /// In `parent`. Errors kFile.
+  static Result<WorkFolder> make(const std::string& parent) {
+    std::string pattern = parent + "/scree-bench-XXXXXX";
     if (::mkdtemp(pattern.data()) == nullptr) return Error{ErrorCode::kFile, pattern + ": " + std::strerror(errno)};
     return WorkFolder(pattern);
   }

@@ -17,6 +17,9 @@ MemoryUse memory_use();
 /// resident since `before` was taken (a few MiB).
 uint64_t peak_anonymous(const MemoryUse& before);
 
+/// The peak is from now on what is resident now; where the system does not let (no /proc), it stays.
+void forget_peak();
+
 /// Gives what the allocator keeps for later back to the system.
 void give_back_free_memory();
 

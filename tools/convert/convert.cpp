@@ -60,7 +60,8 @@ Result<void> check_not_source(const std::set<std::string>& files, const std::str
   return {};
 }
 
-/// All files the scene is read from: the input and what it names.
+}  // namespace
+
 std::set<std::string> source_files(const std::string& input, const SourceScene& scene) {
   std::set<std::string> files{input};
   const auto add = [&](const std::shared_ptr<const ByteSource>& source) {
@@ -81,6 +82,8 @@ std::set<std::string> source_files(const std::string& input, const SourceScene& 
   for (const SourceImage& image : scene.images) add(image.source);
   return files;
 }
+
+namespace {
 
 class Converter {
  public:

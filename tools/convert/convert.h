@@ -4,12 +4,14 @@
 
 #include <atomic>
 #include <cstdint>
+#include <set>
 #include <string>
 #include <vector>
 
 #include "format/layout.h"
 #include "format/result.h"
 #include "tools/convert/encode.h"
+#include "tools/convert/gltf_source.h"
 #include "tools/convert/images.h"
 #include "tools/convert/pixel_bound.h"
 #include "tools/convert/position_table.h"
@@ -81,6 +83,9 @@ struct ConvertReport {
   StageRates rates;                   // of the pass that encodes
   std::vector<std::string> warnings;  // one line each
 };
+
+/// All files that a scene is read from: the input and what it names.
+std::set<std::string> source_files(const std::string& input, const SourceScene& scene);
 
 /// Converts. On an error nothing is left at `output` that was not there before; with ConvertOptions::resume there may
 /// be an unfinished .part. Errors kUsage (options that exclude each other or are out of range, output is the input),
