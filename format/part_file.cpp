@@ -146,6 +146,13 @@ Result<void> PartFile::close() {
   return {};
 }
 
+Result<void> PartFile::hide() {
+  if (!is_part_) return not_open();
+  if (::unlink(part_path_.c_str()) != 0) return error_of("remove", errno);
+  is_part_ = false;
+  return {};
+}
+
 Result<void> PartFile::commit() {
   if (!is_part_) return not_open();
   if (std::rename(part_path_.c_str(), path_.c_str()) != 0) return error_of("rename", errno);

@@ -35,6 +35,8 @@ class PartFile {
   /// Closes before commit(): some file systems find only now that the disk is full. Others may then take the .part.
   Result<void> close();
   Result<void> commit();
+  /// Takes the .part's name away at once: what is written lives as long as this does, whatever ends the program.
+  Result<void> hide();
   /// From now on discard() leaves the .part where it is, for another create() to take over.
   void keep() { is_kept_ = true; }
   /// Removes the .part, if it has not got its name and is not to be kept, and closes it. Takes no memory: it may be

@@ -6,6 +6,7 @@
 
 #include <algorithm>
 #include <atomic>
+#include <cassert>
 #include <cerrno>
 #include <cstring>
 #include <utility>
@@ -105,6 +106,24 @@ class WindowSource final : public ByteSource {
   uint64_t size_;
 };
 
+class PartSource final : public ByteSource {
+ public:
+  PartSource(std::shared_ptr<const format::PartFile> file, uint64_t size) : file_(std::move(file)), size_(size) {}
+
+  uint64_t size() const override { return size_; }
+
+  Result<void> read(uint64_t offset, std::span<std::byte> out) const override {
+    assert(format::range_within(offset, out.size(), size_));
+    const Timed timed(nanoseconds_read);
+    bytes_read.fetch_add(out.size(), std::memory_order_relaxed);
+    return file_->read_at(offset, out);
+  }
+
+ private:
+  std::shared_ptr<const format::PartFile> file_;
+  uint64_t size_;
+};
+
 class MemorySource final : public ByteSource {
  public:
   explicit MemorySource(std::vector<std::byte> bytes) : bytes_(std::move(bytes)) {}
@@ -160,6 +179,10 @@ ReadTotals read_totals() {
 std::shared_ptr<const ByteSource> window_source(std::shared_ptr<const ByteSource> whole, uint64_t offset,
                                                 uint64_t size) {
   return std::make_shared<WindowSource>(std::move(whole), offset, size);
+}
+
+std::shared_ptr<const ByteSource> part_source(std::shared_ptr<const format::PartFile> file, uint64_t size) {
+  return std::make_shared<PartSource>(std::move(file), size);
 }
 
 std::shared_ptr<const ByteSource> memory_source(std::vector<std::byte> bytes) {

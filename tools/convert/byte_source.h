@@ -8,6 +8,7 @@
 #include <string>
 #include <vector>
 
+#include "format/part_file.h"
 #include "format/result.h"
 #include "tools/convert/gltf_source.h"
 
@@ -17,7 +18,7 @@ namespace scree::convert {
 /// read, so that a scene of thousands of .bin files works within the usual limit of 1024. Errors kFile.
 Result<std::shared_ptr<const ByteSource>> open_file_source(const std::string& path);
 
-/// What all reads of files took since the program began, in all threads.
+/// What all reads of files and of part_source() took since the program began, in all threads.
 struct ReadTotals {
   uint64_t bytes = 0;
   double seconds = 0;
@@ -27,6 +28,9 @@ ReadTotals read_totals();
 /// [offset, offset + size) of another source. The caller has checked the range.
 std::shared_ptr<const ByteSource> window_source(std::shared_ptr<const ByteSource> whole, uint64_t offset,
                                                 uint64_t size);
+
+/// What was written to the first `size` bytes of `file`.
+std::shared_ptr<const ByteSource> part_source(std::shared_ptr<const format::PartFile> file, uint64_t size);
 
 /// Bytes held in memory.
 std::shared_ptr<const ByteSource> memory_source(std::vector<std::byte> bytes);

@@ -9,6 +9,7 @@
 #include <cstring>
 #include <filesystem>
 #include <limits>
+#include <map>
 #include <set>
 #include <thread>
 
@@ -29,6 +30,7 @@
 #include "tools/convert/memory_plan.h"
 #include "tools/convert/resume.h"
 #include "tools/convert/scene_tables.h"
+#include "tools/convert/sort_scattered.h"
 
 namespace scree::convert {
 namespace {
@@ -53,7 +55,7 @@ Result<void> check_output(const std::string& output) {
 Result<void> check_not_source(const std::set<std::string>& files, const std::string& output) {
   std::error_code ignored;
   for (const std::string& file : files)
-    for (const std::string& written : {output, output + ".part"})
+    for (const std::string& written : {output, output + ".part", sort_file_name(output)})
       if (std::filesystem::equivalent(file, written, ignored))
         return Error{ErrorCode::kUsage,
                      written + ": the output would replace " + (file == written ? "a file of the source" : file)};
@@ -150,18 +152,31 @@ class Converter {
     for (size_t i = 0; i < wanted_.size(); ++i)
       if (wanted_[i]) triangles += scene_.primitives[i].triangle_count();
     progress_.stage("measure", triangles);
-    const MeasureOptions measure_options{options_.drop_nonfinite, options_.chunk_triangles == 0, options_.normals,
+    const MeasureOptions measure_options{may_sort(options_), options_.drop_nonfinite, options_.chunk_triangles == 0,
+                                         options_.normals,
                                          options_.share ? may_repeat(scene_, wanted_) : std::vector<bool>()};
     const StageLimits limits = memory_.measure();
     Result<Measurement> measured = measure(scene_, wanted_, measure_options, limits.threads, options_.stop,
                                            [&](uint64_t done) { progress_.update(done, bytes_read(done, triangles)); });
     if (!measured) return measured.error();
     measurement_ = std::move(*measured);
+    Result<SortedPrimitives> sorted =
+        sort_scattered(scene_, report_.output, memory_, measure_options, options_.stop, progress_, measurement_);
+    if (!sorted) return sorted.error();
+    report_.sorted_triangles = sorted->triangles;
+    report_.sort_file_bytes = sorted->file_bytes;
+    sorted_ = std::move(sorted->copies);
     for (const Measured& primitive : measurement_.primitives) {
       report_.dropped_degenerate += primitive.dropped_degenerate;
       report_.dropped_nonfinite += primitive.dropped_nonfinite;
     }
     return {};
+  }
+
+  /// That a window is of: a sorted copy where there is one.
+  const Primitive& primitive_of(const WindowPlan& window) const {
+    const auto sorted = sorted_.find(window.primitive);
+    return sorted == sorted_.end() ? scene_.primitives[window.primitive] : sorted->second;
   }
 
   /// For the progress line: buffers are read evenly with the triangles, near enough.
@@ -195,6 +210,7 @@ class Converter {
     plan.float32 = options_.float32;
     plan.clustered = options_.encoding == Encoding::kClustered && !options_.float32;
     plan.box = measured.box;
+    if (sorted_.contains(primitive)) plan.sorted_triangles = source.triangle_count();
     if (source.uv) plan.attributes |= format::kHasUv;
     if (source.color && !measured.white) plan.attributes |= format::kHasColor;
     if (source.normal && options_.normals) plan.attributes |= format::kHasNormal;
@@ -338,9 +354,8 @@ class Converter {
       std::vector<EncodedWindow> encoded;
       for (uint64_t i = batches[batch].first; i < batches[batch].first + batches[batch].count; ++i) {
         const WindowPlan& window = windows[i];
-        Result<EncodedWindow> result =
-            encode_window(scene_.primitives[window.primitive], plans_[mesh_of_[window.primitive]], window,
-                          encode_options, scratch[worker]);
+        Result<EncodedWindow> result = encode_window(primitive_of(window), plans_[mesh_of_[window.primitive]], window,
+                                                     encode_options, scratch[worker]);
         if (!result) return at(scene_.file_name, result.error());
         encoded.push_back(std::move(*result));
       }
@@ -515,6 +530,7 @@ class Converter {
   std::vector<bool> wanted_;  // of the primitives: some node draws them
   MemoryPlan memory_;
   Measurement measurement_;
+  std::map<uint32_t, Primitive> sorted_;  // copies of primitives without locality
   MergedMaterials merged_;
   std::vector<uint32_t> first_equal_;  // of each group the one that is stored for it
   std::vector<MeshPlan> plans_;        // as tables_.meshes

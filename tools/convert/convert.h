@@ -80,6 +80,8 @@ struct ConvertReport {
   uint32_t resumed_pages = 0;       // of an earlier run, that were not made again
   uint64_t dropped_degenerate = 0;  // triangles of strips and fans with two equal indices
   uint64_t dropped_nonfinite = 0;
+  uint64_t sorted_triangles = 0;      // of primitives without locality
+  uint64_t sort_file_bytes = 0;       // that the temporary file for them took
   StageRates rates;                   // of the pass that encodes
   std::vector<std::string> warnings;  // one line each
 };

@@ -99,6 +99,9 @@ std::string describe(const ConvertOptions& options, const ConvertReport& report)
   if (report.threads < report.threads_asked)
     text +=
         ", " + std::to_string(report.threads) + " of " + std::to_string(report.threads_asked) + " threads (--memory)";
+  if (report.sorted_triangles > 0)
+    text += ", sorted " + tools::format_count(static_cast<double>(report.sorted_triangles)) +
+            " triangles that lay in no order (a temporary file of " + tools::format_bytes(report.sort_file_bytes) + ")";
   if (report.resumed_pages > 0) text += ", resumed after " + std::to_string(report.resumed_pages) + " pages";
   return text;
 }

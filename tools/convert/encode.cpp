@@ -40,6 +40,12 @@ uint64_t vertex_bits_bound(const MeshPlan& mesh) {
          (mesh.float32 ? 96 : uint64_t{lattice.bits[0]} + lattice.bits[1] + lattice.bits[2]);
 }
 
+/// Most bits that the source's number of a triangle takes, less the smallest of its chunk.
+uint32_t source_id_bits(const MeshPlan& mesh, const WindowPlan& plan) {
+  if (!(mesh.attributes & format::kHasSourceIds)) return 0;
+  return static_cast<uint32_t>(std::bit_width((mesh.sorted_triangles > 0 ? mesh.sorted_triangles : plan.count) - 1));
+}
+
 /// Decides where a chunk ends: before the triangle with which its streams might pass a page.
 class ChunkLimit {
  public:
@@ -47,7 +53,7 @@ class ChunkLimit {
       : most_triangles_(most_triangles),
         vertex_bits_(vertex_bits_bound(mesh)),
         attribute_bits_(attribute_bits_bound(mesh)),
-        triangle_bits_(mesh.attributes & format::kHasSourceIds ? std::bit_width(plan.count - 1) : 0u) {}
+        triangle_bits_(source_id_bits(mesh, plan)) {}
 
   bool fits(uint64_t triangles, uint64_t vertices) const {
     if (most_triangles_ == 0) return true;
@@ -540,7 +546,7 @@ Result<EncodedWindow> encode_window(const Primitive& primitive, const MeshPlan& 
 
 uint64_t encoded_bytes_estimate(const MeshPlan& mesh, const WindowPlan& plan) {
   const uint64_t index_bits = 3 * static_cast<uint64_t>(std::bit_width(uint64_t{plan.vertices}));
-  const uint64_t id_bits = mesh.attributes & format::kHasSourceIds ? std::bit_width(plan.count) : 0u;
+  const uint64_t id_bits = source_id_bits(mesh, plan);
   // A cluster's border vertices are stored once a cluster.
   if (mesh.clustered) return (plan.kept * (24 + id_bits) + plan.vertices * vertex_bits_bound(mesh) * 3 / 2) / 8 + 256;
   // A chunk's border vertices are stored once a chunk: a quarter more.

@@ -37,7 +37,8 @@ struct MeshPlan {
   uint32_t primitive = 0;   // in SourceScene::primitives
   uint32_t attributes = 0;  // format::AttributeFlags of the streams to write
   bool float32 = false;
-  bool clustered = false;  // chunks are clustered; not with float32
+  bool clustered = false;         // chunks are clustered; not with float32
+  uint64_t sorted_triangles = 0;  // of the source, where those of a window lie anywhere among them; else 0
   format::MeshLattice lattice;
   Box box;  // of the positions measure saw
 };

@@ -250,6 +250,24 @@ Result<void> read_floats(const Accessor& accessor, uint64_t first, uint64_t coun
   return {};
 }
 
+Result<void> read_elements(const Accessor& accessor, uint64_t first, uint64_t count, std::span<std::byte> out) {
+  const uint64_t bytes = accessor.element_bytes();
+  assert(first <= accessor.count && count <= accessor.count - first);
+  assert(out.size() == count * bytes);
+  if (count == 0) return {};
+  if (accessor.stride == bytes) return load_window(accessor, first, count, out);
+  std::array<std::byte, kStackWindowBytes> window;
+  const uint64_t step = elements_in(window.size(), accessor);
+  for (uint64_t done = 0; done < count; done += step) {
+    const uint64_t n = std::min(step, count - done);
+    if (auto read = load_window(accessor, first + done, n, std::span(window).first(window_bytes(accessor, n))); !read)
+      return read;
+    for (uint64_t i = 0; i < n; ++i)
+      std::memcpy(out.data() + (done + i) * bytes, window.data() + i * accessor.stride, bytes);
+  }
+  return {};
+}
+
 Result<void> gather_floats(const Accessor& accessor, std::span<const uint32_t> ascending, std::span<float> out) {
   assert(out.size() == ascending.size() * accessor.components);
   thread_local std::unique_ptr<std::byte[]> window;

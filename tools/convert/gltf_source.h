@@ -62,7 +62,17 @@ Result<void> read_floats(const Accessor& accessor, uint64_t first, uint64_t coun
 /// with one read.
 Result<void> gather_floats(const Accessor& accessor, std::span<const uint32_t> ascending, std::span<float> out);
 
+/// Copies elements [first, first + count) as they are, without gaps: count * element_bytes() bytes.
+Result<void> read_elements(const Accessor& accessor, uint64_t first, uint64_t count, std::span<std::byte> out);
+
 enum class PrimitiveMode : uint8_t { kTriangles = 4, kStrip = 5, kFan = 6 };
+
+/// What the triangles and vertices of a sorted copy are in the primitive it is of (sort_primitive.h).
+struct SourceNumbers {
+  Accessor triangles;  // 32 bits, scalar: the source's number of each triangle
+  Accessor vertices;   // likewise of each vertex, less first_vertex
+  uint32_t first_vertex = 0;
+};
 
 /// A primitive that is kept: triangles, strips or fans.
 struct Primitive {
@@ -76,6 +86,7 @@ struct Primitive {
   std::optional<Accessor> color;  // COLOR_0, 3 or 4 components
   std::optional<Accessor> normal;
   uint32_t material = format::kNone;
+  std::shared_ptr<const SourceNumbers> numbers;  // of a sorted copy; else null: counted from 0
 
   uint64_t vertex_count() const { return positions.count; }
   uint64_t triangle_count() const;  // degenerate triangles of strips included

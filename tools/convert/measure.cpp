@@ -1,8 +1,14 @@
 #include "tools/convert/measure.h"
 
 #include <algorithm>
+#include <iterator>
+#include <map>
 #include <optional>
+#include <set>
 #include <span>
+#include <utility>
+
+#include "tools/convert/locality.h"
 
 namespace scree::convert {
 namespace {
@@ -20,6 +26,8 @@ struct WindowFacts {
   Box box = empty_box();
   bool white = true;
   ContentHash content{};
+  bool waits = false;  // not measured: its vertices lie too far apart
+  VertexUse use;
 };
 
 struct Scratch {
@@ -41,6 +49,7 @@ Result<ContentHash> hash_window(const Primitive& primitive, bool normals, Scratc
   const Window& window = scratch.window;
   ContentHasher hasher;
   add_values(hasher, window.kept());
+  if (primitive.numbers) add_values(hasher, window.numbers());
   scratch.numbers.assign(window.indices().begin(), window.indices().end());
   const uint32_t first = window.vertices().empty() ? 0 : window.vertices().front();
   for (uint32_t& number : scratch.numbers) number -= first;
@@ -67,16 +76,26 @@ ContentHash joined(const ContentHash& before, const ContentHash& window) {
   return hasher.value();
 }
 
+/// `may_wait`: vertices that lie too far apart are left unread.
 Result<WindowFacts> measure_window(const Primitive& primitive, const WindowPlan& plan, const MeasureOptions& options,
-                                   Scratch& scratch) {
+                                   bool may_wait, Scratch& scratch) {
   Window& window = scratch.window;
-  if (const Result<void> loaded =
-          window.load(primitive, plan.first, plan.count, options.drop_nonfinite, Window::Find::kVertices);
+  if (const Result<void> loaded = window.load_triangles(primitive, plan.first, plan.count, Window::Find::kVertices);
       !loaded)
     return loaded.error();
   WindowFacts facts;
-  facts.kept = window.triangle_count();
   facts.dropped_degenerate = window.dropped_degenerate();
+  if (may_wait) {
+    const uint64_t read =
+        window.span() > kManyVerticesRead * plan.count ? vertices_read(window.vertices()) : window.span();
+    const bool is_far = read > kMostVerticesRead * plan.count;
+    facts.use.add(plan.count, window.vertices(), is_far);
+    facts.waits = is_far || (read > kManyVerticesRead * plan.count && window.vertices().size() > plan.count);
+    if (facts.waits) return facts;
+  }
+  if (const Result<void> loaded = window.load_positions(primitive, options.drop_nonfinite); !loaded)
+    return loaded.error();
+  facts.kept = window.triangle_count();
   facts.dropped_nonfinite = window.dropped_nonfinite();
   facts.vertices = static_cast<uint32_t>(window.vertices().size());
   facts.span = static_cast<uint32_t>(window.span());
@@ -94,7 +113,137 @@ Result<WindowFacts> measure_window(const Primitive& primitive, const WindowPlan&
   return facts;
 }
 
+class Measurer {
+ public:
+  Measurer(const SourceScene& scene, const MeasureOptions& options, uint32_t threads, const std::atomic<bool>* stop,
+           const std::function<void(uint64_t)>& progress)
+      : scene_(scene), options_(options), progress_(progress), scratch_(threads), pool_(threads, stop) {
+    out_.primitives.resize(scene.primitives.size());
+  }
+
+  Result<Measurement> run(const std::vector<bool>& wanted) {
+    for (uint32_t i = 0; i < scene_.primitives.size(); ++i) {
+      if (!wanted[i]) continue;
+      if (const Result<void> done = add_windows(i); !done) return done.error();
+    }
+    if (const Result<void> done = measure(out_.windows); !done) return done.error();
+    if (const Result<void> done = settle_scattered(); !done) return done.error();
+    std::erase_if(out_.windows, [](const WindowPlan& window) { return window.kept == 0; });
+    return std::move(out_);
+  }
+
+ private:
+  Result<void> add_windows(uint32_t primitive) {
+    const uint64_t triangles = scene_.primitives[primitive].triangle_count();
+    // meshoptimizer and ChunkRecord count the corners of a chunk in 32 bits.
+    if (options_.whole_meshes && triangles > UINT32_MAX / 3)
+      return Error{ErrorCode::kUnsupported, primitive_place(scene_, primitive) + ": " + std::to_string(triangles) +
+                                                " triangles, but one chunk holds at most " +
+                                                std::to_string(UINT32_MAX / 3) + " (--chunk-triangles)"};
+    const uint64_t step = options_.whole_meshes ? std::max<uint64_t>(triangles, 1) : kWindowTriangles;
+    for (uint64_t first = 0; first < triangles; first += step) {
+      WindowPlan window;
+      window.primitive = primitive;
+      window.first = first;
+      window.count = std::min(step, triangles - first);
+      out_.windows.push_back(window);
+    }
+    // A window is put in order whatever it is; and chunks number source triangles in 32 bits.
+    if (options_.may_sort && triangles > step && triangles <= uint64_t{1} << 32) uses_[primitive] = {};
+    return {};
+  }
+
+  /// Measures `windows`, and adds them to their primitives.
+  Result<void> measure(std::vector<WindowPlan>& windows) {
+    const std::vector<Batch> batches = make_batches(windows);
+    const auto work = [&](uint64_t batch, uint32_t worker) -> Result<std::vector<WindowFacts>> {
+      std::vector<WindowFacts> facts;
+      for (uint64_t i = batches[batch].first; i < batches[batch].first + batches[batch].count; ++i) {
+        const uint32_t primitive = windows[i].primitive;
+        Result<WindowFacts> measured = measure_window(scene_.primitives[primitive], windows[i], options_,
+                                                      uses_.contains(primitive), scratch_[worker]);
+        if (!measured) return at(scene_.file_name, measured.error());
+        facts.push_back(*measured);
+      }
+      return facts;
+    };
+    const auto take = [&](uint64_t batch, std::vector<WindowFacts> facts) -> Result<void> {
+      for (uint64_t i = 0; i < facts.size(); ++i) note(windows[batches[batch].first + i], facts[i]);
+      done_ += batches[batch].triangles;
+      progress_(done_);
+      return {};
+    };
+    const auto no_cost = [](uint64_t) { return uint64_t{0}; };
+    return run_ordered<std::vector<WindowFacts>>(pool_, batches.size(), {kJobsPerThread * pool_.threads(), UINT64_MAX},
+                                                 work, no_cost, take);
+  }
+
+  void note(WindowPlan& plan, const WindowFacts& facts) {
+    plan.kept = facts.kept;
+    plan.vertices = facts.vertices;
+    plan.span = facts.span;
+    plan.box = facts.box;
+    Measured& total = out_.primitives[plan.primitive];
+    total.triangles += facts.kept;
+    total.dropped_degenerate += facts.dropped_degenerate;
+    total.dropped_nonfinite += facts.dropped_nonfinite;
+    total.white = total.white && facts.white;
+    if (!options_.hashed.empty() && options_.hashed[plan.primitive])
+      total.content = joined(total.content.value_or(ContentHash{}), facts.content);
+    grow(total.box, facts.box);
+    if (const auto use = uses_.find(plan.primitive); use != uses_.end()) use->second.add(facts.use);
+    if (facts.waits) waiting_.insert(plan.primitive);
+  }
+
+  /// Primitives without locality are taken out; of the others, those with windows that waited are measured again.
+  Result<void> settle_scattered() {
+    std::vector<bool> again(scene_.primitives.size());
+    for (const auto& [primitive, use] : uses_) {
+      if (use.is_scattered()) {
+        out_.scattered.push_back({primitive, use.first, use.span()});
+        Measured kept;
+        kept.dropped_degenerate = out_.primitives[primitive].dropped_degenerate;
+        out_.primitives[primitive] = kept;
+      } else if (waiting_.contains(primitive)) {
+        again[primitive] = true;
+        out_.primitives[primitive] = {};
+      }
+    }
+    const auto is_settled = [&](const WindowPlan& window) {
+      const auto use = uses_.find(window.primitive);
+      return use == uses_.end() || !(use->second.is_scattered() || again[window.primitive]);
+    };
+    std::vector<WindowPlan> windows;
+    std::copy_if(out_.windows.begin(), out_.windows.end(), std::back_inserter(windows),
+                 [&](const WindowPlan& window) { return again[window.primitive]; });
+    std::erase_if(out_.windows, [&](const WindowPlan& window) { return !is_settled(window); });
+    uses_.clear();
+    if (windows.empty()) return {};
+    for (const WindowPlan& window : windows) done_ -= window.count;
+    if (const Result<void> done = measure(windows); !done) return done;
+    out_.windows.insert(out_.windows.end(), windows.begin(), windows.end());
+    sort_windows(out_.windows);
+    return {};
+  }
+
+  const SourceScene& scene_;
+  const MeasureOptions& options_;
+  const std::function<void(uint64_t)>& progress_;
+  Measurement out_;
+  std::map<uint32_t, VertexUse> uses_;  // of primitives that may be scattered
+  std::set<uint32_t> waiting_;          // primitives of windows that waited
+  uint64_t done_ = 0;
+  std::vector<Scratch> scratch_;
+  WorkerPool pool_;
+};
+
 }  // namespace
+
+void sort_windows(std::vector<WindowPlan>& windows) {
+  std::sort(windows.begin(), windows.end(), [](const WindowPlan& a, const WindowPlan& b) {
+    return a.primitive != b.primitive ? a.primitive < b.primitive : a.first < b.first;
+  });
+}
 
 std::vector<Batch> make_batches(const std::vector<WindowPlan>& windows, uint64_t first) {
   std::vector<Batch> batches;
@@ -116,67 +265,7 @@ std::string primitive_place(const SourceScene& scene, uint32_t primitive) {
 Result<Measurement> measure(const SourceScene& scene, const std::vector<bool>& wanted, const MeasureOptions& options,
                             uint32_t threads, const std::atomic<bool>* stop,
                             const std::function<void(uint64_t)>& progress) {
-  Measurement out;
-  out.primitives.resize(scene.primitives.size());
-  for (uint32_t i = 0; i < scene.primitives.size(); ++i) {
-    if (!wanted[i]) continue;
-    const uint64_t triangles = scene.primitives[i].triangle_count();
-    // meshoptimizer and ChunkRecord count the corners of a chunk in 32 bits.
-    if (options.whole_meshes && triangles > UINT32_MAX / 3)
-      return Error{ErrorCode::kUnsupported, primitive_place(scene, i) + ": " + std::to_string(triangles) +
-                                                " triangles, but one chunk holds at most " +
-                                                std::to_string(UINT32_MAX / 3) + " (--chunk-triangles)"};
-    const uint64_t step = options.whole_meshes ? std::max<uint64_t>(triangles, 1) : kWindowTriangles;
-    for (uint64_t first = 0; first < triangles; first += step) {
-      WindowPlan window;
-      window.primitive = i;
-      window.first = first;
-      window.count = std::min(step, triangles - first);
-      out.windows.push_back(window);
-    }
-  }
-
-  const std::vector<Batch> batches = make_batches(out.windows);
-  std::vector<Scratch> scratch(threads);
-  const auto work = [&](uint64_t batch, uint32_t worker) -> Result<std::vector<WindowFacts>> {
-    std::vector<WindowFacts> facts;
-    for (uint64_t i = batches[batch].first; i < batches[batch].first + batches[batch].count; ++i) {
-      const WindowPlan& plan = out.windows[i];
-      Result<WindowFacts> measured = measure_window(scene.primitives[plan.primitive], plan, options, scratch[worker]);
-      if (!measured) return at(scene.file_name, measured.error());
-      facts.push_back(*measured);
-    }
-    return facts;
-  };
-  uint64_t done = 0;
-  const auto take = [&](uint64_t batch, std::vector<WindowFacts> facts) -> Result<void> {
-    for (uint64_t i = 0; i < facts.size(); ++i) {
-      WindowPlan& plan = out.windows[batches[batch].first + i];
-      plan.kept = facts[i].kept;
-      plan.vertices = facts[i].vertices;
-      plan.span = facts[i].span;
-      plan.box = facts[i].box;
-      Measured& total = out.primitives[plan.primitive];
-      total.triangles += facts[i].kept;
-      total.dropped_degenerate += facts[i].dropped_degenerate;
-      total.dropped_nonfinite += facts[i].dropped_nonfinite;
-      total.white = total.white && facts[i].white;
-      if (!options.hashed.empty() && options.hashed[plan.primitive])
-        total.content = joined(total.content.value_or(ContentHash{}), facts[i].content);
-      grow(total.box, facts[i].box);
-    }
-    done += batches[batch].triangles;
-    progress(done);
-    return {};
-  };
-  WorkerPool pool(threads, stop);
-  const auto no_cost = [](uint64_t) { return uint64_t{0}; };
-  if (const Result<void> run = run_ordered<std::vector<WindowFacts>>(
-          pool, batches.size(), {kJobsPerThread * pool.threads(), UINT64_MAX}, work, no_cost, take);
-      !run)
-    return run.error();
-  std::erase_if(out.windows, [](const WindowPlan& window) { return window.kept == 0; });
-  return out;
+  return Measurer(scene, options, threads, stop, progress).run(wanted);
 }
 
 }  // namespace scree::convert

@@ -38,7 +38,15 @@ struct Measured {
   std::optional<ContentHash> content;  // where MeasureOptions::hashed asks: of its triangles and their vertices
 };
 
+/// A primitive without locality (locality.h): it was not measured, but for dropped_degenerate.
+struct ScatteredPrimitive {
+  uint32_t primitive = 0;
+  uint32_t first_vertex = 0;  // of those it uses
+  uint64_t vertex_count = 0;  // from there to the last one
+};
+
 struct MeasureOptions {
+  bool may_sort = false;  // primitives without locality become Measurement::scattered
   bool drop_nonfinite = false;
   bool whole_meshes = false;  // one window a primitive
   bool normals = false;       // are content
@@ -48,7 +56,11 @@ struct MeasureOptions {
 struct Measurement {
   std::vector<WindowPlan> windows;   // ordered by primitive, then first; windows that keep no triangle are left out
   std::vector<Measured> primitives;  // as SourceScene::primitives
+  std::vector<ScatteredPrimitive> scattered;
 };
+
+/// Puts windows in their order.
+void sort_windows(std::vector<WindowPlan>& windows);
 
 /// Consecutive windows that are worked on as one job, so that a scene of a million small meshes is not a million jobs.
 struct Batch {

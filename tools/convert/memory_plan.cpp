@@ -6,6 +6,7 @@
 
 #include "tools/common/memory_use.h"
 #include "tools/common/options.h"
+#include "tools/convert/locality.h"
 #include "tools/convert/meshopt_source.h"
 #include "tools/convert/scene_tables.h"
 
@@ -27,6 +28,9 @@ constexpr uint64_t kFlightBytesPerThread = 12 * kMiB;
 constexpr uint64_t kPrimitiveBytes = 600;
 constexpr uint64_t kInstanceBytes = 400;
 
+/// For the new numbers of the vertices of a primitive that is sorted, at least.
+constexpr uint64_t kLeastMapBytes = kMiB;
+
 /// Of the least that is stated, so that it still suffices when the process takes some pages more.
 constexpr uint64_t kLeastStep = 4 * kMiB;
 
@@ -35,6 +39,10 @@ uint64_t chunks_of(uint64_t triangles, uint64_t chunk_triangles) {
 }
 
 }  // namespace
+
+bool may_sort(const ConvertOptions& options) {
+  return options.chunk_triangles != 0 && options.order != Order::kNone;
+}
 
 uint64_t kept_view_bytes(uint64_t memory) {
   return std::min(MeshoptCache::kKeptBytes, memory / 4);
@@ -52,7 +60,7 @@ Result<MemoryPlan> MemoryPlan::make(const ConvertOptions& options, const SourceS
   plan.largest_view_ = scene.largest_view_bytes;
   plan.all_views_ = scene.unpacked_bytes;
   plan.vertex_bits_ = 96;
-  uint64_t windows = 0;
+  uint64_t windows = 0, sort_bytes = 0;
   bool has_uv = false, has_color = false, has_normal = false;
   for (size_t i = 0; i < wanted.size(); ++i) {
     if (!wanted[i]) continue;
@@ -63,6 +71,12 @@ Result<MemoryPlan> MemoryPlan::make(const ConvertOptions& options, const SourceS
     plan.most_.vertices = std::max(plan.most_.vertices, std::min(3 * triangles, primitive.vertex_count()));
     plan.most_.span = std::max(plan.most_.span, primitive.indices ? primitive.vertex_count() : 3 * triangles);
     plan.most_.chunks += chunks_of(all, options.chunk_triangles);
+    plan.id_bits_ = std::max(plan.id_bits_, static_cast<uint32_t>(std::bit_width(all)));
+    if (may_sort(options) && all > triangles) {
+      const SortNeeds needs =
+          sort_needs(primitive, std::min(primitive.vertex_count(), kMostVertices * all), options.normals);
+      sort_bytes = std::max(sort_bytes, needs.shared_bytes + needs.thread_bytes + kThreadBytes + kLeastMapBytes);
+    }
     windows += triangles == 0 ? 0 : (all - 1) / triangles + 1;
     has_uv |= primitive.uv.has_value();
     has_color |= primitive.color.has_value();
@@ -76,9 +90,9 @@ Result<MemoryPlan> MemoryPlan::make(const ConvertOptions& options, const SourceS
   held_instances = std::min(held_instances, kMaxHeldInstances + scene.nodes.size());
   const uint64_t tables = 3 * sizeof(WindowPlan) * windows + kPrimitiveBytes * wanted.size() +
                           kInstanceBytes * held_instances + plan.table_bytes(plan.most_);
-  const uint64_t geometry = tables + std::max(plan.measure_thread_bytes(plan.most_),
-                                              plan.encode_thread_bytes(plan.most_) + plan.encoded_bytes(plan.most_) +
-                                                  4 * plan.page_bytes(plan.most_));
+  const uint64_t encode_bytes =
+      plan.encode_thread_bytes(plan.most_) + plan.encoded_bytes(plan.most_) + 4 * plan.page_bytes(plan.most_);
+  const uint64_t geometry = tables + std::max({plan.measure_thread_bytes(plan.most_), sort_bytes, encode_bytes});
   const uint64_t rest = tools::memory_use().anonymous + kOtherBytes + std::max(geometry, image_bytes + kThreadBytes);
   const uint64_t least = rest + plan.largest_view_ + std::max(plan.largest_view_, std::min(plan.all_views_, rest / 3));
   if (least > options.memory)
@@ -91,6 +105,15 @@ Result<MemoryPlan> MemoryPlan::make(const ConvertOptions& options, const SourceS
 StageLimits MemoryPlan::measure() const {
   const uint64_t a_thread = measure_thread_bytes(most_) + largest_view_;
   return {static_cast<uint32_t>(std::clamp<uint64_t>(free_bytes() / a_thread, 1, threads_)), 0};
+}
+
+SortLimits MemoryPlan::sort(const SortNeeds& needs) const {
+  const uint64_t left = free_bytes() - std::min(free_bytes(), needs.shared_bytes + largest_view_);
+  const uint64_t a_thread = needs.thread_bytes + kThreadBytes + largest_view_;
+  const uint64_t map = std::min(needs.map_bytes, left / 2);
+  const uint64_t threads = std::clamp<uint64_t>((left - map) / a_thread, 1, threads_);
+  const uint64_t map_bytes = left - std::min(left, threads * a_thread);
+  return {static_cast<uint32_t>(threads), std::max(map_bytes, kLeastMapBytes) / sizeof(uint32_t)};
 }
 
 StageLimits MemoryPlan::images(uint64_t most) const {
@@ -157,7 +180,7 @@ uint64_t MemoryPlan::encode_thread_bytes(const WindowNeeds& needs) const {
 /// As encoded_bytes_estimate(), of the worst window.
 uint64_t MemoryPlan::encoded_bytes(const WindowNeeds& needs) const {
   const uint64_t index_bits = 3 * static_cast<uint64_t>(std::bit_width(needs.vertices));
-  const uint64_t id_bits = source_ids_ ? static_cast<uint64_t>(std::bit_width(needs.triangles)) : 0;
+  const uint64_t id_bits = source_ids_ ? id_bits_ : 0;
   return (needs.triangles * (index_bits + id_bits) + needs.vertices * vertex_bits_ * 3 / 2) / 8 + 256;
 }
 

@@ -10,6 +10,7 @@
 #include "tools/convert/convert.h"
 #include "tools/convert/gltf_source.h"
 #include "tools/convert/measure.h"
+#include "tools/convert/sort_primitive.h"
 
 namespace scree::convert {
 
@@ -20,6 +21,10 @@ struct WindowNeeds {
   uint64_t span = 0;      // from the smallest vertex number to the largest, at most
   uint64_t chunks = 0;    // that all windows together become, about
 };
+
+/// Whether primitives without locality are sorted (sort_primitive.h): not where the source's order is kept, or windows
+/// are whole meshes.
+bool may_sort(const ConvertOptions& options);
 
 /// What one stage may do.
 struct StageLimits {
@@ -36,6 +41,7 @@ class MemoryPlan {
                                  const std::vector<bool>& wanted, uint64_t image_bytes, uint32_t threads);
 
   StageLimits measure() const;
+  SortLimits sort(const SortNeeds& needs) const;
   /// flight_bytes: for images, at most `most`.
   StageLimits images(uint64_t most) const;
   /// `windows`: as they were measured. flight_bytes: for encoded windows.
@@ -57,6 +63,7 @@ class MemoryPlan {
   int zstd_level_ = 0;
   bool clustered_ = false;
   bool source_ids_ = false;
+  uint32_t id_bits_ = 0;
   uint64_t vertex_bits_ = 0;           // most that are stored
   uint64_t attribute_components_ = 0;  // most of one attribute
   uint64_t largest_view_ = 0;          // of compressed buffer views, with its stream

@@ -6,6 +6,8 @@
 #include <cstdio>
 #include <limits>
 
+#include "tools/convert/radix_sort.h"
+
 namespace scree::convert {
 namespace {
 
@@ -15,21 +17,14 @@ namespace {
 constexpr uint64_t kTableSpanPerCorner = 4;
 constexpr uint64_t kBitmapSpan = uint64_t{1} << 26;
 
-/// Sorts by the vertex number in the upper 32 bits, stable: 11 bits a pass.
-void sort_by_vertex(std::vector<uint64_t>& pairs, std::vector<uint64_t>& other) {
-  other.resize(pairs.size());
-  for (const uint32_t shift : {32u, 43u, 54u}) {
-    std::array<uint64_t, 2048> first{};
-    for (const uint64_t pair : pairs) ++first[(pair >> shift) & 2047];
-    uint64_t sum = 0;
-    for (uint64_t& count : first) {
-      const uint64_t next = sum + count;
-      count = sum;
-      sum = next;
-    }
-    for (const uint64_t pair : pairs) other[first[(pair >> shift) & 2047]++] = pair;
-    pairs.swap(other);
-  }
+/// The number in the source of a primitive's vertex.
+Result<uint32_t> source_vertex(const Primitive& primitive, uint32_t vertex) {
+  if (!primitive.numbers) return vertex;
+  uint32_t number = 0;
+  const auto bytes = std::as_writable_bytes(std::span(&number, 1));
+  if (const Result<void> read = read_elements(primitive.numbers->vertices, vertex, 1, bytes); !read)
+    return read.error();
+  return primitive.numbers->first_vertex + number;
 }
 
 }  // namespace
@@ -66,18 +61,32 @@ Result<void> read_vertices(const Accessor& accessor, std::span<const uint32_t> a
 }
 
 Result<void> Window::load(const Primitive& primitive, uint64_t first, uint64_t count, bool drop_nonfinite, Find find) {
+  if (const Result<void> loaded = load_triangles(primitive, first, count, find); !loaded) return loaded;
+  return load_positions(primitive, drop_nonfinite);
+}
+
+Result<void> Window::load_triangles(const Primitive& primitive, uint64_t first, uint64_t count, Find find) {
   first_ = first;
+  renumber_ = find == Find::kTriangles;
   dropped_degenerate_ = 0;
   dropped_nonfinite_ = 0;
   kept_.clear();
   span_ = 0;
   indices_.resize(3 * count);
   if (const Result<void> read = read_triangles(primitive, first, count, indices_); !read) return read;
+  numbers_.resize(primitive.numbers ? count : 0);
+  if (primitive.numbers) {
+    const auto bytes = std::as_writable_bytes(std::span(numbers_));
+    if (const Result<void> read = read_elements(primitive.numbers->triangles, first, count, bytes); !read) return read;
+  }
   if (primitive.mode != PrimitiveMode::kTriangles) drop_degenerate();
-  const bool renumber = find == Find::kTriangles;
-  find_vertices(renumber);
+  find_vertices(renumber_);
+  return {};
+}
+
+Result<void> Window::load_positions(const Primitive& primitive, bool drop_nonfinite) {
   if (const Result<void> read = read_positions(primitive); !read) return read;
-  return check_positions(primitive, drop_nonfinite, renumber);
+  return check_positions(primitive, drop_nonfinite);
 }
 
 void Window::merge(std::span<const uint32_t> firsts) {
@@ -131,11 +140,14 @@ void Window::find_by_bitmap(uint32_t lo, uint64_t span, bool renumber) {
   used_.assign((span + 63) / 64, 0);
   ranks_.resize(used_.size());
   for (const uint32_t index : indices_) used_[(index - lo) / 64] |= uint64_t{1} << ((index - lo) % 64);
+  vertices_.resize(std::min<uint64_t>(span, indices_.size()));  // at most
+  uint32_t count = 0;
   for (size_t word = 0; word < used_.size(); ++word) {
-    ranks_[word] = static_cast<uint32_t>(vertices_.size());
+    ranks_[word] = count;
     for (uint64_t bits = used_[word]; bits != 0; bits &= bits - 1)
-      vertices_.push_back(lo + static_cast<uint32_t>(64 * word) + static_cast<uint32_t>(std::countr_zero(bits)));
+      vertices_[count++] = lo + static_cast<uint32_t>(64 * word) + static_cast<uint32_t>(std::countr_zero(bits));
   }
+  vertices_.resize(count);
   if (!renumber) return;
   for (uint32_t& index : indices_) {
     const size_t word = (index - lo) / 64;
@@ -179,7 +191,7 @@ void Window::find_vertices(bool renumber) {
   }
   pairs_.resize(indices_.size());
   for (size_t i = 0; i < indices_.size(); ++i) pairs_[i] = uint64_t{indices_[i]} << 32 | i;
-  sort_by_vertex(pairs_, sorted_);
+  sort_by_upper_half(pairs_, sorted_);
   for (const uint64_t pair : pairs_) {
     const uint32_t vertex = static_cast<uint32_t>(pair >> 32);
     if (vertices_.empty() || vertices_.back() != vertex) vertices_.push_back(vertex);
@@ -187,7 +199,7 @@ void Window::find_vertices(bool renumber) {
   }
 }
 
-Result<void> Window::check_positions(const Primitive& primitive, bool drop_nonfinite, bool renumber) {
+Result<void> Window::check_positions(const Primitive& primitive, bool drop_nonfinite) {
   // NaN and infinity have all exponent bits set; a loop without branches, since there is mostly nothing to find.
   constexpr uint32_t kExponent = 0x7f800000u;
   uint32_t found = 0;
@@ -199,28 +211,30 @@ Result<void> Window::check_positions(const Primitive& primitive, bool drop_nonfi
     const float* p = &positions_[3 * i];
     bad[i] = !std::isfinite(p[0]) || !std::isfinite(p[1]) || !std::isfinite(p[2]);
     if (!bad[i] || drop_nonfinite) continue;
+    const Result<uint32_t> number = source_vertex(primitive, vertices_[i]);
+    if (!number) return number.error();
     char text[256];
     std::snprintf(text, sizeof text,
                   "mesh %u primitive %u: vertex %u: position (%g, %g, %g) is not finite "
                   "(--drop-nonfinite leaves its triangles out)",
-                  primitive.mesh, primitive.place, vertices_[i], static_cast<double>(p[0]), static_cast<double>(p[1]),
+                  primitive.mesh, primitive.place, *number, static_cast<double>(p[0]), static_cast<double>(p[1]),
                   static_cast<double>(p[2]));
     return Error{ErrorCode::kRange, text};
   }
   std::vector<bool> keep(triangle_count(), true);
   for (size_t i = 0; i < indices_.size(); ++i) {
     size_t place = indices_[i];
-    if (!renumber)
+    if (!renumber_)
       place =
           static_cast<size_t>(std::lower_bound(vertices_.begin(), vertices_.end(), indices_[i]) - vertices_.begin());
     if (bad[place]) keep[i / 3] = false;
   }
-  if (renumber)
+  if (renumber_)
     for (uint32_t& index : indices_) index = vertices_[index];
   const uint64_t before = triangle_count();
   keep_triangles(keep);
   dropped_nonfinite_ = before - triangle_count();
-  find_vertices(renumber);
+  find_vertices(renumber_);
   return read_positions(primitive);
 }
 

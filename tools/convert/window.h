@@ -32,6 +32,11 @@ class Window {
   /// kRange for a position that is not finite ("mesh 3 primitive 0: vertex 5: position (nan, 0, 1) is not finite").
   Result<void> load(const Primitive& primitive, uint64_t first, uint64_t count, bool drop_nonfinite, Find find);
 
+  /// The two halves of load(): between them vertices(), span() and dropped_degenerate() are known, and nothing of the
+  /// vertices has been read.
+  Result<void> load_triangles(const Primitive& primitive, uint64_t first, uint64_t count, Find find);
+  Result<void> load_positions(const Primitive& primitive, bool drop_nonfinite);
+
   /// Keeps of every class of equal vertices the first: `firsts` has, for each of vertices(), the place of the first
   /// equal one, which may be its own. Triangles stay as many and in their order. After load() with kTriangles.
   void merge(std::span<const uint32_t> firsts);
@@ -59,7 +64,13 @@ class Window {
   std::span<const uint32_t> kept() const { return kept_; }
 
   /// The number of kept triangle `place` in the source primitive.
-  uint64_t source_id(uint64_t place) const { return first_ + (kept_.empty() ? place : kept_[place]); }
+  uint64_t source_id(uint64_t place) const {
+    const uint64_t read = kept_.empty() ? place : kept_[place];
+    return numbers_.empty() ? first_ + read : numbers_[read];
+  }
+
+  /// The source's numbers of all triangles that were read, of a sorted copy; else empty.
+  std::span<const uint32_t> numbers() const { return numbers_; }
 
  private:
   Result<void> read_positions(const Primitive& primitive);
@@ -67,13 +78,15 @@ class Window {
   void find_vertices(bool renumber);
   void find_by_bitmap(uint32_t lo, uint64_t span, bool renumber);
   void keep_triangles(const std::vector<bool>& keep);
-  Result<void> check_positions(const Primitive& primitive, bool drop_nonfinite, bool renumber);
+  Result<void> check_positions(const Primitive& primitive, bool drop_nonfinite);
 
   uint64_t first_ = 0;
+  bool renumber_ = false;  // indices_ are places in vertices_
   uint64_t dropped_degenerate_ = 0;
   uint64_t dropped_nonfinite_ = 0;
   std::vector<uint32_t> indices_;
-  std::vector<uint32_t> kept_;  // places of the kept triangles; empty where all are
+  std::vector<uint32_t> kept_;     // places of the kept triangles; empty where all are
+  std::vector<uint32_t> numbers_;  // of a sorted copy
   std::vector<uint32_t> vertices_;
   std::vector<float> positions_;
   std::vector<uint32_t> places_;  // of a vertex number in vertices_
