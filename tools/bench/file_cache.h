@@ -25,7 +25,7 @@ Result<double> bring_to_cache(const std::string& path);
 inline constexpr uint64_t kRawBlockBytes = uint64_t{4} << 20;
 inline constexpr uint64_t kMostRawBytes = uint64_t{8} << 30;  // of a file, from its beginning
 
-/// Bytes and seconds of reading a file past the page cache, its first kMostRawBytes, kRawInFlight blocks at a time,
+/// Bytes and seconds of reading a file past the page cache, its first kMostRawBytes, `in_flight` blocks at a time,
 /// into memory that is thrown away.
 struct RawRead {
   uint64_t bytes = 0;

@@ -26,6 +26,7 @@ struct DrawSettings {
   uint32_t frames = 60;  // fewer where they take longer than kTimeBudgetMs
   uint32_t warmup = 10;  // likewise, a quarter of that
 };
+
 /// A source as convert packs it one way, ready to draw. Its file is mapped: it may be unlinked, not changed.
 class PackedScene {
  public:

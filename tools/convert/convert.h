@@ -81,7 +81,7 @@ struct ConvertReport {
   uint64_t dropped_degenerate = 0;  // triangles of strips and fans with two equal indices
   uint64_t dropped_nonfinite = 0;
   uint64_t sorted_triangles = 0;      // of primitives without locality
-  uint64_t sort_file_bytes = 0;       // that the temporary file for them took
+  uint64_t sort_file_bytes = 0;       // that the temporary file for them takes at most
   StageRates rates;                   // of the pass that encodes
   std::vector<std::string> warnings;  // one line each
 };

@@ -23,7 +23,7 @@ inline uint64_t spread(uint64_t x) {
   return x;
 }
 
-/// Where a point lies on the curve through a box; points outside go to its border, those that are not finite to 0.
+/// Where a point lies on the curve through a box; points outside go to its border, NaN to 0.
 class Curve {
  public:
   static constexpr uint32_t kAxisBits = 21;

@@ -62,7 +62,7 @@ Result<void> read_floats(const Accessor& accessor, uint64_t first, uint64_t coun
 /// with one read.
 Result<void> gather_floats(const Accessor& accessor, std::span<const uint32_t> ascending, std::span<float> out);
 
-/// Copies elements [first, first + count) as they are, without gaps: count * element_bytes() bytes.
+/// Copies elements [first, first + count) as they are, without gaps: count * element_bytes() bytes. Errors kFile.
 Result<void> read_elements(const Accessor& accessor, uint64_t first, uint64_t count, std::span<std::byte> out);
 
 enum class PrimitiveMode : uint8_t { kTriangles = 4, kStrip = 5, kFan = 6 };

@@ -62,7 +62,7 @@ struct VertexUse {
   /// Whether windows use the vertices more than 1.5 times over (1.0 to 1.1 in order, 2 to 6 in a random one), or most
   /// of them would read too many. Not where the vertices are much more than the triangles: then most are another
   /// primitive's.
-  bool is_scattered() const {
+  bool has_no_locality() const {
     if (span() > kMostVertices * triangles) return false;
     return 2 * distinct > 3 * span() || 2 * far_triangles > triangles;
   }

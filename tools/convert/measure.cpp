@@ -199,7 +199,7 @@ class Measurer {
   Result<void> settle_scattered() {
     std::vector<bool> again(scene_.primitives.size());
     for (const auto& [primitive, use] : uses_) {
-      if (use.is_scattered()) {
+      if (use.has_no_locality()) {
         out_.scattered.push_back({primitive, use.first, use.span()});
         Measured kept;
         kept.dropped_degenerate = out_.primitives[primitive].dropped_degenerate;
@@ -211,7 +211,7 @@ class Measurer {
     }
     const auto is_settled = [&](const WindowPlan& window) {
       const auto use = uses_.find(window.primitive);
-      return use == uses_.end() || !(use->second.is_scattered() || again[window.primitive]);
+      return use == uses_.end() || !(use->second.has_no_locality() || again[window.primitive]);
     };
     std::vector<WindowPlan> windows;
     std::copy_if(out_.windows.begin(), out_.windows.end(), std::back_inserter(windows),

@@ -75,9 +75,8 @@ std::vector<Batch> make_batches(const std::vector<WindowPlan>& windows, uint64_t
 std::string primitive_place(const SourceScene& scene, uint32_t primitive);
 
 /// Measures all `wanted` primitives (others keep 0 triangles) on `threads` threads. `stop`: as WorkerPool's.
-/// `progress(triangles)`: done so far. Errors as
-/// Window::load with the primitive named, the first in source order; kUnsupported: a primitive past 2^32 / 3 triangles
-/// with whole_meshes.
+/// `progress(triangles)`: done so far. Errors as Window::load with the primitive named, the first in source order;
+/// kUnsupported: a primitive past 2^32 / 3 triangles with whole_meshes.
 Result<Measurement> measure(const SourceScene& scene, const std::vector<bool>& wanted, const MeasureOptions& options,
                             uint32_t threads, const std::atomic<bool>* stop,
                             const std::function<void(uint64_t)>& progress);

@@ -150,7 +150,7 @@ uint64_t MemoryPlan::free_bytes() const {
 /// Window's vectors. They keep what the largest window took, and windows are numbered in three ways (window.cpp).
 uint64_t MemoryPlan::window_bytes(const WindowNeeds& needs) const {
   const uint64_t table = std::min(needs.span, 12 * needs.triangles + 1024);
-  uint64_t bytes = 16 * needs.triangles + 8 * table + 12 * needs.vertices;
+  uint64_t bytes = 20 * needs.triangles + 8 * table + 12 * needs.vertices;
   if (needs.span > table) bytes += std::min(needs.span, uint64_t{1} << 26) * 3 / 16;
   if (needs.span > uint64_t{1} << 26) bytes += 48 * needs.triangles;
   return bytes;

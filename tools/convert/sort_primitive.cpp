@@ -158,11 +158,34 @@ class Sorter {
     return read_floats(source_.positions, first_vertex_ + first, count, s.floats);
   }
 
-  /// Finds the box, and where on the curve through it each bucket begins.
+  using Sample = std::pair<std::array<float, 3>, uint32_t>;  // a position and its vertex
+
+  /// The box of all but the outermost 64th of the samples on each side, a sixteenth wider, within that of all vertices:
+  /// a few far points, used or not, would leave all others one place on the curve.
+  static Box box_of_most(const Box& all, std::vector<Sample>& samples) {
+    if (samples.empty()) return all;
+    Box most = all;
+    const size_t outer = samples.size() / 64;
+    for (size_t axis = 0; axis < 3; ++axis) {
+      const auto at = [&](size_t place) {
+        const auto nth = samples.begin() + static_cast<std::ptrdiff_t>(place);
+        std::nth_element(samples.begin(), nth, samples.end(),
+                         [&](const Sample& a, const Sample& b) { return a.first[axis] < b.first[axis]; });
+        return double{nth->first[axis]};
+      };
+      const double lo = at(outer), hi = at(samples.size() - 1 - outer);
+      const double wider = (hi - lo) / 16;
+      most.lo[axis] = static_cast<float>(std::max(double{all.lo[axis]}, lo - wider));
+      most.hi[axis] = static_cast<float>(std::min(double{all.hi[axis]}, hi + wider));
+    }
+    return most;
+  }
+
+  /// Finds where the curve lies, and where on it each bucket begins.
   Result<void> survey() {
     struct Found {
       Box box = empty_box();
-      std::vector<std::pair<std::array<float, 3>, uint32_t>> samples;
+      std::vector<Sample> samples;
     };
     const uint64_t step = std::max<uint64_t>(1, vertices_ / (kSamplesPerBucket * bucket_count(vertices_)));
     Found all;
@@ -183,7 +206,7 @@ class Sorter {
       return {};
     };
     if (const Result<void> done = run_blocks<Found>(vertices_, work, take); !done) return done;
-    curve_ = Curve(all.box);
+    curve_ = Curve(box_of_most(all.box, all.samples));
     std::vector<CurvePlace> places;
     for (const auto& [point, number] : all.samples) places.push_back({curve_.key(point.data()), number});
     std::sort(places.begin(), places.end());
@@ -314,10 +337,17 @@ class Sorter {
     return {};
   }
 
-  /// Source triangles with vertices numbered from first_vertex_ on.
+  /// Source triangles with vertices numbered from first_vertex_ on. Of those that only join a strip's or fan's others,
+  /// which are not kept, all corners are one: measuring did not count them, so they may lie anywhere.
   Result<void> read_corners(uint64_t first, uint64_t count, Scratch& s) const {
     s.corners.resize(3 * count);
     if (const Result<void> read = read_triangles(source_, first, count, s.corners); !read) return read;
+    if (source_.mode != PrimitiveMode::kTriangles) {
+      for (uint64_t i = 0; i < count; ++i) {
+        uint32_t* const c = &s.corners[3 * i];
+        if (c[0] == c[1] || c[1] == c[2] || c[2] == c[0]) std::fill_n(c, 3, first_vertex_);
+      }
+    }
     for (uint32_t& corner : s.corners) {
       if (corner < first_vertex_ || corner - first_vertex_ >= vertices_) return changed();
       corner -= first_vertex_;
@@ -543,7 +573,7 @@ SortNeeds sort_needs(const Primitive& primitive, uint64_t vertex_count, bool nor
   const uint64_t vertices = std::max<uint64_t>(vertex_count, 1), triangles = primitive.triangle_count();
   const uint32_t elements = element_bytes(vertex_accessors(primitive, normals));
   const uint32_t vertex_bytes = kVertexHeadBytes + elements;
-  const uint32_t buckets = bucket_count(vertices) + 2;  // as many as samples part
+  const uint32_t buckets = bucket_count(vertices) + bucket_count(vertices) / 256 + 2;  // as many as samples part
   SortNeeds needs;
   needs.kept_file_bytes = vertices * (elements + 4) + 16 * triangles;
   needs.file_bytes = needs.kept_file_bytes +

@@ -16,11 +16,11 @@ namespace scree::convert {
 struct SortedPrimitives {
   std::map<uint32_t, Primitive> copies;  // by number in SourceScene::primitives; they hold the file open
   uint64_t triangles = 0;
-  uint64_t file_bytes = 0;  // the most that the file took
+  uint64_t file_bytes = 0;  // that the file takes at most
 };
 
 /// The name that the temporary file has for the moment between being made and being removed; in which state it is
-/// written, so that no ending of the program leaves it.
+/// written, so that nothing that ends the program leaves it but a kill between the two.
 std::string sort_file_name(const std::string& output);
 
 /// Sorts Measurement::scattered and adds what measuring the copies finds to `measurement`. `options`: of the first
