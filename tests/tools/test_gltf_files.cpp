@@ -3,7 +3,6 @@
 #include <unistd.h>
 
 #include <array>
-#include <cstring>
 #include <filesystem>
 #include <fstream>
 #include <optional>
@@ -13,6 +12,7 @@
 #include "tests/catch.h"
 #include "tests/models.h"
 #include "tests/tools/temp_folder.h"
+#include "tools/common/memory_use.h"
 #include "tools/convert/byte_source.h"
 #include "tools/convert/gltf_json.h"
 #include "tools/convert/gltf_source.h"
@@ -162,14 +162,12 @@ TEST_CASE("a GLB past 4 GiB has its lengths modulo 2^32", "[import][glb]") {
   CHECK(longer.error().code == ErrorCode::kTrailing);
 }
 
-// Bytes of physical memory of this process: now, and the most since the peak was last reset.
-std::optional<uint64_t> status_bytes(const char* field) {
-  std::ifstream status("/proc/self/status");
-  std::string line;
-  while (std::getline(status, line)) {
-    if (line.compare(0, std::strlen(field), field) == 0) return std::stoull(line.substr(std::strlen(field) + 1)) * 1024;
-  }
-  return std::nullopt;
+/// The most bytes that were resident since tools::forget_peak(), beside those that were `before`; nothing where the
+/// system does not say.
+std::optional<uint64_t> most_resident_since(const tools::MemoryUse& before) {
+  const uint64_t peak = tools::memory_use().peak, resident = before.anonymous + before.file;
+  if (resident == 0 || peak < resident) return std::nullopt;
+  return peak - resident;
 }
 
 TEST_CASE("JSON that is cut off while it is read is an error", "[import]") {
@@ -199,9 +197,8 @@ TEST_CASE("a 40 GB buffer is opened and read without being held", "[import]") {
   json = tests::replaced(json, R"("count":3)", R"("count":3000000000)");
   const std::string path = folder.write("large.gltf", json);
 
-  // Writing 5 there sets the peak back to what is resident now (proc(5)).
-  std::ofstream("/proc/self/clear_refs") << "5";
-  const auto before = status_bytes("VmRSS:");
+  tools::forget_peak();
+  const tools::MemoryUse before = tools::memory_use();
   const auto scene = import_gltf(path, {});
   if (!scene) FAIL(scene.error().message);
   REQUIRE(scene->primitives.size() == 1);
@@ -219,12 +216,12 @@ TEST_CASE("a 40 GB buffer is opened and read without being held", "[import]") {
   std::vector<uint32_t> triangles(3);
   REQUIRE(read_triangles(primitive, kVertices / 3 - 1, 1, triangles));
   CHECK(triangles[2] == kVertices - 1);
-  const auto peak = status_bytes("VmHWM:");
-  if (!before || !peak || *peak < *before) {
+  const std::optional<uint64_t> most = most_resident_since(before);
+  if (!most) {
     WARN("this system does not say how much memory was used");
     return;
   }
-  CHECK(*peak - *before < uint64_t{50} << 20);
+  CHECK(*most < uint64_t{50} << 20);
 }
 
 TEST_CASE("a document's own size bounds the memory it takes", "[import]") {
@@ -236,10 +233,10 @@ TEST_CASE("a document's own size bounds the memory it takes", "[import]") {
   json += "}";
   const tests::TempFolder folder;
   const std::string path = folder.write("nodes.gltf", json);
-  std::ofstream("/proc/self/clear_refs") << "5";
-  const auto before = status_bytes("VmRSS:");
+  tools::forget_peak();
+  const tools::MemoryUse before = tools::memory_use();
   const auto scene = import_gltf(path, {});
-  const auto peak = status_bytes("VmHWM:");
+  const std::optional<uint64_t> most = most_resident_since(before);
   if (!scene) FAIL(scene.error().message);
   CHECK(scene->nodes.size() == 120000);
   REQUIRE(scene->scenes.size() == 1);
@@ -250,8 +247,7 @@ TEST_CASE("a document's own size bounds the memory it takes", "[import]") {
 #else
   constexpr uint64_t kQuarantine = 0;
 #endif
-  if (before && peak && *peak >= *before)
-    CHECK(*peak - *before < 15 * json.size() + (uint64_t{64} << 20) + kQuarantine);
+  if (most) CHECK(*most < 15 * json.size() + (uint64_t{64} << 20) + kQuarantine);
 }
 
 TEST_CASE("paths stay inside the scene's folder", "[import][uri]") {

@@ -142,7 +142,7 @@ Result<EndToEndOptions> parse_end_to_end(const BenchWords& words) {
   const Result<tools::BackendChoice> backend = tools::parse_backend(words.backend);
   if (!backend) return backend.error();
   options.backend = *backend;
-  const Result<uint32_t> threads = parse_threads(words.threads);
+  const Result<uint32_t> threads = tools::parse_threads(words.threads);
   if (!threads) return threads.error();
   options.threads = *threads;
   if (words.memory.empty()) return options;

@@ -239,7 +239,7 @@ Result<LoadOptions> parse_loads(const BenchWords& words) {
   const Result<tools::BackendChoice> backend = tools::parse_backend(words.backend);
   if (!backend) return backend.error();
   options.backend = *backend;
-  const Result<uint32_t> threads = parse_threads(words.threads);
+  const Result<uint32_t> threads = tools::parse_threads(words.threads);
   if (!threads) return threads.error();
   options.settings.threads = *threads;
   if (words.size.empty()) return options;

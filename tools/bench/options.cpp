@@ -4,7 +4,6 @@
 #include <array>
 #include <iterator>
 #include <string_view>
-#include <thread>
 
 #include "kernels/visbuffer.h"
 
@@ -258,12 +257,6 @@ Result<BenchOptions> parse_options(const BenchWords& words) {
   options.sweep = words.sweep;
   options.csv = words.csv;
   return options;
-}
-
-Result<uint32_t> parse_threads(const std::string& word) {
-  const Result<uint64_t> threads = tools::parse_whole(word, 0, 4096, "--threads");
-  if (!threads) return threads.error();
-  return *threads != 0 ? static_cast<uint32_t>(*threads) : std::max(1u, std::thread::hardware_concurrency());
 }
 
 double scene_scale(const std::string& name, double scale) {

@@ -104,9 +104,6 @@ std::string file_name(const std::string& path);
 /// Errors kUsage: what cannot be, with what can.
 Result<BenchOptions> parse_options(const BenchWords& words);
 
-/// What --threads says: 1 to 4096; 0 is one for each processor. Errors kUsage.
-Result<uint32_t> parse_threads(const std::string& word);
-
 /// The share of its triangles that a scene is made with: `scale`, but D and A60 are always whole.
 double scene_scale(const std::string& name, double scale);
 

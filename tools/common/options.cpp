@@ -6,6 +6,7 @@
 #include <charconv>
 #include <cmath>
 #include <cstdio>
+#include <thread>
 
 #include "kernels/visbuffer.h"
 
@@ -103,6 +104,12 @@ Result<uint64_t> parse_whole(std::string_view text, uint64_t lowest, uint64_t hi
     return Error{ErrorCode::kUsage, std::string(what) + ": '" + std::string(text) + "' is not a whole number of " +
                                         std::to_string(lowest) + " to " + std::to_string(highest)};
   return value;
+}
+
+Result<uint32_t> parse_threads(std::string_view text) {
+  const Result<uint64_t> threads = parse_whole(text, 0, 4096, "--threads");
+  if (!threads) return threads.error();
+  return *threads != 0 ? static_cast<uint32_t>(*threads) : std::max(1u, std::thread::hardware_concurrency());
 }
 
 Result<ImageSize> parse_image_size(std::string_view text, std::string_view what) {

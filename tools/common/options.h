@@ -20,6 +20,9 @@ Result<double> parse_length(std::string_view text);
 /// A whole number of [lowest, highest]. Errors kUsage; `what` names the option in the message.
 Result<uint64_t> parse_whole(std::string_view text, uint64_t lowest, uint64_t highest, std::string_view what);
 
+/// A number of threads up to 4096; for 0, as many as the machine runs at once. Errors kUsage.
+Result<uint32_t> parse_threads(std::string_view text);
+
 /// "812 bytes", "1.46 MiB": three significant digits from a KiB on.
 std::string format_bytes(uint64_t bytes);
 

@@ -6,7 +6,6 @@
 #include <cmath>
 #include <filesystem>
 #include <optional>
-#include <thread>
 #include <utility>
 
 #include "kernels/visbuffer.h"
@@ -239,9 +238,9 @@ Result<RenderOptions> parse_render_options(const RenderWords& words) {
   if (!background) return background.error();
   std::copy(background->begin(), background->end(), options.shade.background);
 
-  const Result<uint64_t> threads = parse_whole(words.threads, 0, 4096, "--threads");
+  const Result<uint32_t> threads = parse_threads(words.threads);
   if (!threads) return threads.error();
-  options.threads = *threads != 0 ? static_cast<uint32_t>(*threads) : std::max(1u, std::thread::hardware_concurrency());
+  options.threads = *threads;
   const Result<BackendChoice> backend = parse_backend(words.backend);
   if (!backend) return backend.error();
   options.backend = *backend;
