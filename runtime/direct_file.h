@@ -3,6 +3,8 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <memory>
+#include <new>
 #include <span>
 
 #include "format/result.h"
@@ -36,5 +38,15 @@ class DirectFile {
   int descriptor_ = -1;
   uint64_t size_ = 0;
 };
+
+struct FreeDirectMemory {
+  void operator()(std::byte* memory) const { ::operator delete (memory, std::align_val_t{DirectFile::kAlignment}); }
+};
+using DirectMemory = std::unique_ptr<std::byte, FreeDirectMemory>;
+
+/// Memory that DirectFile reads into, aligned as it wants. Throws std::bad_alloc.
+inline DirectMemory direct_memory(uint64_t bytes) {
+  return DirectMemory(static_cast<std::byte*>(::operator new (bytes, std::align_val_t{DirectFile::kAlignment})));
+}
 
 }  // namespace scree::runtime

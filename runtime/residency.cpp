@@ -106,12 +106,11 @@ Residency::Batch Residency::load(std::span<const uint32_t> chosen, uint64_t byte
 
 void Residency::batch_drawn() {
   assert(!batches_.empty());
-  const auto is_nearer = [&](uint32_t a, uint32_t b) { return slots_[a].rank < slots_[b].rank; };
   for (const uint32_t chunk : batches_.front()) {
     slots_[chunk].pinned = false;
     pinned_bytes_ -= room(chunk);
     drawn_.push_back(chunk);
-    std::push_heap(drawn_.begin(), drawn_.end(), is_nearer);
+    std::push_heap(drawn_.begin(), drawn_.end(), nearer());
   }
   batches_.pop_front();
 }
@@ -130,13 +129,12 @@ void Residency::evict(uint32_t chunk) {
 
 /// Lets chunks give way until so many bytes are free, wherever they lie.
 void Residency::make_free(uint64_t bytes) {
-  const auto is_nearer = [&](uint32_t a, uint32_t b) { return slots_[a].rank < slots_[b].rank; };
   while (free_bytes() < bytes && !unseen_.empty()) {
     evict(unseen_.back());
     unseen_.pop_back();
   }
   while (free_bytes() < bytes && !drawn_.empty()) {
-    std::pop_heap(drawn_.begin(), drawn_.end(), is_nearer);
+    std::pop_heap(drawn_.begin(), drawn_.end(), nearer());
     evict(drawn_.back());
     drawn_.pop_back();
   }

@@ -99,6 +99,10 @@ class Residency {
   Residency() = default;
   uint64_t room(uint32_t chunk) const;
   uint64_t offset(uint32_t chunk) const { return blocks_.offset(slots_[chunk].block) * kAlignment; }
+  /// The order of drawn_.
+  auto nearer() const {
+    return [this](uint32_t a, uint32_t b) { return slots_[a].rank < slots_[b].rank; };
+  }
   Batch load(std::span<const uint32_t> chosen, uint64_t bytes);
   bool place(uint32_t chunk);
   void evict(uint32_t chunk);

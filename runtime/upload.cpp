@@ -179,11 +179,6 @@ class Uploader {
   }
 
  private:
-  struct FreeAligned {
-    void operator()(std::byte* memory) const { ::operator delete (memory, std::align_val_t{DirectFile::kAlignment}); }
-  };
-  using AlignedMemory = std::unique_ptr<std::byte, FreeAligned>;
-
   /// A slot's bytes for compressed pages that are read past the page cache; kept for the next job. None of null.
   class BounceBuffer {
    public:
@@ -197,8 +192,7 @@ class Uploader {
           return;
         }
       }
-      memory_.reset(static_cast<std::byte*>(
-          ::operator new (uploader_->sizes_.slot_bytes, std::align_val_t{DirectFile::kAlignment})));
+      memory_ = direct_memory(uploader_->sizes_.slot_bytes);
     }
     BounceBuffer(const BounceBuffer&) = delete;
     BounceBuffer& operator=(const BounceBuffer&) = delete;
@@ -211,7 +205,7 @@ class Uploader {
 
    private:
     Uploader* uploader_;
-    AlignedMemory memory_;
+    DirectMemory memory_;
   };
 
   /// Lets the system read ahead what job `i` will need.
@@ -367,7 +361,7 @@ class Uploader {
   std::atomic<bool> is_direct_{false};
   std::atomic<uint64_t> direct_bytes_{0};
   std::mutex bounce_mutex_;
-  std::vector<AlignedMemory> bounce_;
+  std::vector<DirectMemory> bounce_;
 };
 
 }  // namespace

@@ -8,12 +8,16 @@
 
 namespace scree::tests {
 
-/// What is said of them.
-inline std::string refused(const bench::BenchWords& words) {
-  const Result<bench::BenchOptions> options = bench::parse_options(words);
+/// What is said of options that must be refused.
+template <class Options>
+std::string refusal(const Result<Options>& options) {
   REQUIRE_FALSE(options);
   CHECK(options.error().code == ErrorCode::kUsage);
   return options.error().message;
+}
+
+inline std::string refused(const bench::BenchWords& words) {
+  return refusal(bench::parse_options(words));
 }
 
 }  // namespace scree::tests

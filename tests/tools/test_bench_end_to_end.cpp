@@ -6,6 +6,7 @@
 
 #include "tests/catch.h"
 #include "tests/paths.h"
+#include "tests/tools/refused_bench.h"
 #include "tests/tools/run_program.h"
 #include "tests/tools/temp_folder.h"
 #include "tools/bench/end_to_end.h"
@@ -62,10 +63,7 @@ double number(const Row& row, const std::string& column) {
 }
 
 std::string refused_story(const BenchWords& words) {
-  const Result<EndToEndOptions> options = parse_end_to_end(words);
-  REQUIRE_FALSE(options);
-  CHECK(options.error().code == ErrorCode::kUsage);
-  return options.error().message;
+  return tests::refusal(parse_end_to_end(words));
 }
 
 }  // namespace

@@ -6,6 +6,7 @@
 
 #include "tests/catch.h"
 #include "tests/runtime/paged_scene.h"
+#include "tests/tools/refused_bench.h"
 #include "tests/tools/run_program.h"
 #include "tests/tools/temp_folder.h"
 #include "tools/bench/file_cache.h"
@@ -48,10 +49,7 @@ LoadRow row_of(const std::string& file, bool is_cold, uint64_t bytes, double res
 }
 
 std::string refused_loads(const BenchWords& words) {
-  const Result<LoadOptions> options = parse_loads(words);
-  REQUIRE_FALSE(options);
-  CHECK(options.error().code == ErrorCode::kUsage);
-  return options.error().message;
+  return tests::refusal(parse_loads(words));
 }
 
 }  // namespace

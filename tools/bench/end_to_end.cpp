@@ -18,6 +18,7 @@
 #include "runtime/stream_cpu.h"
 #include "tools/bench/file_views.h"
 #include "tools/bench/machine.h"
+#include "tools/bench/packed_file.h"
 #include "tools/bench/timed_frames.h"
 #include "tools/bench/work_folder.h"
 #include "tools/common/memory_use.h"
@@ -133,14 +134,7 @@ class EndToEnd {
 
   Result<void> pack(const std::string& source, const std::string& packed) {
     if (const auto going = check_signal(); !going) return going;
-    const Encoding& encoding = options_.bench.encodings[0];
-    convert::ConvertOptions convert;
-    convert.input = source;
-    convert.output = packed;
-    convert.float32 = encoding.float32;
-    convert.position_bits = encoding.position_bits;
-    convert.encoding = encoding.clustered ? convert::Encoding::kClustered : convert::Encoding::kIndexed;
-    convert.threads = options_.threads;
+    convert::ConvertOptions convert = packing(source, packed, options_.bench.encodings[0], options_.threads);
     convert.memory = options_.memory;
     convert.progress = true;
     convert.stop = tools::StopOnSignal::flag();

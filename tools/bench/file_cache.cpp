@@ -5,7 +5,6 @@
 #include <cerrno>
 #include <cstddef>
 #include <cstring>
-#include <memory>
 #include <new>
 #include <span>
 #include <vector>
@@ -26,11 +25,6 @@ namespace {
 
 using runtime::DirectFile;
 using runtime::MappedFile;
-
-struct FreeAligned {
-  void operator()(std::byte* memory) const { ::operator delete (memory, std::align_val_t{DirectFile::kAlignment}); }
-};
-using AlignedMemory = std::unique_ptr<std::byte, FreeAligned>;
 
 Error system_error(const std::string& path, const char* doing) {
   return {ErrorCode::kFile, path + ": " + doing + ": " + std::strerror(errno)};
@@ -101,10 +95,8 @@ Result<RawRead> read_raw(const std::string& path, uint32_t in_flight) {
   const uint64_t blocks = (raw.bytes + kRawBlockBytes - 1) / kRawBlockBytes;
   const auto readers = static_cast<uint32_t>(std::min<uint64_t>(blocks, in_flight));
   try {
-    std::vector<AlignedMemory> memory;
-    for (uint32_t i = 0; i < readers; ++i)
-      memory.emplace_back(
-          static_cast<std::byte*>(::operator new (kRawBlockBytes, std::align_val_t{DirectFile::kAlignment})));
+    std::vector<runtime::DirectMemory> memory;
+    for (uint32_t i = 0; i < readers; ++i) memory.push_back(runtime::direct_memory(kRawBlockBytes));
     runtime::FirstError failure;
     const runtime::Stopwatch watch;
     std::atomic<uint64_t> next{0};

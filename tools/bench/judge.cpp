@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <utility>
 
+#include "tools/bench/packed_file.h"
 #include "tools/compare/against_source.h"
 #include "tools/compare/flip.h"
 #include "tools/compare/reference_shade.h"
@@ -13,16 +14,10 @@ namespace {
 
 convert::ConvertOptions convert_options(const std::string& source, const std::string& path, const Encoding& encoding,
                                         uint32_t threads) {
-  convert::ConvertOptions options;
-  options.input = source;
-  options.output = path;
-  options.float32 = encoding.float32;
-  options.position_bits = encoding.position_bits;
-  options.encoding = encoding.clustered ? convert::Encoding::kClustered : convert::Encoding::kIndexed;
+  convert::ConvertOptions options = packing(source, path, encoding, threads);
   options.source_ids = true;
   options.drop_nonfinite = true;
   options.images.textures = convert::Textures::kRaw;  // they are not drawn
-  options.threads = threads;
   return options;
 }
 
@@ -45,14 +40,10 @@ Result<PackedScene> PackedScene::make(const std::string& source, const std::stri
   packed.settings_ = settings;
   packed.position_error_ = report->position_error;
   packed.position_bound_ = report->position_error_bound;
-  Result<runtime::SceneFile> file = runtime::SceneFile::open(path);
-  if (!file) return file.error();
-  const Result<uint32_t> number = file->find_scene("");
-  if (!number) return number.error();
   runtime::SceneOptions load;
   load.textures = false;
   load.threads = settings.threads;
-  Result<runtime::Scene> scene = runtime::Scene::load(std::move(*file), *number, load);
+  Result<runtime::Scene> scene = open_default_scene(path, load);
   if (!scene) return scene.error();
   packed.scene_ = std::make_unique<runtime::Scene>(std::move(*scene));
   if (settings.gpu) {

@@ -15,6 +15,7 @@
 #include "tools/bench/file_views.h"
 #include "tools/bench/frames.h"
 #include "tools/bench/machine.h"
+#include "tools/bench/packed_file.h"
 #include "tools/bench/tables.h"
 #include "tools/bench/textured.h"
 #include "tools/bench/touched.h"
@@ -211,13 +212,8 @@ class Runner {
   }
 
   Result<void> measure_file(const std::string& path) {
-    Result<runtime::SceneFile> file = runtime::SceneFile::open(path);
-    if (!file) return file.error();
-    const Result<uint32_t> number = file->find_scene("");
-    if (!number) return number.error();
     const uint32_t threads = std::max(1u, std::thread::hardware_concurrency());
-    Result<runtime::Scene> loaded =
-        runtime::Scene::load(std::move(*file), *number, {.textures = false, .threads = threads, .pages = false});
+    Result<runtime::Scene> loaded = open_default_scene(path, {.textures = false, .threads = threads, .pages = false});
     if (!loaded) return loaded.error();
     Result<ResidentScene> resident = ResidentScene::upload(std::move(*loaded), threads);
     if (!resident && resident.error().code == ErrorCode::kDevice) return at(path, resident.error());

@@ -15,6 +15,7 @@
 #include "runtime/scene.h"
 #include "runtime/stopwatch.h"
 #include "tools/bench/file_views.h"
+#include "tools/bench/packed_file.h"
 
 namespace scree::bench {
 namespace {
@@ -25,14 +26,9 @@ using runtime::Reading;
 class HostRing final : public runtime::UploadTarget {
  public:
   HostRing(const runtime::StagingSizes& sizes, std::byte* arena)
-      : slot_bytes_(sizes.slot_bytes),
-        memory_(static_cast<std::byte*>(::operator new(sizes.bytes(), kAlignment))),
-        arena_(arena) {}
-  HostRing(const HostRing&) = delete;
-  HostRing& operator=(const HostRing&) = delete;
-  ~HostRing() { ::operator delete(memory_, kAlignment); }
+      : slot_bytes_(sizes.slot_bytes), memory_(runtime::direct_memory(sizes.bytes())), arena_(arena) {}
 
-  std::byte* slot(uint32_t slot) override { return memory_ + slot * slot_bytes_; }
+  std::byte* slot(uint32_t slot) override { return memory_.get() + slot * slot_bytes_; }
   Result<void> copy(uint32_t slot, uint64_t to, uint64_t bytes) override {
     std::memcpy(arena_ + to, this->slot(slot), bytes);
     return {};
@@ -40,9 +36,8 @@ class HostRing final : public runtime::UploadTarget {
   Result<void> wait(uint32_t) override { return {}; }
 
  private:
-  static constexpr std::align_val_t kAlignment{runtime::DirectFile::kAlignment};
   uint64_t slot_bytes_;
-  std::byte* memory_;
+  runtime::DirectMemory memory_;
   std::byte* arena_;
 };
 
@@ -200,30 +195,22 @@ const char* load_way_name(LoadWay way) {
   return "GPU";
 }
 
-void HostArena::Free::operator()(std::byte* memory) const {
-  ::operator delete (memory, std::align_val_t{format::kPageAlignment});
-}
-
 Result<HostArena> HostArena::allocate(uint64_t bytes) {
+  static_assert(runtime::DirectFile::kAlignment % format::kPageAlignment == 0);
   HostArena arena;
   const uint64_t available = available_memory();
-  if (bytes <= available)
-    arena.memory_.reset(static_cast<std::byte*>(
-        ::operator new (std::max<uint64_t>(bytes, 1), std::align_val_t{format::kPageAlignment}, std::nothrow)));
+  if (bytes <= available) {
+    try {
+      arena.memory_ = runtime::direct_memory(std::max<uint64_t>(bytes, 1));
+    } catch (const std::bad_alloc&) {  // told below
+    }
+  }
   if (arena.memory_ == nullptr)
     return Error{ErrorCode::kMemory, "its pages take " + tools::format_bytes(bytes) + ", but " +
                                          tools::format_bytes(available) + " of memory are available"};
   arena.bytes_ = bytes;
   std::memset(arena.memory_.get(), 0xff, bytes);
   return Result<HostArena>(std::move(arena));
-}
-
-Result<runtime::Scene> open_default_scene(const std::string& path, const runtime::SceneOptions& options) {
-  Result<runtime::SceneFile> file = runtime::SceneFile::open(path);
-  if (!file) return file.error();
-  const Result<uint32_t> number = file->find_scene("");
-  if (!number) return number.error();
-  return runtime::Scene::load(std::move(*file), *number, options);
 }
 
 Result<uint64_t> arena_bytes(const std::string& path) {

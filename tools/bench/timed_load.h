@@ -3,12 +3,11 @@
 
 #include <cstddef>
 #include <cstdint>
-#include <memory>
 #include <string>
 #include <vector>
 
 #include "format/result.h"
-#include "runtime/scene.h"
+#include "runtime/direct_file.h"
 #include "runtime/upload.h"
 #include "tools/common/options.h"
 
@@ -35,10 +34,7 @@ class HostArena {
   uint64_t bytes() const { return bytes_; }
 
  private:
-  struct Free {
-    void operator()(std::byte* memory) const;
-  };
-  std::unique_ptr<std::byte, Free> memory_;
+  runtime::DirectMemory memory_;
   uint64_t bytes_ = 0;
 };
 
@@ -59,9 +55,6 @@ struct TimedLoad {
   uint64_t picture = 0;       // XXH3-64 of the first picture's pixels: the same for all ways of a CPU, and of a GPU
   uint64_t device_bytes = 0;  // of what is resident; of kMap and arenas pages and textures alone
 };
-
-/// The scene that `path` shows where none is named. Errors as SceneFile::open, find_scene and Scene::load.
-Result<runtime::Scene> open_default_scene(const std::string& path, const runtime::SceneOptions& options);
 
 /// Bytes that the scene's pages take in an arena; opens the file for it. Errors as open_default_scene().
 Result<uint64_t> arena_bytes(const std::string& path);

@@ -51,6 +51,16 @@ class Curve {
   double scale_;
 };
 
+/// A vertex that stands for others.
+struct CurveSample {
+  std::array<float, 3> point;
+  uint32_t number;
+};
+
+/// The box of all but the outermost 64th of the samples (finite) on each side, a sixteenth wider, within `all`, that of
+/// all vertices: a few far points, used or not, would leave all others one place on the curve. Reorders the samples.
+Box box_of_most(const Box& all, std::vector<CurveSample>& samples);
+
 /// Vertices along the curve, equal ones by number: a total order, so that any scene falls into even parts.
 struct CurvePlace {
   uint64_t key;

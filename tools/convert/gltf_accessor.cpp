@@ -106,6 +106,21 @@ Result<void> load_window(const Accessor& accessor, uint64_t first, uint64_t coun
   return {};
 }
 
+// Reads elements [first, first + count) in windows of the stack; `use(done, window, n)` gets n of them, as
+// load_window() leaves them, after the first `done`.
+template <class Use>
+Result<void> each_window(const Accessor& accessor, uint64_t first, uint64_t count, const Use& use) {
+  std::array<std::byte, kStackWindowBytes> window;
+  const uint64_t step = elements_in(window.size(), accessor);
+  for (uint64_t done = 0; done < count; done += step) {
+    const uint64_t n = std::min(step, count - done);
+    if (auto read = load_window(accessor, first + done, n, std::span(window).first(window_bytes(accessor, n))); !read)
+      return read;
+    use(done, window.data(), n);
+  }
+  return {};
+}
+
 template <class T>
 float to_float(T value, bool normalized) {
   if constexpr (std::is_floating_point_v<T>) {
@@ -171,19 +186,15 @@ Result<void> read_indices(const Primitive& primitive, uint64_t first, std::span<
       if (auto read = load_window(accessor, first, out.size(), std::as_writable_bytes(out)); !read) return read;
     }
   } else {
-    std::array<std::byte, kStackWindowBytes> window;
-    const uint64_t step = elements_in(window.size(), accessor);
-    for (uint64_t done = 0; done < out.size(); done += step) {
-      const uint64_t n = std::min<uint64_t>(step, out.size() - done);
-      if (auto read = load_window(accessor, first + done, n, std::span(window).first(window_bytes(accessor, n))); !read)
-        return read;
+    const auto use = [&](uint64_t done, const std::byte* window, uint64_t n) {
       uint32_t* to = out.data() + done;
       if (accessor.type == ComponentType::kUint16 && accessor.stride == sizeof(uint16_t)) {
-        for (uint64_t i = 0; i < n; ++i) to[i] = format::load<uint16_t>(window.data() + i * sizeof(uint16_t));
+        for (uint64_t i = 0; i < n; ++i) to[i] = format::load<uint16_t>(window + i * sizeof(uint16_t));
       } else {
-        for (uint64_t i = 0; i < n; ++i) to[i] = load_index(accessor.type, window.data() + i * accessor.stride);
+        for (uint64_t i = 0; i < n; ++i) to[i] = load_index(accessor.type, window + i * accessor.stride);
       }
-    }
+    };
+    if (auto read = each_window(accessor, first, out.size(), use); !read) return read;
   }
   uint32_t highest = 0;
   for (const uint32_t index : out) highest = std::max(highest, index);
@@ -238,16 +249,10 @@ Result<void> read_floats(const Accessor& accessor, uint64_t first, uint64_t coun
   assert(out.size() == count * accessor.components);
   if (count == 0) return {};
   if (lies_as_floats(accessor)) return load_window(accessor, first, count, std::as_writable_bytes(out));
-  std::array<std::byte, kStackWindowBytes> window;
-  const uint64_t step = elements_in(window.size(), accessor);
-  for (uint64_t done = 0; done < count; done += step) {
-    const uint64_t n = std::min(step, count - done);
-    if (auto read = load_window(accessor, first + done, n, std::span(window).first(window_bytes(accessor, n))); !read)
-      return read;
+  return each_window(accessor, first, count, [&](uint64_t done, const std::byte* window, uint64_t n) {
     convert_window(
-        accessor, window.data(), n, [](uint64_t i) { return i; }, out.data() + done * accessor.components);
-  }
-  return {};
+        accessor, window, n, [](uint64_t i) { return i; }, out.data() + done * accessor.components);
+  });
 }
 
 Result<void> read_elements(const Accessor& accessor, uint64_t first, uint64_t count, std::span<std::byte> out) {
@@ -256,16 +261,9 @@ Result<void> read_elements(const Accessor& accessor, uint64_t first, uint64_t co
   assert(out.size() == count * bytes);
   if (count == 0) return {};
   if (accessor.stride == bytes) return load_window(accessor, first, count, out);
-  std::array<std::byte, kStackWindowBytes> window;
-  const uint64_t step = elements_in(window.size(), accessor);
-  for (uint64_t done = 0; done < count; done += step) {
-    const uint64_t n = std::min(step, count - done);
-    if (auto read = load_window(accessor, first + done, n, std::span(window).first(window_bytes(accessor, n))); !read)
-      return read;
-    for (uint64_t i = 0; i < n; ++i)
-      std::memcpy(out.data() + (done + i) * bytes, window.data() + i * accessor.stride, bytes);
-  }
-  return {};
+  return each_window(accessor, first, count, [&](uint64_t done, const std::byte* window, uint64_t n) {
+    for (uint64_t i = 0; i < n; ++i) std::memcpy(out.data() + (done + i) * bytes, window + i * accessor.stride, bytes);
+  });
 }
 
 Result<void> gather_floats(const Accessor& accessor, std::span<const uint32_t> ascending, std::span<float> out) {

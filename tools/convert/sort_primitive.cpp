@@ -158,34 +158,11 @@ class Sorter {
     return read_floats(source_.positions, first_vertex_ + first, count, s.floats);
   }
 
-  using Sample = std::pair<std::array<float, 3>, uint32_t>;  // a position and its vertex
-
-  /// The box of all but the outermost 64th of the samples on each side, a sixteenth wider, within that of all vertices:
-  /// a few far points, used or not, would leave all others one place on the curve.
-  static Box box_of_most(const Box& all, std::vector<Sample>& samples) {
-    if (samples.empty()) return all;
-    Box most = all;
-    const size_t outer = samples.size() / 64;
-    for (size_t axis = 0; axis < 3; ++axis) {
-      const auto at = [&](size_t place) {
-        const auto nth = samples.begin() + static_cast<std::ptrdiff_t>(place);
-        std::nth_element(samples.begin(), nth, samples.end(),
-                         [&](const Sample& a, const Sample& b) { return a.first[axis] < b.first[axis]; });
-        return double{nth->first[axis]};
-      };
-      const double lo = at(outer), hi = at(samples.size() - 1 - outer);
-      const double wider = (hi - lo) / 16;
-      most.lo[axis] = static_cast<float>(std::max(double{all.lo[axis]}, lo - wider));
-      most.hi[axis] = static_cast<float>(std::min(double{all.hi[axis]}, hi + wider));
-    }
-    return most;
-  }
-
   /// Finds where the curve lies, and where on it each bucket begins.
   Result<void> survey() {
     struct Found {
       Box box = empty_box();
-      std::vector<Sample> samples;
+      std::vector<CurveSample> samples;
     };
     const uint64_t step = std::max<uint64_t>(1, vertices_ / (kSamplesPerBucket * bucket_count(vertices_)));
     Found all;
