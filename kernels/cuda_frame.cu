@@ -130,6 +130,7 @@ struct CudaFrames::Impl {
 
   Result<void> open(const SceneView& host, const CudaQueueSizes& sizes);
   Result<void> open_clusters(const CudaQueueSizes& sizes);
+  Result<void> find_all_bounds();
   Result<void> grow(const CudaQueueSizes& wanted);
   Result<void> forget();
   Result<void> fit_pyramid(const FrameView& frame);
@@ -226,10 +227,7 @@ Result<void> CudaFrames::Impl::open(const SceneView& host, const CudaQueueSizes&
   if (done) done = mesh_first.fill(tables.mesh_first, "allocating the draw list");
   if (done) done = candidates.fill(tables.candidates, "allocating the draw list");
   if (done && tables.has_float32) done = bounds.allocate(host.chunk_count, "allocating the chunks' bounds");
-  if (done && tables.has_float32) {
-    find_bounds<<<multiprocessors * 8, 128, 0, stream>>>(scene, bounds.data());
-    done = cuda_check(cudaGetLastError(), "finding the chunks' bounds");
-  }
+  if (done && tables.has_float32) done = find_all_bounds();
   if (done) {
     done = zeroed.allocate(sizeof(FrameCounters) + host.mesh_count * sizeof(uint32_t), "allocating the draw list");
   }
@@ -247,6 +245,12 @@ Result<void> CudaFrames::Impl::open(const SceneView& host, const CudaQueueSizes&
   tables.chunk_group = {};
   tables.first_word = {};
   return done;
+}
+
+/// Of the chunks whose pages are there.
+Result<void> CudaFrames::Impl::find_all_bounds() {
+  find_bounds<<<multiprocessors * 8, 128, 0, stream>>>(scene, bounds.data());
+  return cuda_check(cudaGetLastError(), "finding the chunks' bounds");
 }
 
 Result<void> CudaFrames::Impl::open_clusters(const CudaQueueSizes& sizes) {
@@ -423,9 +427,11 @@ Result<void> CudaFrames::Impl::submit(const FrameView& frame, uint64_t* samples,
   ++frame_number;
   Result<void> done = mark(kStart);
   static_assert(kBackground == ~uint64_t{0});
-  if (done) done = cuda_check(cudaMemsetAsync(samples, 0xff, sample_count * sizeof(uint64_t), stream), "clearing");
+  if (done && !options.is_part)
+    done = cuda_check(cudaMemsetAsync(samples, 0xff, sample_count * sizeof(uint64_t), stream), "clearing");
   if (done) done = cuda_check(cudaMemsetAsync(zeroed.data(), 0, zeroed.count(), stream), "clearing the counters");
   if (done) done = mark(kCleared);
+  if (done && options.is_part && tables.has_float32) done = find_all_bounds();
   if (done && list.instance_count != 0) {
     cull_instances<<<(list.instance_count - 1) / kCullThreads + 1, kCullThreads, 0, stream>>>(scene, frame, list);
     if (list.candidate_count != 0) {

@@ -9,6 +9,7 @@
 #include "kernels/occlusion.h"
 #include "kernels/pixels.h"
 #include "kernels/resolve_cuda.h"
+#include "kernels/stored_colors.h"
 
 namespace scree::kernels {
 namespace {
@@ -22,6 +23,9 @@ template <bool kOrthographic, ChunkKinds kKinds>
 inline constexpr uint32_t kResidentBlocks<Resolve<Shader<kOrthographic, Show::kTexture, kKinds>>> = 5;  // 96
 template <bool kOrthographic>
 inline constexpr uint32_t kResidentBlocks<Resolve<Shader<kOrthographic, Show::kStage>>> = 4;  // 128, for the clipper
+
+template <class Shader>
+inline constexpr uint32_t kResidentBlocks<ShadePart<Shader>> = 4;
 
 template <class Pass>
 __global__ void __launch_bounds__(kPixelThreads, kResidentBlocks<Pass>)
@@ -114,6 +118,29 @@ struct CudaResolver::Impl {
     return check(cudaGetLastError(), "starting a pass of the resolve");
   }
 
+  /// What comes before shading. `visibility` stays null where `options` asks for no occlusion.
+  bool begin(const View& view, uint32_t side, const uint64_t* samples, const ShadeOptions& options, cudaStream_t stream,
+             const ResolveTimes* times, const float*& visibility) {
+    if (times != nullptr && !record(kStart, stream)) return false;
+    if (options.ssao || options.edl) {
+      const uint64_t count = uint64_t{view.width / side} * (view.height / side);
+      if (!reserve(occlusion, 3 * count * sizeof(float), "allocating the occlusion")) return false;
+      const auto depth = static_cast<float*>(occlusion.data);
+      visibility = depth + 2 * count;
+      bool started = true;
+      run_occlusion(view, side, samples, options, depth, depth + count, depth + 2 * count,
+                    [&](const auto& pass, uint32_t items) { started = started && run(pass, items, stream); });
+      if (!started) return false;
+    }
+    return times == nullptr || record(kShading, stream);
+  }
+
+  bool end(cudaStream_t stream, ResolveTimes* times) {
+    if (times == nullptr) return true;
+    return record(kEnd, stream) && check(cudaEventSynchronize(events[kEnd]), "resolving") &&
+           elapsed(kStart, kShading, times->occlusion_ms) && elapsed(kShading, kEnd, times->resolve_ms);
+  }
+
   static constexpr uint64_t kRangeOffset = (sizeof(SrgbTables) + 15) & ~uint64_t{15};
 
   SrgbTables* tables = nullptr;
@@ -135,20 +162,9 @@ Result<void> CudaResolver::resolve(const SceneView& scene, const View& view, uin
   if (Result<void> checked = check_resolve(view, samples_per_side); !checked) return checked;
   Impl& impl = *impl_;
   if (!impl.open()) return impl.error;
-  if (times != nullptr && !impl.record(Impl::kStart, stream)) return impl.error;
   const PixelTiles tiles{view.width / samples_per_side, 0, view.height / samples_per_side};
   const float* visibility = nullptr;
-  if (options.ssao || options.edl) {
-    const uint64_t count = uint64_t{tiles.width} * tiles.row_count;
-    if (!impl.reserve(impl.occlusion, 3 * count * sizeof(float), "allocating the occlusion")) return impl.error;
-    const auto depth = static_cast<float*>(impl.occlusion.data);
-    visibility = depth + 2 * count;
-    bool started = true;
-    run_occlusion(view, samples_per_side, samples, options, depth, depth + count, depth + 2 * count,
-                  [&](const auto& pass, uint32_t items) { started = started && impl.run(pass, items, stream); });
-    if (!started) return impl.error;
-  }
-  if (times != nullptr && !impl.record(Impl::kShading, stream)) return impl.error;
+  if (!impl.begin(view, samples_per_side, samples, options, stream, times, visibility)) return impl.error;
 
   if (transforms == nullptr) {
     if (!impl.reserve(impl.transforms, scene.instance_count * sizeof(Transform), "allocating transforms"))
@@ -178,11 +194,41 @@ Result<void> CudaResolver::resolve(const SceneView& scene, const View& view, uin
     if (!started) return impl.error;
   }
 
-  if (times == nullptr) return {};
-  if (!impl.record(Impl::kEnd, stream)) return impl.error;
-  if (!impl.check(cudaEventSynchronize(impl.events[Impl::kEnd]), "resolving")) return impl.error;
-  if (!impl.elapsed(Impl::kStart, Impl::kShading, times->occlusion_ms)) return impl.error;
-  if (!impl.elapsed(Impl::kShading, Impl::kEnd, times->resolve_ms)) return impl.error;
+  if (!impl.end(stream, times)) return impl.error;
+  return {};
+}
+
+Result<void> CudaResolver::shade_part(const SceneView& scene, const View& view, const uint64_t* samples,
+                                      const Transform* transforms, const ShadeOptions& options, float* colors,
+                                      cudaStream_t stream) {
+  if (Result<void> checked = check_frame(view, 0); !checked) return checked;
+  Impl& impl = *impl_;
+  if (!impl.open()) return impl.error;
+  const PixelTiles tiles{view.width, 0, view.height};
+  const ShadeInputs inputs = make_shade_inputs(scene, view, options, transforms, impl.tables, nullptr);
+  bool started = false;
+  visit_shader<true>(inputs, [&]<class Shader>(const Shader& shader) {
+    started = impl.run(ShadePart<Shader>{shader, tiles, samples, colors}, tiles.count(), stream);
+  });
+  if (!started) return impl.error;
+  return {};
+}
+
+Result<void> CudaResolver::resolve_colors(const View& view, uint32_t samples_per_side, const uint64_t* samples,
+                                          const float* colors, const ShadeOptions& options, uint32_t* pixels,
+                                          cudaStream_t stream, ResolveTimes* times) {
+  if (Result<void> checked = check_resolve(view, samples_per_side); !checked) return checked;
+  Impl& impl = *impl_;
+  if (!impl.open()) return impl.error;
+  const PixelTiles tiles{view.width / samples_per_side, 0, view.height / samples_per_side};
+  const float* visibility = nullptr;
+  if (!impl.begin(view, samples_per_side, samples, options, stream, times, visibility)) return impl.error;
+  const StoredColors shader{make_shade_inputs(SceneView{}, view, options, nullptr, impl.tables, nullptr), colors};
+  if (!impl.run(Resolve<StoredColors>{shader, tiles, samples, samples_per_side, visibility, 4,
+                                      reinterpret_cast<uint8_t*>(pixels)},
+                tiles.count(), stream) ||
+      !impl.end(stream, times))
+    return impl.error;
   return {};
 }
 

@@ -17,6 +17,8 @@ struct DrawOptions {
   bool sampleless_test = true;  // triangles that cover no pixel centre go early
   bool cluster_bounds = true;   // so do clusters, and those outside of the picture
   bool occlusion = true;        // clusters behind the depth pyramid go; takes cluster_bounds
+  // A part of a frame (frame_parts.h): the samples hold the parts before, and pages came and went since the last one.
+  bool is_part = false;
 };
 
 /// Milliseconds of one frame by CUDA events: clearing, culling, stages 1 to 3 of the first pass, of which 2 and 3 run
@@ -63,7 +65,8 @@ class CudaFrames {
   /// sample, comes with the first frame.
   static uint64_t device_bytes(const SceneView& host, const CudaQueueSizes& sizes = {});
 
-  /// Draws into `samples` (device memory, view.width * view.height), which is cleared first; returns when it is drawn.
+  /// Draws into `samples` (device memory, view.width * view.height), which is cleared first unless `options` says that
+  /// this is a part; returns when it is drawn.
   /// `times`: null, or filled in for the frame that stayed. Errors kRange (as draw_cpu),
   /// kDevice.
   Result<FrameStats> draw(const View& view, uint64_t* samples, const DrawOptions& options = {},

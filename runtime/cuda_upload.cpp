@@ -78,15 +78,12 @@ class PinnedRing final : public UploadTarget {
 };
 
 Result<void> check_budget(uint64_t needed, uint64_t budget_bytes) {
-  size_t free_bytes = 0;
-  size_t total_bytes = 0;
-  if (auto done = cuda_check(cudaMemGetInfo(&free_bytes, &total_bytes), "asking for free device memory"); !done)
-    return done;
-  const uint64_t budget = budget_bytes == 0 ? free_bytes : std::min<uint64_t>(budget_bytes, free_bytes);
-  if (needed <= budget) return {};
+  const Result<uint64_t> budget = device_budget(budget_bytes);
+  if (!budget) return budget.error();
+  if (needed <= *budget) return {};
   return Error{ErrorCode::kDevice, "the scene takes " + std::to_string(needed) + " bytes of device memory, but " +
-                                       std::to_string(budget) + " are " + (budget == free_bytes ? "free" : "allowed") +
-                                       "; use --backend cpu"};
+                                       std::to_string(*budget) + " are " +
+                                       (*budget == budget_bytes ? "allowed" : "free") + "; use --backend cpu"};
 }
 
 uint64_t texel_bytes(const kernels::TextureView& texture) {
@@ -144,52 +141,91 @@ class JpegLevels {
   uint64_t table_ = 0;
 };
 
+/// Where everything of a scene lies in the arena. The tables of pointers are filled once its address is known.
+struct ArenaLayout {
+  /// `streamed`: as CudaScene::upload has it.
+  ArenaLayout(const Scene& scene, const kernels::SceneView* streamed) {
+    const kernels::SceneView& host = streamed != nullptr ? *streamed : scene.view();
+    pages.resize(streamed != nullptr ? host.chunk_count : scene.container().pages().size());
+    textures.assign(host.textures, host.textures + host.texture_count);
+    meshes = plan.add_array(host.meshes, host.mesh_count);
+    chunks = plan.add_array(host.chunks, host.chunk_count);
+    instances = plan.add_array(host.instances, host.instance_count);
+    instance_base = plan.add_array(host.instance_base, host.instance_count + 1);
+    matrices = plan.add_array(host.matrices, host.matrix_count);
+    materials = plan.add_array(host.materials, host.material_count);
+    texture_views = plan.add_array(textures.data(), textures.size());
+    page_table = plan.add_array(pages.data(), pages.size());
+    for (const kernels::TextureView& texture : textures) {
+      if (texture.texels == nullptr || texel_offset.contains(texture.texels)) continue;
+      texel_offset[texture.texels] = plan.add(texture.texels, texel_bytes(texture));
+    }
+    levels.add_to(plan, scene);
+    if (streamed != nullptr) return;
+    const DrawnPages& drawn = scene.drawn_pages();
+    page_offset.resize(pages.size());
+    if (!scene.has_pages()) plan.add_pages(drawn);
+    for (uint64_t i = 0; i < drawn.size(); ++i)
+      page_offset[drawn.page(i)] =
+          scene.has_pages() ? plan.add(host.pages[drawn.page(i)], drawn.record(i).raw_bytes) : plan.page_offset(i);
+  }
+  ArenaLayout(const ArenaLayout&) = delete;
+  ArenaLayout& operator=(const ArenaLayout&) = delete;
+
+  UploadPlan plan;
+  std::vector<const std::byte*> pages;
+  std::vector<kernels::TextureView> textures;
+  std::map<const uint8_t*, uint64_t> texel_offset;  // several textures may show one image
+  std::vector<uint64_t> page_offset;                // empty where pages are streamed
+  JpegLevels levels;
+  uint64_t meshes;
+  uint64_t chunks;
+  uint64_t instances;
+  uint64_t instance_base;
+  uint64_t matrices;
+  uint64_t materials;
+  uint64_t texture_views;
+  uint64_t page_table;
+};
+
+uint64_t cache_bytes_of(const Scene& scene, uint64_t texture_cache) {
+  const uint32_t slot_bytes = scene.jpeg_slot_bytes();
+  return slot_bytes != 0 ? kernels::CudaTextureCache::device_bytes(texture_cache, slot_bytes) : 0;
+}
+
 }  // namespace
 
+Result<uint64_t> device_budget(uint64_t budget_bytes) {
+  size_t free_bytes = 0;
+  size_t total_bytes = 0;
+  if (auto done = cuda_check(cudaMemGetInfo(&free_bytes, &total_bytes), "asking for free device memory"); !done)
+    return done.error();
+  return budget_bytes == 0 ? uint64_t{free_bytes} : std::min<uint64_t>(budget_bytes, free_bytes);
+}
+
+uint64_t CudaScene::device_bytes(const Scene& scene, const kernels::SceneView* streamed, uint64_t texture_cache) {
+  return ArenaLayout(scene, streamed).plan.bytes() + cache_bytes_of(scene, texture_cache);
+}
+
 Result<CudaScene> CudaScene::upload(const Scene& scene, uint64_t budget_bytes, uint64_t reserved_bytes,
-                                    uint32_t threads, Reading reading, uint64_t texture_cache) {
+                                    uint32_t threads, Reading reading, uint64_t texture_cache,
+                                    const kernels::SceneView* streamed) {
   const auto start = std::chrono::steady_clock::now();
-  const kernels::SceneView& host = scene.view();
-  const auto page_records = scene.container().pages();
-
-  // The tables of pointers are filled once the arena's address is known; their places are laid out now.
-  std::vector<const std::byte*> pages(page_records.size());
-  std::vector<kernels::TextureView> textures(host.textures, host.textures + host.texture_count);
-  UploadPlan plan;
-  const uint64_t meshes = plan.add_array(host.meshes, host.mesh_count);
-  const uint64_t chunks = plan.add_array(host.chunks, host.chunk_count);
-  const uint64_t instances = plan.add_array(host.instances, host.instance_count);
-  const uint64_t instance_base = plan.add_array(host.instance_base, host.instance_count + 1);
-  const uint64_t matrices = plan.add_array(host.matrices, host.matrix_count);
-  const uint64_t materials = plan.add_array(host.materials, host.material_count);
-  const uint64_t texture_views = plan.add_array(textures.data(), textures.size());
-  const uint64_t page_table = plan.add_array(pages.data(), pages.size());
-  std::map<const uint8_t*, uint64_t> texel_offset;  // several textures may show one image
-  for (const kernels::TextureView& texture : textures) {
-    if (texture.texels == nullptr || texel_offset.contains(texture.texels)) continue;
-    texel_offset[texture.texels] = plan.add(texture.texels, texel_bytes(texture));
-  }
-  JpegLevels levels;
-  levels.add_to(plan, scene);
-  std::vector<uint64_t> page_offset(pages.size());
-  const DrawnPages& drawn = scene.drawn_pages();
-  if (!scene.has_pages()) plan.add_pages(drawn);
-  for (uint64_t i = 0; i < drawn.size(); ++i)
-    page_offset[drawn.page(i)] =
-        scene.has_pages() ? plan.add(host.pages[drawn.page(i)], drawn.record(i).raw_bytes) : plan.page_offset(i);
-
+  ArenaLayout layout(scene, streamed);
+  const UploadPlan& plan = layout.plan;
   const uint32_t slot_bytes = scene.jpeg_slot_bytes();
-  const uint64_t cache_bytes = slot_bytes != 0 ? kernels::CudaTextureCache::device_bytes(texture_cache, slot_bytes) : 0;
-  const uint64_t needed = plan.bytes() + cache_bytes + reserved_bytes;
+  const uint64_t needed = plan.bytes() + cache_bytes_of(scene, texture_cache) + reserved_bytes;
   if (Result<void> fits = check_budget(needed, budget_bytes); !fits) return fits.error();
   Result<DeviceBuffer> arena = DeviceBuffer::allocate(std::max<uint64_t>(plan.bytes(), 1), "allocating the scene");
   if (!arena) return arena.error();
   std::byte* const base = arena->data();
-  for (uint64_t i = 0; i < drawn.size(); ++i) pages[drawn.page(i)] = base + page_offset[drawn.page(i)];
-  for (kernels::TextureView& texture : textures)
+  const DrawnPages& drawn = scene.drawn_pages();
+  if (streamed == nullptr)
+    for (uint64_t i = 0; i < drawn.size(); ++i) layout.pages[drawn.page(i)] = base + layout.page_offset[drawn.page(i)];
+  for (kernels::TextureView& texture : layout.textures)
     if (texture.texels != nullptr)
-      texture.texels = reinterpret_cast<const uint8_t*>(base + texel_offset[texture.texels]);
-  levels.move_to(base, textures);
+      texture.texels = reinterpret_cast<const uint8_t*>(base + layout.texel_offset[texture.texels]);
+  layout.levels.move_to(base, layout.textures);
 
   const MappedFile& map = scene.file().map();
   const Reading chosen = choose_reading(plan, map, reading);
@@ -203,22 +239,22 @@ Result<CudaScene> CudaScene::upload(const Scene& scene, uint64_t budget_bytes, u
   CudaScene copy;
   if (slot_bytes != 0) {
     Result<kernels::CudaTextureCache> cache =
-        kernels::CudaTextureCache::create(levels.table(base), texture_cache, slot_bytes);
+        kernels::CudaTextureCache::create(layout.levels.table(base), texture_cache, slot_bytes);
     if (!cache) return cache.error();
     copy.cache_ = std::move(*cache);
-    copy.jpeg_levels_ = levels.table(base);
+    copy.jpeg_levels_ = layout.levels.table(base);
   }
   copy.arena_ = std::move(*arena);
-  copy.view_ = host;
+  copy.view_ = scene.view();
   copy.view_.blocks = nullptr;
-  copy.view_.meshes = reinterpret_cast<const format::MeshRecord*>(base + meshes);
-  copy.view_.chunks = reinterpret_cast<const format::ChunkRecord*>(base + chunks);
-  copy.view_.instances = reinterpret_cast<const format::InstanceRecord*>(base + instances);
-  copy.view_.instance_base = reinterpret_cast<const uint64_t*>(base + instance_base);
-  copy.view_.matrices = reinterpret_cast<const format::MatrixRecord*>(base + matrices);
-  copy.view_.materials = reinterpret_cast<const format::MaterialRecord*>(base + materials);
-  copy.view_.textures = reinterpret_cast<const kernels::TextureView*>(base + texture_views);
-  copy.view_.pages = reinterpret_cast<const std::byte* const*>(base + page_table);
+  copy.view_.meshes = reinterpret_cast<const format::MeshRecord*>(base + layout.meshes);
+  copy.view_.chunks = reinterpret_cast<const format::ChunkRecord*>(base + layout.chunks);
+  copy.view_.instances = reinterpret_cast<const format::InstanceRecord*>(base + layout.instances);
+  copy.view_.instance_base = reinterpret_cast<const uint64_t*>(base + layout.instance_base);
+  copy.view_.matrices = reinterpret_cast<const format::MatrixRecord*>(base + layout.matrices);
+  copy.view_.materials = reinterpret_cast<const format::MaterialRecord*>(base + layout.materials);
+  copy.view_.textures = reinterpret_cast<const kernels::TextureView*>(base + layout.texture_views);
+  copy.view_.pages = reinterpret_cast<const std::byte* const*>(base + layout.page_table);
   copy.stats_.counts = *counts;
   copy.stats_.device_bytes = needed;
   copy.stats_.upload_ms = std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();

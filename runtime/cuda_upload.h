@@ -14,6 +14,9 @@
 
 namespace scree::runtime {
 
+/// What a scene may take: `budget_bytes`, 0 for all, and no more than the device has free. Errors kDevice.
+Result<uint64_t> device_budget(uint64_t budget_bytes);
+
 class CudaScene {
  public:
   CudaScene() = default;
@@ -22,8 +25,13 @@ class CudaScene {
   /// they are; decoded blocks of them are kept in `texture_cache` bytes. `budget_bytes`: what all that and
   /// `reserved_bytes` may take together; 0: what the device has free. Errors kDevice (a CUDA call that failed, which
   /// and for what; a scene that does not fit, both sizes named) and, with the file named, those of run_upload.
+  /// `streamed`: null, or Streamer::view() of the scene: no page goes, and view().pages are chunk_count nulls.
   static Result<CudaScene> upload(const Scene& scene, uint64_t budget_bytes, uint64_t reserved_bytes, uint32_t threads,
-                                  Reading reading = Reading::kAuto, uint64_t texture_cache = kDeviceTextureCache);
+                                  Reading reading = Reading::kAuto, uint64_t texture_cache = kDeviceTextureCache,
+                                  const kernels::SceneView* streamed = nullptr);
+
+  /// What upload() takes without `reserved_bytes`.
+  static uint64_t device_bytes(const Scene& scene, const kernels::SceneView* streamed, uint64_t texture_cache);
 
   /// As `scene`'s, every pointer one of the device.
   const kernels::SceneView& view() const { return view_; }

@@ -10,6 +10,7 @@
 #include "kernels/frame.h"
 #include "kernels/frame_cuda.h"
 #include "runtime/scene.h"
+#include "runtime/streamer.h"
 #include "runtime/upload.h"
 
 namespace scree::runtime {
@@ -23,23 +24,33 @@ class DeviceScene {
   /// Brings `scene` to the current device: records, pages, textures. Pages that the scene has are copied; others come
   /// from the file, checked as Scene::load_pages does, and stay on the device alone (runtime/upload.h). JPEG levels
   /// that the scene has not decoded stay JPEGs, decoded as they are looked at into `texture_cache` bytes; the picture
-  /// does not depend on how many. `budget_bytes`: 0 takes what the device has free. Errors kDevice: no usable device, a
-  /// CUDA call that failed (which and for what), or a scene that does not fit (both sizes named); with the file named,
-  /// those of Scene::load_pages.
+  /// does not depend on how many. `budget_bytes`: 0 takes what the device has free. Where that does not hold the scene,
+  /// its chunks are streamed (runtime/streamer.h): `scene` then outlives this, and up to `host_memory` bytes of chunks
+  /// are kept in pinned memory. Errors kDevice: no usable device, a CUDA call that failed (which and for what), or a
+  /// budget that does not hold what cannot be streamed (both sizes named); kUnsupported: a scene to be streamed that
+  /// has JPEG levels; with the file named, those of Scene::load_pages.
   static Result<DeviceScene> upload(const Scene& scene, uint64_t budget_bytes, uint32_t threads,
-                                    Reading reading = Reading::kAuto, uint64_t texture_cache = kDeviceTextureCache);
+                                    Reading reading = Reading::kAuto, uint64_t texture_cache = kDeviceTextureCache,
+                                    uint64_t host_memory = 0);
   DeviceScene(DeviceScene&&) noexcept;
   DeviceScene& operator=(DeviceScene&&) noexcept;
   ~DeviceScene();
 
-  /// As kernels::draw_cpu, on the device, where the visibility buffer stays. `times`: null, or filled in.
-  Result<kernels::FrameStats> draw(const kernels::View& view, kernels::FrameTimes* times = nullptr);
+  /// As kernels::draw_cpu, on the device, where the visibility buffer stays. `times`: null, or filled in (of a streamed
+  /// frame raster_ms alone, by the host's clock). `shade`: what resolve() will be asked to show, by which light, where
+  /// the scene is streamed; null where it will not be asked.
+  Result<kernels::FrameStats> draw(const kernels::View& view, kernels::FrameTimes* times = nullptr,
+                                   const kernels::ShadeOptions* shade = nullptr);
+
+  /// Of the last frame, where the scene is streamed.
+  const std::optional<StreamStats>& stream_stats() const;
 
   /// Copies the visibility buffer of the picture that draw() made last to host memory: `samples` is all of it.
   Result<void> read_samples(std::span<uint64_t> samples);
 
   /// Resolves the picture that draw() made last, as kernels::resolve_cpu with 4 channels, on the device; `view` as
-  /// draw() had it. `pixels`: RGBA8, red in the low byte, read back; may be empty where the time is all that is wanted.
+  /// draw() had it, and of a streamed scene what `options` show and by which light too. `pixels`: RGBA8, red in the low
+  /// byte, read back; may be empty where the time is all that is wanted.
   Result<void> resolve(const kernels::View& view, uint32_t samples_per_side, const kernels::ShadeOptions& options,
                        std::span<uint32_t> pixels, kernels::ResolveTimes* times = nullptr);
 

@@ -1,15 +1,19 @@
 // DeviceScene where the program is built with CUDA; device_scene_none.cpp stands in elsewhere.
+#include <algorithm>
 #include <chrono>
 #include <optional>
 #include <span>
 #include <string>
 #include <utility>
+#include <vector>
 
 #include "kernels/cuda_check.h"
 #include "kernels/frame_cuda.h"
+#include "kernels/frame_parts.h"
 #include "kernels/resolve_cuda.h"
 #include "runtime/cuda_upload.h"
 #include "runtime/device_scene.h"
+#include "runtime/stream_cuda.h"
 
 namespace scree::runtime {
 
@@ -42,7 +46,12 @@ struct DeviceScene::Impl {
   DeviceBuffer pixels;
   kernels::CudaResolver resolver;
   std::optional<kernels::CudaFrames> frames;
+  std::unique_ptr<CudaStream> stream;  // where the scene's pages do not lie on the device
+  std::optional<StreamStats> streamed;
   UploadStats stats;
+
+  Result<void> upload_streamed(const Scene& host, uint64_t budget, uint32_t threads, Reading reading,
+                               uint64_t host_memory);
 };
 
 DeviceScene::DeviceScene(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
@@ -71,9 +80,22 @@ const kernels::SceneView& DeviceScene::device_view() const {
 }
 
 Result<DeviceScene> DeviceScene::upload(const Scene& scene, uint64_t budget_bytes, uint32_t threads, Reading reading,
-                                        uint64_t texture_cache) {
+                                        uint64_t texture_cache, uint64_t host_memory) {
   if (Result<void> found = find_device(); !found) return found.error();
   const auto start = std::chrono::steady_clock::now();
+  const Result<uint64_t> budget = device_budget(budget_bytes);
+  if (!budget) return budget.error();
+  if (CudaScene::device_bytes(scene, nullptr, texture_cache) + kernels::CudaFrames::device_bytes(scene.view()) >
+      *budget) {
+    auto streamed = std::make_unique<Impl>();
+    // Pictures and queues that grow come later, and beside the scene.
+    const uint64_t allowed = budget_bytes == 0 ? *budget - *budget / 16 : *budget;
+    if (Result<void> done = streamed->upload_streamed(scene, allowed, threads, reading, host_memory); !done)
+      return done.error();
+    streamed->stats.upload_ms =
+        std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
+    return DeviceScene(std::move(streamed));
+  }
   Result<CudaScene> copy = CudaScene::upload(scene, budget_bytes, kernels::CudaFrames::device_bytes(scene.view()),
                                              threads, reading, texture_cache);
   if (!copy) return copy.error();
@@ -87,7 +109,42 @@ Result<DeviceScene> DeviceScene::upload(const Scene& scene, uint64_t budget_byte
   return DeviceScene(std::move(impl));
 }
 
-Result<kernels::FrameStats> DeviceScene::draw(const kernels::View& view, kernels::FrameTimes* times) {
+/// `budget`: of device memory, which the records, textures and frames take their part of.
+Result<void> DeviceScene::Impl::upload_streamed(const Scene& host, uint64_t budget, uint32_t threads, Reading reading,
+                                                uint64_t host_memory) {
+  if (host.jpeg_slot_bytes() != 0)
+    return Error{ErrorCode::kUnsupported, host.file().path() + ": streamed with JPEG levels that are not decoded"};
+  const uint64_t frames_bytes = kernels::CudaFrames::device_bytes(host.view());
+  const uint64_t fixed = CudaScene::device_bytes(host, &host.view(), 0) + frames_bytes;
+  std::vector<uint64_t> bytes = ChunkSource(host).chunk_bytes();
+  const uint64_t largest = bytes.empty() ? 0 : *std::max_element(bytes.begin(), bytes.end());
+  // The pool and what moving a chunk takes.
+  const uint64_t least = fixed + 2 * (largest + 2 * Residency::kAlignment);
+  if (budget < least)
+    return Error{ErrorCode::kDevice, "the scene takes at least " + std::to_string(least) +
+                                         " bytes of device memory where its chunks are streamed, but " +
+                                         std::to_string(budget) + " are allowed; use --backend cpu"};
+  Result<Streamer> streamer =
+      Streamer::create(host, budget - fixed - largest - 3 * Residency::kAlignment, std::move(bytes));
+  if (!streamer) return streamer.error();
+  stream = std::make_unique<CudaStream>(host, std::move(*streamer), threads);
+  Result<CudaScene> copy = CudaScene::upload(host, 0, frames_bytes, threads, reading, 0, &stream->view());
+  if (!copy) return copy.error();
+  scene = std::move(*copy);
+  Result<kernels::CudaFrames> made = kernels::CudaFrames::create(stream->view(), scene.view());
+  if (!made) return made.error();
+  frames = std::move(*made);
+  stats = scene.stats();
+  stats.device_bytes = budget;
+  return stream->open(scene.view(), *frames, resolver, host_memory);
+}
+
+const std::optional<StreamStats>& DeviceScene::stream_stats() const {
+  return impl_->streamed;
+}
+
+Result<kernels::FrameStats> DeviceScene::draw(const kernels::View& view, kernels::FrameTimes* times,
+                                              const kernels::ShadeOptions* shade) {
   const uint64_t bytes = uint64_t{view.width} * view.height * sizeof(uint64_t);
   if (impl_->samples.bytes() != bytes) {
     impl_->samples = DeviceBuffer();
@@ -95,7 +152,17 @@ Result<kernels::FrameStats> DeviceScene::draw(const kernels::View& view, kernels
     if (!buffer) return buffer.error();
     impl_->samples = std::move(*buffer);
   }
-  return impl_->frames->draw(view, reinterpret_cast<uint64_t*>(impl_->samples.data()), {}, times);
+  const auto samples = reinterpret_cast<uint64_t*>(impl_->samples.data());
+  if (impl_->stream == nullptr) return impl_->frames->draw(view, samples, {}, times);
+  const auto start = std::chrono::steady_clock::now();
+  const Result<StreamStats> streamed = impl_->stream->draw_frame(view, shade, samples);
+  if (!streamed) return streamed.error();
+  impl_->streamed = *streamed;
+  if (times != nullptr) {
+    *times = {};
+    times->raster_ms = std::chrono::duration<float, std::milli>(std::chrono::steady_clock::now() - start).count();
+  }
+  return streamed->drawn;
 }
 
 Result<void> DeviceScene::read_samples(std::span<uint64_t> samples) {
@@ -121,10 +188,19 @@ Result<void> DeviceScene::resolve(const kernels::View& view, uint32_t samples_pe
     impl_->pixels = std::move(*buffer);
   }
   const auto device_pixels = reinterpret_cast<uint32_t*>(impl_->pixels.data());
-  if (auto done = impl_->resolver.resolve(
-          impl_->scene.view(), view, samples_per_side, reinterpret_cast<const uint64_t*>(impl_->samples.data()),
-          impl_->frames->transforms(), options, device_pixels, nullptr, times, impl_->scene.texture_cache());
-      !done)
+  const bool from_colors = impl_->stream != nullptr && kernels::shades_from_chunks(options.show);
+  if (from_colors && impl_->stream->colors() == nullptr)
+    return Error{ErrorCode::kRange, "the streamed frame was not drawn to be shaded so"};
+  if (from_colors) {
+    if (auto done = impl_->resolver.resolve_colors(view, samples_per_side,
+                                                   reinterpret_cast<const uint64_t*>(impl_->samples.data()),
+                                                   impl_->stream->colors(), options, device_pixels, nullptr, times);
+        !done)
+      return done;
+  } else if (auto done = impl_->resolver.resolve(
+                 impl_->scene.view(), view, samples_per_side, reinterpret_cast<const uint64_t*>(impl_->samples.data()),
+                 impl_->frames->transforms(), options, device_pixels, nullptr, times, impl_->scene.texture_cache());
+             !done)
     return done;
   if (pixels.empty()) return {};
   if (pixels.size() != count)

@@ -16,11 +16,12 @@ DeviceScene::DeviceScene(DeviceScene&&) noexcept = default;
 DeviceScene& DeviceScene::operator=(DeviceScene&&) noexcept = default;
 DeviceScene::~DeviceScene() = default;
 
-Result<DeviceScene> DeviceScene::upload(const Scene&, uint64_t, uint32_t, Reading, uint64_t) {
+Result<DeviceScene> DeviceScene::upload(const Scene&, uint64_t, uint32_t, Reading, uint64_t, uint64_t) {
   return find_device().error();
 }
 
-Result<kernels::FrameStats> DeviceScene::draw(const kernels::View&, kernels::FrameTimes*) {
+Result<kernels::FrameStats> DeviceScene::draw(const kernels::View&, kernels::FrameTimes*,
+                                              const kernels::ShadeOptions*) {
   return find_device().error();
 }
 
@@ -35,6 +36,11 @@ Result<void> DeviceScene::resolve(const kernels::View&, uint32_t, const kernels:
 
 Result<std::optional<kernels::TextureCacheCounts>> DeviceScene::texture_counts() const {
   return find_device().error();
+}
+
+const std::optional<StreamStats>& DeviceScene::stream_stats() const {
+  static const std::optional<StreamStats> none;
+  return none;
 }
 
 const UploadStats& DeviceScene::stats() const {

@@ -31,7 +31,7 @@ Result<std::optional<uint64_t>> source_triangle(const Scene& scene, const kernel
 }  // namespace
 
 Result<Frame> Frame::draw(const Scene& scene, const kernels::View& view, uint32_t samples_per_side, uint32_t threads,
-                          DeviceScene* device) {
+                          DeviceScene* device, const kernels::ShadeOptions* shade) {
   assert(samples_per_side == 1 || samples_per_side == 2 || samples_per_side == 4);
   assert(device != nullptr || scene.has_pages());
   const uint64_t width = uint64_t{view.width} * samples_per_side;
@@ -51,7 +51,7 @@ Result<Frame> Frame::draw(const Scene& scene, const kernels::View& view, uint32_
     if (const Result<void> done = frame.make_room(); !done) return done.error();
   const Stopwatch watch;
   Result<kernels::FrameStats> stats = device != nullptr
-                                          ? device->draw(frame.view_)
+                                          ? device->draw(frame.view_, nullptr, shade)
                                           : kernels::draw_cpu(scene.view(), frame.view_, frame.samples_, threads);
   if (!stats) return stats.error();
   frame.stats_ = *stats;

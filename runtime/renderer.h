@@ -43,8 +43,9 @@ class Frame {
   /// Without a device `scene` has its pages. With a `device` (a copy of `scene`, which also outlives the frame) the GPU
   /// draws and shades; the samples are the same, and stay there until read_samples(). Only the frame that a device drew
   /// last can be shaded or read.
+  /// `shade`: what shade() will be asked for, as DeviceScene::draw() wants it where the device streams.
   static Result<Frame> draw(const Scene& scene, const kernels::View& view, uint32_t samples_per_side, uint32_t threads,
-                            DeviceScene* device = nullptr);
+                            DeviceScene* device = nullptr, const kernels::ShadeOptions* shade = nullptr);
 
   /// Shades every sample and averages a pixel's in linear light, weighted by alpha. RGBA where the background is not
   /// opaque. Errors kMemory, those of kernels::resolve_cpu and DeviceScene::resolve.

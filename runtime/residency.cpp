@@ -33,6 +33,12 @@ Result<Residency> Residency::create(uint64_t pool_bytes, std::vector<uint64_t> c
   return Result<Residency>(std::move(residency));
 }
 
+uint64_t Residency::largest_room() const {
+  uint64_t largest = 0;
+  for (uint64_t c = 0; c < slots_.size(); ++c) largest = std::max(largest, room(static_cast<uint32_t>(c)));
+  return largest;
+}
+
 void Residency::forget() {
   for (Slot& slot : slots_) slot = Slot();
   blocks_.reset(pool_bytes_ / kAlignment);

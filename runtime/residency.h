@@ -87,6 +87,8 @@ class Residency {
   uint64_t chunk_bytes(uint32_t chunk) const { return chunk_bytes_[chunk]; }
   uint64_t pool_bytes() const { return pool_bytes_; }
   uint64_t free_bytes() const { return blocks_.free_units() * kAlignment; }
+  /// The most that one chunk takes of the pool.
+  uint64_t largest_room() const;
 
  private:
   struct Slot {

@@ -25,6 +25,11 @@ void add(kernels::FrameStats& sum, const kernels::FrameStats& part) {
   sum.clusters_drawn += part.clusters_drawn;
 }
 
+/// An eighth: with what is drawn and what is loaded apart, most of the pool keeps what is near.
+uint64_t wanted_batch_bytes(const Residency& residency) {
+  return std::min(residency.pool_bytes() / 8, kMostBatchBytes);
+}
+
 Error no_memory(const std::string& what) {
   return {ErrorCode::kMemory, "no memory left " + what};
 }
@@ -50,6 +55,10 @@ Result<Streamer> Streamer::create(const Scene& scene, uint64_t pool_bytes, std::
   } catch (const std::bad_alloc&) {
     return at(scene.file().path(), no_memory("to list its chunks"));
   }
+}
+
+uint64_t Streamer::most_batch_bytes() const {
+  return std::max(wanted_batch_bytes(residency_), residency_.largest_room());
 }
 
 Result<StreamStats> Streamer::draw(const kernels::View& view, const kernels::ShadeOptions* shade, StreamTarget& target,
@@ -88,8 +97,7 @@ Result<StreamStats> Streamer::draw_all(const kernels::View& view, const kernels:
     if (was_hidden_[chunk]) waiting.push_back(chunk);
     return was_hidden_[chunk];
   });
-  // An eighth: with what is drawn and what is loaded apart, most of the pool keeps what is near.
-  const uint64_t batch_bytes = std::min(residency_.pool_bytes() / 8, kMostBatchBytes);
+  const uint64_t batch_bytes = wanted_batch_bytes(residency_);
 
   std::optional<DepthLevels> depths;  // of what is drawn
   const auto is_hidden = [&](uint32_t chunk) {

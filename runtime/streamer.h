@@ -79,6 +79,9 @@ class Streamer {
 
   const Residency& residency() const { return residency_; }
 
+  /// The most that a batch takes of the pool.
+  uint64_t most_batch_bytes() const;
+
  private:
   Streamer(const Scene& scene, Residency residency);
   Result<StreamStats> draw_all(const kernels::View& view, const kernels::ShadeOptions* shade, StreamTarget& target,

@@ -82,10 +82,26 @@ void print_pick(const format::Container& container, PixelPlace place, const std:
 struct Times {
   Duration open;
   std::optional<runtime::UploadStats> upload;
+  std::optional<runtime::StreamStats> streamed;
   std::optional<kernels::TextureCacheCounts> looked;  // of a GPU's JPEG textures
   Duration shade;
   Duration write;
 };
+
+void print_stream(const runtime::StreamStats& stream, const Duration& draw) {
+  // What a PCIe 5 x16 link to a GPU gives.
+  constexpr double kLinkGbPerS = 55;
+  const double gb_per_s = static_cast<double>(stream.streamed_bytes) * 1e-6 / draw.wall_ms;
+  std::printf(
+      "stream: %s: %llu chunks seen, %s of them, %s missing, %s hidden, %s streamed in %llu batches, %s moved, "
+      "%.2f GB/s, %.0f%% of %.0f; listing took %s, loads were waited for %s\n",
+      milliseconds(draw.wall_ms).c_str(), static_cast<unsigned long long>(stream.seen_chunks),
+      format_bytes(stream.seen_bytes).c_str(), format_bytes(stream.missing_bytes).c_str(),
+      format_bytes(stream.hidden_bytes).c_str(), format_bytes(stream.streamed_bytes).c_str(),
+      static_cast<unsigned long long>(stream.batches), format_bytes(stream.moved_bytes).c_str(), gb_per_s,
+      gb_per_s / kLinkGbPerS * 100, kLinkGbPerS, milliseconds(stream.list_ms).c_str(),
+      milliseconds(stream.load_ms).c_str());
+}
 
 void print_stats(const runtime::Scene& scene, const runtime::Frame& frame, const kernels::View& view,
                  const Times& times) {
@@ -106,6 +122,7 @@ void print_stats(const runtime::Scene& scene, const runtime::Frame& frame, const
         format_bytes(counts.copied_bytes).c_str(), format_bytes(times.upload->device_bytes).c_str(),
         milliseconds(times.upload->upload_ms).c_str(), times.upload->gb_per_s());
   }
+  if (times.streamed) print_stream(*times.streamed, frame.draw_time());
   std::printf("textures: %llu images, %s with levels, %s\n", static_cast<unsigned long long>(load.images),
               format_bytes(load.texture_bytes).c_str(), both_times(load.textures).c_str());
   if (times.looked)
@@ -185,7 +202,7 @@ Error with_advice(Error error) {
 Result<std::optional<runtime::DeviceScene>> upload(const RenderOptions& options, const runtime::Scene& scene) {
   Result<runtime::DeviceScene> device =
       runtime::DeviceScene::upload(scene, options.device_memory, options.threads, options.reading,
-                                   options.texture_cache.value_or(runtime::kDeviceTextureCache));
+                                   options.texture_cache.value_or(runtime::kDeviceTextureCache), options.host_memory);
   if (device) return std::optional<runtime::DeviceScene>(std::move(*device));
   if (device.error().code != ErrorCode::kDevice) return device.error();
   if (options.backend == BackendChoice::kAuto) return std::optional<runtime::DeviceScene>{};
@@ -221,6 +238,15 @@ Result<void> render(const RenderOptions& options) {
   std::optional<runtime::DeviceScene> device;
   if (*on_gpu) {
     Result<std::optional<runtime::DeviceScene>> uploaded = upload(options, *scene);
+    if (!uploaded && uploaded.error().code == ErrorCode::kUnsupported && scene->jpeg_slot_bytes() != 0) {
+      // The chunks are streamed, and shaded batch by batch: without rounds of decoding.
+      Result<runtime::SceneFile> again = runtime::SceneFile::open(options.file);
+      if (!again) return again.error();
+      load.texture_cache = 0;
+      scene = runtime::Scene::load(std::move(*again), *scene_index, load);
+      if (!scene) return scene.error();
+      uploaded = upload(options, *scene);
+    }
     if (!uploaded) return uploaded.error();
     device = std::move(*uploaded);
   }
@@ -230,8 +256,15 @@ Result<void> render(const RenderOptions& options) {
       runtime::make_view(scene->container(), *scene_index, scene->view(), options.camera);
   if (!view) return at(options.file, view.error());
 
-  Result<runtime::Frame> frame =
-      runtime::Frame::draw(*scene, *view, options.samples_per_side, options.threads, device ? &*device : nullptr);
+  const auto draw = [&] {
+    return runtime::Frame::draw(*scene, *view, options.samples_per_side, options.threads, device ? &*device : nullptr,
+                                options.output.empty() ? nullptr : &options.shade);
+  };
+  Result<runtime::Frame> frame = draw();
+  for (uint32_t i = 1; i < options.frames && frame; ++i) {
+    if (options.stats && device && device->stream_stats()) print_stream(*device->stream_stats(), frame->draw_time());
+    frame = draw();
+  }
   if (!frame && frame.error().code == ErrorCode::kDevice && options.backend == BackendChoice::kAuto) {
     device.reset();  // the scene fitted, the picture did not
     if (const Result<void> loaded = scene->load_pages(options.threads); !loaded) return loaded.error();
@@ -248,6 +281,7 @@ Result<void> render(const RenderOptions& options) {
   }
   if (device) {
     times.upload = device->stats();
+    times.streamed = device->stream_stats();
     const auto looked = device->texture_counts();
     if (!looked) return at(options.file, with_advice(looked.error()));
     times.looked = *looked;
@@ -304,10 +338,18 @@ Command add_render(CLI::App& parent) {
       ->expected(1)
       ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll);
   app->add_option("--threads", words->threads, "Threads; 0: one per processor (default)");
-  app->add_option("--backend", words->backend,
-                  "cpu, cuda, or auto: the GPU where there is one that holds the scene (default)");
-  app->add_option("--device-memory", words->device_memory,
-                  "The most the scene may take of the GPU's memory, such as 8GiB (default: what is free)");
+  app->add_option("--backend", words->backend, "cpu, cuda, or auto: the GPU where there is one (default)");
+  app->add_option(
+      "--device-memory", words->device_memory,
+      "The most the scene may take of the GPU's memory, such as 8GiB (default: what is free); chunks that it does not "
+      "hold are streamed");
+  app->add_option(
+      "--host-memory", words->host_memory,
+      "Pinned memory for the chunks of a scene that the GPU's does not hold, such as 16GiB (default: they come "
+      "from the file)");
+  app->add_option("--frames", words->frames,
+                  "Draw so many frames of a still camera and write the last (default: 1); with --stats, what each of "
+                  "them streamed");
   app->add_option(
       "--texture-cache", words->texture_cache,
       "Memory for decoded blocks of JPEG textures, such as 1GiB; the picture does not depend on it (default: "

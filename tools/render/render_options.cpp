@@ -238,6 +238,9 @@ Result<RenderOptions> parse_render_options(const RenderWords& words) {
   if (!background) return background.error();
   std::copy(background->begin(), background->end(), options.shade.background);
 
+  const Result<uint64_t> frames = parse_whole(words.frames, 1, 1000000, "--frames");
+  if (!frames) return frames.error();
+  options.frames = static_cast<uint32_t>(*frames);
   const Result<uint32_t> threads = parse_threads(words.threads);
   if (!threads) return threads.error();
   options.threads = *threads;
@@ -248,6 +251,11 @@ Result<RenderOptions> parse_render_options(const RenderWords& words) {
     const Result<uint64_t> bytes = parse_size(words.device_memory);
     if (!bytes) return at("--device-memory", bytes.error());
     options.device_memory = *bytes;
+  }
+  if (!words.host_memory.empty()) {
+    const Result<uint64_t> bytes = parse_size(words.host_memory);
+    if (!bytes) return at("--host-memory", bytes.error());
+    options.host_memory = *bytes;
   }
   if (!words.texture_cache.empty()) {
     const Result<uint64_t> bytes = parse_size(words.texture_cache);

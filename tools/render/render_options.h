@@ -35,6 +35,8 @@ struct RenderWords {
   std::string threads = "0";
   std::string backend = "auto";
   std::string device_memory;
+  std::string frames = "1";
+  std::string host_memory;
   std::string texture_cache;
   std::string read = "auto";
   std::vector<std::string> picks;
@@ -68,6 +70,8 @@ struct RenderOptions {
   // runtime::kDeviceTextureCache.
   std::optional<uint64_t> texture_cache;
   uint64_t device_memory = 0;                          // bytes the scene may take on the GPU; 0: what is free
+  uint32_t frames = 1;                                 // drawn one after the other
+  uint64_t host_memory = 0;                            // bytes of chunks in pinned memory, where they are streamed
   runtime::Reading reading = runtime::Reading::kAuto;  // of a GPU's pages
   std::vector<PixelPlace> picks;
   bool list_cameras = false;

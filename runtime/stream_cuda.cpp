@@ -1,0 +1,249 @@
+#include "runtime/stream_cuda.h"
+
+#include <algorithm>
+#include <system_error>
+#include <utility>
+
+#include "format/bytes.h"
+#include "kernels/depth_codes_cuda.h"
+#include "kernels/frame_parts.h"
+
+namespace scree::runtime {
+
+using kernels::cuda_check;
+using kernels::DeviceBuffer;
+
+namespace {
+
+uint64_t room_of(uint64_t bytes) {
+  return format::align_up(bytes, Residency::kAlignment);
+}
+
+/// At least so many bytes, whatever they hold.
+Result<void> fit(DeviceBuffer& buffer, uint64_t bytes, const char* what) {
+  if (buffer.bytes() >= bytes) return {};
+  buffer = DeviceBuffer();
+  Result<DeviceBuffer> made = DeviceBuffer::allocate(bytes, what);
+  if (!made) return made.error();
+  buffer = std::move(*made);
+  return {};
+}
+
+}  // namespace
+
+CudaStream::CudaStream(const Scene& scene, Streamer streamer, uint32_t threads)
+    : source_(scene), streamer_(std::move(streamer)), threads_(threads) {}
+
+CudaStream::~CudaStream() {
+  stop_loading();
+  for (cudaEvent_t event : loaded_)
+    if (event != nullptr) (void)cudaEventDestroy(event);
+  if (copies_ != nullptr) (void)cudaStreamDestroy(copies_);
+}
+
+Result<void> CudaStream::open(const kernels::SceneView& device, kernels::CudaFrames& frames,
+                              kernels::CudaResolver& resolver, uint64_t host_bytes) {
+  scene_ = device;
+  frames_ = &frames;
+  resolver_ = &resolver;
+  const Residency& residency = streamer_.residency();
+  Result<void> done = cuda_check(cudaGetDevice(&device_), "asking for the current GPU");
+  // Passes may read a few bytes past a chunk.
+  if (done) done = fit(pool_, residency.pool_bytes() + Residency::kAlignment, "allocating the pool of chunks");
+  if (done) done = fit(bounce_, residency.largest_room(), "allocating room to move chunks");
+  const uint64_t table_bytes = scene_.chunk_count * sizeof(std::byte*);
+  if (done) done = pages_.allocate(table_bytes, "allocating pinned memory");
+  if (done) std::fill_n(pages_.data(), table_bytes, std::byte{0});
+  // Not ordered with the streams that draw: the host waits for a load before it has it drawn.
+  if (done) done = cuda_check(cudaStreamCreateWithFlags(&copies_, cudaStreamNonBlocking), "making a stream");
+  for (cudaEvent_t& event : loaded_)
+    if (done)
+      done = cuda_check(cudaEventCreateWithFlags(&event, cudaEventDisableTiming | cudaEventBlockingSync),
+                        "making an event");
+  if (done) done = keep_in_host_memory(host_bytes);
+  const bool all_kept = std::find(kept_at_.begin(), kept_at_.end(), kNotPinned) == kept_at_.end();
+  for (PinnedBuffer& staging : staging_)
+    if (done && !all_kept) done = staging.allocate(streamer_.most_batch_bytes(), "allocating pinned memory");
+  return done;
+}
+
+Result<void> CudaStream::keep_in_host_memory(uint64_t host_bytes) {
+  const Residency& residency = streamer_.residency();
+  kept_at_.assign(scene_.chunk_count, kNotPinned);
+  std::vector<Residency::Place> places;
+  uint64_t end = 0;
+  for (uint64_t c = 0; c < scene_.chunk_count; ++c) {
+    const auto chunk = static_cast<uint32_t>(c);
+    const uint64_t bytes = residency.chunk_bytes(chunk);
+    if (end + room_of(bytes) > host_bytes) break;
+    kept_at_[c] = end;
+    if (bytes != 0) places.push_back({chunk, end, bytes});
+    end += room_of(bytes);
+  }
+  if (places.empty()) return {};
+  if (Result<void> done = kept_.allocate(end, "allocating pinned memory for chunks"); !done) return done;
+  return source_.read(places, kept_.data(), threads_);
+}
+
+Result<StreamStats> CudaStream::draw_frame(const kernels::View& view, const kernels::ShadeOptions* shade,
+                                           uint64_t* samples) {
+  samples_ = samples;
+  return streamer_.draw(view, shade, *this, threads_);
+}
+
+Result<void> CudaStream::begin(const kernels::View& view, const kernels::ShadeOptions* shade) {
+  const uint64_t count = uint64_t{view.width} * view.height;
+  view_ = view;
+  shades_ = shade != nullptr && kernels::shades_from_chunks(shade->show);
+  if (shades_) shade_ = *shade;
+  // What the last frame moved in the end.
+  Result<void> done = cuda_check(cudaStreamSynchronize(copies_), "moving chunks");
+  if (done && shades_) done = fit(colors_, 3 * count * sizeof(float), "allocating the samples' colours");
+  static_assert(kernels::kBackground == ~uint64_t{0});
+  if (done) done = cuda_check(cudaMemsetAsync(samples_, 0xff, count * sizeof(uint64_t), nullptr), "clearing");
+  return done;
+}
+
+Result<void> CudaStream::move(std::span<const Residency::Move> moves) {
+  for (const Residency::Move& move : moves) {
+    const std::byte* from = pool_.data() + move.from;
+    if (move.from - move.to < move.bytes) {
+      if (auto done = cuda_check(cudaMemcpyAsync(bounce_.data(), from, move.bytes, cudaMemcpyDeviceToDevice, copies_),
+                                 "moving a chunk");
+          !done)
+        return done;
+      from = bounce_.data();
+    }
+    if (auto done =
+            cuda_check(cudaMemcpyAsync(pool_.data() + move.to, from, move.bytes, cudaMemcpyDeviceToDevice, copies_),
+                       "moving a chunk");
+        !done)
+      return done;
+  }
+  return {};
+}
+
+Result<void> CudaStream::start_loading(std::span<const Residency::Place> places) {
+  std::vector<Residency::Place> own(places.begin(), places.end());
+  // Neighbours in the pool go as one copy where they lie side by side in host memory too.
+  std::sort(own.begin(), own.end(),
+            [](const Residency::Place& a, const Residency::Place& b) { return a.offset < b.offset; });
+  const uint32_t number = loads_++ % kLoadsAhead;
+  try {
+    std::future<Result<void>> issued = std::async(
+        std::launch::async, [this, number, own = std::move(own)]() mutable { return load(std::move(own), number); });
+    loading_.push_back({std::move(issued), number});
+    return {};
+  } catch (const std::system_error&) {
+    return Error{ErrorCode::kMemory, "no thread left to load chunks"};
+  }
+}
+
+/// The places are sorted by offset. On a thread of its own; the loads before have other staging memory.
+Result<void> CudaStream::load(std::vector<Residency::Place> places, uint32_t number) {
+  // The current device is each thread's own.
+  if (auto done = cuda_check(cudaSetDevice(device_), "choosing the GPU"); !done) return done;
+  std::byte* const staging = staging_[number].data();
+  uint64_t staged_end = 0;
+  for (size_t next = 0; next < places.size();) {
+    const uint64_t piece = staged_end;
+    std::vector<Residency::Place> missing;
+    std::vector<Copy> copies;
+    for (; next < places.size() && (copies.empty() || staged_end - piece < kPieceBytes); ++next) {
+      const Residency::Place& place = places[next];
+      const bool kept = kept_at_[place.chunk] != kNotPinned;
+      copies.push_back({kept ? kept_.data() + kept_at_[place.chunk] : staging + staged_end, place.offset, place.bytes});
+      if (kept) continue;
+      missing.push_back({place.chunk, staged_end, place.bytes});
+      staged_end += room_of(place.bytes);
+    }
+    if (Result<void> read = source_.read(missing, staging, threads_); !read) return read;
+    if (Result<void> copied = copy_runs(copies); !copied) return copied;
+  }
+  return cuda_check(cudaEventRecord(loaded_[number], copies_), "recording a load");
+}
+
+/// Those that lie side by side on both sides as one.
+Result<void> CudaStream::copy_runs(std::span<const Copy> copies) {
+  for (size_t first = 0; first < copies.size();) {
+    uint64_t bytes = copies[first].bytes;
+    size_t next = first + 1;
+    for (; next < copies.size(); ++next) {
+      const uint64_t step = room_of(bytes);
+      if (copies[next].to != copies[first].to + step || copies[next].from != copies[first].from + step) break;
+      bytes = step + copies[next].bytes;
+    }
+    if (bytes != 0)
+      if (auto done = cuda_check(cudaMemcpyAsync(pool_.data() + copies[first].to, copies[first].from, bytes,
+                                                 cudaMemcpyHostToDevice, copies_),
+                                 "copying chunks to the device");
+          !done)
+        return done;
+    first = next;
+  }
+  return {};
+}
+
+Result<void> CudaStream::finish_loading() {
+  Load load = std::move(loading_.front());
+  loading_.pop_front();
+  if (Result<void> issued = load.issued.get(); !issued) return issued;
+  return cuda_check(cudaEventSynchronize(loaded_[load.number]), "loading chunks");
+}
+
+void CudaStream::stop_loading() {
+  loading_.clear();  // waits for the threads
+  if (copies_ != nullptr) (void)cudaStreamSynchronize(copies_);
+}
+
+Result<kernels::FrameStats> CudaStream::draw(std::span<const Residency::Place> places) {
+  auto* const table = reinterpret_cast<const std::byte**>(pages_.data());
+  const uint64_t table_bytes = scene_.chunk_count * sizeof(std::byte*);
+  for (const Residency::Place& place : places) table[place.chunk] = pool_.data() + place.offset;
+  Result<void> done = cuda_check(
+      cudaMemcpyAsync(const_cast<std::byte**>(scene_.pages), table, table_bytes, cudaMemcpyHostToDevice, nullptr),
+      "listing the chunks of a batch");
+  kernels::FrameStats stats{};
+  if (done) {
+    kernels::DrawOptions options;
+    options.is_part = true;
+    const Result<kernels::FrameStats> drawn = frames_->draw(view_, samples_, options);
+    if (!drawn) {
+      done = drawn.error();
+    } else {
+      stats = *drawn;
+    }
+  }
+  if (done && shades_)
+    done = resolver_->shade_part(scene_, view_, samples_, frames_->transforms(), shade_,
+                                 reinterpret_cast<float*>(colors_.data()), nullptr);
+  // Also before the table may change.
+  if (done) done = cuda_check(cudaStreamSynchronize(nullptr), "drawing a batch");
+  for (const Residency::Place& place : places) table[place.chunk] = nullptr;
+  if (!done) return done.error();
+  return stats;
+}
+
+Result<DepthLevels> CudaStream::depths() {
+  DepthLevels depths{{}, kernels::kDepthCodesLevel};
+  kernels::DepthPyramid& pyramid = depths.pyramid;
+  pyramid_codes_.resize(
+      kernels::lay_out(pyramid, static_cast<int32_t>(view_.width), static_cast<int32_t>(view_.height)));
+  pyramid.codes = pyramid_codes_.data();
+  const uint32_t first = depths.first_level;
+  const uint64_t bytes =
+      static_cast<uint64_t>(pyramid.across(first)) * static_cast<uint64_t>(pyramid.down(first)) * sizeof(uint32_t);
+  Result<void> done = fit(codes_, bytes, "allocating the depths");
+  auto* const codes = reinterpret_cast<uint32_t*>(codes_.data());
+  if (done) done = kernels::find_depth_codes(samples_, view_.width, view_.height, codes, nullptr);
+  if (done)
+    done = cuda_check(cudaMemcpy(pyramid.row(first, 0), codes, bytes, cudaMemcpyDeviceToHost), "reading the depths");
+  if (!done) return done.error();
+  for (uint32_t level = first + 1; level <= kernels::kPyramidLevels; ++level)
+    for (int32_t y = 0; y < pyramid.down(level); ++y)
+      for (int32_t x = 0; x < pyramid.across(level); ++x)
+        pyramid.row(level, y)[x] = kernels::code_from_below(pyramid, level, x, y);
+  return depths;
+}
+
+}  // namespace scree::runtime

@@ -1,0 +1,122 @@
+// Streamed frames on a GPU: chunks go through pinned memory, or come from it, into a pool of device memory while others
+// are drawn. Where the program is built with CUDA.
+#pragma once
+
+#include <cuda_runtime_api.h>
+
+#include <cstddef>
+#include <cstdint>
+#include <deque>
+#include <future>
+#include <memory>
+#include <optional>
+#include <span>
+#include <vector>
+
+#include "format/result.h"
+#include "kernels/cuda_check.h"
+#include "kernels/frame_cuda.h"
+#include "kernels/resolve_cuda.h"
+#include "runtime/chunk_source.h"
+#include "runtime/streamer.h"
+
+namespace scree::runtime {
+
+/// Memory that the GPU copies from by itself.
+class PinnedBuffer {
+ public:
+  PinnedBuffer() = default;
+  PinnedBuffer(const PinnedBuffer&) = delete;
+  PinnedBuffer& operator=(const PinnedBuffer&) = delete;
+  ~PinnedBuffer() { (void)cudaFreeHost(data_); }
+
+  /// At most once.
+  Result<void> allocate(uint64_t bytes, const char* what) {
+    return kernels::cuda_check(cudaMallocHost(&data_, bytes == 0 ? 1 : bytes), what);
+  }
+  std::byte* data() const { return static_cast<std::byte*>(data_); }
+
+ private:
+  void* data_ = nullptr;
+};
+
+/// Called by one thread; of the device that was current when it was made.
+class CudaStream final : public StreamTarget {
+ public:
+  /// `scene` outlives this; `streamer` is one of it. Throws std::bad_alloc.
+  CudaStream(const Scene& scene, Streamer streamer, uint32_t threads);
+  CudaStream(const CudaStream&) = delete;
+  CudaStream& operator=(const CudaStream&) = delete;
+  ~CudaStream();
+
+  /// As the target has to see it: for CudaScene::upload.
+  const kernels::SceneView& view() const { return streamer_.view(); }
+
+  /// `device`: that scene on the device; with `frames` of it, and what resolves its pictures, it outlives this.
+  /// `host_bytes`: chunks, in the order of the file, are brought to so much pinned host memory once and copied from
+  /// there; the others come through two pinned batches from where ChunkSource has them. Errors kDevice (no memory),
+  /// those of ChunkSource::read.
+  Result<void> open(const kernels::SceneView& device, kernels::CudaFrames& frames, kernels::CudaResolver& resolver,
+                    uint64_t host_bytes);
+
+  /// Draws into `samples` (device memory, view.width * view.height); colors() are then those of `shade`.
+  Result<StreamStats> draw_frame(const kernels::View& view, const kernels::ShadeOptions* shade, uint64_t* samples);
+
+  /// Of the last frame, 3 floats a sample, in device memory; null where it was not shaded from chunks.
+  const float* colors() const { return shades_ ? reinterpret_cast<const float*>(colors_.data()) : nullptr; }
+
+  Result<void> begin(const kernels::View& view, const kernels::ShadeOptions* shade) override;
+  Result<void> move(std::span<const Residency::Move> moves) override;
+  Result<void> start_loading(std::span<const Residency::Place> places) override;
+  Result<void> finish_loading() override;
+  void stop_loading() override;
+  Result<kernels::FrameStats> draw(std::span<const Residency::Place> places) override;
+  Result<DepthLevels> depths() override;
+
+ private:
+  static constexpr uint64_t kNotPinned = ~uint64_t{0};
+  static constexpr uint64_t kPieceBytes = uint64_t{64} << 20;  // read on all threads before their copies start
+
+  struct Load {
+    std::future<Result<void>> issued;  // its copies
+    uint32_t number;
+  };
+
+  struct Copy {
+    const std::byte* from;
+    uint64_t to;  // in the pool
+    uint64_t bytes;
+  };
+
+  Result<void> keep_in_host_memory(uint64_t host_bytes);
+  Result<void> load(std::vector<Residency::Place> places, uint32_t number);
+  Result<void> copy_runs(std::span<const Copy> copies);
+
+  ChunkSource source_;
+  Streamer streamer_;
+  uint32_t threads_;
+  int device_ = 0;
+  kernels::SceneView scene_{};
+  kernels::CudaFrames* frames_ = nullptr;
+  kernels::CudaResolver* resolver_ = nullptr;
+  kernels::DeviceBuffer pool_;
+  kernels::DeviceBuffer bounce_;  // for moves onto themselves
+  PinnedBuffer pages_;            // the table of scene_.pages, as it is to be
+  PinnedBuffer kept_;
+  std::vector<uint64_t> kept_at_;  // by chunk, in kept_
+  PinnedBuffer staging_[kLoadsAhead];
+  cudaStream_t copies_ = nullptr;
+  cudaEvent_t loaded_[kLoadsAhead] = {};
+  uint32_t loads_ = 0;
+  std::deque<Load> loading_;
+  // Of the frame:
+  kernels::View view_{};
+  uint64_t* samples_ = nullptr;
+  bool shades_ = false;
+  kernels::ShadeOptions shade_;
+  kernels::DeviceBuffer colors_;
+  kernels::DeviceBuffer codes_;
+  std::vector<uint32_t> pyramid_codes_;
+};
+
+}  // namespace scree::runtime
