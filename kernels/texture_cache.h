@@ -138,6 +138,7 @@ struct TextureCache {
 
   /// Asks for a group that is not there; once, however many pixels do. Where there is no room it is forgotten.
   SCREE_HD void ask_for(uint64_t key, RoundCounters* counters) const {
+    if (look_again_at(&counters->requests) > slot_count) return;  // else a small cache's misses would wrap the count
     uint32_t place = scale_to(static_cast<uint32_t>(spread(key) >> 20), wanted_count);
     for (uint32_t probe = 0; probe < kProbes; ++probe) {
       uint64_t there = look_at(wanted + place);
