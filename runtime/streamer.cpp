@@ -114,6 +114,7 @@ Result<StreamStats> Streamer::draw_all(const kernels::View& view, const kernels:
       residency_.add_missing(waiting);
       waiting.clear();
     }
+    const Stopwatch choose_watch;
     // Before there is anything to hide behind, as little as possible is asked for.
     while (loading.size() < (is_drawn ? kLoadsAhead : 1) && !residency_.missing().empty()) {
       Residency::Batch next = residency_.next_batch(batch_bytes, is_hidden);
@@ -130,19 +131,24 @@ Result<StreamStats> Streamer::draw_all(const kernels::View& view, const kernels:
       ++stats.batches;
       loading.push_back(std::move(next.loads));
     }
+    stats.choose_ms += choose_watch.elapsed().wall_ms;
     if (has_batch) {
       if (!batch.empty()) {
         depths.reset();
+        const Stopwatch draw_watch;
         const Result<kernels::FrameStats> drawn = target.draw(batch);
         if (!drawn) return drawn.error();
         add(stats.drawn, *drawn);
+        stats.draw_ms += draw_watch.elapsed().wall_ms;
         is_drawn = true;
       }
       residency_.batch_drawn();
       if (!batch.empty() && (!residency_.missing().empty() || !waiting.empty())) {
+        const Stopwatch depths_watch;
         const Result<DepthLevels> now = target.depths();
         if (!now) return now.error();
         depths = *now;
+        stats.depths_ms += depths_watch.elapsed().wall_ms;
       }
     }
     has_batch = !loading.empty();

@@ -52,6 +52,9 @@ struct StreamStats {
   uint64_t moved_bytes = 0;     // within the pool
   uint64_t batches = 0;         // that were loaded
   double list_ms = 0;           // finding the chunks in the view
+  double choose_ms = 0;         // choosing what is loaded, moving and asking for it
+  double draw_ms = 0;           // drawing batches
+  double depths_ms = 0;         // finding the depths of what is drawn
   double load_ms = 0;           // waiting for loads while nothing was drawn
 };
 

@@ -265,11 +265,12 @@ class EndToEnd {
       row_.not_streamed = device.error().message;
       return {};
     }
-    return stream_frames(streamed, expected, [&](uint64_t&, std::vector<uint64_t>* samples) -> Result<float> {
+    return stream_frames(streamed, expected, [&](uint64_t& bytes, std::vector<uint64_t>* samples) -> Result<float> {
       const runtime::Stopwatch watch;
       const auto drawn = device->draw(view);
       if (!drawn) return drawn.error();
       const auto ms = static_cast<float>(watch.elapsed().wall_ms);
+      if (device->stream_stats()) bytes = device->stream_stats()->streamed_bytes;
       if (samples != nullptr)
         if (const auto read = device->read_samples(*samples); !read) return read.error();
       return ms;
