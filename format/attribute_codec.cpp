@@ -6,8 +6,10 @@
 #include <cmath>
 #include <string>
 
+#include "format/code_scan.h"
 #include "format/layout.h"
 #include "format/packed_values.h"
+#include "format/processor.h"
 
 namespace scree::format {
 namespace {
@@ -302,9 +304,13 @@ Result<void> check_normals(uint64_t vertex_count, uint32_t bits, std::span<const
   if (auto checked = check_normal_bits(bits); !checked) return checked;
   if (auto sized = check_packed("normals", vertex_count, 2 * bits, bytes); !sized) return sized;
   uint32_t largest = 0;
-  unpack_pairs(bytes.data(), vertex_count, bits, bits, [&](uint64_t, uint32_t u, uint32_t v) {
-    largest = std::max({largest, u, v});
-  });
+  uint64_t done = 0;  // of the two codes a normal
+  if (isa_avx2::kScansCodes && has_avx2())
+    done = isa_avx2::scan_codes(bytes.data(), bytes.size(), 2 * vertex_count, bits, largest);
+  unpack_pairs(bytes.data() + done / 8 * bits, vertex_count - done / 2, bits, bits,
+               [&](uint64_t, uint32_t u, uint32_t v) {
+                 largest = std::max({largest, u, v});
+               });
   return check_normal_codes(largest, bits);
 }
 

@@ -49,6 +49,12 @@ bool ends_clean(const std::byte* data, uint32_t first_word, uint32_t bits) {
   return load<uint32_t>(data + 4 * (uint64_t{first_word} + bits / 32)) >> (bits % 32) == 0;
 }
 
+/// Of a cluster's vertices: stored codes with the predicted part added.
+struct CodeRange {
+  uint32_t smallest[3];
+  uint32_t largest[3];
+};
+
 /// Decodes and checks one cluster after the other.
 class Decoder {
  public:
@@ -151,15 +157,18 @@ class Decoder {
         !ends_clean(s_.data.data(), layout.distances, layout.triangle_count * 2 * layout.distance_bits)) {
       return error(kTrailing, "a bit is set after its triangles");
     }
+    // No code is below 0: where a cluster's bounds begin within its group's, the smallest codes make no difference.
     ClusterScan scan;
-    const bool scanned = scans_ && isa_avx2::scan_cluster(reader, s_.data.size(), scan);
+    const bool scanned = scans_ && begins_in_group(reader) && isa_avx2::scan_cluster(reader, s_.data.size(), scan);
+    CodeRange codes{};
+    if (scanned) std::copy_n(scan.largest, 3, codes.largest);
     if (!scanned || !scan.triangles_are_good)
       if (const auto done = triangles(reader); !done) return done;
     if (!ends_clean(s_.data.data(), layout.positions, layout.vertex_count * reader.stride())) {
       return error(kTrailing, "a bit is set after its positions");
     }
-    if (!scanned) vertices(reader, scan);
-    if (const auto inside = boxes(reader, bounds, scan); !inside) return inside;
+    if (!scanned) vertices(reader, codes);
+    if (const auto inside = boxes(reader, bounds, codes); !inside) return inside;
     triangles_ += layout.triangle_count;
     vertices_ += layout.vertex_count;
     words_ = layout.end;
@@ -223,7 +232,12 @@ class Decoder {
     return {};
   }
 
-  void vertices(const ClusterReader& reader, ClusterScan& scan) {
+  bool begins_in_group(const ClusterReader& reader) const {
+    return reader.min[0] >= bounds_min(group_, 0) && reader.min[1] >= bounds_min(group_, 1) &&
+           reader.min[2] >= bounds_min(group_, 2);
+  }
+
+  void vertices(const ClusterReader& reader, CodeRange& codes) {
     const ClusterLayout& layout = reader.layout;
     uint32_t* offsets = out_.offsets.empty() ? nullptr : out_.offsets.data() + uint64_t{3} * vertices_;
     float* positions = out_.positions.empty() ? nullptr : out_.positions.data() + uint64_t{3} * vertices_;
@@ -235,8 +249,8 @@ class Decoder {
     uint64_t masks[3];
     for (size_t axis = 0; axis < 3; ++axis) masks[axis] = low_mask(layout.position_bits[axis]);
     for (size_t axis = 0; axis < 3; ++axis) {
-      scan.smallest[axis] = ~0u;
-      scan.largest[axis] = 0;
+      codes.smallest[axis] = ~0u;
+      codes.largest[axis] = 0;
     }
     for (uint32_t v = 0; v < layout.vertex_count; ++v) {
       uint32_t code[3];
@@ -251,8 +265,8 @@ class Decoder {
       }
       reader.predictor.apply(code);
       for (size_t axis = 0; axis < 3; ++axis) {
-        scan.smallest[axis] = std::min(scan.smallest[axis], code[axis]);
-        scan.largest[axis] = std::max(scan.largest[axis], code[axis]);
+        codes.smallest[axis] = std::min(codes.smallest[axis], code[axis]);
+        codes.largest[axis] = std::max(codes.largest[axis], code[axis]);
         code[axis] += base[axis];
         if (offsets != nullptr) offsets[3 * v + axis] = code[axis];
         if (positions != nullptr) {
@@ -264,16 +278,16 @@ class Decoder {
   }
 
   /// Whether a cluster's codes lie in its bounds and its group's.
-  Result<void> boxes(const ClusterReader& reader, const ClusterBounds& bounds, const ClusterScan& scan) {
+  Result<void> boxes(const ClusterReader& reader, const ClusterBounds& bounds, const CodeRange& codes) {
     for (int axis = 0; axis < 3; ++axis) {
       const auto i = static_cast<size_t>(axis);
-      if (scan.largest[i] > bounds_extent(bounds, axis)) {
-        return error(kRange, "a position's code " + std::to_string(scan.largest[i]) + ", but its bounds end at " +
+      if (codes.largest[i] > bounds_extent(bounds, axis)) {
+        return error(kRange, "a position's code " + std::to_string(codes.largest[i]) + ", but its bounds end at " +
                                  std::to_string(bounds_extent(bounds, axis)));
       }
       // Both below 2^24 here.
-      const uint32_t first = reader.min[i] + scan.smallest[i];
-      const uint32_t last = reader.min[i] + scan.largest[i];
+      const uint32_t first = reader.min[i] + codes.smallest[i];
+      const uint32_t last = reader.min[i] + codes.largest[i];
       if (first < bounds_min(group_, axis) || last - bounds_min(group_, axis) > bounds_extent(group_, axis)) {
         return error(kRange, "positions from " + std::to_string(first) + " to " + std::to_string(last) +
                                  ", outside the bounds of its group");

@@ -12,16 +12,15 @@ namespace scree::format {
 /// What a cluster's data hold. Codes: stored ones with the predicted part added; sums wrap.
 struct ClusterScan {
   bool triangles_are_good;  // every distance within what goes before, and the last vertex below vertex_count
-  uint32_t smallest[3];     // code of each axis
-  uint32_t largest[3];
+  uint32_t largest[3];      // code of each axis
 };
 
 namespace isa_avx2 {
 #ifdef SCREE_HAS_AVX2_CODE
 inline constexpr bool kScansClusters = true;
 /// `bytes`: of the chunk's cluster data, from which the reader's layout must not lead out; its widths are within their
-/// limits, and the bits after its triangles and positions are zero. Whether `scan` was filled: a cluster at the very
-/// end of the data, or with positions wider than 57 bits, is not scanned.
+/// limits, and the bits after its triangles and positions are zero. Whether `scan` was filled: a cluster with
+/// positions wider than 60 bits is not scanned.
 bool scan_cluster(const ClusterReader& reader, size_t bytes, ClusterScan& scan);
 #else
 inline constexpr bool kScansClusters = false;

@@ -1,6 +1,8 @@
 #include <immintrin.h>
 
 #include "format/cluster_scan.h"
+#include "format/field_pick_avx2.h"
+#include "format/word_writer.h"
 
 // Nothing inline of the other headers may be called here: the linker would be free to take this copy, which only runs
 // with AVX2, for all callers (tests/CMakeLists.txt looks).
@@ -39,20 +41,37 @@ constexpr Tables make_tables() {
 }
 constexpr Tables kTables = make_tables();
 
+uint32_t load_word(const std::byte* at) {
+  uint32_t word;
+  __builtin_memcpy(&word, at, sizeof word);
+  return word;
+}
+
+/// Whether no triangle's distance leads before the first vertex and none has a vertex past the last. `data`: the
+/// cluster's own.
 bool good_triangles(const ClusterLayout& layout, const std::byte* data) {
   const uint32_t count = layout.triangle_count;
   const uint32_t bits = layout.distance_bits;
-  const std::byte* steps = data + size_t{4} * layout.steps;
-  const std::byte* wide = layout.wide_steps ? steps + size_t{4} * ((count + 31) / 32) : nullptr;
-  const std::byte* distances = data + size_t{4} * layout.distances;
+  const uint32_t words = (count + 31) / 32;
+  const std::byte* steps = data + size_t{4} * (layout.steps - layout.prediction);
+  const std::byte* wide = layout.wide_steps ? steps + size_t{4} * words : nullptr;
+  const std::byte* distances = data + size_t{4} * (layout.distances - layout.prediction);
+  // Steps are never negative: the last triangle's vertex is the largest.
+  uint32_t last = 2;
+  for (uint32_t i = 0; i < words; ++i) {
+    last += static_cast<uint32_t>(__builtin_popcount(load_word(steps + size_t{4} * i)));
+    if (wide != nullptr) last += 2 * static_cast<uint32_t>(__builtin_popcount(load_word(wide + size_t{4} * i)));
+  }
   const __m256i bytes = _mm256_load_si256(reinterpret_cast<const __m256i*>(kTables.spreads[bits].bytes));
   const __m256i shift = _mm256_load_si256(reinterpret_cast<const __m256i*>(kTables.spreads[bits].shift));
-  const __m256i mask = _mm256_set1_epi32(static_cast<int>((1u << bits) - 1));
+  const uint32_t longest = (1u << bits) - 1;
+  const __m256i mask = _mm256_set1_epi32(static_cast<int>(longest));
   const __m256i lanes = _mm256_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7);
   const __m128i width = _mm_cvtsi32_si128(static_cast<int>(bits));
   __m256i bad = _mm256_setzero_si256();
   uint32_t largest = 2;
-  for (uint32_t i = 0; i < count; i += 8) {
+  // From the triangle on whose largest vertex no distance can pass, all are good.
+  for (uint32_t i = 0; i < count && largest < longest; i += 8) {
     uint64_t sums = kTables.prefix_counts[static_cast<uint8_t>(steps[i / 8])];
     if (wide != nullptr) sums += 2 * kTables.prefix_counts[static_cast<uint8_t>(wide[i / 8])];  // at most 24 a byte
     const __m256i reach = _mm256_add_epi32(_mm256_set1_epi32(static_cast<int>(largest)),
@@ -68,102 +87,72 @@ bool good_triangles(const ClusterLayout& layout, const std::byte* data) {
     const __m256i counted = _mm256_cmpgt_epi32(_mm256_set1_epi32(static_cast<int>(count - i)), lanes);
     bad = _mm256_or_si256(bad, _mm256_and_si256(past, counted));
   }
-  return _mm256_testz_si256(bad, bad) != 0 && largest < layout.vertex_count;
+  return _mm256_testz_si256(bad, bad) != 0 && last < layout.vertex_count;
 }
 
-uint32_t smallest_of(__m256i codes) {
-  __m128i least = _mm_min_epu32(_mm256_castsi256_si128(codes), _mm256_extracti128_si256(codes, 1));
-  least = _mm_min_epu32(least, _mm_srli_si128(least, 8));  // the codes are in the even lanes
-  return static_cast<uint32_t>(_mm_cvtsi128_si32(least));
-}
-
-uint32_t largest_of(__m256i codes) {
-  __m128i most = _mm_max_epu32(_mm256_castsi256_si128(codes), _mm256_extracti128_si256(codes, 1));
-  most = _mm_max_epu32(most, _mm_srli_si128(most, 8));
-  return static_cast<uint32_t>(_mm_cvtsi128_si32(most));
-}
-
-/// The 8 bytes that bit `bit` is in.
-long long load_window(const std::byte* data, uint32_t bit) {
-  long long window;
-  __builtin_memcpy(&window, data + bit / 8, sizeof window);
-  return window;
-}
-
-/// Four vertices at a time, a 64-bit lane each, in whose low half the codes stand. `kAxis`: the predicted one.
-template <uint32_t kAxis>
-void scan_codes(const ClusterReader& reader, const std::byte* positions, ClusterScan& scan) {
+/// The largest code of each axis, eight vertices at a time. `kIsPredicted`: whether one of them follows from the
+/// others.
+template <bool kIsPredicted>
+void scan_positions(const ClusterReader& reader, const std::byte* positions, uint32_t largest[3]) {
   const uint32_t* const bits = reader.layout.position_bits;
-  const uint32_t stride = bits[0] + bits[1] + bits[2];
-  const auto mask_of = [](uint32_t width) { return _mm256_set1_epi64x((1ll << width) - 1); };
-  const __m256i mask0 = mask_of(bits[0]);
-  const __m256i mask1 = mask_of(bits[1]);
-  const __m256i mask2 = mask_of(bits[2]);
-  const __m128i shift1 = _mm_cvtsi32_si128(static_cast<int>(bits[0]));
-  const __m128i shift2 = _mm_cvtsi32_si128(static_cast<int>(bits[0] + bits[1]));
-  const __m256i slope_u = _mm256_set1_epi64x(reader.predictor.slope_u);
-  const __m256i slope_v = _mm256_set1_epi64x(reader.predictor.slope_v);
-  const __m256i bias = _mm256_set1_epi64x(static_cast<long long>(reader.predictor.bias));
-  __m256i least[3];
-  __m256i most[3];
-  for (int axis = 0; axis < 3; ++axis) {
-    least[axis] = _mm256_set1_epi32(-1);
-    most[axis] = _mm256_setzero_si256();
-  }
-  const uint32_t last = reader.layout.vertex_count - 1;
-  for (uint32_t v = 0; v <= last; v += 4) {
-    // Lanes past the last vertex see it again. Four loads: gathers are slow where processors had to be mended.
-    const uint32_t bit0 = v * stride;
-    const uint32_t bit1 = (v + 1 < last ? v + 1 : last) * stride;
-    const uint32_t bit2 = (v + 2 < last ? v + 2 : last) * stride;
-    const uint32_t bit3 = (v + 3 < last ? v + 3 : last) * stride;
-    const __m256i window =
-        _mm256_srlv_epi64(_mm256_setr_epi64x(load_window(positions, bit0), load_window(positions, bit1),
-                                             load_window(positions, bit2), load_window(positions, bit3)),
-                          _mm256_setr_epi64x(bit0 % 8, bit1 % 8, bit2 % 8, bit3 % 8));
-    __m256i code[3] = {_mm256_and_si256(window, mask0), _mm256_and_si256(_mm256_srl_epi64(window, shift1), mask1),
-                       _mm256_and_si256(_mm256_srl_epi64(window, shift2), mask2)};
-    if constexpr (kAxis != kNotPredicted) {
-      // The product of 16-bit slopes and 15-bit codes, and their sum, are within 32 bits.
-      const __m256i sum = _mm256_add_epi64(_mm256_mul_epi32(slope_u, code[(kAxis + 1) % 3]),
-                                           _mm256_mul_epi32(slope_v, code[(kAxis + 2) % 3]));
-      code[kAxis] = _mm256_add_epi32(code[kAxis],
-                                     _mm256_add_epi32(bias, _mm256_srai_epi32(sum, static_cast<int>(kPredictorShift))));
+  const uint32_t offsets[3] = {0, bits[0], bits[0] + bits[1]};
+  // The axis that is predicted comes last.
+  const uint32_t first = kIsPredicted ? (reader.predictor.axis + 1) % 3 : 0;
+  const uint32_t axes[3] = {first, (first + 1) % 3, (first + 2) % 3};
+  EightRecords records(bits[0] + bits[1] + bits[2]);
+  EightRecords::Field fields[3];
+  for (int i = 0; i < 3; ++i) fields[i] = records.field(offsets[axes[i]], bits[axes[i]]);
+  const __m256i slopes = _mm256_set1_epi32(static_cast<int>((static_cast<uint32_t>(reader.predictor.slope_u) & 0xffff) |
+                                                            static_cast<uint32_t>(reader.predictor.slope_v) << 16));
+  const __m256i bias = _mm256_set1_epi32(static_cast<int>(reader.predictor.bias));
+  __m256i most[3] = {_mm256_setzero_si256(), _mm256_setzero_si256(), _mm256_setzero_si256()};
+  const auto codes = [&](__m256i code[3]) {
+    for (int i = 0; i < 3; ++i) code[i] = kIsPredicted ? records.low(fields[i]) : records.high(fields[i]);
+    if constexpr (kIsPredicted) {
+      // Codes of 15 bits and slopes of 16: the sum of the products is within 32 bits.
+      const __m256i sum = _mm256_madd_epi16(_mm256_or_si256(code[0], _mm256_slli_epi32(code[1], 16)), slopes);
+      code[2] =
+          _mm256_add_epi32(code[2], _mm256_add_epi32(bias, _mm256_srai_epi32(sum, static_cast<int>(kPredictorShift))));
     }
-    for (int axis = 0; axis < 3; ++axis) {
-      least[axis] = _mm256_min_epu32(least[axis], code[axis]);
-      most[axis] = _mm256_max_epu32(most[axis], code[axis]);
-    }
+  };
+  const uint32_t count = reader.layout.vertex_count;
+  const std::byte* at = positions;
+  __m256i code[3];
+  uint32_t v = 0;
+  for (; v + 8 <= count; v += 8, at += records.stride()) {
+    records.load(at);
+    codes(code);
+    for (int i = 0; i < 3; ++i) most[i] = _mm256_max_epu32(most[i], code[i]);
   }
-  for (int axis = 0; axis < 3; ++axis) {
-    scan.smallest[axis] = smallest_of(least[axis]);
-    scan.largest[axis] = largest_of(most[axis]);
+  if (v < count) {
+    const __m256i counted =
+        _mm256_cmpgt_epi32(_mm256_set1_epi32(static_cast<int>(count - v)), EightRecords::record_numbers());
+    records.load(at);
+    codes(code);
+    for (int i = 0; i < 3; ++i) most[i] = _mm256_max_epu32(most[i], _mm256_and_si256(code[i], counted));
   }
+  for (int i = 0; i < 3; ++i)
+    largest[axes[i]] = kIsPredicted ? largest_lane(most[i]) : largest_high(most[i], bits[axes[i]]);
 }
 
 }  // namespace
 
 bool scan_cluster(const ClusterReader& reader, size_t bytes, ClusterScan& scan) {
   const ClusterLayout& layout = reader.layout;
-  const uint32_t stride = layout.position_bits[0] + layout.position_bits[1] + layout.position_bits[2];
-  // Loads of 16 bytes begin before the cluster's end, loads of 8 bytes at the byte that it may end on.
-  if (size_t{4} * layout.end + 16 > bytes || stride > 57) return false;
-  scan.triangles_are_good = good_triangles(layout, reader.data);
-  const std::byte* positions = reader.data + size_t{4} * layout.positions;
-  switch (layout.predicted_axis) {
-    case 0:
-      scan_codes<0>(reader, positions, scan);
-      break;
-    case 1:
-      scan_codes<1>(reader, positions, scan);
-      break;
-    case 2:
-      scan_codes<2>(reader, positions, scan);
-      break;
-    default:
-      scan_codes<kNotPredicted>(reader, positions, scan);
-      break;
+  if (layout.position_bits[0] + layout.position_bits[1] + layout.position_bits[2] > kMostPickedStride) return false;
+  const std::byte* data = reader.data + size_t{4} * layout.prediction;
+  alignas(32) std::byte copy[4 * kMostClusterWords + kPickReach];
+  // Loads reach past what they look at; clusters at the end of the data are copied to where they may.
+  if (size_t{4} * layout.end + kPickReach > bytes) {
+    __builtin_memcpy(copy, data, size_t{4} * (layout.end - layout.prediction));
+    data = copy;
   }
+  scan.triangles_are_good = good_triangles(layout, data);
+  const std::byte* positions = data + size_t{4} * (layout.positions - layout.prediction);
+  if (layout.predicted_axis == kNotPredicted)
+    scan_positions<false>(reader, positions, scan.largest);
+  else
+    scan_positions<true>(reader, positions, scan.largest);
   return true;
 }
 

@@ -4,7 +4,9 @@
 #include <bit>
 #include <string>
 
+#include "format/code_scan.h"
 #include "format/packed_values.h"
+#include "format/processor.h"
 
 namespace scree::format {
 namespace {
@@ -64,7 +66,10 @@ Result<void> check_indices(uint64_t index_count, uint32_t vertex_count, IndexRan
   if (range.min + low_mask(range.bits) < vertex_count) return {};  // no code can pass
   uint32_t largest_code = 0;
   if (range.bits != 0) {
-    unpack_values(bytes.data(), index_count, range.bits,
+    uint64_t done = 0;
+    if (isa_avx2::kScansCodes && has_avx2())
+      done = isa_avx2::scan_codes(bytes.data(), bytes.size(), index_count, range.bits, largest_code);
+    unpack_values(bytes.data() + done / 8 * range.bits, index_count - done, range.bits,
                   [&](uint64_t, uint32_t code) { largest_code = std::max(largest_code, code); });
   }
   return check_largest(uint64_t{range.min} + largest_code, vertex_count);

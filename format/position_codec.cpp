@@ -8,7 +8,9 @@
 #include <cstdio>
 #include <string>
 
+#include "format/code_scan.h"
 #include "format/packed_values.h"
+#include "format/processor.h"
 
 namespace scree::format {
 namespace {
@@ -161,10 +163,22 @@ Result<void> check_codes(const LatticeDecoder& decoder, const std::array<uint32_
 }
 
 Result<void> check_floats(uint64_t vertex_count, std::span<const std::byte> bytes) {
-  for (uint64_t i = 0; i < 3 * vertex_count; ++i) {
-    if (!std::isfinite(load<float>(bytes.data() + i * sizeof(float)))) {
-      return Error{ErrorCode::kFormat,
-                   "positions: vertex " + std::to_string(i / 3) + ": " + kAxisNames[i % 3] + " is not finite"};
+  // A block at a time without a branch, and value by value only where one is not finite.
+  constexpr uint64_t kBlock = 1024;
+  constexpr uint32_t kExponent = 0x7f800000u;
+  const uint64_t count = 3 * vertex_count;
+  for (uint64_t first = 0; first < count; first += kBlock) {
+    const uint64_t last = std::min(count, first + kBlock);
+    uint32_t bad = 0;
+    for (uint64_t i = first; i < last; ++i) {
+      const uint32_t exponent = load<uint32_t>(bytes.data() + i * sizeof(float)) & kExponent;
+      bad |= static_cast<uint32_t>(exponent == kExponent);
+    }
+    for (uint64_t i = first; bad != 0 && i < last; ++i) {
+      if (!std::isfinite(load<float>(bytes.data() + i * sizeof(float)))) {
+        return Error{ErrorCode::kFormat,
+                     "positions: vertex " + std::to_string(i / 3) + ": " + kAxisNames[i % 3] + " is not finite"};
+      }
     }
   }
   return {};
@@ -368,9 +382,13 @@ Result<void> check_positions(uint64_t vertex_count, const MeshLattice& lattice, 
   for (size_t axis = 0; axis < 3; ++axis) widest[axis] = static_cast<uint32_t>(low_mask(range.bits[axis]));
   if (check_codes(*decoder, widest)) return {};  // no code can pass
   std::array<uint32_t, 3> largest{};
-  unpack_positions(bytes.data(), vertex_count, range.bits, [&](uint64_t, uint32_t x, uint32_t y, uint32_t z) {
-    largest = {std::max(largest[0], x), std::max(largest[1], y), std::max(largest[2], z)};
-  });
+  uint64_t done = 0;
+  if (isa_avx2::kScansCodes && has_avx2() && range.stride_bits() != 0)
+    done = isa_avx2::scan_triples(bytes.data(), bytes.size(), vertex_count, range.bits.data(), largest.data());
+  unpack_positions(bytes.data() + done / 8 * range.stride_bits(), vertex_count - done, range.bits,
+                   [&](uint64_t, uint32_t x, uint32_t y, uint32_t z) {
+                     largest = {std::max(largest[0], x), std::max(largest[1], y), std::max(largest[2], z)};
+                   });
   return check_codes(*decoder, largest);
 }
 

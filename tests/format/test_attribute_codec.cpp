@@ -352,18 +352,20 @@ TEST_CASE("normals: the axes are exact, any length will do, none becomes +z", "[
 TEST_CASE("a normal decoder stays inside its bytes and checks its codes", "[attribute_codec][normal]") {
   std::mt19937 random(5);
   for (const uint32_t bits : {2u, 7u, 8u, 16u}) {
-    for (const size_t count : {1, 8, 9}) {
+    for (const size_t count : {1, 8, 9, 50}) {
       const auto bytes = encode(gaussian(random, 3 * count), bits);
       check_stream_limits(bytes, 2 * bits * count, [&](std::span<const std::byte> stream) {
         std::vector<float> out(3 * count);
         return decode_normals(out, bits, stream);
       });
-      auto changed = bytes;
-      for (uint32_t bit = 0; bit < bits; ++bit)
-        changed[bit / 8] |= std::byte{1} << (bit % 8);  // u of vertex 0: all ones
       std::vector<float> out(3 * count);
-      CHECK(outcome(decode_normals(out, bits, changed)) == "range");
-      CHECK(outcome(check_normals(count, bits, changed)) == "range");
+      for (size_t code = 0; code < 2 * count; ++code) {
+        GuardedBytes changed(bytes);
+        for (size_t bit = code * bits; bit < (code + 1) * bits; ++bit)
+          changed.bytes()[bit / 8] |= std::byte{1} << (bit % 8);  // all ones
+        if (outcome(decode_normals(out, bits, changed.bytes())) != "range") FAIL("decoding code " << code);
+        if (outcome(check_normals(count, bits, changed.bytes())) != "range") FAIL("checking code " << code);
+      }
       for (const uint32_t wrong : {0u, 1u, 17u, 32u, 0x80000000u, 0xffffffffu}) {
         CHECK(outcome(decode_normals(out, wrong, bytes)) == "range");
         CHECK(outcome(check_normals(count, wrong, bytes)) == "range");

@@ -260,6 +260,44 @@ TEST_CASE("damaged clusters are refused or decode within their limits", "[cluste
   CHECK(accepted > 1000);
 }
 
+TEST_CASE("checking clusters of any width says what decoding them says", "[cluster_codec]") {
+  std::mt19937 random(29);
+  std::vector<List> lists;
+  for (uint32_t bits = 0; bits <= 24; ++bits) lists.push_back(soup(random, 200, 150, bits));
+  for (uint32_t axis = 0; axis < 3; ++axis) {
+    List slope = grid(12, 200, 0);  // an axis follows from the others
+    for (size_t v = 0; v < slope.offsets.size(); v += 3) {
+      const uint32_t x = slope.offsets[v], y = slope.offsets[v + 1];
+      slope.offsets[v + axis] = 9000 - x + y + (x ^ y) % 3;
+      slope.offsets[v + (axis + 1) % 3] = x;
+      slope.offsets[v + (axis + 2) % 3] = y;
+    }
+    lists.push_back(slope);
+  }
+  uint64_t refused = 0;
+  for (const List& list : lists) {
+    const ClusteredChunk chunk = encode(list);
+    std::vector<uint32_t> indices(3 * size_t{chunk.record.triangle_count});
+    std::vector<uint32_t> offsets(3 * size_t{chunk.record.vertex_count});
+    GuardedBytes guarded(chunk.payload);
+    const uint64_t data_bits = 8 * (uint64_t{4} * chunk.record.cluster_words);
+    const uint64_t data = 8 * chunk_streams(chunk.mesh, chunk.record).cluster_data.offset;
+    for (int round = 0; round < 500; ++round) {
+      const uint64_t bit = data + random() % data_bits;
+      guarded.bytes()[bit / 8] ^= std::byte{1} << (bit % 8);
+      const ClusterStreams streams = chunk.streams(guarded.bytes());
+      const auto decoded = decode_clusters(streams, {indices, offsets, {}});
+      const auto checked = check_clusters(streams);
+      if (bool(decoded) != bool(checked)) FAIL(outcome(decoded) << " but check says " << outcome(checked));
+      if (!decoded && decoded.error().message != checked.error().message)
+        FAIL(decoded.error().message << " but check says " << checked.error().message);
+      refused += decoded ? 0 : 1;
+      guarded.bytes()[bit / 8] ^= std::byte{1} << (bit % 8);
+    }
+  }
+  CHECK(refused > 1000);
+}
+
 TEST_CASE("each stream of a clustered chunk has one size and clean slack", "[cluster_codec]") {
   const ClusteredChunk chunk = encode(grid(30, 100, 10));
   const ClusterStreams streams = chunk.streams(chunk.payload);

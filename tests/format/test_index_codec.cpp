@@ -12,6 +12,7 @@
 #include "tests/format/stream_checks.h"
 
 using namespace scree::format;
+using scree::Result;
 using scree::tests::check_stream_limits;
 using scree::tests::GuardedBytes;
 using scree::tests::outcome;
@@ -112,6 +113,26 @@ TEST_CASE("an index decoder stays inside its bytes and takes no others", "[index
       check_stream_limits(bytes, count * bits, [&](std::span<const std::byte> stream) {
         return check_indices(count, kMostVertices, range, stream);
       });
+    }
+  }
+}
+
+TEST_CASE("an index too large is found wherever it stands", "[index_codec]") {
+  for (uint32_t bits = 1; bits <= 32; ++bits) {
+    const auto limit = static_cast<uint32_t>((uint64_t{1} << bits) - 1);
+    for (const size_t count : {1, 8, 70, 200}) {
+      std::vector<uint32_t> indices(count, limit - 1);  // nearly all bits are set around the one that is looked for
+      for (size_t i = 0; i < count; i += 3) indices[i] = 0;
+      const IndexRange range{0, bits};
+      if (!check_indices(count, limit, range, GuardedBytes(encode(indices, range)).bytes()))
+        FAIL(bits << " bits, " << count << " indices");
+      for (size_t i = 0; i < count; ++i) {
+        std::vector<uint32_t> changed = indices;
+        changed[i] = limit;
+        const Result<void> checked = check_indices(count, limit, range, GuardedBytes(encode(changed, range)).bytes());
+        if (outcome(checked) != "range") FAIL(bits << " bits, index " << i << " of " << count);
+        if (checked.error().message.find(std::to_string(limit)) == std::string::npos) FAIL(checked.error().message);
+      }
     }
   }
 }

@@ -6,8 +6,10 @@
 #include <cmath>
 #include <limits>
 #include <random>
+#include <utility>
 #include <vector>
 
+#include "format/packed_values.h"
 #include "tests/catch.h"
 #include "tests/format/guarded_bytes.h"
 #include "tests/format/spec_vectors.h"
@@ -199,6 +201,34 @@ TEST_CASE("float32 positions are kept to the bit and checked", "[position_codec]
       encode_positions_float32(bytes, positions);
       CHECK(outcome(decode_positions(decoded, {}, range, bytes)) == "format");
       CHECK(outcome(check_positions(count, {}, range, bytes)) == "format");
+    }
+  }
+}
+
+TEST_CASE("a code too large is found wherever it stands", "[position_codec]") {
+  std::mt19937 random(41);
+  constexpr uint64_t kCount = 43;
+  for (int round = 0; round < 60; ++round) {
+    // From 3 to 72 bits a vertex.
+    PositionRange range;
+    MeshLattice lattice;
+    const uint32_t widest = 1 + static_cast<uint32_t>(random()) % kMaxPositionBits;
+    for (size_t axis = 0; axis < 3; ++axis) {
+      range.min[axis] = 1;  // the largest code is the one that the lattice does not have
+      range.bits[axis] = static_cast<uint8_t>(1 + random() % widest);
+      lattice.bits[axis] = range.bits[axis];
+    }
+    std::vector<uint32_t> offsets(3 * kCount);
+    for (size_t i = 0; i < offsets.size(); ++i)
+      offsets[i] = random() % 3 == 0 ? 1 : static_cast<uint32_t>(low_mask(range.bits[i % 3]));
+    const auto good = encode(offsets, range);
+    if (!check_positions(kCount, lattice, range, GuardedBytes(good).bytes())) FAIL("round " << round);
+    for (size_t i = 0; i < offsets.size(); ++i) {
+      const uint32_t kept = std::exchange(offsets[i], static_cast<uint32_t>(low_mask(range.bits[i % 3]) + 1));
+      const auto bytes = encode(offsets, range);
+      if (outcome(check_positions(kCount, lattice, range, GuardedBytes(bytes).bytes())) != "range")
+        FAIL("round " << round << ": vertex " << i / 3 << ", axis " << i % 3);
+      offsets[i] = kept;
     }
   }
 }
