@@ -52,13 +52,18 @@ class FileSource final : public ByteSource {
     if (!format::range_within(offset, out.size(), size_))
       return Error{ErrorCode::kTruncated, path_ + ": read of " + std::to_string(out.size()) + " bytes at " +
                                               std::to_string(offset) + ", but the file has " + std::to_string(size_)};
-    const Timed timed(nanoseconds_read);
+    const TimedRead timed(nanoseconds_read);
     bytes_read.fetch_add(out.size(), std::memory_order_relaxed);
     const int descriptor = descriptor_ >= 0 ? descriptor_ : open_read_only(path_);
     if (descriptor < 0) return file_error(path_, errno);
     Result<void> result = read_from(descriptor, offset, out);
     if (descriptor_ < 0) ::close(descriptor);
     return result;
+  }
+
+  void will_need(uint64_t offset, uint64_t bytes) const override {
+    if (descriptor_ < 0) return;
+    ::posix_fadvise(descriptor_, static_cast<off_t>(offset), static_cast<off_t>(bytes), POSIX_FADV_WILLNEED);
   }
 
  private:
@@ -100,6 +105,8 @@ class WindowSource final : public ByteSource {
     return whole_->read(offset_ + offset, out);
   }
 
+  void will_need(uint64_t offset, uint64_t bytes) const override { whole_->will_need(offset_ + offset, bytes); }
+
  private:
   std::shared_ptr<const ByteSource> whole_;
   uint64_t offset_;
@@ -114,7 +121,7 @@ class PartSource final : public ByteSource {
 
   Result<void> read(uint64_t offset, std::span<std::byte> out) const override {
     assert(format::range_within(offset, out.size(), size_));
-    const Timed timed(nanoseconds_read);
+    const TimedRead timed(nanoseconds_read);
     bytes_read.fetch_add(out.size(), std::memory_order_relaxed);
     return file_->read_at(offset, out);
   }

@@ -8,10 +8,13 @@
 #include <cstdio>
 #include <cstring>
 #include <filesystem>
+#include <functional>
 #include <limits>
 #include <map>
+#include <optional>
 #include <set>
 #include <thread>
+#include <utility>
 
 #include "format/container.h"
 #include "format/quantize.h"
@@ -21,6 +24,8 @@
 #include "tools/convert/byte_source.h"
 #include "tools/convert/convert_options.h"
 #include "tools/convert/duplicates.h"
+#include "tools/convert/encode_ahead.h"
+#include "tools/convert/encode_pass.h"
 #include "tools/convert/geometry_writer.h"
 #include "tools/convert/gltf_source.h"
 #include "tools/convert/images.h"
@@ -28,6 +33,7 @@
 #include "tools/convert/left_out.h"
 #include "tools/convert/measure.h"
 #include "tools/convert/memory_plan.h"
+#include "tools/convert/mesh_plan.h"
 #include "tools/convert/resume.h"
 #include "tools/convert/scene_tables.h"
 #include "tools/convert/sort_scattered.h"
@@ -98,8 +104,10 @@ class Converter {
   Result<void> run() {
     find_wanted();
     if (const Result<void> done = plan_memory(); !done) return done;
+    prepare_ahead();
     if (const Result<void> done = measure_primitives(); !done) return done;
-    if (const Result<void> done = plan_images(); !done) return done;
+    if (!ahead_)
+      if (const Result<void> done = plan_images(materials_used()); !done) return done;
     merge_equal();
     add_meshes();
     plan_materials();
@@ -108,17 +116,21 @@ class Converter {
     instances_ = std::move(*instances);
     if (const Result<void> done = choose_lattices(options_, scene_, instances_, plans_, tables_); !done) return done;
     add_source_record();
-    Result<format::ContainerWriter> writer = open_writer();
-    if (!writer) return writer.error();
-    // Images come first: what is wrong with one is said before the geometry is encoded.
-    if (const Result<void> done = store_images(*writer); !done) return done;
+    if (!ahead_) {
+      Result<format::ContainerWriter> writer = open_writer();
+      if (!writer) return writer.error();
+      writer_ = std::move(*writer);
+      // Images come first: what is wrong with one is said before the geometry is encoded.
+      if (const Result<void> done = store_images(*writer_); !done) return done;
+      written_before_ = writer_->bytes();
+    }
     report_.warnings.insert(report_.warnings.end(), images_.warnings.begin(), images_.warnings.end());
     tables_.images = images_.records;
     tables_.mip_levels = images_.levels;
-    if (const Result<void> done = encode(*writer); !done) return done;
+    if (const Result<void> done = encode(*writer_); !done) return done;
     list_left_out();
-    if (const Result<void> done = write_nodes(scene_, instances_, tables_, *writer); !done) return done;
-    const Result<uint64_t> bytes = writer->finish(tables_);
+    if (const Result<void> done = write_nodes(scene_, instances_, tables_, *writer_); !done) return done;
+    const Result<uint64_t> bytes = writer_->finish(tables_);
     if (!bytes) return bytes.error();
     report_.output_bytes = *bytes;
     fill_report();
@@ -155,13 +167,13 @@ class Converter {
     const MeasureOptions measure_options{may_sort(options_), options_.drop_nonfinite, options_.chunk_triangles == 0,
                                          options_.normals,
                                          options_.share ? may_repeat(scene_, wanted_) : std::vector<bool>()};
-    const StageLimits limits = memory_.measure();
-    Result<Measurement> measured = measure(scene_, wanted_, measure_options, limits.threads, options_.stop,
-                                           [&](uint64_t done) { progress_.update(done, bytes_read(done, triangles)); });
-    if (!measured) return measured.error();
-    measurement_ = std::move(*measured);
-    Result<SortedPrimitives> sorted =
-        sort_scattered(scene_, report_.output, memory_, measure_options, options_.stop, progress_, measurement_);
+    const auto show = [&](uint64_t done) { progress_.update(done, bytes_read(done, triangles)); };
+    if (const Result<void> done =
+            ahead_ ? measure_and_encode(measure_options, triangles, show) : measure_all(measure_options, show);
+        !done)
+      return done;
+    Result<SortedPrimitives> sorted = sort_scattered(scene_, report_.output, memory_, measure_options, options_.stop,
+                                                     progress_, times_, measurement_);
     if (!sorted) return sorted.error();
     report_.sorted_triangles = sorted->triangles;
     report_.sort_file_bytes = sorted->file_bytes;
@@ -171,6 +183,78 @@ class Converter {
       report_.dropped_nonfinite += primitive.dropped_nonfinite;
     }
     return {};
+  }
+
+  Result<void> measure_all(const MeasureOptions& options, const std::function<void(uint64_t)>& show) {
+    WorkerPool pool(memory_.measure().threads, options_.stop);
+    Result<Measurement> measured =
+        measure(scene_, wanted_, options, {pool, times_, show, read_ahead_bytes(options_.memory)});
+    if (!measured) return measured.error();
+    measurement_ = std::move(*measured);
+    return {};
+  }
+
+  /// Measures all, and encodes as many windows as can be meanwhile.
+  Result<void> measure_and_encode(const MeasureOptions& options, uint64_t triangles,
+                                  const std::function<void(uint64_t)>& show) {
+    progress_.stage("encode", triangles);
+    report_.threads = ahead_->threads;
+    WorkerPool pool(ahead_->threads, options_.stop);
+    EncodeAhead ahead(options_, scene_, pool, *writer_, *ahead_, times_, [&](uint64_t done) {
+      progress_.update(done, writer_->bytes(), [&] { return describe(rates()); });
+    });
+    bool is_alone = false;
+    const auto show_alone = [&](uint64_t done) {
+      if (ahead.is_stopped() && !std::exchange(is_alone, true)) progress_.stage("measure", triangles);
+      if (is_alone) show(done);
+    };
+    Result<Measurement> measured =
+        measure(scene_, wanted_, options, {pool, times_, show_alone, read_ahead_bytes(options_.memory), &ahead});
+    if (!measured) return measured.error();
+    measurement_ = std::move(*measured);
+    Result<EncodeAhead::Written> written = ahead.finish();
+    if (!written) return written.error();
+    resumed_.windows = std::move(written->windows);
+    resumed_.whole_windows = resumed_.windows.size();
+    open_page_ = std::move(written->page);
+    report_.windows_ahead = written->before;
+    return {};
+  }
+
+  /// Makes all that is needed to encode meshes before all are measured, where that can be made from the document alone
+  /// and no mesh waits for others: with a step of all or errors in pixels they do, and a run that goes on with a .part
+  /// must know that the input is as it was. Where something goes wrong all is as it was: it goes wrong again, once all
+  /// is measured.
+  void prepare_ahead() {
+    const std::optional<std::vector<bool>> used = materials_known();
+    if (options_.resume || options_.grid != Grid::kMesh || options_.pixel_bound.pixels > 0 || !used || !memory_.ahead())
+      return;
+    if (const Result<void> planned = plan_images(*used); planned) {
+      Result<format::ContainerWriter> writer = create_writer(most_bytes_known());
+      if (writer && store_images(*writer)) {
+        ahead_ = memory_.ahead();
+        writer_ = std::move(*writer);
+        written_before_ = writer_->bytes();
+      }
+    }
+    if (!ahead_) {
+      images_ = {};
+      return;
+    }
+    if (options_.share) merged_ = merge_materials(scene_, *used, images_.places);
+  }
+
+  /// materials_used() where the document says it: every triangle of a list is kept, unless its position may be bad.
+  std::optional<std::vector<bool>> materials_known() const {
+    std::vector<bool> known(scene_.materials.size()), possible(scene_.materials.size());
+    for (size_t i = 0; i < scene_.primitives.size(); ++i) {
+      const Primitive& primitive = scene_.primitives[i];
+      if (!wanted_[i] || primitive.material == kNone || primitive.triangle_count() == 0) continue;
+      possible[primitive.material] = true;
+      if (primitive.mode == PrimitiveMode::kTriangles && !options_.drop_nonfinite) known[primitive.material] = true;
+    }
+    if (known != possible) return std::nullopt;
+    return known;
   }
 
   /// That a window is of: a sorted copy where there is one.
@@ -203,32 +287,11 @@ class Converter {
   }
 
   void add_mesh(uint32_t primitive) {
-    const Primitive& source = scene_.primitives[primitive];
-    const Measured& measured = measurement_.primitives[primitive];
-    MeshPlan plan;
-    plan.primitive = primitive;
-    plan.float32 = options_.float32;
-    plan.clustered = options_.encoding == Encoding::kClustered && !options_.float32;
-    plan.box = measured.box;
-    if (sorted_.contains(primitive)) plan.sorted_triangles = source.triangle_count();
-    if (source.uv) plan.attributes |= format::kHasUv;
-    if (source.color && !measured.white) plan.attributes |= format::kHasColor;
-    if (source.normal && options_.normals) plan.attributes |= format::kHasNormal;
-    if (options_.source_ids) plan.attributes |= format::kHasSourceIds;
-
-    format::MeshRecord record{};
-    record.triangle_count = measured.triangles;
-    record.source_vertex_count = source.vertex_count();
-    record.position_encoding =
-        options_.float32 ? format::PositionEncoding::kFloat32 : format::PositionEncoding::kLattice;
-    record.attributes = plan.attributes;
-    record.material = source.material;  // numbered anew by plan_materials
-    record.group = source.group;
-    std::copy(plan.box.lo.begin(), plan.box.lo.end(), record.bounds_min);
-    std::copy(plan.box.hi.begin(), plan.box.hi.end(), record.bounds_max);
+    const PlannedMesh mesh =
+        plan_mesh(options_, scene_, primitive, measurement_.primitives[primitive], sorted_.contains(primitive));
     mesh_of_[primitive] = static_cast<uint32_t>(tables_.meshes.size());
-    tables_.meshes.push_back(record);
-    plans_.push_back(plan);
+    tables_.meshes.push_back(mesh.record);  // its material is numbered anew by plan_materials
+    plans_.push_back(mesh.plan);
   }
 
   /// Flags for the materials of primitives that keep a triangle.
@@ -241,8 +304,8 @@ class Converter {
   }
 
   /// Images of the primitives that are kept.
-  Result<void> plan_images() {
-    const MaterialUse use = find_material_use(scene_, materials_used());
+  Result<void> plan_images(const std::vector<bool>& used) {
+    const MaterialUse use = find_material_use(scene_, used);
     std::vector<bool> wanted(scene_.images.size());
     for (size_t i = 0; i < wanted.size(); ++i) wanted[i] = use.images[i] != kNone;
     ImageOptions image_options = options_.images;
@@ -267,7 +330,7 @@ class Converter {
   }
 
   void merge_equal() {
-    if (options_.share) merged_ = merge_materials(scene_, materials_used(), images_.places);
+    if (options_.share && !ahead_) merged_ = merge_materials(scene_, materials_used(), images_.places);
     first_equal_ = find_equal_groups(scene_, measurement_);
     for (SourceNode& node : scene_.nodes)
       if (node.group != kNone) node.group = first_equal_[node.group];
@@ -290,8 +353,8 @@ class Converter {
 
   /// A writer that begins, or goes on where an earlier run ended.
   Result<format::ContainerWriter> open_writer() {
-    const format::PartId id = part_id(describe_options(options_), files_, measurement_, images_, tables_);
     if (options_.resume) {
+      const format::PartId id = part_id(describe_options(options_), files_, images_);
       const std::string part = report_.output + ".part";
       std::error_code ignored;
       const bool is_there = std::filesystem::exists(part, ignored);
@@ -300,6 +363,8 @@ class Converter {
           report_.output, id,
           [&](uint32_t kind, std::span<const std::byte> entry) { read_entry(kind, entry, resumed_); });
       if (!writer && writer.error().code != ErrorCode::kFormat) return writer;
+      if (writer && !is_of_this_input(resumed_))
+        writer = Error{ErrorCode::kFormat, "it was made from another input or with other options"};
       if (writer) {
         settle(resumed_, writer->page_count(), images_.records.size(), measurement_.windows.size());
         writer->drop_pages(resumed_.pages);
@@ -311,11 +376,25 @@ class Converter {
       if (writer) return writer;
       resumed_ = {};
     }
+    return create_writer(most_bytes());
+  }
+
+  Result<format::ContainerWriter> create_writer(uint64_t bytes) {
     Result<format::ContainerWriter> writer = format::ContainerWriter::create(report_.output);
     if (!writer) return writer;
     if (options_.resume) writer->keep_part();
-    writer->keep_log(id, most_bytes());
+    writer->keep_log(part_id(describe_options(options_), files_, images_), bytes);
     return writer;
+  }
+
+  /// Whether the windows that an earlier run noted are those that were measured now.
+  bool is_of_this_input(const Resumed& resumed) const {
+    for (size_t i = 0; i < std::min(resumed.windows.size(), measurement_.windows.size()); ++i) {
+      const WindowPlan& window = measurement_.windows[i];
+      const uint32_t mesh = mesh_of_[window.primitive];
+      if (resumed.windows[i].made_from != window_id(window, mesh, tables_.meshes[mesh])) return false;
+    }
+    return resumed.windows.size() <= measurement_.windows.size();
   }
 
   /// More than the finished file will take.
@@ -325,120 +404,101 @@ class Converter {
       const uint64_t chunks = options_.chunk_triangles == 0 ? 1 : window.kept / options_.chunk_triangles + 2;
       bytes += encoded_bytes_estimate(plans_[mesh_of_[window.primitive]], window) + 512 * chunks;
     }
+    return bytes + rest_bytes() + (bytes + rest_bytes()) / 4;
+  }
+
+  /// The same from what the document says.
+  uint64_t most_bytes_known() const {
+    uint64_t bytes = uint64_t{1} << 20;
+    for (size_t i = 0; i < wanted_.size(); ++i)
+      if (wanted_[i]) bytes += memory_.most_stored_bytes(scene_.primitives[i]);
+    return bytes + rest_bytes() + (bytes + rest_bytes()) / 4;
+  }
+
+  /// All but the geometry.
+  uint64_t rest_bytes() const {
+    uint64_t bytes = 0;
     for (const uint64_t cost : images_.costs) bytes += 4 * cost;
-    bytes += 512 * (scene_.nodes.size() + tables_.meshes.size()) + tables_.strings.bytes().size();
+    bytes += 512 * (scene_.nodes.size() + scene_.primitives.size()) + tables_.strings.bytes().size();
     for (const SourceNode& node : scene_.nodes)
       bytes += node.name.size() + (node.instances ? 256 * node.instances->count : 0);
-    return bytes + bytes / 4;
+    return bytes;
   }
 
   Result<void> encode(format::ContainerWriter& writer) {
     const std::vector<WindowPlan>& windows = measurement_.windows;
     for (uint64_t i = 0; i < resumed_.whole_windows; ++i)
       note_window(resumed_.windows[i], mesh_of_[windows[i].primitive]);
-    const std::vector<Batch> batches = make_batches(windows, resumed_.whole_windows);
-    const EncodeOptions encode_options{options_.order, options_.clusters, options_.chunk_triangles,
-                                       options_.drop_nonfinite, options_.weld};
+    resumed_.windows.erase(resumed_.windows.begin(),
+                           resumed_.windows.begin() + static_cast<ptrdiff_t>(resumed_.whole_windows));
+    EncodeStart start;
+    start.page = std::move(open_page_);
+    start.window = resumed_.whole_windows;
+    if (start.window > 0) {
+      const format::ChunkRecord& last = tables_.chunks.back();
+      start.mesh = last.mesh;
+      start.triangle = last.first_triangle + last.triangle_count;
+    }
+    if (resumed_.chunks_of_next > 0) {
+      start.placed = std::move(resumed_.windows.front().chunks);
+      start.placed.resize(resumed_.chunks_of_next);
+    }
+    const std::vector<Batch> batches = make_batches(windows, start.window);
     const StageLimits limits = memory_.encode(windows);
-    report_.threads = limits.threads;
-    std::vector<EncodeScratch> scratch(limits.threads);
-    uint64_t source_triangles = 0;
-    for (const Batch& batch : batches) source_triangles += batch.triangles;
-    progress_.stage("encode", source_triangles);
+    if (!batches.empty() || !ahead_) report_.threads = std::max(report_.threads, limits.threads);
+    if (!batches.empty()) {
+      uint64_t source_triangles = 0;
+      for (const Batch& batch : batches) source_triangles += batch.triangles;
+      progress_.stage("encode", source_triangles);
+    }
 
-    const ReadTotals before = read_totals();
-    const uint64_t written_before = writer.bytes();
-    std::atomic<uint64_t> nanoseconds{0};
-    const auto work = [&](uint64_t batch, uint32_t worker) -> Result<std::vector<EncodedWindow>> {
-      const Timed timed(nanoseconds);
-      std::vector<EncodedWindow> encoded;
-      for (uint64_t i = batches[batch].first; i < batches[batch].first + batches[batch].count; ++i) {
-        const WindowPlan& window = windows[i];
-        Result<EncodedWindow> result = encode_window(primitive_of(window), plans_[mesh_of_[window.primitive]], window,
-                                                     encode_options, scratch[worker]);
-        if (!result) return at(scene_.file_name, result.error());
-        encoded.push_back(std::move(*result));
-      }
-      return encoded;
-    };
-    const auto cost = [&](uint64_t batch) {
-      uint64_t bytes = 0;
-      for (uint64_t i = batches[batch].first; i < batches[batch].first + batches[batch].count; ++i)
-        bytes += encoded_bytes_estimate(plans_[mesh_of_[windows[i].primitive]], windows[i]);
-      return bytes;
-    };
     WorkerPool pool(limits.threads, options_.stop);
-    GeometryWriter geometry(pool, writer, writer.page_count(), options_.zstd_level);
-    uint64_t done = 0;
-    const auto rates = [&] {
-      const ReadTotals read = read_totals();
-      StageRates now;
-      now.triangles = done;
-      now.read_bytes = read.bytes - before.bytes;
-      now.written_bytes = writer.bytes() - written_before;
-      now.read_seconds = read.seconds - before.seconds;
-      now.encode_seconds =
-          std::max(0.0, 1e-9 * static_cast<double>(nanoseconds.load()) - now.read_seconds) + geometry.seal_seconds();
-      now.write_seconds = geometry.write_seconds();
-      now.threads = limits.threads;
-      return now;
-    };
-    const auto take = [&](uint64_t batch, std::vector<EncodedWindow> encoded) -> Result<void> {
-      std::vector<WindowOutcome> outcomes;
-      for (uint64_t i = 0; i < encoded.size(); ++i) {
-        Result<WindowOutcome> outcome = place_window(encoded[i], batches[batch].first + i, geometry);
-        if (!outcome) return outcome.error();
-        note_window(*outcome, mesh_of_[windows[batches[batch].first + i].primitive]);
-        outcomes.push_back(std::move(*outcome));
-      }
-      log_windows(writer, batches[batch].first, outcomes);
-      done += batches[batch].triangles;
-      progress_.update(done, writer.bytes(), [&] { return describe(rates()); });
+    EncodePass pass(options_, scene_, pool, writer, {kJobsPerThread * pool.threads(), limits.flight_bytes}, times_,
+                    std::move(start));
+    const uint64_t done_before = times_.encoded_triangles;
+    uint64_t number = resumed_.whole_windows;
+    const auto take_one = [&]() -> Result<void> {
+      Result<std::vector<EncodedWindow>> encoded = pass.next();
+      if (!encoded) return encoded.error();
+      const Result<std::vector<WindowOutcome>> placed = pass.place(std::move(*encoded));
+      if (!placed) return placed.error();
+      for (const WindowOutcome& outcome : *placed) note_window(outcome, mesh_of_[windows[number++].primitive]);
+      progress_.update(times_.encoded_triangles - done_before, writer.bytes(), [&] { return describe(rates()); });
       return {};
     };
-    const InFlight limit{kJobsPerThread * pool.threads(), limits.flight_bytes};
-    if (const Result<void> run = run_ordered<std::vector<EncodedWindow>>(pool, batches.size(), limit, work, cost, take);
-        !run)
-      return run;
-    const Result<void> finished = geometry.finish();
+    for (const Batch& batch : batches) {
+      std::vector<EncodeItem> items;
+      for (uint64_t i = batch.first; i < batch.first + batch.count; ++i) {
+        const uint32_t mesh = mesh_of_[windows[i].primitive];
+        items.push_back({windows[i], &primitive_of(windows[i]), &plans_[mesh], &tables_.meshes[mesh], mesh, nullptr});
+      }
+      while (!pass.has_room(items))
+        if (const Result<void> taken = take_one(); !taken) return taken;
+      pass.submit(std::move(items));
+    }
+    while (pass.in_flight() > 0)
+      if (const Result<void> taken = take_one(); !taken) return taken;
+    const Result<void> finished = pass.finish();
     report_.rates = rates();
     return finished;
   }
 
-  /// Gives the chunks of window `number` their places; those that are in the file already have them.
-  Result<WindowOutcome> place_window(EncodedWindow& window, uint64_t number, GeometryWriter& geometry) {
-    const uint32_t mesh = mesh_of_[measurement_.windows[number].primitive];
-    const format::MeshRecord& record = tables_.meshes[mesh];
-    if (window.position_error > record.max_position_error)
-      return Error{ErrorCode::kRange, primitive_place(scene_, plans_[mesh].primitive) + ": a position error of " +
-                                          std::to_string(window.position_error) + ", but at most " +
-                                          std::to_string(record.max_position_error) + " is stated"};
-    WindowOutcome outcome;
-    outcome.position_error = window.position_error;
-    outcome.uv_error = window.uv_error;
-    outcome.welded = window.welded;
-    outcome.repaired_uvs = window.repaired_uvs;
-    outcome.repaired_colors = window.repaired_colors;
-    outcome.repaired_normals = window.repaired_normals;
-    uint64_t triangle = 0;
-    if (record.chunk_count > 0) triangle = tables_.chunks.back().first_triangle + tables_.chunks.back().triangle_count;
-    const size_t placed = number == resumed_.whole_windows ? resumed_.chunks_of_next : 0;
-    for (size_t i = 0; i < window.chunks.size(); ++i) {
-      EncodedChunk& chunk = window.chunks[i];
-      chunk.record.mesh = mesh;
-      chunk.record.first_triangle = triangle;
-      triangle += chunk.record.triangle_count;
-      outcome.position_bytes.push_back(
-          bounds_error(options_) ? PositionTable::position_bytes(record, chunk.record, chunk.payload) : 0);
-      if (i < placed) {
-        chunk.record.page = resumed_.windows[number].chunks[i].page;
-        chunk.record.offset = resumed_.windows[number].chunks[i].offset;
-      } else if (const Result<void> added = geometry.add(chunk); !added) {
-        return added.error();
-      }
-      outcome.chunks.push_back(chunk.record);
-    }
-    return outcome;
+  StageRates rates() const {
+    const ReadTotals read = read_totals();
+    const auto seconds = [](const std::atomic<uint64_t>& nanoseconds) {
+      return 1e-9 * static_cast<double>(nanoseconds.load());
+    };
+    StageRates now;
+    now.measured_triangles = times_.measured_triangles;
+    now.encoded_triangles = times_.encoded_triangles;
+    now.read_bytes = read.bytes - read_before_.bytes;
+    now.read_seconds = read.seconds - read_before_.seconds;
+    now.written_bytes = writer_->bytes() - written_before_;
+    now.measure_seconds = seconds(times_.measuring);
+    now.encode_seconds = seconds(times_.encoding);
+    now.write_seconds = seconds(times_.writing);
+    now.threads = report_.threads;
+    return now;
   }
 
   void note_window(const WindowOutcome& window, uint32_t mesh) {
@@ -526,8 +586,14 @@ class Converter {
   const std::set<std::string>& files_;
   tools::Progress& progress_;
   ConvertReport& report_;
-  Resumed resumed_;
-  std::vector<bool> wanted_;  // of the primitives: some node draws them
+  std::optional<AheadLimits> ahead_;               // where meshes are encoded before all are measured
+  Resumed resumed_;                                // what the file has before encode(): by another run, or ahead
+  GeometryWriter::OpenPage open_page_;             // behind that
+  std::optional<format::ContainerWriter> writer_;  // once it is open
+  StageTimes times_;
+  const ReadTotals read_before_ = read_totals();
+  uint64_t written_before_ = 0;  // images, and what another run wrote
+  std::vector<bool> wanted_;     // of the primitives: some node draws them
   MemoryPlan memory_;
   Measurement measurement_;
   std::map<uint32_t, Primitive> sorted_;  // copies of primitives without locality

@@ -1,5 +1,5 @@
-// glTF in, .scree out. Memory stays bounded however big the scene is: two passes over windows of triangles, a bounded
-// number of them in flight.
+// glTF in, .scree out. Memory stays bounded however big the scene is: windows of triangles are measured and then encoded,
+// a bounded number of them in flight.
 #pragma once
 
 #include <atomic>
@@ -80,9 +80,10 @@ struct ConvertReport {
   uint32_t resumed_pages = 0;       // of an earlier run, that were not made again
   uint64_t dropped_degenerate = 0;  // triangles of strips and fans with two equal indices
   uint64_t dropped_nonfinite = 0;
-  uint64_t sorted_triangles = 0;      // of primitives without locality
-  uint64_t sort_file_bytes = 0;       // that the temporary file for them takes at most
-  StageRates rates;                   // of the pass that encodes
+  uint64_t sorted_triangles = 0;  // of primitives without locality
+  uint64_t sort_file_bytes = 0;   // that the temporary file for them takes at most
+  uint64_t windows_ahead = 0;     // encoded before all were measured
+  StageRates rates;
   std::vector<std::string> warnings;  // one line each
 };
 

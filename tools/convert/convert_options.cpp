@@ -95,7 +95,7 @@ std::string describe(const ConvertOptions& options, const ConvertReport& report)
                 tools::format_bytes(report.peak_bytes).c_str());
   std::string text = options.input + " -> " + report.output + ": " + tools::format_bytes(report.input_bytes) + " -> " +
                      tools::format_bytes(report.output_bytes) + ", " + numbers;
-  if (report.rates.triangles > 0) text += "; " + describe(report.rates);
+  if (report.rates.encoded_triangles > 0) text += "; " + describe(report.rates);
   if (report.threads < report.threads_asked)
     text +=
         ", " + std::to_string(report.threads) + " of " + std::to_string(report.threads_asked) + " threads (--memory)";

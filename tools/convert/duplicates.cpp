@@ -24,29 +24,20 @@ std::string key_of(const std::string& name, const Record& record) {
   return name + std::string(1, '\0') + std::string(reinterpret_cast<const char*>(&record), sizeof record);
 }
 
-/// A hash of each group: `add(hasher, primitive number)` for its primitives in order.
-template <class Add>
-std::vector<ContentHash> hash_groups(const SourceScene& scene, const Add& add) {
-  std::vector<ContentHash> hashes(scene.groups.size());
-  size_t primitive = 0;
-  for (uint32_t group = 0; group < hashes.size(); ++group) {
-    ContentHasher hasher;
-    for (; primitive < scene.primitives.size() && scene.primitives[primitive].group == group; ++primitive)
-      add(hasher, primitive);
-    hashes[group] = hasher.value();
-  }
-  return hashes;
-}
-
 }  // namespace
 
 std::vector<bool> may_repeat(const SourceScene& scene, const std::vector<bool>& wanted) {
-  const std::vector<ContentHash> hashes = hash_groups(scene, [&](ContentHasher& hasher, size_t number) {
-    const Primitive& primitive = scene.primitives[number];
-    add_value(hasher, primitive.triangle_count());
-    const uint32_t attributes = (primitive.uv ? 1u : 0u) | (primitive.color ? 2u : 0u);
-    add_value(hasher, attributes);
-  });
+  std::vector<ContentHash> hashes;
+  for (size_t i = 0; hashes.size() < scene.groups.size();) {
+    ContentHasher hasher;
+    for (; i < scene.primitives.size() && scene.primitives[i].group == hashes.size(); ++i) {
+      const Primitive& primitive = scene.primitives[i];
+      add_value(hasher, primitive.triangle_count());
+      const uint32_t attributes = (primitive.uv ? 1u : 0u) | (primitive.color ? 2u : 0u);
+      add_value(hasher, attributes);
+    }
+    hashes.push_back(hasher.value());
+  }
   std::map<ContentHash, uint32_t> groups;  // how many have these
   uint32_t last = kNone;
   for (size_t i = 0; i < wanted.size(); ++i) {
@@ -93,22 +84,29 @@ MergedMaterials merge_materials(SourceScene& scene, const std::vector<bool>& mat
   return merged;
 }
 
+uint32_t EqualGroups::find_first(const SourceScene& scene, const std::vector<Measured>& measured, uint32_t group,
+                                 size_t first_primitive) {
+  bool is_hashed = false;
+  ContentHasher hasher;
+  for (size_t i = first_primitive; i < scene.primitives.size() && scene.primitives[i].group == group; ++i) {
+    // Either all or none of a group are hashed, as may_repeat() says.
+    if (measured[i].triangles == 0 || !measured[i].content) continue;
+    is_hashed = true;
+    add_value(hasher, measured[i].triangles);
+    add_value(hasher, scene.primitives[i].material);
+    hasher.add(std::as_bytes(std::span(*measured[i].content)));
+  }
+  return is_hashed ? known_.try_emplace(hasher.value(), group).first->second : group;
+}
+
 std::vector<uint32_t> find_equal_groups(const SourceScene& scene, const Measurement& measurement) {
-  std::vector<bool> is_hashed(scene.groups.size());
-  const std::vector<ContentHash> hashes = hash_groups(scene, [&](ContentHasher& hasher, size_t number) {
-    const Measured& measured = measurement.primitives[number];
-    if (measured.triangles == 0) return;
-    // Either all or none of a group are, as may_repeat() says.
-    if (!measured.content) return;
-    is_hashed[scene.primitives[number].group] = true;
-    add_value(hasher, measured.triangles);
-    add_value(hasher, scene.primitives[number].material);
-    hasher.add(std::as_bytes(std::span(*measured.content)));
-  });
-  std::map<ContentHash, uint32_t> known;
+  EqualGroups equal;
   std::vector<uint32_t> first(scene.groups.size());
-  for (uint32_t group = 0; group < first.size(); ++group)
-    first[group] = is_hashed[group] ? known.try_emplace(hashes[group], group).first->second : group;
+  size_t primitive = 0;
+  for (uint32_t group = 0; group < first.size(); ++group) {
+    first[group] = equal.find_first(scene, measurement.primitives, group, primitive);
+    while (primitive < scene.primitives.size() && scene.primitives[primitive].group == group) ++primitive;
+  }
   return first;
 }
 

@@ -3,8 +3,10 @@
 #pragma once
 
 #include <cstdint>
+#include <map>
 #include <vector>
 
+#include "tools/convert/content_hash.h"
 #include "tools/convert/gltf_source.h"
 #include "tools/convert/measure.h"
 
@@ -25,8 +27,20 @@ struct MergedMaterials {
 MergedMaterials merge_materials(SourceScene& scene, const std::vector<bool>& materials_used,
                                 const std::vector<uint32_t>& image_places);
 
-/// For each of SourceScene::groups the first whose measured primitives are the same, one by one: triangles, vertices,
-/// attributes, materials (merged before). Itself where there is none, or where nothing of it is kept.
+/// Finds equal groups one after the other.
+class EqualGroups {
+ public:
+  /// The first of `group` and the groups asked for before whose measured primitives are the same, one by one:
+  /// triangles, vertices, attributes, materials (merged before). Itself where there is none, or where nothing of it is
+  /// kept. `first_primitive`: of the group; `measured`: as SourceScene::primitives, those of the group known.
+  uint32_t find_first(const SourceScene& scene, const std::vector<Measured>& measured, uint32_t group,
+                      size_t first_primitive);
+
+ private:
+  std::map<ContentHash, uint32_t> known_;
+};
+
+/// EqualGroups for each of SourceScene::groups.
 std::vector<uint32_t> find_equal_groups(const SourceScene& scene, const Measurement& measurement);
 
 }  // namespace scree::convert

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <bit>
+#include <cassert>
 #include <cmath>
 #include <limits>
 #include <optional>
@@ -522,12 +523,16 @@ bool inside(const Box& box, const Box& outer) {
 }  // namespace
 
 Result<EncodedWindow> encode_window(const Primitive& primitive, const MeshPlan& mesh, const WindowPlan& plan,
-                                    const EncodeOptions& options, EncodeScratch& scratch) {
+                                    WindowContent* content, const EncodeOptions& options, EncodeScratch& scratch) {
   Window& window = scratch.window;
-  if (const Result<void> loaded =
-          window.load(primitive, plan.first, plan.count, options.drop_nonfinite, Window::Find::kTriangles);
-      !loaded)
+  if (content != nullptr) {
+    assert(content->is_renumbered());
+    window.restore(std::move(*content));
+  } else if (const Result<void> loaded =
+                 window.load(primitive, plan.first, plan.count, options.drop_nonfinite, Window::Find::kTriangles);
+             !loaded) {
     return loaded.error();
+  }
   // A file that changes between the passes must not put a coordinate outside its lattice.
   if (window.triangle_count() != plan.kept || window.vertices().size() != plan.vertices ||
       !inside(box_of(window.positions()), mesh.box))

@@ -92,9 +92,9 @@ struct EncodeScratch {
 };
 
 /// Encodes one window of `primitive`. Errors as Window::load; kFormat: the window is not what measure saw (the source
-/// changed in between).
+/// changed in between). `content`: of the window, renumbered, which is not read again then; or null.
 Result<EncodedWindow> encode_window(const Primitive& primitive, const MeshPlan& mesh, const WindowPlan& plan,
-                                    const EncodeOptions& options, EncodeScratch& scratch);
+                                    WindowContent* content, const EncodeOptions& options, EncodeScratch& scratch);
 
 /// Bytes that encode_window's result takes at most, roughly; for bounding what is in flight.
 uint64_t encoded_bytes_estimate(const MeshPlan& mesh, const WindowPlan& plan);

@@ -1,15 +1,16 @@
 // Chunks into pages, pages into the file, in order.
 #pragma once
 
-#include <atomic>
 #include <cstddef>
 #include <cstdint>
+#include <utility>
 #include <vector>
 
 #include "format/container.h"
 #include "format/result.h"
 #include "tools/convert/encode.h"
 #include "tools/convert/ordered_pool.h"
+#include "tools/convert/stage_rates.h"
 
 namespace scree::convert {
 
@@ -18,41 +19,46 @@ namespace scree::convert {
 /// pool.
 class GeometryWriter {
  public:
-  /// `first_page`: the number of pages that `writer` has; nobody else appends any until finish().
-  GeometryWriter(WorkerPool& pool, format::ContainerWriter& writer, uint32_t first_page, int zstd_level)
-      : pages_(pool, true),
+  /// A page that is not full, for a writer of another pool to go on with.
+  struct OpenPage {
+    std::vector<std::byte> bytes;
+    std::vector<format::PageClusters> clusters;
+    bool is_open = false;  // it holds a chunk, which may be empty: all its values equal
+  };
+
+  /// `open`: behind the pages that `writer` has; nobody else appends any until finish() or release().
+  GeometryWriter(WorkerPool& pool, format::ContainerWriter& writer, int zstd_level, StageTimes& times, OpenPage open)
+      : times_(times),
+        pages_(pool, true),
         writer_(writer),
         zstd_level_(zstd_level),
         limit_(2 * uint64_t{pool.threads()} + 2),
-        number_(first_page),
-        written_(first_page) {}
+        open_(std::move(open)),
+        number_(writer.page_count()),
+        written_(number_) {}
 
   /// Places a chunk: sets page and offset of its record. Errors of ContainerWriter::append.
   Result<void> add(EncodedChunk& chunk);
 
-  /// Time in calls that write, and in threads that check-sum and compress.
-  double write_seconds() const { return 1e-9 * static_cast<double>(writing_.load()); }
-  double seal_seconds() const { return 1e-9 * static_cast<double>(sealing_.load()); }
-
   /// Closes the last page and writes what is left.
   Result<void> finish();
 
+  /// Writes what is closed, and gives the last page away.
+  Result<OpenPage> release();
+
  private:
   Result<void> seal();
+  Result<void> write_all();
   Result<void> write_one();
 
-  // Nanoseconds; outlive the jobs of pages_.
-  std::atomic<uint64_t> writing_{0};
-  std::atomic<uint64_t> sealing_{0};
+  StageTimes& times_;
   OrderedResults<format::SealedPage> pages_;
   format::ContainerWriter& writer_;
   int zstd_level_;
   uint64_t limit_;
-  std::vector<std::byte> page_;
-  std::vector<format::PageClusters> clusters_;  // of the open page
-  bool open_ = false;                           // page_ holds a chunk, which may be empty: all its values equal
-  uint32_t number_;                             // of the open page
-  uint32_t written_;                            // pages in the file
+  OpenPage open_;
+  uint32_t number_;   // of the open page
+  uint32_t written_;  // pages in the file
 };
 
 }  // namespace scree::convert

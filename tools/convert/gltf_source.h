@@ -25,6 +25,8 @@ class ByteSource {
   virtual uint64_t size() const = 0;
   /// Fills `out` from `offset`. Errors kFile (I/O error), kTruncated (the file shrank).
   virtual Result<void> read(uint64_t offset, std::span<std::byte> out) const = 0;
+  /// Says that bytes will be read soon; the range may pass the end. Nothing need come of it.
+  virtual void will_need(uint64_t /*offset*/, uint64_t /*bytes*/) const {}
   /// The file the bytes come from; empty where they are held in memory.
   virtual const std::string& path() const;
 };

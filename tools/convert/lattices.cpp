@@ -77,7 +77,21 @@ void write_lattice(const MeshPlan& plan, format::MeshRecord& record) {
   }
 }
 
+Result<format::MeshLattice> lattice_of(const ConvertOptions& options, const MeshPlan& plan, double error) {
+  return format::choose_lattice(plan.box.lo.data(), plan.box.hi.data(), options.position_bits, error);
+}
+
 }  // namespace
+
+Result<void> choose_lattice(const ConvertOptions& options, const SourceScene& scene, MeshPlan& plan,
+                            format::MeshRecord& record) {
+  if (options.float32) return {};
+  const Result<format::MeshLattice> lattice = lattice_of(options, plan, options.max_error);
+  if (!lattice) return at(primitive_place(scene, plan.primitive), lattice.error());
+  plan.lattice = *lattice;
+  write_lattice(plan, record);
+  return {};
+}
 
 Result<void> choose_lattices(const ConvertOptions& options, const SourceScene& scene, const InstancePlan& instances,
                              std::vector<MeshPlan>& plans, format::TableSet& tables) {
@@ -91,8 +105,7 @@ Result<void> choose_lattices(const ConvertOptions& options, const SourceScene& s
   }
   for (size_t i = 0; i < plans.size(); ++i) {
     MeshPlan& plan = plans[i];
-    const Result<format::MeshLattice> lattice =
-        format::choose_lattice(plan.box.lo.data(), plan.box.hi.data(), options.position_bits, errors[i]);
+    const Result<format::MeshLattice> lattice = lattice_of(options, plan, errors[i]);
     // Rounding to float may be what passes the bound; then nothing is saved by a lattice.
     if (by_pixels && (!lattice || lattice->max_error > errors[i])) {
       keep_floats(plan, tables.meshes[i]);

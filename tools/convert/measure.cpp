@@ -9,6 +9,7 @@
 #include <utility>
 
 #include "tools/convert/locality.h"
+#include "tools/convert/read_ahead.h"
 
 namespace scree::convert {
 namespace {
@@ -28,6 +29,7 @@ struct WindowFacts {
   ContentHash content{};
   bool waits = false;  // not measured: its vertices lie too far apart
   VertexUse use;
+  std::unique_ptr<HeldWindow> held;
 };
 
 struct Scratch {
@@ -51,8 +53,9 @@ Result<ContentHash> hash_window(const Primitive& primitive, bool normals, Scratc
   add_values(hasher, window.kept());
   if (primitive.numbers) add_values(hasher, window.numbers());
   scratch.numbers.assign(window.indices().begin(), window.indices().end());
-  const uint32_t first = window.vertices().empty() ? 0 : window.vertices().front();
-  for (uint32_t& number : scratch.numbers) number -= first;
+  const std::span<const uint32_t> vertices = window.vertices();
+  const uint32_t first = vertices.empty() ? 0 : vertices.front();
+  for (uint32_t& number : scratch.numbers) number = (window.is_renumbered() ? vertices[number] : number) - first;
   add_values(hasher, std::span<const uint32_t>(scratch.numbers));
   add_values(hasher, window.positions());
   const std::optional<Accessor> none;
@@ -76,12 +79,21 @@ ContentHash joined(const ContentHash& before, const ContentHash& window) {
   return hasher.value();
 }
 
-/// `may_wait`: vertices that lie too far apart are left unread.
+/// Memory for a window, or null where the budget has no more.
+std::unique_ptr<HeldWindow> reserve(HeldBudget* budget, const Primitive& primitive, const WindowPlan& plan) {
+  constexpr uint64_t kOverhead = 512;  // of a window of few triangles
+  const uint64_t bytes = kOverhead + 20 * plan.count + 16 * std::min(3 * plan.count, primitive.vertex_count());
+  if (budget == nullptr || !budget->take(bytes)) return nullptr;
+  return std::make_unique<HeldWindow>(*budget, bytes);
+}
+
+/// `may_wait`: vertices that lie too far apart are left unread. `budget`: for windows that are held; may be null.
 Result<WindowFacts> measure_window(const Primitive& primitive, const WindowPlan& plan, const MeasureOptions& options,
-                                   bool may_wait, Scratch& scratch) {
+                                   bool may_wait, HeldBudget* budget, Scratch& scratch) {
   Window& window = scratch.window;
-  if (const Result<void> loaded = window.load_triangles(primitive, plan.first, plan.count, Window::Find::kVertices);
-      !loaded)
+  std::unique_ptr<HeldWindow> held = reserve(budget, primitive, plan);
+  const Window::Find find = held ? Window::Find::kTriangles : Window::Find::kVertices;
+  if (const Result<void> loaded = window.load_triangles(primitive, plan.first, plan.count, find); !loaded)
     return loaded.error();
   WindowFacts facts;
   facts.dropped_degenerate = window.dropped_degenerate();
@@ -110,14 +122,17 @@ Result<WindowFacts> measure_window(const Primitive& primitive, const WindowPlan&
     if (!content) return content.error();
     facts.content = *content;
   }
+  if (held && facts.kept > 0) {
+    held->keep(window);
+    facts.held = std::move(held);
+  }
   return facts;
 }
 
 class Measurer {
  public:
-  Measurer(const SourceScene& scene, const MeasureOptions& options, uint32_t threads, const std::atomic<bool>* stop,
-           const std::function<void(uint64_t)>& progress)
-      : scene_(scene), options_(options), progress_(progress), scratch_(threads), pool_(threads, stop) {
+  Measurer(const SourceScene& scene, const MeasureOptions& options, const MeasureRun& run)
+      : scene_(scene), options_(options), run_(run), listener_(run.listener), scratch_(run.pool.threads()) {
     out_.primitives.resize(scene.primitives.size());
   }
 
@@ -156,26 +171,68 @@ class Measurer {
   /// Measures `windows`, and adds them to their primitives.
   Result<void> measure(std::vector<WindowPlan>& windows) {
     const std::vector<Batch> batches = make_batches(windows);
+    std::optional<ReadAhead> ahead;
+    if (run_.ahead_bytes > 0)
+      ahead.emplace(scene_, windows, run_.ahead_bytes, listener_ != nullptr || !options_.hashed.empty(),
+                    options_.normals);
+    HeldBudget* const budget = listener_ == nullptr ? nullptr : &listener_->budget();
     const auto work = [&](uint64_t batch, uint32_t worker) -> Result<std::vector<WindowFacts>> {
+      const TimedWork timed(run_.times.measuring);
       std::vector<WindowFacts> facts;
       for (uint64_t i = batches[batch].first; i < batches[batch].first + batches[batch].count; ++i) {
         const uint32_t primitive = windows[i].primitive;
         Result<WindowFacts> measured = measure_window(scene_.primitives[primitive], windows[i], options_,
-                                                      uses_.contains(primitive), scratch_[worker]);
+                                                      uses_.contains(primitive), budget, scratch_[worker]);
         if (!measured) return at(scene_.file_name, measured.error());
-        facts.push_back(*measured);
+        facts.push_back(std::move(*measured));
       }
       return facts;
     };
     const auto take = [&](uint64_t batch, std::vector<WindowFacts> facts) -> Result<void> {
-      for (uint64_t i = 0; i < facts.size(); ++i) note(windows[batches[batch].first + i], facts[i]);
+      for (uint64_t i = 0; i < facts.size(); ++i) {
+        note(windows[batches[batch].first + i], facts[i]);
+        if (listener_ == nullptr) continue;
+        held_.push_back(std::move(facts[i].held));
+        if (const Result<void> given = give(windows, batches[batch].first + i + 1); !given) return given;
+      }
+      if (ahead) ahead->reached(batches[batch].first + batches[batch].count);
       done_ += batches[batch].triangles;
-      progress_(done_);
+      run_.times.measured_triangles += batches[batch].triangles;
+      run_.progress(done_);
       return {};
     };
     const auto no_cost = [](uint64_t) { return uint64_t{0}; };
-    return run_ordered<std::vector<WindowFacts>>(pool_, batches.size(), {kJobsPerThread * pool_.threads(), UINT64_MAX},
-                                                 work, no_cost, take);
+    const uint64_t most_jobs = kJobsPerThread * run_.pool.threads();
+    return run_ordered<std::vector<WindowFacts>>(run_.pool, batches.size(), {most_jobs, UINT64_MAX}, work, no_cost,
+                                                 take, run_.listener);
+  }
+
+  /// Hands on what is measured up to window `end`, where that is whole.
+  Result<void> give(const std::vector<WindowPlan>& windows, uint64_t end) {
+    const uint32_t primitive = windows[end - 1].primitive;
+    if (end < windows.size()) {
+      const uint32_t next = windows[end].primitive;
+      const bool is_hashed = !options_.hashed.empty() && options_.hashed[primitive];
+      if (next == primitive || (is_hashed && scene_.primitives[next].group == scene_.primitives[primitive].group))
+        return {};
+    }
+    const uint64_t begin = end - held_.size();
+    std::vector<WindowPlan> kept;
+    for (uint64_t i = begin; i < end; ++i) {
+      const auto use = uses_.find(windows[i].primitive);
+      if (use != uses_.end() && (use->second.has_no_locality() || waiting_.contains(use->first))) {
+        held_.clear();
+        listener_->stop();
+        listener_ = nullptr;
+        return {};
+      }
+      if (windows[i].kept == 0) continue;
+      held_[kept.size()] = std::move(held_[i - begin]);
+      kept.push_back(windows[i]);
+    }
+    std::vector<std::unique_ptr<HeldWindow>> held = std::exchange(held_, {});
+    held.resize(kept.size());
+    return listener_->take_measured(out_.primitives, kept, held);
   }
 
   void note(WindowPlan& plan, const WindowFacts& facts) {
@@ -228,13 +285,14 @@ class Measurer {
 
   const SourceScene& scene_;
   const MeasureOptions& options_;
-  const std::function<void(uint64_t)>& progress_;
+  const MeasureRun& run_;
+  MeasureListener* listener_;  // null once it was stopped
   Measurement out_;
   std::map<uint32_t, VertexUse> uses_;  // of primitives that may be scattered
   std::set<uint32_t> waiting_;          // primitives of windows that waited
   uint64_t done_ = 0;
+  std::vector<std::unique_ptr<HeldWindow>> held_;  // of the windows that the listener has not got
   std::vector<Scratch> scratch_;
-  WorkerPool pool_;
 };
 
 }  // namespace
@@ -245,12 +303,14 @@ void sort_windows(std::vector<WindowPlan>& windows) {
   });
 }
 
+bool may_join(const Batch& batch, const WindowPlan& window) {
+  return batch.count < kBatchWindows && batch.triangles + window.count <= kBatchTriangles;
+}
+
 std::vector<Batch> make_batches(const std::vector<WindowPlan>& windows, uint64_t first) {
   std::vector<Batch> batches;
   for (uint64_t i = first; i < windows.size(); ++i) {
-    if (batches.empty() || batches.back().count >= kBatchWindows ||
-        batches.back().triangles + windows[i].count > kBatchTriangles)
-      batches.push_back({i, 0, 0});
+    if (batches.empty() || !may_join(batches.back(), windows[i])) batches.push_back({i, 0, 0});
     ++batches.back().count;
     batches.back().triangles += windows[i].count;
   }
@@ -263,9 +323,8 @@ std::string primitive_place(const SourceScene& scene, uint32_t primitive) {
 }
 
 Result<Measurement> measure(const SourceScene& scene, const std::vector<bool>& wanted, const MeasureOptions& options,
-                            uint32_t threads, const std::atomic<bool>* stop,
-                            const std::function<void(uint64_t)>& progress) {
-  return Measurer(scene, options, threads, stop, progress).run(wanted);
+                            const MeasureRun& run) {
+  return Measurer(scene, options, run).run(wanted);
 }
 
 }  // namespace scree::convert

@@ -5,14 +5,18 @@
 #include <atomic>
 #include <cstdint>
 #include <functional>
+#include <memory>
 #include <optional>
+#include <span>
 #include <string>
 #include <vector>
 
 #include "format/result.h"
 #include "tools/convert/content_hash.h"
 #include "tools/convert/gltf_source.h"
+#include "tools/convert/held_windows.h"
 #include "tools/convert/ordered_pool.h"
+#include "tools/convert/stage_rates.h"
 #include "tools/convert/window.h"
 
 namespace scree::convert {
@@ -68,17 +72,41 @@ struct Batch {
   uint64_t count = 0;
   uint64_t triangles = 0;  // of the source
 };
+/// Whether a window may join the windows of a batch.
+bool may_join(const Batch& batch, const WindowPlan& window);
 /// Of the windows from number `first` on.
 std::vector<Batch> make_batches(const std::vector<WindowPlan>& windows, uint64_t first = 0);
 
 /// "city.gltf: mesh 12 primitive 1", in glTF's numbers.
 std::string primitive_place(const SourceScene& scene, uint32_t primitive);
 
-/// Measures all `wanted` primitives (others keep 0 triangles) on `threads` threads. `stop`: as WorkerPool's.
-/// `progress(triangles)`: done so far. Errors as Window::load with the primitive named, the first in source order;
-/// kUnsupported: a primitive past 2^32 / 3 triangles with whole_meshes.
+/// Takes what is measured while more is being measured, on the same pool.
+class MeasureListener : public Meanwhile {
+ public:
+  /// Windows are held while it has something left.
+  virtual HeldBudget& budget() = 0;
+
+  /// Whole primitives in source order, all of a group at once where they are hashed: `windows` of all of them that keep
+  /// triangles, with what is held of them (or null). `primitives`: as SourceScene::primitives, up to these measured.
+  /// May wait until it has room. An error ends measuring.
+  virtual Result<void> take_measured(const std::vector<Measured>& primitives, std::span<const WindowPlan> windows,
+                                     std::span<std::unique_ptr<HeldWindow>> held) = 0;
+
+  /// The primitive that comes next will be measured again, so that nothing more is taken.
+  virtual void stop() = 0;
+};
+
+struct MeasureRun {
+  WorkerPool& pool;
+  StageTimes& times;
+  std::function<void(uint64_t)> progress;  // triangles done so far
+  uint64_t ahead_bytes = 0;                // of the source, that are asked for before they are read
+  MeasureListener* listener = nullptr;
+};
+
+/// Measures all `wanted` primitives (others keep 0 triangles). Errors as Window::load with the primitive named, the
+/// first in source order; those of the listener; kUnsupported: a primitive past 2^32 / 3 triangles with whole_meshes.
 Result<Measurement> measure(const SourceScene& scene, const std::vector<bool>& wanted, const MeasureOptions& options,
-                            uint32_t threads, const std::atomic<bool>* stop,
-                            const std::function<void(uint64_t)>& progress);
+                            const MeasureRun& run);
 
 }  // namespace scree::convert

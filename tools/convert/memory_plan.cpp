@@ -7,7 +7,9 @@
 #include "tools/common/memory_use.h"
 #include "tools/common/options.h"
 #include "tools/convert/locality.h"
+#include "tools/convert/mesh_plan.h"
 #include "tools/convert/meshopt_source.h"
+#include "tools/convert/resume.h"
 #include "tools/convert/scene_tables.h"
 
 namespace scree::convert {
@@ -22,6 +24,9 @@ constexpr uint64_t kThreadBytes = 3 * kMiB;
 // What encoded windows in flight take where there is memory: more than this gains nothing.
 constexpr uint64_t kFlightBytes = 64 * kMiB;
 constexpr uint64_t kFlightBytesPerThread = 12 * kMiB;
+
+// What measured windows take that are held until they are encoded: some seven of C's a thread.
+constexpr uint64_t kHeldBytesPerThread = 40 * kMiB;
 
 // What convert holds of a primitive (measured, planned, recorded) and of an instance (its matrix, found again by a
 // hash).
@@ -48,6 +53,10 @@ uint64_t kept_view_bytes(uint64_t memory) {
   return std::min(MeshoptCache::kKeptBytes, memory / 4);
 }
 
+uint64_t read_ahead_bytes(uint64_t memory) {
+  return std::min(512 * kMiB, memory / 4);
+}
+
 Result<MemoryPlan> MemoryPlan::make(const ConvertOptions& options, const SourceScene& scene,
                                     const std::vector<bool>& wanted, uint64_t image_bytes, uint32_t threads) {
   MemoryPlan plan;
@@ -60,7 +69,8 @@ Result<MemoryPlan> MemoryPlan::make(const ConvertOptions& options, const SourceS
   plan.largest_view_ = scene.largest_view_bytes;
   plan.all_views_ = scene.unpacked_bytes;
   plan.vertex_bits_ = 96;
-  uint64_t windows = 0, sort_bytes = 0;
+  plan.primitives_ = wanted.size();
+  uint64_t sort_bytes = 0;
   bool has_uv = false, has_color = false, has_normal = false;
   for (size_t i = 0; i < wanted.size(); ++i) {
     if (!wanted[i]) continue;
@@ -77,7 +87,7 @@ Result<MemoryPlan> MemoryPlan::make(const ConvertOptions& options, const SourceS
           sort_needs(primitive, std::min(primitive.vertex_count(), kMostVertices * all), options.normals);
       sort_bytes = std::max(sort_bytes, needs.shared_bytes + needs.thread_bytes + kThreadBytes + kLeastMapBytes);
     }
-    windows += triangles == 0 ? 0 : (all - 1) / triangles + 1;
+    plan.windows_ += triangles == 0 ? 0 : (all - 1) / triangles + 1;
     has_uv |= primitive.uv.has_value();
     has_color |= primitive.color.has_value();
     has_normal |= primitive.normal.has_value();
@@ -88,7 +98,7 @@ Result<MemoryPlan> MemoryPlan::make(const ConvertOptions& options, const SourceS
   uint64_t held_instances = 0;
   for (const SourceNode& node : scene.nodes) held_instances += node.instances ? node.instances->count : 1;
   held_instances = std::min(held_instances, kMaxHeldInstances + scene.nodes.size());
-  const uint64_t tables = 3 * sizeof(WindowPlan) * windows + kPrimitiveBytes * wanted.size() +
+  const uint64_t tables = 3 * sizeof(WindowPlan) * plan.windows_ + kPrimitiveBytes * wanted.size() +
                           kInstanceBytes * held_instances + plan.table_bytes(plan.most_);
   const uint64_t encode_bytes =
       plan.encode_thread_bytes(plan.most_) + plan.encoded_bytes(plan.most_) + 4 * plan.page_bytes(plan.most_);
@@ -120,6 +130,36 @@ StageLimits MemoryPlan::images(uint64_t most) const {
   const uint64_t threads = std::clamp<uint64_t>(free_bytes() / 4 / kThreadBytes, 1, threads_);
   const uint64_t taken = threads * kThreadBytes;
   return {static_cast<uint32_t>(threads), std::min(most, free_bytes() - std::min(free_bytes(), taken))};
+}
+
+std::optional<AheadLimits> MemoryPlan::ahead() const {
+  // Beside the tables, what each window adds to them, and each mesh's plan, are kept until all is measured.
+  const uint64_t outcomes = most_.chunks * (sizeof(format::ChunkRecord) + sizeof(uint64_t)) +
+                            windows_ * sizeof(WindowOutcome) + primitives_ * sizeof(PlannedMesh);
+  const uint64_t tables = table_bytes(most_) + 2 * outcomes + 2 * page_bytes(most_);
+  const uint64_t left = free_bytes() - std::min(free_bytes(), tables);
+  const uint64_t a_result = encoded_bytes(most_);
+  const uint64_t a_thread =
+      measure_thread_bytes(most_) + encode_thread_bytes(most_) + largest_view_ + 2 * page_bytes(most_);
+  const uint64_t threads = std::min<uint64_t>(left / (a_thread + a_result), threads_);
+  if (4 * threads < 3 * uint64_t{measure().threads}) return std::nullopt;
+  const uint64_t rest = left - threads * (a_thread + a_result);
+  return AheadLimits{static_cast<uint32_t>(threads),
+                     threads * a_result + std::min(rest / 2, kFlightBytes + kFlightBytesPerThread * threads),
+                     std::min(rest / 2, kHeldBytesPerThread * threads)};
+}
+
+uint64_t MemoryPlan::most_stored_bytes(const Primitive& primitive) const {
+  const uint64_t triangles = primitive.triangle_count();
+  const uint64_t step = chunk_triangles_ == 0 ? std::max<uint64_t>(triangles, 1) : kWindowTriangles;
+  uint64_t bytes = 512 * chunks_of(triangles, chunk_triangles_);
+  for (uint64_t first = 0; first < triangles; first += step) {
+    WindowNeeds needs;
+    needs.triangles = std::min(step, triangles - first);
+    needs.vertices = std::min(3 * needs.triangles, primitive.vertex_count());
+    bytes += encoded_bytes(needs) + 1024;
+  }
+  return bytes;
 }
 
 StageLimits MemoryPlan::encode(const std::vector<WindowPlan>& windows) const {

@@ -4,6 +4,7 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <vector>
 
 #include "format/result.h"
@@ -32,6 +33,12 @@ struct StageLimits {
   uint64_t flight_bytes = 0;  // of results on their way to the file
 };
 
+struct AheadLimits {
+  uint32_t threads = 1;
+  uint64_t flight_bytes = 0;  // of encoded windows
+  uint64_t held_bytes = 0;    // of measured windows that wait
+};
+
 class MemoryPlan {
  public:
   /// `wanted`: flags for the primitives that are converted; `threads`: as many as are asked for; `image_bytes`: what
@@ -44,6 +51,11 @@ class MemoryPlan {
   SortLimits sort(const SortNeeds& needs) const;
   /// flight_bytes: for images, at most `most`.
   StageLimits images(uint64_t most) const;
+  /// Where measuring and encoding go on at once, what they may; nothing where that would leave threads without work.
+  std::optional<AheadLimits> ahead() const;
+  /// More than the chunks of a primitive will take in the file.
+  uint64_t most_stored_bytes(const Primitive& primitive) const;
+
   /// `windows`: as they were measured. flight_bytes: for encoded windows.
   StageLimits encode(const std::vector<WindowPlan>& windows) const;
 
@@ -58,6 +70,8 @@ class MemoryPlan {
   uint64_t table_bytes(const WindowNeeds& needs) const;
 
   uint64_t memory_ = 0;
+  uint64_t primitives_ = 0;
+  uint64_t windows_ = 0;
   uint32_t threads_ = 1;
   uint64_t chunk_triangles_ = 0;
   int zstd_level_ = 0;
@@ -70,6 +84,9 @@ class MemoryPlan {
   uint64_t all_views_ = 0;             // unpacked
   WindowNeeds most_;                   // of any window, by what the document says
 };
+
+/// Page cache for what is read ahead, which is no memory of the process, of `memory` in all.
+uint64_t read_ahead_bytes(uint64_t memory);
 
 /// Memory for unpacked buffer views that are kept, of `memory` in all.
 uint64_t kept_view_bytes(uint64_t memory);

@@ -91,6 +91,9 @@ class OrderedResults {
     return done;
   }
 
+  /// The same where the pool's lock is held, as in WorkerPool::wait.
+  bool ready_locked() const { return !slots_.empty() && slots_.front()->done; }
+
   /// Waits for the oldest job and gives its result; size() must not be 0.
   Result<T> take() {
     const std::shared_ptr<Slot> slot = slots_.front();
@@ -143,10 +146,21 @@ struct InFlight {
   uint64_t cost = UINT64_MAX;
 };
 
+/// Other results of the same pool, that are taken while run_ordered() waits for its own.
+class Meanwhile {
+ public:
+  virtual ~Meanwhile() = default;
+  /// Whether take_one() would not wait; called with the pool's lock held.
+  virtual bool is_ready() const = 0;
+  virtual Result<void> take_one() = 0;
+};
+
 /// Runs work(i, worker) for i in [0, count) on the pool and take(i, result) on the calling thread, in order. Stops at
-/// the first error in that order, which is the same for any number of threads. `cost(i)`: see OrderedResults::submit.
+/// the first error in that order, which is the same for any number of threads, or at one of `meanwhile`, which may be
+/// null. `cost(i)`: see OrderedResults::submit.
 template <class T, class Work, class Cost, class Take>
-Result<void> run_ordered(WorkerPool& pool, uint64_t count, InFlight limit, Work work, Cost cost, Take take) {
+Result<void> run_ordered(WorkerPool& pool, uint64_t count, InFlight limit, Work work, Cost cost, Take take,
+                         Meanwhile* meanwhile = nullptr) {
   OrderedResults<T> results(pool, false);
   uint64_t next = 0;
   for (uint64_t taken = 0; taken < count; ++taken) {
@@ -154,6 +168,13 @@ Result<void> run_ordered(WorkerPool& pool, uint64_t count, InFlight limit, Work 
            (results.size() == 0 || results.cost() + cost(next) <= limit.cost)) {
       results.submit([work, next](uint32_t worker) { return work(next, worker); }, cost(next));
       ++next;
+    }
+    while (meanwhile != nullptr) {
+      bool is_other = false;
+      const auto done = [&] { return (is_other = meanwhile->is_ready()) || results.ready_locked(); };
+      if (const Result<void> waited = pool.wait(done); !waited) return waited;
+      if (!is_other) break;
+      if (const Result<void> other = meanwhile->take_one(); !other) return other;
     }
     Result<T> result = results.take();
     if (!result) return result.error();

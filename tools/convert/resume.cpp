@@ -13,7 +13,7 @@ namespace scree::convert {
 namespace {
 
 // A change of what is noted, or of how a scene is cut and packed, needs another number.
-constexpr uint64_t kLogFormat = 2;
+constexpr uint64_t kLogFormat = 3;
 
 enum EntryKind : uint32_t { kImageEntry = 16, kWindowsEntry = 17 };
 
@@ -73,6 +73,7 @@ class Reader {
 
 template <class Stream, class Outcome>
 void visit_numbers(Stream&& stream, Outcome& window) {
+  stream(window.made_from);
   stream(window.position_error);
   stream(window.uv_error);
   stream(window.welded.vertices);
@@ -85,8 +86,7 @@ void visit_numbers(Stream&& stream, Outcome& window) {
 
 }  // namespace
 
-format::PartId part_id(const std::string& options, const std::set<std::string>& files, const Measurement& measurement,
-                       const ImagePlan& images, const format::TableSet& tables) {
+format::PartId part_id(const std::string& options, const std::set<std::string>& files, const ImagePlan& images) {
   ContentHasher hasher;
   const auto add = [&](const auto& value) { hasher.add(std::as_bytes(std::span(&value, 1))); };
   const auto add_text = [&](const std::string& text) {
@@ -104,18 +104,29 @@ format::PartId part_id(const std::string& options, const std::set<std::string>& 
     add(int64_t{status.st_mtim.tv_sec});
     add(int64_t{status.st_mtim.tv_nsec});
   }
-  for (const WindowPlan& window : measurement.windows) {
-    add(window.primitive);
-    add(window.vertices);
-    add(window.first);
-    add(window.count);
-    add(window.kept);
-    add(window.box.lo);
-    add(window.box.hi);
-  }
   hasher.add(std::as_bytes(std::span(images.hashes)));
-  hasher.add(std::as_bytes(std::span(tables.meshes)));
-  hasher.add(std::as_bytes(tables.strings.bytes()));
+  return hasher.value();
+}
+
+ContentHash window_id(const WindowPlan& window, uint32_t mesh, const format::MeshRecord& record) {
+  ContentHasher hasher;
+  const auto add = [&](const auto& value) { hasher.add(std::as_bytes(std::span(&value, 1))); };
+  add(window.primitive);
+  add(window.vertices);
+  add(window.first);
+  add(window.count);
+  add(window.kept);
+  add(window.box.lo);
+  add(window.box.hi);
+  add(mesh);
+  add(record.triangle_count);
+  add(record.position_encoding);
+  add(record.attributes);
+  add(record.bounds_min);
+  add(record.bounds_max);
+  add(record.lattice_min);
+  add(record.lattice_bits);
+  add(record.lattice_exponent);
   return hasher.value();
 }
 

@@ -9,6 +9,7 @@
 
 #include "format/container.h"
 #include "format/part_log.h"
+#include "tools/convert/content_hash.h"
 #include "tools/convert/encode.h"
 #include "tools/convert/images.h"
 #include "tools/convert/measure.h"
@@ -17,6 +18,7 @@ namespace scree::convert {
 
 /// What a window added to the tables.
 struct WindowOutcome {
+  ContentHash made_from{};  // window_id()
   double position_error = 0;
   float uv_error = 0;
   Welded welded;
@@ -36,10 +38,13 @@ struct Resumed {
   uint32_t pages = 0;                  // finished, and to be kept
 };
 
-/// Of everything that shapes the pages: program, options, the files with their sizes and times of change, and what
-/// measuring found. `options`: as text.
-format::PartId part_id(const std::string& options, const std::set<std::string>& files, const Measurement& measurement,
-                       const ImagePlan& images, const format::TableSet& tables);
+/// Of everything that shapes the pages and is known before the geometry is measured: program, options, the files with
+/// their sizes and times of change, and the images. `options`: as text.
+format::PartId part_id(const std::string& options, const std::set<std::string>& files, const ImagePlan& images);
+
+/// Of what measuring found that shapes the chunks of a window: `window`, and the record of its mesh, number `mesh`, as
+/// it is before the first chunk.
+ContentHash window_id(const WindowPlan& window, uint32_t mesh, const format::MeshRecord& record);
 
 /// `number`: of the image, and of the first of the windows.
 void log_image(format::ContainerWriter& writer, uint64_t number, const StoredImageRecord& image);

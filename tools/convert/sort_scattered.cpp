@@ -36,7 +36,7 @@ std::string sort_file_name(const std::string& output) {
 
 Result<SortedPrimitives> sort_scattered(const SourceScene& scene, const std::string& output, const MemoryPlan& memory,
                                         const MeasureOptions& options, const std::atomic<bool>* stop,
-                                        tools::Progress& progress, Measurement& measurement) {
+                                        tools::Progress& progress, StageTimes& times, Measurement& measurement) {
   SortedPrimitives sorted;
   if (measurement.scattered.empty()) return sorted;
   uint64_t kept = 0, steps = 0;
@@ -76,9 +76,9 @@ Result<SortedPrimitives> sort_scattered(const SourceScene& scene, const std::str
   }
 
   progress.stage("measure", sorted.triangles);
-  Result<Measurement> measured =
-      measure(copies, std::vector<bool>(copies.primitives.size(), true), copy_options, memory.measure().threads, stop,
-              [&](uint64_t triangles) { progress.update(triangles, 0); });
+  WorkerPool pool(memory.measure().threads, stop);
+  const MeasureRun run{pool, times, [&](uint64_t triangles) { progress.update(triangles, 0); }};
+  Result<Measurement> measured = measure(copies, std::vector<bool>(copies.primitives.size(), true), copy_options, run);
   if (!measured) return measured.error();
   for (size_t i = 0; i < copies.primitives.size(); ++i) {
     Measured& total = measurement.primitives[measurement.scattered[i].primitive];

@@ -28,6 +28,6 @@ std::string sort_file_name(const std::string& output);
 /// than it will take.
 Result<SortedPrimitives> sort_scattered(const SourceScene& scene, const std::string& output, const MemoryPlan& memory,
                                         const MeasureOptions& options, const std::atomic<bool>* stop,
-                                        tools::Progress& progress, Measurement& measurement);
+                                        tools::Progress& progress, StageTimes& times, Measurement& measurement);
 
 }  // namespace scree::convert

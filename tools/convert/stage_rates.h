@@ -7,20 +7,31 @@
 
 namespace scree::convert {
 
-/// What one pass over the source did, summed over its threads. Reading and encoding share the threads; one thread
-/// writes.
+/// What was done so far with the source's geometry, summed over all threads. Reading, measuring and encoding share the
+/// threads; one thread writes.
 struct StageRates {
-  uint64_t triangles = 0;
+  uint64_t measured_triangles = 0;
+  uint64_t encoded_triangles = 0;
   uint64_t read_bytes = 0;
   uint64_t written_bytes = 0;
-  double read_seconds = 0;    // of all threads, in calls that read
-  double encode_seconds = 0;  // of all threads, at work otherwise
+  double read_seconds = 0;     // of all threads, in calls that read
+  double measure_seconds = 0;  // of all threads, without reading
+  double encode_seconds = 0;   // likewise
   double write_seconds = 0;
-  uint32_t threads = 1;
+  uint32_t threads = 1;  // that encode
 };
 
-/// "read 2.31 GiB/s, encode 14.2 M triangles/s, write 1.2 GiB/s: encoding limits". A stage's rate is what it makes
-/// while it works: reading and encoding on all their threads at once.
+/// What the stages add to while they work: nanoseconds of all threads, and triangles of the thread that takes results.
+struct StageTimes {
+  std::atomic<uint64_t> measuring{0};
+  std::atomic<uint64_t> encoding{0};  // with compressing
+  std::atomic<uint64_t> writing{0};
+  uint64_t measured_triangles = 0;
+  uint64_t encoded_triangles = 0;
+};
+
+/// "read 2.31 GiB/s, measure 310 M triangles/s, encode 14.2 M triangles/s, write 1.2 GiB/s: encoding limits". A stage's
+/// rate is what it makes while it works: reading, measuring and encoding on all their threads at once.
 std::string describe(const StageRates& rates);
 
 /// Adds the time from its making to its end to `nanoseconds`, in whichever thread.
@@ -34,6 +45,33 @@ class Timed {
  private:
   std::atomic<uint64_t>& nanoseconds_;
   uint64_t start_;
+};
+
+/// The same for calls that read, whose time TimedWork leaves out.
+class TimedRead {
+ public:
+  explicit TimedRead(std::atomic<uint64_t>& nanoseconds);
+  ~TimedRead();
+  TimedRead(const TimedRead&) = delete;
+  TimedRead& operator=(const TimedRead&) = delete;
+
+ private:
+  std::atomic<uint64_t>& nanoseconds_;
+  uint64_t start_;
+};
+
+/// The same without what this thread spent in TimedRead meanwhile.
+class TimedWork {
+ public:
+  explicit TimedWork(std::atomic<uint64_t>& nanoseconds);
+  ~TimedWork();
+  TimedWork(const TimedWork&) = delete;
+  TimedWork& operator=(const TimedWork&) = delete;
+
+ private:
+  std::atomic<uint64_t>& nanoseconds_;
+  uint64_t start_;
+  uint64_t read_before_;
 };
 
 }  // namespace scree::convert

@@ -89,6 +89,24 @@ Result<void> Window::load_positions(const Primitive& primitive, bool drop_nonfin
   return check_positions(primitive, drop_nonfinite);
 }
 
+uint64_t WindowContent::bytes() const {
+  return 4 *
+         (indices_.capacity() + kept_.capacity() + numbers_.capacity() + vertices_.capacity() + positions_.capacity());
+}
+
+WindowContent Window::release() {
+  // Vertices had a place for every one between the first and the last; and any may have been of a larger window.
+  const auto shrink = [](auto& values) {
+    if (values.capacity() > values.size() + values.size() / 8) values.shrink_to_fit();
+  };
+  shrink(indices_);
+  shrink(kept_);
+  shrink(numbers_);
+  shrink(vertices_);
+  shrink(positions_);
+  return std::exchange(static_cast<WindowContent&>(*this), WindowContent());
+}
+
 void Window::merge(std::span<const uint32_t> firsts) {
   places_.resize(firsts.size());
   uint32_t count = 0;

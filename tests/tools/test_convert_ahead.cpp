@@ -1,0 +1,160 @@
+// Meshes are encoded while later ones are measured: the same bytes and the same errors as when all are measured first,
+// which --resume does.
+#include <algorithm>
+#include <limits>
+#include <numeric>
+#include <random>
+#include <string>
+#include <vector>
+
+#include "tests/catch.h"
+#include "tests/models.h"
+#include "tests/tools/convert_fixture.h"
+#include "tests/tools/model_maker.h"
+#include "tests/tools/run_program.h"
+#include "tests/tools/temp_folder.h"
+
+using namespace scree;
+using namespace scree::convert;
+using tests::GridSpec;
+using tests::ModelMaker;
+using tests::must_convert;
+using tests::options_of;
+using tests::TempFolder;
+
+namespace {
+
+constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
+
+GridSpec grid_of(uint32_t side, float size) {
+  GridSpec spec;
+  spec.columns = spec.rows = side;
+  spec.size = size;
+  spec.uv = spec.color = true;
+  return spec;
+}
+
+/// A strip of squares whose triangles come in no order, more than a window of them: it is sorted first.
+tools::GltfPrimitive shuffled(ModelMaker& maker) {
+  constexpr uint32_t kSide = 400;
+  std::vector<float> points;
+  for (uint32_t y = 0; y <= kSide; ++y)
+    for (uint32_t x = 0; x <= kSide; ++x)
+      points.insert(points.end(), {static_cast<float>(x), static_cast<float>(x * y % 7), static_cast<float>(y)});
+  std::vector<uint32_t> squares(kSide * kSide), corners;
+  std::iota(squares.begin(), squares.end(), 0u);
+  std::shuffle(squares.begin(), squares.end(), std::mt19937(7));
+  for (const uint32_t square : squares) {
+    const uint32_t at = square / kSide * (kSide + 1) + square % kSide, below = at + kSide + 1;
+    corners.insert(corners.end(), {at, below, at + 1, at + 1, below, below + 1});
+  }
+  return maker.primitive(points, corners);
+}
+
+enum Kind { kPlain, kShuffled, kRefused, kImages };
+
+/// Enough triangles for one thread to be made to encode before it has measured all; meshes that repeat, of several
+/// primitives, of more than one window, with white colours and with nothing in them.
+void make_scene(const std::string& path, Kind kind) {
+  ModelMaker maker(path);
+  const std::string png = tests::read_whole(tests::data_path("checker.png").string());
+  const uint32_t checker =
+      kind == kImages ? maker.textured("png", format::ImageCodec::kPng, std::as_bytes(std::span(png))) : format::kNone;
+  for (uint32_t i = 0; i < 6; ++i) {
+    const float size = static_cast<float>(1 + i / 2 * 2);  // the second of two repeats the first
+    maker.node("pair", maker.mesh("pair", {maker.grid(grid_of(150, size), checker), maker.grid(grid_of(20, size))}));
+    GridSpec white = grid_of(180, static_cast<float>(i + 1));
+    white.white = true;
+    maker.node("white", maker.mesh("white", {maker.grid(white)}));
+  }
+  maker.node("nothing", maker.mesh("nothing", {maker.primitive({0, 0, 0, 1, 0, 0}, {})}));
+  if (kind == kShuffled) maker.node("shuffled", maker.mesh("shuffled", {shuffled(maker)}));
+  maker.node("two windows", maker.mesh("two windows", {maker.grid(grid_of(400, 2))}));
+  if (kind == kRefused) {  // no lattice of 16 bits an axis holds it within a bound of 1e-5
+    maker.node("wide", maker.mesh("wide", {maker.grid(grid_of(3, 1e6f))}));
+    maker.node("last", maker.mesh("last", {maker.grid(grid_of(30, 1))}));
+  }
+  maker.finish();
+}
+
+/// The bytes without and with measuring all first, and whether they are the same.
+ConvertReport must_be_same(ConvertOptions options) {
+  const ConvertReport ahead = must_convert(options);
+  const std::string bytes = tests::read_whole(options.output);
+  options.resume = true;
+  const ConvertReport first = must_convert(options);
+  CHECK(first.windows_ahead == 0);
+  CHECK((tests::read_whole(options.output) == bytes));
+  CHECK(first.triangles == ahead.triangles);
+  CHECK(first.chunks == ahead.chunks);
+  CHECK(first.position_error == ahead.position_error);
+  CHECK((first.warnings == ahead.warnings));
+  return ahead;
+}
+
+}  // namespace
+
+TEST_CASE("convert: encodes while it measures, the same bytes", "[convert][ahead]") {
+  const TempFolder folder;
+  const Kind kind = GENERATE(kPlain, kImages);
+  make_scene(folder.file("in.glb"), kind);
+  ConvertOptions options = options_of(folder);
+  options.encoding = GENERATE(Encoding::kIndexed, Encoding::kClustered);
+  for (const uint32_t threads : {1u, 3u}) {
+    options.threads = threads;
+    const ConvertReport report = must_be_same(options);
+    // With one thread at most 400,000 triangles wait, of which there are 780,000.
+    if (threads == 1) CHECK(report.windows_ahead > 4);
+    CHECK(report.rates.measured_triangles >= report.triangles);
+  }
+  tests::must_match(options);
+}
+
+TEST_CASE("convert: windows that are measured are not read again", "[convert][ahead]") {
+  const TempFolder folder;
+  make_scene(folder.file("in.glb"), kPlain);
+  ConvertOptions options = options_of(folder);
+  options.weld = options.share = false;
+  const ConvertReport report = must_convert(options);
+  // Positions, indices and texture coordinates once; colours, which measuring looks at, twice.
+  CHECK(report.rates.read_bytes < 3 * report.input_bytes / 2);
+  options.resume = true;
+  CHECK(must_convert(options).rates.read_bytes > 3 * report.input_bytes / 2);
+}
+
+TEST_CASE("convert: what needs all meshes measured ends encoding ahead", "[convert][ahead][sort]") {
+  const TempFolder folder;
+  make_scene(folder.file("in.glb"), kShuffled);
+  ConvertOptions options = options_of(folder);
+  options.threads = 1;
+  const ConvertReport report = must_be_same(options);
+  CHECK(report.sorted_triangles == 320000);
+  CHECK(report.windows_ahead > 0);
+  options.grid = Grid::kScene;
+  CHECK(must_be_same(options).windows_ahead == 0);
+}
+
+TEST_CASE("convert: a bad mesh at the end is said before what was wrong earlier", "[convert][ahead]") {
+  const TempFolder folder;
+  make_scene(folder.file("in.glb"), kRefused);
+  ConvertOptions options = options_of(folder);
+  options.threads = 1;
+  options.max_error = 1e-5;
+  options.resume = true;
+  const Result<ConvertReport> first = convert::convert(options);
+  REQUIRE_FALSE(first);
+  options.resume = false;
+  tests::must_fail(options, first.error().code, first.error().message);
+
+  // The same lattice is refused, but a position of the last mesh comes before.
+  ModelMaker maker(folder.file("in.glb"));
+  for (uint32_t i = 0; i < 12; ++i)
+    maker.node("good", maker.mesh("good", {maker.grid(grid_of(200, static_cast<float>(i + 1)))}));
+  maker.node("wide", maker.mesh("wide", {maker.grid(grid_of(3, 1e6f))}));
+  GridSpec bad = grid_of(10, 1);
+  bad.origin[1] = kNan;
+  maker.node("bad", maker.mesh("bad", {maker.grid(bad)}));
+  maker.finish();
+  tests::must_fail(options, ErrorCode::kRange, "in.glb: mesh 13 primitive 0: vertex 0: position (");
+  CHECK((folder.names() == std::vector<std::string>{"in.glb"}));
+}
