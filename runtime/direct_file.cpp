@@ -63,9 +63,7 @@ Result<void> DirectFile::read(uint64_t offset, std::span<std::byte> out) const {
     if (got < 0 && errno == EINTR) continue;
     if (got < 0) return read_error(errno);
     at += static_cast<uint64_t>(got);
-    if (got == 0 || (at < end && at % kAlignment != 0))
-      return Error{ErrorCode::kFile,
-                   "ends at byte " + std::to_string(at) + ", but had " + std::to_string(size_) + " when it was opened"};
+    if (got == 0 || (at < end && at % kAlignment != 0)) return ends_early(at, size_);
   }
   return {};
 }

@@ -1,6 +1,7 @@
 #include "runtime/mapped_file.h"
 
 #include <algorithm>
+#include <cassert>
 #include <cerrno>
 #include <cstring>
 #include <limits>
@@ -10,6 +11,8 @@
 #include <sys/mman.h>
 #include <sys/stat.h>
 #include <unistd.h>
+
+#include "format/bytes.h"
 
 namespace scree::runtime {
 namespace {
@@ -52,6 +55,11 @@ uint64_t page_bytes() {
 }
 
 }  // namespace
+
+Error ends_early(uint64_t end, uint64_t size) {
+  return {ErrorCode::kFile,
+          "ends at byte " + std::to_string(end) + ", but had " + std::to_string(size) + " when it was opened"};
+}
 
 Result<MappedFile> MappedFile::open(const std::string& path, Access access) {
   // Without O_NONBLOCK the open of a named pipe would wait for a writer; regular files ignore the flag.
@@ -116,6 +124,20 @@ double MappedFile::cached_share() const {
     cached += state & 1u;
   }
   return samples == 0 ? 1 : static_cast<double>(cached) / static_cast<double>(samples);
+}
+
+Result<void> MappedFile::read(uint64_t offset, std::span<std::byte> out) const {
+  assert(format::range_within(offset, out.size(), size_));
+  for (size_t done = 0; done < out.size();) {
+    // Linux moves at most 0x7ffff000 bytes a call.
+    const size_t part = std::min(out.size() - done, size_t{1} << 30);
+    const ssize_t got = ::pread(descriptor_, out.data() + done, part, static_cast<off_t>(offset + done));
+    if (got < 0 && errno == EINTR) continue;
+    if (got < 0) return Error{ErrorCode::kFile, std::string("cannot read: ") + std::strerror(errno)};
+    if (got == 0) return ends_early(offset + done, size_);
+    done += static_cast<size_t>(got);
+  }
+  return {};
 }
 
 void MappedFile::will_need(uint64_t offset, uint64_t size) const {

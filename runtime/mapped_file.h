@@ -17,6 +17,9 @@ enum class Access {
   kRandom,      // no read-ahead: small reads all over a file that need not fit in memory
 };
 
+/// kFile: what reading finds of a file that ends at `end` and had `size` bytes when it was opened.
+Error ends_early(uint64_t end, uint64_t size);
+
 /// A read-only, private map of a whole file. The file must not shrink while it is mapped: touching bytes past its new
 /// end raises SIGBUS, which the tools turn into an error (tools/common/sigbus.h). Move-only; reading is thread-safe.
 class MappedFile {
@@ -42,6 +45,11 @@ class MappedFile {
   /// Which share of the file's memory pages is in the page cache, 0 to 1, by looking at a few hundred of them. 1 for an
   /// empty file, and where the system does not tell.
   double cached_share() const;
+
+  /// Fills `out` from `offset`, all of it within the file, by read(): through the page cache, but not through the map,
+  /// so that nothing is faulted in, and a file that has become shorter is an error and no signal. Errors kFile, without
+  /// the file's name.
+  Result<void> read(uint64_t offset, std::span<std::byte> out) const;
 
   /// Asks for [offset, offset + size) to be read ahead; clipped to the file. A hint: nothing is reported.
   void will_need(uint64_t offset, uint64_t size) const;

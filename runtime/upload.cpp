@@ -139,11 +139,13 @@ class SlotRing {
 
 class Uploader {
  public:
-  Uploader(const UploadPlan& plan, const MappedFile& map, UploadTarget& target, const StagingSizes& sizes)
+  Uploader(const UploadPlan& plan, const MappedFile& map, UploadTarget& target, const StagingSizes& sizes,
+           bool is_mapped)
       : plan_(plan),
         map_(map),
         target_(target),
         sizes_(sizes),
+        is_mapped_(is_mapped),
         jobs_(jobs_of(plan, sizes.slot_bytes)),
         ring_(target, sizes.slots) {}
 
@@ -256,18 +258,22 @@ class Uploader {
     return ring_.copy(*slot, job.offset, job.bytes);
   }
 
-  /// Brings the pages of a job from the map to a slot.
+  /// Brings the pages of a job to a slot, through the page cache.
   Result<void> take_pages(const Job& job, std::byte* slot) {
     const DrawnPages& pages = *plan_.pages();
     for (uint64_t i = job.first; i < job.last; ++i) {
       std::span<const std::byte> padded = pages.container().padded_page(pages.page(i));
       std::byte* const to = slot + plan_.page_offset(i) - job.offset;
-      if (pages.record(i).codec == format::PageCodec::kRaw && !padded.empty()) {
-        std::memcpy(to, padded.data(), padded.size());
+      const bool is_raw = pages.record(i).codec == format::PageCodec::kRaw;
+      if (is_raw && !padded.empty()) {
+        if (is_mapped_)
+          std::memcpy(to, padded.data(), padded.size());
+        else if (Result<void> read = map_.read(pages.record(i).offset, {to, padded.size()}); !read)
+          return read;
         padded = {to, padded.size()};
       }
       if (Result<void> done = finish_page(i, padded, to); !done) return done;
-      map_.release(pages.record(i).offset, pages.record(i).stored_bytes);
+      if (is_mapped_ || !is_raw) map_.release(pages.record(i).offset, pages.record(i).stored_bytes);
     }
     return {};
   }
@@ -354,6 +360,7 @@ class Uploader {
   const MappedFile& map_;
   UploadTarget& target_;
   StagingSizes sizes_;
+  bool is_mapped_;  // raw pages are copied out of the map
   std::vector<Job> jobs_;
   SlotRing ring_;
   std::mutex large_mutex_;
@@ -388,13 +395,21 @@ Reading choose_reading(const UploadPlan& plan, const MappedFile& map, Reading wa
   uint64_t bytes = 0;
   for (uint64_t i = 0; plan.pages() != nullptr && i < plan.pages()->size(); ++i)
     bytes += plan.pages()->record(i).stored_bytes;
-  return bytes >= kDirectBytes && map.cached_share() < 0.5 ? Reading::kDirect : Reading::kMapped;
+  return bytes >= kDirectBytes && map.cached_share() < 0.5 ? Reading::kDirect : Reading::kBuffered;
 }
 
 StagingSizes staging_for(const UploadPlan& plan, Reading reading, uint32_t threads, const StagingSizes& most) {
-  const uint64_t jobs = jobs_of(plan, most.slot_bytes).size();
-  const uint32_t workers = std::max(threads, reading == Reading::kDirect ? kDirectThreads : 1u);
+  const bool is_direct = reading == Reading::kDirect;
   StagingSizes sizes = most;
+  if (!is_direct) {
+    sizes.slot_bytes = std::min(most.slot_bytes, kCachedSlotBytes);
+    // A page that does not fit is read twice.
+    for (uint64_t i = 0; plan.pages() != nullptr && i < plan.pages()->size(); ++i)
+      if (const uint64_t room = page_room(*plan.pages(), i); room <= most.slot_bytes)
+        sizes.slot_bytes = std::max(sizes.slot_bytes, room);
+  }
+  const uint64_t jobs = jobs_of(plan, sizes.slot_bytes).size();
+  const uint32_t workers = std::max(threads, is_direct ? kDirectThreads : 1u);
   // One slot is filled by a thread while another of its is copied.
   sizes.slots = static_cast<uint32_t>(std::clamp<uint64_t>(std::min(jobs, 2 * uint64_t{workers}), 1, most.slots));
   return sizes;
@@ -403,7 +418,7 @@ StagingSizes staging_for(const UploadPlan& plan, Reading reading, uint32_t threa
 Result<UploadCounts> run_upload(const UploadPlan& plan, const MappedFile& map, UploadTarget& target,
                                 const StagingSizes& sizes, Reading reading, uint32_t threads) {
   try {
-    Uploader uploader(plan, map, target, sizes);
+    Uploader uploader(plan, map, target, sizes, reading == Reading::kMapped);
     if (reading == Reading::kDirect)
       if (Result<void> opened = uploader.open_direct(); !opened) return opened.error();
     return uploader.run(threads);

@@ -72,15 +72,22 @@ class UploadPlan {
 
 /// How pages come from the file.
 enum class Reading {
-  kAuto,    // kDirect for kDirectBytes of pages or more, most of which are not in the page cache
-  kMapped,  // out of the map, through the page cache
-  kDirect,  // past the page cache, straight into the slots; a page larger than a slot, and all of a file system that
-            // has no such reads, as kMapped
+  kAuto,      // kDirect for kDirectBytes of pages or more, most of which are not in the page cache; else kBuffered
+  kMapped,    // out of the map, through the page cache
+  kBuffered,  // by read() through the page cache, straight into the slots; compressed pages, and one larger than a
+              // slot, as kMapped
+  kDirect,    // past the page cache, straight into the slots; a page larger than a slot as kMapped, and all of a file
+              // system that has no such reads as kBuffered
 };
 inline constexpr uint64_t kDirectBytes = uint64_t{256} << 20;
 
 /// What kAuto is for these pages.
 Reading choose_reading(const UploadPlan& plan, const MappedFile& map, Reading wanted);
+
+/// Of a slot's bytes what pages that go through the page cache take: a page is then still in a core's cache when it is
+/// checked, and all slots in that of all cores when they are copied from. More where a page takes more, which is then
+/// of a chunk larger than 1 MiB.
+inline constexpr uint64_t kCachedSlotBytes = uint64_t{1} << 20;
 
 /// How much staging memory `plan` can use: no more than `most`. `reading`: not kAuto.
 StagingSizes staging_for(const UploadPlan& plan, Reading reading, uint32_t threads, const StagingSizes& most = {});

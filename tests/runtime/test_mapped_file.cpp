@@ -1,8 +1,13 @@
 #include "runtime/mapped_file.h"
 
+#include <algorithm>
+#include <cstring>
 #include <filesystem>
 #include <fstream>
+#include <span>
+#include <string>
 #include <utility>
+#include <vector>
 
 #include <sys/stat.h>
 #include <unistd.h>
@@ -43,6 +48,32 @@ TEST_CASE("a mapped file shows the file's bytes and outlives moves", "[mapped_fi
     CHECK(static_cast<char>(other.bytes()[9999]) == 'z');
   }
   std::filesystem::remove(path);
+}
+
+TEST_CASE("a mapped file is read without its map, and says where it ends now", "[mapped_file]") {
+  const auto path = scratch("read");
+  std::string text(10000, 'a');
+  for (size_t i = 0; i < text.size(); ++i) text[i] = static_cast<char>(i * 7 + i / 256);
+  std::ofstream(path, std::ios::binary) << text;
+  const Result<MappedFile> file = MappedFile::open(path.string());
+  REQUIRE(file);
+  std::filesystem::rename(path, path.string() + "_elsewhere");  // not by its name
+  const std::string elsewhere = path.string() + "_elsewhere";
+  std::vector<std::byte> out(10000, std::byte{'#'});
+  for (const auto& [offset, size] : {std::pair<uint64_t, size_t>{0, 10000}, {1, 4096}, {9999, 1}, {10000, 0}}) {
+    REQUIRE(file->read(offset, std::span(out).first(size)));
+    CHECK(std::memcmp(out.data(), text.data() + offset, size) == 0);
+  }
+  std::filesystem::resize_file(elsewhere, 5000);
+  CHECK(file->read(0, std::span(out).first(5000)));
+  for (const uint64_t offset : {4001u, 4999u, 5000u, 9000u}) {
+    const Result<void> read = file->read(offset, std::span(out).first(1000));
+    REQUIRE_FALSE(read);
+    CHECK(read.error().code == ErrorCode::kFile);
+    CHECK(read.error().message ==
+          "ends at byte " + std::to_string(std::max<uint64_t>(offset, 5000)) + ", but had 10000 when it was opened");
+  }
+  std::filesystem::remove(elsewhere);
 }
 
 TEST_CASE("an empty file maps to nothing", "[mapped_file]") {

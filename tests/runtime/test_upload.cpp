@@ -20,6 +20,7 @@
 #include <thread>
 #include <vector>
 
+#include "format/bytes.h"
 #include "format/checksum.h"
 #include "runtime/direct_file.h"
 #include "runtime/scene.h"
@@ -208,9 +209,11 @@ void for_all_ways(const Body& body) {
   for (const uint64_t slot_bytes : {uint64_t{4096}, uint64_t{16384}, uint64_t{65536}, uint64_t{1} << 20}) {
     for (const uint32_t slots : {1u, 2u, 7u}) {
       for (const uint32_t threads : {1u, 2u, 8u}) {
-        for (const Reading reading : {Reading::kMapped, Reading::kDirect}) {
+        for (const Reading reading : {Reading::kMapped, Reading::kBuffered, Reading::kDirect}) {
           INFO("slots of " << slot_bytes << ": " << slots << ", threads " << threads
-                           << (reading == Reading::kDirect ? ", direct" : ""));
+                           << (reading == Reading::kDirect     ? ", direct"
+                               : reading == Reading::kBuffered ? ", buffered"
+                                                               : ", mapped"));
           body(StagingSizes{slot_bytes, slots}, reading, threads);
         }
       }
@@ -272,7 +275,7 @@ TEST_CASE("an upload brings every page and table to its place", "[upload]") {
     CHECK(attempt.result->unpacked_bytes == expected.unpacked_bytes);
     const bool is_direct = reading == Reading::kDirect && has_direct && sizes.slot_bytes > 16384;
     CHECK(attempt.result->direct_bytes >= (is_direct ? expected.stored_bytes : 0));
-    if (reading == Reading::kMapped) CHECK(attempt.result->direct_bytes == 0);
+    if (reading != Reading::kDirect) CHECK(attempt.result->direct_bytes == 0);
   });
 }
 
@@ -293,12 +296,19 @@ TEST_CASE("a chunk larger than a megabyte is uploaded in parts", "[upload]") {
     REQUIRE(scene.drawn_pages().record(1).raw_bytes > 1u << 20);
     const bool is_zstd = scene.drawn_pages().record(1).codec == scree::format::PageCodec::kZstd;
     CHECK(is_zstd == (zstd_every == 1));
+    UploadPlan plan;
+    plan.add_pages(scene.drawn_pages());
+    const uint64_t room = scree::format::align_up(scene.drawn_pages().record(1).raw_bytes, 4096);
+    CHECK(staging_for(plan, Reading::kBuffered, 1).slot_bytes == room);
+    CHECK(staging_for(plan, Reading::kBuffered, 1, {room - 4096, 32}).slot_bytes == uint64_t{1} << 20);
+    CHECK(staging_for(plan, Reading::kDirect, 1).slot_bytes == StagingSizes{}.slot_bytes);
     for (const uint64_t slot_bytes : {uint64_t{65536}, uint64_t{1} << 20, uint64_t{4} << 20}) {
       for (const uint32_t threads : {1u, 4u}) {
-        const Attempt attempt =
-            upload(scene, {slot_bytes, 3}, threads == 1 ? Reading::kDirect : Reading::kMapped, threads);
-        REQUIRE(attempt.result);
-        CHECK(attempt.complaint == "");
+        for (const Reading reading : {Reading::kMapped, Reading::kBuffered, Reading::kDirect}) {
+          const Attempt attempt = upload(scene, {slot_bytes, 3}, reading, threads);
+          REQUIRE(attempt.result);
+          CHECK(attempt.complaint == "");
+        }
       }
     }
   }
@@ -403,7 +413,9 @@ TEST_CASE("staging memory is as large as the work, within its bound", "[upload]"
   UploadPlan plan;
   plan.add(table.data(), table.size());
   CHECK(staging_for(plan, Reading::kMapped, 1).slots == 2);
-  CHECK(staging_for(plan, Reading::kMapped, 16).slots == 3);  // 4 MiB each
+  CHECK(staging_for(plan, Reading::kMapped, 16).slots == 10);  // 1 MiB each
+  CHECK(staging_for(plan, Reading::kBuffered, 16).bytes() == 10u << 20);
+  CHECK(staging_for(plan, Reading::kDirect, 16).slots == 3);  // 4 MiB each
   CHECK(staging_for(plan, Reading::kMapped, 16, {1 << 16, 32}).slots == 32);
   CHECK(staging_for(plan, Reading::kDirect, 1, {1 << 16, 32}).slots == 16);
   CHECK(staging_for(UploadPlan{}, Reading::kMapped, 0).slots == 1);
@@ -459,10 +471,10 @@ TEST_CASE("large files out of the page cache are read past it", "[upload]") {
   UploadPlan plan;
   plan.add_pages(scene.drawn_pages());
   // A small file is not, whatever lies in the cache; what is asked for is done.
-  CHECK(choose_reading(plan, scene.file().map(), Reading::kAuto) == Reading::kMapped);
+  CHECK(choose_reading(plan, scene.file().map(), Reading::kAuto) == Reading::kBuffered);
   CHECK(choose_reading(plan, scene.file().map(), Reading::kDirect) == Reading::kDirect);
   CHECK(choose_reading(plan, scene.file().map(), Reading::kMapped) == Reading::kMapped);
-  CHECK(choose_reading(UploadPlan{}, scene.file().map(), Reading::kAuto) == Reading::kMapped);
+  CHECK(choose_reading(UploadPlan{}, scene.file().map(), Reading::kAuto) == Reading::kBuffered);
 }
 
 TEST_CASE("a scene opened without its pages gets them when asked", "[upload]") {

@@ -20,7 +20,7 @@ using tests::TempFolder;
 
 namespace {
 
-constexpr LoadWay kCpuWays[] = {LoadWay::kMap, LoadWay::kArenaMapped, LoadWay::kArenaDirect};
+constexpr LoadWay kCpuWays[] = {LoadWay::kMap, LoadWay::kArenaMapped, LoadWay::kArenaBuffered, LoadWay::kArenaDirect};
 
 /// A file of raw and compressed pages, every third one compressed.
 std::string paged_file(const TempFolder& folder) {
@@ -143,7 +143,7 @@ TEST_CASE("bench --load: rows of every way, from the disk and from the page cach
   std::vector<std::string> notes;
   const auto rows = measure_loads(path, {std::begin(kCpuWays), std::end(kCpuWays)}, true, 3, small_settings(), notes);
   REQUIRE(rows);
-  REQUIRE(rows->size() == 5);  // direct reads never come from the page cache
+  REQUIRE(rows->size() == 7);  // direct reads never come from the page cache
   const bool has_raw = static_cast<bool>(read_raw(path, 2));
   CHECK(notes.empty() == has_raw);
   for (const LoadRow& row : *rows) {
@@ -220,7 +220,7 @@ TEST_CASE("bench --load: the program prints tables and appends rows", "[bench_lo
   CHECK(run.output.find("from other disks") != std::string::npos);
   const Result<CsvTable> table = read_csv(csv);
   REQUIRE(table);
-  CHECK(table->rows.size() == 5);
+  CHECK(table->rows.size() == 7);
 
   // What is no .scree file, or a damaged one, is told as by render; what was measured before it is printed.
   std::vector<std::string> two = words;

@@ -22,7 +22,7 @@ constexpr double kMostCold = 0.01;      // of a file that counts as out of the p
 constexpr double kDisks[] = {1, 3, 7};  // GB/s
 
 bool takes_arena(LoadWay way) {
-  return way == LoadWay::kArenaMapped || way == LoadWay::kArenaDirect;
+  return way == LoadWay::kArenaMapped || way == LoadWay::kArenaBuffered || way == LoadWay::kArenaDirect;
 }
 bool is_direct(LoadWay way) {
   return way == LoadWay::kArenaDirect || way == LoadWay::kGpuDirect;
@@ -254,8 +254,9 @@ Result<void> run_loads(const LoadOptions& options) {
   if (!gpu) return gpu.error();
   const Result<Machine> machine = *gpu ? find_machine() : Result<Machine>(cpu_machine());
   if (!machine) return machine.error();
-  const std::vector<LoadWay> ways = *gpu ? std::vector{LoadWay::kGpuMapped, LoadWay::kGpuDirect}
-                                         : std::vector{LoadWay::kMap, LoadWay::kArenaMapped, LoadWay::kArenaDirect};
+  const std::vector<LoadWay> ways =
+      *gpu ? std::vector{LoadWay::kGpuMapped, LoadWay::kGpuBuffered, LoadWay::kGpuDirect}
+           : std::vector{LoadWay::kMap, LoadWay::kArenaMapped, LoadWay::kArenaBuffered, LoadWay::kArenaDirect};
   std::vector<LoadRow> rows;
   Result<void> done;
   for (const std::string& file : options.files) {

@@ -50,6 +50,24 @@ uint64_t available_memory() {
   return ~uint64_t{0};
 }
 
+Reading reading_of(LoadWay way) {
+  switch (way) {
+    case LoadWay::kArenaMapped:
+    case LoadWay::kGpuMapped:
+      return Reading::kMapped;
+    case LoadWay::kArenaBuffered:
+    case LoadWay::kGpuBuffered:
+      return Reading::kBuffered;
+    case LoadWay::kArenaDirect:
+    case LoadWay::kGpuDirect:
+      return Reading::kDirect;
+    case LoadWay::kMap:
+    case LoadWay::kGpu:
+      break;
+  }
+  return Reading::kAuto;
+}
+
 /// The file without the pages of geometry that the scene does not draw.
 uint64_t read_bytes(const runtime::Scene& scene) {
   uint64_t bytes = scene.file().map().size();
@@ -104,17 +122,16 @@ class Loading {
       case LoadWay::kMap:
         return {};
       case LoadWay::kArenaMapped:
+      case LoadWay::kArenaBuffered:
       case LoadWay::kArenaDirect:
         return fill_arena(load);
       case LoadWay::kGpuMapped:
+      case LoadWay::kGpuBuffered:
       case LoadWay::kGpuDirect:
       case LoadWay::kGpu:
         break;
     }
-    const Reading reading = way_ == LoadWay::kGpuMapped   ? Reading::kMapped
-                            : way_ == LoadWay::kGpuDirect ? Reading::kDirect
-                                                          : Reading::kAuto;
-    Result<runtime::DeviceScene> device = runtime::DeviceScene::upload(*scene_, 0, settings_.threads, reading);
+    Result<runtime::DeviceScene> device = runtime::DeviceScene::upload(*scene_, 0, settings_.threads, reading_of(way_));
     if (!device) return device.error();
     device_.emplace(std::move(*device));
     load.device_bytes = device_->stats().device_bytes;
@@ -128,7 +145,7 @@ class Loading {
     runtime::UploadPlan plan;
     plan.add_pages(pages);
     if (plan.bytes() > arena_.bytes()) return Error{ErrorCode::kRange, path_ + ": has become larger"};
-    const Reading reading = way_ == LoadWay::kArenaDirect ? Reading::kDirect : Reading::kMapped;
+    const Reading reading = reading_of(way_);
     const runtime::StagingSizes sizes = runtime::staging_for(plan, reading, settings_.threads);
     HostRing ring(sizes, arena_.data());
     const auto counts = runtime::run_upload(plan, map, ring, sizes, reading, settings_.threads);
@@ -183,10 +200,14 @@ const char* load_way_name(LoadWay way) {
       return "map";
     case LoadWay::kArenaMapped:
       return "ring, mapped";
+    case LoadWay::kArenaBuffered:
+      return "ring, buffered";
     case LoadWay::kArenaDirect:
       return "ring, direct";
     case LoadWay::kGpuMapped:
       return "GPU, mapped";
+    case LoadWay::kGpuBuffered:
+      return "GPU, buffered";
     case LoadWay::kGpuDirect:
       return "GPU, direct";
     case LoadWay::kGpu:

@@ -15,10 +15,12 @@ namespace scree::bench {
 
 /// Where a scene's pages are drawn from, and how they come there.
 enum class LoadWay {
-  kMap,          // as the CPU draws: checked where they lie in the file's map, compressed ones unpacked
-  kArenaMapped,  // through the ring of runtime/upload.h to one piece of host memory, out of the map
-  kArenaDirect,  // likewise, read past the page cache
-  kGpuMapped,    // through the ring to a GPU
+  kMap,            // as the CPU draws: checked where they lie in the file's map, compressed ones unpacked
+  kArenaMapped,    // through the ring of runtime/upload.h to one piece of host memory, out of the map
+  kArenaBuffered,  // likewise, by read() through the page cache
+  kArenaDirect,    // likewise, read past the page cache
+  kGpuMapped,      // through the ring to a GPU
+  kGpuBuffered,
   kGpuDirect,
   kGpu,  // as the program chooses
 };

@@ -356,8 +356,8 @@ Command add_render(CLI::App& parent) {
       "Memory for decoded blocks of JPEG textures, such as 1GiB; the picture does not depend on it (default: "
       "64MiB, on a GPU 256MiB)");
   app->add_option("--read", words->read,
-                  "How the GPU's pages come from the file: mapped, direct: past the page cache, or auto: direct where "
-                  "much is to be read that is not cached (default)");
+                  "How the GPU's pages come from the file: mapped, buffered: read through the page cache, direct: past "
+                  "it, or auto: direct where much is to be read that is not cached, else buffered (default)");
   app->add_flag("--stats", words->stats, "Print counts and times of every step");
   app->add_flag("-q,--quiet", words->quiet, "No closing line and no warnings");
   return {app, [words] { return run(*words); }};

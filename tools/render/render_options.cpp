@@ -264,10 +264,12 @@ Result<RenderOptions> parse_render_options(const RenderWords& words) {
   }
   if (words.read == "mapped") {
     options.reading = runtime::Reading::kMapped;
+  } else if (words.read == "buffered") {
+    options.reading = runtime::Reading::kBuffered;
   } else if (words.read == "direct") {
     options.reading = runtime::Reading::kDirect;
   } else if (words.read != "auto") {
-    return usage("--read", words.read, "auto, mapped or direct");
+    return usage("--read", words.read, "auto, mapped, buffered or direct");
   }
   for (const std::string& text : words.picks) {
     const Result<PixelPlace> place = parse_pick(text, options.camera.width, options.camera.height);
