@@ -77,13 +77,7 @@ __global__ void __launch_bounds__(kPyramidThreads)
 __global__ void __launch_bounds__(1024)
     build_pyramid_top(const __grid_constant__ DepthPyramid pyramid, FrameCounters* counters) {
   for (uint32_t level = kPyramidTileLevel + 1; level <= kPyramidLevels; ++level) {
-    const int32_t across = pyramid.across(level);
-    const int32_t count = across * pyramid.down(level);
-    for (int32_t i = static_cast<int32_t>(threadIdx.x); i < count; i += static_cast<int32_t>(blockDim.x)) {
-      const int32_t x = i % across;
-      const int32_t y = i / across;
-      pyramid.row(level, y)[x] = code_from_below(pyramid, level, x, y);
-    }
+    fill_level(pyramid, level, static_cast<int32_t>(threadIdx.x), static_cast<int32_t>(blockDim.x));
     __syncthreads();
   }
   if (threadIdx.x == 0) begin_pass(*counters);

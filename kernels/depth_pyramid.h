@@ -15,7 +15,7 @@ static_assert(kMaxImageSide <= 1u << kPyramidLevels);
 /// Squares of 2^level samples a side, row by row; those at the image's end may cover less.
 struct DepthPyramid {
   uint32_t* codes;
-  uint64_t offset[kPyramidLevels + 1];  // of a level's first code; [0] is unused
+  uint64_t offset[kPyramidLevels + 1];  // of a level's first code; 0 of those that are not there
   int32_t width;                        // of the image
   int32_t height;
 
@@ -26,13 +26,13 @@ struct DepthPyramid {
   }
 };
 
-/// Where the levels lie; returns how many codes there are.
-SCREE_HD inline uint64_t lay_out(DepthPyramid& pyramid, int32_t width, int32_t height) {
+/// Where the levels lie, from `first_level` (1 or more) on; returns how many codes there are.
+SCREE_HD inline uint64_t lay_out(DepthPyramid& pyramid, int32_t width, int32_t height, uint32_t first_level = 1) {
   pyramid.width = width;
   pyramid.height = height;
   uint64_t count = 0;
-  pyramid.offset[0] = 0;
-  for (uint32_t level = 1; level <= kPyramidLevels; ++level) {
+  for (uint32_t level = 0; level < first_level; ++level) pyramid.offset[level] = 0;
+  for (uint32_t level = first_level; level <= kPyramidLevels; ++level) {
     pyramid.offset[level] = count;
     count += static_cast<uint64_t>(pyramid.across(level)) * static_cast<uint64_t>(pyramid.down(level));
   }
@@ -52,6 +52,14 @@ SCREE_HD inline uint32_t code_from_below(const DepthPyramid& pyramid, uint32_t l
   return farthest;
 }
 
+/// Fills a level, 2 or up, from the one below: thread `rank` of `size` its share.
+SCREE_HD inline void fill_level(const DepthPyramid& pyramid, uint32_t level, int32_t rank, int32_t size) {
+  const int32_t across = pyramid.across(level);
+  const int32_t count = across * pyramid.down(level);
+  for (int32_t i = rank; i < count; i += size)
+    pyramid.row(level, i / across)[i % across] = code_from_below(pyramid, level, i % across, i / across);
+}
+
 /// Fills the pyramid from the samples of its image, the plain way.
 inline void build_pyramid(const DepthPyramid& pyramid, const uint64_t* samples) {
   for (int32_t y = 0; y < pyramid.down(1); ++y) {
@@ -66,13 +74,7 @@ inline void build_pyramid(const DepthPyramid& pyramid, const uint64_t* samples) 
       pyramid.row(1, y)[x] = farthest;
     }
   }
-  for (uint32_t level = 2; level <= kPyramidLevels; ++level) {
-    for (int32_t y = 0; y < pyramid.down(level); ++y) {
-      for (int32_t x = 0; x < pyramid.across(level); ++x) {
-        pyramid.row(level, y)[x] = code_from_below(pyramid, level, x, y);
-      }
-    }
-  }
+  for (uint32_t level = 2; level <= kPyramidLevels; ++level) fill_level(pyramid, level, 0, 1);
 }
 
 /// The farthest code of the squares of a level that `box` touches.

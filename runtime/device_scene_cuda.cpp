@@ -115,7 +115,8 @@ Result<void> DeviceScene::Impl::upload_streamed(const Scene& host, uint64_t budg
   if (host.jpeg_slot_bytes() != 0)
     return Error{ErrorCode::kUnsupported, host.file().path() + ": streamed with JPEG levels that are not decoded"};
   const uint64_t frames_bytes = kernels::CudaFrames::device_bytes(host.view());
-  const uint64_t fixed = CudaScene::device_bytes(host, &host.view(), 0) + frames_bytes;
+  const uint64_t fixed =
+      CudaScene::device_bytes(host, &host.view(), 0) + frames_bytes + CudaStream::device_bytes(host.view());
   std::vector<uint64_t> bytes = ChunkSource(host).chunk_bytes();
   const uint64_t largest = bytes.empty() ? 0 : *std::max_element(bytes.begin(), bytes.end());
   // The pool and what moving a chunk takes.
@@ -124,10 +125,11 @@ Result<void> DeviceScene::Impl::upload_streamed(const Scene& host, uint64_t budg
     return Error{ErrorCode::kDevice, "the scene takes at least " + std::to_string(least) +
                                          " bytes of device memory where its chunks are streamed, but " +
                                          std::to_string(budget) + " are allowed; use --backend cpu"};
+  const uint64_t bounce = CudaStream::bounce_bytes(largest, budget - fixed);
   Result<Streamer> streamer =
-      Streamer::create(host, budget - fixed - largest - 3 * Residency::kAlignment, std::move(bytes));
+      Streamer::create(host, budget - fixed - bounce - 2 * Residency::kAlignment, std::move(bytes));
   if (!streamer) return streamer.error();
-  stream = std::make_unique<CudaStream>(host, std::move(*streamer), threads);
+  stream = std::make_unique<CudaStream>(host, std::move(*streamer), bounce, threads);
   Result<CudaScene> copy = CudaScene::upload(host, 0, frames_bytes, threads, reading, 0, &stream->view());
   if (!copy) return copy.error();
   scene = std::move(*copy);

@@ -92,13 +92,16 @@ Residency::Batch Residency::load(std::span<const uint32_t> chosen, uint64_t byte
   Batch batch;
   if (chosen.empty()) return batch;
   make_free(bytes);
-  size_t placed = 0;
-  while (placed < chosen.size() && place(chosen[placed])) ++placed;
-  if (placed < chosen.size()) {
-    while (placed != 0) evict(chosen[--placed]);
+  // Neighbours in the file become neighbours in the pool, where they can: fewer and longer copies.
+  std::vector<uint32_t> by_number(chosen.begin(), chosen.end());
+  std::sort(by_number.begin(), by_number.end());
+  size_t placed = place_all(by_number);
+  if (placed == 0) {
     move_together(batch.moves);
-    while (placed < chosen.size() && place(chosen[placed])) ++placed;
+    placed = place_all(by_number);
   }
+  if (placed == 0)
+    while (placed < chosen.size() && place(chosen[placed])) ++placed;
   for (const uint32_t chunk : chosen.first(placed)) {
     slots_[chunk].pinned = true;
     pinned_bytes_ += room(chunk);
@@ -125,6 +128,16 @@ void Residency::batch_drawn() {
 bool Residency::place(uint32_t chunk) {
   slots_[chunk].block = blocks_.take(room(chunk) / kAlignment, chunk);
   return is_resident(chunk);
+}
+
+/// All of them, or none; returns how many.
+size_t Residency::place_all(std::span<const uint32_t> chunks) {
+  for (size_t i = 0; i < chunks.size(); ++i) {
+    if (place(chunks[i])) continue;
+    while (i != 0) evict(chunks[--i]);
+    return 0;
+  }
+  return chunks.size();
 }
 
 void Residency::evict(uint32_t chunk) {

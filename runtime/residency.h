@@ -107,6 +107,7 @@ class Residency {
   }
   Batch load(std::span<const uint32_t> chosen, uint64_t bytes);
   bool place(uint32_t chunk);
+  size_t place_all(std::span<const uint32_t> chunks);
   void evict(uint32_t chunk);
   void make_free(uint64_t bytes);
   void move_together(std::vector<Move>& moves);

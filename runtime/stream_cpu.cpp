@@ -36,7 +36,7 @@ Result<std::unique_ptr<CpuStream>> CpuStream::create(const Scene& scene, uint64_
 }
 
 Result<StreamStats> CpuStream::draw_frame(const kernels::View& view, const kernels::ShadeOptions* shade) {
-  return streamer_.draw(view, shade, *this, threads_);
+  return streamer_.draw(view, shade, *this);
 }
 
 Result<Picture> CpuStream::picture(uint32_t samples_per_side) const {
@@ -106,13 +106,16 @@ Result<kernels::FrameStats> CpuStream::draw(std::span<const Residency::Place> pl
   return drawn;
 }
 
-Result<DepthLevels> CpuStream::depths() {
-  DepthLevels depths{{}, 1};
-  codes_.resize(
-      kernels::lay_out(depths.pyramid, static_cast<int32_t>(view_.width), static_cast<int32_t>(view_.height)));
-  depths.pyramid.codes = codes_.data();
-  kernels::build_pyramid(depths.pyramid, samples_.data());
-  return depths;
+Result<std::span<const uint32_t>> CpuStream::list() {
+  visible_ = VisibleChunks(scene_, view_, threads_);
+  return visible_.near_to_far();
+}
+
+Result<void> CpuStream::find_depths() {
+  codes_.resize(kernels::lay_out(depths_, static_cast<int32_t>(view_.width), static_cast<int32_t>(view_.height)));
+  depths_.codes = codes_.data();
+  kernels::build_pyramid(depths_, samples_.data());
+  return {};
 }
 
 }  // namespace scree::runtime

@@ -15,6 +15,7 @@
 #include "runtime/chunk_source.h"
 #include "runtime/renderer.h"
 #include "runtime/streamer.h"
+#include "runtime/visible_chunks.h"
 
 namespace scree::runtime {
 
@@ -44,7 +45,9 @@ class CpuStream final : public StreamTarget {
   Result<void> finish_loading() override;
   void stop_loading() override;
   Result<kernels::FrameStats> draw(std::span<const Residency::Place> places) override;
-  Result<DepthLevels> depths() override;
+  Result<std::span<const uint32_t>> list() override;
+  Result<void> find_depths() override;
+  bool is_hidden(uint32_t chunk) const override { return visible_.is_hidden(chunk, depths_); }
 
  private:
   CpuStream(const Scene& scene, Streamer streamer, uint32_t threads);
@@ -59,6 +62,8 @@ class CpuStream final : public StreamTarget {
   std::optional<kernels::ShadeOptions> shade_;
   std::vector<uint64_t> samples_;
   std::vector<float> colors_;
+  VisibleChunks visible_;
+  kernels::DepthPyramid depths_{};
   std::vector<uint32_t> codes_;  // of the pyramid
   std::deque<std::future<Result<void>>> loading_;
 };

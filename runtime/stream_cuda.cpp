@@ -5,8 +5,8 @@
 #include <utility>
 
 #include "format/bytes.h"
-#include "kernels/depth_codes_cuda.h"
 #include "kernels/frame_parts.h"
+#include "runtime/visible_chunks.h"
 
 namespace scree::runtime {
 
@@ -31,8 +31,13 @@ Result<void> fit(DeviceBuffer& buffer, uint64_t bytes, const char* what) {
 
 }  // namespace
 
-CudaStream::CudaStream(const Scene& scene, Streamer streamer, uint32_t threads)
-    : source_(scene), streamer_(std::move(streamer)), threads_(threads) {}
+CudaStream::CudaStream(const Scene& scene, Streamer streamer, uint64_t bounce_bytes, uint32_t threads)
+    : source_(scene), streamer_(std::move(streamer)), threads_(threads), bounce_bytes_(bounce_bytes) {}
+
+uint64_t CudaStream::bounce_bytes(uint64_t largest_chunk, uint64_t room) {
+  constexpr uint64_t kEnough = uint64_t{32} << 20;
+  return std::max(room_of(largest_chunk), std::min(room / 32, kEnough));
+}
 
 CudaStream::~CudaStream() {
   stop_loading();
@@ -50,7 +55,8 @@ Result<void> CudaStream::open(const kernels::SceneView& device, kernels::CudaFra
   Result<void> done = cuda_check(cudaGetDevice(&device_), "asking for the current GPU");
   // Passes may read a few bytes past a chunk.
   if (done) done = fit(pool_, residency.pool_bytes() + Residency::kAlignment, "allocating the pool of chunks");
-  if (done) done = fit(bounce_, residency.largest_room(), "allocating room to move chunks");
+  if (done) done = fit(bounce_, bounce_bytes_, "allocating room to move chunks");
+  if (done) done = visible_.open(streamer_.view(), scene_);
   const uint64_t table_bytes = scene_.chunk_count * sizeof(std::byte*);
   if (done) done = pages_.allocate(table_bytes, "allocating pinned memory");
   if (done) std::fill_n(pages_.data(), table_bytes, std::byte{0});
@@ -62,7 +68,7 @@ Result<void> CudaStream::open(const kernels::SceneView& device, kernels::CudaFra
                         "making an event");
   if (done) done = keep_in_host_memory(host_bytes);
   const bool all_kept = std::find(kept_at_.begin(), kept_at_.end(), kNotPinned) == kept_at_.end();
-  for (PinnedBuffer& staging : staging_)
+  for (kernels::PinnedBuffer& staging : staging_)
     if (done && !all_kept) done = staging.allocate(streamer_.most_batch_bytes(), "allocating pinned memory");
   return done;
 }
@@ -88,7 +94,7 @@ Result<void> CudaStream::keep_in_host_memory(uint64_t host_bytes) {
 Result<StreamStats> CudaStream::draw_frame(const kernels::View& view, const kernels::ShadeOptions* shade,
                                            uint64_t* samples) {
   samples_ = samples;
-  return streamer_.draw(view, shade, *this, threads_);
+  return streamer_.draw(view, shade, *this);
 }
 
 Result<void> CudaStream::begin(const kernels::View& view, const kernels::ShadeOptions* shade) {
@@ -104,21 +110,39 @@ Result<void> CudaStream::begin(const kernels::View& view, const kernels::ShadeOp
   return done;
 }
 
+/// Those that lie side by side before and after go as one.
 Result<void> CudaStream::move(std::span<const Residency::Move> moves) {
-  for (const Residency::Move& move : moves) {
-    const std::byte* from = pool_.data() + move.from;
-    if (move.from - move.to < move.bytes) {
-      if (auto done = cuda_check(cudaMemcpyAsync(bounce_.data(), from, move.bytes, cudaMemcpyDeviceToDevice, copies_),
-                                 "moving a chunk");
-          !done)
-        return done;
-      from = bounce_.data();
+  for (size_t first = 0; first < moves.size();) {
+    const Residency::Move& start = moves[first];
+    uint64_t bytes = start.bytes;
+    size_t next = first + 1;
+    for (; next < moves.size(); ++next) {
+      const uint64_t step = room_of(bytes);
+      if (moves[next].from != start.from + step || moves[next].to != start.to + step) break;
+      bytes = step + moves[next].bytes;
     }
-    if (auto done =
-            cuda_check(cudaMemcpyAsync(pool_.data() + move.to, from, move.bytes, cudaMemcpyDeviceToDevice, copies_),
-                       "moving a chunk");
-        !done)
-      return done;
+    if (Result<void> moved = move_run(start.from, start.to, bytes); !moved) return moved;
+    first = next;
+  }
+  return {};
+}
+
+/// To a smaller offset. Copies do not overlap themselves: they go piece by piece, as far as the way is long, or through
+/// memory apart where that is longer.
+Result<void> CudaStream::move_run(uint64_t from, uint64_t to, uint64_t bytes) {
+  const auto copy = [&](std::byte* target, const std::byte* source, uint64_t count) {
+    return cuda_check(cudaMemcpyAsync(target, source, count, cudaMemcpyDeviceToDevice, copies_), "moving chunks");
+  };
+  const bool bounces = from - to < bytes && from - to < bounce_bytes_;
+  const uint64_t piece = bounces ? bounce_bytes_ : from - to;
+  for (uint64_t done = 0; done < bytes; done += piece) {
+    const uint64_t count = std::min(piece, bytes - done);
+    const std::byte* source = pool_.data() + from + done;
+    if (bounces) {
+      if (Result<void> copied = copy(bounce_.data(), source, count); !copied) return copied;
+      source = bounce_.data();
+    }
+    if (Result<void> copied = copy(pool_.data() + to + done, source, count); !copied) return copied;
   }
   return {};
 }
@@ -224,26 +248,18 @@ Result<kernels::FrameStats> CudaStream::draw(std::span<const Residency::Place> p
   return stats;
 }
 
-Result<DepthLevels> CudaStream::depths() {
-  DepthLevels depths{{}, kernels::kDepthCodesLevel};
-  kernels::DepthPyramid& pyramid = depths.pyramid;
-  pyramid_codes_.resize(
-      kernels::lay_out(pyramid, static_cast<int32_t>(view_.width), static_cast<int32_t>(view_.height)));
-  pyramid.codes = pyramid_codes_.data();
-  const uint32_t first = depths.first_level;
-  const uint64_t bytes =
-      static_cast<uint64_t>(pyramid.across(first)) * static_cast<uint64_t>(pyramid.down(first)) * sizeof(uint32_t);
-  Result<void> done = fit(codes_, bytes, "allocating the depths");
-  auto* const codes = reinterpret_cast<uint32_t*>(codes_.data());
-  if (done) done = kernels::find_depth_codes(samples_, view_.width, view_.height, codes, nullptr);
-  if (done)
-    done = cuda_check(cudaMemcpy(pyramid.row(first, 0), codes, bytes, cudaMemcpyDeviceToHost), "reading the depths");
-  if (!done) return done.error();
-  for (uint32_t level = first + 1; level <= kernels::kPyramidLevels; ++level)
-    for (int32_t y = 0; y < pyramid.down(level); ++y)
-      for (int32_t x = 0; x < pyramid.across(level); ++x)
-        pyramid.row(level, y)[x] = kernels::code_from_below(pyramid, level, x, y);
-  return depths;
+Result<std::span<const uint32_t>> CudaStream::list() {
+  const Result<std::span<const uint32_t>> nearest = visible_.find_nearest(view_);
+  if (!nearest) return nearest.error();
+  near_to_far_ = order_by_depth(*nearest);
+  return std::span<const uint32_t>(near_to_far_);
+}
+
+Result<void> CudaStream::find_depths() {
+  const Result<std::span<const uint8_t>> shown = visible_.find_shown(samples_);
+  if (!shown) return shown.error();
+  shown_ = *shown;
+  return {};
 }
 
 }  // namespace scree::runtime

@@ -17,37 +17,28 @@
 #include "kernels/cuda_check.h"
 #include "kernels/frame_cuda.h"
 #include "kernels/resolve_cuda.h"
+#include "kernels/visible_chunks_cuda.h"
 #include "runtime/chunk_source.h"
 #include "runtime/streamer.h"
 
 namespace scree::runtime {
 
-/// Memory that the GPU copies from by itself.
-class PinnedBuffer {
- public:
-  PinnedBuffer() = default;
-  PinnedBuffer(const PinnedBuffer&) = delete;
-  PinnedBuffer& operator=(const PinnedBuffer&) = delete;
-  ~PinnedBuffer() { (void)cudaFreeHost(data_); }
-
-  /// At most once.
-  Result<void> allocate(uint64_t bytes, const char* what) {
-    return kernels::cuda_check(cudaMallocHost(&data_, bytes == 0 ? 1 : bytes), what);
-  }
-  std::byte* data() const { return static_cast<std::byte*>(data_); }
-
- private:
-  void* data_ = nullptr;
-};
-
 /// Called by one thread; of the device that was current when it was made.
 class CudaStream final : public StreamTarget {
  public:
-  /// `scene` outlives this; `streamer` is one of it. Throws std::bad_alloc.
-  CudaStream(const Scene& scene, Streamer streamer, uint32_t threads);
+  /// `scene` outlives this; `streamer` is one of it. `bounce_bytes`: bounce_bytes(). Throws std::bad_alloc.
+  CudaStream(const Scene& scene, Streamer streamer, uint64_t bounce_bytes, uint32_t threads);
   CudaStream(const CudaStream&) = delete;
   CudaStream& operator=(const CudaStream&) = delete;
   ~CudaStream();
+
+  /// What moving chunks takes of the device memory, `room`, that the pool and it have together.
+  static uint64_t bounce_bytes(uint64_t largest_chunk, uint64_t room);
+
+  /// What beside the pool, and that, goes to device memory with open().
+  static uint64_t device_bytes(const kernels::SceneView& scene) {
+    return kernels::CudaVisibleChunks::device_bytes(scene);
+  }
 
   /// As the target has to see it: for CudaScene::upload.
   const kernels::SceneView& view() const { return streamer_.view(); }
@@ -71,7 +62,9 @@ class CudaStream final : public StreamTarget {
   Result<void> finish_loading() override;
   void stop_loading() override;
   Result<kernels::FrameStats> draw(std::span<const Residency::Place> places) override;
-  Result<DepthLevels> depths() override;
+  Result<std::span<const uint32_t>> list() override;
+  Result<void> find_depths() override;
+  bool is_hidden(uint32_t chunk) const override { return shown_[chunk] == 0; }
 
  private:
   static constexpr uint64_t kNotPinned = ~uint64_t{0};
@@ -88,6 +81,7 @@ class CudaStream final : public StreamTarget {
     uint64_t bytes;
   };
 
+  Result<void> move_run(uint64_t from, uint64_t to, uint64_t bytes);
   Result<void> keep_in_host_memory(uint64_t host_bytes);
   Result<void> load(std::vector<Residency::Place> places, uint32_t number);
   Result<void> copy_runs(std::span<const Copy> copies);
@@ -100,11 +94,12 @@ class CudaStream final : public StreamTarget {
   kernels::CudaFrames* frames_ = nullptr;
   kernels::CudaResolver* resolver_ = nullptr;
   kernels::DeviceBuffer pool_;
+  uint64_t bounce_bytes_;
   kernels::DeviceBuffer bounce_;  // for moves onto themselves
-  PinnedBuffer pages_;            // the table of scene_.pages, as it is to be
-  PinnedBuffer kept_;
+  kernels::PinnedBuffer pages_;   // the table of scene_.pages, as it is to be
+  kernels::PinnedBuffer kept_;
   std::vector<uint64_t> kept_at_;  // by chunk, in kept_
-  PinnedBuffer staging_[kLoadsAhead];
+  kernels::PinnedBuffer staging_[kLoadsAhead];
   cudaStream_t copies_ = nullptr;
   cudaEvent_t loaded_[kLoadsAhead] = {};
   uint32_t loads_ = 0;
@@ -115,8 +110,9 @@ class CudaStream final : public StreamTarget {
   bool shades_ = false;
   kernels::ShadeOptions shade_;
   kernels::DeviceBuffer colors_;
-  kernels::DeviceBuffer codes_;
-  std::vector<uint32_t> pyramid_codes_;
+  kernels::CudaVisibleChunks visible_;
+  std::vector<uint32_t> near_to_far_;
+  std::span<const uint8_t> shown_;  // by chunk
 };
 
 }  // namespace scree::runtime

@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <deque>
 #include <new>
-#include <optional>
 #include <string>
 #include <utility>
 
@@ -28,6 +27,13 @@ void add(kernels::FrameStats& sum, const kernels::FrameStats& part) {
 /// An eighth: with what is drawn and what is loaded apart, most of the pool keeps what is near.
 uint64_t wanted_batch_bytes(const Residency& residency) {
   return std::min(residency.pool_bytes() / 8, kMostBatchBytes);
+}
+
+Result<void> find_depths(StreamTarget& target, StreamStats& stats) {
+  const Stopwatch watch;
+  Result<void> found = target.find_depths();
+  stats.depths_ms += watch.elapsed().wall_ms;
+  return found;
 }
 
 Error no_memory(const std::string& what) {
@@ -61,13 +67,13 @@ uint64_t Streamer::most_batch_bytes() const {
   return std::max(wanted_batch_bytes(residency_), residency_.largest_room());
 }
 
-Result<StreamStats> Streamer::draw(const kernels::View& view, const kernels::ShadeOptions* shade, StreamTarget& target,
-                                   uint32_t threads) {
+Result<StreamStats> Streamer::draw(const kernels::View& view, const kernels::ShadeOptions* shade,
+                                   StreamTarget& target) {
   const uint64_t triangles = view_.instance_count == 0 ? 0 : view_.instance_base[view_.instance_count];
   if (Result<void> checked = kernels::check_frame(view, triangles); !checked) return checked.error();
   Result<StreamStats> drawn = [&]() -> Result<StreamStats> {
     try {
-      return draw_all(view, shade, target, threads);
+      return draw_all(view, shade, target);
     } catch (const std::bad_alloc&) {
       return no_memory("for the frame's chunks");
     }
@@ -80,15 +86,16 @@ Result<StreamStats> Streamer::draw(const kernels::View& view, const kernels::Sha
 }
 
 Result<StreamStats> Streamer::draw_all(const kernels::View& view, const kernels::ShadeOptions* shade,
-                                       StreamTarget& target, uint32_t threads) {
+                                       StreamTarget& target) {
   StreamStats stats{};
   if (Result<void> begun = target.begin(view, shade); !begun) return begun.error();
   const Stopwatch list_watch;
-  const VisibleChunks visible(view_, view, threads);
+  const Result<std::span<const uint32_t>> listed = target.list();
+  if (!listed) return listed.error();
   stats.list_ms = list_watch.elapsed().wall_ms;
-  stats.seen_chunks = visible.near_to_far().size();
-  for (const uint32_t chunk : visible.near_to_far()) stats.seen_bytes += residency_.chunk_bytes(chunk);
-  std::vector<Residency::Place> batch = residency_.begin_frame(visible.near_to_far());
+  stats.seen_chunks = listed->size();
+  for (const uint32_t chunk : *listed) stats.seen_bytes += residency_.chunk_bytes(chunk);
+  std::vector<Residency::Place> batch = residency_.begin_frame(*listed);
   for (const uint32_t chunk : residency_.missing()) stats.missing_bytes += residency_.chunk_bytes(chunk);
   // What was hidden last time most likely is again, by something that is drawn later than the first loads are chosen:
   // it waits until all else is drawn.
@@ -99,14 +106,15 @@ Result<StreamStats> Streamer::draw_all(const kernels::View& view, const kernels:
   });
   const uint64_t batch_bytes = wanted_batch_bytes(residency_);
 
-  std::optional<DepthLevels> depths;  // of what is drawn
+  bool has_depths = false;  // of all that is drawn
   const auto is_hidden = [&](uint32_t chunk) {
-    if (!depths || !visible.is_hidden(chunk, *depths)) return false;
+    if (!has_depths || !target.is_hidden(chunk)) return false;
     stats.hidden_bytes += residency_.chunk_bytes(chunk);
     was_hidden_[chunk] = true;
     return true;
   };
   std::deque<std::vector<Residency::Place>> loading;
+  std::vector<uint32_t> streamed;
   bool has_batch = true;  // `batch` is to be drawn; that of begin_frame() may be empty
   bool is_drawn = false;  // something
   while (has_batch || !residency_.missing().empty() || !waiting.empty()) {
@@ -126,6 +134,7 @@ Result<StreamStats> Streamer::draw_all(const kernels::View& view, const kernels:
       if (Result<void> started = target.start_loading(next.loads); !started) return started.error();
       for (const Residency::Place& place : next.loads) {
         stats.streamed_bytes += place.bytes;
+        streamed.push_back(place.chunk);
         was_hidden_[place.chunk] = false;
       }
       ++stats.batches;
@@ -134,7 +143,7 @@ Result<StreamStats> Streamer::draw_all(const kernels::View& view, const kernels:
     stats.choose_ms += choose_watch.elapsed().wall_ms;
     if (has_batch) {
       if (!batch.empty()) {
-        depths.reset();
+        has_depths = false;
         const Stopwatch draw_watch;
         const Result<kernels::FrameStats> drawn = target.draw(batch);
         if (!drawn) return drawn.error();
@@ -144,11 +153,8 @@ Result<StreamStats> Streamer::draw_all(const kernels::View& view, const kernels:
       }
       residency_.batch_drawn();
       if (!batch.empty() && (!residency_.missing().empty() || !waiting.empty())) {
-        const Stopwatch depths_watch;
-        const Result<DepthLevels> now = target.depths();
-        if (!now) return now.error();
-        depths = *now;
-        stats.depths_ms += depths_watch.elapsed().wall_ms;
+        if (Result<void> found = find_depths(target, stats); !found) return found.error();
+        has_depths = true;
       }
     }
     has_batch = !loading.empty();
@@ -159,6 +165,11 @@ Result<StreamStats> Streamer::draw_all(const kernels::View& view, const kernels:
       batch = std::move(loading.front());
       loading.pop_front();
     }
+  }
+  if (!streamed.empty()) {
+    if (Result<void> found = find_depths(target, stats); !found) return found.error();
+    for (const uint32_t chunk : streamed)
+      if (!target.is_hidden(chunk)) stats.needed_bytes += residency_.chunk_bytes(chunk);
   }
   return stats;
 }

@@ -13,7 +13,6 @@
 #include "kernels/scene_view.h"
 #include "runtime/residency.h"
 #include "runtime/scene.h"
-#include "runtime/visible_chunks.h"
 
 namespace scree::runtime {
 
@@ -34,8 +33,13 @@ class StreamTarget {
   /// Draws these chunks, all that is seen of them, into the samples of the frame, and shades the samples that they win;
   /// returns when the chunks are not needed any more.
   virtual Result<kernels::FrameStats> draw(std::span<const Residency::Place> places) = 0;
-  /// Depths of the samples so far, in host memory, until the next call of draw().
-  virtual Result<DepthLevels> depths() = 0;
+  /// Chunks that the frame's view may show, near ones first (order_by_depth()); until the next call.
+  virtual Result<std::span<const uint32_t>> list() = 0;
+  /// Looks at the depths of the samples so far, for is_hidden(). After list().
+  virtual Result<void> find_depths() = 0;
+  /// Whether the chunk, one of the list, cannot change a sample any more: all that it may cover lies behind what was
+  /// there when find_depths() was called last, in this frame.
+  virtual bool is_hidden(uint32_t chunk) const = 0;
 
  protected:
   ~StreamTarget() = default;
@@ -49,12 +53,13 @@ struct StreamStats {
   uint64_t missing_bytes = 0;   // of those that were not in the pool when the frame began
   uint64_t hidden_bytes = 0;    // of the missing: behind what was drawn before, and not loaded
   uint64_t streamed_bytes = 0;  // of the missing: loaded
+  uint64_t needed_bytes = 0;    // of those: not behind the picture as it is in the end, as far as boxes tell
   uint64_t moved_bytes = 0;     // within the pool
   uint64_t batches = 0;         // that were loaded
   double list_ms = 0;           // finding the chunks in the view
   double choose_ms = 0;         // choosing what is loaded, moving and asking for it
   double draw_ms = 0;           // drawing batches
-  double depths_ms = 0;         // finding the depths of what is drawn
+  double depths_ms = 0;         // finding what hides behind what is drawn
   double load_ms = 0;           // waiting for loads while nothing was drawn
 };
 
@@ -75,10 +80,8 @@ class Streamer {
   const kernels::SceneView& view() const { return view_; }
 
   /// Draws one frame through `target`, whose pool is this one's, and nobody else's. After an error the next frame
-  /// begins with an empty pool. `threads`: for finding out what is seen. Errors kRange (kernels::check_frame), kMemory,
-  /// those of `target`.
-  Result<StreamStats> draw(const kernels::View& view, const kernels::ShadeOptions* shade, StreamTarget& target,
-                           uint32_t threads);
+  /// begins with an empty pool. Errors kRange (kernels::check_frame), kMemory, those of `target`.
+  Result<StreamStats> draw(const kernels::View& view, const kernels::ShadeOptions* shade, StreamTarget& target);
 
   const Residency& residency() const { return residency_; }
 
@@ -87,8 +90,7 @@ class Streamer {
 
  private:
   Streamer(const Scene& scene, Residency residency);
-  Result<StreamStats> draw_all(const kernels::View& view, const kernels::ShadeOptions* shade, StreamTarget& target,
-                               uint32_t threads);
+  Result<StreamStats> draw_all(const kernels::View& view, const kernels::ShadeOptions* shade, StreamTarget& target);
 
   Residency residency_;
   std::vector<bool> was_hidden_;  // by chunk: when it was missing last, so that it was not loaded

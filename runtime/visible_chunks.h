@@ -6,17 +6,19 @@
 #include <span>
 #include <vector>
 
+#include "kernels/chunk_screen.h"
 #include "kernels/depth_pyramid.h"
 #include "kernels/frame.h"
 #include "kernels/scene_view.h"
 
 namespace scree::runtime {
 
-/// A pyramid of depths, of which levels from `first_level` (1 or more) on are filled.
-struct DepthLevels {
-  kernels::DepthPyramid pyramid;
-  uint32_t first_level;
-};
+/// No depth code.
+inline constexpr uint32_t kNotInView = UINT32_MAX;
+
+/// The chunks that have a code (by chunk, the nearest that it may have), by that; of equal ones the smaller number
+/// comes first. Throws std::bad_alloc.
+std::vector<uint32_t> order_by_depth(std::span<const uint32_t> nearest_codes);
 
 class VisibleChunks {
  public:
@@ -27,24 +29,24 @@ class VisibleChunks {
   /// Fewer than 2^32 chunks. Throws std::bad_alloc.
   VisibleChunks(const kernels::SceneView& scene, const kernels::View& view, uint32_t threads);
 
-  /// Chunks by the nearest depth code that they may have, each once; of equal codes the smaller number comes first.
+  /// Each chunk once, as order_by_depth() has them.
   std::span<const uint32_t> near_to_far() const { return order_; }
 
   /// Whether the chunk cannot change a sample of the picture that `depths` was made from, or of a nearer one: all that
-  /// its instances may cover has smaller depth codes. `chunk`: one of near_to_far().
-  bool is_hidden(uint32_t chunk, const DepthLevels& depths) const;
+  /// its instances may cover has smaller depth codes. `chunk`: one of near_to_far(). The pyramid's levels from
+  /// `first_level` on are asked.
+  bool is_hidden(uint32_t chunk, const kernels::DepthPyramid& depths, uint32_t first_level = 1) const;
 
  private:
   /// What one instance's chunk may cover.
   struct Place {
     uint32_t chunk;
-    uint32_t nearest_code;
-    kernels::PixelBox pixels;
+    kernels::ScreenBounds bounds;
   };
 
   std::vector<uint32_t> order_;
-  std::vector<Place> places_;    // chunk by chunk
-  std::vector<uint64_t> first_;  // of a chunk, in places_; one more ends the last
+  std::vector<kernels::ScreenBounds> places_;  // chunk by chunk
+  std::vector<uint64_t> first_;                // of a chunk, in places_; one more ends the last
 };
 
 }  // namespace scree::runtime

@@ -1,6 +1,7 @@
 // Scenes that a GPU's budget does not hold, against the CPU's frames of the whole scene.
 #include <algorithm>
 #include <cstring>
+#include <optional>
 #include <random>
 #include <string>
 #include <utility>
@@ -12,6 +13,8 @@
 #include "runtime/cuda_upload.h"
 #include "runtime/device_scene.h"
 #include "runtime/renderer.h"
+#include "runtime/stream_cuda.h"
+#include "runtime/visible_chunks.h"
 #include "tests/catch.h"
 #include "tests/runtime/paged_scene.h"
 #include "tests/tools/temp_folder.h"
@@ -58,13 +61,8 @@ Soup triangles_around(uint32_t count, std::mt19937& random) {
   return soup;
 }
 
-}  // namespace
-
-TEST_CASE("a scene over the device's budget is streamed with the same samples", "[cuda]") {
-  if (!runtime::find_device()) {
-    WARN("skipped: no GPU");
-    return;
-  }
+/// Nine meshes drawn twice, of all encodings.
+void write_soup(const std::string& path) {
   std::mt19937 random(11);
   std::vector<std::pair<Soup, Encoding>> meshes;
   for (int i = 0; i < 9; ++i) {
@@ -73,10 +71,108 @@ TEST_CASE("a scene over the device's budget is streamed with the same samples", 
     if (i % 3 == 1) encoding.clusters = scree::tests::Clusters::kClustered;
     meshes.emplace_back(triangles_around(1500, random), encoding);
   }
-  const TempFolder folder;
   PagedScene paged;
   paged.drawn_twice = true;
-  paged.write(folder.file("soup.scree"), meshes);
+  paged.write(path, meshes);
+}
+
+}  // namespace
+
+TEST_CASE("a GPU lists and hides the chunks that the host does", "[cuda]") {
+  // A wall, and small clouds of triangles around and behind it.
+  std::mt19937 random(5);
+  std::uniform_real_distribution<double> unit(-1, 1);
+  std::vector<std::pair<Soup, Encoding>> meshes;
+  Soup wall;
+  const uint32_t corner[4] = {wall.add(-1, -1, 0), wall.add(1, -1, 0), wall.add(1, 1, 0), wall.add(-1, 1, 0)};
+  wall.triangle(corner[0], corner[1], corner[2]);
+  wall.triangle(corner[0], corner[2], corner[3]);
+  meshes.emplace_back(wall, Encoding{});
+  for (int i = 0; i < 40; ++i) {
+    const double middle[3] = {3 * unit(random), 3 * unit(random), 3 * unit(random)};
+    Soup cloud;
+    for (int t = 0; t < 20; ++t) {
+      uint32_t at[3];
+      for (uint32_t& c : at)
+        c = cloud.add(middle[0] + 0.1 * unit(random), middle[1] + 0.1 * unit(random), middle[2] + 0.1 * unit(random));
+      cloud.triangle(at[0], at[1], at[2]);
+    }
+    Encoding encoding;
+    encoding.float32 = i % 3 == 0;
+    if (i % 3 == 1) encoding.clusters = scree::tests::Clusters::kClustered;
+    meshes.emplace_back(cloud, encoding);
+  }
+  const TempFolder folder;
+  PagedScene paged;
+  paged.write(folder.file("wall.scree"), meshes);
+  const Scene scene = must_load(folder.file("wall.scree"), true);
+  const bool has_gpu = static_cast<bool>(runtime::find_device());
+  std::optional<CudaScene> device;
+  kernels::CudaVisibleChunks on_device;
+  if (has_gpu) {
+    Result<CudaScene> uploaded = CudaScene::upload(scene, 0, 0, 2, Reading::kAuto, 0);
+    REQUIRE(uploaded);
+    device.emplace(std::move(*uploaded));
+    REQUIRE(on_device.open(scene.view(), device->view()));
+  } else {
+    WARN("skipped: no GPU; the host's part alone");
+  }
+
+  size_t hidden = 0;
+  size_t outside = 0;
+  for (int i = 0; i < 40; ++i) {
+    runtime::CameraOptions camera;
+    camera.width = 320;
+    camera.height = 200;
+    camera.eye = runtime::Vec3{0.4 * unit(random), 0.4 * unit(random), 1.6 + unit(random)};
+    camera.target = runtime::Vec3{0.4 * unit(random), 0.4 * unit(random), -1};
+    Result<View> view = runtime::make_view(scene.container(), 0, scene.view(), camera);
+    REQUIRE(view);
+    if (i % 4 == 3) {
+      view->orthographic = true;
+      view->half_width = 1.6;
+      view->half_height = 1;
+      view->z_far = view->z_near + 20;
+    }
+    const runtime::VisibleChunks on_host(scene.view(), *view, 2);
+    std::vector<uint64_t> samples(uint64_t{view->width} * view->height);
+    REQUIRE(kernels::draw_cpu(scene.view(), *view, samples, 2));
+    kernels::DepthPyramid pyramid;
+    std::vector<uint32_t> codes(
+        kernels::lay_out(pyramid, static_cast<int32_t>(view->width), static_cast<int32_t>(view->height)));
+    pyramid.codes = codes.data();
+    kernels::build_pyramid(pyramid, samples.data());
+    std::vector<uint8_t> expected(scene.view().chunk_count);
+    for (const uint32_t chunk : on_host.near_to_far()) {
+      expected[chunk] = !on_host.is_hidden(chunk, pyramid, kernels::CudaVisibleChunks::kFirstLevel);
+      hidden += expected[chunk] == 0 ? 1 : 0;
+    }
+    outside += expected.size() - on_host.near_to_far().size();
+    if (!has_gpu) continue;
+
+    const Result<std::span<const uint32_t>> nearest = on_device.find_nearest(*view);
+    REQUIRE(nearest);
+    const std::vector<uint32_t> order = runtime::order_by_depth(*nearest);
+    REQUIRE(std::equal(order.begin(), order.end(), on_host.near_to_far().begin(), on_host.near_to_far().end()));
+    Result<kernels::DeviceBuffer> copy = kernels::DeviceBuffer::allocate(samples.size() * sizeof(uint64_t), "a test");
+    REQUIRE(copy);
+    REQUIRE(cudaMemcpy(copy->data(), samples.data(), copy->bytes(), cudaMemcpyHostToDevice) == cudaSuccess);
+    const Result<std::span<const uint8_t>> shown =
+        on_device.find_shown(reinterpret_cast<const uint64_t*>(copy->data()));
+    REQUIRE(shown);
+    REQUIRE(std::equal(shown->begin(), shown->end(), expected.begin(), expected.end()));
+  }
+  CHECK(hidden > 40);
+  CHECK(outside > 40);
+}
+
+TEST_CASE("a scene over the device's budget is streamed with the same samples", "[cuda]") {
+  if (!runtime::find_device()) {
+    WARN("skipped: no GPU");
+    return;
+  }
+  const TempFolder folder;
+  write_soup(folder.file("soup.scree"));
   const Scene whole = must_load(folder.file("soup.scree"), true);
   const Scene scene = must_load(folder.file("soup.scree"), false);
 
@@ -86,8 +182,9 @@ TEST_CASE("a scene over the device's budget is streamed with the same samples", 
     all += bytes;
     largest = std::max(largest, bytes);
   }
-  const uint64_t beside =
-      CudaScene::device_bytes(scene, &scene.view(), 0) + kernels::CudaFrames::device_bytes(scene.view());
+  const uint64_t beside = CudaScene::device_bytes(scene, &scene.view(), 0) +
+                          kernels::CudaFrames::device_bytes(scene.view()) +
+                          runtime::CudaStream::device_bytes(scene.view());
   for (const uint64_t pool : {3 * largest, all / 4 + largest, all / 2 + largest}) {
     for (const uint64_t host_memory : {uint64_t{0}, all / 2, 2 * all}) {
       CAPTURE(pool, host_memory);

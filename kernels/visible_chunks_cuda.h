@@ -1,0 +1,69 @@
+// Which chunks a view may show, and which of them hide behind what is drawn, found on a GPU. The list is what
+// runtime/visible_chunks.h finds on the host; squares of the depth pyramid of less than 8 x 8 samples are not asked here.
+#pragma once
+
+#include <cuda_runtime_api.h>
+
+#include <cstdint>
+#include <span>
+
+#include "format/result.h"
+#include "kernels/cuda_check.h"
+#include "kernels/depth_pyramid.h"
+#include "kernels/frame.h"
+#include "kernels/scene_view.h"
+#include "kernels/transform.h"
+
+namespace scree::kernels {
+
+/// Memory that the GPU copies from, and to, by itself.
+class PinnedBuffer {
+ public:
+  PinnedBuffer() = default;
+  PinnedBuffer(const PinnedBuffer&) = delete;
+  PinnedBuffer& operator=(const PinnedBuffer&) = delete;
+  ~PinnedBuffer() { (void)cudaFreeHost(data_); }
+
+  /// At most once.
+  Result<void> allocate(uint64_t bytes, const char* what) {
+    return cuda_check(cudaMallocHost(&data_, bytes == 0 ? 1 : bytes), what);
+  }
+  std::byte* data() const { return static_cast<std::byte*>(data_); }
+
+ private:
+  void* data_ = nullptr;
+};
+
+/// Of one scene, on the device that was current when it was opened; its calls wait for what they find.
+class CudaVisibleChunks {
+ public:
+  static constexpr uint32_t kFirstLevel = 3;  // of the pyramid: a code for 8 x 8 samples
+
+  /// `host`: the scene's records in host memory, needed during the call only; `device`: the same on the device, which
+  /// outlives this. Fewer than 2^32 chunks. Errors kDevice.
+  Result<void> open(const SceneView& host, const SceneView& device);
+
+  /// What open() takes of device memory. The depths' pyramid, 1/12 byte a sample, comes with the first frame.
+  static uint64_t device_bytes(const SceneView& scene);
+
+  /// By chunk, the nearest depth code that it may have in `view`; ~0 where it draws no sample. Until the next call.
+  /// Errors kDevice.
+  Result<std::span<const uint32_t>> find_nearest(const View& view);
+
+  /// By chunk, whether it may change a sample of the picture that `samples` (device memory) holds by now, of the view
+  /// that find_nearest() was asked for; 0: it hides, or is not in the view. Until the next call. Errors kDevice.
+  Result<std::span<const uint8_t>> find_shown(const uint64_t* samples);
+
+ private:
+  SceneView scene_{};
+  FrameView frame_{};
+  dim3 blocks_{};
+  DeviceBuffer nearest_;
+  DeviceBuffer shown_;
+  PinnedBuffer read_nearest_;
+  PinnedBuffer read_shown_;
+  DeviceBuffer codes_;
+  DepthPyramid pyramid_{};
+};
+
+}  // namespace scree::kernels
