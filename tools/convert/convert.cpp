@@ -105,6 +105,7 @@ class Converter {
     find_wanted();
     if (const Result<void> done = plan_memory(); !done) return done;
     prepare_ahead();
+    read_before_ = read_totals();  // what images took is not the geometry's
     if (const Result<void> done = measure_primitives(); !done) return done;
     if (!ahead_)
       if (const Result<void> done = plan_images(materials_used()); !done) return done;
@@ -231,8 +232,8 @@ class Converter {
       return;
     if (const Result<void> planned = plan_images(*used); planned) {
       Result<format::ContainerWriter> writer = create_writer(most_bytes_known());
-      if (writer && store_images(*writer)) {
-        ahead_ = memory_.ahead();
+      if (writer && store_images(*writer)) ahead_ = memory_.ahead();  // images have taken their part by now
+      if (ahead_) {
         writer_ = std::move(*writer);
         written_before_ = writer_->bytes();
       }
@@ -591,7 +592,7 @@ class Converter {
   GeometryWriter::OpenPage open_page_;             // behind that
   std::optional<format::ContainerWriter> writer_;  // once it is open
   StageTimes times_;
-  const ReadTotals read_before_ = read_totals();
+  ReadTotals read_before_;
   uint64_t written_before_ = 0;  // images, and what another run wrote
   std::vector<bool> wanted_;     // of the primitives: some node draws them
   MemoryPlan memory_;

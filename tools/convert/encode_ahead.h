@@ -31,7 +31,7 @@ class EncodeAhead final : public MeasureListener {
   HeldBudget& budget() override { return held_; }
   bool is_ready() const override { return !has_failed_ && pass_.ready_locked(); }
 
-  /// Errors: those of writing only; after any other it goes no further.
+  /// Errors: those of GeometryWriter::add (kFile, kRange, kMemory); after any other it goes no further.
   Result<void> take_one() override;
   Result<void> take_measured(const std::vector<Measured>& primitives, std::span<const WindowPlan> windows,
                              std::span<std::unique_ptr<HeldWindow>> held) override;

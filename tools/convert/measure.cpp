@@ -171,10 +171,10 @@ class Measurer {
   /// Measures `windows`, and adds them to their primitives.
   Result<void> measure(std::vector<WindowPlan>& windows) {
     const std::vector<Batch> batches = make_batches(windows);
+    const bool is_any_hashed = std::find(options_.hashed.begin(), options_.hashed.end(), true) != options_.hashed.end();
     std::optional<ReadAhead> ahead;
     if (run_.ahead_bytes > 0)
-      ahead.emplace(scene_, windows, run_.ahead_bytes, listener_ != nullptr || !options_.hashed.empty(),
-                    options_.normals);
+      ahead.emplace(scene_, windows, run_.ahead_bytes, listener_ != nullptr || is_any_hashed, options_.normals);
     HeldBudget* const budget = listener_ == nullptr ? nullptr : &listener_->budget();
     const auto work = [&](uint64_t batch, uint32_t worker) -> Result<std::vector<WindowFacts>> {
       const TimedWork timed(run_.times.measuring);

@@ -2,7 +2,6 @@
 // lattice and the attributes of each mesh must hold.
 #pragma once
 
-#include <atomic>
 #include <cstdint>
 #include <functional>
 #include <memory>

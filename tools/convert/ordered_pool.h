@@ -112,7 +112,8 @@ class OrderedResults {
 
   void submit(const std::shared_ptr<Slot>& slot, Work work) {
     pool_.submit(
-        [slot, work = std::move(work), cancelled = cancelled_, &pool = pool_](uint32_t worker) {
+        [slot = std::shared_ptr<Slot>(slot), work = std::move(work), cancelled = cancelled_,
+         &pool = pool_](uint32_t worker) mutable {
           std::optional<Result<T>> result;
           try {
             if (cancelled->load(std::memory_order_relaxed)) {
@@ -125,9 +126,14 @@ class OrderedResults {
           } catch (const std::exception& error) {
             result.emplace(Error{ErrorCode::kMemory, std::string("unexpected: ") + error.what()});
           }
+          // What the job and its result hold may refer to what lives as long as these results: nothing of it stays
+          // here.
+          work = nullptr;
           pool.notify([&] {
             slot->result = std::move(result);
+            result.reset();
             slot->done = true;
+            slot.reset();
           });
         },
         urgent_);

@@ -5,6 +5,8 @@
 #include <exception>
 #include <new>
 
+#include "tools/convert/locality.h"
+
 namespace scree::convert {
 namespace {
 
@@ -84,6 +86,8 @@ uint64_t ReadAhead::ask(const WindowPlan& window) const {
   uint64_t bytes = 0;
   if (primitive.indices) bytes += ask_elements(*primitive.indices, corners * window.first, corners * end + 2);
   const uint64_t vertices = primitive.vertex_count(), triangles = primitive.triangle_count();
+  if (vertices > kMostVertices * triangles)
+    return bytes;  // most are another primitive's; which are its own is not known
   const uint64_t first_vertex = share(vertices, window.first, triangles);
   const uint64_t end_vertex = share(vertices, end, triangles) + 1;
   bytes += ask_elements(primitive.positions, first_vertex, end_vertex);
