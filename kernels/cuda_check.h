@@ -37,6 +37,16 @@ class DeviceBuffer {
     return Result<DeviceBuffer>(std::move(buffer));
   }
 
+  /// Sees that there are at least so many; loses what was there where there were fewer. Errors kDevice.
+  Result<void> reserve(uint64_t bytes, const char* what) {
+    if (bytes_ >= bytes) return {};
+    *this = DeviceBuffer();  // before the larger one is taken
+    Result<DeviceBuffer> larger = allocate(bytes, what);
+    if (!larger) return larger.error();
+    *this = std::move(*larger);
+    return {};
+  }
+
   /// Frees it before the end of the object's life. Errors kDevice.
   Result<void> release(const char* what) {
     bytes_ = 0;
@@ -49,6 +59,24 @@ class DeviceBuffer {
  private:
   void* data_ = nullptr;
   uint64_t bytes_ = 0;
+};
+
+/// Memory that the GPU copies from, and to, by itself.
+class PinnedBuffer {
+ public:
+  PinnedBuffer() = default;
+  PinnedBuffer(const PinnedBuffer&) = delete;
+  PinnedBuffer& operator=(const PinnedBuffer&) = delete;
+  ~PinnedBuffer() { (void)cudaFreeHost(data_); }
+
+  /// At most once.
+  Result<void> allocate(uint64_t bytes, const char* what) {
+    return cuda_check(cudaMallocHost(&data_, bytes == 0 ? 1 : bytes), what);
+  }
+  std::byte* data() const { return static_cast<std::byte*>(data_); }
+
+ private:
+  void* data_ = nullptr;
 };
 
 }  // namespace scree::kernels

@@ -118,9 +118,17 @@ struct CudaResolver::Impl {
     return check(cudaGetLastError(), "starting a pass of the resolve");
   }
 
-  /// What comes before shading. `visibility` stays null where `options` asks for no occlusion.
-  bool begin(const View& view, uint32_t side, const uint64_t* samples, const ShadeOptions& options, cudaStream_t stream,
-             const ResolveTimes* times, const float*& visibility) {
+  /// What comes before shading a picture of side * side samples a pixel. `visibility` stays null where `options` asks
+  /// for no occlusion.
+  Result<void> begin(const View& view, uint32_t side, const uint64_t* samples, const ShadeOptions& options,
+                     cudaStream_t stream, const ResolveTimes* times, const float*& visibility) {
+    if (Result<void> checked = check_resolve(view, side); !checked) return checked;
+    if (!open() || !find_occlusion(view, side, samples, options, stream, times, visibility)) return error;
+    return {};
+  }
+
+  bool find_occlusion(const View& view, uint32_t side, const uint64_t* samples, const ShadeOptions& options,
+                      cudaStream_t stream, const ResolveTimes* times, const float*& visibility) {
     if (times != nullptr && !record(kStart, stream)) return false;
     if (options.ssao || options.edl) {
       const uint64_t count = uint64_t{view.width / side} * (view.height / side);
@@ -159,12 +167,11 @@ Result<void> CudaResolver::resolve(const SceneView& scene, const View& view, uin
                                    const uint64_t* samples, const Transform* transforms, const ShadeOptions& options,
                                    uint32_t* pixels, cudaStream_t stream, ResolveTimes* times,
                                    CudaTextureCache* cache) {
-  if (Result<void> checked = check_resolve(view, samples_per_side); !checked) return checked;
   Impl& impl = *impl_;
-  if (!impl.open()) return impl.error;
-  const PixelTiles tiles{view.width / samples_per_side, 0, view.height / samples_per_side};
   const float* visibility = nullptr;
-  if (!impl.begin(view, samples_per_side, samples, options, stream, times, visibility)) return impl.error;
+  if (Result<void> begun = impl.begin(view, samples_per_side, samples, options, stream, times, visibility); !begun)
+    return begun;
+  const PixelTiles tiles{view.width / samples_per_side, 0, view.height / samples_per_side};
 
   if (transforms == nullptr) {
     if (!impl.reserve(impl.transforms, scene.instance_count * sizeof(Transform), "allocating transforms"))
@@ -217,12 +224,11 @@ Result<void> CudaResolver::shade_part(const SceneView& scene, const View& view, 
 Result<void> CudaResolver::resolve_colors(const View& view, uint32_t samples_per_side, const uint64_t* samples,
                                           const float* colors, const ShadeOptions& options, uint32_t* pixels,
                                           cudaStream_t stream, ResolveTimes* times) {
-  if (Result<void> checked = check_resolve(view, samples_per_side); !checked) return checked;
   Impl& impl = *impl_;
-  if (!impl.open()) return impl.error;
-  const PixelTiles tiles{view.width / samples_per_side, 0, view.height / samples_per_side};
   const float* visibility = nullptr;
-  if (!impl.begin(view, samples_per_side, samples, options, stream, times, visibility)) return impl.error;
+  if (Result<void> begun = impl.begin(view, samples_per_side, samples, options, stream, times, visibility); !begun)
+    return begun;
+  const PixelTiles tiles{view.width / samples_per_side, 0, view.height / samples_per_side};
   const StoredColors shader{make_shade_inputs(SceneView{}, view, options, nullptr, impl.tables, nullptr), colors};
   if (!impl.run(Resolve<StoredColors>{shader, tiles, samples, samples_per_side, visibility, 4,
                                       reinterpret_cast<uint8_t*>(pixels)},

@@ -95,15 +95,9 @@ Result<void> CudaVisibleChunks::open(const SceneView& host, const SceneView& dev
   blocks_ = dim3(static_cast<uint32_t>((instances - 1) / kWarps + 1),
                  static_cast<uint32_t>(std::clamp<uint64_t>(pairs / instances / kLanes, 1, kMostRows)));
   const char* const what = "allocating the list of chunks";
-  const auto allocate = [&](DeviceBuffer& buffer, uint64_t bytes) -> Result<void> {
-    Result<DeviceBuffer> made = DeviceBuffer::allocate(std::max<uint64_t>(bytes, 1), what);
-    if (!made) return made.error();
-    buffer = std::move(*made);
-    return {};
-  };
   const uint64_t count = host.chunk_count;
-  Result<void> done = allocate(nearest_, count * sizeof(uint32_t));
-  if (done) done = allocate(shown_, count);
+  Result<void> done = nearest_.reserve(count * sizeof(uint32_t), what);
+  if (done) done = shown_.reserve(count, what);
   if (done) done = read_nearest_.allocate(count * sizeof(uint32_t), "allocating pinned memory");
   if (done) done = read_shown_.allocate(count, "allocating pinned memory");
   return done;
@@ -126,12 +120,7 @@ Result<std::span<const uint32_t>> CudaVisibleChunks::find_nearest(const View& vi
 
 Result<std::span<const uint8_t>> CudaVisibleChunks::find_shown(const uint64_t* samples) {
   const uint64_t codes = lay_out(pyramid_, frame_.width, frame_.height, kFirstLevel);
-  if (codes_.bytes() < codes * sizeof(uint32_t)) {
-    codes_ = DeviceBuffer();
-    Result<DeviceBuffer> made = DeviceBuffer::allocate(codes * sizeof(uint32_t), "allocating the depths");
-    if (!made) return made.error();
-    codes_ = std::move(*made);
-  }
+  if (Result<void> done = codes_.reserve(codes * sizeof(uint32_t), "allocating the depths"); !done) return done.error();
   pyramid_.codes = reinterpret_cast<uint32_t*>(codes_.data());
   auto* const shown = reinterpret_cast<uint8_t*>(shown_.data());
   Result<void> done = cuda_check(cudaMemsetAsync(shown, 0, scene_.chunk_count, nullptr), "clearing the list of chunks");

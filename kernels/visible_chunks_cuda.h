@@ -1,5 +1,6 @@
 // Which chunks a view may show, and which of them hide behind what is drawn, found on a GPU. The list is what
-// runtime/visible_chunks.h finds on the host; squares of the depth pyramid of less than 8 x 8 samples are not asked here.
+// runtime/visible_chunks.h finds on the host; squares of the depth pyramid of less than 8 x 8 samples are not asked
+// here.
 #pragma once
 
 #include <cuda_runtime_api.h>
@@ -15,24 +16,6 @@
 #include "kernels/transform.h"
 
 namespace scree::kernels {
-
-/// Memory that the GPU copies from, and to, by itself.
-class PinnedBuffer {
- public:
-  PinnedBuffer() = default;
-  PinnedBuffer(const PinnedBuffer&) = delete;
-  PinnedBuffer& operator=(const PinnedBuffer&) = delete;
-  ~PinnedBuffer() { (void)cudaFreeHost(data_); }
-
-  /// At most once.
-  Result<void> allocate(uint64_t bytes, const char* what) {
-    return cuda_check(cudaMallocHost(&data_, bytes == 0 ? 1 : bytes), what);
-  }
-  std::byte* data() const { return static_cast<std::byte*>(data_); }
-
- private:
-  void* data_ = nullptr;
-};
 
 /// Of one scene, on the device that was current when it was opened; its calls wait for what they find.
 class CudaVisibleChunks {

@@ -29,14 +29,13 @@ class PinnedRing final : public UploadTarget {
       if (event != nullptr) (void)cudaEventDestroy(event);
     for (cudaStream_t stream : streams_)
       if (stream != nullptr) (void)cudaStreamDestroy(stream);
-    (void)cudaFreeHost(memory_);
   }
 
   Result<void> open(const StagingSizes& sizes, std::byte* arena) {
     slot_bytes_ = sizes.slot_bytes;
     arena_ = arena;
     if (auto done = cuda_check(cudaGetDevice(&device_), "asking for the current GPU"); !done) return done;
-    if (auto done = cuda_check(cudaMallocHost(&memory_, sizes.bytes()), "allocating pinned memory"); !done) return done;
+    if (auto done = memory_.allocate(sizes.bytes(), "allocating pinned memory"); !done) return done;
     for (cudaStream_t& stream : streams_)
       if (auto done = cuda_check(cudaStreamCreateWithFlags(&stream, cudaStreamNonBlocking), "making a stream"); !done)
         return done;
@@ -49,7 +48,7 @@ class PinnedRing final : public UploadTarget {
     return {};
   }
 
-  std::byte* slot(uint32_t slot) override { return static_cast<std::byte*>(memory_) + slot * slot_bytes_; }
+  std::byte* slot(uint32_t slot) override { return memory_.data() + slot * slot_bytes_; }
 
   Result<void> copy(uint32_t slot, uint64_t to, uint64_t bytes) override {
     // The current device is each thread's own.
@@ -69,7 +68,7 @@ class PinnedRing final : public UploadTarget {
  private:
   static constexpr uint32_t kStreams = 2;
 
-  void* memory_ = nullptr;
+  kernels::PinnedBuffer memory_;
   uint64_t slot_bytes_ = 0;
   std::byte* arena_ = nullptr;
   int device_ = 0;

@@ -101,6 +101,14 @@ const Record* Scene::dense(const format::Table<Record>& table, std::vector<Recor
   return copy.data();
 }
 
+Result<Scene> Scene::open(const std::string& path, const SceneOptions& options) {
+  Result<SceneFile> file = SceneFile::open(path);
+  if (!file) return file.error();
+  const Result<uint32_t> number = file->find_scene("");
+  if (!number) return number.error();
+  return load(std::move(*file), *number, options);
+}
+
 Result<Scene> Scene::load(SceneFile file, uint32_t scene_index, const SceneOptions& options) {
   Scene scene(std::move(file));
   const std::string& path = scene.file_.path();

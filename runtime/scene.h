@@ -72,6 +72,9 @@ class Scene {
   /// kMemory.
   static Result<Scene> load(SceneFile file, uint32_t scene, const SceneOptions& options);
 
+  /// The scene that `path` shows where none is named. Errors as SceneFile::open, find_scene and load.
+  static Result<Scene> open(const std::string& path, const SceneOptions& options);
+
   Scene(Scene&&) = default;
   Scene& operator=(Scene&&) = default;
 

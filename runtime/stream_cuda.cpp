@@ -11,7 +11,6 @@
 namespace scree::runtime {
 
 using kernels::cuda_check;
-using kernels::DeviceBuffer;
 
 namespace {
 
@@ -19,13 +18,20 @@ uint64_t room_of(uint64_t bytes) {
   return format::align_up(bytes, Residency::kAlignment);
 }
 
-/// At least so many bytes, whatever they hold.
-Result<void> fit(DeviceBuffer& buffer, uint64_t bytes, const char* what) {
-  if (buffer.bytes() >= bytes) return {};
-  buffer = DeviceBuffer();
-  Result<DeviceBuffer> made = DeviceBuffer::allocate(bytes, what);
-  if (!made) return made.error();
-  buffer = std::move(*made);
+/// `use(first, bytes)` for every run that lies side by side both where it comes from and where it goes to.
+template <class Piece, class Use>
+Result<void> each_run(std::span<const Piece> pieces, const Use& use) {
+  for (size_t first = 0; first < pieces.size();) {
+    uint64_t bytes = pieces[first].bytes;
+    size_t next = first + 1;
+    for (; next < pieces.size(); ++next) {
+      const uint64_t step = room_of(bytes);
+      if (pieces[next].from != pieces[first].from + step || pieces[next].to != pieces[first].to + step) break;
+      bytes = step + pieces[next].bytes;
+    }
+    if (Result<void> done = use(pieces[first], bytes); !done) return done;
+    first = next;
+  }
   return {};
 }
 
@@ -54,8 +60,8 @@ Result<void> CudaStream::open(const kernels::SceneView& device, kernels::CudaFra
   const Residency& residency = streamer_.residency();
   Result<void> done = cuda_check(cudaGetDevice(&device_), "asking for the current GPU");
   // Passes may read a few bytes past a chunk.
-  if (done) done = fit(pool_, residency.pool_bytes() + Residency::kAlignment, "allocating the pool of chunks");
-  if (done) done = fit(bounce_, bounce_bytes_, "allocating room to move chunks");
+  if (done) done = pool_.reserve(residency.pool_bytes() + Residency::kAlignment, "allocating the pool of chunks");
+  if (done) done = bounce_.reserve(bounce_bytes_, "allocating room to move chunks");
   if (done) done = visible_.open(streamer_.view(), scene_);
   const uint64_t table_bytes = scene_.chunk_count * sizeof(std::byte*);
   if (done) done = pages_.allocate(table_bytes, "allocating pinned memory");
@@ -104,27 +110,15 @@ Result<void> CudaStream::begin(const kernels::View& view, const kernels::ShadeOp
   if (shades_) shade_ = *shade;
   // What the last frame moved in the end.
   Result<void> done = cuda_check(cudaStreamSynchronize(copies_), "moving chunks");
-  if (done && shades_) done = fit(colors_, 3 * count * sizeof(float), "allocating the samples' colours");
+  if (done && shades_) done = colors_.reserve(3 * count * sizeof(float), "allocating the samples' colours");
   static_assert(kernels::kBackground == ~uint64_t{0});
   if (done) done = cuda_check(cudaMemsetAsync(samples_, 0xff, count * sizeof(uint64_t), nullptr), "clearing");
   return done;
 }
 
-/// Those that lie side by side before and after go as one.
 Result<void> CudaStream::move(std::span<const Residency::Move> moves) {
-  for (size_t first = 0; first < moves.size();) {
-    const Residency::Move& start = moves[first];
-    uint64_t bytes = start.bytes;
-    size_t next = first + 1;
-    for (; next < moves.size(); ++next) {
-      const uint64_t step = room_of(bytes);
-      if (moves[next].from != start.from + step || moves[next].to != start.to + step) break;
-      bytes = step + moves[next].bytes;
-    }
-    if (Result<void> moved = move_run(start.from, start.to, bytes); !moved) return moved;
-    first = next;
-  }
-  return {};
+  return each_run(moves,
+                  [&](const Residency::Move& first, uint64_t bytes) { return move_run(first.from, first.to, bytes); });
 }
 
 /// To a smaller offset. Copies do not overlap themselves: they go piece by piece, as far as the way is long, or through
@@ -187,25 +181,12 @@ Result<void> CudaStream::load(std::vector<Residency::Place> places, uint32_t num
   return cuda_check(cudaEventRecord(loaded_[number], copies_), "recording a load");
 }
 
-/// Those that lie side by side on both sides as one.
 Result<void> CudaStream::copy_runs(std::span<const Copy> copies) {
-  for (size_t first = 0; first < copies.size();) {
-    uint64_t bytes = copies[first].bytes;
-    size_t next = first + 1;
-    for (; next < copies.size(); ++next) {
-      const uint64_t step = room_of(bytes);
-      if (copies[next].to != copies[first].to + step || copies[next].from != copies[first].from + step) break;
-      bytes = step + copies[next].bytes;
-    }
-    if (bytes != 0)
-      if (auto done = cuda_check(cudaMemcpyAsync(pool_.data() + copies[first].to, copies[first].from, bytes,
-                                                 cudaMemcpyHostToDevice, copies_),
-                                 "copying chunks to the device");
-          !done)
-        return done;
-    first = next;
-  }
-  return {};
+  return each_run(copies, [&](const Copy& first, uint64_t bytes) -> Result<void> {
+    if (bytes == 0) return {};
+    return cuda_check(cudaMemcpyAsync(pool_.data() + first.to, first.from, bytes, cudaMemcpyHostToDevice, copies_),
+                      "copying chunks to the device");
+  });
 }
 
 Result<void> CudaStream::finish_loading() {

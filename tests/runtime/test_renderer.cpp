@@ -35,11 +35,7 @@ namespace kernels = scree::kernels;
 namespace {
 
 Result<Scene> load_file(const std::string& path, uint32_t threads = 2) {
-  Result<SceneFile> file = SceneFile::open(path);
-  if (!file) return file.error();
-  const Result<uint32_t> index = file->find_scene("");
-  if (!index) return index.error();
-  return Scene::load(std::move(*file), *index, {true, threads});
+  return Scene::open(path, {true, threads});
 }
 
 Scene load(const SmallScene& small) {

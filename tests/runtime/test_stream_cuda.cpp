@@ -29,7 +29,6 @@ using scree::runtime::Frame;
 using scree::runtime::Picture;
 using scree::runtime::Reading;
 using scree::runtime::Scene;
-using scree::runtime::SceneFile;
 using scree::tests::Encoding;
 using scree::tests::PagedScene;
 using scree::tests::Soup;
@@ -41,9 +40,7 @@ namespace runtime = scree::runtime;
 namespace {
 
 Scene must_load(const std::string& path, bool pages) {
-  Result<SceneFile> file = SceneFile::open(path);
-  REQUIRE(file);
-  Result<Scene> scene = Scene::load(std::move(*file), 0, {.threads = 2, .pages = pages});
+  Result<Scene> scene = Scene::open(path, {.threads = 2, .pages = pages});
   REQUIRE(scene);
   return std::move(*scene);
 }

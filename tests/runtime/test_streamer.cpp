@@ -30,7 +30,6 @@ using scree::runtime::Frame;
 using scree::runtime::Picture;
 using scree::runtime::Residency;
 using scree::runtime::Scene;
-using scree::runtime::SceneFile;
 using scree::runtime::SceneOptions;
 using scree::runtime::StreamStats;
 using scree::tests::Encoding;
@@ -47,15 +46,11 @@ namespace runtime = scree::runtime;
 namespace {
 
 Scene must_load(const std::string& path, bool pages) {
-  Result<SceneFile> file = SceneFile::open(path);
-  if (!file) FAIL(file.error().message);
-  const Result<uint32_t> index = file->find_scene("");
-  REQUIRE(index);
   SceneOptions options;
   options.threads = 2;
   options.pages = pages;
   options.texture_cache = uint64_t{1} << 20;
-  Result<Scene> scene = Scene::load(std::move(*file), *index, options);
+  Result<Scene> scene = Scene::open(path, options);
   if (!scene) FAIL(scene.error().message);
   return std::move(*scene);
 }

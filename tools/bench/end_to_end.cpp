@@ -185,7 +185,7 @@ class EndToEnd {
     options.textures = false;
     options.threads = options_.threads;
     options.pages = false;
-    Result<runtime::Scene> scene = open_default_scene(packed, options);
+    Result<runtime::Scene> scene = runtime::Scene::open(packed, options);
     if (!scene) return scene.error();
     return gpu_ ? stream_on_gpu(*scene, *view, expected) : stream_on_cpu(*scene, *view, expected);
   }
@@ -196,7 +196,7 @@ class EndToEnd {
     options.textures = false;
     options.threads = options_.threads;
     options.pages = !gpu_;
-    Result<runtime::Scene> scene = open_default_scene(packed, options);
+    Result<runtime::Scene> scene = runtime::Scene::open(packed, options);
     if (!scene) return scene.error();
     row_.instances = scene->view().instance_count;
     std::optional<runtime::DeviceScene> device;

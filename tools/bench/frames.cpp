@@ -66,16 +66,8 @@ Result<Frames> Frames::create(const ResidentScene& scene, const kernels::CudaQue
 Result<kernels::FrameStats> Frames::draw(const kernels::View& view, const FrameOptions& options, FrameMs& ms) {
   impl_->sample_count = uint64_t{view.width} * view.height;
   impl_->pixel_count = impl_->sample_count / (uint64_t{options.samples_per_side} * options.samples_per_side);
-  const auto make_room = [](DeviceBuffer& buffer, uint64_t bytes) -> Result<void> {
-    if (buffer.bytes() >= bytes) return {};
-    buffer = DeviceBuffer();
-    Result<DeviceBuffer> larger = DeviceBuffer::allocate(bytes, "allocating a picture");
-    if (!larger) return larger.error();
-    buffer = std::move(*larger);
-    return {};
-  };
-  Result<void> done = make_room(impl_->samples, impl_->sample_count * sizeof(uint64_t));
-  if (done) done = make_room(impl_->pixels, impl_->pixel_count * sizeof(uint32_t));
+  Result<void> done = impl_->samples.reserve(impl_->sample_count * sizeof(uint64_t), "allocating a picture");
+  if (done) done = impl_->pixels.reserve(impl_->pixel_count * sizeof(uint32_t), "allocating a picture");
   if (done) done = impl_->timer.start();
   if (!done) return done.error();
   ms = FrameMs{};

@@ -43,7 +43,7 @@ Result<PackedScene> PackedScene::make(const std::string& source, const std::stri
   runtime::SceneOptions load;
   load.textures = false;
   load.threads = settings.threads;
-  Result<runtime::Scene> scene = open_default_scene(path, load);
+  Result<runtime::Scene> scene = runtime::Scene::open(path, load);
   if (!scene) return scene.error();
   packed.scene_ = std::make_unique<runtime::Scene>(std::move(*scene));
   if (settings.gpu) {

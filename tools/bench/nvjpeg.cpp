@@ -97,12 +97,7 @@ class Decoder {
       return refused("nvjpegGetImageInfo", status);
     const size_t pitch = size_t{3} * static_cast<size_t>(widths[0]);
     const size_t bytes = pitch * static_cast<size_t>(heights[0]);
-    if (out_.bytes() < bytes) {
-      out_ = DeviceBuffer();
-      Result<DeviceBuffer> larger = DeviceBuffer::allocate(bytes, "allocating a picture");
-      if (!larger) return larger.error();
-      out_ = std::move(*larger);
-    }
+    if (Result<void> done = out_.reserve(bytes, "allocating a picture"); !done) return done.error();
     Picture picture{{reinterpret_cast<unsigned char*>(out_.data())}, {pitch}};
     if (const int status = library_.decode(handle_, state_, data, jpeg.size(), kInterleavedRgb, &picture, stream_);
         status != kSuccess)

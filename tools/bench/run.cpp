@@ -15,7 +15,6 @@
 #include "tools/bench/file_views.h"
 #include "tools/bench/frames.h"
 #include "tools/bench/machine.h"
-#include "tools/bench/packed_file.h"
 #include "tools/bench/tables.h"
 #include "tools/bench/textured.h"
 #include "tools/bench/touched.h"
@@ -213,7 +212,7 @@ class Runner {
 
   Result<void> measure_file(const std::string& path) {
     const uint32_t threads = std::max(1u, std::thread::hardware_concurrency());
-    Result<runtime::Scene> loaded = open_default_scene(path, {.textures = false, .threads = threads, .pages = false});
+    Result<runtime::Scene> loaded = runtime::Scene::open(path, {.textures = false, .threads = threads, .pages = false});
     if (!loaded) return loaded.error();
     Result<ResidentScene> resident = ResidentScene::upload(std::move(*loaded), threads);
     if (!resident && resident.error().code == ErrorCode::kDevice) return at(path, resident.error());

@@ -223,12 +223,7 @@ class TexturedBench {
       if (jpeg.jpeg_levels().empty()) continue;
       const format::JpegIndex& level = jpeg.index(0);
       const uint64_t bytes = uint64_t{level.layout.group_count} * slot_bytes;
-      if (out.bytes() < bytes) {
-        out = DeviceBuffer();
-        Result<DeviceBuffer> larger = DeviceBuffer::allocate(bytes, "allocating decoded samples");
-        if (!larger) return larger.error();
-        out = std::move(*larger);
-      }
+      if (Result<void> done = out.reserve(bytes, "allocating decoded samples"); !done) return done.error();
       for (const bool counts : {false, true}) {
         if (auto done = timer->start(); !done) return done;
         if (auto done = kernels::CudaTextureCache::decode(copy_.jpeg_level(jpeg.jpeg_levels()[0].number),

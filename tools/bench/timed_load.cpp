@@ -15,7 +15,6 @@
 #include "runtime/scene.h"
 #include "runtime/stopwatch.h"
 #include "tools/bench/file_views.h"
-#include "tools/bench/packed_file.h"
 
 namespace scree::bench {
 namespace {
@@ -113,7 +112,7 @@ class Loading {
     options.threads = settings_.threads;
     options.pages = way_ == LoadWay::kMap;
     options.texture_cache = runtime::kHostTextureCache;
-    Result<runtime::Scene> scene = open_default_scene(path_, options);
+    Result<runtime::Scene> scene = runtime::Scene::open(path_, options);
     if (!scene) return scene.error();
     scene_.emplace(std::move(*scene));
     const uint64_t textures = scene_->stats().texture_bytes + scene_->stats().jpeg_bytes;
@@ -238,7 +237,7 @@ Result<uint64_t> arena_bytes(const std::string& path) {
   runtime::SceneOptions options;
   options.pages = false;
   options.textures = false;
-  const Result<runtime::Scene> scene = open_default_scene(path, options);
+  const Result<runtime::Scene> scene = runtime::Scene::open(path, options);
   if (!scene) return scene.error();
   runtime::UploadPlan plan;
   plan.add_pages(scene->drawn_pages());

@@ -58,7 +58,7 @@ struct TimedLoad {
   uint64_t device_bytes = 0;  // of what is resident; of kMap and arenas pages and textures alone
 };
 
-/// Bytes that the scene's pages take in an arena; opens the file for it. Errors as open_default_scene().
+/// Bytes that the scene's pages take in an arena; opens the file for it. Errors as Scene::open.
 Result<uint64_t> arena_bytes(const std::string& path);
 
 /// Loads the default scene of `path` with its textures. `arena`: arena_bytes() at least, where `way` is one of an

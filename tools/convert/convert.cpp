@@ -405,7 +405,7 @@ class Converter {
       const uint64_t chunks = options_.chunk_triangles == 0 ? 1 : window.kept / options_.chunk_triangles + 2;
       bytes += encoded_bytes_estimate(plans_[mesh_of_[window.primitive]], window) + 512 * chunks;
     }
-    return bytes + rest_bytes() + (bytes + rest_bytes()) / 4;
+    return with_rest(bytes);
   }
 
   /// The same from what the document says.
@@ -413,17 +413,16 @@ class Converter {
     uint64_t bytes = uint64_t{1} << 20;
     for (size_t i = 0; i < wanted_.size(); ++i)
       if (wanted_[i]) bytes += memory_.most_stored_bytes(scene_.primitives[i]);
-    return bytes + rest_bytes() + (bytes + rest_bytes()) / 4;
+    return with_rest(bytes);
   }
 
-  /// All but the geometry.
-  uint64_t rest_bytes() const {
-    uint64_t bytes = 0;
+  /// With all but the geometry, and a quarter more.
+  uint64_t with_rest(uint64_t bytes) const {
     for (const uint64_t cost : images_.costs) bytes += 4 * cost;
     bytes += 512 * (scene_.nodes.size() + scene_.primitives.size()) + tables_.strings.bytes().size();
     for (const SourceNode& node : scene_.nodes)
       bytes += node.name.size() + (node.instances ? 256 * node.instances->count : 0);
-    return bytes;
+    return bytes + bytes / 4;
   }
 
   Result<void> encode(format::ContainerWriter& writer) {
