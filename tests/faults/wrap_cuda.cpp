@@ -1,4 +1,4 @@
-// The calls of the CUDA runtime that may fail. The list of names stands in tests/CMakeLists.txt too, where a test holds
+// The calls of the CUDA runtime that may fail. The list of names stands in CMakeLists.txt too, where a test holds
 // it against what the program calls.
 #include <cuda_runtime_api.h>
 

@@ -1,4 +1,5 @@
-// The calls of the C library that may fail, and operator new. The list of names stands in tests/CMakeLists.txt too.
+// The calls of the C library that may fail, those of std::filesystem, and operator new. The list of names stands in
+// CMakeLists.txt too, where a test holds it against what the program calls.
 #include <fcntl.h>
 #include <pthread.h>
 #include <sys/mman.h>
@@ -7,12 +8,16 @@
 
 #include <cerrno>
 #include <cstdarg>
+#include <cstdint>
 #include <cstdio>
 #include <cstdlib>
+#include <filesystem>
 #include <new>
 #include <system_error>
 
 #include "tests/faults/faults.h"
+
+namespace fs = std::filesystem;
 
 using scree::faults::fails;
 using scree::faults::Kind;
@@ -104,6 +109,24 @@ int __wrap_rename(const char* from, const char* to) {
   return __real_rename(from, to);
 }
 
+int __real_link(const char* from, const char* to);
+int __wrap_link(const char* from, const char* to) {
+  if (fails(Kind::kFile, "link", SCREE_SITE)) return errno = EPERM, -1;
+  return __real_link(from, to);
+}
+
+int __real_unlink(const char* path);
+int __wrap_unlink(const char* path) {
+  if (fails(Kind::kFile, "unlink", SCREE_SITE)) return errno = EIO, -1;
+  return __real_unlink(path);
+}
+
+int __real_access(const char* path, int mode);
+int __wrap_access(const char* path, int mode) {
+  if (fails(Kind::kFile, "access", SCREE_SITE)) return errno = EACCES, -1;
+  return __real_access(path, mode);
+}
+
 char* __real_realpath(const char* path, char* out);
 char* __wrap_realpath(const char* path, char* out) {
   if (fails(Kind::kFile, "realpath", SCREE_SITE)) return errno = EIO, nullptr;
@@ -122,10 +145,28 @@ int __wrap_madvise(void* at, size_t size, int advice) {
   return __real_madvise(at, size, advice);
 }
 
+int __real_posix_fadvise(int file, off_t offset, off_t size, int advice);
+int __wrap_posix_fadvise(int file, off_t offset, off_t size, int advice) {
+  if (fails(Kind::kFile, "posix_fadvise", SCREE_SITE)) return EIO;
+  return __real_posix_fadvise(file, offset, size, advice);
+}
+
 int __real_mincore(void* at, size_t size, unsigned char* out);
 int __wrap_mincore(void* at, size_t size, unsigned char* out) {
   if (fails(Kind::kFile, "mincore", SCREE_SITE)) return errno = EAGAIN, -1;
   return __real_mincore(at, size, out);
+}
+
+FILE* __real_fopen(const char* path, const char* mode);
+FILE* __wrap_fopen(const char* path, const char* mode) {
+  if (fails(Kind::kFile, "fopen", SCREE_SITE)) return errno = EMFILE, nullptr;
+  return __real_fopen(path, mode);
+}
+
+int __real_fflush(FILE* file);
+int __wrap_fflush(FILE* file) {
+  if (fails(Kind::kFile, "fflush", SCREE_SITE)) return errno = ENOSPC, EOF;
+  return __real_fflush(file);
 }
 
 void* __real_malloc(size_t size);
@@ -157,6 +198,29 @@ void __wrap__ZNSt6thread15_M_start_threadESt10unique_ptrINS_6_StateESt14default_
     throw std::system_error(EAGAIN, std::generic_category(), "Enable multithreading to use std::thread");
   __real__ZNSt6thread15_M_start_threadESt10unique_ptrINS_6_StateESt14default_deleteIS1_EEPFvvE(thread, state, depend);
 }
+
+/// What stands in for a failed call of std::filesystem, by its name in libstdc++.
+#define SCREE_WRAP_FILESYSTEM(symbol, what, type, failed, parameters, arguments) \
+  type __real_##symbol parameters;                                               \
+  type __wrap_##symbol parameters {                                              \
+    if (fails(Kind::kFile, what, SCREE_SITE)) {                                  \
+      error = std::error_code(EIO, std::generic_category());                     \
+      return failed;                                                             \
+    }                                                                            \
+    return __real_##symbol arguments;                                            \
+  }
+
+SCREE_WRAP_FILESYSTEM(_ZNSt10filesystem6statusERKNS_7__cxx114pathERSt10error_code, "filesystem::status",
+                      fs::file_status, fs::file_status(fs::file_type::none),
+                      (const fs::path& path, std::error_code& error), (path, error))
+SCREE_WRAP_FILESYSTEM(_ZNSt10filesystem9file_sizeERKNS_7__cxx114pathERSt10error_code, "filesystem::file_size",
+                      uintmax_t, UINTMAX_MAX, (const fs::path& path, std::error_code& error), (path, error))
+SCREE_WRAP_FILESYSTEM(_ZNSt10filesystem10equivalentERKNS_7__cxx114pathES3_RSt10error_code, "filesystem::equivalent",
+                      bool, false, (const fs::path& a, const fs::path& b, std::error_code& error), (a, b, error))
+SCREE_WRAP_FILESYSTEM(_ZNSt10filesystem5spaceERKNS_7__cxx114pathERSt10error_code, "filesystem::space", fs::space_info,
+                      (fs::space_info{UINTMAX_MAX, UINTMAX_MAX, UINTMAX_MAX}),
+                      (const fs::path& path, std::error_code& error), (path, error))
+#undef SCREE_WRAP_FILESYSTEM
 
 }  // extern "C"
 

@@ -362,6 +362,8 @@ Result<GltfWriter> GltfWriter::create(const std::string& path, std::string_view 
   // own.
   Result<PartFile> binary = PartFile::create(state->glb ? path + ".bin" : state->sibling(state->stem() + ".bin"));
   if (!binary) return binary.error();
+  if (state->glb)
+    if (const Result<void> hidden = binary->hide(); !hidden) return hidden.error();
   state->binary = std::move(*binary);
   return GltfWriter(std::move(state));
 }
@@ -471,15 +473,17 @@ uint64_t GltfWriter::total_bytes() const {
 
 Result<void> GltfWriter::State::commit_all() {
   std::vector<PartFile*> files;
-  if (!glb && buffer_bytes != 0) files.push_back(&binary);
+  if (!glb && buffer_bytes != 0) {
+    files.push_back(&binary);
+  } else if (!glb) {  // nothing needs it
+    if (Result<void> removed = binary.hide(); !removed) return removed;
+  }
   for (PartFile& file : image_files) files.push_back(&file);
   files.push_back(&document);
   Replacement replacement(files);
   for (size_t i = 0; i < files.size(); ++i)
     if (const Result<void> done = replacement.commit(i); !done) return done;
-  replacement.keep();
-  binary = PartFile();  // removes the unused one
-  return {};
+  return replacement.keep();
 }
 
 Result<void> GltfWriter::finish() {

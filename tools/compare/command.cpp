@@ -18,6 +18,7 @@
 #include "tools/common/command.h"
 #include "tools/common/json_writer.h"
 #include "tools/common/sigbus.h"
+#include "tools/common/standard_output.h"
 #include "tools/compare/against_source.h"
 #include "tools/compare/buffers.h"
 #include "tools/compare/flip.h"
@@ -108,8 +109,7 @@ Result<void> print(const Words& words, const Findings& findings) {
     if (findings.pictures) text += text_pictures(*findings.pictures);
   }
   std::fwrite(text.data(), 1, text.size(), stdout);
-  if (std::fflush(stdout) != 0 || std::ferror(stdout)) return Error{ErrorCode::kFile, "standard output: cannot write"};
-  return {};
+  return finish_output();
 }
 
 /// A scene of a file, drawn without textures.

@@ -8,6 +8,7 @@
 #include <string>
 
 #include "tools/common/options.h"
+#include "tools/common/standard_output.h"
 #include "tools/common/stop_signal.h"
 #include "tools/convert/convert.h"
 
@@ -174,8 +175,7 @@ Result<void> run(const Words& words, bool positions_given) {
     if (!report->positions.rows().empty()) std::printf("%s", report->positions.text().c_str());
     std::printf("%s\n", convert::describe(*options, *report).c_str());
   }
-  if (std::fflush(stdout) != 0) return Error{ErrorCode::kFile, "standard output: cannot write"};
-  return {};
+  return finish_output();
 }
 
 }  // namespace

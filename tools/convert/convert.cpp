@@ -628,9 +628,10 @@ Result<ConvertReport> convert_or_throw(const ConvertOptions& options) {
   const std::set<std::string> files = source_files(options.input, *scene);
   if (const Result<void> checked = check_not_source(files, report.output); !checked) return checked.error();
   for (const std::string& file : files) {
-    std::error_code ignored;
-    const uint64_t bytes = std::filesystem::file_size(file, ignored);
-    if (!ignored) report.input_bytes += bytes;
+    std::error_code failed;
+    const uint64_t bytes = std::filesystem::file_size(file, failed);
+    if (failed) return Error{ErrorCode::kFile, file + ": " + failed.message()};
+    report.input_bytes += bytes;
   }
   {
     tools::Progress progress(options.progress);

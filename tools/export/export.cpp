@@ -17,6 +17,7 @@
 #include "tools/common/options.h"
 #include "tools/common/progress.h"
 #include "tools/common/sigbus.h"
+#include "tools/common/standard_output.h"
 #include "tools/common/stop_signal.h"
 #include "tools/export/primitives.h"
 
@@ -291,8 +292,7 @@ Result<void> run_export(const Arguments& arguments) {
               format_bytes(summary->bytes).c_str(), grouped(summary->triangles).c_str(),
               grouped(summary->vertices).c_str(), grouped(summary->primitives).c_str(),
               grouped(summary->images).c_str(), seconds);
-  if (std::fflush(stdout) != 0) return Error{ErrorCode::kFile, "standard output: cannot write"};
-  return {};
+  return finish_output();
 }
 
 }  // namespace

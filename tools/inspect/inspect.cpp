@@ -11,6 +11,7 @@
 #include "tools/common/human.h"
 #include "tools/common/progress.h"
 #include "tools/common/sigbus.h"
+#include "tools/common/standard_output.h"
 #include "tools/compare/geometry.h"
 #include "tools/compare/report.h"
 #include "tools/convert/gltf_source.h"
@@ -23,12 +24,6 @@ namespace {
 
 void print(const std::string& text, std::FILE* out) {
   std::fwrite(text.data(), 1, text.size(), out);
-}
-
-/// Whether all of it went out: a full disk behind a redirection, a closed pipe.
-Result<void> check_written(std::FILE* out) {
-  if (std::fflush(out) != 0 || std::ferror(out)) return Error{ErrorCode::kFile, "standard output: cannot write"};
-  return {};
 }
 
 /// Nothing where the file is what it says it is.
@@ -99,7 +94,7 @@ Result<void> inspect_file(const std::string& path, const InspectOptions& options
     if (verified) print("\n" + text_verify(*verified), out);
     if (measured) print("\nagainst " + options.source + "\n\n" + compare::text_geometry(*measured), out);
   }
-  const auto written = check_written(out);
+  const auto written = tools::finish_output(out);
   if (!written) return written;
   if (verified && verified->failure_count != 0) {
     const uint64_t others = verified->failure_count - 1;

@@ -17,6 +17,7 @@
 #include "tools/common/command.h"
 #include "tools/common/options.h"
 #include "tools/common/sigbus.h"
+#include "tools/common/standard_output.h"
 #include "tools/render/render_options.h"
 
 namespace scree::tools {
@@ -300,8 +301,7 @@ Result<void> run(const RenderWords& words) {
   if (!options) return options.error();
   const Result<void> done = render(*options);
   if (!done) return done.error();
-  if (std::fflush(stdout) != 0) return Error{ErrorCode::kFile, "standard output: cannot write"};
-  return {};
+  return finish_output();
 }
 
 }  // namespace
