@@ -14,6 +14,7 @@ constexpr uint64_t kMaxSites = 1 << 16;
 
 struct Shared {
   std::atomic<bool> is_armed;
+  std::atomic<bool> is_counting;  // plan.from was met
   std::atomic<bool> has_failed;
   std::atomic_flag lock;  // of the sites
   Plan plan;
@@ -56,6 +57,7 @@ void prepare() {
 void arm(const Plan& plan) {
   shared->plan = plan;
   shared->calls = 0;
+  shared->is_counting = plan.from[0] == 0;
   shared->has_failed = false;
   shared->failed_call[0] = 0;
   shared->site_count = 0;
@@ -68,11 +70,13 @@ void disarm() {
 }
 
 bool fails(Kind kind, const char* what, const void* site, uint64_t size) {
-  if (shared == nullptr || !shared->is_armed || kind != shared->plan.kind) return false;
+  if (shared == nullptr || !shared->is_armed) return false;
+  if (!shared->is_counting && std::strcmp(what, shared->plan.from) == 0) shared->is_counting = true;
+  if (!shared->is_counting || kind != shared->plan.kind) return false;
   const uint64_t number = ++shared->calls;
-  const bool is_counting = shared->plan.site == 0 && shared->plan.number == 0;
+  const bool is_survey = shared->plan.site == 0 && shared->plan.number == 0;
   const uint64_t hash = hash_of(what, site, size);
-  if (is_counting) {
+  if (is_survey) {
     note_site(hash);
     return false;
   }

@@ -24,6 +24,7 @@ struct Plan {
   Kind kind = Kind::kFile;
   uint64_t site = 0;    // fails at its first call, as `sites` has it; 0: none
   uint64_t number = 0;  // the call of that number fails, from 1; 0: none
+  char from[32] = {};   // calls count from the first of this name on, of whatever kind it is; empty: from the start
 };
 
 /// Makes the shared memory; once, before anything else here.

@@ -1,9 +1,9 @@
 // Runs a command of scree over and over, each time with another call failing, and looks at what is left:
 //   scree_faults KIND WHICH FOLDER OUTPUTS -- CONVERT|INSPECT|... ARGUMENTS
 // KIND: file, memory, device. WHICH: all, or sites: one failure a place in the program (memory: and a size); with /N
-// behind it every N-th of them; call/N: the N-th call alone. OUTPUTS: files in FOLDER, with commas between, with
-// + between those that belong together, ~ before all where they may come out otherwise. Prints what went wrong, and a
-// line of counts; exits 0 where nothing did.
+// behind it every N-th of them; call/N: the N-th call alone; with @NAME at the end, of the calls from the first of that
+// name on. OUTPUTS: files in FOLDER, with commas between, with + between those that belong together, ~ before all where
+// they may come out otherwise. Prints what went wrong, and a line of counts; exits 0 where nothing did.
 //
 // A run may come to its end all the same, and then has to write what it writes without a failure. Else it has to say
 // one line, to return its code, and to leave no leak (ASan's build) and no other file but an empty .part, where the
@@ -166,7 +166,9 @@ std::string fault_of(Run run, const Run& good, const std::vector<std::string>& e
 
 int main(int argc, char** argv) {
   const auto usage = [] {
-    std::fprintf(stderr, "scree_faults file|memory|device all[/N]|sites[/N]|call/N FOLDER OUTPUTS -- ARGUMENTS\n");
+    std::fprintf(
+        stderr,
+        "scree_faults file|memory|device all[/N][@NAME]|sites[/N][@NAME]|call/N[@NAME] FOLDER OUTPUTS -- ARGUMENTS\n");
     return 1;
   };
   if (argc < 7 || std::string_view(argv[5]) != "--") return usage();
@@ -175,6 +177,11 @@ int main(int argc, char** argv) {
   faults::Plan plan;
   if (kind == "memory") plan.kind = faults::Kind::kMemory;
   if (kind == "device") plan.kind = faults::Kind::kDevice;
+  if (const size_t at = which.find('@'); at != std::string_view::npos) {
+    if (which.substr(at + 1).size() >= sizeof plan.from) return usage();
+    which.substr(at + 1).copy(plan.from, sizeof plan.from - 1);
+    which = which.substr(0, at);
+  }
   size_t step = 1;
   if (const size_t slash = which.find('/'); slash != std::string_view::npos) {
     step = std::max(1ul, std::strtoul(which.data() + slash + 1, nullptr, 10));

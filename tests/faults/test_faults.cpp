@@ -10,9 +10,44 @@
 #include "tests/tools/model_maker.h"
 #include "tests/tools/run_program.h"
 #include "tests/tools/temp_folder.h"
+#include "tools/convert/window.h"
 
 namespace scree::tests {
 namespace {
+
+/// A primitive that is sorted, as small as one can be: a strip of two windows, both of which use all of its few
+/// vertices, and between them triangles that only join.
+void write_scattered(const TempFolder& folder) {
+  constexpr uint32_t kVertices = 64, kWindow = convert::kWindowTriangles, kCorners = kWindow + kVertices;
+  std::vector<float> points, normals;
+  for (uint32_t i = 0; i < kVertices; ++i) {
+    const float along = 0.1f * static_cast<float>(i / 2);
+    points.insert(points.end(), {along, 0.2f * along * along, static_cast<float>(i % 2)});
+    normals.insert(normals.end(), {0, 1, 0});
+  }
+  std::vector<uint32_t> corners(kCorners);
+  for (uint32_t i = 0; i < kVertices; ++i) corners[i] = corners[kWindow + i] = i;
+  std::string bytes;
+  const auto add = [&](const auto& values) {
+    bytes.append(reinterpret_cast<const char*>(values.data()), 4 * values.size());
+  };
+  add(points);
+  add(normals);
+  add(corners);
+  folder.write("scattered.bin", bytes);
+  const std::string index_bytes = std::to_string(4 * kCorners);
+  folder.write("scattered.gltf", R"({"asset":{"version":"2.0"},"scene":0,"scenes":[{"nodes":[0]}],"nodes":[{"mesh":0}],
+"meshes":[{"primitives":[{"mode":5,"attributes":{"POSITION":0,"NORMAL":1},"indices":2}]}],
+"buffers":[{"uri":"scattered.bin","byteLength":)" +
+                                     std::to_string(bytes.size()) + R"(}],
+"bufferViews":[{"buffer":0,"byteLength":768},{"buffer":0,"byteOffset":768,"byteLength":768},
+{"buffer":0,"byteOffset":1536,"byteLength":)" +
+                                     index_bytes + R"(}],
+"accessors":[{"bufferView":0,"componentType":5126,"count":64,"type":"VEC3","min":[0,0,0],"max":[3.1,2,1]},
+{"bufferView":1,"componentType":5126,"count":64,"type":"VEC3"},
+{"bufferView":2,"componentType":5125,"type":"SCALAR","count":)" +
+                                     std::to_string(kCorners) + "}]}");
+}
 
 /// A scene of a .gltf, its .bin and its images, and what the program made of it: the inputs of all commands.
 class Inputs {
@@ -33,6 +68,7 @@ class Inputs {
       maker.node("b", maker.mesh("b", {maker.grid(GridSpec{})}), {1.5, 0, 0});
       maker.finish();
     }
+    write_scattered(folder_);
     make("convert in.gltf -o in.scree --source-ids --normals --quiet --threads 1");
     make("convert in.gltf -o packed.scree --encoding clustered --zstd 3 --quiet --threads 1");
   }
@@ -72,6 +108,8 @@ constexpr Job kConvert[] = {
     {"out.scree", "convert in.gltf -o out.scree --normals --quiet --threads 1"},
     {"~out.scree", "convert in.gltf -o out.scree --encoding clustered --zstd 3 --quiet --threads 2"},
 };
+// Of which only what comes once the file to sort through is made: unlink takes its name away.
+constexpr Job kSort[] = {{"out.scree", "convert scattered.gltf -o out.scree --normals --quiet --threads 1"}};
 constexpr Job kReaders[] = {
     {"", "inspect packed.scree --verify --threads 2"},
     {"", "inspect in.scree --json"},
@@ -99,6 +137,12 @@ void check_all(const std::string& kind, const std::string& which, const Job (&jo
 TEST_CASE("faults: every call for a file fails once while converting", "[faults]") {
   check_all("file", "all", kConvert);
 }
+TEST_CASE("faults: every call for a file fails once while sorting", "[faults]") {
+  check_all("file", SCREE_FAULT_SORT_CALLS "@unlink", kSort);
+}
+TEST_CASE("faults: every place that takes memory fails once while sorting", "[faults]") {
+  check_all("memory", SCREE_FAULT_SITES "@unlink", kSort);
+}
 TEST_CASE("faults: every call for a file fails once while reading", "[faults]") {
   check_all("file", "all", kReaders);
 }
@@ -108,8 +152,10 @@ TEST_CASE("faults: every place that takes memory fails once while converting", "
 TEST_CASE("faults: every place that takes memory fails once while reading", "[faults]") {
   check_all("memory", SCREE_FAULT_SITES, kReaders);
 }
-TEST_CASE("faults: every allocation fails once", "[.][faults-all]") {
+TEST_CASE("faults: every call fails once, also where that takes minutes", "[.][faults-all]") {
+  check_all("file", "all", kSort);
   check_all("memory", "all", kConvert);
+  check_all("memory", "all", kSort);
   check_all("memory", "all", kReaders);
 }
 TEST_CASE("faults: every CUDA call fails once", "[cuda][faults]") {
