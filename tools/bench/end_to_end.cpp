@@ -25,6 +25,7 @@
 #include "tools/common/sigbus.h"
 #include "tools/common/stop_signal.h"
 #include "tools/convert/gltf_source.h"
+#include "tools/convert/source_files.h"
 #include "tools/synth/synth.h"
 
 namespace scree::bench {

@@ -1,15 +1,9 @@
 #include "tools/convert/convert.h"
 
-#include <unistd.h>
 #include <algorithm>
-#include <cerrno>
 #include <chrono>
-#include <cmath>
-#include <cstdio>
-#include <cstring>
 #include <filesystem>
 #include <functional>
-#include <limits>
 #include <map>
 #include <optional>
 #include <set>
@@ -37,6 +31,7 @@
 #include "tools/convert/resume.h"
 #include "tools/convert/scene_tables.h"
 #include "tools/convert/sort_scattered.h"
+#include "tools/convert/source_files.h"
 
 namespace scree::convert {
 namespace {
@@ -44,54 +39,6 @@ namespace {
 using format::kNone;
 
 constexpr uint64_t kJobsPerThread = 3;
-
-/// Fails early where the end of a long run would: a folder, or a place where nothing can be made.
-Result<void> check_output(const std::string& output) {
-  namespace fs = std::filesystem;
-  std::error_code ignored;
-  if (fs::is_directory(output, ignored)) return Error{ErrorCode::kFile, output + ": is a folder"};
-  fs::path folder = fs::path(output).parent_path();
-  if (folder.empty()) folder = ".";
-  if (::access(folder.c_str(), W_OK | X_OK) != 0)
-    return Error{ErrorCode::kFile, folder.string() + ": " + std::strerror(errno)};
-  return {};
-}
-
-/// The output must not replace what it is made from.
-Result<void> check_not_source(const std::set<std::string>& files, const std::string& output) {
-  std::error_code ignored;
-  for (const std::string& file : files)
-    for (const std::string& written : {output, output + ".part", sort_file_name(output)})
-      if (std::filesystem::equivalent(file, written, ignored))
-        return Error{ErrorCode::kUsage,
-                     written + ": the output would replace " + (file == written ? "a file of the source" : file)};
-  return {};
-}
-
-}  // namespace
-
-std::set<std::string> source_files(const std::string& input, const SourceScene& scene) {
-  std::set<std::string> files{input};
-  const auto add = [&](const std::shared_ptr<const ByteSource>& source) {
-    if (source != nullptr && !source->path().empty()) files.insert(source->path());
-  };
-  const auto add_accessor = [&](const Accessor& accessor) {
-    add(accessor.source);
-    if (!accessor.sparse) return;
-    add(accessor.sparse->index_source);
-    add(accessor.sparse->value_source);
-  };
-  for (const Primitive& primitive : scene.primitives) {
-    add_accessor(primitive.positions);
-    for (const std::optional<Accessor>* accessor :
-         {&primitive.indices, &primitive.uv, &primitive.color, &primitive.normal})
-      if (*accessor) add_accessor(**accessor);
-  }
-  for (const SourceImage& image : scene.images) add(image.source);
-  return files;
-}
-
-namespace {
 
 class Converter {
  public:
@@ -514,7 +461,7 @@ class Converter {
       tables_.chunks.push_back(chunk);
     }
     report_.position_error = std::max(report_.position_error, window.position_error);
-    const double diagonal = box_diagonal(plans_[mesh].box);
+    const double diagonal = diagonal_of(plans_[mesh].box);
     if (diagonal > 0)
       report_.relative_position_error = std::max(report_.relative_position_error, window.position_error / diagonal);
     welded_.add(window.welded);
@@ -523,32 +470,12 @@ class Converter {
     repaired_normals_ += window.repaired_normals;
   }
 
-  static double box_diagonal(const Box& box) {
-    double sum = 0;
-    for (size_t axis = 0; axis < 3; ++axis) {
-      const double side = static_cast<double>(box.hi[axis]) - static_cast<double>(box.lo[axis]);
-      sum += side * side;
-    }
-    return std::sqrt(sum);
-  }
-
   void add_source_record() {
-    AccessorBytes indices, positions, attributes;
-    for (size_t i = 0; i < scene_.primitives.size(); ++i) {
-      if (mesh_of_[i] == kNone) continue;
-      const Primitive& primitive = scene_.primitives[i];
-      if (primitive.indices) indices.add(*primitive.indices);
-      positions.add(primitive.positions);
-      for (const std::optional<Accessor>* attribute : {&primitive.uv, &primitive.color, &primitive.normal})
-        if (*attribute) attributes.add(**attribute);
-    }
     format::SourceRecord& source = tables_.source;
     source.json_bytes = scene_.json_bytes;
     source.buffer_bytes = scene_.buffer_bytes;
     source.file_bytes = report_.input_bytes;
-    source.index_bytes = indices.bytes();
-    source.position_bytes = positions.bytes();
-    source.attribute_bytes = attributes.bytes();
+    add_source_bytes(scene_, mesh_of_, source);
     source.name = tables_.strings.add(scene_.file_name);
     source.options = tables_.strings.add(describe_options(options_));
     source.generator = tables_.strings.add("scree " SCREE_VERSION);
@@ -627,12 +554,9 @@ Result<ConvertReport> convert_or_throw(const ConvertOptions& options) {
   report.warnings = scene->warnings;
   const std::set<std::string> files = source_files(options.input, *scene);
   if (const Result<void> checked = check_not_source(files, report.output); !checked) return checked.error();
-  for (const std::string& file : files) {
-    std::error_code failed;
-    const uint64_t bytes = std::filesystem::file_size(file, failed);
-    if (failed) return Error{ErrorCode::kFile, file + ": " + failed.message()};
-    report.input_bytes += bytes;
-  }
+  const Result<uint64_t> input_bytes = total_bytes(files);
+  if (!input_bytes) return input_bytes.error();
+  report.input_bytes = *input_bytes;
   {
     tools::Progress progress(options.progress);
     if (const Result<void> done = Converter(options, *scene, files, progress, report).run(); !done) return done.error();

@@ -1,10 +1,9 @@
-// glTF in, .scree out. Memory stays bounded however big the scene is: windows of triangles are measured and then encoded,
-// a bounded number of them in flight.
+// glTF in, .scree out. Memory stays bounded however big the scene is: windows of triangles are measured and then
+// encoded, a bounded number of them in flight.
 #pragma once
 
 #include <atomic>
 #include <cstdint>
-#include <set>
 #include <string>
 #include <vector>
 
@@ -87,14 +86,11 @@ struct ConvertReport {
   std::vector<std::string> warnings;  // one line each
 };
 
-/// All files that a scene is read from: the input and what it names.
-std::set<std::string> source_files(const std::string& input, const SourceScene& scene);
-
 /// Converts. On an error nothing is left at `output` that was not there before; with ConvertOptions::resume there may
-/// be an unfinished .part. Errors kUsage (options that exclude each other or are out of range, output is the input),
-/// those of import_gltf, measure, check_images, write_images, encode_window and ContainerWriter; kUsage where
-/// ConvertOptions::memory is too little, with the least that is needed. The bytes written are the same for any number
-/// of threads and any memory.
+/// be an unfinished .part. Errors kUsage (options that exclude each other
+/// or are out of range, output is the input), those of import_gltf, measure, check_images, write_images, encode_window
+/// and ContainerWriter; kUsage where ConvertOptions::memory is too little, with the least that is needed. The bytes
+/// written are the same for any number of threads and any memory.
 Result<ConvertReport> convert(const ConvertOptions& options);
 
 /// "a.glb -> a.scree: 1.41 MiB -> 283 KiB, ratio 5.10, ..." in one line.

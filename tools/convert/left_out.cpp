@@ -45,6 +45,21 @@ void AccessorBytes::add(const Primitive& primitive) {
     if (*accessor) add(**accessor);
 }
 
+void add_source_bytes(const SourceScene& scene, const std::vector<uint32_t>& mesh_of, format::SourceRecord& source) {
+  AccessorBytes indices, positions, attributes;
+  for (size_t i = 0; i < scene.primitives.size(); ++i) {
+    if (mesh_of[i] == format::kNone) continue;
+    const Primitive& primitive = scene.primitives[i];
+    if (primitive.indices) indices.add(*primitive.indices);
+    positions.add(primitive.positions);
+    for (const std::optional<Accessor>* attribute : {&primitive.uv, &primitive.color, &primitive.normal})
+      if (*attribute) attributes.add(**attribute);
+  }
+  source.index_bytes = indices.bytes();
+  source.position_bytes = positions.bytes();
+  source.attribute_bytes = attributes.bytes();
+}
+
 void add_left_out(const LeftOutFacts& facts, format::TableSet& tables) {
   const auto add = [&](std::string_view what, uint64_t count, uint64_t bytes, uint64_t cost) {
     if (count == 0) return;

@@ -36,6 +36,10 @@ class AccessorBytes {
   uint64_t count_ = 0;
 };
 
+/// Fills in what indices, positions and attributes of the primitives that are stored take in the source. `mesh_of`: the
+/// mesh of each of SourceScene::primitives, or kNone.
+void add_source_bytes(const SourceScene& scene, const std::vector<uint32_t>& mesh_of, format::SourceRecord& source);
+
 /// What a conversion knows when its geometry is written.
 struct LeftOutFacts {
   const SourceScene& scene;

@@ -52,6 +52,15 @@ void grow(Box& box, const Box& other) {
   }
 }
 
+double diagonal_of(const Box& box) {
+  double sum = 0;
+  for (size_t axis = 0; axis < 3; ++axis) {
+    const double side = static_cast<double>(box.hi[axis]) - static_cast<double>(box.lo[axis]);
+    sum += side * side;
+  }
+  return std::sqrt(sum);
+}
+
 Result<void> read_vertices(const Accessor& accessor, std::span<const uint32_t> ascending, std::vector<float>& out) {
   out.resize(ascending.size() * accessor.components);
   if (ascending.empty()) return {};

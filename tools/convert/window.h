@@ -123,6 +123,7 @@ struct Box {
 Box empty_box();
 Box box_of(std::span<const float> positions);
 void grow(Box& box, const Box& other);
+double diagonal_of(const Box& box);
 
 /// Reads `accessor` at ascending vertex numbers into `out` (components a vertex): one read where they are neighbours.
 Result<void> read_vertices(const Accessor& accessor, std::span<const uint32_t> ascending, std::vector<float>& out);
