@@ -2,10 +2,13 @@
 
 #include <algorithm>
 #include <bit>
+#include <memory>
 #include <string>
 
 #include "tools/common/memory_use.h"
 #include "tools/common/options.h"
+#include "tools/convert/encode_pass.h"
+#include "tools/convert/held_windows.h"
 #include "tools/convert/locality.h"
 #include "tools/convert/mesh_plan.h"
 #include "tools/convert/meshopt_source.h"
@@ -70,7 +73,7 @@ Result<MemoryPlan> MemoryPlan::make(const ConvertOptions& options, const SourceS
   plan.all_views_ = scene.unpacked_bytes;
   plan.vertex_bits_ = 96;
   plan.primitives_ = wanted.size();
-  uint64_t sort_bytes = 0;
+  uint64_t sort_bytes = 0, of_group = 0;
   bool has_uv = false, has_color = false, has_normal = false;
   for (size_t i = 0; i < wanted.size(); ++i) {
     if (!wanted[i]) continue;
@@ -87,7 +90,10 @@ Result<MemoryPlan> MemoryPlan::make(const ConvertOptions& options, const SourceS
           sort_needs(primitive, std::min(primitive.vertex_count(), kMostVertices * all), options.normals);
       sort_bytes = std::max(sort_bytes, needs.shared_bytes + needs.thread_bytes + kThreadBytes + kLeastMapBytes);
     }
-    plan.windows_ += triangles == 0 ? 0 : (all - 1) / triangles + 1;
+    const uint64_t windows = triangles == 0 ? 0 : (all - 1) / triangles + 1;
+    plan.windows_ += windows;
+    of_group = (i > 0 && scene.primitives[i - 1].group == primitive.group ? of_group : 0) + windows;
+    plan.group_windows_ = std::max(plan.group_windows_, of_group);
     has_uv |= primitive.uv.has_value();
     has_color |= primitive.color.has_value();
     has_normal |= primitive.normal.has_value();
@@ -133,9 +139,12 @@ StageLimits MemoryPlan::images(uint64_t most) const {
 }
 
 std::optional<AheadLimits> MemoryPlan::ahead() const {
-  // Beside the tables, what each window adds to them, and each mesh's plan, are kept until all is measured.
+  // Beside the tables, what each window adds to them, and each mesh's plan, are kept until all is measured. Windows of
+  // a glTF mesh wait for each other, listed as they were measured, as those that are kept, and as what is encoded.
+  constexpr uint64_t kWaitingBytes = sizeof(WindowPlan) + 2 * sizeof(std::unique_ptr<HeldWindow>) + sizeof(EncodeItem);
   const uint64_t outcomes = most_.chunks * (sizeof(format::ChunkRecord) + sizeof(uint64_t)) +
-                            windows_ * sizeof(WindowOutcome) + primitives_ * sizeof(PlannedMesh);
+                            windows_ * sizeof(WindowOutcome) + primitives_ * sizeof(PlannedMesh) +
+                            group_windows_ * kWaitingBytes;
   const uint64_t tables = table_bytes(most_) + 2 * outcomes + 2 * page_bytes(most_);
   const uint64_t left = free_bytes() - std::min(free_bytes(), tables);
   const uint64_t a_result = encoded_bytes(most_);

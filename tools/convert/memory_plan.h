@@ -72,6 +72,7 @@ class MemoryPlan {
   uint64_t memory_ = 0;
   uint64_t primitives_ = 0;
   uint64_t windows_ = 0;
+  uint64_t group_windows_ = 0;  // most of one glTF mesh
   uint32_t threads_ = 1;
   uint64_t chunk_triangles_ = 0;
   int zstd_level_ = 0;
