@@ -158,3 +158,20 @@ TEST_CASE("convert: a bad mesh at the end is said before what was wrong earlier"
   tests::must_fail(options, ErrorCode::kRange, "in.glb: mesh 13 primitive 0: vertex 0: position (");
   CHECK((folder.names() == std::vector<std::string>{"in.glb"}));
 }
+
+TEST_CASE("convert: the .part of an earlier run outlives a run whose source is bad", "[convert][ahead]") {
+  const TempFolder folder;
+  ConvertOptions options = options_of(folder);
+  options.threads = 1;
+  make_scene(folder.file("in.glb"), kRefused);
+  options.max_error = 1e-5;
+  const std::string part = folder.write("out.scree.part", "what a run that was killed left");
+  REQUIRE_FALSE(convert::convert(options));
+  CHECK(tests::read_whole(part) == "what a run that was killed left");
+
+  // Where the source is good it makes room, once all is measured.
+  options.max_error = 0;
+  CHECK(must_convert(options).windows_ahead == 0);
+  CHECK((folder.names() == std::vector<std::string>{"in.glb", "out.scree"}));
+  CHECK(must_convert(options).windows_ahead > 0);
+}

@@ -171,11 +171,15 @@ class Converter {
 
   /// Makes all that is needed to encode meshes before all are measured, where that can be made from the document alone
   /// and no mesh waits for others: with a step of all or errors in pixels they do, and a run that goes on with a .part
-  /// must know that the input is as it was. Where something goes wrong all is as it was: it goes wrong again, once all
-  /// is measured.
+  /// must know that the input is as it was. The .part of an earlier run may be gone on with, so it is replaced only
+  /// once the input is known to be good. Where something goes wrong all is as it was: it goes wrong again, once all is
+  /// measured.
   void prepare_ahead() {
     const std::optional<std::vector<bool>> used = materials_known();
-    if (options_.resume || options_.grid != Grid::kMesh || options_.pixel_bound.pixels > 0 || !used || !memory_.ahead())
+    std::error_code ignored;
+    const bool is_other_part = std::filesystem::exists(report_.output + ".part", ignored);
+    if (options_.resume || is_other_part || options_.grid != Grid::kMesh || options_.pixel_bound.pixels > 0 || !used ||
+        !memory_.ahead())
       return;
     if (const Result<void> planned = plan_images(*used); planned) {
       Result<format::ContainerWriter> writer = create_writer(most_bytes_known());
