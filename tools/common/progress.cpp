@@ -17,27 +17,28 @@ Progress::~Progress() {
   erase();
 }
 
-void Progress::stage(std::string name, uint64_t triangles) {
+void Progress::stage(std::string name, uint64_t count, std::string things) {
+  things_ = std::move(things);
   name_ = std::move(name);
-  total_ = triangles;
+  total_ = count;
   start_ = Clock::now();
   last_ = start_;
 }
 
-void Progress::update(uint64_t triangles, uint64_t bytes, const std::function<std::string()>& detail) {
+void Progress::update(uint64_t done, uint64_t bytes, const std::function<std::string()>& detail) {
   if (!enabled_) return;
   const Clock::time_point now = Clock::now();
   if (now - last_ < std::chrono::milliseconds(200)) return;
   last_ = now;
   const double seconds = std::chrono::duration<double>(now - start_).count();
-  const double rate = seconds > 0 ? static_cast<double>(triangles) / seconds : 0;
-  const double share = total_ > 0 ? static_cast<double>(triangles) / static_cast<double>(total_) : 0;
+  const double rate = seconds > 0 ? static_cast<double>(done) / seconds : 0;
+  const double share = total_ > 0 ? static_cast<double>(done) / static_cast<double>(total_) : 0;
   const std::string left =
-      rate > 0 && triangles <= total_ ? format_duration(static_cast<double>(total_ - triangles) / rate) + " left" : "";
+      rate > 0 && done <= total_ ? format_duration(static_cast<double>(total_ - done) / rate) + " left" : "";
   // The clear code comes last: a shorter line leaves nothing of a longer one behind.
   const std::string more = detail ? "; " + detail() : "";
-  std::fprintf(stderr, "\r%s: %3.0f%%, %s, %s triangles/s, %s%s\x1b[K", name_.c_str(), std::floor(100 * share),
-               format_bytes(bytes).c_str(), format_count(rate).c_str(), left.c_str(), more.c_str());
+  std::fprintf(stderr, "\r%s: %3.0f%%, %s, %s %s/s, %s%s\x1b[K", name_.c_str(), std::floor(100 * share),
+               format_bytes(bytes).c_str(), format_count(rate).c_str(), things_.c_str(), left.c_str(), more.c_str());
   std::fflush(stderr);
   shown_ = true;
 }

@@ -17,12 +17,12 @@ class Progress {
   Progress(const Progress&) = delete;
   Progress& operator=(const Progress&) = delete;
 
-  /// Starts a stage of `triangles` in all; the line begins with `name`.
-  void stage(std::string name, uint64_t triangles);
+  /// Starts a stage of `count` things in all, which `things` names; the line begins with `name`.
+  void stage(std::string name, uint64_t count, std::string things = "triangles");
 
-  /// `triangles` of the stage are done, with `bytes` read or written so far. `detail`: asked for what else to say, when
-  /// something is shown.
-  void update(uint64_t triangles, uint64_t bytes, const std::function<std::string()>& detail = nullptr);
+  /// `done` things of the stage are done, with `bytes` read or written so far. `detail`: asked for what else to say,
+  /// when something is shown.
+  void update(uint64_t done, uint64_t bytes, const std::function<std::string()>& detail = nullptr);
 
   /// Erases the line, so that other text can be printed.
   void erase();
@@ -32,6 +32,7 @@ class Progress {
   bool enabled_;
   bool shown_ = false;
   std::string name_;
+  std::string things_;
   uint64_t total_ = 0;
   Clock::time_point start_;
   Clock::time_point last_;

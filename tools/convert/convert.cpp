@@ -264,7 +264,10 @@ class Converter {
     const StageLimits limits = memory_.images(image_options.memory);
     image_options.memory = limits.flight_bytes;
     WorkerPool pool(limits.threads, options_.stop);
-    Result<ImagePlan> images = check_images(scene_, wanted, image_options, pool);
+    const auto count = static_cast<uint64_t>(std::count(wanted.begin(), wanted.end(), true));
+    if (count > 0) progress_.stage("check images", count, "images");
+    Result<ImagePlan> images = check_images(scene_, wanted, image_options, pool,
+                                            [&](uint64_t done, uint64_t bytes) { progress_.update(done, bytes); });
     if (!images) return images.error();
     images_ = std::move(*images);
     for (size_t i = 0; i < images_.records.size(); ++i)
@@ -277,8 +280,13 @@ class Converter {
     const StageLimits limits = memory_.images(image_options.memory);
     image_options.memory = limits.flight_bytes;
     WorkerPool pool(limits.threads, options_.stop);
+    const uint64_t before = resumed_.images.size(), count = images_.records.size();
+    if (count > before) progress_.stage("store images", count - before, "images");
     return write_images(scene_, image_options, images_, pool, writer, resumed_.images,
-                        [&](uint64_t number, const StoredImageRecord& stored) { log_image(writer, number, stored); });
+                        [&](uint64_t number, const StoredImageRecord& stored) {
+                          log_image(writer, number, stored);
+                          progress_.update(number + 1 - before, writer.bytes());
+                        });
   }
 
   void merge_equal() {

@@ -245,8 +245,9 @@ std::string image_place(const SourceScene& scene, uint32_t image) {
 }
 
 Result<ImagePlan> check_images(const SourceScene& scene, const std::vector<bool>& wanted, const ImageOptions& options,
-                               WorkerPool& pool) {
+                               WorkerPool& pool, const std::function<void(uint64_t images, uint64_t bytes)>& progress) {
   ImagePlan plan;
+  uint64_t bytes_done = 0;
   plan.places.assign(scene.images.size(), format::kNone);
   std::vector<uint32_t> images;
   for (uint32_t i = 0; i < wanted.size(); ++i)
@@ -262,6 +263,8 @@ Result<ImagePlan> check_images(const SourceScene& scene, const std::vector<bool>
   const auto cost = [&](uint64_t i) { return costs[i]; };
   const auto take = [&](uint64_t i, CheckedImage checked) -> Result<void> {
     const uint64_t bytes = scene.images[images[i]].bytes;
+    bytes_done += bytes;
+    progress(i + 1, bytes_done);
     const auto [entry, is_new] =
         known.try_emplace({checked.hash[0], checked.hash[1], bytes}, static_cast<uint32_t>(plan.records.size()));
     plan.places[images[i]] = entry->second;

@@ -56,10 +56,10 @@ std::string image_place(const SourceScene& scene, uint32_t image);
 
 /// Reads the head of every image of `wanted` (flags), and decodes those that stay files once to see that they can be,
 /// without holding file or pixels: as many at a time as runtime::image_check_bytes of them fit into 128 MiB and
-/// ImageOptions::memory. Errors as
+/// ImageOptions::memory. `progress(images, bytes)`: done so far, and what their files have. Errors as
 /// runtime::check_image and ByteSource::read, the image named; kUnsupported: more than 1 GiB.
 Result<ImagePlan> check_images(const SourceScene& scene, const std::vector<bool>& wanted, const ImageOptions& options,
-                               WorkerPool& pool);
+                               WorkerPool& pool, const std::function<void(uint64_t images, uint64_t bytes)>& progress);
 
 /// Appends the pages of every record and completes the plan; the first ones are `stored` already, `note` is called for
 /// each of the others once it is written. Holds an image's file about four times while it is
