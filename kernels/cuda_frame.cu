@@ -134,8 +134,9 @@ struct CudaFrames::Impl {
   Result<void> grow(const CudaQueueSizes& wanted);
   Result<void> forget();
   Result<void> fit_pyramid(const FrameView& frame);
+  Result<void> submit() { return frame.orthographic ? submit<true>() : submit<false>(); }
   template <bool kOrthographic>
-  Result<void> submit(const FrameView& frame, uint64_t* samples, const DrawOptions& options);
+  Result<void> submit();
   template <bool kOrthographic, ClusterPass kPass>
   void submit_clusters(const SmallFrame& small, const DrawOptions& options, uint32_t round, uint32_t rounds);
   template <bool kOrthographic>
@@ -187,6 +188,10 @@ struct CudaFrames::Impl {
   DeviceArray<ClipItem> to_clip;
   DeviceArray<uint32_t> pyramid_codes;
   DepthPyramid pyramid{};
+  // The frame that was begun last:
+  FrameView frame{};
+  uint64_t* samples = nullptr;
+  DrawOptions options;
   FrameView last_view{};
   bool two_passes = false;  // the last frame
   uint64_t two_pass_groups = 0;
@@ -406,7 +411,7 @@ Result<void> CudaFrames::Impl::submit_stages(const LargeFrame& rest, const Stage
 }
 
 template <bool kOrthographic>
-Result<void> CudaFrames::Impl::submit(const FrameView& frame, uint64_t* samples, const DrawOptions& options) {
+Result<void> CudaFrames::Impl::submit() {
   auto* const counters = reinterpret_cast<FrameCounters*>(zeroed.data());
   const Queues queues{nullptr,        medium.data(), large.data(),  tiles.data(),     0,
                       medium.count(), large.count(), tiles.count(), &counters->queues};
@@ -483,7 +488,6 @@ Result<void> CudaFrames::Impl::submit(const FrameView& frame, uint64_t* samples,
     done = cuda_check(cudaMemcpyAsync(seen, counters, sizeof *seen, cudaMemcpyDeviceToHost, stream),
                       "reading the counters");
   }
-  if (done) done = cuda_check(cudaStreamSynchronize(stream), "drawing");
   return done;
 }
 
@@ -541,13 +545,25 @@ Result<CudaFrames> CudaFrames::create(const SceneView& host, const SceneView& de
 
 Result<FrameStats> CudaFrames::draw(const View& view, uint64_t* samples, const DrawOptions& options,
                                     FrameTimes* times) {
-  if (Result<void> checked = check_frame(view, impl_->triangle_count); !checked) return checked.error();
-  const FrameView frame = make_frame_view(view);
-  if (Result<void> done = impl_->fit_pyramid(frame); !done) return done.error();
+  if (Result<void> started = start(view, samples, options); !started) return started.error();
+  const Result<Finished> finished = finish(times);
+  if (!finished) return finished.error();
+  return finished->stats;
+}
+
+Result<void> CudaFrames::start(const View& view, uint64_t* samples, const DrawOptions& options) {
+  if (Result<void> checked = check_frame(view, impl_->triangle_count); !checked) return checked;
+  impl_->frame = make_frame_view(view);
+  impl_->samples = samples;
+  impl_->options = options;
+  if (Result<void> done = impl_->fit_pyramid(impl_->frame); !done) return done;
+  return impl_->submit();
+}
+
+Result<CudaFrames::Finished> CudaFrames::finish(FrameTimes* times) {
+  bool is_drawn_again = false;
   for (;;) {
-    const Result<void> done = view.orthographic ? impl_->submit<true>(frame, samples, options)
-                                                : impl_->submit<false>(frame, samples, options);
-    if (!done) return done.error();
+    if (Result<void> done = cuda_check(cudaStreamSynchronize(impl_->stream), "drawing"); !done) return done.error();
     if (impl_->had_room()) break;
     // A little more than was asked for, since the camera moves; or just that where no more fits.
     Result<void> grown = impl_->grow(impl_->asked(4));
@@ -557,8 +573,10 @@ Result<FrameStats> CudaFrames::draw(const View& view, uint64_t* samples, const D
     if (!grown) return grown.error();
     if (!impl_->had_room())
       return Error{ErrorCode::kRange, "a queue of the frame would need 2^32 places; use --backend cpu"};
+    is_drawn_again = true;
+    if (Result<void> done = impl_->submit(); !done) return done.error();
   }
-  impl_->last_view = frame;
+  impl_->last_view = impl_->frame;
   // What a jump of the camera drew was mostly hidden in the end.
   const uint64_t seen_before = impl_->seen->clusters[0];
   const uint64_t newly_seen = clusters_before(*impl_->seen, kClusterPasses) - seen_before;
@@ -578,7 +596,7 @@ Result<FrameStats> CudaFrames::draw(const View& view, uint64_t* samples, const D
   stats.groups_tested = impl_->seen->groups_tested;
   stats.clusters_tested = impl_->seen->clusters_tested;
   stats.clusters_drawn = clusters_before(*impl_->seen, kClusterPasses);
-  return stats;
+  return Finished{stats, is_drawn_again};
 }
 
 const Transform* CudaFrames::transforms() const {

@@ -119,8 +119,15 @@ Result<std::span<const uint32_t>> CudaVisibleChunks::find_nearest(const View& vi
 }
 
 Result<std::span<const uint8_t>> CudaVisibleChunks::find_shown(const uint64_t* samples) {
+  Result<void> done = start_finding_shown(samples);
+  if (done) done = cuda_check(cudaStreamSynchronize(nullptr), "finding hidden chunks");
+  if (!done) return done.error();
+  return shown();
+}
+
+Result<void> CudaVisibleChunks::start_finding_shown(const uint64_t* samples) {
   const uint64_t codes = lay_out(pyramid_, frame_.width, frame_.height, kFirstLevel);
-  if (Result<void> done = codes_.reserve(codes * sizeof(uint32_t), "allocating the depths"); !done) return done.error();
+  if (Result<void> done = codes_.reserve(codes * sizeof(uint32_t), "allocating the depths"); !done) return done;
   pyramid_.codes = reinterpret_cast<uint32_t*>(codes_.data());
   auto* const shown = reinterpret_cast<uint8_t*>(shown_.data());
   Result<void> done = cuda_check(cudaMemsetAsync(shown, 0, scene_.chunk_count, nullptr), "clearing the list of chunks");
@@ -133,10 +140,9 @@ Result<std::span<const uint8_t>> CudaVisibleChunks::find_shown(const uint64_t* s
     done = cuda_check(cudaGetLastError(), "finding hidden chunks");
   }
   if (done)
-    done = cuda_check(cudaMemcpy(read_shown_.data(), shown, scene_.chunk_count, cudaMemcpyDeviceToHost),
+    done = cuda_check(cudaMemcpyAsync(read_shown_.data(), shown, scene_.chunk_count, cudaMemcpyDeviceToHost, nullptr),
                       "finding hidden chunks");
-  if (!done) return done.error();
-  return std::span(reinterpret_cast<const uint8_t*>(read_shown_.data()), scene_.chunk_count);
+  return done;
 }
 
 }  // namespace scree::kernels

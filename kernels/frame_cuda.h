@@ -50,7 +50,7 @@ struct CudaQueueSizes {
   uint64_t round_groups = 1u << 15;
 };
 
-/// Draws on the current device, on one stream, one frame at a time.
+/// Draws on the current device, on one stream that the default stream is ordered with, one frame at a time.
 class CudaFrames {
  public:
   /// `host`: the scene's records in host memory (its pages and texels are not read), needed during the call only.
@@ -71,6 +71,15 @@ class CudaFrames {
   /// kDevice.
   Result<FrameStats> draw(const View& view, uint64_t* samples, const DrawOptions& options = {},
                           FrameTimes* times = nullptr);
+
+  /// As draw(), but begins it: finish() ends it. `samples` stay there until then. What is queued on the default stream
+  /// meanwhile comes after; it sees some of the frame, if a queue turns out too small, and is to be queued again.
+  struct Finished {
+    FrameStats stats;
+    bool is_drawn_again;  // after start(), since a queue was too small
+  };
+  Result<void> start(const View& view, uint64_t* samples, const DrawOptions& options = {});
+  Result<Finished> finish(FrameTimes* times = nullptr);
 
   /// Device memory, by instance number: of the instances that the last frame drew.
   const Transform* transforms() const;

@@ -17,7 +17,8 @@
 
 namespace scree::kernels {
 
-/// Of one scene, on the device that was current when it was opened; its calls wait for what they find.
+/// Of one scene, on the device that was current when it was opened; its calls wait for what they find, where they do
+/// not say otherwise.
 class CudaVisibleChunks {
  public:
   static constexpr uint32_t kFirstLevel = 3;  // of the pyramid: a code for 8 x 8 samples
@@ -36,6 +37,12 @@ class CudaVisibleChunks {
   /// By chunk, whether it may change a sample of the picture that `samples` (device memory) holds by now, of the view
   /// that find_nearest() was asked for; 0: it hides, or is not in the view. Until the next call. Errors kDevice.
   Result<std::span<const uint8_t>> find_shown(const uint64_t* samples);
+
+  /// As find_shown(), but on the default stream without waiting: shown() holds when that is done.
+  Result<void> start_finding_shown(const uint64_t* samples);
+  std::span<const uint8_t> shown() const {
+    return {reinterpret_cast<const uint8_t*>(read_shown_.data()), scene_.chunk_count};
+  }
 
  private:
   SceneView scene_{};

@@ -46,17 +46,15 @@ void Residency::forget() {
   drawn_.clear();
   missing_.clear();
   first_missing_ = 0;
-  batches_.clear();
   pinned_bytes_ = 0;
 }
 
 std::vector<Residency::Place> Residency::begin_frame(std::span<const uint32_t> visible) {
-  assert(batches_.empty());
+  assert(pinned_bytes_ == 0);
   ++frame_;
   missing_.clear();
   first_missing_ = 0;
   std::vector<Place> there;
-  std::vector<uint32_t> batch;
   uint32_t rank = 0;
   for (const uint32_t chunk : visible) {
     Slot& slot = slots_[chunk];
@@ -69,7 +67,6 @@ std::vector<Residency::Place> Residency::begin_frame(std::span<const uint32_t> v
     slot.pinned = true;
     pinned_bytes_ += room(chunk);
     there.push_back({chunk, offset(chunk), chunk_bytes_[chunk]});
-    batch.push_back(chunk);
   }
   unseen_.clear();
   drawn_.clear();
@@ -82,7 +79,6 @@ std::vector<Residency::Place> Residency::begin_frame(std::span<const uint32_t> v
     if (first.frame != second.frame) return first.frame > second.frame;
     return first.rank != second.rank ? first.rank < second.rank : a > b;
   });
-  batches_.push_back(std::move(batch));
   return there;
 }
 
@@ -109,19 +105,17 @@ Residency::Batch Residency::load(std::span<const uint32_t> chosen, uint64_t byte
   }
   // Between two of them may be some that were dropped.
   for (size_t i = chosen.size(); i-- > placed;) missing_[--first_missing_] = chosen[i];
-  if (placed != 0) batches_.emplace_back(chosen.begin(), chosen.begin() + static_cast<ptrdiff_t>(placed));
   return batch;
 }
 
-void Residency::batch_drawn() {
-  assert(!batches_.empty());
-  for (const uint32_t chunk : batches_.front()) {
-    slots_[chunk].pinned = false;
-    pinned_bytes_ -= room(chunk);
-    drawn_.push_back(chunk);
+void Residency::batch_drawn(std::span<const Place> places) {
+  for (const Place& place : places) {
+    assert(slots_[place.chunk].pinned);
+    slots_[place.chunk].pinned = false;
+    pinned_bytes_ -= room(place.chunk);
+    drawn_.push_back(place.chunk);
     std::push_heap(drawn_.begin(), drawn_.end(), nearer());
   }
-  batches_.pop_front();
 }
 
 /// False where no free piece has room.

@@ -4,7 +4,6 @@
 
 #include <cstddef>
 #include <cstdint>
-#include <deque>
 #include <span>
 #include <vector>
 
@@ -13,10 +12,10 @@
 
 namespace scree::runtime {
 
-/// A frame goes so: begin_frame() gives the chunks that are seen and there already, the first batch; next_batch() gives
-/// the others batch by batch, near ones first. A batch stays where it is until batch_drawn() is called for it, in their
-/// order, so that one can be drawn while the next is loaded. A chunk is loaded at most once a frame, and one that the
-/// frame still has to draw never gives way.
+/// A frame goes so: begin_frame() gives the chunks that are seen and there already; next_batch() gives the others batch
+/// by batch, near ones first. All of them stay where they are until batch_drawn() is called for them, so that some can
+/// be drawn while others are loaded. A chunk is loaded at most once a frame, and one that the frame still has to draw
+/// never gives way.
 ///
 /// What gives way: chunks that were not seen in this frame, those first that were seen longest ago; then chunks that
 /// this frame has drawn, the farthest first, so that the near ones are there when the next frame begins.
@@ -40,7 +39,7 @@ class Residency {
     uint64_t to;
     uint64_t bytes;
   };
-  /// The moves come first, in their order; none touches a chunk of an earlier batch that is not drawn yet.
+  /// The moves come first, in their order; none touches a chunk that is not drawn yet.
   struct Batch {
     std::vector<Move> moves;
     std::vector<Place> loads;
@@ -54,18 +53,18 @@ class Residency {
   std::vector<Place> begin_frame(std::span<const uint32_t> visible);
 
   /// The next batch: as many of the missing chunks as take `most_bytes` together, at least one, and fewer where the
-  /// batches that are not drawn yet leave less room. Those for which `is_dropped(chunk)` are not missing any more: the
+  /// chunks that are not drawn yet leave less room. Those for which `is_dropped(chunk)` are not missing any more: the
   /// frame does without. It is asked for chunks in their order up to the batch's end, and may be asked again for one
   /// that did not fit. Without loads where none is missing, or where nothing fits until batch_drawn() was called; with
-  /// every batch drawn there is always room.
+  /// all of them drawn there is always room.
   template <class IsDropped>
   Batch next_batch(uint64_t most_bytes, const IsDropped& is_dropped);
   Batch next_batch(uint64_t most_bytes) {
     return next_batch(most_bytes, [](uint32_t) { return false; });
   }
 
-  /// The oldest batch that was not is drawn; the first is that of begin_frame().
-  void batch_drawn();
+  /// These are drawn, of those that begin_frame() and next_batch() gave: each once.
+  void batch_drawn(std::span<const Place> places);
 
   /// Takes out those of the missing chunks for which `is_dropped(chunk)`, asked once for each: the frame does without.
   template <class IsDropped>
@@ -123,8 +122,7 @@ class Residency {
   std::vector<uint32_t> unseen_;
   std::vector<uint32_t> drawn_;
   std::vector<uint32_t> missing_;
-  size_t first_missing_ = 0;                   // those before it are not missing any more
-  std::deque<std::vector<uint32_t>> batches_;  // not drawn yet
+  size_t first_missing_ = 0;  // those before it are not missing any more
 };
 
 template <class IsDropped>

@@ -3,10 +3,10 @@
 #include <algorithm>
 #include <cstring>
 #include <new>
-#include <system_error>
 #include <utility>
 
 #include "kernels/frame_parts.h"
+#include "runtime/stopwatch.h"
 
 namespace scree::runtime {
 
@@ -18,10 +18,6 @@ CpuStream::CpuStream(const Scene& scene, Streamer streamer, uint32_t threads)
       pages_(streamer_.view().chunk_count, nullptr),
       scene_(streamer_.view()) {
   scene_.pages = pages_.data();
-}
-
-CpuStream::~CpuStream() {
-  stop_loading();
 }
 
 Result<std::unique_ptr<CpuStream>> CpuStream::create(const Scene& scene, uint64_t pool_bytes, uint32_t threads) {
@@ -68,54 +64,55 @@ Result<void> CpuStream::begin(const kernels::View& view, const kernels::ShadeOpt
   return {};
 }
 
-Result<void> CpuStream::move(std::span<const Residency::Move> moves) {
-  for (const Residency::Move& move : moves) std::memmove(pool_.data() + move.to, pool_.data() + move.from, move.bytes);
-  return {};
-}
-
-Result<void> CpuStream::start_loading(std::span<const Residency::Place> places) {
-  std::vector<Residency::Place> own(places.begin(), places.end());
-  try {
-    loading_.push_back(std::async(std::launch::async,
-                                  [this, own = std::move(own)] { return source_.read(own, pool_.data(), threads_); }));
-  } catch (const std::system_error&) {  // no thread to be had
-    std::promise<Result<void>> done;
-    done.set_value(source_.read(places, pool_.data(), threads_));
-    loading_.push_back(done.get_future());
-  }
-  return {};
-}
-
-Result<void> CpuStream::finish_loading() {
-  Result<void> done = loading_.front().get();
-  loading_.pop_front();
-  return done;
-}
-
-void CpuStream::stop_loading() {
-  loading_.clear();  // waits for each
-}
-
-Result<kernels::FrameStats> CpuStream::draw(std::span<const Residency::Place> places) {
-  for (const Residency::Place& place : places) pages_[place.chunk] = pool_.data() + place.offset;
-  Result<kernels::FrameStats> drawn = kernels::draw_part_cpu(scene_, view_, samples_, threads_);
-  if (drawn && !colors_.empty())
-    if (Result<void> shaded = kernels::shade_part_cpu(scene_, view_, samples_, *shade_, colors_, threads_); !shaded)
-      drawn = shaded.error();
-  for (const Residency::Place& place : places) pages_[place.chunk] = nullptr;
-  return drawn;
-}
-
 Result<std::span<const uint32_t>> CpuStream::list() {
   visible_ = VisibleChunks(scene_, view_, threads_);
   return visible_.near_to_far();
 }
 
-Result<void> CpuStream::find_depths() {
+Result<void> CpuStream::start_loading(const Residency::Batch& batch) {
+  loading_.push_back(loader_.add([this, batch]() -> Result<double> {
+    const Stopwatch watch;
+    for (const Residency::Move& move : batch.moves)
+      std::memmove(pool_.data() + move.to, pool_.data() + move.from, move.bytes);
+    if (Result<void> read = source_.read(batch.loads, pool_.data(), threads_); !read) return read.error();
+    return watch.elapsed().wall_ms;
+  }));
+  return {};
+}
+
+Result<double> CpuStream::finish_loading() {
+  std::future<Result<double>> oldest = std::move(loading_.front());
+  loading_.pop_front();
+  return oldest.get();
+}
+
+/// All of it: the loads have their own thread.
+Result<void> CpuStream::start_drawing(std::span<const Residency::Place> places, bool finds_depths) {
+  const Stopwatch watch;
+  for (const Residency::Place& place : places) pages_[place.chunk] = pool_.data() + place.offset;
+  const Result<kernels::FrameStats> drawn = kernels::draw_part_cpu(scene_, view_, samples_, threads_);
+  Result<void> done = drawn ? Result<void>() : drawn.error();
+  if (done && !colors_.empty()) done = kernels::shade_part_cpu(scene_, view_, samples_, *shade_, colors_, threads_);
+  for (const Residency::Place& place : places) pages_[place.chunk] = nullptr;
+  if (!done) return done;
+  if (finds_depths) find_depths();
+  drawn_ = {*drawn, watch.elapsed().wall_ms};
+  return {};
+}
+
+Result<StreamTarget::Drawn> CpuStream::finish_drawing() {
+  return drawn_;
+}
+
+void CpuStream::stop() {
+  loading_.clear();
+  loader_.wait();
+}
+
+void CpuStream::find_depths() {
   codes_.resize(kernels::lay_out(depths_, static_cast<int32_t>(view_.width), static_cast<int32_t>(view_.height)));
   depths_.codes = codes_.data();
   kernels::build_pyramid(depths_, samples_.data());
-  return {};
 }
 
 }  // namespace scree::runtime

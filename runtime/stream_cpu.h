@@ -13,6 +13,7 @@
 #include "format/result.h"
 #include "kernels/frame.h"
 #include "runtime/chunk_source.h"
+#include "runtime/job_thread.h"
 #include "runtime/renderer.h"
 #include "runtime/streamer.h"
 #include "runtime/visible_chunks.h"
@@ -25,7 +26,6 @@ class CpuStream final : public StreamTarget {
   /// pictures' own, 8 bytes a sample and 12 where they are shaded from chunks, is beside it. Errors as
   /// Streamer::create.
   static Result<std::unique_ptr<CpuStream>> create(const Scene& scene, uint64_t pool_bytes, uint32_t threads);
-  ~CpuStream();
 
   /// Draws `view` (its sides in samples) as kernels::draw_cpu() does. `shade`: what picture() will be asked for; null
   /// where only the samples are wanted.
@@ -40,17 +40,18 @@ class CpuStream final : public StreamTarget {
   const Residency& residency() const { return streamer_.residency(); }
 
   Result<void> begin(const kernels::View& view, const kernels::ShadeOptions* shade) override;
-  Result<void> move(std::span<const Residency::Move> moves) override;
-  Result<void> start_loading(std::span<const Residency::Place> places) override;
-  Result<void> finish_loading() override;
-  void stop_loading() override;
-  Result<kernels::FrameStats> draw(std::span<const Residency::Place> places) override;
   Result<std::span<const uint32_t>> list() override;
-  Result<void> find_depths() override;
+  Result<void> start_loading(const Residency::Batch& batch) override;
+  bool is_loaded() override { return false; }  // so that frames repeat themselves
+  Result<double> finish_loading() override;
+  Result<void> start_drawing(std::span<const Residency::Place> places, bool finds_depths) override;
+  Result<Drawn> finish_drawing() override;
   bool is_hidden(uint32_t chunk) const override { return visible_.is_hidden(chunk, depths_); }
+  void stop() override;
 
  private:
   CpuStream(const Scene& scene, Streamer streamer, uint32_t threads);
+  void find_depths();
 
   ChunkSource source_;
   Streamer streamer_;
@@ -65,7 +66,9 @@ class CpuStream final : public StreamTarget {
   VisibleChunks visible_;
   kernels::DepthPyramid depths_{};
   std::vector<uint32_t> codes_;  // of the pyramid
-  std::deque<std::future<Result<void>>> loading_;
+  Drawn drawn_{};
+  std::deque<std::future<Result<double>>> loading_;
+  JobThread<Result<double>> loader_;  // the last member: it uses others until it ends
 };
 
 }  // namespace scree::runtime

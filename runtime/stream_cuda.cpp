@@ -1,7 +1,7 @@
 #include "runtime/stream_cuda.h"
 
 #include <algorithm>
-#include <system_error>
+#include <chrono>
 #include <utility>
 
 #include "format/bytes.h"
@@ -46,9 +46,17 @@ uint64_t CudaStream::bounce_bytes(uint64_t largest_chunk, uint64_t room) {
 }
 
 CudaStream::~CudaStream() {
-  stop_loading();
-  for (cudaEvent_t event : loaded_)
+  stop();
+  const auto destroy = [](cudaEvent_t event) {
     if (event != nullptr) (void)cudaEventDestroy(event);
+  };
+  for (const Events& events : events_) {
+    destroy(events.begun);
+    destroy(events.loaded);
+  }
+  for (cudaEvent_t event : staged_) destroy(event);
+  destroy(drawing_begun_);
+  destroy(drawing_ended_);
   if (copies_ != nullptr) (void)cudaStreamDestroy(copies_);
 }
 
@@ -63,15 +71,19 @@ Result<void> CudaStream::open(const kernels::SceneView& device, kernels::CudaFra
   if (done) done = pool_.reserve(residency.pool_bytes() + Residency::kAlignment, "allocating the pool of chunks");
   if (done) done = bounce_.reserve(bounce_bytes_, "allocating room to move chunks");
   if (done) done = visible_.open(streamer_.view(), scene_);
-  const uint64_t table_bytes = scene_.chunk_count * sizeof(std::byte*);
-  if (done) done = pages_.allocate(table_bytes, "allocating pinned memory");
-  if (done) std::fill_n(pages_.data(), table_bytes, std::byte{0});
+  if (done) done = pages_.open(scene_, scene_.chunk_count);
   // Not ordered with the streams that draw: the host waits for a load before it has it drawn.
   if (done) done = cuda_check(cudaStreamCreateWithFlags(&copies_, cudaStreamNonBlocking), "making a stream");
-  for (cudaEvent_t& event : loaded_)
-    if (done)
-      done = cuda_check(cudaEventCreateWithFlags(&event, cudaEventDisableTiming | cudaEventBlockingSync),
-                        "making an event");
+  const auto make = [&](cudaEvent_t& event) {
+    if (done) done = cuda_check(cudaEventCreate(&event), "making an event");
+  };
+  for (Events& events : events_) {
+    make(events.begun);
+    make(events.loaded);
+  }
+  for (cudaEvent_t& event : staged_) make(event);
+  make(drawing_begun_);
+  make(drawing_ended_);
   if (done) done = keep_in_host_memory(host_bytes);
   const bool all_kept = std::find(kept_at_.begin(), kept_at_.end(), kNotPinned) == kept_at_.end();
   for (kernels::PinnedBuffer& staging : staging_)
@@ -108,9 +120,8 @@ Result<void> CudaStream::begin(const kernels::View& view, const kernels::ShadeOp
   view_ = view;
   shades_ = shade != nullptr && kernels::shades_from_chunks(shade->show);
   if (shades_) shade_ = *shade;
-  // What the last frame moved in the end.
-  Result<void> done = cuda_check(cudaStreamSynchronize(copies_), "moving chunks");
-  if (done && shades_) done = colors_.reserve(3 * count * sizeof(float), "allocating the samples' colours");
+  Result<void> done;
+  if (shades_) done = colors_.reserve(3 * count * sizeof(float), "allocating the samples' colours");
   static_assert(kernels::kBackground == ~uint64_t{0});
   if (done) done = cuda_check(cudaMemsetAsync(samples_, 0xff, count * sizeof(uint64_t), nullptr), "clearing");
   return done;
@@ -141,32 +152,37 @@ Result<void> CudaStream::move_run(uint64_t from, uint64_t to, uint64_t bytes) {
   return {};
 }
 
-Result<void> CudaStream::start_loading(std::span<const Residency::Place> places) {
-  std::vector<Residency::Place> own(places.begin(), places.end());
-  // Neighbours in the pool go as one copy where they lie side by side in host memory too.
-  std::sort(own.begin(), own.end(),
-            [](const Residency::Place& a, const Residency::Place& b) { return a.offset < b.offset; });
-  const uint32_t number = loads_++ % kLoadsAhead;
-  try {
-    std::future<Result<void>> issued = std::async(
-        std::launch::async, [this, number, own = std::move(own)]() mutable { return load(std::move(own), number); });
-    loading_.push_back({std::move(issued), number});
-    return {};
-  } catch (const std::system_error&) {
-    return Error{ErrorCode::kMemory, "no thread left to load chunks"};
-  }
+Result<void> CudaStream::start_loading(const Residency::Batch& batch) {
+  const uint32_t number = loads_++ % kMostLoads;
+  loading_.push_back({loader_.add([this, batch, number] { return load(batch, events_[number]); }), number});
+  return {};
 }
 
-/// The places are sorted by offset. On a thread of its own; the loads before have other staging memory.
-Result<void> CudaStream::load(std::vector<Residency::Place> places, uint32_t number) {
+/// On a thread of its own.
+Result<void> CudaStream::load(const Residency::Batch& batch, const Events& events) {
   // The current device is each thread's own.
   if (auto done = cuda_check(cudaSetDevice(device_), "choosing the GPU"); !done) return done;
+  if (Result<void> moved = move(batch.moves); !moved) return moved;
+  // Neighbours in the pool go as one copy where they lie side by side in host memory too.
+  std::vector<Residency::Place> places = batch.loads;
+  std::sort(places.begin(), places.end(),
+            [](const Residency::Place& a, const Residency::Place& b) { return a.offset < b.offset; });
+  const bool is_kept = std::all_of(places.begin(), places.end(),
+                                   [&](const Residency::Place& place) { return kept_at_[place.chunk] != kNotPinned; });
+  const uint32_t number = stagings_ % kStagings;
+  if (!is_kept) {
+    ++stagings_;
+    if (auto done = cuda_check(cudaEventSynchronize(staged_[number]), "loading chunks"); !done) return done;
+  }
   std::byte* const staging = staging_[number].data();
   uint64_t staged_end = 0;
+  std::vector<Residency::Place> missing;
+  std::vector<Copy> copies;
   for (size_t next = 0; next < places.size();) {
+    const size_t first = next;
     const uint64_t piece = staged_end;
-    std::vector<Residency::Place> missing;
-    std::vector<Copy> copies;
+    missing.clear();
+    copies.clear();
     for (; next < places.size() && (copies.empty() || staged_end - piece < kPieceBytes); ++next) {
       const Residency::Place& place = places[next];
       const bool kept = kept_at_[place.chunk] != kNotPinned;
@@ -175,58 +191,111 @@ Result<void> CudaStream::load(std::vector<Residency::Place> places, uint32_t num
       missing.push_back({place.chunk, staged_end, place.bytes});
       staged_end += room_of(place.bytes);
     }
-    if (Result<void> read = source_.read(missing, staging, threads_); !read) return read;
+    if (!missing.empty())
+      if (Result<void> read = source_.read(missing, staging, threads_); !read) return read;
+    if (first == 0)
+      if (auto done = cuda_check(cudaEventRecord(events.begun, copies_), "recording a load"); !done) return done;
     if (Result<void> copied = copy_runs(copies); !copied) return copied;
   }
-  return cuda_check(cudaEventRecord(loaded_[number], copies_), "recording a load");
+  Result<void> done;
+  if (places.empty()) done = cuda_check(cudaEventRecord(events.begun, copies_), "recording a load");
+  if (done && !is_kept) done = cuda_check(cudaEventRecord(staged_[number], copies_), "recording a load");
+  if (done) done = cuda_check(cudaEventRecord(events.loaded, copies_), "recording a load");
+  return done;
 }
 
 Result<void> CudaStream::copy_runs(std::span<const Copy> copies) {
-  return each_run(copies, [&](const Copy& first, uint64_t bytes) -> Result<void> {
-    if (bytes == 0) return {};
-    return cuda_check(cudaMemcpyAsync(pool_.data() + first.to, first.from, bytes, cudaMemcpyHostToDevice, copies_),
-                      "copying chunks to the device");
+  const char* const what = "copying chunks to the device";
+  std::vector<void*> to;
+  std::vector<const void*> from;
+  std::vector<size_t> bytes;
+  const Result<void> found = each_run(copies, [&](const Copy& first, uint64_t run_bytes) -> Result<void> {
+    if (run_bytes == 0) return {};
+    to.push_back(pool_.data() + first.to);
+    from.push_back(first.from);
+    bytes.push_back(run_bytes);
+    return {};
   });
+  if (!found || to.empty()) return found;
+#if CUDART_VERSION >= 13000
+  // One call for all of them, and no order among them to keep.
+  cudaMemcpyAttributes attributes{};
+  attributes.srcAccessOrder = cudaMemcpySrcAccessOrderStream;
+  attributes.flags = cudaMemcpyFlagPreferOverlapWithCompute;
+  size_t first = 0;  // that has these
+  return cuda_check(
+      cudaMemcpyBatchAsync(to.data(), from.data(), bytes.data(), to.size(), &attributes, &first, 1, copies_), what);
+#else
+  for (size_t i = 0; i < to.size(); ++i)
+    if (auto done = cuda_check(cudaMemcpyAsync(to[i], from[i], bytes[i], cudaMemcpyHostToDevice, copies_), what); !done)
+      return done;
+  return {};
+#endif
 }
 
-Result<void> CudaStream::finish_loading() {
-  Load load = std::move(loading_.front());
+bool CudaStream::is_loaded() {
+  const Load& oldest = loading_.front();
+  if (oldest.issued.wait_for(std::chrono::seconds(0)) != std::future_status::ready) return false;
+  const bool is_there = cudaEventQuery(events_[oldest.number].loaded) == cudaSuccess;
+  if (!is_there) (void)cudaGetLastError();  // or the next launch would be blamed for it
+  return is_there;
+}
+
+Result<double> CudaStream::finish_loading() {
+  Load oldest = std::move(loading_.front());
   loading_.pop_front();
-  if (Result<void> issued = load.issued.get(); !issued) return issued;
-  return cuda_check(cudaEventSynchronize(loaded_[load.number]), "loading chunks");
+  if (Result<void> issued = oldest.issued.get(); !issued) return issued.error();
+  const Events& events = events_[oldest.number];
+  float ms = 0;
+  Result<void> done = cuda_check(cudaEventSynchronize(events.loaded), "loading chunks");
+  if (done) done = cuda_check(cudaEventElapsedTime(&ms, events.begun, events.loaded), "reading a time");
+  if (!done) return done.error();
+  return ms;
 }
 
-void CudaStream::stop_loading() {
-  loading_.clear();  // waits for the threads
-  if (copies_ != nullptr) (void)cudaStreamSynchronize(copies_);
+Result<void> CudaStream::start_drawing(std::span<const Residency::Place> places, bool finds_depths) {
+  finds_depths_ = finds_depths;
+  entries_.clear();
+  for (const Residency::Place& place : places) entries_.push_back({place.chunk, pool_.data() + place.offset});
+  Result<void> done = cuda_check(cudaEventRecord(drawing_begun_, nullptr), "recording a time");
+  if (done) done = pages_.set(entries_);
+  kernels::DrawOptions options;
+  options.is_part = true;
+  if (done) done = frames_->start(view_, samples_, options);
+  if (done) done = use_drawn();
+  return done;
 }
 
-Result<kernels::FrameStats> CudaStream::draw(std::span<const Residency::Place> places) {
-  auto* const table = reinterpret_cast<const std::byte**>(pages_.data());
-  const uint64_t table_bytes = scene_.chunk_count * sizeof(std::byte*);
-  for (const Residency::Place& place : places) table[place.chunk] = pool_.data() + place.offset;
-  Result<void> done = cuda_check(
-      cudaMemcpyAsync(const_cast<std::byte**>(scene_.pages), table, table_bytes, cudaMemcpyHostToDevice, nullptr),
-      "listing the chunks of a batch");
-  kernels::FrameStats stats{};
-  if (done) {
-    kernels::DrawOptions options;
-    options.is_part = true;
-    const Result<kernels::FrameStats> drawn = frames_->draw(view_, samples_, options);
-    if (!drawn) {
-      done = drawn.error();
-    } else {
-      stats = *drawn;
-    }
-  }
-  if (done && shades_)
+/// Queues what comes after drawing a part, while its pages are there.
+Result<void> CudaStream::use_drawn() {
+  Result<void> done;
+  if (shades_)
     done = resolver_->shade_part(scene_, view_, samples_, frames_->transforms(), shade_,
                                  reinterpret_cast<float*>(colors_.data()), nullptr);
-  // Also before the table may change.
-  if (done) done = cuda_check(cudaStreamSynchronize(nullptr), "drawing a batch");
-  for (const Residency::Place& place : places) table[place.chunk] = nullptr;
+  if (done && finds_depths_) done = visible_.start_finding_shown(samples_);
+  if (done) done = cuda_check(cudaEventRecord(drawing_ended_, nullptr), "recording a time");
+  return done;
+}
+
+Result<StreamTarget::Drawn> CudaStream::finish_drawing() {
+  const Result<kernels::CudaFrames::Finished> drawn = frames_->finish();
+  if (!drawn) return drawn.error();
+  Result<void> done;
+  if (drawn->is_drawn_again) done = use_drawn();
+  float ms = 0;
+  if (done) done = cuda_check(cudaEventSynchronize(drawing_ended_), "drawing a batch");
+  if (done) done = cuda_check(cudaEventElapsedTime(&ms, drawing_begun_, drawing_ended_), "reading a time");
   if (!done) return done.error();
-  return stats;
+  // A copy: the next part's may come while these are asked.
+  if (finds_depths_) shown_.assign(visible_.shown().begin(), visible_.shown().end());
+  return Drawn{drawn->stats, ms};
+}
+
+void CudaStream::stop() {
+  loading_.clear();
+  loader_.wait();
+  if (copies_ != nullptr) (void)cudaStreamSynchronize(copies_);
+  (void)cudaStreamSynchronize(nullptr);
 }
 
 Result<std::span<const uint32_t>> CudaStream::list() {
@@ -234,13 +303,6 @@ Result<std::span<const uint32_t>> CudaStream::list() {
   if (!nearest) return nearest.error();
   near_to_far_ = order_by_depth(*nearest);
   return std::span<const uint32_t>(near_to_far_);
-}
-
-Result<void> CudaStream::find_depths() {
-  const Result<std::span<const uint8_t>> shown = visible_.find_shown(samples_);
-  if (!shown) return shown.error();
-  shown_ = *shown;
-  return {};
 }
 
 }  // namespace scree::runtime

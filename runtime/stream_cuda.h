@@ -16,9 +16,11 @@
 #include "format/result.h"
 #include "kernels/cuda_check.h"
 #include "kernels/frame_cuda.h"
+#include "kernels/page_table_cuda.h"
 #include "kernels/resolve_cuda.h"
 #include "kernels/visible_chunks_cuda.h"
 #include "runtime/chunk_source.h"
+#include "runtime/job_thread.h"
 #include "runtime/streamer.h"
 
 namespace scree::runtime {
@@ -45,7 +47,7 @@ class CudaStream final : public StreamTarget {
 
   /// `device`: that scene on the device; with `frames` of it, and what resolves its pictures, it outlives this.
   /// `host_bytes`: chunks, in the order of the file, are brought to so much pinned host memory once and copied from
-  /// there; the others come through two pinned batches from where ChunkSource has them. Errors kDevice (no memory),
+  /// there; the others come through pinned batches from where ChunkSource has them. Errors kDevice (no memory),
   /// those of ChunkSource::read.
   Result<void> open(const kernels::SceneView& device, kernels::CudaFrames& frames, kernels::CudaResolver& resolver,
                     uint64_t host_bytes);
@@ -57,22 +59,28 @@ class CudaStream final : public StreamTarget {
   const float* colors() const { return shades_ ? reinterpret_cast<const float*>(colors_.data()) : nullptr; }
 
   Result<void> begin(const kernels::View& view, const kernels::ShadeOptions* shade) override;
-  Result<void> move(std::span<const Residency::Move> moves) override;
-  Result<void> start_loading(std::span<const Residency::Place> places) override;
-  Result<void> finish_loading() override;
-  void stop_loading() override;
-  Result<kernels::FrameStats> draw(std::span<const Residency::Place> places) override;
   Result<std::span<const uint32_t>> list() override;
-  Result<void> find_depths() override;
+  Result<void> start_loading(const Residency::Batch& batch) override;
+  bool is_loaded() override;
+  Result<double> finish_loading() override;
+  Result<void> start_drawing(std::span<const Residency::Place> places, bool finds_depths) override;
+  Result<Drawn> finish_drawing() override;
   bool is_hidden(uint32_t chunk) const override { return shown_[chunk] == 0; }
+  void stop() override;
 
  private:
   static constexpr uint64_t kNotPinned = ~uint64_t{0};
   static constexpr uint64_t kPieceBytes = uint64_t{64} << 20;  // read on all threads before their copies start
+  static constexpr uint32_t kStagings = 3;                     // one is read into, and the copies of two are under way
 
+  /// Of a load: the copies from the first on.
+  struct Events {
+    cudaEvent_t begun = nullptr;
+    cudaEvent_t loaded = nullptr;
+  };
   struct Load {
-    std::future<Result<void>> issued;  // its copies
-    uint32_t number;
+    std::future<Result<void>> issued;  // all its copies
+    uint32_t number;                   // of its events
   };
 
   struct Copy {
@@ -81,10 +89,12 @@ class CudaStream final : public StreamTarget {
     uint64_t bytes;
   };
 
+  Result<void> move(std::span<const Residency::Move> moves);
   Result<void> move_run(uint64_t from, uint64_t to, uint64_t bytes);
   Result<void> keep_in_host_memory(uint64_t host_bytes);
-  Result<void> load(std::vector<Residency::Place> places, uint32_t number);
+  Result<void> load(const Residency::Batch& batch, const Events& events);
   Result<void> copy_runs(std::span<const Copy> copies);
+  Result<void> use_drawn();
 
   ChunkSource source_;
   Streamer streamer_;
@@ -96,12 +106,15 @@ class CudaStream final : public StreamTarget {
   kernels::DeviceBuffer pool_;
   uint64_t bounce_bytes_;
   kernels::DeviceBuffer bounce_;  // for moves onto themselves
-  kernels::PinnedBuffer pages_;   // the table of scene_.pages, as it is to be
+  kernels::CudaPageTable pages_;
+  std::vector<kernels::CudaPageTable::Entry> entries_;  // of the part
   kernels::PinnedBuffer kept_;
   std::vector<uint64_t> kept_at_;  // by chunk, in kept_
-  kernels::PinnedBuffer staging_[kLoadsAhead];
+  kernels::PinnedBuffer staging_[kStagings];
+  cudaEvent_t staged_[kStagings] = {};  // when what was read into one was copied
+  uint32_t stagings_ = 0;
   cudaStream_t copies_ = nullptr;
-  cudaEvent_t loaded_[kLoadsAhead] = {};
+  Events events_[kMostLoads];
   uint32_t loads_ = 0;
   std::deque<Load> loading_;
   // Of the frame:
@@ -112,7 +125,12 @@ class CudaStream final : public StreamTarget {
   kernels::DeviceBuffer colors_;
   kernels::CudaVisibleChunks visible_;
   std::vector<uint32_t> near_to_far_;
-  std::span<const uint8_t> shown_;  // by chunk
+  std::vector<uint8_t> shown_;  // by chunk, when depths were found last
+  // Of the part that is drawn:
+  bool finds_depths_ = false;
+  cudaEvent_t drawing_begun_ = nullptr;
+  cudaEvent_t drawing_ended_ = nullptr;
+  JobThread<Result<void>> loader_;  // the last member: it uses others until it ends
 };
 
 }  // namespace scree::runtime

@@ -24,17 +24,22 @@ void add(kernels::FrameStats& sum, const kernels::FrameStats& part) {
   sum.clusters_drawn += part.clusters_drawn;
 }
 
-/// An eighth: with what is drawn and what is loaded apart, most of the pool keeps what is near.
 uint64_t wanted_batch_bytes(const Residency& residency) {
-  return std::min(residency.pool_bytes() / 8, kMostBatchBytes);
+  return std::min(residency.pool_bytes() / kBatchShare, kMostBatchBytes);
 }
 
-Result<void> find_depths(StreamTarget& target, StreamStats& stats) {
-  const Stopwatch watch;
-  Result<void> found = target.find_depths();
-  stats.depths_ms += watch.elapsed().wall_ms;
-  return found;
-}
+/// Adds to `ms` what passes until the end of its life.
+class Timed {
+ public:
+  explicit Timed(double& ms) : ms_(ms) {}
+  Timed(const Timed&) = delete;
+  Timed& operator=(const Timed&) = delete;
+  ~Timed() { ms_ += watch_.elapsed().wall_ms; }
+
+ private:
+  double& ms_;
+  Stopwatch watch_;
+};
 
 Error no_memory(const std::string& what) {
   return {ErrorCode::kMemory, "no memory left " + what};
@@ -48,7 +53,7 @@ Streamer::Streamer(const Scene& scene, Residency residency) : residency_(std::mo
     chunks_[c].page = static_cast<uint32_t>(c);
     chunks_[c].offset = 0;
   }
-  was_hidden_.assign(view_.chunk_count, false);
+  known_.assign(view_.chunk_count, Known::kNothing);
   view_.chunks = chunks_.data();
   view_.pages = nullptr;
 }
@@ -67,111 +72,214 @@ uint64_t Streamer::most_batch_bytes() const {
   return std::max(wanted_batch_bytes(residency_), residency_.largest_room());
 }
 
+/// One frame, drawn in parts: what is in the pool when it begins, and each batch.
+class Streamer::Frame {
+ public:
+  Frame(Residency& residency, std::span<Known> known, StreamTarget& target)
+      : residency_(residency), known_(known), target_(target), batch_bytes_(wanted_batch_bytes(residency)) {}
+
+  Result<StreamStats> draw(const kernels::View& view, const kernels::ShadeOptions* shade);
+
+ private:
+  struct Part {
+    std::vector<Residency::Place> places;  // none: a batch that only moves
+    bool is_load;
+  };
+
+  Result<void> list();
+  void split(std::vector<Residency::Place> there);
+  bool is_hidden(uint32_t chunk);
+  Result<void> load_ahead(size_t most_unsure);
+  Result<void> draw_part(Part part);
+  Result<void> finish_loading();
+  /// Whether chunks are left of which it is asked whether they hide before they are loaded.
+  bool has_unsure() const { return !unsure_.empty() || (!is_sure_ && !residency_.missing().empty()); }
+  bool has_parts() const {
+    return std::any_of(parts_.begin(), parts_.end(), [](const Part& part) { return !part.places.empty(); });
+  }
+  void look_at_picture();
+
+  Residency& residency_;
+  const std::span<Known> known_;
+  StreamTarget& target_;
+  const uint64_t batch_bytes_;
+  StreamStats stats_{};
+  std::vector<uint32_t> listed_;  // near ones first, those last that were hidden last time
+  // Of the missing: those that the residency does not know of yet.
+  std::vector<uint32_t> unsure_;
+  std::vector<uint32_t> hidden_;
+  bool is_sure_ = true;        // those that it knows of are needed, as they were last time
+  uint64_t unsure_bytes_ = 0;  // a batch of them
+  std::deque<Part> parts_;     // not drawn yet
+  size_t loads_ = 0;           // of them: under way
+  bool had_missing_ = false;
+  bool has_depths_ = false;      // of some part
+  bool has_all_depths_ = false;  // and of all so far
+  std::vector<uint32_t> streamed_;
+};
+
+Result<StreamStats> Streamer::Frame::draw(const kernels::View& view, const kernels::ShadeOptions* shade) {
+  if (Result<void> begun = target_.begin(view, shade); !begun) return begun.error();
+  if (Result<void> listed = list(); !listed) return listed.error();
+  if (Result<void> started = load_ahead(1); !started) return started.error();
+  for (;;) {
+    while (!parts_.empty()) {
+      Part part = std::move(parts_.front());
+      parts_.pop_front();
+      if (Result<void> drawn = draw_part(std::move(part)); !drawn) return drawn.error();
+    }
+    // What was hidden last time most likely is again, by something that is drawn by now.
+    if (!has_unsure() && residency_.missing().empty()) {
+      if (hidden_.empty()) break;
+      std::swap(unsure_, hidden_);
+    }
+    if (Result<void> started = load_ahead(kLoadsAhead); !started) return started.error();
+  }
+  look_at_picture();
+  return stats_;
+}
+
+Result<void> Streamer::Frame::list() {
+  const Timed timed(stats_.list_ms);
+  const Result<std::span<const uint32_t>> listed = target_.list();
+  if (!listed) return listed.error();
+  // In this order they give way, from the end: a chunk that was hidden before all that are needed.
+  listed_.assign(listed->begin(), listed->end());
+  std::stable_partition(listed_.begin(), listed_.end(),
+                        [&](uint32_t chunk) { return known_[chunk] != Known::kHidden; });
+  stats_.seen_chunks = listed_.size();
+  for (const uint32_t chunk : listed_) stats_.seen_bytes += residency_.chunk_bytes(chunk);
+  std::vector<Residency::Place> there = residency_.begin_frame(listed_);
+  had_missing_ = !residency_.missing().empty();
+  for (const uint32_t chunk : residency_.missing()) stats_.missing_bytes += residency_.chunk_bytes(chunk);
+  residency_.drop_missing([&](uint32_t chunk) {
+    if (known_[chunk] == Known::kNothing) unsure_.push_back(chunk);
+    if (known_[chunk] == Known::kHidden) hidden_.push_back(chunk);
+    return known_[chunk] != Known::kNeeded;
+  });
+  split(std::move(there));
+  return {};
+}
+
+/// What is there is one part where nothing is wanted for sure. Otherwise the pool is full of it, most likely, and
+/// nothing can be loaded before something is drawn and gives way: the farthest go first, in parts that double, so that
+/// each is drawn while what the one before made room for is loaded. Near ones stay, and hide what comes later.
+void Streamer::Frame::split(std::vector<Residency::Place> there) {
+  uint64_t wanted = 0;
+  for (const uint32_t chunk : residency_.missing()) wanted += residency_.chunk_bytes(chunk);
+  uint64_t part_bytes = batch_bytes_;
+  for (uint64_t freed = 0; freed < wanted && !there.empty(); part_bytes *= 2) {
+    size_t first = there.size();
+    uint64_t bytes = 0;
+    while (first != 0 && (bytes == 0 || bytes + there[first - 1].bytes <= part_bytes)) bytes += there[--first].bytes;
+    parts_.push_back({{there.begin() + static_cast<ptrdiff_t>(first), there.end()}, false});
+    there.resize(first);
+    freed += std::max<uint64_t>(bytes, 1);
+  }
+  if (!there.empty()) parts_.push_back({std::move(there), false});
+}
+
+bool Streamer::Frame::is_hidden(uint32_t chunk) {
+  if (!has_depths_ || !target_.is_hidden(chunk)) return false;
+  stats_.hidden_bytes += residency_.chunk_bytes(chunk);
+  return true;
+}
+
+/// Starts loads: as many as find room of those that are wanted for sure, and of others up to `most_unsure`.
+Result<void> Streamer::Frame::load_ahead(size_t most_unsure) {
+  const Timed timed(stats_.choose_ms);
+  // Before there is anything to hide behind, as little as possible is asked for.
+  if (!has_depths_) most_unsure = 1;
+  for (;;) {
+    if (residency_.missing().empty()) {
+      if (unsure_.empty()) return {};
+      residency_.add_missing(unsure_);
+      unsure_.clear();
+      if (is_sure_) unsure_bytes_ = batch_bytes_ / (has_depths_ || !parts_.empty() ? 1 : kFirstBatchShare);
+      is_sure_ = false;
+    }
+    if (loads_ >= (is_sure_ ? kMostLoads : most_unsure)) return {};
+    Residency::Batch batch = residency_.next_batch(is_sure_ ? batch_bytes_ : unsure_bytes_,
+                                                   [&](uint32_t chunk) { return is_hidden(chunk); });
+    if (batch.loads.empty() && batch.moves.empty()) {
+      if (residency_.missing().empty()) continue;  // all that were left hide
+      return {};                                   // until what is drawn now may give way
+    }
+    if (Result<void> started = target_.start_loading(batch); !started) return started;
+    ++loads_;
+    for (const Residency::Move& move : batch.moves) stats_.moved_bytes += move.bytes;
+    for (const Residency::Place& place : batch.loads) {
+      stats_.streamed_bytes += place.bytes;
+      streamed_.push_back(place.chunk);
+    }
+    const bool has_room = !batch.loads.empty();
+    stats_.batches += has_room ? 1 : 0;
+    parts_.push_back({std::move(batch.loads), true});
+    if (!has_room) return {};
+    if (!is_sure_) unsure_bytes_ = std::min(2 * unsure_bytes_, batch_bytes_);
+  }
+}
+
+Result<void> Streamer::Frame::draw_part(Part part) {
+  // While a load is waited for there is time to choose the next, by all that is drawn so far. Where one is there
+  // already, drawing is what takes long, and must not wait for that.
+  const bool waits = part.is_load && !target_.is_loaded();
+  if (waits)
+    if (Result<void> started = load_ahead(kLoadsAhead); !started) return started;
+  if (part.is_load)
+    if (Result<void> loaded = finish_loading(); !loaded) return loaded;
+  if (part.places.empty()) return {};
+  const bool finds_depths = had_missing_ && (has_unsure() || !has_parts());
+  {
+    const Timed timed(stats_.draw_ms);
+    if (Result<void> started = target_.start_drawing(part.places, finds_depths); !started) return started;
+  }
+  if (Result<void> started = load_ahead(waits ? 1 : kLoadsAhead); !started) return started;
+  const Timed timed(stats_.draw_ms);
+  const Result<StreamTarget::Drawn> drawn = target_.finish_drawing();
+  if (!drawn) return drawn.error();
+  add(stats_.drawn, drawn->stats);
+  stats_.drawing_ms += drawn->ms;
+  ++stats_.parts;
+  has_depths_ = has_depths_ || finds_depths;
+  has_all_depths_ = finds_depths;
+  residency_.batch_drawn(part.places);
+  return {};
+}
+
+Result<void> Streamer::Frame::finish_loading() {
+  const Timed timed(stats_.load_ms);
+  const Result<double> loaded = target_.finish_loading();
+  if (!loaded) return loaded.error();
+  stats_.copying_ms += *loaded;
+  --loads_;
+  return {};
+}
+
+/// What the next frame begins with.
+void Streamer::Frame::look_at_picture() {
+  if (!has_all_depths_) return;
+  for (const uint32_t chunk : listed_) known_[chunk] = target_.is_hidden(chunk) ? Known::kHidden : Known::kNeeded;
+  for (const uint32_t chunk : streamed_)
+    if (known_[chunk] == Known::kNeeded) stats_.needed_bytes += residency_.chunk_bytes(chunk);
+}
+
 Result<StreamStats> Streamer::draw(const kernels::View& view, const kernels::ShadeOptions* shade,
                                    StreamTarget& target) {
   const uint64_t triangles = view_.instance_count == 0 ? 0 : view_.instance_base[view_.instance_count];
   if (Result<void> checked = kernels::check_frame(view, triangles); !checked) return checked.error();
   Result<StreamStats> drawn = [&]() -> Result<StreamStats> {
     try {
-      return draw_all(view, shade, target);
+      return Frame(residency_, known_, target).draw(view, shade);
     } catch (const std::bad_alloc&) {
       return no_memory("for the frame's chunks");
     }
   }();
   if (!drawn) {
-    target.stop_loading();
+    target.stop();
     residency_.forget();
   }
   return drawn;
-}
-
-Result<StreamStats> Streamer::draw_all(const kernels::View& view, const kernels::ShadeOptions* shade,
-                                       StreamTarget& target) {
-  StreamStats stats{};
-  if (Result<void> begun = target.begin(view, shade); !begun) return begun.error();
-  const Stopwatch list_watch;
-  const Result<std::span<const uint32_t>> listed = target.list();
-  if (!listed) return listed.error();
-  stats.list_ms = list_watch.elapsed().wall_ms;
-  stats.seen_chunks = listed->size();
-  for (const uint32_t chunk : *listed) stats.seen_bytes += residency_.chunk_bytes(chunk);
-  std::vector<Residency::Place> batch = residency_.begin_frame(*listed);
-  for (const uint32_t chunk : residency_.missing()) stats.missing_bytes += residency_.chunk_bytes(chunk);
-  // What was hidden last time most likely is again, by something that is drawn later than the first loads are chosen:
-  // it waits until all else is drawn.
-  std::vector<uint32_t> waiting;
-  residency_.drop_missing([&](uint32_t chunk) {
-    if (was_hidden_[chunk]) waiting.push_back(chunk);
-    return was_hidden_[chunk];
-  });
-  const uint64_t batch_bytes = wanted_batch_bytes(residency_);
-
-  bool has_depths = false;  // of all that is drawn
-  const auto is_hidden = [&](uint32_t chunk) {
-    if (!has_depths || !target.is_hidden(chunk)) return false;
-    stats.hidden_bytes += residency_.chunk_bytes(chunk);
-    was_hidden_[chunk] = true;
-    return true;
-  };
-  std::deque<std::vector<Residency::Place>> loading;
-  std::vector<uint32_t> streamed;
-  bool has_batch = true;  // `batch` is to be drawn; that of begin_frame() may be empty
-  bool is_drawn = false;  // something
-  while (has_batch || !residency_.missing().empty() || !waiting.empty()) {
-    if (!has_batch && residency_.missing().empty()) {
-      residency_.add_missing(waiting);
-      waiting.clear();
-    }
-    const Stopwatch choose_watch;
-    // Before there is anything to hide behind, as little as possible is asked for.
-    while (loading.size() < (is_drawn ? kLoadsAhead : 1) && !residency_.missing().empty()) {
-      Residency::Batch next = residency_.next_batch(batch_bytes, is_hidden);
-      if (!next.moves.empty()) {
-        if (Result<void> moved = target.move(next.moves); !moved) return moved.error();
-        for (const Residency::Move& move : next.moves) stats.moved_bytes += move.bytes;
-      }
-      if (next.loads.empty()) break;  // until what is drawn now may give way
-      if (Result<void> started = target.start_loading(next.loads); !started) return started.error();
-      for (const Residency::Place& place : next.loads) {
-        stats.streamed_bytes += place.bytes;
-        streamed.push_back(place.chunk);
-        was_hidden_[place.chunk] = false;
-      }
-      ++stats.batches;
-      loading.push_back(std::move(next.loads));
-    }
-    stats.choose_ms += choose_watch.elapsed().wall_ms;
-    if (has_batch) {
-      if (!batch.empty()) {
-        has_depths = false;
-        const Stopwatch draw_watch;
-        const Result<kernels::FrameStats> drawn = target.draw(batch);
-        if (!drawn) return drawn.error();
-        add(stats.drawn, *drawn);
-        stats.draw_ms += draw_watch.elapsed().wall_ms;
-        is_drawn = true;
-      }
-      residency_.batch_drawn();
-      if (!batch.empty() && (!residency_.missing().empty() || !waiting.empty())) {
-        if (Result<void> found = find_depths(target, stats); !found) return found.error();
-        has_depths = true;
-      }
-    }
-    has_batch = !loading.empty();
-    if (has_batch) {
-      const Stopwatch load_watch;
-      if (Result<void> loaded = target.finish_loading(); !loaded) return loaded.error();
-      stats.load_ms += load_watch.elapsed().wall_ms;
-      batch = std::move(loading.front());
-      loading.pop_front();
-    }
-  }
-  if (!streamed.empty()) {
-    if (Result<void> found = find_depths(target, stats); !found) return found.error();
-    for (const uint32_t chunk : streamed)
-      if (!target.is_hidden(chunk)) stats.needed_bytes += residency_.chunk_bytes(chunk);
-  }
-  return stats;
 }
 
 }  // namespace scree::runtime

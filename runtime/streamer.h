@@ -19,35 +19,42 @@ namespace scree::runtime {
 /// What draws, and the pool that it draws from. Called by one thread; all errors end the frame.
 class StreamTarget {
  public:
-  /// Begins a frame: no sample has a triangle. `shade`: how draw() shades; null where only samples are wanted.
+  /// Drawing a part of a frame, and how long that took the target, in ms.
+  struct Drawn {
+    kernels::FrameStats stats;
+    double ms;
+  };
+
+  /// Begins a frame: no sample has a triangle. `shade`: how parts are shaded; null where only samples are wanted.
   virtual Result<void> begin(const kernels::View& view, const kernels::ShadeOptions* shade) = 0;
-  /// Moves bytes within the pool, in this order.
-  virtual Result<void> move(std::span<const Residency::Move> moves) = 0;
-  /// Starts bringing the chunks' payloads to their places in the pool, while draw() and other loads go on; up to
-  /// kLoadsAhead at a time.
-  virtual Result<void> start_loading(std::span<const Residency::Place> places) = 0;
-  /// Returns when those of the oldest start are there.
-  virtual Result<void> finish_loading() = 0;
-  /// After an error: returns when nothing is written to the pool any more.
-  virtual void stop_loading() = 0;
-  /// Draws these chunks, all that is seen of them, into the samples of the frame, and shades the samples that they win;
-  /// returns when the chunks are not needed any more.
-  virtual Result<kernels::FrameStats> draw(std::span<const Residency::Place> places) = 0;
   /// Chunks that the frame's view may show, near ones first (order_by_depth()); until the next call.
   virtual Result<std::span<const uint32_t>> list() = 0;
-  /// Looks at the depths of the samples so far, for is_hidden(). After list().
-  virtual Result<void> find_depths() = 0;
+  /// Starts the moves of a batch and, after them, bringing its chunks' payloads to their places, while parts are drawn.
+  /// What was started before comes before. Up to kMostLoads at a time.
+  virtual Result<void> start_loading(const Residency::Batch& batch) = 0;
+  /// Whether the oldest start is done, as far as the target cares to look: then finish_loading() does not wait.
+  virtual bool is_loaded() = 0;
+  /// Returns when the oldest start is done; the ms for which it kept copying.
+  virtual Result<double> finish_loading() = 0;
+  /// Starts drawing these chunks, all that is seen of them, into the samples of the frame, and shading the samples that
+  /// they win. `finds_depths`: looks at the depths of all samples after that, for is_hidden(). One part at a time.
+  virtual Result<void> start_drawing(std::span<const Residency::Place> places, bool finds_depths) = 0;
+  /// Returns when the part is drawn; its chunks are not needed any more.
+  virtual Result<Drawn> finish_drawing() = 0;
   /// Whether the chunk, one of the list, cannot change a sample any more: all that it may cover lies behind what was
-  /// there when find_depths() was called last, in this frame.
+  /// there when depths were found last, in a part of this frame that is finished.
   virtual bool is_hidden(uint32_t chunk) const = 0;
+  /// After an error: returns when nothing is drawn, nor written to the pool, any more.
+  virtual void stop() = 0;
 
  protected:
   ~StreamTarget() = default;
 };
 
-/// Of one frame. Bytes are the chunks' own.
+/// Of one frame. Bytes are the chunks' own. The first times are the host's, one after the other: their sum is the
+/// frame's but for its beginning and end. The last two are the target's, and pass meanwhile.
 struct StreamStats {
-  kernels::FrameStats drawn;    // an instance counts once for each batch that it is in
+  kernels::FrameStats drawn;    // an instance counts once for each part that it is in
   uint64_t seen_chunks = 0;     // in the view, as far as their boxes tell
   uint64_t seen_bytes = 0;      // of them
   uint64_t missing_bytes = 0;   // of those that were not in the pool when the frame began
@@ -56,17 +63,29 @@ struct StreamStats {
   uint64_t needed_bytes = 0;    // of those: not behind the picture as it is in the end, as far as boxes tell
   uint64_t moved_bytes = 0;     // within the pool
   uint64_t batches = 0;         // that were loaded
+  uint64_t parts = 0;           // that were drawn: the batches, and what was there
   double list_ms = 0;           // finding the chunks in the view
-  double choose_ms = 0;         // choosing what is loaded, moving and asking for it
-  double draw_ms = 0;           // drawing batches
-  double depths_ms = 0;         // finding what hides behind what is drawn
-  double load_ms = 0;           // waiting for loads while nothing was drawn
+  double choose_ms = 0;         // choosing what is loaded, and asking for it
+  double draw_ms = 0;           // asking for parts, and waiting for them
+  double load_ms = 0;           // waiting for loads while nothing is drawn
+  double drawing_ms = 0;        // from each part's start to its end, its depths with it
+  double copying_ms = 0;        // from each load's first copy to its end
 };
 
-/// Batches that are loaded while one is drawn: the second is asked for before the first is there, so that the link is
-/// not idle in between.
+// How far loading runs ahead. All may be any number; the picture is the same.
+
+/// A batch is this share of the pool, and this much at most: large enough that what each costs beside its bytes (a part
+/// passes over all records and samples) stays small, small enough that little is loaded before it is known to hide, and
+/// that the last one is drawn soon.
+inline constexpr uint64_t kBatchShare = 16;
+inline constexpr uint64_t kMostBatchBytes = uint64_t{128} << 20;
+/// The first batches of a frame that nothing is known of are so much smaller, and double from one to the next.
+inline constexpr uint64_t kFirstBatchShare = 4;
+/// Batches that are loaded at a time, of chunks that may hide: the second is asked for before the first is there, so
+/// that the link is not idle in between.
 inline constexpr size_t kLoadsAhead = 2;
-inline constexpr uint64_t kMostBatchBytes = uint64_t{256} << 20;
+/// And of chunks that are wanted for sure.
+inline constexpr size_t kMostLoads = 16;
 
 /// The frames of one scene over one pool. Not thread-safe.
 class Streamer {
@@ -89,11 +108,14 @@ class Streamer {
   uint64_t most_batch_bytes() const;
 
  private:
+  /// What a chunk was in the last picture that was asked.
+  enum class Known : uint8_t { kNothing, kNeeded, kHidden };
+  class Frame;
+
   Streamer(const Scene& scene, Residency residency);
-  Result<StreamStats> draw_all(const kernels::View& view, const kernels::ShadeOptions* shade, StreamTarget& target);
 
   Residency residency_;
-  std::vector<bool> was_hidden_;  // by chunk: when it was missing last, so that it was not loaded
+  std::vector<Known> known_;  // by chunk
   std::vector<format::ChunkRecord> chunks_;
   kernels::SceneView view_{};
 };

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cstring>
+#include <deque>
 #include <map>
 #include <numeric>
 #include <optional>
@@ -59,8 +60,8 @@ class Checked {
         REQUIRE(holds(place));
         REQUIRE(to_draw.erase(place.chunk) == 1);
       }
+      residency_->batch_drawn(undrawn.front());
       undrawn.erase(undrawn.begin());
-      residency_->batch_drawn();
     };
     if (!ahead) draw_oldest();
     while (!undrawn.empty() || !residency_->missing().empty()) {
@@ -308,12 +309,11 @@ TEST_CASE("sizes beyond 32 bits are kept", "[residency]") {
   REQUIRE(made);
   const std::vector<uint32_t> visible{0, 1, 2};
   made->begin_frame(visible);
-  made->batch_drawn();
   const Residency::Batch first = made->next_batch(~uint64_t{0});
   REQUIRE(first.loads.size() == 1);
   CHECK(first.loads[0].bytes == 60 * gib);
   CHECK(made->next_batch(~uint64_t{0}).loads.empty());
-  made->batch_drawn();
+  made->batch_drawn(first.loads);
   const Residency::Batch second = made->next_batch(~uint64_t{0});
   REQUIRE(second.loads.size() == 2);
   CHECK(second.loads[1].offset + second.loads[1].bytes <= 100 * gib);
@@ -333,15 +333,15 @@ TEST_CASE("what choosing chunks costs", "[.bench][residency]") {
     uint64_t loaded = 0;
     uint64_t moved = 0;
     uint32_t batches = 0;
-    residency->begin_frame(visible);
-    for (uint32_t undrawn = 1; undrawn != 0 || !residency->missing().empty();) {
-      const Residency::Batch batch = residency->next_batch(std::min(pool / 8, uint64_t{256} << 20));
+    std::deque<std::vector<Residency::Place>> undrawn{residency->begin_frame(visible)};
+    while (!undrawn.empty() || !residency->missing().empty()) {
+      Residency::Batch batch = residency->next_batch(std::min(pool / 16, uint64_t{128} << 20));
       for (const Residency::Place& place : batch.loads) loaded += place.bytes;
       for (const Residency::Move& move : batch.moves) moved += move.bytes;
       batches += batch.loads.empty() ? 0 : 1;
-      undrawn += batch.loads.empty() ? 0 : 1;
-      residency->batch_drawn();
-      --undrawn;
+      if (!batch.loads.empty()) undrawn.push_back(std::move(batch.loads));
+      residency->batch_drawn(undrawn.front());
+      undrawn.pop_front();
     }
     char line[160];
     std::snprintf(line, sizeof line, "%-24s %6.1f ms, %3u batches, %.1f GB loaded, %.1f GB moved", name.c_str(),

@@ -95,17 +95,17 @@ void print_stream(const runtime::StreamStats& stream, const Duration& draw) {
   const double gb_per_s = static_cast<double>(stream.streamed_bytes) * 1e-6 / draw.wall_ms;
   std::printf(
       "stream: %s: %llu chunks seen, %s of them, %s missing, %s hidden, %s streamed in %llu batches, %s of it needed "
-      "in the "
-      "end, %s moved, "
-      "%.2f GB/s, %.0f%% of %.0f; listing took %s, choosing %s, drawing %s, depths %s, loads were waited for %s\n",
+      "in the end, %s moved, %.2f GB/s, %.0f%% of %.0f; listing took %s, choosing %s, %llu parts were waited for %s, "
+      "loads %s; drawing took %s and copying %s at the same time\n",
       milliseconds(draw.wall_ms).c_str(), static_cast<unsigned long long>(stream.seen_chunks),
       format_bytes(stream.seen_bytes).c_str(), format_bytes(stream.missing_bytes).c_str(),
       format_bytes(stream.hidden_bytes).c_str(), format_bytes(stream.streamed_bytes).c_str(),
       static_cast<unsigned long long>(stream.batches), format_bytes(stream.needed_bytes).c_str(),
       format_bytes(stream.moved_bytes).c_str(), gb_per_s, gb_per_s / kLinkGbPerS * 100, kLinkGbPerS,
       milliseconds(stream.list_ms).c_str(), milliseconds(stream.choose_ms).c_str(),
-      milliseconds(stream.draw_ms).c_str(), milliseconds(stream.depths_ms).c_str(),
-      milliseconds(stream.load_ms).c_str());
+      static_cast<unsigned long long>(stream.parts), milliseconds(stream.draw_ms).c_str(),
+      milliseconds(stream.load_ms).c_str(), milliseconds(stream.drawing_ms).c_str(),
+      milliseconds(stream.copying_ms).c_str());
 }
 
 void print_stats(const runtime::Scene& scene, const runtime::Frame& frame, const kernels::View& view,

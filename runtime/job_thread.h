@@ -1,0 +1,91 @@
+// A thread that does jobs one after another, for whoever goes on meanwhile.
+#pragma once
+
+#include <condition_variable>
+#include <deque>
+#include <future>
+#include <mutex>
+#include <system_error>
+#include <thread>
+#include <utility>
+
+namespace scree::runtime {
+
+/// Jobs of one result type, done in the order in which they were given. Given by one thread.
+template <class Result>
+class JobThread {
+ public:
+  JobThread() = default;
+  JobThread(const JobThread&) = delete;
+  JobThread& operator=(const JobThread&) = delete;
+  /// Waits for all jobs.
+  ~JobThread() {
+    if (!thread_.joinable()) return;
+    {
+      const std::lock_guard lock(mutex_);
+      ends_ = true;
+    }
+    changed_.notify_all();
+    thread_.join();
+  }
+
+  /// What `job()` returns, or throws. Where the system has no thread left, the caller does the job at once. Throws
+  /// std::bad_alloc, the job then not given.
+  template <class Job>
+  std::future<Result> add(Job&& job) {
+    std::packaged_task<Result()> task(std::forward<Job>(job));
+    std::future<Result> result = task.get_future();
+    if (!thread_.joinable() && !start()) {
+      task();
+      return result;
+    }
+    {
+      const std::lock_guard lock(mutex_);
+      jobs_.push_back(std::move(task));
+    }
+    changed_.notify_all();
+    return result;
+  }
+
+  /// Returns when every job is done.
+  void wait() {
+    std::unique_lock lock(mutex_);
+    changed_.wait(lock, [&] { return jobs_.empty() && !works_; });
+  }
+
+ private:
+  bool start() {
+    try {
+      thread_ = std::thread([this] { run(); });
+      return true;
+    } catch (const std::system_error&) {
+      return false;
+    }
+  }
+
+  void run() {
+    std::unique_lock lock(mutex_);
+    for (;;) {
+      changed_.wait(lock, [&] { return ends_ || !jobs_.empty(); });
+      if (jobs_.empty()) return;
+      std::packaged_task<Result()> job = std::move(jobs_.front());
+      jobs_.pop_front();
+      works_ = true;
+      lock.unlock();
+      job();
+      job = {};  // what it held goes before it counts as done
+      lock.lock();
+      works_ = false;
+      changed_.notify_all();
+    }
+  }
+
+  std::mutex mutex_;
+  std::condition_variable changed_;  // jobs, or whether one is being done
+  std::deque<std::packaged_task<Result()>> jobs_;
+  bool works_ = false;
+  bool ends_ = false;
+  std::thread thread_;
+};
+
+}  // namespace scree::runtime
