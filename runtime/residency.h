@@ -85,6 +85,8 @@ class Residency {
   bool is_resident(uint32_t chunk) const { return slots_[chunk].block != BlockPool::kNone; }
   uint64_t chunk_bytes(uint32_t chunk) const { return chunk_bytes_[chunk]; }
   uint64_t pool_bytes() const { return pool_bytes_; }
+  /// What next_batch() may fill: all that is not drawn yet has its place.
+  uint64_t room_left() const { return pool_bytes_ - pinned_bytes_; }
   uint64_t free_bytes() const { return blocks_.free_units() * kAlignment; }
   /// The most that one chunk takes of the pool.
   uint64_t largest_room() const;
@@ -127,14 +129,14 @@ class Residency {
 
 template <class IsDropped>
 Residency::Batch Residency::next_batch(uint64_t most_bytes, const IsDropped& is_dropped) {
-  const uint64_t room_left = pool_bytes_ - pinned_bytes_;
+  const uint64_t most = room_left();
   uint64_t wanted = 0;
   std::vector<uint32_t> chosen;
   for (; first_missing_ < missing_.size(); ++first_missing_) {
     const uint32_t chunk = missing_[first_missing_];
     if (is_dropped(chunk)) continue;
     const uint64_t bytes = room(chunk);
-    if (bytes > room_left - wanted || (!chosen.empty() && wanted + bytes > most_bytes)) break;
+    if (bytes > most - wanted || (!chosen.empty() && wanted + bytes > most_bytes)) break;
     wanted += bytes;
     chosen.push_back(chunk);
   }

@@ -127,29 +127,55 @@ Result<void> CudaStream::begin(const kernels::View& view, const kernels::ShadeOp
   return done;
 }
 
+/// Through memory apart, since they may overlap themselves and each other: as much as fits it is copied there, and from
+/// there to its places. What comes later lies behind all of those.
 Result<void> CudaStream::move(std::span<const Residency::Move> moves) {
-  return each_run(moves,
-                  [&](const Residency::Move& first, uint64_t bytes) { return move_run(first.from, first.to, bytes); });
+  Copies there;
+  Copies back;
+  uint64_t bounced = 0;
+  const auto bounce = [&]() -> Result<void> {
+    Result<void> done = copy(there, "moving chunks");
+    if (done) done = copy(back, "moving chunks");
+    there.clear();
+    back.clear();
+    bounced = 0;
+    return done;
+  };
+  const Result<void> done = each_run(moves, [&](const Residency::Move& run, uint64_t bytes) -> Result<void> {
+    for (uint64_t moved = 0; moved < bytes;) {
+      const uint64_t count = std::min(bounce_bytes_ - bounced, bytes - moved);
+      there.add(bounce_.data() + bounced, pool_.data() + run.from + moved, count);
+      back.add(pool_.data() + run.to + moved, bounce_.data() + bounced, count);
+      moved += count;
+      bounced += count;
+      if (bounced < bounce_bytes_) continue;
+      if (Result<void> full = bounce(); !full) return full;
+    }
+    return {};
+  });
+  return done ? bounce() : done;
 }
 
-/// To a smaller offset. Copies do not overlap themselves: they go piece by piece, as far as the way is long, or through
-/// memory apart where that is longer.
-Result<void> CudaStream::move_run(uint64_t from, uint64_t to, uint64_t bytes) {
-  const auto copy = [&](std::byte* target, const std::byte* source, uint64_t count) {
-    return cuda_check(cudaMemcpyAsync(target, source, count, cudaMemcpyDeviceToDevice, copies_), "moving chunks");
-  };
-  const bool bounces = from - to < bytes && from - to < bounce_bytes_;
-  const uint64_t piece = bounces ? bounce_bytes_ : from - to;
-  for (uint64_t done = 0; done < bytes; done += piece) {
-    const uint64_t count = std::min(piece, bytes - done);
-    const std::byte* source = pool_.data() + from + done;
-    if (bounces) {
-      if (Result<void> copied = copy(bounce_.data(), source, count); !copied) return copied;
-      source = bounce_.data();
-    }
-    if (Result<void> copied = copy(pool_.data() + to + done, source, count); !copied) return copied;
-  }
+/// None of them writes what another reads or writes.
+Result<void> CudaStream::copy(Copies& copies, const char* what) {
+  if (copies.bytes.empty()) return {};
+#if CUDART_VERSION >= 13000
+  // One call for all of them, and no order among them to keep.
+  cudaMemcpyAttributes attributes{};
+  attributes.srcAccessOrder = cudaMemcpySrcAccessOrderStream;
+  attributes.flags = cudaMemcpyFlagPreferOverlapWithCompute;
+  size_t first = 0;  // that has these
+  return cuda_check(cudaMemcpyBatchAsync(copies.to.data(), copies.from.data(), copies.bytes.data(), copies.to.size(),
+                                         &attributes, &first, 1, copies_),
+                    what);
+#else
+  for (size_t i = 0; i < copies.to.size(); ++i)
+    if (auto done = cuda_check(
+            cudaMemcpyAsync(copies.to[i], copies.from[i], copies.bytes[i], cudaMemcpyDefault, copies_), what);
+        !done)
+      return done;
   return {};
+#endif
 }
 
 Result<void> CudaStream::start_loading(const Residency::Batch& batch) {
@@ -177,16 +203,18 @@ Result<void> CudaStream::load(const Residency::Batch& batch, const Events& event
   std::byte* const staging = staging_[number].data();
   uint64_t staged_end = 0;
   std::vector<Residency::Place> missing;
-  std::vector<Copy> copies;
+  std::vector<Piece> pieces;
+  Copies copies;
   for (size_t next = 0; next < places.size();) {
     const size_t first = next;
-    const uint64_t piece = staged_end;
+    const uint64_t staged_before = staged_end;
     missing.clear();
+    pieces.clear();
     copies.clear();
-    for (; next < places.size() && (copies.empty() || staged_end - piece < kPieceBytes); ++next) {
+    for (; next < places.size() && (pieces.empty() || staged_end - staged_before < kPieceBytes); ++next) {
       const Residency::Place& place = places[next];
       const bool kept = kept_at_[place.chunk] != kNotPinned;
-      copies.push_back({kept ? kept_.data() + kept_at_[place.chunk] : staging + staged_end, place.offset, place.bytes});
+      pieces.push_back({kept ? kept_.data() + kept_at_[place.chunk] : staging + staged_end, place.offset, place.bytes});
       if (kept) continue;
       missing.push_back({place.chunk, staged_end, place.bytes});
       staged_end += room_of(place.bytes);
@@ -195,42 +223,19 @@ Result<void> CudaStream::load(const Residency::Batch& batch, const Events& event
       if (Result<void> read = source_.read(missing, staging, threads_); !read) return read;
     if (first == 0)
       if (auto done = cuda_check(cudaEventRecord(events.begun, copies_), "recording a load"); !done) return done;
-    if (Result<void> copied = copy_runs(copies); !copied) return copied;
+    Result<void> copied =
+        each_run(std::span<const Piece>(pieces), [&](const Piece& run, uint64_t bytes) -> Result<void> {
+          if (bytes != 0) copies.add(pool_.data() + run.to, run.from, bytes);
+          return {};
+        });
+    if (copied) copied = copy(copies, "copying chunks to the device");
+    if (!copied) return copied;
   }
   Result<void> done;
   if (places.empty()) done = cuda_check(cudaEventRecord(events.begun, copies_), "recording a load");
   if (done && !is_kept) done = cuda_check(cudaEventRecord(staged_[number], copies_), "recording a load");
   if (done) done = cuda_check(cudaEventRecord(events.loaded, copies_), "recording a load");
   return done;
-}
-
-Result<void> CudaStream::copy_runs(std::span<const Copy> copies) {
-  const char* const what = "copying chunks to the device";
-  std::vector<void*> to;
-  std::vector<const void*> from;
-  std::vector<size_t> bytes;
-  const Result<void> found = each_run(copies, [&](const Copy& first, uint64_t run_bytes) -> Result<void> {
-    if (run_bytes == 0) return {};
-    to.push_back(pool_.data() + first.to);
-    from.push_back(first.from);
-    bytes.push_back(run_bytes);
-    return {};
-  });
-  if (!found || to.empty()) return found;
-#if CUDART_VERSION >= 13000
-  // One call for all of them, and no order among them to keep.
-  cudaMemcpyAttributes attributes{};
-  attributes.srcAccessOrder = cudaMemcpySrcAccessOrderStream;
-  attributes.flags = cudaMemcpyFlagPreferOverlapWithCompute;
-  size_t first = 0;  // that has these
-  return cuda_check(
-      cudaMemcpyBatchAsync(to.data(), from.data(), bytes.data(), to.size(), &attributes, &first, 1, copies_), what);
-#else
-  for (size_t i = 0; i < to.size(); ++i)
-    if (auto done = cuda_check(cudaMemcpyAsync(to[i], from[i], bytes[i], cudaMemcpyHostToDevice, copies_), what); !done)
-      return done;
-  return {};
-#endif
 }
 
 bool CudaStream::is_loaded() {

@@ -83,17 +83,33 @@ class CudaStream final : public StreamTarget {
     uint32_t number;                   // of its events
   };
 
-  struct Copy {
+  /// Of a chunk that is loaded.
+  struct Piece {
     const std::byte* from;
     uint64_t to;  // in the pool
     uint64_t bytes;
   };
+  struct Copies {
+    std::vector<void*> to;
+    std::vector<const void*> from;
+    std::vector<size_t> bytes;
+
+    void add(void* target, const void* source, size_t count) {
+      to.push_back(target);
+      from.push_back(source);
+      bytes.push_back(count);
+    }
+    void clear() {
+      to.clear();
+      from.clear();
+      bytes.clear();
+    }
+  };
 
   Result<void> move(std::span<const Residency::Move> moves);
-  Result<void> move_run(uint64_t from, uint64_t to, uint64_t bytes);
+  Result<void> copy(Copies& copies, const char* what);
   Result<void> keep_in_host_memory(uint64_t host_bytes);
   Result<void> load(const Residency::Batch& batch, const Events& events);
-  Result<void> copy_runs(std::span<const Copy> copies);
   Result<void> use_drawn();
 
   ChunkSource source_;

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <deque>
 #include <new>
+#include <numeric>
 #include <string>
 #include <utility>
 
@@ -162,19 +163,49 @@ Result<void> Streamer::Frame::list() {
 }
 
 /// What is there is one part where nothing is wanted for sure. Otherwise the pool is full of it, most likely, and
-/// nothing can be loaded before something is drawn and gives way: the farthest go first, in parts that double, so that
-/// each is drawn while what the one before made room for is loaded. Near ones stay, and hide what comes later.
+/// nothing can be loaded before something is drawn and gives way: stretches of the pool are, one batch, two, four...,
+/// each drawn while what the one before made room for is loaded. They are whole stretches, so that loads find room in
+/// one piece, and those with the farthest chunks: near ones stay, and hide what comes later.
 void Streamer::Frame::split(std::vector<Residency::Place> there) {
+  struct Stretch {
+    std::vector<Residency::Place> places;
+    uint64_t bytes = 0;
+    uint64_t ranks = 0;  // of all places
+    uint64_t mean_rank() const { return ranks / places.size(); }
+  };
   uint64_t wanted = 0;
   for (const uint32_t chunk : residency_.missing()) wanted += residency_.chunk_bytes(chunk);
-  uint64_t part_bytes = batch_bytes_;
-  for (uint64_t freed = 0; freed < wanted && !there.empty(); part_bytes *= 2) {
-    size_t first = there.size();
-    uint64_t bytes = 0;
-    while (first != 0 && (bytes == 0 || bytes + there[first - 1].bytes <= part_bytes)) bytes += there[--first].bytes;
-    parts_.push_back({{there.begin() + static_cast<ptrdiff_t>(first), there.end()}, false});
-    there.resize(first);
-    freed += std::max<uint64_t>(bytes, 1);
+  if (wanted != 0) {
+    std::vector<uint32_t> by_offset(there.size());
+    std::iota(by_offset.begin(), by_offset.end(), 0u);
+    std::sort(by_offset.begin(), by_offset.end(),
+              [&](uint32_t a, uint32_t b) { return there[a].offset < there[b].offset; });
+    std::vector<Stretch> stretches;
+    for (const uint32_t rank : by_offset) {
+      if (stretches.empty() || stretches.back().bytes + there[rank].bytes > batch_bytes_) stretches.emplace_back();
+      Stretch& last = stretches.back();
+      last.places.push_back(there[rank]);
+      last.bytes += there[rank].bytes;
+      last.ranks += rank;
+    }
+    std::stable_sort(stretches.begin(), stretches.end(),
+                     [](const Stretch& a, const Stretch& b) { return a.mean_rank() > b.mean_rank(); });
+    uint64_t freed = 0;
+    uint64_t in_part = 0;
+    uint64_t most_in_part = 1;
+    there.clear();
+    for (Stretch& stretch : stretches) {
+      if (freed >= wanted) {
+        there.insert(there.end(), stretch.places.begin(), stretch.places.end());
+        continue;
+      }
+      if (in_part == 0) parts_.push_back({{}, false});
+      parts_.back().places.insert(parts_.back().places.end(), stretch.places.begin(), stretch.places.end());
+      freed += stretch.bytes;
+      if (++in_part < most_in_part) continue;
+      in_part = 0;
+      most_in_part *= 2;
+    }
   }
   if (!there.empty()) parts_.push_back({std::move(there), false});
 }
@@ -199,8 +230,10 @@ Result<void> Streamer::Frame::load_ahead(size_t most_unsure) {
       is_sure_ = false;
     }
     if (loads_ >= (is_sure_ ? kMostLoads : most_unsure)) return {};
-    Residency::Batch batch = residency_.next_batch(is_sure_ ? batch_bytes_ : unsure_bytes_,
-                                                   [&](uint32_t chunk) { return is_hidden(chunk); });
+    const uint64_t most_bytes = is_sure_ ? batch_bytes_ : unsure_bytes_;
+    // While others load, crumbs can wait until more gives way.
+    if (loads_ != 0 && has_parts() && residency_.room_left() < most_bytes / 2) return {};
+    Residency::Batch batch = residency_.next_batch(most_bytes, [&](uint32_t chunk) { return is_hidden(chunk); });
     if (batch.loads.empty() && batch.moves.empty()) {
       if (residency_.missing().empty()) continue;  // all that were left hide
       return {};                                   // until what is drawn now may give way
@@ -228,6 +261,13 @@ Result<void> Streamer::Frame::draw_part(Part part) {
     if (Result<void> started = load_ahead(kLoadsAhead); !started) return started;
   if (part.is_load)
     if (Result<void> loaded = finish_loading(); !loaded) return loaded;
+  // Others that are there by now are drawn with it: what a part costs beside its chunks is paid once.
+  for (size_t loads = 1; part.is_load && loads < kLoadsInPart && !parts_.empty() && parts_.front().is_load; ++loads) {
+    if (!target_.is_loaded()) break;
+    if (Result<void> loaded = finish_loading(); !loaded) return loaded;
+    part.places.insert(part.places.end(), parts_.front().places.begin(), parts_.front().places.end());
+    parts_.pop_front();
+  }
   if (part.places.empty()) return {};
   const bool finds_depths = had_missing_ && (has_unsure() || !has_parts());
   {

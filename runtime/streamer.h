@@ -63,7 +63,7 @@ struct StreamStats {
   uint64_t needed_bytes = 0;    // of those: not behind the picture as it is in the end, as far as boxes tell
   uint64_t moved_bytes = 0;     // within the pool
   uint64_t batches = 0;         // that were loaded
-  uint64_t parts = 0;           // that were drawn: the batches, and what was there
+  uint64_t parts = 0;           // that were drawn, of one or more batches or of what was there
   double list_ms = 0;           // finding the chunks in the view
   double choose_ms = 0;         // choosing what is loaded, and asking for it
   double draw_ms = 0;           // asking for parts, and waiting for them
@@ -86,6 +86,8 @@ inline constexpr uint64_t kFirstBatchShare = 4;
 inline constexpr size_t kLoadsAhead = 2;
 /// And of chunks that are wanted for sure.
 inline constexpr size_t kMostLoads = 16;
+/// Batches that are drawn as one part, where they are there before they can be drawn.
+inline constexpr size_t kLoadsInPart = 4;
 
 /// The frames of one scene over one pool. Not thread-safe.
 class Streamer {
