@@ -68,20 +68,22 @@ __global__ void __launch_bounds__(kLanes* kWarps)
   });
 }
 
+/// Of codes that find_nearest_codes() found in all places, those in places that do not hide.
 __global__ void __launch_bounds__(kLanes* kWarps)
-    find_shown_chunks(const __grid_constant__ SceneView scene, const __grid_constant__ FrameView view,
-                      const __grid_constant__ DepthPyramid pyramid, const uint32_t* nearest, uint8_t* shown) {
+    find_shown_codes(const __grid_constant__ SceneView scene, const __grid_constant__ FrameView view,
+                     const __grid_constant__ DepthPyramid pyramid, const uint32_t* nearest, uint32_t* shown) {
   look_at_chunks(scene, view, [&](uint64_t chunk, const auto& find) {
     ScreenBounds bounds;
-    if (nearest[chunk] == ~0u || shown[chunk] != 0) return;
-    if (find(bounds) && !is_behind(pyramid, kFirstLevel, bounds)) shown[chunk] = 1;
+    if (shown[chunk] == nearest[chunk]) return;  // as near as it gets, or nowhere
+    if (find(bounds) && bounds.nearest_code < shown[chunk] && !is_behind(pyramid, kFirstLevel, bounds))
+      atomicMin(shown + chunk, bounds.nearest_code);
   });
 }
 
 }  // namespace
 
 uint64_t CudaVisibleChunks::device_bytes(const SceneView& scene) {
-  return scene.chunk_count * (sizeof(uint32_t) + sizeof(uint8_t));
+  return 2 * scene.chunk_count * sizeof(uint32_t);
 }
 
 Result<void> CudaVisibleChunks::open(const SceneView& host, const SceneView& device) {
@@ -97,9 +99,9 @@ Result<void> CudaVisibleChunks::open(const SceneView& host, const SceneView& dev
   const char* const what = "allocating the list of chunks";
   const uint64_t count = host.chunk_count;
   Result<void> done = nearest_.reserve(count * sizeof(uint32_t), what);
-  if (done) done = shown_.reserve(count, what);
+  if (done) done = shown_.reserve(count * sizeof(uint32_t), what);
   if (done) done = read_nearest_.allocate(count * sizeof(uint32_t), "allocating pinned memory");
-  if (done) done = read_shown_.allocate(count, "allocating pinned memory");
+  if (done) done = read_shown_.allocate(count * sizeof(uint32_t), "allocating pinned memory");
   return done;
 }
 
@@ -118,7 +120,7 @@ Result<std::span<const uint32_t>> CudaVisibleChunks::find_nearest(const View& vi
   return std::span(reinterpret_cast<const uint32_t*>(read_nearest_.data()), scene_.chunk_count);
 }
 
-Result<std::span<const uint8_t>> CudaVisibleChunks::find_shown(const uint64_t* samples) {
+Result<std::span<const uint32_t>> CudaVisibleChunks::find_shown(const uint64_t* samples) {
   Result<void> done = start_finding_shown(samples);
   if (done) done = cuda_check(cudaStreamSynchronize(nullptr), "finding hidden chunks");
   if (!done) return done.error();
@@ -129,18 +131,19 @@ Result<void> CudaVisibleChunks::start_finding_shown(const uint64_t* samples) {
   const uint64_t codes = lay_out(pyramid_, frame_.width, frame_.height, kFirstLevel);
   if (Result<void> done = codes_.reserve(codes * sizeof(uint32_t), "allocating the depths"); !done) return done;
   pyramid_.codes = reinterpret_cast<uint32_t*>(codes_.data());
-  auto* const shown = reinterpret_cast<uint8_t*>(shown_.data());
-  Result<void> done = cuda_check(cudaMemsetAsync(shown, 0, scene_.chunk_count, nullptr), "clearing the list of chunks");
+  const uint64_t bytes = scene_.chunk_count * sizeof(uint32_t);
+  auto* const shown = reinterpret_cast<uint32_t*>(shown_.data());
+  Result<void> done = cuda_check(cudaMemsetAsync(shown, 0xff, bytes, nullptr), "clearing the list of chunks");
   if (done) {
     const auto squares = static_cast<uint32_t>(pyramid_.across(kFirstLevel) * pyramid_.down(kFirstLevel));
     fill_first_level<<<(squares - 1) / kWarps + 1, kLanes * kWarps>>>(pyramid_, samples);
     fill_other_levels<<<1, 1024>>>(pyramid_);
-    find_shown_chunks<<<blocks_, kLanes * kWarps>>>(scene_, frame_, pyramid_,
-                                                    reinterpret_cast<const uint32_t*>(nearest_.data()), shown);
+    find_shown_codes<<<blocks_, kLanes * kWarps>>>(scene_, frame_, pyramid_,
+                                                   reinterpret_cast<const uint32_t*>(nearest_.data()), shown);
     done = cuda_check(cudaGetLastError(), "finding hidden chunks");
   }
   if (done)
-    done = cuda_check(cudaMemcpyAsync(read_shown_.data(), shown, scene_.chunk_count, cudaMemcpyDeviceToHost, nullptr),
+    done = cuda_check(cudaMemcpyAsync(read_shown_.data(), shown, bytes, cudaMemcpyDeviceToHost, nullptr),
                       "finding hidden chunks");
   return done;
 }

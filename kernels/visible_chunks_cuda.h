@@ -34,14 +34,15 @@ class CudaVisibleChunks {
   /// Errors kDevice.
   Result<std::span<const uint32_t>> find_nearest(const View& view);
 
-  /// By chunk, whether it may change a sample of the picture that `samples` (device memory) holds by now, of the view
-  /// that find_nearest() was asked for; 0: it hides, or is not in the view. Until the next call. Errors kDevice.
-  Result<std::span<const uint8_t>> find_shown(const uint64_t* samples);
+  /// The same of the places where it may change a sample of the picture that `samples` (device memory) holds by now, of
+  /// the view that find_nearest() was asked for; ~0 where it hides everywhere, or is not in the view. Until the next
+  /// call. Errors kDevice.
+  Result<std::span<const uint32_t>> find_shown(const uint64_t* samples);
 
   /// As find_shown(), but on the default stream without waiting: shown() holds when that is done.
   Result<void> start_finding_shown(const uint64_t* samples);
-  std::span<const uint8_t> shown() const {
-    return {reinterpret_cast<const uint8_t*>(read_shown_.data()), scene_.chunk_count};
+  std::span<const uint32_t> shown() const {
+    return {reinterpret_cast<const uint32_t*>(read_shown_.data()), scene_.chunk_count};
   }
 
  private:

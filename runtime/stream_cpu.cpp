@@ -65,6 +65,7 @@ Result<void> CpuStream::begin(const kernels::View& view, const kernels::ShadeOpt
 }
 
 Result<std::span<const uint32_t>> CpuStream::list() {
+  has_depths_ = false;
   visible_ = VisibleChunks(scene_, view_, threads_);
   return visible_.near_to_far();
 }
@@ -113,6 +114,7 @@ void CpuStream::find_depths() {
   codes_.resize(kernels::lay_out(depths_, static_cast<int32_t>(view_.width), static_cast<int32_t>(view_.height)));
   depths_.codes = codes_.data();
   kernels::build_pyramid(depths_, samples_.data());
+  has_depths_ = true;
 }
 
 }  // namespace scree::runtime

@@ -46,7 +46,9 @@ class CpuStream final : public StreamTarget {
   Result<double> finish_loading() override;
   Result<void> start_drawing(std::span<const Residency::Place> places, bool finds_depths) override;
   Result<Drawn> finish_drawing() override;
-  bool is_hidden(uint32_t chunk) const override { return visible_.is_hidden(chunk, depths_); }
+  uint32_t nearest_shown(uint32_t chunk) const override {
+    return has_depths_ ? visible_.nearest_shown(chunk, depths_) : visible_.nearest(chunk);
+  }
   void stop() override;
 
  private:
@@ -64,6 +66,7 @@ class CpuStream final : public StreamTarget {
   std::vector<uint64_t> samples_;
   std::vector<float> colors_;
   VisibleChunks visible_;
+  bool has_depths_ = false;
   kernels::DepthPyramid depths_{};
   std::vector<uint32_t> codes_;  // of the pyramid
   Drawn drawn_{};

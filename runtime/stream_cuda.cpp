@@ -306,7 +306,8 @@ void CudaStream::stop() {
 Result<std::span<const uint32_t>> CudaStream::list() {
   const Result<std::span<const uint32_t>> nearest = visible_.find_nearest(view_);
   if (!nearest) return nearest.error();
-  near_to_far_ = order_by_depth(*nearest);
+  shown_.assign(nearest->begin(), nearest->end());
+  near_to_far_ = order_by_depth(shown_);
   return std::span<const uint32_t>(near_to_far_);
 }
 

@@ -65,7 +65,7 @@ class CudaStream final : public StreamTarget {
   Result<double> finish_loading() override;
   Result<void> start_drawing(std::span<const Residency::Place> places, bool finds_depths) override;
   Result<Drawn> finish_drawing() override;
-  bool is_hidden(uint32_t chunk) const override { return shown_[chunk] == 0; }
+  uint32_t nearest_shown(uint32_t chunk) const override { return shown_[chunk]; }
   void stop() override;
 
  private:
@@ -141,7 +141,7 @@ class CudaStream final : public StreamTarget {
   kernels::DeviceBuffer colors_;
   kernels::CudaVisibleChunks visible_;
   std::vector<uint32_t> near_to_far_;
-  std::vector<uint8_t> shown_;  // by chunk, when depths were found last
+  std::vector<uint32_t> shown_;  // nearest_shown(), by chunk
   // Of the part that is drawn:
   bool finds_depths_ = false;
   cudaEvent_t drawing_begun_ = nullptr;

@@ -82,6 +82,11 @@ class Streamer::Frame {
   Result<StreamStats> draw(const kernels::View& view, const kernels::ShadeOptions* shade);
 
  private:
+  /// A missing chunk that may hide, and the nearest depth code that it was found to show.
+  struct Unsure {
+    uint32_t nearest;
+    uint32_t chunk;
+  };
   struct Part {
     std::vector<Residency::Place> places;  // none: a batch that only moves
     bool is_load;
@@ -90,11 +95,17 @@ class Streamer::Frame {
   Result<void> list();
   void split(std::vector<Residency::Place> there);
   bool is_hidden(uint32_t chunk);
+  void ask_for(std::span<const uint32_t> chunks);
+  void take_unsure(uint64_t most_bytes);
   Result<void> load_ahead(size_t most_unsure);
   Result<void> draw_part(Part part);
   Result<void> finish_loading();
   /// Whether chunks are left of which it is asked whether they hide before they are loaded.
   bool has_unsure() const { return !unsure_.empty() || (!is_sure_ && !residency_.missing().empty()); }
+  /// For heaps with the nearest on top.
+  static bool is_farther(const Unsure& a, const Unsure& b) {
+    return a.nearest != b.nearest ? a.nearest > b.nearest : a.chunk > b.chunk;
+  }
   bool has_parts() const {
     return std::any_of(parts_.begin(), parts_.end(), [](const Part& part) { return !part.places.empty(); });
   }
@@ -107,7 +118,7 @@ class Streamer::Frame {
   StreamStats stats_{};
   std::vector<uint32_t> listed_;  // near ones first, those last that were hidden last time
   // Of the missing: those that the residency does not know of yet.
-  std::vector<uint32_t> unsure_;
+  std::vector<Unsure> unsure_;  // a heap
   std::vector<uint32_t> hidden_;
   bool is_sure_ = true;        // those that it knows of are needed, as they were last time
   uint64_t unsure_bytes_ = 0;  // a batch of them
@@ -132,7 +143,8 @@ Result<StreamStats> Streamer::Frame::draw(const kernels::View& view, const kerne
     // What was hidden last time most likely is again, by something that is drawn by now.
     if (!has_unsure() && residency_.missing().empty()) {
       if (hidden_.empty()) break;
-      std::swap(unsure_, hidden_);
+      ask_for(hidden_);
+      hidden_.clear();
     }
     if (Result<void> started = load_ahead(kLoadsAhead); !started) return started.error();
   }
@@ -153,11 +165,13 @@ Result<void> Streamer::Frame::list() {
   std::vector<Residency::Place> there = residency_.begin_frame(listed_);
   had_missing_ = !residency_.missing().empty();
   for (const uint32_t chunk : residency_.missing()) stats_.missing_bytes += residency_.chunk_bytes(chunk);
+  std::vector<uint32_t> unknown;
   residency_.drop_missing([&](uint32_t chunk) {
-    if (known_[chunk] == Known::kNothing) unsure_.push_back(chunk);
+    if (known_[chunk] == Known::kNothing) unknown.push_back(chunk);
     if (known_[chunk] == Known::kHidden) hidden_.push_back(chunk);
     return known_[chunk] != Known::kNeeded;
   });
+  ask_for(unknown);
   split(std::move(there));
   return {};
 }
@@ -211,9 +225,39 @@ void Streamer::Frame::split(std::vector<Residency::Place> there) {
 }
 
 bool Streamer::Frame::is_hidden(uint32_t chunk) {
-  if (!has_depths_ || !target_.is_hidden(chunk)) return false;
+  if (target_.nearest_shown(chunk) != kNotInView) return false;
   stats_.hidden_bytes += residency_.chunk_bytes(chunk);
   return true;
+}
+
+void Streamer::Frame::ask_for(std::span<const uint32_t> chunks) {
+  for (const uint32_t chunk : chunks) unsure_.push_back({target_.nearest_shown(chunk), chunk});
+  std::make_heap(unsure_.begin(), unsure_.end(), is_farther);
+}
+
+/// Has the residency know of as many as take so many bytes. A chunk may be drawn in many places: where the nearest is
+/// found to hide, its turn comes with the nearest that does not, and until then more is drawn that the others may hide
+/// behind.
+void Streamer::Frame::take_unsure(uint64_t most_bytes) {
+  std::vector<uint32_t> taken;
+  uint64_t bytes = 0;
+  for (const uint32_t chunk : residency_.missing()) bytes += residency_.chunk_bytes(chunk);
+  while (bytes < most_bytes && !unsure_.empty()) {
+    std::pop_heap(unsure_.begin(), unsure_.end(), is_farther);
+    Unsure& next = unsure_.back();
+    const uint32_t nearest = target_.nearest_shown(next.chunk);
+    if (nearest != kNotInView && nearest > next.nearest) {
+      next.nearest = nearest;
+      std::push_heap(unsure_.begin(), unsure_.end(), is_farther);
+      continue;
+    }
+    const uint32_t chunk = next.chunk;
+    unsure_.pop_back();
+    if (is_hidden(chunk)) continue;
+    taken.push_back(chunk);
+    bytes += residency_.chunk_bytes(chunk);
+  }
+  residency_.add_missing(taken);
 }
 
 /// Starts loads: as many as find room of those that are wanted for sure, and of others up to `most_unsure`.
@@ -222,21 +266,20 @@ Result<void> Streamer::Frame::load_ahead(size_t most_unsure) {
   // Before there is anything to hide behind, as little as possible is asked for.
   if (!has_depths_) most_unsure = 1;
   for (;;) {
-    if (residency_.missing().empty()) {
+    if (is_sure_ && residency_.missing().empty()) {
       if (unsure_.empty()) return {};
-      residency_.add_missing(unsure_);
-      unsure_.clear();
-      if (is_sure_) unsure_bytes_ = batch_bytes_ / (has_depths_ || !parts_.empty() ? 1 : kFirstBatchShare);
+      unsure_bytes_ = batch_bytes_ / (has_depths_ || !parts_.empty() ? 1 : kFirstBatchShare);
       is_sure_ = false;
     }
     if (loads_ >= (is_sure_ ? kMostLoads : most_unsure)) return {};
     const uint64_t most_bytes = is_sure_ ? batch_bytes_ : unsure_bytes_;
     // While others load, crumbs can wait until more gives way.
     if (loads_ != 0 && has_parts() && residency_.room_left() < most_bytes / 2) return {};
+    if (!is_sure_) take_unsure(most_bytes);
     Residency::Batch batch = residency_.next_batch(most_bytes, [&](uint32_t chunk) { return is_hidden(chunk); });
     if (batch.loads.empty() && batch.moves.empty()) {
-      if (residency_.missing().empty()) continue;  // all that were left hide
-      return {};                                   // until what is drawn now may give way
+      if (residency_.missing().empty() && !unsure_.empty()) continue;  // all that were asked for hide
+      return {};  // until what is drawn now may give way, or nothing is left
     }
     if (Result<void> started = target_.start_loading(batch); !started) return started;
     ++loads_;
@@ -299,7 +342,8 @@ Result<void> Streamer::Frame::finish_loading() {
 /// What the next frame begins with.
 void Streamer::Frame::look_at_picture() {
   if (!has_all_depths_) return;
-  for (const uint32_t chunk : listed_) known_[chunk] = target_.is_hidden(chunk) ? Known::kHidden : Known::kNeeded;
+  for (const uint32_t chunk : listed_)
+    known_[chunk] = target_.nearest_shown(chunk) == kNotInView ? Known::kHidden : Known::kNeeded;
   for (const uint32_t chunk : streamed_)
     if (known_[chunk] == Known::kNeeded) stats_.needed_bytes += residency_.chunk_bytes(chunk);
 }

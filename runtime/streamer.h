@@ -13,6 +13,7 @@
 #include "kernels/scene_view.h"
 #include "runtime/residency.h"
 #include "runtime/scene.h"
+#include "runtime/visible_chunks.h"
 
 namespace scree::runtime {
 
@@ -37,13 +38,14 @@ class StreamTarget {
   /// Returns when the oldest start is done; the ms for which it kept copying.
   virtual Result<double> finish_loading() = 0;
   /// Starts drawing these chunks, all that is seen of them, into the samples of the frame, and shading the samples that
-  /// they win. `finds_depths`: looks at the depths of all samples after that, for is_hidden(). One part at a time.
+  /// they win. `finds_depths`: looks at the depths of all samples after that, for nearest_shown(). One part at a time.
   virtual Result<void> start_drawing(std::span<const Residency::Place> places, bool finds_depths) = 0;
   /// Returns when the part is drawn; its chunks are not needed any more.
   virtual Result<Drawn> finish_drawing() = 0;
-  /// Whether the chunk, one of the list, cannot change a sample any more: all that it may cover lies behind what was
-  /// there when depths were found last, in a part of this frame that is finished.
-  virtual bool is_hidden(uint32_t chunk) const = 0;
+  /// Of a chunk of the list: the nearest depth code that it may have where it can still change a sample; kNotInView
+  /// where it cannot, since all that it may cover lies behind what was there when depths were found last, in a part of
+  /// this frame that is finished. Before that by its place alone, as the list is ordered.
+  virtual uint32_t nearest_shown(uint32_t chunk) const = 0;
   /// After an error: returns when nothing is drawn, nor written to the pool, any more.
   virtual void stop() = 0;
 

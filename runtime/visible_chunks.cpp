@@ -40,11 +40,11 @@ VisibleChunks::VisibleChunks(const kernels::SceneView& scene, const kernels::Vie
   });
 
   first_.assign(scene.chunk_count + 1, 0);
-  std::vector<uint32_t> nearest(scene.chunk_count, kNotInView);
+  nearest_.assign(scene.chunk_count, kNotInView);
   for (const std::vector<Place>& places : found) {
     for (const Place& place : places) {
       ++first_[place.chunk + 1];
-      nearest[place.chunk] = std::min(nearest[place.chunk], place.bounds.nearest_code);
+      nearest_[place.chunk] = std::min(nearest_[place.chunk], place.bounds.nearest_code);
     }
   }
   for (uint64_t c = 0; c < scene.chunk_count; ++c) first_[c + 1] += first_[c];
@@ -52,7 +52,7 @@ VisibleChunks::VisibleChunks(const kernels::SceneView& scene, const kernels::Vie
   std::vector<uint64_t> next(first_.begin(), first_.end() - 1);
   for (const std::vector<Place>& places : found)
     for (const Place& place : places) places_[next[place.chunk]++] = place.bounds;
-  order_ = order_by_depth(nearest);
+  order_ = order_by_depth(nearest_);
 }
 
 /// Three stable passes by eleven bits each, the lowest first: of 27,000 chunks a quarter of the time of std::sort.
@@ -82,10 +82,12 @@ std::vector<uint32_t> order_by_depth(std::span<const uint32_t> nearest_codes) {
   return chunks;
 }
 
-bool VisibleChunks::is_hidden(uint32_t chunk, const kernels::DepthPyramid& depths, uint32_t first_level) const {
+uint32_t VisibleChunks::nearest_shown(uint32_t chunk, const kernels::DepthPyramid& depths, uint32_t first_level) const {
+  uint32_t nearest = kNotInView;
   for (uint64_t i = first_[chunk]; i < first_[chunk + 1]; ++i)
-    if (!kernels::is_behind(depths, first_level, places_[i])) return false;
-  return true;
+    if (places_[i].nearest_code < nearest && !kernels::is_behind(depths, first_level, places_[i]))
+      nearest = places_[i].nearest_code;
+  return nearest;
 }
 
 }  // namespace scree::runtime

@@ -32,10 +32,13 @@ class VisibleChunks {
   /// Each chunk once, as order_by_depth() has them.
   std::span<const uint32_t> near_to_far() const { return order_; }
 
-  /// Whether the chunk cannot change a sample of the picture that `depths` was made from, or of a nearer one: all that
-  /// its instances may cover has smaller depth codes. `chunk`: one of near_to_far(). The pyramid's levels from
-  /// `first_level` on are asked.
-  bool is_hidden(uint32_t chunk, const kernels::DepthPyramid& depths, uint32_t first_level = 1) const;
+  /// The nearest depth code that a chunk may have anywhere; kNotInView of those that are not listed.
+  uint32_t nearest(uint32_t chunk) const { return nearest_[chunk]; }
+
+  /// The nearest that it may have where it can change a sample of the picture that `depths` was made from, or of a
+  /// nearer one; kNotInView where it cannot: all that its instances may cover has smaller depth codes. `chunk`: one of
+  /// near_to_far(). The pyramid's levels from `first_level` on are asked.
+  uint32_t nearest_shown(uint32_t chunk, const kernels::DepthPyramid& depths, uint32_t first_level = 1) const;
 
  private:
   /// What one instance's chunk may cover.
@@ -45,6 +48,7 @@ class VisibleChunks {
   };
 
   std::vector<uint32_t> order_;
+  std::vector<uint32_t> nearest_;              // by chunk
   std::vector<kernels::ScreenBounds> places_;  // chunk by chunk
   std::vector<uint64_t> first_;                // of a chunk, in places_; one more ends the last
 };

@@ -139,10 +139,11 @@ TEST_CASE("a GPU lists and hides the chunks that the host does", "[cuda]") {
         kernels::lay_out(pyramid, static_cast<int32_t>(view->width), static_cast<int32_t>(view->height)));
     pyramid.codes = codes.data();
     kernels::build_pyramid(pyramid, samples.data());
-    std::vector<uint8_t> expected(scene.view().chunk_count);
+    std::vector<uint32_t> expected(scene.view().chunk_count, runtime::kNotInView);
     for (const uint32_t chunk : on_host.near_to_far()) {
-      expected[chunk] = !on_host.is_hidden(chunk, pyramid, kernels::CudaVisibleChunks::kFirstLevel);
-      hidden += expected[chunk] == 0 ? 1 : 0;
+      expected[chunk] = on_host.nearest_shown(chunk, pyramid, kernels::CudaVisibleChunks::kFirstLevel);
+      REQUIRE(expected[chunk] >= on_host.nearest(chunk));
+      hidden += expected[chunk] == runtime::kNotInView ? 1 : 0;
     }
     outside += expected.size() - on_host.near_to_far().size();
     if (!has_gpu) continue;
@@ -154,7 +155,7 @@ TEST_CASE("a GPU lists and hides the chunks that the host does", "[cuda]") {
     Result<kernels::DeviceBuffer> copy = kernels::DeviceBuffer::allocate(samples.size() * sizeof(uint64_t), "a test");
     REQUIRE(copy);
     REQUIRE(cudaMemcpy(copy->data(), samples.data(), copy->bytes(), cudaMemcpyHostToDevice) == cudaSuccess);
-    const Result<std::span<const uint8_t>> shown =
+    const Result<std::span<const uint32_t>> shown =
         on_device.find_shown(reinterpret_cast<const uint64_t*>(copy->data()));
     REQUIRE(shown);
     REQUIRE(std::equal(shown->begin(), shown->end(), expected.begin(), expected.end()));
