@@ -42,7 +42,7 @@ class CpuStream final : public StreamTarget {
   Result<void> begin(const kernels::View& view, const kernels::ShadeOptions* shade) override;
   Result<std::span<const uint32_t>> list() override;
   Result<void> start_loading(const Residency::Batch& batch) override;
-  bool is_loaded() override { return false; }  // so that frames repeat themselves
+  Result<bool> is_loaded() override { return false; }  // so that frames repeat themselves
   Result<double> finish_loading() override;
   Result<void> start_drawing(std::span<const Residency::Place> places, bool finds_depths) override;
   Result<Drawn> finish_drawing() override;

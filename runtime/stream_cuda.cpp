@@ -238,12 +238,13 @@ Result<void> CudaStream::load(const Residency::Batch& batch, const Events& event
   return done;
 }
 
-bool CudaStream::is_loaded() {
+Result<bool> CudaStream::is_loaded() {
   const Load& oldest = loading_.front();
   if (oldest.issued.wait_for(std::chrono::seconds(0)) != std::future_status::ready) return false;
-  const bool is_there = cudaEventQuery(events_[oldest.number].loaded) == cudaSuccess;
-  if (!is_there) (void)cudaGetLastError();  // or the next launch would be blamed for it
-  return is_there;
+  const cudaError_t status = cudaEventQuery(events_[oldest.number].loaded);
+  const Result<void> done = cuda_check(status, "loading chunks");
+  if (!done && status != cudaErrorNotReady) return done.error();
+  return status == cudaSuccess;
 }
 
 Result<double> CudaStream::finish_loading() {

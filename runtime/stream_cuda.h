@@ -61,7 +61,7 @@ class CudaStream final : public StreamTarget {
   Result<void> begin(const kernels::View& view, const kernels::ShadeOptions* shade) override;
   Result<std::span<const uint32_t>> list() override;
   Result<void> start_loading(const Residency::Batch& batch) override;
-  bool is_loaded() override;
+  Result<bool> is_loaded() override;
   Result<double> finish_loading() override;
   Result<void> start_drawing(std::span<const Residency::Place> places, bool finds_depths) override;
   Result<Drawn> finish_drawing() override;

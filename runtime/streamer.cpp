@@ -299,14 +299,21 @@ Result<void> Streamer::Frame::load_ahead(size_t most_unsure) {
 Result<void> Streamer::Frame::draw_part(Part part) {
   // While a load is waited for there is time to choose the next, by all that is drawn so far. Where one is there
   // already, drawing is what takes long, and must not wait for that.
-  const bool waits = part.is_load && !target_.is_loaded();
+  bool waits = false;
+  if (part.is_load) {
+    const Result<bool> is_loaded = target_.is_loaded();
+    if (!is_loaded) return is_loaded.error();
+    waits = !*is_loaded;
+  }
   if (waits)
     if (Result<void> started = load_ahead(kLoadsAhead); !started) return started;
   if (part.is_load)
     if (Result<void> loaded = finish_loading(); !loaded) return loaded;
   // Others that are there by now are drawn with it: what a part costs beside its chunks is paid once.
   for (size_t loads = 1; part.is_load && loads < kLoadsInPart && !parts_.empty() && parts_.front().is_load; ++loads) {
-    if (!target_.is_loaded()) break;
+    const Result<bool> is_loaded = target_.is_loaded();
+    if (!is_loaded) return is_loaded.error();
+    if (!*is_loaded) break;
     if (Result<void> loaded = finish_loading(); !loaded) return loaded;
     part.places.insert(part.places.end(), parts_.front().places.begin(), parts_.front().places.end());
     parts_.pop_front();

@@ -34,7 +34,7 @@ class StreamTarget {
   /// What was started before comes before. Up to kMostLoads at a time.
   virtual Result<void> start_loading(const Residency::Batch& batch) = 0;
   /// Whether the oldest start is done, as far as the target cares to look: then finish_loading() does not wait.
-  virtual bool is_loaded() = 0;
+  virtual Result<bool> is_loaded() = 0;
   /// Returns when the oldest start is done; the ms for which it kept copying.
   virtual Result<double> finish_loading() = 0;
   /// Starts drawing these chunks, all that is seen of them, into the samples of the frame, and shading the samples that

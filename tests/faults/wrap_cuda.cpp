@@ -37,6 +37,12 @@ SCREE_WRAP(cudaMemcpy, cudaErrorUnknown, (void* to, const void* from, size_t byt
 SCREE_WRAP(cudaMemcpyAsync, cudaErrorUnknown,
            (void* to, const void* from, size_t bytes, cudaMemcpyKind kind, cudaStream_t stream),
            (to, from, bytes, kind, stream))
+#if CUDART_VERSION >= 13000
+SCREE_WRAP(cudaMemcpyBatchAsync, cudaErrorUnknown,
+           (void* const* to, const void* const* from, const size_t* bytes, size_t count,
+            cudaMemcpyAttributes* attributes, size_t* first, size_t attribute_count, cudaStream_t stream),
+           (to, from, bytes, count, attributes, first, attribute_count, stream))
+#endif
 SCREE_WRAP(cudaMemset, cudaErrorUnknown, (void* at, int value, size_t bytes), (at, value, bytes))
 SCREE_WRAP(cudaMemsetAsync, cudaErrorUnknown, (void* at, int value, size_t bytes, cudaStream_t stream),
            (at, value, bytes, stream))
@@ -51,6 +57,7 @@ SCREE_WRAP(cudaDeviceSynchronize, cudaErrorUnknown, (), ())
 SCREE_WRAP(cudaDriverGetVersion, cudaErrorUnknown, (int* version), (version))
 SCREE_WRAP(cudaEventCreate, cudaErrorUnknown, (cudaEvent_t * event), (event))
 SCREE_WRAP(cudaEventCreateWithFlags, cudaErrorUnknown, (cudaEvent_t * event, unsigned flags), (event, flags))
+SCREE_WRAP(cudaEventQuery, cudaErrorUnknown, (cudaEvent_t event), (event))
 SCREE_WRAP(cudaEventRecord, cudaErrorUnknown, (cudaEvent_t event, cudaStream_t stream), (event, stream))
 SCREE_WRAP(cudaEventSynchronize, cudaErrorUnknown, (cudaEvent_t event), (event))
 SCREE_WRAP(cudaEventElapsedTime, cudaErrorUnknown, (float* ms, cudaEvent_t begin, cudaEvent_t end), (ms, begin, end))
