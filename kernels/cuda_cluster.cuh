@@ -10,6 +10,7 @@
 
 #include "kernels/cuda_cluster_cull.cuh"
 #include "kernels/cuda_small.cuh"
+#include "kernels/linear_filter.h"
 
 namespace scree::kernels {
 
@@ -21,12 +22,15 @@ struct ClusterFrame {
 
 inline constexpr uint32_t kClusterThreads = 128;
 inline constexpr uint32_t kClusterWarps = kClusterThreads / kWarpLanes;
-inline constexpr uint32_t kClusterBlocks = 8;  // of a multiprocessor
+inline constexpr uint32_t kClusterBlocks = 7;  // of a multiprocessor
 inline constexpr uint32_t kClusterParts = 4;   // of a cluster, where there are few
 
 /// 16-byte pieces of a cluster's data that are staged: more than almost any takes, and than its triangles alone ever
 /// do.
 inline constexpr uint32_t kStagePieces = 64;
+
+/// Clusters that a warp takes at once, at most: two lanes prepare each.
+inline constexpr uint32_t kRunClusters = 16;
 
 /// A triangle that may cover a pixel centre.
 struct WaitingTriangle {
@@ -34,47 +38,47 @@ struct WaitingTriangle {
   uint32_t corners;  // numbers in the cluster, 7 bits each: the triangle's, and its corners'
 };
 
+/// Byte `i` of a word.
+__device__ inline uint32_t byte_of(uint32_t word, uint32_t i) {
+  return __byte_perm(word, 0, 0x4440 + i);
+}
+
 /// A cluster of a run: what all lanes need of it.
-struct alignas(16) StagedCluster {
-  uint64_t data;    // address of its first word
-  uint32_t layout;  // set_layout()
-  uint32_t counts;  // of its record
-  uint32_t min[3];  // of its bounds
-  uint32_t draw;
+struct alignas(16) RunCluster {
+  uint64_t data;    // address of its data, or of the multiple of 16 bytes before
+  uint32_t shape;   // bytes: triangles less one, vertices less one, bits of a distance, pieces to be staged
+  uint32_t places;  // bytes: words from `data` to the steps, the distances and the positions; kWideSteps, kCut, the
+                    // predicted axis from bit 26 on
+  LinearFilter map;
+  uint32_t codes;  // bytes: bits of x, of x and y, of all three
+  uint32_t item;   // of ClusterList::items
 
-  /// Word count, then from bit 16 on, 4, 7, 2 and 1 bits: distances, positions, predicted axis, wide steps.
-  __device__ void set_layout(const format::ClusterLayout& at) {
-    layout = (at.end - at.prediction) | (at.distances - at.prediction) << 16 | (at.positions - at.prediction) << 20 |
-             at.predicted_axis << 27 | (at.wide_steps ? 1u << 29 : 0u);
-  }
-  // Places are words from `data`.
-  __device__ uint32_t word_count() const { return layout & 0xffffu; }
-  __device__ uint32_t distances() const { return layout >> 16 & 15; }
-  __device__ uint32_t positions() const { return layout >> 20 & 127; }
-  __device__ uint32_t predicted_axis() const { return layout >> 27 & 3; }
-  __device__ uint32_t steps() const { return predicted_axis() != format::kNotPredicted ? 2 : 0; }
-  __device__ bool wide_steps() const { return (layout >> 29 & 1) != 0; }
+  static constexpr uint32_t kWideSteps = 1u << 24;
+  static constexpr uint32_t kCut = 1u << 25;   // longer than a stage
+  static constexpr uint32_t kLast = 1u << 26;  // of the run
+
+  __device__ uint32_t predicted_axis() const { return places >> 27; }
 };
+static_assert(sizeof(RunCluster) == 64);
 
-/// A cluster on its way through shared memory.
+/// A cluster's data on their way through shared memory; a vertex is read as three words.
 struct ClusterStage {
-  StagedCluster cluster;
-  SampleFilter filter;
-  uint4 pieces[kStagePieces + 1];  // its data, from the multiple of 16 bytes before; a vertex is read as three words
+  uint4 pieces[kStagePieces + 1];
 
-  __device__ uint32_t skipped_words() const { return static_cast<uint32_t>(cluster.data >> 2 & 3); }
-  __device__ const uint32_t* words() const { return reinterpret_cast<const uint32_t*>(pieces) + skipped_words(); }
+  __device__ const uint32_t* words() const { return reinterpret_cast<const uint32_t*>(pieces); }
 };
 
 /// A warp's shared memory.
 struct ClusterShared {
   ClusterStage stages[2];
+  RunCluster run[kRunClusters];
   WaitingTriangle waiting[kWarpLanes - 1 + format::kMaxClusterTriangles];
   union {
     // Of each vertex the first pixel centre at or after it and the last one at or before it, with the filter's slack;
     // two 16-bit numbers each. The smallest `first` and the largest `last` of three corners hold the triangle's
     // pixel_box().
     uint2 centers[format::kMaxClusterVertices];
+    uint32_t places[format::kMaxClusterVertices];  // instead, where the cluster has a LinearFilter
     SetUpTriangles set_up;
   };
 
@@ -115,44 +119,79 @@ struct ClusterPrediction {
   }
 };
 
-/// What StagedCluster says of an item.
-__device__ inline StagedCluster find_cluster(const ClusterList& list, uint64_t number) {
-  const ClusterItem item = list.items[number];
-  const ClusterDraw& draw = list.draws[item.draw];
+/// Prepares a run: items `first` and on, of which there are `count`. A lane of the first half finds a cluster and the u
+/// axis of its map, the lane 16 further its v axis. `maps`: whether there are to be maps.
+template <bool kOrthographic>
+__device__ inline void prepare_run(const ClusterFrame& frame, uint32_t first, uint32_t count, bool maps) {
+  ClusterShared& shared = cluster_shared();
+  const uint32_t lane = threadIdx.x % kWarpLanes;
+  const uint32_t place = min_of(lane % kRunClusters, count - 1);
+  const bool second_axis = lane >= kRunClusters;
+  const ClusterItem item = frame.list.items[first + place];
+  const ClusterDraw& draw = frame.list.draws[item.draw];
   const uint4 record = __ldg(reinterpret_cast<const uint4*>(draw.clusters() + item.cluster));
   const format::ClusterLayout at = format::cluster_layout({record.x, record.y, record.z, record.w});
-  const format::ClusterBounds bounds = load_bounds(draw.cluster_bounds() + item.cluster);
-  StagedCluster out;
-  out.data = reinterpret_cast<uint64_t>(draw.data() + at.prediction);
-  out.set_layout(at);
-  out.counts = record.w;
-  for (int i = 0; i < 3; ++i) out.min[i] = format::bounds_min(bounds, i);
-  out.draw = item.draw;
-  return out;
+  const uint32_t* const data = draw.data() + at.prediction;
+  const auto address = reinterpret_cast<uint64_t>(data);
+  const auto skipped = static_cast<uint32_t>(address >> 2 & 3);
+  const uint32_t pieces = (at.end - at.prediction + skipped + 3) / 4;
+  const uint32_t bits_xy = at.position_bits[0] + at.position_bits[1];
+  const uint32_t bits_xyz = bits_xy + at.position_bits[2];
+  uint32_t factors[4] = {};
+  uint32_t reach = 0;
+  uint32_t fraction_bits = 0;
+  if constexpr (!kOrthographic) {
+    if (maps) {
+      const ClusterPrediction prediction(at.predicted_axis, data);
+      const ClusterCodes codes{{at.position_bits[0], at.position_bits[1], at.position_bits[2]},
+                               at.predicted_axis,
+                               {prediction.slope[0], prediction.slope[1], prediction.slope[2]},
+                               static_cast<int32_t>(prediction.bias)};
+      const LinearMiddle middle = make_linear_middle(draw.filter, load_bounds(draw.cluster_bounds() + item.cluster));
+      const float4 row4 = *reinterpret_cast<const float4*>(second_axis ? draw.filter.v : draw.filter.u);
+      const float row[4] = {row4.x, row4.y, row4.z, row4.w};
+      const LinearAxis axis = make_linear_axis(middle, draw.filter.w, row);
+      const float other_half = __shfl_xor_sync(~0u, axis.half, kRunClusters);
+      fraction_bits = linear_fraction_bits(greatest(axis.half, other_half));
+      bool known = middle.known & (bits_xyz <= 64) & (pieces <= kStagePieces) & (fraction_bits != 0);
+      known = known & finish_linear_axis(middle, axis, draw.filter.w, row, codes, fraction_bits & 15, factors, reach);
+      const uint32_t other_reach = __shfl_xor_sync(~0u, known ? reach : 0u, kRunClusters);
+      reach = known && other_reach != 0 ? reach | other_reach << 16 : 0;
+    }
+  }
+  if (lane % kRunClusters >= count) return;
+  RunCluster& out = shared.run[place];
+  if (second_axis) {
+    for (int i = 0; i < 4; ++i) out.map.v[i] = factors[i];
+    return;
+  }
+  for (int i = 0; i < 4; ++i) out.map.u[i] = factors[i];
+  out.map.reach = reach;
+  out.map.fraction = ((1u << fraction_bits) - 1) * 0x10001u;
+  out.data = address & ~uint64_t{15};
+  out.shape = (at.triangle_count - 1) | (at.vertex_count - 1) << 8 | at.distance_bits << 16 |
+              min_of(pieces, kStagePieces) << 24;
+  const uint32_t begin = at.prediction - skipped;
+  out.places = (at.steps - begin) | (at.distances - begin) << 8 | (at.positions - begin) << 16 |
+               (at.wide_steps ? RunCluster::kWideSteps : 0) | (pieces > kStagePieces ? RunCluster::kCut : 0) |
+               (place == count - 1 ? RunCluster::kLast : 0) | at.predicted_axis << 27;
+  out.codes = at.position_bits[0] | bits_xy << 8 | bits_xyz << 16;
+  out.item = first + place;
 }
+static_assert(2 * kRunClusters == kWarpLanes);
 
-/// Starts copying what a lane's cluster takes to `stage`.
-__device__ inline void stage_cluster(const ClusterList& list, const StagedCluster& mine, uint32_t owner,
-                                     ClusterStage& stage) {
+/// Starts copying a cluster's data to `stage`.
+__device__ inline void stage_cluster(const RunCluster& cluster, ClusterStage& stage) {
   const uint32_t lane = threadIdx.x % kWarpLanes;
-  if (lane == owner) stage.cluster = mine;
-  __syncwarp();
   // The stream of clusters begins and ends on multiples of 16 bytes, so these pieces lie within it.
-  const auto* const from = reinterpret_cast<const uint4*>(stage.cluster.data & ~uint64_t{15});
-  const uint32_t words = stage.cluster.word_count() + stage.skipped_words();
-  const uint32_t pieces = min_of((words + 3) / 4, kStagePieces);
-  if (lane < pieces) __pipeline_memcpy_async(stage.pieces + lane, from + lane, sizeof(uint4));
+  const auto* const from = reinterpret_cast<const uint4*>(cluster.data) + lane;
+  const uint32_t pieces = byte_of(cluster.shape, 3);
+  if (lane < pieces) __pipeline_memcpy_async(stage.pieces + lane, from, sizeof(uint4));
   if (lane + kWarpLanes < pieces) {
-    __pipeline_memcpy_async(stage.pieces + lane + kWarpLanes, from + lane + kWarpLanes, sizeof(uint4));
-  }
-  constexpr uint32_t kFilterPieces = sizeof(SampleFilter) / sizeof(uint4);
-  if (lane < kFilterPieces) {
-    __pipeline_memcpy_async(reinterpret_cast<uint4*>(&stage.filter) + lane,
-                            reinterpret_cast<const uint4*>(&list.draws[stage.cluster.draw].filter) + lane,
-                            sizeof(uint4));
+    __pipeline_memcpy_async(stage.pieces + lane + kWarpLanes, from + kWarpLanes, sizeof(uint4));
   }
 }
-static_assert(kStagePieces == 2 * kWarpLanes);
+static_assert(kStagePieces <= 2 * kWarpLanes);
 
 /// Two whole numbers within +-2^15 as floats, as two 16-bit ones.
 __device__ inline uint32_t pack_centers(float x, float y) {
@@ -176,7 +215,7 @@ __device__ inline uint2 vertex_centers(const SampleFilter& filter, const PackedR
     const float farthest = greatest(size_of(vertex.u), size_of(vertex.v));
     slack = fused(farthest, filter.growth, slack);
     bool held = !(farthest < 32700.0f) | !(slack < 16.0f) | !(vertex.w >= filter.w_lowest);
-    if constexpr (kOrthographic) held = held | !(vertex.w <= filter.w_highest);
+    if constexpr (kOrthographic) held = held | !(vertex.w <= filter.w_end);
     if (held) return {all.first, all.last};
   }
   // Adding 1.5 * 2^23 rounds to nearest: half less, and half more, round down and up. A hundredth is given away, so
@@ -186,29 +225,73 @@ __device__ inline uint2 vertex_centers(const SampleFilter& filter, const PackedR
           __vmins2(pack_centers(vertex.u + reach, vertex.v + reach), all.last)};
 }
 
-/// Projects the vertices of a staged cluster into shared.centers; `keeps_all`: every triangle is looked at exactly.
-template <bool kOrthographic>
-__device__ inline void filter_vertices(const ClusterStage& stage, const PackedRange& all, bool keeps_all) {
+/// Two 16-bit numbers: the high halves of two others.
+__device__ inline uint32_t pack_high(uint32_t a, uint32_t b) {
+  return __byte_perm(a, b, 0x7632);
+}
+
+/// Finds shared.places. `kLong`: a vertex takes more than 32 bits.
+template <bool kLong>
+__device__ inline void map_vertices(const RunCluster& cluster, const ClusterStage& stage) {
   ClusterShared& shared = cluster_shared();
   const uint32_t lane = threadIdx.x % kWarpLanes;
-  const uint32_t counts = stage.cluster.counts;
-  const uint32_t vertex_count = (counts >> 7 & 127) + 1;
-  const uint32_t bits_x = counts >> 17 & 31;
-  const uint32_t bits_y = counts >> 22 & 31;
-  const uint32_t bits_z = counts >> 27;
-  const uint32_t stride = bits_x + bits_y + bits_z;
-  // So are those of a length that hardly any cluster has.
-  if (keeps_all || stage.cluster.word_count() + stage.skipped_words() > 4 * kStagePieces) {
+  const uint32_t last_vertex = byte_of(cluster.shape, 1);
+  const uint32_t bits_x = byte_of(cluster.codes, 0);
+  const uint32_t bits_xy = byte_of(cluster.codes, 1);
+  const uint32_t stride = byte_of(cluster.codes, 2);
+  const uint32_t mask = (2u << ((stride - 1) & 31)) - 1;  // of the highest of the words that a vertex takes
+  const LinearFilter map = cluster.map;
+  // 32 vertices take as many words as a vertex takes bits, so each lane's vertices begin at the same bit of a word.
+  const uint32_t bit = lane * stride;
+  const uint32_t* from = stage.words() + byte_of(cluster.places, 2) + (bit >> 5);
+#pragma unroll 1
+  for (uint32_t vertex = lane; vertex <= last_vertex; vertex += kWarpLanes, from += stride) {
+    uint32_t codes[3];
+    codes[0] = __funnelshift_r(from[0], from[1], bit);
+    if constexpr (kLong) {
+      const uint32_t high = __funnelshift_r(from[1], from[2], bit) & mask;
+      const uint64_t window = uint64_t{high} << 32 | codes[0];
+      codes[1] = static_cast<uint32_t>(window >> bits_x);
+      codes[2] = static_cast<uint32_t>(window >> bits_xy);
+    } else {
+      codes[0] &= mask;
+      codes[1] = __funnelshift_rc(codes[0], 0, bits_x);
+      codes[2] = __funnelshift_rc(codes[0], 0, bits_xy);
+    }
+    const uint32_t u = map.u[0] * codes[0] + (map.u[1] * codes[1] + (map.u[2] * codes[2] + map.u[3]));
+    const uint32_t v = map.v[0] * codes[0] + (map.v[1] * codes[1] + (map.v[2] * codes[2] + map.v[3]));
+    shared.places[vertex] = pack_high(u, v);
+  }
+}
+
+/// Finds shared.centers by the chunk's filter.
+template <bool kOrthographic>
+__device__ inline void filter_vertices(const ClusterFrame& frame, const RunCluster& cluster,
+                                       const ClusterStage& stage) {
+  ClusterShared& shared = cluster_shared();
+  const uint32_t lane = threadIdx.x % kWarpLanes;
+  const uint32_t vertex_count = byte_of(cluster.shape, 1) + 1;
+  const CenterRange centers = center_range(frame.small.view);
+  const PackedRange all{pack_centers(centers.first[0], centers.first[1]),
+                        pack_centers(centers.last[0], centers.last[1])};
+  // Every triangle is looked at exactly; so are those of a length that hardly any cluster has.
+  if (!frame.small.filters || (cluster.places & RunCluster::kCut) != 0) {
     for (uint32_t vertex = lane; vertex < vertex_count; vertex += kWarpLanes) {
       shared.centers[vertex] = {all.first, all.last};
     }
     return;
   }
-  const uint32_t mask[3] = {(1u << bits_x) - 1, (1u << bits_y) - 1, (1u << bits_z) - 1};
-  const uint32_t min[3] = {stage.cluster.min[0], stage.cluster.min[1], stage.cluster.min[2]};
-  const ClusterPrediction prediction(stage.cluster.predicted_axis(), stage.words());
-  const uint32_t* const positions = stage.words() + stage.cluster.positions();
-  const SampleFilter filter = stage.filter;
+  const uint32_t bits_x = byte_of(cluster.codes, 0);
+  const uint32_t bits_xy = byte_of(cluster.codes, 1);
+  const uint32_t stride = byte_of(cluster.codes, 2);
+  const uint32_t mask[3] = {(1u << bits_x) - 1, (1u << (bits_xy - bits_x)) - 1, (1u << (stride - bits_xy)) - 1};
+  const uint32_t* const positions = stage.words() + byte_of(cluster.places, 2);
+  const uint32_t* const words = stage.words() + byte_of(cluster.places, 0) - 2;
+  const ClusterPrediction prediction(cluster.predicted_axis(), words);
+  const ClusterItem item = frame.list.items[cluster.item];
+  const ClusterDraw& draw = frame.list.draws[item.draw];
+  const format::ClusterBounds bounds = load_bounds(draw.cluster_bounds() + item.cluster);
+  const SampleFilter filter = draw.filter;
 #pragma unroll 1
   for (uint32_t vertex = lane; vertex < vertex_count; vertex += kWarpLanes) {
     const uint32_t bit = vertex * stride;
@@ -216,53 +299,70 @@ __device__ inline void filter_vertices(const ClusterStage& stage, const PackedRa
     const uint32_t low = __funnelshift_r(from[0], from[1], bit);
     const uint64_t window = (uint64_t{__funnelshift_r(from[1], from[2], bit)} << 32) | low;
     uint32_t code[3] = {low & mask[0], static_cast<uint32_t>(window >> bits_x) & mask[1],
-                        static_cast<uint32_t>(window >> (bits_x + bits_y)) & mask[2]};
-    if (stride > 64) code[2] = unpack_bits(positions, bit + bits_x + bits_y, bits_z);  // past the window
+                        static_cast<uint32_t>(window >> bits_xy) & mask[2]};
+    if (stride > 64) code[2] = unpack_bits(positions, bit + bits_xy, stride - bits_xy);  // past the window
     prediction.apply(code);
     shared.centers[vertex] =
-        vertex_centers<kOrthographic>(filter, all, static_cast<float>(min[0] + code[0]),
-                                      static_cast<float>(min[1] + code[1]), static_cast<float>(min[2] + code[2]));
+        vertex_centers<kOrthographic>(filter, all, static_cast<float>(format::bounds_min(bounds, 0) + code[0]),
+                                      static_cast<float>(format::bounds_min(bounds, 1) + code[1]),
+                                      static_cast<float>(format::bounds_min(bounds, 2) + code[2]));
   }
 }
 
-/// Appends the triangles of a staged cluster that may cover a pixel centre to those that wait; returns how many do. Of
-/// `parts` parts it takes those of one: every parts-th 32.
-__device__ inline uint32_t filter_triangles(const ClusterStage& stage, uint32_t item, uint32_t waiting, uint32_t part,
-                                            uint32_t parts) {
+/// Appends the triangles of a staged cluster that may cover a pixel centre to those that wait; returns how many do.
+/// `kMapped`: by shared.places. Else, of `parts` parts, it takes those of one: every parts-th 32. `kNarrow`: the
+/// cluster's steps have one bit. Not unrolled: a multiprocessor's cache of instructions holds little more of the kernel
+/// than what is run.
+template <bool kMapped, bool kNarrow>
+__device__ inline uint32_t filter_triangles(const RunCluster& cluster, const ClusterStage& stage, uint32_t waiting,
+                                            uint32_t part, uint32_t parts) {
   ClusterShared& shared = cluster_shared();
   const uint32_t lane = threadIdx.x % kWarpLanes;
   const uint32_t before_lane = (1u << lane) - 1;
   const uint32_t up_to_lane = 2 * before_lane + 1;
-  const uint32_t counts = stage.cluster.counts;
-  const uint32_t triangle_count = (counts & 127) + 1;
-  const uint32_t distance_bits = counts >> 14 & 7;
+  const uint32_t last_triangle = byte_of(cluster.shape, 0);
+  const uint32_t distance_bits = byte_of(cluster.shape, 2);
   const uint32_t mask = (1u << distance_bits) - 1;
-  const uint32_t rounds = (triangle_count + kWarpLanes - 1) / kWarpLanes;
-  const uint32_t* const words = stage.words();
-  const uint32_t* const steps = words + stage.cluster.steps();
-  const bool wide_steps = stage.cluster.wide_steps();
-  const uint32_t* const distances = words + stage.cluster.distances();
+  const uint32_t rounds = last_triangle / kWarpLanes + 1;
+  const bool wide_steps = !kNarrow && (cluster.places & RunCluster::kWideSteps) != 0;
+  const uint32_t item = cluster.item;
+  const uint32_t reach = cluster.map.reach;
+  const uint32_t fraction = cluster.map.fraction;
+  const uint32_t* steps = stage.words() + byte_of(cluster.places, 0);
+  // As with vertices, each lane's distances begin at the same bit of a word.
+  const uint32_t bit = lane * 2 * distance_bits;
+  const uint32_t* distances = stage.words() + byte_of(cluster.places, 1) + (bit >> 5);
   uint32_t largest = 2;  // vertex of the triangles before
-#pragma unroll 2
-  for (uint32_t round = 0; round < rounds; ++round) {
-    const uint32_t low = steps[round];
-    const uint32_t high = wide_steps ? steps[rounds + round] : 0;
-    const uint32_t triangle = round * kWarpLanes + lane;
-    const uint32_t bit = triangle * 2 * distance_bits;
+#pragma unroll 1
+  for (uint32_t triangle = lane; triangle < rounds * kWarpLanes;
+       triangle += kWarpLanes, ++steps, distances += 2 * distance_bits) {
+    const uint32_t low = steps[0];
+    uint32_t a = largest + static_cast<uint32_t>(__popc(low & up_to_lane));
+    largest += static_cast<uint32_t>(__popc(low));
+    if (wide_steps) {
+      const uint32_t high = steps[rounds];
+      a += 2 * static_cast<uint32_t>(__popc(high & up_to_lane));
+      largest += 2 * static_cast<uint32_t>(__popc(high));
+    }
+    if (!kMapped && parts != 1 && triangle / kWarpLanes % parts != part) continue;
     // Lanes past the last triangle read what follows it, and then look at the last.
-    uint32_t code = __funnelshift_r(distances[bit >> 5], distances[(bit >> 5) + 1], bit);
-    if (triangle >= triangle_count) code = 0;
-    const uint32_t a = largest + static_cast<uint32_t>(__popc(low & up_to_lane) + 2 * __popc(high & up_to_lane));
-    largest += static_cast<uint32_t>(__popc(low) + 2 * __popc(high));
-    if (parts != 1 && round % parts != part) continue;
+    uint32_t code = __funnelshift_r(distances[0], distances[1], bit);
+    bool survives = triangle <= last_triangle;
+    if (!survives) code = 0;
     const uint32_t b = a - (code & mask);
     const uint32_t c = a - (code >> distance_bits & mask);
-    const uint2 first = shared.centers[a];
-    const uint2 second = shared.centers[b];
-    const uint2 third = shared.centers[c];
-    const uint32_t from = __vimin3_s16x2(first.x, second.x, third.x);
-    const uint32_t to = __vimax3_s16x2(first.y, second.y, third.y);
-    const bool survives = (triangle < triangle_count) & (__vmaxs2(from, to) == to);
+    if constexpr (kMapped) {
+      const uint32_t largest_place = __vimax3_u16x2(shared.places[a], shared.places[b], shared.places[c]);
+      const uint32_t smallest_place = __vimin3_u16x2(shared.places[a], shared.places[b], shared.places[c]);
+      survives = survives & LinearFilter::may_cover(largest_place, smallest_place, reach, fraction);
+    } else {
+      const uint2 first = shared.centers[a];
+      const uint2 second = shared.centers[b];
+      const uint2 third = shared.centers[c];
+      const uint32_t from = __vimin3_s16x2(first.x, second.x, third.x);
+      const uint32_t to = __vimax3_s16x2(first.y, second.y, third.y);
+      survives = survives & (__vmaxs2(from, to) == to);
+    }
     const uint32_t lanes = __ballot_sync(~0u, survives);
     if (lanes == 0) continue;
     if (survives) {
@@ -336,21 +436,16 @@ class ClusterWarp {
     const uint64_t warps = uint64_t{gridDim.x} * kClusterWarps;
     // Where there are fewer clusters than warps, several share one.
     parts_ = total * kClusterParts <= warps * 2 ? kClusterParts : 1;
+    // The next run is asked for before this one is drawn: so nobody waits for the answer.
+    Run next = take_run(0, total, warps);
     for (;;) {
-      // A part of what each warp would get of the rest, and one at the end.
-      uint64_t start = 0;
-      uint64_t share = 0;
-      if (lane_ == 0) {
-        const uint64_t given = *static_cast<const volatile uint64_t*>(&counters.next_cluster[frame_.pass]);
-        share = min_of<uint64_t>(max_of<uint64_t>((total * parts_ - min_of(given, total * parts_)) / (4 * warps), 1),
-                                 kWarpLanes);
-        start = WarpTeam::add(&counters.next_cluster[frame_.pass], share);
-      }
-      start = __shfl_sync(~0u, start, 0);
-      share = __shfl_sync(~0u, share, 0);
+      const uint64_t start = __shfl_sync(~0u, next.start, 0);
+      const uint32_t share = __shfl_sync(~0u, next.share, 0);
       if (start >= total * parts_) break;
+      next = take_run(start, total, warps);
       draw_run(static_cast<uint32_t>(first + start / parts_),
-               static_cast<uint32_t>(min_of(share, total * parts_ - start)), static_cast<uint32_t>(start % parts_));
+               static_cast<uint32_t>(min_of<uint64_t>(share, total * parts_ - start)),
+               static_cast<uint32_t>(start % parts_));
     }
     if (waiting_ != 0) draw_waiting(0, waiting_);
     const uint64_t small = __reduce_add_sync(~0u, small_);
@@ -358,26 +453,58 @@ class ClusterWarp {
   }
 
  private:
+  /// Clusters, or where they are shared parts of them.
+  struct Run {
+    uint64_t start;
+    uint32_t share;
+  };
+
+  /// A part of what each warp would get of the rest (two are on their way to it), and one at the end; lane 0 knows.
+  /// `given`: how many were given away a while ago.
+  __device__ Run take_run(uint64_t given, uint64_t total, uint64_t warps) const {
+    Run run{0, 0};
+    if (lane_ == 0) {
+      const uint64_t rest = total * parts_ - given;
+      run.share = static_cast<uint32_t>(min_of<uint64_t>(max_of<uint64_t>(rest / (6 * warps), 1), kRunClusters));
+      run.start = WarpTeam::add(&frame_.small.list.counters->next_cluster[frame_.pass], uint64_t{run.share});
+    }
+    return run;
+  }
+
   /// Clusters `first` and on; where they are shared, one of them, and only a `part` of its triangles.
   __device__ void draw_run(uint32_t first, uint32_t count, uint32_t part) {
     ClusterShared& shared = cluster_shared();
-    const StagedCluster mine = find_cluster(frame_.list, first + min_of(lane_, count - 1));
-    const CenterRange range = center_range(frame_.small.view);
-    const PackedRange all{pack_centers(range.first[0], range.first[1]), pack_centers(range.last[0], range.last[1])};
-    stage_cluster(frame_.list, mine, 0, shared.stages[0]);
+    prepare_run<kOrthographic>(frame_, first, count, parts_ == 1 && frame_.small.filters);
+    __syncwarp();
+    stage_cluster(shared.run[0], shared.stages[0]);
     __pipeline_commit();
-    for (uint32_t i = 0; i < count; ++i) {
-      if (i + 1 < count) stage_cluster(frame_.list, mine, i + 1, shared.stages[(i + 1) % 2]);
+    for (uint32_t i = 0;; ++i) {
+      const RunCluster& cluster = shared.run[i];
+      const ClusterStage& stage = shared.stages[i % 2];
+      if ((cluster.places & RunCluster::kLast) == 0) stage_cluster(shared.run[i + 1], shared.stages[(i + 1) % 2]);
       __pipeline_commit();
       __pipeline_wait_prior(1);
       __syncwarp();
-      const ClusterStage& stage = shared.stages[i % 2];
-      filter_vertices<kOrthographic>(stage, all, !frame_.small.filters);
-      __syncwarp();
-      waiting_ = filter_triangles(stage, first + i, waiting_, part, parts_);
+      if (cluster.map.reach != 0) {
+        if (byte_of(cluster.codes, 2) <= 32) {
+          map_vertices<false>(cluster, stage);
+        } else {
+          map_vertices<true>(cluster, stage);
+        }
+        __syncwarp();
+        waiting_ = (cluster.places & RunCluster::kWideSteps) == 0
+                       ? filter_triangles<true, true>(cluster, stage, waiting_, 0, 1)
+                       : filter_triangles<true, false>(cluster, stage, waiting_, 0, 1);
+      } else {
+        filter_vertices<kOrthographic>(frame_, cluster, stage);
+        __syncwarp();
+        waiting_ = filter_triangles<false, false>(cluster, stage, waiting_, part, parts_);
+      }
       __syncwarp();
       for (; waiting_ >= kWarpLanes; waiting_ -= kWarpLanes) draw_waiting(waiting_ - kWarpLanes, kWarpLanes);
+      if ((cluster.places & RunCluster::kLast) != 0) break;
     }
+    __syncwarp();
   }
 
   /// Draws `count` (up to 32) that wait, a lane each.

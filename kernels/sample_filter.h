@@ -20,9 +20,13 @@ struct alignas(16) SampleFilter {
   float w[4];
   float slack;     // pixels that a corner may be off, snapping included: slack + growth * |largest coordinate|;
   float growth;    // infinity where nothing can be said: every triangle stays
-  float w_lowest;  // in front of it no corner is clipped; likewise below w_highest (orthographic)
-  float w_highest;
+  float w_lowest;  // in front of it no corner is clipped
+  float w_end;  // perspective: nothing of the chunk lies nearer, as far as slack goes; orthographic: no corner before
+                // it is clipped either
 };
+
+/// Of SampleFilter::slack: snapping, which is the same wherever a corner lies.
+inline constexpr double kSnapSlack = 0.625 / kSubpixels;
 
 /// The image's pixel centres in the filter's coordinates: a quarter of a pixel before the first and before the last.
 struct SampleLimits {
@@ -108,7 +112,7 @@ SCREE_HD inline SampleFilter make_sample_filter(const FrameView& view, const Tra
   const double nearest = view.orthographic ? 1.0 : max_of(w_least - error_w, 1.0);
   // Snapping moves a corner by half a sub-pixel. The reciprocal's ulp, the products' and the exact way's roundings:
   // 2^-21.
-  double slack = error_uv / nearest + 0.625 / kSubpixels;
+  double slack = error_uv / nearest + kSnapSlack;
   double growth = (view.orthographic ? 0.0 : error_w / nearest) + 1.0 / (1 << 21);
   known = known && slack < 16.0;
   // A chunk well in front of the camera and within the guard band has one slack for all its triangles.
@@ -120,7 +124,7 @@ SCREE_HD inline SampleFilter make_sample_filter(const FrameView& view, const Tra
   filter.slack = known ? static_cast<float>(slack) * 1.001f : bits_float(0x7f800000u);
   filter.growth = known ? static_cast<float>(growth) * 1.001f : 1.0f;
   filter.w_lowest = static_cast<float>((view.orthographic ? 0.0 : 1.0) + error_w) * 1.000001f;
-  filter.w_highest = static_cast<float>(1.0 - error_w) * 0.999999f;
+  filter.w_end = static_cast<float>(view.orthographic ? 1.0 - error_w : nearest) * 0.999999f;
   return filter;
 }
 
@@ -192,7 +196,7 @@ SCREE_HD inline bool may_cover_sample(const SampleFilter& filter, const SampleLi
         greatest(greatest(size_of(low_u), size_of(high_u)), greatest(size_of(low_v), size_of(high_v)));
     slack = fused(farthest, filter.growth, slack);
     held = !(farthest < 32700.0f) | !(least(least(a.w, b.w), c.w) >= filter.w_lowest);
-    if constexpr (kOrthographic) held = held | !(greatest(greatest(a.w, b.w), c.w) <= filter.w_highest);
+    if constexpr (kOrthographic) held = held | !(greatest(greatest(a.w, b.w), c.w) <= filter.w_end);
   }
   // The last pixel centre at or before the end of the range: adding 1.5 * 2^23 rounds to nearest, half less rounds
   // down.
