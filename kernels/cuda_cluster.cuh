@@ -1,9 +1,10 @@
-// Stage 1 of clusters on a GPU: a warp a cluster. The filter (sample_filter.h) takes each vertex once and says which
-// pixel centres may lie to its left and right; a triangle then looks at three of those. The few that may cover a centre
-// wait until 32 are there, from whatever clusters, and are projected and drawn exactly, as those of other chunks are.
+// Stage 1 of clusters on a GPU: a warp a cluster. The cluster's map (linear_filter.h) takes each vertex once and says
+// where on the screen it lies, or, where there is none, the filter (sample_filter.h) which pixel centres may lie to its
+// left and right; a triangle then looks at three of those. The few that may cover a centre wait until 32 are there,
+// from whatever clusters, and are projected and drawn exactly, as those of other chunks are.
 //
-// The next cluster's data are copied to shared memory while one is looked at. What needs clipping goes to a queue of
-// its own: with a call in it, the loop would keep its values in memory.
+// Up to 16 clusters are prepared at once, and the next one's data are copied to shared memory while one is looked at.
+// What needs clipping goes to a queue of its own: with a call in it, the loop would keep its values in memory.
 #pragma once
 
 #include <cuda_pipeline_primitives.h>
@@ -47,8 +48,8 @@ __device__ inline uint32_t byte_of(uint32_t word, uint32_t i) {
 struct alignas(16) RunCluster {
   uint64_t data;    // address of its data, or of the multiple of 16 bytes before
   uint32_t shape;   // bytes: triangles less one, vertices less one, bits of a distance, pieces to be staged
-  uint32_t places;  // bytes: words from `data` to the steps, the distances and the positions; kWideSteps, kCut, the
-                    // predicted axis from bit 26 on
+  uint32_t places;  // bytes: words from `data` to the steps, the distances and the positions; kWideSteps, kCut, kLast;
+                    // the predicted axis from bit 27 on
   LinearFilter map;
   uint32_t codes;  // bytes: bits of x, of x and y, of all three
   uint32_t item;   // of ClusterList::items
@@ -434,8 +435,8 @@ class ClusterWarp {
     const uint64_t total = min_of(first + counters.clusters[frame_.pass], capacity) - min_of(first, capacity);
     if (total == 0) return;
     const uint64_t warps = uint64_t{gridDim.x} * kClusterWarps;
-    // Where there are fewer clusters than warps, several share one.
-    parts_ = total * kClusterParts <= warps * 2 ? kClusterParts : 1;
+    // Where there are fewer clusters than warps, or hardly more parts than they draw in two turns, several share one.
+    parts_ = 2 * total * kClusterParts <= 5 * warps ? kClusterParts : 1;
     // The next run is asked for before this one is drawn: so nobody waits for the answer.
     Run next = take_run(0, total, warps);
     for (;;) {

@@ -11,8 +11,8 @@
 
 namespace scree::runtime {
 
-/// Jobs of one result type, done in the order in which they were given. Given by one thread.
-template <class Result>
+/// Jobs that return `Value`, done in the order in which they were given. Given by one thread.
+template <class Value>
 class JobThread {
  public:
   JobThread() = default;
@@ -32,9 +32,9 @@ class JobThread {
   /// What `job()` returns, or throws. Where the system has no thread left, the caller does the job at once. Throws
   /// std::bad_alloc, the job then not given.
   template <class Job>
-  std::future<Result> add(Job&& job) {
-    std::packaged_task<Result()> task(std::forward<Job>(job));
-    std::future<Result> result = task.get_future();
+  std::future<Value> add(Job&& job) {
+    std::packaged_task<Value()> task(std::forward<Job>(job));
+    std::future<Value> result = task.get_future();
     if (!thread_.joinable() && !start()) {
       task();
       return result;
@@ -68,7 +68,7 @@ class JobThread {
     for (;;) {
       changed_.wait(lock, [&] { return ends_ || !jobs_.empty(); });
       if (jobs_.empty()) return;
-      std::packaged_task<Result()> job = std::move(jobs_.front());
+      std::packaged_task<Value()> job = std::move(jobs_.front());
       jobs_.pop_front();
       works_ = true;
       lock.unlock();
@@ -82,7 +82,7 @@ class JobThread {
 
   std::mutex mutex_;
   std::condition_variable changed_;  // jobs, or whether one is being done
-  std::deque<std::packaged_task<Result()>> jobs_;
+  std::deque<std::packaged_task<Value()>> jobs_;
   bool works_ = false;
   bool ends_ = false;
   std::thread thread_;

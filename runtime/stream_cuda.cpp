@@ -300,8 +300,8 @@ Result<StreamTarget::Drawn> CudaStream::finish_drawing() {
 void CudaStream::stop() {
   loading_.clear();
   loader_.wait();
-  if (copies_ != nullptr) (void)cudaStreamSynchronize(copies_);
-  (void)cudaStreamSynchronize(nullptr);
+  // All streams: what drew a part may have nothing behind it that could be waited for.
+  (void)cudaDeviceSynchronize();
 }
 
 Result<std::span<const uint32_t>> CudaStream::list() {

@@ -70,7 +70,7 @@ class CudaStream final : public StreamTarget {
 
  private:
   static constexpr uint64_t kNotPinned = ~uint64_t{0};
-  static constexpr uint64_t kPieceBytes = uint64_t{64} << 20;  // read on all threads before their copies start
+  static constexpr uint64_t kPieceBytes = uint64_t{256} << 20;  // read on all threads before their copies start
   static constexpr uint32_t kStagings = 3;                     // one is read into, and the copies of two are under way
 
   /// Of a load: the copies from the first on.

@@ -79,8 +79,8 @@ struct StreamStats {
 /// A batch is this share of the pool, and this much at most: large enough that what each costs beside its bytes (a part
 /// passes over all records and samples) stays small, small enough that little is loaded before it is known to hide, and
 /// that the last one is drawn soon.
-inline constexpr uint64_t kBatchShare = 16;
-inline constexpr uint64_t kMostBatchBytes = uint64_t{128} << 20;
+inline constexpr uint64_t kBatchShare = 8;
+inline constexpr uint64_t kMostBatchBytes = uint64_t{256} << 20;
 /// The first batches of a frame that nothing is known of are so much smaller, and double from one to the next.
 inline constexpr uint64_t kFirstBatchShare = 4;
 /// Batches that are loaded at a time, of chunks that may hide: the second is asked for before the first is there, so

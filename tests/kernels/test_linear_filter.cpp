@@ -3,8 +3,8 @@
 #include "kernels/linear_filter.h"
 
 #include <algorithm>
+#include <cmath>
 #include <random>
-#include <vector>
 
 #include "tests/kernels/scene_builder.h"
 
