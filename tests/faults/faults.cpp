@@ -19,6 +19,8 @@ struct Shared {
   std::atomic_flag lock;  // of the sites
   Plan plan;
   std::atomic<uint64_t> calls;
+  std::atomic<uint64_t> run_number;
+  std::atomic<int64_t> live;
   char failed_call[64];
   uint64_t site_count;
   uint64_t sites[kMaxSites];     // by first call
@@ -26,6 +28,7 @@ struct Shared {
 };
 
 Shared* shared = nullptr;
+thread_local int foreign = 0;
 
 uint64_t hash_of(const char* what, const void* site, uint64_t size) {
   uint64_t hash = reinterpret_cast<uintptr_t>(site) * 0x9e3779b97f4a7c15u ^ size * 0xc2b2ae3d27d4eb4fu;
@@ -48,6 +51,14 @@ void note_site(uint64_t site) {
 
 }  // namespace
 
+Foreign::Foreign() {
+  ++foreign;
+}
+
+Foreign::~Foreign() {
+  --foreign;
+}
+
 void prepare() {
   void* const memory = ::mmap(nullptr, sizeof(Shared), PROT_READ | PROT_WRITE, MAP_SHARED | MAP_ANONYMOUS, -1, 0);
   if (memory == MAP_FAILED) std::abort();
@@ -57,6 +68,8 @@ void prepare() {
 void arm(const Plan& plan) {
   shared->plan = plan;
   shared->calls = 0;
+  ++shared->run_number;
+  shared->live = 0;
   shared->is_counting = plan.from[0] == 0;
   shared->has_failed = false;
   shared->failed_call[0] = 0;
@@ -70,7 +83,7 @@ void disarm() {
 }
 
 bool fails(Kind kind, const char* what, const void* site, uint64_t size) {
-  if (shared == nullptr || !shared->is_armed) return false;
+  if (shared == nullptr || !shared->is_armed || foreign != 0) return false;
   if (!shared->is_counting && std::strcmp(what, shared->plan.from) == 0) shared->is_counting = true;
   if (!shared->is_counting || kind != shared->plan.kind) return false;
   const uint64_t number = ++shared->calls;
@@ -93,6 +106,18 @@ uint64_t call_count() {
 
 const char* failed_call() {
   return shared->failed_call;
+}
+
+uint64_t run_number() {
+  return shared->run_number;
+}
+
+void add_live(int by) {
+  if (shared != nullptr) shared->live += by;
+}
+
+int64_t live_count() {
+  return shared->is_armed ? 0 : shared->live.load();
 }
 
 std::vector<uint64_t> sites() {

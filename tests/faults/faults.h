@@ -27,7 +27,17 @@ struct Plan {
   char from[32] = {};   // calls count from the first of this name on, of whatever kind it is; empty: from the start
 };
 
-/// Makes the shared memory; once, before anything else here.
+/// While one lives, calls of its thread are somebody else's: a library's that is not ours to test. They are not
+/// counted.
+class Foreign {
+ public:
+  Foreign();
+  Foreign(const Foreign&) = delete;
+  Foreign& operator=(const Foreign&) = delete;
+  ~Foreign();
+};
+
+/// Makes memory that this process shares with those that it forks from now on; before anything else here.
 void prepare();
 /// From now on calls are counted, and the plan's fails.
 void arm(const Plan& plan);
@@ -36,6 +46,9 @@ void disarm();
 /// Of the run that was armed last. The name is empty where no call failed.
 uint64_t call_count();
 const char* failed_call();
+uint64_t run_number();          // which that is, from 1
+void add_live(int by);          // what is taken and given back by calls, where nothing else sees to it
+int64_t live_count();           // what was taken in that run and not given back; 0 where it never came to disarm()
 std::vector<uint64_t> sites();  // each place that calls came from (memory: and each size), by its first call
 
 }  // namespace scree::faults

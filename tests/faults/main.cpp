@@ -1,242 +1,277 @@
 // Runs a command of scree over and over, each time with another call failing, and looks at what is left:
-//   scree_faults KIND WHICH FOLDER OUTPUTS -- CONVERT|INSPECT|... ARGUMENTS
+//   scree_faults [-j N] [-p] [-s N] KIND WHICH FOLDER OUTPUTS -- CONVERT|INSPECT|... ARGUMENTS
 // KIND: file, memory, device. WHICH: all, or sites: one failure a place in the program (memory: and a size); with /N
 // behind it every N-th of them; call/N: the N-th call alone; with @NAME at the end, of the calls from the first of that
 // name on. OUTPUTS: files in FOLDER, with commas between, with + between those that belong together, ~ before all where
-// they may come out otherwise. Prints what went wrong, and a line of counts; exits 0 where nothing did.
+// they may come out otherwise. -j: so many runs at a time, each in a copy of FOLDER. -p: many runs in one process,
+// where beginning is what takes long, as for a GPU. -s: so many runs without a failure tell which calls there are.
+// Prints what went wrong, and a line of counts; exits 0 where nothing did.
 //
 // A run may come to its end all the same, and then has to write what it writes without a failure. Else it has to say
-// one line, to return its code, and to leave no leak (ASan's build) and no other file but an empty .part, where the
-// file system does not even say what it is, and a .part that could not be removed. Outputs are then what they were
-// before, or whole (the first of several; one whose folder cannot be synced), those that belong together all the same.
-#include <fcntl.h>
+// one line, to return its code, and to leave no leak (ASan's build; of what CUDA gave, any) and no other file but an
+// empty .part, where the file system does not even say what it is, and a .part that could not be removed. Outputs are
+// then what they were before, or whole (the first of several; one whose folder cannot be synced), those that belong
+// together all the same.
+//
+// Where threads take turns as they like, so do calls: which one is the n-th then differs from run to run, and a run may
+// have fewer. Such a run, in which none failed, has to be a good one, and shows how many there may be as those before
+// do: every number is tried that any run without a failure reached. Places are those of all the first runs together.
+#include <sys/mman.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
 #include <algorithm>
+#include <atomic>
 #include <cerrno>
 #include <cstdio>
 #include <cstdlib>
 #include <cstring>
 #include <filesystem>
-#include <fstream>
-#include <iterator>
-#include <set>
+#include <new>
+#include <optional>
 #include <sstream>
 #include <string>
 #include <string_view>
 #include <vector>
 
+#include "tests/faults/experiment.h"
 #include "tests/faults/faults.h"
-
-int scree_main(int argc, char** argv);  // tools/main.cpp
 
 namespace {
 
 namespace faults = scree::faults;
 
-constexpr unsigned kHangSeconds = 20;
-constexpr const char* kEarlier = "what was there before";
+constexpr uint64_t kMostShown = 40;
 
-std::string read_file(const std::string& path) {
-  std::ifstream in(path, std::ios::binary);
-  return {std::istreambuf_iterator<char>(in), {}};
-}
-
-bool is_part(const std::string& name) {
-  return name.ends_with(".part");
-}
-
-std::set<std::string> names_in(const std::string& folder) {
-  std::set<std::string> names;
-  for (const auto& entry : std::filesystem::directory_iterator(folder)) {
-    if (is_part(entry.path().filename()) && entry.file_size() == 0) {
-      std::filesystem::remove(entry.path());
-    } else {
-      names.insert(entry.path().filename().string());
-    }
-  }
-  return names;
-}
-
-struct Run {
-  int code = -1;  // -1: ended by `signal`
-  int signal = 0;
-  std::string errors;                // stderr
-  std::vector<std::string> outputs;  // of those that belong together, one after the other
-  std::set<std::string> names;
+struct Options {
+  size_t jobs = 1;
+  bool one_process = false;
+  size_t surveys = 1;
+  faults::Plan plan;
+  std::string which;
+  size_t step = 1;
+  std::string folder;
+  std::vector<std::vector<std::string>> outputs;
+  bool may_differ = false;
+  std::vector<std::string> words = {"scree"};
 };
 
-class Experiment {
+std::vector<std::string> split(const std::string& list, char mark) {
+  std::vector<std::string> parts;
+  std::stringstream stream(list);
+  for (std::string part; std::getline(stream, part, mark);) parts.push_back(part);
+  return parts;
+}
+
+std::optional<Options> parse(int argc, char** argv) {
+  Options options;
+  int option = 0;
+  while ((option = ::getopt(argc, argv, "+j:ps:")) != -1) {
+    if (option == 'j') options.jobs = std::strtoul(optarg, nullptr, 10);
+    if (option == 's') options.surveys = std::strtoul(optarg, nullptr, 10);
+    if (option == 'p') options.one_process = true;
+    if (option == '?') return std::nullopt;
+  }
+  const int count = argc - optind;
+  char** const words = argv + optind;
+  if (count < 6 || std::string_view(words[4]) != "--" || options.jobs == 0 || options.surveys == 0) return std::nullopt;
+  const std::string_view kind = words[0];
+  if (kind == "memory") options.plan.kind = faults::Kind::kMemory;
+  if (kind == "device") options.plan.kind = faults::Kind::kDevice;
+  std::string_view which = words[1];
+  if (const size_t at = which.find('@'); at != std::string_view::npos) {
+    if (which.substr(at + 1).size() >= sizeof options.plan.from) return std::nullopt;
+    which.substr(at + 1).copy(options.plan.from, sizeof options.plan.from - 1);
+    which = which.substr(0, at);
+  }
+  if (const size_t slash = which.find('/'); slash != std::string_view::npos) {
+    options.step = std::max(1ul, std::strtoul(which.data() + slash + 1, nullptr, 10));
+    which = which.substr(0, slash);
+  }
+  options.which = which;
+  options.folder = words[2];
+  options.may_differ = words[3][0] == '~';
+  for (const std::string& group : split(words[3] + (options.may_differ ? 1 : 0), ','))
+    options.outputs.push_back(split(group, '+'));
+  options.words.insert(options.words.end(), words + 5, words + count);
+  return options;
+}
+
+/// Of all processes that make runs; each run takes the next number.
+struct Progress {
+  std::atomic<uint64_t> next;
+  std::atomic<uint64_t> most;  // that any run without a failure has calls
+  std::atomic<uint64_t> refused;
+  std::atomic<uint64_t> borne;
+  std::atomic<uint64_t> missed;
+  std::atomic<uint64_t> wrong;
+};
+
+template <class T>
+T& shared_memory() {
+  void* const memory = ::mmap(nullptr, sizeof(T), PROT_READ | PROT_WRITE, MAP_SHARED | MAP_ANONYMOUS, -1, 0);
+  if (memory == MAP_FAILED) std::abort();
+  return *new (memory) T();
+}
+
+/// Makes runs in a folder of its own, until all numbers are taken.
+class Worker {
  public:
-  Experiment(std::string folder, std::vector<std::vector<std::string>> outputs, std::vector<std::string> words)
-      : folder_(std::move(folder)), outputs_(std::move(outputs)), words_(std::move(words)) {}
-
-  Run run(const faults::Plan& plan) const {
-    for (const std::string& name : names_in(folder_))
-      if (is_part(name)) std::filesystem::remove(path(name));
-    for (const auto& group : outputs_)
-      for (const std::string& name : group) std::ofstream(path(name), std::ios::binary) << kEarlier;
-    std::fflush(nullptr);
-    const pid_t child = ::fork();
-    if (child == 0) run_child(plan);
-    if (child < 0) {
-      std::perror("scree_faults: fork");
-      std::exit(1);
-    }
-    int status = 0;
-    while (::waitpid(child, &status, 0) < 0 && errno == EINTR) {
-    }
-    Run run;
-    if (WIFEXITED(status)) run.code = WEXITSTATUS(status);
-    if (WIFSIGNALED(status)) run.signal = WTERMSIG(status);
-    run.errors = read_file(log());
-    std::filesystem::remove(log());
-    for (const auto& group : outputs_) {
-      run.outputs.emplace_back();
-      for (const std::string& name : group) run.outputs.back() += read_file(path(name));
-    }
-    run.names = names_in(folder_);
-    return run;
+  Worker(const Options& options, const std::vector<uint64_t>& sites, const faults::Expected& expected,
+         Progress& progress, const std::string& folder)
+      : options_(options),
+        sites_(sites),
+        expected_(expected),
+        progress_(progress),
+        experiment_(folder, options.outputs, options.words),
+        out_(::fdopen(::dup(STDOUT_FILENO), "w")) {
+    if (out_ == nullptr) std::abort();
   }
 
-  std::vector<std::string> earlier_outputs() const {
-    std::vector<std::string> all;
-    for (const auto& group : outputs_) {
-      all.emplace_back();
-      for (size_t i = 0; i < group.size(); ++i) all.back() += kEarlier;
+  /// In a process that has this for its only task.
+  void work() {
+    if (options_.one_process) experiment_.stay_here();
+    while (const std::optional<faults::Plan> plan = next_plan()) {
+      const faults::Run run = options_.one_process ? experiment_.run_here(*plan) : experiment_.run(*plan);
+      // What a run that went wrong left in this process is nothing to go on with.
+      if (!judge(run) && options_.one_process) return;
     }
-    return all;
   }
+
+  /// The run that the process ended in.
+  void judge_end(int status) { judge(experiment_.end_of(status)); }
 
  private:
-  std::string path(const std::string& name) const { return folder_ + "/" + name; }
-  std::string log() const { return path("stderr.txt"); }
-
-  [[noreturn]] void run_child(const faults::Plan& plan) const {
-    ::alarm(kHangSeconds);
-    const int errors = ::open(log().c_str(), O_WRONLY | O_CREAT | O_TRUNC, 0666);
-    const int nothing = ::open("/dev/null", O_WRONLY);
-    if (errors < 0 || nothing < 0 || ::dup2(errors, STDERR_FILENO) < 0 || ::dup2(nothing, STDOUT_FILENO) < 0)
-      ::_exit(99);
-    if (::chdir(folder_.c_str()) != 0) ::_exit(99);
-    std::vector<std::string> words = words_;
-    std::vector<char*> arguments;
-    for (std::string& word : words) arguments.push_back(word.data());
-    arguments.push_back(nullptr);
-    faults::arm(plan);
-    const int code = scree_main(static_cast<int>(words.size()), arguments.data());
-    faults::disarm();
-    std::exit(code);  // where ASan's build looks for leaks
+  std::optional<faults::Plan> next_plan() {
+    faults::Plan plan = options_.plan;
+    uint64_t number = progress_.next;
+    do {
+      if (number >= progress_.most) return std::nullopt;
+    } while (!progress_.next.compare_exchange_weak(number, number + options_.step));
+    if (options_.which == "sites") {
+      plan.site = sites_[number];
+    } else {
+      plan.number = number + 1;
+    }
+    return plan;
   }
 
-  std::string folder_;
-  std::vector<std::vector<std::string>> outputs_;
-  std::vector<std::string> words_;
+  bool judge(const faults::Run& run) {
+    const std::string failed = faults::failed_call();
+    const std::string fault = fault_of(run, expected_, failed);
+    if (failed.empty()) {
+      ++progress_.missed;
+      uint64_t most = progress_.most;
+      while (options_.which == "all" && fault.empty() && most < faults::call_count() &&
+             !progress_.most.compare_exchange_weak(most, faults::call_count())) {
+      }
+    } else {
+      ++(run.code == 0 ? progress_.borne : progress_.refused);
+    }
+    if (fault.empty()) return true;
+    if (++progress_.wrong <= kMostShown) {
+      std::fprintf(out_, "%s fails: %s %s: %s\n", failed.empty() ? "nothing" : failed.c_str(),
+                   options_.words[1].c_str(), fault.c_str(), run.errors.substr(0, run.errors.find("    #14")).c_str());
+      std::fflush(out_);
+    }
+    return false;
+  }
+
+  const Options& options_;
+  const std::vector<uint64_t>& sites_;
+  const faults::Expected& expected_;
+  Progress& progress_;
+  faults::Experiment experiment_;
+  std::FILE* out_;
 };
 
-/// What is wrong with a run in which a call failed; empty where nothing is.
-std::string fault_of(Run run, const Run& good, const std::vector<std::string>& earlier, int expected_code,
-                     bool may_differ, const std::string& failed) {
-  if (run.signal == SIGALRM) return "hangs";
-  if (run.signal != 0) return "ends by signal " + std::to_string(run.signal);
-  if (run.errors.find("Sanitizer") != std::string::npos) return "a sanitizer's report";
-  if (failed.starts_with("unlink,") && run.code != 0) std::erase_if(run.names, is_part);
-  if (run.names != good.names) {
-    std::string text = "other files are there:";
-    for (const std::string& name : run.names) text += " " + name;
-    return text;
+/// Has `jobs` processes at work, each in a folder of its own; where one ends before all is done another goes on.
+void run_all(const Options& options, const std::vector<uint64_t>& sites, const faults::Expected& expected,
+             Progress& progress) {
+  std::vector<pid_t> processes(options.jobs, -1);
+  const auto start = [&](size_t job) {
+    const std::string folder = options.jobs == 1 ? options.folder : options.folder + "." + std::to_string(job);
+    if (!std::filesystem::exists(folder))
+      std::filesystem::copy(options.folder, folder, std::filesystem::copy_options::recursive);
+    std::fflush(nullptr);
+    const pid_t watcher = ::fork();
+    if (watcher != 0) return watcher;
+    faults::prepare();
+    Worker worker(options, sites, expected, progress, folder);
+    const pid_t process = options.one_process ? ::fork() : 0;
+    if (process == 0) {
+      worker.work();
+      ::_exit(0);
+    }
+    int status = 0;
+    while (::waitpid(process, &status, 0) < 0 && errno == EINTR) {
+    }
+    if (status != 0) worker.judge_end(status);
+    if (process < 0 || faults::run_number() == 0) ::_exit(1);
+    ::_exit(0);
+  };
+  for (;;) {
+    bool any = false;
+    for (size_t job = 0; job < options.jobs; ++job) {
+      if (processes[job] < 0 && progress.next < progress.most) processes[job] = start(job);
+      any = any || processes[job] >= 0;
+    }
+    if (!any) break;
+    int status = 0;
+    const pid_t ended = ::wait(&status);
+    std::replace(processes.begin(), processes.end(), ended, -1);
+    if (status == 0) continue;
+    ++progress.wrong;
+    progress.next = progress.most.load();
+    std::printf("scree_faults: a process that makes runs did not begin or has ended\n");
   }
-  if (run.code == 0) {
-    for (size_t i = 0; i < earlier.size(); ++i)
-      if (run.outputs[i] != good.outputs[i] && (!may_differ || run.outputs[i] == earlier[i]))
-        return "returns 0, but wrote something else";
-    return "";
-  }
-  if (run.code != expected_code) return "returns " + std::to_string(run.code);
-  for (size_t i = 0; i < earlier.size(); ++i)
-    if (run.outputs[i] != earlier[i] && run.outputs[i] != good.outputs[i])
-      return "returns an error, but spoils an output";
-  if (std::count(run.errors.begin(), run.errors.end(), '\n') != 1 || !run.errors.starts_with("scree"))
-    return "says not one line";
-  return "";
+  if (options.jobs == 1) return;
+  for (size_t job = 0; job < options.jobs; ++job)
+    std::filesystem::remove_all(options.folder + "." + std::to_string(job));
 }
 
 }  // namespace
 
 int main(int argc, char** argv) {
-  const auto usage = [] {
+  const std::optional<Options> parsed = parse(argc, argv);
+  if (!parsed) {
     std::fprintf(
         stderr,
-        "scree_faults file|memory|device all[/N][@NAME]|sites[/N][@NAME]|call/N[@NAME] FOLDER OUTPUTS -- ARGUMENTS\n");
+        "scree_faults [-j N] [-p] [-s N] file|memory|device all[/N][@NAME]|sites[/N][@NAME]|call/N[@NAME] FOLDER "
+        "OUTPUTS -- ARGUMENTS\n");
     return 1;
-  };
-  if (argc < 7 || std::string_view(argv[5]) != "--") return usage();
-  const std::string_view kind = argv[1];
-  std::string_view which = argv[2];
-  faults::Plan plan;
-  if (kind == "memory") plan.kind = faults::Kind::kMemory;
-  if (kind == "device") plan.kind = faults::Kind::kDevice;
-  if (const size_t at = which.find('@'); at != std::string_view::npos) {
-    if (which.substr(at + 1).size() >= sizeof plan.from) return usage();
-    which.substr(at + 1).copy(plan.from, sizeof plan.from - 1);
-    which = which.substr(0, at);
   }
-  size_t step = 1;
-  if (const size_t slash = which.find('/'); slash != std::string_view::npos) {
-    step = std::max(1ul, std::strtoul(which.data() + slash + 1, nullptr, 10));
-    which = which.substr(0, slash);
-  }
-  const auto split = [](const std::string& list, char mark) {
-    std::vector<std::string> parts;
-    std::stringstream stream(list);
-    for (std::string part; std::getline(stream, part, mark);) parts.push_back(part);
-    return parts;
-  };
-  std::vector<std::vector<std::string>> outputs;
-  const bool may_differ = argv[4][0] == '~';
-  for (const std::string& group : split(argv[4] + (may_differ ? 1 : 0), ',')) outputs.push_back(split(group, '+'));
-  std::vector<std::string> words = {"scree"};
-  words.insert(words.end(), argv + 6, argv + argc);
-
+  const Options& options = *parsed;
+  const char* const command = options.words[1].c_str();
   faults::prepare();
-  const Experiment experiment(argv[3], outputs, words);
-  const Run good = experiment.run(plan);
-  const std::vector<std::string> earlier = experiment.earlier_outputs();
-  if (good.code != 0 || (!outputs.empty() && good.outputs == earlier)) {
-    std::fprintf(stderr, "scree_faults: returns %d where nothing fails: %s\n", good.code, good.errors.c_str());
-    return 1;
-  }
-  const uint64_t calls = faults::call_count();
-  const std::vector<uint64_t> sites = faults::sites();
-  const uint64_t count = which == "call" ? step : which == "all" ? calls : sites.size();
-  uint64_t refused = 0, borne = 0, missed = 0, wrong = 0;
-  for (uint64_t i = which == "call" ? step - 1 : 0; i < count; i += step) {
-    if (which == "sites") {
-      plan.site = sites[i];
-    } else {
-      plan.number = i + 1;
+  const faults::Experiment experiment(options.folder, options.outputs, options.words);
+  faults::Expected expected;
+  expected.code = options.plan.kind == faults::Kind::kDevice ? 4 : 2;
+  expected.may_differ = options.may_differ;
+  expected.earlier = experiment.earlier_outputs();
+  uint64_t calls = 0;
+  std::vector<uint64_t> sites;
+  for (size_t i = 0; i < options.surveys; ++i) {
+    const faults::Run run = experiment.run(options.plan);
+    if (i == 0) expected.good = run;
+    const std::string fault = fault_of(run, expected, "");
+    if (!fault.empty() || (!options.outputs.empty() && run.outputs == expected.earlier)) {
+      std::fprintf(stderr, "scree_faults: %s, where nothing fails: %s\n", fault.c_str(), run.errors.c_str());
+      return 1;
     }
-    const Run run = experiment.run(plan);
-    const std::string failed = faults::failed_call();
-    if (failed.empty()) {  // threads take turns as they like
-      ++missed;
-      continue;
-    }
-    const std::string fault =
-        fault_of(run, good, earlier, plan.kind == faults::Kind::kDevice ? 4 : 2, may_differ, failed);
-    (run.code == 0 ? borne : refused) += 1;
-    if (fault.empty()) continue;
-    ++wrong;
-    if (wrong <= 40)
-      std::printf("%s fails: %s %s: %s\n", failed.c_str(), words[1].c_str(), fault.c_str(),
-                  run.errors.substr(0, run.errors.find("    #14")).c_str());
+    calls = std::max(calls, faults::call_count());
+    for (const uint64_t site : faults::sites())
+      if (std::find(sites.begin(), sites.end(), site) == sites.end()) sites.push_back(site);
   }
+
+  Progress& progress = shared_memory<Progress>();
+  progress.next = options.which == "call" ? options.step - 1 : 0;
+  progress.most = options.which == "call" ? options.step : options.which == "all" ? calls : sites.size();
+  run_all(options, sites, expected, progress);
+  const auto count = [](const std::atomic<uint64_t>& value) { return static_cast<unsigned long long>(value); };
   std::printf("%s: %llu calls from %zu sites; %llu failed: %llu refused, %llu borne, %llu not met, %llu wrong\n",
-              words[1].c_str(), static_cast<unsigned long long>(calls), sites.size(),
-              static_cast<unsigned long long>(refused + borne), static_cast<unsigned long long>(refused),
-              static_cast<unsigned long long>(borne), static_cast<unsigned long long>(missed),
-              static_cast<unsigned long long>(wrong));
-  if (refused == 0) std::printf("%s: nothing was refused\n", words[1].c_str());
-  return wrong > 0 || refused == 0 ? 1 : 0;
+              command, static_cast<unsigned long long>(calls), sites.size(), count(progress.refused + progress.borne),
+              count(progress.refused), count(progress.borne), count(progress.missed), count(progress.wrong));
+  if (progress.refused == 0) std::printf("%s: nothing was refused\n", command);
+  return progress.wrong > 0 || progress.refused == 0 ? 1 : 0;
 }

@@ -1,102 +1,16 @@
 // Every command with every call failing once: files, memory, and the GPU (scree_faults does the work).
+#include <cstdint>
+#include <cstdlib>
+#include <filesystem>
 #include <string>
-#include <vector>
 
 #include "runtime/device_scene.h"
 #include "tests/catch.h"
-#include "tests/format/jpeg_maker.h"
-#include "tests/models.h"
-#include "tests/paths.h"
-#include "tests/tools/model_maker.h"
+#include "tests/faults/fault_inputs.h"
 #include "tests/tools/run_program.h"
-#include "tests/tools/temp_folder.h"
-#include "tools/convert/window.h"
 
 namespace scree::tests {
 namespace {
-
-/// A primitive that is sorted, as small as one can be: a strip of two windows, both of which use all of its few
-/// vertices, and between them triangles that only join.
-void write_scattered(const TempFolder& folder) {
-  constexpr uint32_t kVertices = 64, kWindow = convert::kWindowTriangles, kCorners = kWindow + kVertices;
-  std::vector<float> points, normals;
-  for (uint32_t i = 0; i < kVertices; ++i) {
-    const float along = 0.1f * static_cast<float>(i / 2);
-    points.insert(points.end(), {along, 0.2f * along * along, static_cast<float>(i % 2)});
-    normals.insert(normals.end(), {0, 1, 0});
-  }
-  std::vector<uint32_t> corners(kCorners);
-  for (uint32_t i = 0; i < kVertices; ++i) corners[i] = corners[kWindow + i] = i;
-  std::string bytes;
-  const auto add = [&](const auto& values) {
-    bytes.append(reinterpret_cast<const char*>(values.data()), 4 * values.size());
-  };
-  add(points);
-  add(normals);
-  add(corners);
-  folder.write("scattered.bin", bytes);
-  const std::string index_bytes = std::to_string(4 * kCorners);
-  folder.write("scattered.gltf", R"({"asset":{"version":"2.0"},"scene":0,"scenes":[{"nodes":[0]}],"nodes":[{"mesh":0}],
-"meshes":[{"primitives":[{"mode":5,"attributes":{"POSITION":0,"NORMAL":1},"indices":2}]}],
-"buffers":[{"uri":"scattered.bin","byteLength":)" +
-                                     std::to_string(bytes.size()) + R"(}],
-"bufferViews":[{"buffer":0,"byteLength":768},{"buffer":0,"byteOffset":768,"byteLength":768},
-{"buffer":0,"byteOffset":1536,"byteLength":)" +
-                                     index_bytes + R"(}],
-"accessors":[{"bufferView":0,"componentType":5126,"count":64,"type":"VEC3","min":[0,0,0],"max":[3.1,2,1]},
-{"bufferView":1,"componentType":5126,"count":64,"type":"VEC3"},
-{"bufferView":2,"componentType":5125,"type":"SCALAR","count":)" +
-                                     std::to_string(kCorners) + "}]}");
-}
-
-/// A scene of a .gltf, its .bin and its images, and what the program made of it: the inputs of all commands.
-class Inputs {
- public:
-  Inputs() {
-    JpegRecipe recipe;
-    recipe.width = recipe.height = 70;
-    recipe.factors = {{2, 2}, {1, 1}, {1, 1}};
-    recipe.quality = 30;
-    {
-      ModelMaker maker(folder_.file("in.gltf"));
-      GridSpec spec;
-      spec.uv = spec.color = spec.normal = true;
-      const uint32_t jpeg = maker.textured("jpeg", format::ImageCodec::kJpeg, make_jpeg(recipe));
-      const std::string png = read_whole(data_path("checker.png").string());
-      const uint32_t checker = maker.textured("png", format::ImageCodec::kPng, std::as_bytes(std::span(png)));
-      maker.node("a", maker.mesh("a", {maker.grid(spec, jpeg), maker.grid(spec, checker)}));
-      maker.node("b", maker.mesh("b", {maker.grid(GridSpec{})}), {1.5, 0, 0});
-      maker.finish();
-    }
-    write_scattered(folder_);
-    make("convert in.gltf -o in.scree --source-ids --normals --quiet --threads 1");
-    make("convert in.gltf -o packed.scree --encoding clustered --zstd 3 --quiet --threads 1");
-  }
-
-  /// Runs scree_faults; fails the test with what it says where something is wrong.
-  void check(const std::string& kind, const std::string& which, const std::string& outputs,
-             const std::string& command) {
-    const std::string log =
-        (std::filesystem::temp_directory_path() / (folder_.path().filename().string() + ".log")).string();
-    const std::string line = "\"" + std::string(tests::kFaultsProgram) + "\" " + kind + " " + which + " \"" +
-                             folder_.path().string() + "\" \"" + outputs + "\" -- " + command + " >\"" + log +
-                             "\" 2>&1";
-    const int status = std::system(line.c_str());
-    const std::string said = read_whole(log);
-    std::filesystem::remove(log);
-    INFO(command);
-    if (status != 0) FAIL_CHECK(said);
-    SUCCEED(said);
-  }
-
- private:
-  void make(const std::string& command) {
-    const std::string line = "cd \"" + folder_.path().string() + "\" && \"" + tests::kProgram + "\" " + command;
-    REQUIRE(std::system(line.c_str()) == 0);
-  }
-
-  TempFolder folder_;
-};
 
 struct Job {
   const char* outputs;
@@ -128,11 +42,37 @@ constexpr Job kDevice[] = {
     {"out.png", "render packed.scree -o out.png --size 640x480 --samples 2 --backend cuda --quiet --threads 2"},
 };
 
+// Frames from a pool that holds a third of the chunks, while a thread reads others.
+constexpr Job kStream[] = {
+    {"out.bin,out.png", "stream many.scree 3 1 out.bin out.png"},
+    {"out.bin,out.png", "stream many_packed.scree 3 2 out.bin out.png"},
+};
+
 template <size_t kCount>
-void check_all(const std::string& kind, const std::string& which, const Job (&jobs)[kCount]) {
-  Inputs inputs;
-  for (const Job& job : jobs) inputs.check(kind, which, job.outputs, job.command);
+void check_all(const std::string& kind, const std::string& which, const Job (&jobs)[kCount],
+               const std::string& options = "") {
+  FaultInputs inputs;
+  for (const Job& job : jobs) inputs.check(kind, which, job.outputs, job.command, options);
 }
+
+void check_stream(const std::string& kind, const std::string& which) {
+  FaultInputs inputs;
+  inputs.add_many();
+  for (const Job& job : kStream) inputs.check(kind, which, job.outputs, job.command, "-p -s 2");
+}
+
+bool has_gpu() {
+  const Result<void> device = runtime::find_device();
+  if (device) return true;
+  CHECK(device.error().code == ErrorCode::kDevice);
+  WARN("skipped: " << device.error().message);
+  return false;
+}
+
+// Beginning with a GPU takes longer than all the rest, so that processes make many runs each.
+constexpr const char* kOnGpu = "-p -j 4";
+// Which calls there are, and which is the n-th, depends on when loads are done.
+constexpr const char* kStreamedOnGpu = "-p -j 4 -s 4";
 
 TEST_CASE("faults: every call for a file fails once while converting", "[faults]") {
   check_all("file", "all", kConvert);
@@ -157,14 +97,50 @@ TEST_CASE("faults: every call fails once, also where that takes minutes", "[.][f
   check_all("memory", "all", kConvert);
   check_all("memory", "all", kSort);
   check_all("memory", "all", kReaders);
+  check_stream("file", "all");
+  check_stream("memory", "all");
+}
+TEST_CASE("faults: every call for a file fails once while frames are streamed", "[faults][stream]") {
+  check_stream("file", SCREE_FAULT_STREAM_CALLS);
+}
+TEST_CASE("faults: every place that takes memory fails once while frames are streamed", "[faults][stream]") {
+  check_stream("memory", SCREE_FAULT_SITES);
 }
 TEST_CASE("faults: every CUDA call fails once", "[cuda][faults]") {
-  if (const Result<void> device = runtime::find_device(); !device) {
-    CHECK(device.error().code == ErrorCode::kDevice);
-    WARN("skipped: " << device.error().message);
-    return;
+  if (has_gpu()) check_all("device", "all", kDevice, kOnGpu);
+}
+TEST_CASE("faults: every call fails once while a GPU streams frames", "[cuda][faults][stream]") {
+  if (!has_gpu()) return;
+  FaultInputs inputs;
+  inputs.add_many();
+  const std::string log = inputs.folder().file("log.txt");
+  for (const std::string file : {"many.scree", "many_packed.scree"}) {
+    const std::string path = inputs.folder().file(file);
+    // What is said of too little memory tells how much is least; a third of the chunks has room then.
+    const std::string refused =
+        run_program({"render", path, "--backend", "cuda", "--device-memory", "1", "-o", path + ".png"}, log).output;
+    const size_t at = refused.find("at least ");
+    REQUIRE(at != std::string::npos);
+    const uint64_t budget = std::strtoull(refused.c_str() + at + 9, nullptr, 10) + std::filesystem::file_size(path) / 3;
+    const std::string common =
+        " -o out.png --visbuffer out.bin --size 160x120 --eye 0,0,2 --target 0,0,0 --frames 2 "
+        "--backend cuda --quiet --threads 2 --device-memory " +
+        std::to_string(budget);
+    // From the page cache, and in part from pinned memory.
+    for (const std::string host : {"0", "8KiB"}) {
+      const std::string command = "render " + file + common + " --host-memory " + host;
+      const ProgramRun streamed =
+          run_program({"render", path, "-o", path + ".png", "--size", "160x120", "--eye", "0,0,2", "--target", "0,0,0",
+                       "--backend", "cuda", "--device-memory", std::to_string(budget), "--stats"},
+                      log);
+      CAPTURE(streamed.output);
+      REQUIRE(streamed.output.find(" batches") != std::string::npos);
+      inputs.check("device", "all", "out.png,out.bin", command, kStreamedOnGpu);
+      if (host != "0") continue;
+      inputs.check("file", "all", "out.png,out.bin", command, kStreamedOnGpu);
+      inputs.check("memory", "sites", "out.png,out.bin", command, kStreamedOnGpu);
+    }
   }
-  check_all("device", "all", kDevice);
 }
 
 }  // namespace

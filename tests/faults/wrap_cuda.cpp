@@ -7,12 +7,13 @@
 #include "tests/faults/faults.h"
 
 using scree::faults::fails;
+using scree::faults::Foreign;
 using scree::faults::Kind;
 
 namespace {
 
-// A launch that failed says so in the next cudaGetLastError().
-std::atomic<bool> has_failed_launch{false};
+// A launch that failed says so in the next cudaGetLastError() of its run.
+std::atomic<uint64_t> launch_failed_in{0};
 
 bool fails_here(const char* what, const void* site) {
   return fails(Kind::kDevice, what, site);
@@ -27,11 +28,30 @@ extern "C" {
   cudaError_t __real_##name parameters;                               \
   cudaError_t __wrap_##name parameters {                              \
     if (fails_here(#name, __builtin_return_address(0))) return error; \
+    const Foreign foreign;                                            \
     return __real_##name arguments;                                   \
   }
 
-SCREE_WRAP(cudaMalloc, cudaErrorMemoryAllocation, (void** out, size_t bytes), (out, bytes))
-SCREE_WRAP(cudaMallocHost, cudaErrorMemoryAllocation, (void** out, size_t bytes), (out, bytes))
+/// A call that makes something which is to be given back.
+#define SCREE_WRAP_MAKE(name, error, parameters, arguments, out)              \
+  cudaError_t __real_##name parameters;                                       \
+  cudaError_t __wrap_##name parameters {                                      \
+    if (fails_here(#name, __builtin_return_address(0))) return error;         \
+    const Foreign foreign;                                                    \
+    const cudaError_t made = __real_##name arguments;                         \
+    if (made == cudaSuccess && *(out) != nullptr) scree::faults::add_live(1); \
+    return made;                                                              \
+  }
+
+SCREE_WRAP_MAKE(cudaMalloc, cudaErrorMemoryAllocation, (void** out, size_t bytes), (out, bytes), out)
+SCREE_WRAP_MAKE(cudaMallocHost, cudaErrorMemoryAllocation, (void** out, size_t bytes), (out, bytes), out)
+SCREE_WRAP_MAKE(cudaEventCreate, cudaErrorUnknown, (cudaEvent_t * event), (event), event)
+SCREE_WRAP_MAKE(cudaEventCreateWithFlags, cudaErrorUnknown, (cudaEvent_t * event, unsigned flags), (event, flags),
+                event)
+SCREE_WRAP_MAKE(cudaStreamCreate, cudaErrorUnknown, (cudaStream_t * stream), (stream), stream)
+SCREE_WRAP_MAKE(cudaStreamCreateWithFlags, cudaErrorUnknown, (cudaStream_t * stream, unsigned flags), (stream, flags),
+                stream)
+#undef SCREE_WRAP_MAKE
 SCREE_WRAP(cudaMemcpy, cudaErrorUnknown, (void* to, const void* from, size_t bytes, cudaMemcpyKind kind),
            (to, from, bytes, kind))
 SCREE_WRAP(cudaMemcpyAsync, cudaErrorUnknown,
@@ -55,14 +75,10 @@ SCREE_WRAP(cudaDeviceGetAttribute, cudaErrorUnknown, (int* value, cudaDeviceAttr
            (value, attribute, device))
 SCREE_WRAP(cudaDeviceSynchronize, cudaErrorUnknown, (), ())
 SCREE_WRAP(cudaDriverGetVersion, cudaErrorUnknown, (int* version), (version))
-SCREE_WRAP(cudaEventCreate, cudaErrorUnknown, (cudaEvent_t * event), (event))
-SCREE_WRAP(cudaEventCreateWithFlags, cudaErrorUnknown, (cudaEvent_t * event, unsigned flags), (event, flags))
 SCREE_WRAP(cudaEventQuery, cudaErrorUnknown, (cudaEvent_t event), (event))
 SCREE_WRAP(cudaEventRecord, cudaErrorUnknown, (cudaEvent_t event, cudaStream_t stream), (event, stream))
 SCREE_WRAP(cudaEventSynchronize, cudaErrorUnknown, (cudaEvent_t event), (event))
 SCREE_WRAP(cudaEventElapsedTime, cudaErrorUnknown, (float* ms, cudaEvent_t begin, cudaEvent_t end), (ms, begin, end))
-SCREE_WRAP(cudaStreamCreate, cudaErrorUnknown, (cudaStream_t * stream), (stream))
-SCREE_WRAP(cudaStreamCreateWithFlags, cudaErrorUnknown, (cudaStream_t * stream, unsigned flags), (stream, flags))
 SCREE_WRAP(cudaStreamSynchronize, cudaErrorUnknown, (cudaStream_t stream), (stream))
 SCREE_WRAP(cudaStreamWaitEvent, cudaErrorUnknown, (cudaStream_t stream, cudaEvent_t event, unsigned flags),
            (stream, event, flags))
@@ -74,17 +90,20 @@ SCREE_WRAP(cudaOccupancyMaxActiveBlocksPerMultiprocessorWithFlags, cudaErrorUnkn
 #undef SCREE_WRAP
 
 /// Calls that give something back do it all the same: what they say is of no use to anybody then.
-#define SCREE_WRAP_RELEASE(name, parameters, arguments)                              \
-  cudaError_t __real_##name parameters;                                              \
-  cudaError_t __wrap_##name parameters {                                             \
-    const cudaError_t done = __real_##name arguments;                                \
-    return fails_here(#name, __builtin_return_address(0)) ? cudaErrorUnknown : done; \
+#define SCREE_WRAP_RELEASE(name, type, object)                             \
+  cudaError_t __real_##name(type object);                                  \
+  cudaError_t __wrap_##name(type object) {                                 \
+    if (object != nullptr) scree::faults::add_live(-1);                    \
+    const bool is_failed = fails_here(#name, __builtin_return_address(0)); \
+    const Foreign foreign;                                                 \
+    const cudaError_t done = __real_##name(object);                        \
+    return is_failed ? cudaErrorUnknown : done;                            \
   }
 
-SCREE_WRAP_RELEASE(cudaFree, (void* block), (block))
-SCREE_WRAP_RELEASE(cudaFreeHost, (void* block), (block))
-SCREE_WRAP_RELEASE(cudaEventDestroy, (cudaEvent_t event), (event))
-SCREE_WRAP_RELEASE(cudaStreamDestroy, (cudaStream_t stream), (stream))
+SCREE_WRAP_RELEASE(cudaFree, void*, block)
+SCREE_WRAP_RELEASE(cudaFreeHost, void*, block)
+SCREE_WRAP_RELEASE(cudaEventDestroy, cudaEvent_t, event)
+SCREE_WRAP_RELEASE(cudaStreamDestroy, cudaStream_t, stream)
 #undef SCREE_WRAP_RELEASE
 
 /// What <<<>>> calls: CUDA 12 the first, CUDA 13 the second, whose kernel is a handle.
@@ -93,10 +112,12 @@ SCREE_WRAP_RELEASE(cudaStreamDestroy, (cudaStream_t stream), (stream))
                             cudaStream_t stream);                                                       \
   cudaError_t __wrap_##name(const void* kernel, dim3 grid, dim3 block, void** arguments, size_t shared, \
                             cudaStream_t stream) {                                                      \
-    if (!fails_here(#name, __builtin_return_address(0)))                                                \
-      return __real_##name(kernel, grid, block, arguments, shared, stream);                             \
-    has_failed_launch = true;                                                                           \
-    return cudaErrorLaunchFailure;                                                                      \
+    if (fails_here(#name, __builtin_return_address(0))) {                                               \
+      launch_failed_in = scree::faults::run_number();                                                   \
+      return cudaErrorLaunchFailure;                                                                    \
+    }                                                                                                   \
+    const Foreign foreign;                                                                              \
+    return __real_##name(kernel, grid, block, arguments, shared, stream);                               \
   }
 
 SCREE_WRAP_LAUNCH(cudaLaunchKernel)
@@ -105,10 +126,28 @@ SCREE_WRAP_LAUNCH(__cudaLaunchKernel)
 #endif
 #undef SCREE_WRAP_LAUNCH
 
+/// What else stands behind <<<>>>. A kernel's handle is asked for once in a process, so that failing would stay.
+#define SCREE_WRAP_FOREIGN(type, name, parameters, arguments) \
+  type __real_##name parameters;                              \
+  type __wrap_##name parameters {                             \
+    const Foreign foreign;                                    \
+    return __real_##name arguments;                           \
+  }
+
+SCREE_WRAP_FOREIGN(unsigned, __cudaPushCallConfiguration, (dim3 grid, dim3 block, size_t shared, cudaStream_t stream),
+                   (grid, block, shared, stream))
+SCREE_WRAP_FOREIGN(cudaError_t, __cudaPopCallConfiguration, (dim3 * grid, dim3* block, size_t* shared, void* stream),
+                   (grid, block, shared, stream))
+#if CUDART_VERSION >= 13000
+SCREE_WRAP_FOREIGN(cudaError_t, __cudaGetKernel, (cudaKernel_t * out, const void* kernel), (out, kernel))
+#endif
+#undef SCREE_WRAP_FOREIGN
+
 cudaError_t __real_cudaGetLastError();
 cudaError_t __wrap_cudaGetLastError() {
   const cudaError_t error = __real_cudaGetLastError();
-  return has_failed_launch.exchange(false) ? cudaErrorLaunchFailure : error;
+  const uint64_t run = launch_failed_in.exchange(0);
+  return run != 0 && run == scree::faults::run_number() ? cudaErrorLaunchFailure : error;
 }
 
 }  // extern "C"

@@ -1,0 +1,123 @@
+#include "tests/faults/fault_inputs.h"
+
+#include <array>
+#include <cstdint>
+#include <cstdlib>
+#include <filesystem>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "tests/catch.h"
+#include "tests/format/jpeg_maker.h"
+#include "tests/models.h"
+#include "tests/paths.h"
+#include "tests/tools/model_maker.h"
+#include "tools/convert/window.h"
+
+namespace scree::tests {
+namespace {
+
+/// A primitive that is sorted, as small as one can be: a strip of two windows, both of which use all of its few
+/// vertices, and between them triangles that only join.
+void write_scattered(const TempFolder& folder) {
+  constexpr uint32_t kVertices = 64, kWindow = convert::kWindowTriangles, kCorners = kWindow + kVertices;
+  std::vector<float> points, normals;
+  for (uint32_t i = 0; i < kVertices; ++i) {
+    const float along = 0.1f * static_cast<float>(i / 2);
+    points.insert(points.end(), {along, 0.2f * along * along, static_cast<float>(i % 2)});
+    normals.insert(normals.end(), {0, 1, 0});
+  }
+  std::vector<uint32_t> corners(kCorners);
+  for (uint32_t i = 0; i < kVertices; ++i) corners[i] = corners[kWindow + i] = i;
+  std::string bytes;
+  const auto add = [&](const auto& values) {
+    bytes.append(reinterpret_cast<const char*>(values.data()), 4 * values.size());
+  };
+  add(points);
+  add(normals);
+  add(corners);
+  folder.write("scattered.bin", bytes);
+  const std::string index_bytes = std::to_string(4 * kCorners);
+  folder.write("scattered.gltf", R"({"asset":{"version":"2.0"},"scene":0,"scenes":[{"nodes":[0]}],"nodes":[{"mesh":0}],
+"meshes":[{"primitives":[{"mode":5,"attributes":{"POSITION":0,"NORMAL":1},"indices":2}]}],
+"buffers":[{"uri":"scattered.bin","byteLength":)" +
+                                     std::to_string(bytes.size()) + R"(}],
+"bufferViews":[{"buffer":0,"byteLength":768},{"buffer":0,"byteOffset":768,"byteLength":768},
+{"buffer":0,"byteOffset":1536,"byteLength":)" +
+                                     index_bytes + R"(}],
+"accessors":[{"bufferView":0,"componentType":5126,"count":64,"type":"VEC3","min":[0,0,0],"max":[3.1,2,1]},
+{"bufferView":1,"componentType":5126,"count":64,"type":"VEC3"},
+{"bufferView":2,"componentType":5125,"type":"SCALAR","count":)" +
+                                     std::to_string(kCorners) + "}]}");
+}
+
+/// Grids before and beside each other round the origin, which hide some of each other.
+void write_many(const TempFolder& folder) {
+  JpegRecipe recipe;
+  recipe.width = recipe.height = 40;
+  recipe.factors = {{1, 1}, {1, 1}, {1, 1}};
+  ModelMaker maker(folder.file("many.gltf"));
+  const uint32_t jpeg = maker.textured("many", format::ImageCodec::kJpeg, make_jpeg(recipe));
+  for (uint32_t i = 0; i < 6; ++i) {
+    GridSpec spec;
+    spec.columns = spec.rows = 4 + i;
+    spec.uv = spec.normal = i % 2 == 0;
+    spec.flat = i == 3;
+    const uint32_t mesh = maker.mesh("grid", {spec.uv ? maker.grid(spec, jpeg) : maker.grid(spec)});
+    maker.node("a", mesh, {-1.0 + 0.3 * i, -0.5, -0.4 * i});
+    if (i == 1) maker.node("b", mesh, {-0.5, -0.5, -3});
+  }
+  maker.finish();
+}
+
+}  // namespace
+
+FaultInputs::FaultInputs() {
+  JpegRecipe recipe;
+  recipe.width = recipe.height = 70;
+  recipe.factors = {{2, 2}, {1, 1}, {1, 1}};
+  recipe.quality = 30;
+  {
+    ModelMaker maker(folder_.file("in.gltf"));
+    GridSpec spec;
+    spec.uv = spec.color = spec.normal = true;
+    const uint32_t jpeg = maker.textured("jpeg", format::ImageCodec::kJpeg, make_jpeg(recipe));
+    const std::string png = read_whole(data_path("checker.png").string());
+    const uint32_t checker = maker.textured("png", format::ImageCodec::kPng, std::as_bytes(std::span(png)));
+    maker.node("a", maker.mesh("a", {maker.grid(spec, jpeg), maker.grid(spec, checker)}));
+    maker.node("b", maker.mesh("b", {maker.grid(GridSpec{})}), {1.5, 0, 0});
+    maker.finish();
+  }
+  write_scattered(folder_);
+  make("convert in.gltf -o in.scree --source-ids --normals --quiet --threads 1");
+  make("convert in.gltf -o packed.scree --encoding clustered --zstd 3 --quiet --threads 1");
+}
+
+void FaultInputs::add_many() {
+  write_many(folder_);
+  make("convert many.gltf -o many.scree --chunk-triangles 20 --quiet --threads 1");
+  make("convert many.gltf -o many_packed.scree --chunk-triangles 32 --encoding clustered --zstd 1 --quiet --threads 1");
+}
+
+void FaultInputs::check(const std::string& kind, const std::string& which, const std::string& outputs,
+                        const std::string& command, const std::string& options) {
+  const std::string log =
+      (std::filesystem::temp_directory_path() / (folder_.path().filename().string() + ".log")).string();
+  const std::string line = "\"" + std::string(tests::kFaultsProgram) + "\" " + options + " " + kind + " " + which +
+                           " \"" + folder_.path().string() + "\" \"" + outputs + "\" -- " + command + " >\"" + log +
+                           "\" 2>&1";
+  const int status = std::system(line.c_str());
+  const std::string said = read_whole(log);
+  std::filesystem::remove(log);
+  INFO(command);
+  if (status != 0) FAIL_CHECK(said);
+  SUCCEED(said);
+}
+
+void FaultInputs::make(const std::string& command) {
+  const std::string line = "cd \"" + folder_.path().string() + "\" && \"" + tests::kProgram + "\" " + command;
+  REQUIRE(std::system(line.c_str()) == 0);
+}
+
+}  // namespace scree::tests
