@@ -14,7 +14,7 @@
 #include <iterator>
 #include <utility>
 
-#include "tests/faults/stream_command.h"
+#include "tests/faults/own_commands.h"
 
 int scree_main(int argc, char** argv);  // tools/main.cpp
 
@@ -136,8 +136,8 @@ int Experiment::call(const Plan& plan) const {
   arguments.push_back(nullptr);
   ::alarm(kHangSeconds);
   arm(plan);
-  const auto command = words[1] == "stream" ? stream_main : scree_main;
-  const int code = command(static_cast<int>(words.size()), arguments.data());
+  const Main own = own_command(arguments[1]);
+  const int code = (own != nullptr ? own : scree_main)(static_cast<int>(words.size()), arguments.data());
   disarm();
   return code;
 }

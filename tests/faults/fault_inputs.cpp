@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <cstdlib>
 #include <filesystem>
+#include <random>
 #include <span>
 #include <string>
 #include <vector>
@@ -52,6 +53,19 @@ void write_scattered(const TempFolder& folder) {
                                      std::to_string(kCorners) + "}]}");
 }
 
+/// Vertices, and triangles between three of them, in no order: more than a block of a bucket holds.
+void write_shuffled(const TempFolder& folder) {
+  constexpr uint32_t kVertices = 3000, kTriangles = 5000;
+  std::mt19937 random(7);
+  std::vector<float> points(3 * kVertices);
+  for (float& value : points) value = static_cast<float>(random() % 10000) * 0.01f;
+  std::vector<uint32_t> corners(3 * kTriangles);
+  for (uint32_t& corner : corners) corner = static_cast<uint32_t>(random() % kVertices);
+  ModelMaker maker(folder.file("shuffled.gltf"));
+  maker.node("shuffled", maker.mesh("shuffled", {maker.primitive(points, corners)}));
+  maker.finish();
+}
+
 /// Grids before and beside each other round the origin, which hide some of each other.
 void write_many(const TempFolder& folder) {
   JpegRecipe recipe;
@@ -90,6 +104,7 @@ FaultInputs::FaultInputs() {
     maker.finish();
   }
   write_scattered(folder_);
+  write_shuffled(folder_);
   make("convert in.gltf -o in.scree --source-ids --normals --quiet --threads 1");
   make("convert in.gltf -o packed.scree --encoding clustered --zstd 3 --quiet --threads 1");
 }

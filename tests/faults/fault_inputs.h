@@ -7,7 +7,7 @@
 
 namespace scree::tests {
 
-/// A scene of a .gltf, its .bin and its images, one that is sorted, and what the program made of the first: the inputs
+/// A scene of a .gltf, its .bin and its images, two that are sorted, and what the program made of the first: the inputs
 /// of all commands.
 class FaultInputs {
  public:

@@ -24,6 +24,8 @@ constexpr Job kConvert[] = {
 };
 // Of which only what comes once the file to sort through is made: unlink takes its name away.
 constexpr Job kSort[] = {{"out.scree", "convert scattered.gltf -o out.scree --normals --quiet --threads 1"}};
+// Triangles are read thrice, since so many vertices' new numbers fit into memory; buckets are written as they fill.
+constexpr Job kSortInPasses[] = {{"out", "sort shuffled.gltf 1000 1 out"}, {"out", "sort shuffled.gltf 1000 2 out"}};
 constexpr Job kReaders[] = {
     {"", "inspect packed.scree --verify --threads 2"},
     {"", "inspect in.scree --json"},
@@ -83,6 +85,12 @@ TEST_CASE("faults: every call for a file fails once while sorting", "[faults]") 
 TEST_CASE("faults: every place that takes memory fails once while sorting", "[faults]") {
   check_all("memory", SCREE_FAULT_SITES "@unlink", kSort);
 }
+TEST_CASE("faults: every call for a file fails once while sorting in passes", "[faults]") {
+  check_all("file", "all@unlink", kSortInPasses);
+}
+TEST_CASE("faults: every place that takes memory fails once while sorting in passes", "[faults]") {
+  check_all("memory", SCREE_FAULT_SITES "@unlink", kSortInPasses);
+}
 TEST_CASE("faults: every call for a file fails once while reading", "[faults]") {
   check_all("file", "all", kReaders);
 }
@@ -96,6 +104,7 @@ TEST_CASE("faults: every call fails once, also where that takes minutes", "[.][f
   check_all("file", "all", kSort);
   check_all("memory", "all", kConvert);
   check_all("memory", "all", kSort);
+  check_all("memory", "all@unlink", kSortInPasses);
   check_all("memory", "all", kReaders);
   check_stream("file", "all");
   check_stream("memory", "all");

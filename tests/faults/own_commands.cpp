@@ -1,0 +1,125 @@
+#include "tests/faults/own_commands.h"
+
+#include <algorithm>
+#include <cstdio>
+#include <cstdlib>
+#include <exception>
+#include <memory>
+#include <new>
+#include <numeric>
+#include <span>
+#include <string>
+#include <string_view>
+#include <utility>
+#include <vector>
+
+#include "format/part_file.h"
+#include "format/result.h"
+#include "runtime/camera.h"
+#include "runtime/chunk_source.h"
+#include "runtime/image.h"
+#include "runtime/residency.h"
+#include "runtime/scene.h"
+#include "runtime/stream_cpu.h"
+#include "tools/convert/gltf_source.h"
+#include "tools/convert/sort_primitive.h"
+
+namespace scree::faults {
+namespace {
+
+constexpr uint32_t kWidth = 64, kHeight = 48;
+
+Result<void> stream(const std::string& path, uint64_t part, uint32_t threads, const std::string& samples_path,
+                    const std::string& picture_path) {
+  const Result<runtime::Scene> scene = runtime::Scene::open(path, {.threads = threads, .pages = false});
+  if (!scene) return scene.error();
+  const std::vector<uint64_t> bytes = runtime::ChunkSource(*scene).chunk_bytes();
+  const uint64_t all = std::accumulate(bytes.begin(), bytes.end(), uint64_t{0});
+  const uint64_t largest = bytes.empty() ? 0 : *std::max_element(bytes.begin(), bytes.end());
+  const auto stream =
+      runtime::CpuStream::create(*scene, all / part + largest + runtime::Residency::kAlignment, threads);
+  if (!stream) return stream.error();
+  // All of it, and then what is near, and back: chunks give way and come again.
+  const kernels::ShadeOptions shade;
+  for (const double distance : {4.0, 0.5, 4.0}) {
+    runtime::CameraOptions camera;
+    camera.width = kWidth;
+    camera.height = kHeight;
+    camera.eye = runtime::Vec3{0, 0, distance};
+    camera.target = runtime::Vec3{0, 0, 0};
+    const Result<kernels::View> view =
+        runtime::make_view(scene->container(), scene->scene_index(), scene->view(), camera);
+    if (!view) return view.error();
+    if (const Result<runtime::StreamStats> drawn = (*stream)->draw_frame(*view, &shade); !drawn) return drawn.error();
+  }
+  const Result<runtime::Picture> picture = (*stream)->picture(1);
+  if (!picture) return picture.error();
+  if (Result<void> written = runtime::write_visibility(samples_path, (*stream)->samples()); !written) return written;
+  return runtime::write_png(picture_path, picture->width, picture->height, picture->channels, picture->pixels);
+}
+
+Result<void> sort(const std::string& path, uint64_t map_vertices, uint32_t threads, const std::string& output) {
+  Result<convert::SourceScene> scene = convert::import_gltf(path, {});
+  if (!scene) return scene.error();
+  const convert::Primitive& primitive = scene->primitives.front();
+  Result<format::PartFile> made = format::PartFile::create(output + ".sorted");
+  if (!made) return made.error();
+  if (Result<void> hidden = made->hide(); !hidden) return hidden;
+  const auto file = std::make_shared<const format::PartFile>(std::move(*made));
+  const Result<convert::Primitive> copy = convert::sort_primitive(
+      primitive, {0, 0, primitive.vertex_count()}, true, {threads, map_vertices}, file, 0, nullptr, [](uint64_t) {});
+  if (!copy) return at(path, copy.error());
+  // All of the temporary file but its buckets is the copy.
+  const Result<uint64_t> size = file->size();
+  if (!size) return size.error();
+  std::vector<std::byte> bytes(*size);
+  if (Result<void> read = file->read_at(0, bytes); !read) return read;
+  Result<format::PartFile> out = format::PartFile::create(output);
+  if (!out) return out.error();
+  if (Result<void> written = out->write_at(0, bytes); !written) return written;
+  return out->commit();
+}
+
+/// What tools/main.cpp does round a command.
+template <class Command>
+int report(const char* name, const Command& command) {
+  try {
+    const Result<void> done = command();
+    if (done) return 0;
+    std::fprintf(stderr, "scree %s: %s\n", name, done.error().message.c_str());
+    return exit_code(done.error().code);
+  } catch (const std::bad_alloc&) {
+    std::fprintf(stderr, "scree: out of memory\n");
+    return exit_code(ErrorCode::kMemory);
+  } catch (const std::exception& error) {
+    std::fprintf(stderr, "scree: unexpected: %s\n", error.what());
+    return exit_code(ErrorCode::kFile);
+  }
+}
+
+uint64_t number(const char* word) {
+  return std::strtoull(word, nullptr, 10);
+}
+
+int stream_main(int argc, char** argv) {
+  if (argc != 7) return exit_code(ErrorCode::kUsage);
+  return report("stream", [&] {
+    return stream(argv[2], number(argv[3]), static_cast<uint32_t>(number(argv[4])), argv[5], argv[6]);
+  });
+}
+
+int sort_main(int argc, char** argv) {
+  if (argc != 6) return exit_code(ErrorCode::kUsage);
+  return report("sort",
+                [&] { return sort(argv[2], number(argv[3]), static_cast<uint32_t>(number(argv[4])), argv[5]); });
+}
+
+}  // namespace
+
+Main own_command(const char* name) {
+  if (std::string_view(name) == "stream") return stream_main;
+  if (std::string_view(name) == "sort") return sort_main;
+  return nullptr;
+}
+
+}  // namespace scree::faults
