@@ -1,6 +1,7 @@
 // Converting, and comparing with the source, in the tests of convert().
 #pragma once
 
+#include <cstdint>
 #include <filesystem>
 #include <string>
 #include <utility>
@@ -25,6 +26,26 @@ inline convert::ConvertReport must_convert(const convert::ConvertOptions& option
   const Result<convert::ConvertReport> report = convert::convert(options);
   if (!report) FAIL(report.error().message);
   return *report;
+}
+
+/// Converts with options.memory = `memory`, or the least that is enough where that is not: what is refused says it. The
+/// test program's own memory counts too, with what sanitizers keep of it (256 MiB of what earlier tests gave back), and
+/// may have grown when that much is tried.
+inline convert::ConvertReport must_convert_within(convert::ConvertOptions& options, uint64_t memory) {
+  for (int attempt = 0;; ++attempt) {
+    options.memory = memory;
+    const Result<convert::ConvertReport> made = convert::convert(options);
+    if (made) return *made;
+    INFO(made.error().message);
+    REQUIRE(attempt < 10);
+    CHECK(made.error().code == ErrorCode::kUsage);
+    const std::string words = " needs at least ";
+    const size_t at = made.error().message.find(words);
+    REQUIRE(at != std::string::npos);
+    const uint64_t least = std::stoull(made.error().message.substr(at + words.size())) << 20;
+    REQUIRE(least > memory);
+    memory = least;
+  }
 }
 
 /// Converts and compares with the source.

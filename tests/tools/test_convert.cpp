@@ -23,6 +23,7 @@ using tests::GridSpec;
 using tests::make_grids;
 using tests::ModelMaker;
 using tests::must_convert;
+using tests::must_convert_within;
 using tests::must_fail;
 using tests::must_match;
 using tests::must_open;
@@ -163,29 +164,11 @@ TEST_CASE("neither the number of threads nor the memory shows in the bytes", "[c
     must_convert(options);
     CHECK((tests::read_whole(options.output) == one));
   }
-  // What is refused says what is enough. The test program's own memory counts too, and its sanitizers', which may have
-  // grown when that much is tried.
-  const auto converted_in = [&](uint64_t memory) -> Result<convert::ConvertReport> {
-    for (int attempt = 0;; ++attempt) {
-      options.memory = memory;
-      Result<convert::ConvertReport> made = convert::convert(options);
-      if (made || attempt == 10) return made;
-      CHECK(made.error().code == ErrorCode::kUsage);
-      const std::string words = "in.glb needs at least ";
-      const size_t at = made.error().message.find(words);
-      INFO(made.error().message);
-      REQUIRE(at != std::string::npos);
-      const uint64_t least = std::stoull(made.error().message.substr(at + words.size())) << 20;
-      REQUIRE(least > memory);
-      memory = least;
-    }
-  };
   for (const bool is_least : {true, false}) {
-    const Result<convert::ConvertReport> bounded = converted_in(is_least ? 1 : 2 * options.memory);
-    REQUIRE(bounded);
+    const convert::ConvertReport bounded = must_convert_within(options, is_least ? 1 : 2 * options.memory);
     CHECK(options.memory > 1);  // it was refused
-    CHECK(bounded->threads >= 1);
-    CHECK(bounded->threads_asked == 9);
+    CHECK(bounded.threads >= 1);
+    CHECK(bounded.threads_asked == 9);
     CHECK((tests::read_whole(options.output) == one));
   }
 }
