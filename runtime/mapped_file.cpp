@@ -51,7 +51,8 @@ int advice_of(Access access) {
 }
 
 uint64_t page_bytes() {
-  return static_cast<uint64_t>(::sysconf(_SC_PAGESIZE));
+  static const long said = ::sysconf(_SC_PAGESIZE);
+  return said > 0 ? static_cast<uint64_t>(said) : 4096;
 }
 
 }  // namespace

@@ -12,6 +12,7 @@
 #include <cstdio>
 #include <cstdlib>
 #include <filesystem>
+#include <fstream>
 #include <new>
 #include <system_error>
 
@@ -139,6 +140,13 @@ void* __wrap_mmap(void* at, size_t size, int protection, int flags, int file, of
   return __real_mmap(at, size, protection, flags, file, offset);
 }
 
+int __real_munmap(void* at, size_t size);
+int __wrap_munmap(void* at, size_t size) {
+  const int done = __real_munmap(at, size);  // as close()
+  if (fails(Kind::kFile, "munmap", SCREE_SITE)) return errno = ENOMEM, -1;
+  return done;
+}
+
 int __real_madvise(void* at, size_t size, int advice);
 int __wrap_madvise(void* at, size_t size, int advice) {
   if (fails(Kind::kFile, "madvise", SCREE_SITE)) return errno = EAGAIN, -1;
@@ -167,6 +175,30 @@ int __real_fflush(FILE* file);
 int __wrap_fflush(FILE* file) {
   if (fails(Kind::kFile, "fflush", SCREE_SITE)) return errno = ENOSPC, EOF;
   return __real_fflush(file);
+}
+
+long __real_sysconf(int name);
+long __wrap_sysconf(int name) {
+  if (fails(Kind::kFile, "sysconf", SCREE_SITE)) return errno = EINVAL, -1;
+  return __real_sysconf(name);
+}
+
+/// std::thread::hardware_concurrency(): 0 where nobody can say.
+unsigned __real__ZNSt6thread20hardware_concurrencyEv();
+unsigned __wrap__ZNSt6thread20hardware_concurrencyEv() {
+  if (fails(Kind::kFile, "hardware_concurrency", SCREE_SITE)) return 0;
+  return __real__ZNSt6thread20hardware_concurrencyEv();
+}
+
+/// What the constructors of file streams call, by its name in libstdc++.
+std::filebuf* __real__ZNSt13basic_filebufIcSt11char_traitsIcEE4openEPKcSt13_Ios_Openmode(std::filebuf* buffer,
+                                                                                         const char* path,
+                                                                                         std::ios_base::openmode mode);
+std::filebuf* __wrap__ZNSt13basic_filebufIcSt11char_traitsIcEE4openEPKcSt13_Ios_Openmode(std::filebuf* buffer,
+                                                                                         const char* path,
+                                                                                         std::ios_base::openmode mode) {
+  if (fails(Kind::kFile, "filebuf::open", SCREE_SITE)) return nullptr;
+  return __real__ZNSt13basic_filebufIcSt11char_traitsIcEE4openEPKcSt13_Ios_Openmode(buffer, path, mode);
 }
 
 void* __real_malloc(size_t size);
