@@ -5,6 +5,8 @@
 #include <condition_variable>
 #include <exception>
 #include <mutex>
+#include <new>
+#include <system_error>
 #include <thread>
 #include <vector>
 
@@ -44,8 +46,12 @@ WorkerPool::WorkerPool(uint32_t threads, const std::atomic<bool>* stop) : impl_(
   for (uint32_t worker = 0; worker < std::max(threads, 1u); ++worker) {
     try {
       impl_->threads.emplace_back([impl = impl_.get(), worker] { impl->run(worker); });
-    } catch (const std::exception&) {  // refused, or no memory
-      if (worker == 0) throw;          // no thread at all; with fewer than asked the result is the same
+    } catch (const std::system_error& refused) {
+      // With fewer than asked the result is the same. What libstdc++ says speaks of how the program was linked.
+      if (worker == 0) throw std::system_error(refused.code(), "the system has no thread left");
+      break;
+    } catch (const std::bad_alloc&) {
+      if (worker == 0) throw;
       break;
     }
   }
