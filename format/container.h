@@ -169,7 +169,7 @@ class ContainerWriter {
 
   uint32_t page_count() const;
 
-  /// Forgets the pages from number `page_count` on; before the first table.
+  /// Forgets the pages from number `page_count` on, of which nothing stays in the file; before the first table.
   void drop_pages(uint32_t page_count);
   ContainerWriter(ContainerWriter&&) noexcept;
   ContainerWriter& operator=(ContainerWriter&&) noexcept;

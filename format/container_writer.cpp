@@ -110,8 +110,8 @@ struct ContainerWriter::Impl {
   std::string path;
   PartFile file;
   std::optional<PartLog> log;
-  bool is_logged = false;         // there is a log behind the file's end, which goes in the end
-  bool overwrites = false;        // the .part is an earlier one: what is not written is not zero
+  bool is_longer = false;         // there is more behind the file's end, a log or dropped pages, which goes in the end
+  bool overwrites = false;        // there were other pages in the .part: what is not written is not zero
   uint64_t end = kPageAlignment;  // of what is written; the header comes last
   std::vector<PageRecord> pages;
   std::vector<TocEntry> toc;  // of the tables that are written
@@ -200,7 +200,7 @@ Result<void> ContainerWriter::Impl::append_records(TableKind kind, uint32_t reco
 
 /// The data must be on the disk before the name is, and the name before the caller is told.
 Result<void> ContainerWriter::Impl::rename_into_place(uint64_t file_bytes) {
-  Result<void> done = is_logged ? file.resize(file_bytes) : Result<void>();
+  Result<void> done = is_longer ? file.resize(file_bytes) : Result<void>();
   if (done) done = file.sync();
   if (done) done = file.commit();
   if (!done) {
@@ -237,7 +237,7 @@ Result<ContainerWriter> ContainerWriter::resume(const std::string& path, const P
   auto impl = std::make_unique<Impl>();
   impl->path = path;
   impl->file = std::move(*part);
-  impl->overwrites = impl->is_logged = true;
+  impl->overwrites = impl->is_longer = true;
   std::vector<PageRecord> noted;
   auto log = PartLog::read(impl->file, id, [&](uint32_t kind, std::span<const std::byte> entry) {
     PageRecord record;
@@ -273,7 +273,7 @@ Result<ContainerWriter> ContainerWriter::resume(const std::string& path, const P
 
 void ContainerWriter::keep_log(const PartId& id, uint64_t most_bytes) {
   assert(impl_->pages.empty() && impl_->toc.empty());
-  impl_->is_logged = true;
+  impl_->is_longer = true;
   auto log = PartLog::start(impl_->file, id, align_up(most_bytes, kPageAlignment));
   if (log) impl_->log = *log;
 }
@@ -293,6 +293,7 @@ uint32_t ContainerWriter::page_count() const {
 
 void ContainerWriter::drop_pages(uint32_t page_count) {
   assert(page_count <= impl_->pages.size() && impl_->toc.empty());
+  if (page_count < impl_->pages.size()) impl_->overwrites = impl_->is_longer = true;
   impl_->pages.resize(page_count);
   impl_->end = page_count == 0 ? kPageAlignment : impl_->pages.back().offset + impl_->pages.back().stored_bytes;
 }

@@ -116,6 +116,27 @@ TEST_CASE("container writer: the name appears at the end, the .part goes", "[con
   CHECK(!verify_copy(read_file(path)));
 }
 
+TEST_CASE("container writer: pages that are dropped leave nothing", "[container]") {
+  const TemporaryFolder folder;
+  const auto bytes_of = [&](bool drops) {
+    auto writer = ContainerWriter::create(folder.file("a.scree"));
+    REQUIRE(writer);
+    REQUIRE(writer->append(noise_page(5000)));
+    if (drops) {
+      REQUIRE(writer->append(noise_page(60000)));
+      REQUIRE(writer->append(noise_page(20000)));
+      writer->drop_pages(1);
+      CHECK(writer->page_count() == 1);
+      CHECK(writer->bytes() == 4096 + 5000);
+    }
+    REQUIRE(writer->append(noise_page(100)));
+    REQUIRE(writer->append(noise_page(200)));
+    REQUIRE(writer->finish({}));
+    return read_file(folder.file("a.scree"));
+  };
+  CHECK((bytes_of(true) == bytes_of(false)));
+}
+
 TEST_CASE("container writer: destroyed before its end, it leaves nothing", "[container]") {
   const TemporaryFolder folder;
   const std::string path = folder.file("a.scree");

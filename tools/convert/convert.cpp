@@ -166,6 +166,8 @@ class Converter {
     resumed_.whole_windows = resumed_.windows.size();
     open_page_ = std::move(written->page);
     report_.windows_ahead = written->before;
+    report_.windows_guessed = written->guessed;
+    report_.windows_discarded = written->discarded;
     return {};
   }
 
@@ -452,7 +454,7 @@ class Converter {
     now.encoded_triangles = times_.encoded_triangles;
     now.read_bytes = read.bytes - read_before_.bytes;
     now.read_seconds = read.seconds - read_before_.seconds;
-    now.written_bytes = writer_->bytes() - written_before_;
+    now.written_bytes = writer_->bytes() + times_.discarded_bytes - written_before_;
     now.measure_seconds = seconds(times_.measuring);
     now.encode_seconds = seconds(times_.encoding);
     now.write_seconds = seconds(times_.writing);

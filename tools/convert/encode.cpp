@@ -514,12 +514,6 @@ uint64_t cost_bits(uint64_t vertices, const MeshPlan& mesh, const std::vector<En
   return static_cast<uint64_t>(static_cast<double>(bits) / static_cast<double>(count) * static_cast<double>(vertices));
 }
 
-bool inside(const Box& box, const Box& outer) {
-  for (size_t axis = 0; axis < 3; ++axis)
-    if (box.lo[axis] < outer.lo[axis] || box.hi[axis] > outer.hi[axis]) return false;
-  return true;
-}
-
 }  // namespace
 
 Result<EncodedWindow> encode_window(const Primitive& primitive, const MeshPlan& mesh, const WindowPlan& plan,

@@ -78,6 +78,10 @@ Result<std::vector<WindowOutcome>> EncodePass::place(std::vector<EncodedWindow> 
   return outcomes;
 }
 
+EncodePass::Mark EncodePass::mark() const {
+  return {geometry_.page(), {geometry_.open_page(), window_, mesh_, triangle_, {}}};
+}
+
 /// Gives the chunks of a window their places; those that are in the file already have them.
 Result<WindowOutcome> EncodePass::place_window(EncodedWindow& window, const EncodeItem& item) {
   const format::MeshRecord& record = *item.record;

@@ -62,6 +62,14 @@ class EncodePass {
   /// Places what next() gave last, and says what it adds to the tables. Errors of GeometryWriter::add.
   Result<std::vector<WindowOutcome>> place(std::vector<EncodedWindow> windows);
 
+  /// Where another pass may begin instead, once this one is released and the file has no more than these pages.
+  struct Mark {
+    uint32_t pages = 0;
+    EncodeStart start;
+  };
+  /// Behind what place() placed last.
+  Mark mark() const;
+
   /// Writes what is left.
   Result<void> finish() { return geometry_.finish(); }
   /// The same but for the last page, for another pass to go on with.

@@ -40,6 +40,10 @@ class GeometryWriter {
   /// Places a chunk: sets page and offset of its record. Errors of ContainerWriter::append.
   Result<void> add(EncodedChunk& chunk);
 
+  /// Where the next chunk comes at the earliest: that page's number, and what is in it already.
+  uint32_t page() const { return number_; }
+  const OpenPage& open_page() const { return open_; }
+
   /// Closes the last page and writes what is left.
   Result<void> finish();
 

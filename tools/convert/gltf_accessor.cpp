@@ -121,15 +121,18 @@ Result<void> each_window(const Accessor& accessor, uint64_t first, uint64_t coun
   return {};
 }
 
+// glTF 2.0, 3.11 and KHR_mesh_quantization: c / 127 with -128 held at -1, c / 255, and so on.
+float normalized_float(float value, float largest) {
+  return std::max(value / largest, -1.0f);
+}
+
 template <class T>
 float to_float(T value, bool normalized) {
   if constexpr (std::is_floating_point_v<T>) {
     return value;
   } else {
     const float scaled = static_cast<float>(value);
-    if (!normalized) return scaled;
-    // glTF 2.0, 3.11 and KHR_mesh_quantization: c / 127 with -128 held at -1, c / 255, and so on.
-    return std::max(scaled / static_cast<float>(std::numeric_limits<T>::max()), -1.0f);
+    return normalized ? normalized_float(scaled, static_cast<float>(std::numeric_limits<T>::max())) : scaled;
   }
 }
 
@@ -233,6 +236,13 @@ Result<void> read_joined_triangles(const Primitive& primitive, uint64_t first, s
 }
 
 }  // namespace
+
+float float_of(const Accessor& accessor, float component) {
+  if (!accessor.normalized || accessor.type == ComponentType::kFloat32) return component;
+  const bool is_signed = accessor.type == ComponentType::kInt8 || accessor.type == ComponentType::kInt16;
+  const uint64_t bits = 8 * component_bytes(accessor.type) - (is_signed ? 1 : 0);
+  return normalized_float(component, static_cast<float>((uint64_t{1} << bits) - 1));
+}
 
 uint64_t Accessor::element_bytes() const {
   return component_bytes(type) * components;

@@ -1,8 +1,10 @@
 #include "tools/convert/gltf_document.h"
 
 #include <algorithm>
+#include <cmath>
 #include <exception>
 #include <functional>
+#include <limits>
 #include <new>
 #include <nlohmann/json.hpp>
 #include <span>
@@ -194,7 +196,21 @@ DocMesh read_mesh(const tinygltf::Mesh& source, std::span<const int32_t> indices
   return mesh;
 }
 
+void read_bounds(const tinygltf::Accessor& source, GltfDocument& document) {
+  if (source.count < kLeastBounded || source.minValues.size() != 3 || source.maxValues.size() != 3) return;
+  DocBounds bounds;
+  bounds.accessor = static_cast<uint32_t>(document.accessors.size());
+  for (size_t axis = 0; axis < 3; ++axis) {
+    for (const double value : {source.minValues[axis], source.maxValues[axis]})
+      if (!(std::abs(value) <= static_cast<double>(std::numeric_limits<float>::max()))) return;
+    bounds.min[axis] = static_cast<float>(source.minValues[axis]);
+    bounds.max[axis] = static_cast<float>(source.maxValues[axis]);
+  }
+  document.bounds.push_back(bounds);
+}
+
 void read_accessor(const tinygltf::Accessor& source, GltfDocument& document) {
+  read_bounds(source, document);
   DocAccessor accessor;
   accessor.view = source.bufferView;
   accessor.type = source.componentType;
@@ -427,6 +443,12 @@ Result<void> read_default_scene(GltfDocument& document, std::string_view value, 
 bool GltfDocument::uses(const std::string& extension) const {
   return std::find(extensions_used.begin(), extensions_used.end(), extension) != extensions_used.end() ||
          std::find(extensions_required.begin(), extensions_required.end(), extension) != extensions_required.end();
+}
+
+const DocBounds* GltfDocument::bounds_of(uint32_t accessor) const {
+  const auto found = std::lower_bound(bounds.begin(), bounds.end(), accessor,
+                                      [](const DocBounds& a, uint32_t b) { return a.accessor < b; });
+  return found == bounds.end() || found->accessor != accessor ? nullptr : &*found;
 }
 
 Result<GltfDocument> read_document(std::vector<char> json) {

@@ -73,6 +73,16 @@ struct DocAccessor {
   uint64_t count = 0;
 };
 
+/// "min" and "max" of an accessor of three components, which nothing holds it to.
+struct DocBounds {
+  uint32_t accessor = 0;
+  std::array<float, 3> min{};
+  std::array<float, 3> max{};
+};
+
+/// Elements that an accessor has at least whose bounds are kept: a million small ones need no memory for theirs.
+inline constexpr uint64_t kLeastBounded = 65536;
+
 using DocAttribute = std::pair<std::string, int32_t>;  // name, accessor
 
 struct DocPrimitive {
@@ -169,6 +179,7 @@ struct GltfDocument {
   std::vector<DocMeshopt> meshopt;
   std::vector<DocAccessor> accessors;
   std::vector<DocSparse> sparse;
+  std::vector<DocBounds> bounds;  // by accessor, ascending
   std::vector<DocMesh> meshes;
   std::vector<DocNode> nodes;
   std::vector<DocMaterial> materials;
@@ -183,6 +194,9 @@ struct GltfDocument {
   std::vector<int32_t> animation_accessors;  // likewise
 
   bool uses(const std::string& extension) const;
+
+  /// What is kept of an accessor's "min" and "max", or null.
+  const DocBounds* bounds_of(uint32_t accessor) const;
 };
 
 /// Reads a document. Memory: the records plus a few MiB, however long the text is. Errors kFormat, kRange, kVersion

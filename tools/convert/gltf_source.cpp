@@ -282,8 +282,25 @@ class Importer {
       *slot = std::move(accessor).value();
     }
     if (from.material != kAbsent) material_used_[static_cast<size_t>(from.material)] = true;
+    note_box(to);
     scene_.primitives.push_back(std::move(to));
     return {};
+  }
+
+  // A box of positions that several primitives share is that of none of them.
+  void note_box(Primitive& primitive) {
+    const DocBounds* const bounds = document_.bounds_of(primitive.positions.index);
+    if (bounds == nullptr) return;
+    const auto [user, is_first] = box_users_.try_emplace(bounds->accessor, scene_.primitives.size());
+    if (!is_first) {
+      scene_.primitives[user->second].stated_box.reset();
+      return;
+    }
+    primitive.stated_box.emplace();
+    for (size_t axis = 0; axis < 3; ++axis) {
+      primitive.stated_box->lo[axis] = float_of(primitive.positions, bounds->min[axis]);
+      primitive.stated_box->hi[axis] = float_of(primitive.positions, bounds->max[axis]);
+    }
   }
 
   Result<void> finish_primitives() {
@@ -458,6 +475,7 @@ class Importer {
   LeftOutList left_out_;
   std::vector<uint32_t> group_of_mesh_;
   std::vector<bool> material_used_;
+  std::map<uint32_t, size_t> box_users_;  // of accessors whose bounds are kept, the first primitive
   std::vector<std::pair<const char*, const DocPrimitive*>> dropped_;  // why (null: of a mesh that is not used), what
   uint64_t morphed_ = 0;
   uint64_t undeclared_quantization_ = 0;

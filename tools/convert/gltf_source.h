@@ -14,6 +14,7 @@
 
 #include "format/layout.h"
 #include "format/result.h"
+#include "tools/convert/box.h"
 
 namespace scree::convert {
 
@@ -56,6 +57,9 @@ struct Accessor {
   uint64_t element_bytes() const;
 };
 
+/// What read_floats() makes of a component of this value.
+float float_of(const Accessor& accessor, float component);
+
 /// Reads elements [first, first + count) as floats (normalised integers scaled as glTF says), components * count
 /// values.
 Result<void> read_floats(const Accessor& accessor, uint64_t first, uint64_t count, std::span<float> out);
@@ -89,6 +93,7 @@ struct Primitive {
   std::optional<Accessor> normal;
   uint32_t material = format::kNone;
   std::shared_ptr<const SourceNumbers> numbers;  // of a sorted copy; else null: counted from 0
+  std::optional<Box> stated_box;  // of many positions that are its own, as the document says; nothing holds them to it
 
   uint64_t vertex_count() const { return positions.count; }
   uint64_t triangle_count() const;  // degenerate triangles of strips included

@@ -207,25 +207,16 @@ class Measurer {
                                                  take, run_.listener);
   }
 
-  /// Hands on what is measured up to window `end`, where that is whole.
+  /// Hands on what is measured up to window `end`: the window, or where they are whole with it all that belong
+  /// together.
   Result<void> give(const std::vector<WindowPlan>& windows, uint64_t end) {
-    const uint32_t primitive = windows[end - 1].primitive;
-    if (end < windows.size()) {
-      const uint32_t next = windows[end].primitive;
-      const bool is_hashed = !options_.hashed.empty() && options_.hashed[primitive];
-      if (next == primitive || (is_hashed && scene_.primitives[next].group == scene_.primitives[primitive].group))
-        return {};
-    }
+    if (waiting_.contains(windows[end - 1].primitive)) return stop_giving();
+    if (!is_whole(windows, end)) return listener_->take_window(out_.primitives, windows[end - 1], held_.back());
     const uint64_t begin = end - held_.size();
     std::vector<WindowPlan> kept;
     for (uint64_t i = begin; i < end; ++i) {
       const auto use = uses_.find(windows[i].primitive);
-      if (use != uses_.end() && (use->second.has_no_locality() || waiting_.contains(use->first))) {
-        held_.clear();
-        listener_->stop();
-        listener_ = nullptr;
-        return {};
-      }
+      if (use != uses_.end() && use->second.has_no_locality()) return stop_giving();
       if (windows[i].kept == 0) continue;
       held_[kept.size()] = std::move(held_[i - begin]);
       kept.push_back(windows[i]);
@@ -233,6 +224,19 @@ class Measurer {
     std::vector<std::unique_ptr<HeldWindow>> held = std::exchange(held_, {});
     held.resize(kept.size());
     return listener_->take_measured(out_.primitives, kept, held);
+  }
+
+  /// Whether with window `end` - 1 a primitive ends, and a group where they are hashed.
+  bool is_whole(const std::vector<WindowPlan>& windows, uint64_t end) const {
+    if (end == windows.size()) return true;
+    const uint32_t primitive = windows[end - 1].primitive, next = windows[end].primitive;
+    const bool is_hashed = !options_.hashed.empty() && options_.hashed[primitive];
+    return next != primitive && !(is_hashed && scene_.primitives[next].group == scene_.primitives[primitive].group);
+  }
+
+  Result<void> stop_giving() {
+    held_.clear();
+    return std::exchange(listener_, nullptr)->stop();
   }
 
   void note(WindowPlan& plan, const WindowFacts& facts) {

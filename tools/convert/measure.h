@@ -85,14 +85,20 @@ class MeasureListener : public Meanwhile {
   /// Windows are held while it has something left.
   virtual HeldBudget& budget() = 0;
 
+  /// A window of a primitive that is not measured whole, or not all of its group is; in order. `primitives`: up to this
+  /// window. What is taken of `held` is not given to take_measured() again. Waits and errors as take_measured().
+  virtual Result<void> take_window(const std::vector<Measured>& primitives, const WindowPlan& window,
+                                   std::unique_ptr<HeldWindow>& held) = 0;
+
   /// Whole primitives in source order, all of a group at once where they are hashed: `windows` of all of them that keep
   /// triangles, with what is held of them (or null). `primitives`: as SourceScene::primitives, up to these measured.
   /// May wait until it has room. An error ends measuring.
   virtual Result<void> take_measured(const std::vector<Measured>& primitives, std::span<const WindowPlan> windows,
                                      std::span<std::unique_ptr<HeldWindow>> held) = 0;
 
-  /// The primitive that comes next will be measured again, so that nothing more is taken.
-  virtual void stop() = 0;
+  /// The primitive that is being measured will be measured again, so that nothing more is taken. Errors as
+  /// take_measured().
+  virtual Result<void> stop() = 0;
 };
 
 struct MeasureRun {

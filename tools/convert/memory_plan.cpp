@@ -145,7 +145,8 @@ std::optional<AheadLimits> MemoryPlan::ahead() const {
   const uint64_t outcomes = most_.chunks * (sizeof(format::ChunkRecord) + sizeof(uint64_t)) +
                             windows_ * sizeof(WindowOutcome) + primitives_ * sizeof(PlannedMesh) +
                             group_windows_ * kWaitingBytes;
-  const uint64_t tables = table_bytes(most_) + 2 * outcomes + 2 * page_bytes(most_);
+  // A page is filled, one is on its way, and of one there is a copy, to go back to.
+  const uint64_t tables = table_bytes(most_) + 2 * outcomes + 3 * page_bytes(most_);
   const uint64_t left = free_bytes() - std::min(free_bytes(), tables);
   const uint64_t a_result = encoded_bytes(most_);
   const uint64_t a_thread =

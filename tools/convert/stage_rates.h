@@ -28,6 +28,7 @@ struct StageTimes {
   std::atomic<uint64_t> writing{0};
   uint64_t measured_triangles = 0;
   uint64_t encoded_triangles = 0;
+  uint64_t discarded_bytes = 0;  // that were written in vain
 };
 
 /// "read 2.31 GiB/s, measure 310 M triangles/s, encode 14.2 M triangles/s, write 1.2 GiB/s: encoding limits". A stage's

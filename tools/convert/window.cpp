@@ -29,38 +29,6 @@ Result<uint32_t> source_vertex(const Primitive& primitive, uint32_t vertex) {
 
 }  // namespace
 
-Box empty_box() {
-  constexpr float kInf = std::numeric_limits<float>::infinity();
-  return {{kInf, kInf, kInf}, {-kInf, -kInf, -kInf}};
-}
-
-Box box_of(std::span<const float> positions) {
-  Box box = empty_box();
-  for (size_t i = 0; i + 2 < positions.size(); i += 3) {
-    for (size_t axis = 0; axis < 3; ++axis) {
-      box.lo[axis] = std::min(box.lo[axis], positions[i + axis]);
-      box.hi[axis] = std::max(box.hi[axis], positions[i + axis]);
-    }
-  }
-  return box;
-}
-
-void grow(Box& box, const Box& other) {
-  for (size_t axis = 0; axis < 3; ++axis) {
-    box.lo[axis] = std::min(box.lo[axis], other.lo[axis]);
-    box.hi[axis] = std::max(box.hi[axis], other.hi[axis]);
-  }
-}
-
-double diagonal_of(const Box& box) {
-  double sum = 0;
-  for (size_t axis = 0; axis < 3; ++axis) {
-    const double side = static_cast<double>(box.hi[axis]) - static_cast<double>(box.lo[axis]);
-    sum += side * side;
-  }
-  return std::sqrt(sum);
-}
-
 Result<void> read_vertices(const Accessor& accessor, std::span<const uint32_t> ascending, std::vector<float>& out) {
   out.resize(ascending.size() * accessor.components);
   if (ascending.empty()) return {};

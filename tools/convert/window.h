@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "format/result.h"
+#include "tools/convert/box.h"
 #include "tools/convert/gltf_source.h"
 
 namespace scree::convert {
@@ -114,16 +115,6 @@ class Window : public WindowContent {
   std::vector<uint64_t> pairs_;   // (vertex number, corner) of wide windows
   std::vector<uint64_t> sorted_;
 };
-
-/// Smallest and largest of a list of points, 3 floats each; {+inf, -inf} for none.
-struct Box {
-  std::array<float, 3> lo{};
-  std::array<float, 3> hi{};
-};
-Box empty_box();
-Box box_of(std::span<const float> positions);
-void grow(Box& box, const Box& other);
-double diagonal_of(const Box& box);
 
 /// Reads `accessor` at ascending vertex numbers into `out` (components a vertex): one read where they are neighbours.
 Result<void> read_vertices(const Accessor& accessor, std::span<const uint32_t> ascending, std::vector<float>& out);

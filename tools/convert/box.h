@@ -1,0 +1,21 @@
+// Boxes of points.
+#pragma once
+
+#include <array>
+#include <span>
+
+namespace scree::convert {
+
+/// Smallest and largest of a list of points, 3 floats each; {+inf, -inf} for none.
+struct Box {
+  std::array<float, 3> lo{};
+  std::array<float, 3> hi{};
+};
+Box empty_box();
+Box box_of(std::span<const float> positions);
+void grow(Box& box, const Box& other);
+/// Whether all of `box` lies in `outer`.
+bool inside(const Box& box, const Box& outer);
+double diagonal_of(const Box& box);
+
+}  // namespace scree::convert
