@@ -2,6 +2,7 @@
 // same visibility buffer, bit for bit, from queues that hold all and queues that have to grow.
 #include <algorithm>
 #include <cstdint>
+#include <random>
 #include <vector>
 
 #include "runtime/device_scene.h"
@@ -16,9 +17,10 @@ using kernels::View;
 
 namespace {
 
-/// `least`: pixels that the scene covers in each view, at least. That is looked at without a GPU, too.
-void compare(SceneBuilder& builder, const std::vector<View>& views, uint64_t least) {
-  const kernels::SceneView scene = builder.view();
+/// `least`: pixels that the scene covers in each view, at least. That is looked at without a GPU, too. `first_id`: as
+/// SceneBuilder::view has it.
+void compare(SceneBuilder& builder, const std::vector<View>& views, uint64_t least, uint64_t first_id = 0) {
+  const kernels::SceneView scene = builder.view(first_id);
   std::vector<std::vector<uint64_t>> expected;
   for (const View& view : views) {
     expected.push_back(draw(scene, view, 2));
@@ -33,9 +35,9 @@ void compare(SceneBuilder& builder, const std::vector<View>& views, uint64_t lea
   const DeviceCopy device(scene, builder.pages);
   for (size_t i = 0; i < views.size(); ++i) {
     INFO("view " << i);
-    CHECK(device.draw(views[i]) == expected[i]);
-    CHECK(device.draw(views[i], {1, 1, 1}) == expected[i]);
-    CHECK(device.draw(views[i], {}, {false}) == expected[i]);
+    CHECK((device.draw(views[i]) == expected[i]));  // a picture may be too large to be printed
+    CHECK((device.draw(views[i], {1, 1, 1}) == expected[i]));
+    CHECK((device.draw(views[i], {}, {false}) == expected[i]));
   }
 }
 
@@ -196,4 +198,56 @@ TEST_CASE("hard cases are drawn alike on the GPU", "[cuda][hard]") {
     HardCase hard = named.make();
     compare(hard.builder, hard.views, 0);
   }
+}
+
+TEST_CASE("hard: ids past 2^32, to the last, on the GPU", "[cuda][hard]") {
+  for (const Clusters clusters : {Clusters::kNone, Clusters::kClustered}) {
+    SceneBuilder builder;
+    Encoding encoding;
+    encoding.chunk_triangles = 10;
+    encoding.clusters = clusters;
+    const uint32_t mesh = builder.mesh(grid(5, 0.1), encoding);
+    builder.instance(mesh, builder.matrix({1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}));
+    builder.instance(mesh, builder.matrix({1, 0, 0, 0, 0, 1, 0, 0.3, 0, 0, 1, 0}));
+    const View view = look_at({0, 1, 2}, {0, 0, 0}, 120, 90);
+    for (const uint64_t first : {(uint64_t{1} << 32) - 30, (uint64_t{1} << 35) + 12345, kernels::kIdMask - 100}) {
+      CAPTURE(first);
+      compare(builder, {view}, 500, first);
+    }
+  }
+}
+
+TEST_CASE("hard: index spans of 0, 1, 2^k - 1, 2^k and 2^k + 1 on the GPU", "[cuda][hard]") {
+  std::mt19937 random(17);
+  std::uniform_real_distribution<double> unit(-1, 1);
+  SceneBuilder builder;
+  std::vector<uint32_t> spans{0, 1};
+  for (uint32_t k = 1; k <= 16; ++k)
+    for (const uint32_t span : {(1u << k) - 1, 1u << k, (1u << k) + 1}) spans.push_back(span);
+  constexpr uint32_t kColumns = 8;
+  for (uint32_t i = 0; i < spans.size(); ++i) {
+    Soup soup;
+    double middle[3] = {};
+    for (uint32_t v = 0; v <= spans[i]; ++v) {
+      if (v % 3 == 0)
+        for (double& m : middle) m = 0.3 * unit(random);
+      soup.add(middle[0] + 0.1 * unit(random), middle[1] + 0.1 * unit(random), middle[2] + 0.1 * unit(random));
+    }
+    // Every vertex is used, and the last triangle ends with the last one.
+    for (uint32_t v = 0; v <= spans[i]; v += 3) soup.triangle(v, std::min(v + 1, spans[i]), std::min(v + 2, spans[i]));
+    const double x = i % kColumns - 3.5, y = i / kColumns - 3.0;
+    builder.instance(builder.mesh(soup, Encoding{}), builder.matrix({1, 0, 0, x, 0, 1, 0, y, 0, 0, 1, 0}));
+  }
+  compare(builder, {look_at({0, 0, 9}, {0, 0, 0}, 640, 480)}, 20000);
+}
+
+TEST_CASE("hard: pictures of 16384 x 16384 and meshes of 10 M sub-pixel triangles on the GPU", "[cuda][.hard-long]") {
+  SceneBuilder builder;
+  const Soup fine = sphere(1582, 0);
+  REQUIRE(fine.indices.size() / 3 > 10000000);
+  builder.instance(builder.mesh(fine, Encoding{}), builder.identity());
+  const View view = orthographic(look_at({0, 0, 4}, {0, 0, 0}, 16384, 16384), 1.1, 0.1, 8);
+  View small = view;
+  small.width = small.height = 1024;
+  compare(builder, {small, view}, 500000);
 }

@@ -1,11 +1,18 @@
 // Hard cases on the way from glTF to the picture: shared borders, coordinates far from the origin, texture coordinates
 // in the thousands. tests/kernels/test_hard_cases.cpp has those of the rasteriser.
+#include <algorithm>
 #include <array>
 #include <cmath>
+#include <cstdlib>
+#include <optional>
 #include <random>
+#include <utility>
 #include <vector>
 
 #include "kernels/frame.h"
+#include "kernels/visbuffer.h"
+#include "runtime/device_scene.h"
+#include "runtime/renderer.h"
 #include "runtime/scene.h"
 #include "tests/catch.h"
 #include "tests/kernels/hard_cases.h"
@@ -72,12 +79,17 @@ void make_room(const std::string& path) {
   maker.finish();
 }
 
-/// Background seen by 100 cameras in the room that look in random directions: every such pixel is a crack.
-uint64_t crack_pixels(const std::string& path) {
-  auto opened = runtime::SceneFile::open(path);
-  REQUIRE(opened);
-  const auto scene = runtime::Scene::load(std::move(*opened), 0, {false, 2});
+/// Background seen by 100 cameras in the room that look in random directions: every such pixel is a crack. `on_gpu`:
+/// one draws them.
+uint64_t crack_pixels(const std::string& path, bool on_gpu = false) {
+  const auto scene = runtime::Scene::open(path, {false, 2});
   REQUIRE(scene);
+  std::optional<runtime::DeviceScene> device;
+  if (on_gpu) {
+    Result<runtime::DeviceScene> uploaded = runtime::DeviceScene::upload(*scene, 0, 2);
+    REQUIRE(uploaded);
+    device.emplace(std::move(*uploaded));
+  }
   std::mt19937 random(71);
   std::uniform_real_distribution<double> unit(-1, 1);
   uint64_t cracks = 0;
@@ -85,8 +97,11 @@ uint64_t crack_pixels(const std::string& path) {
     const std::array<double, 3> eye{4 * unit(random), 4 * unit(random), 4 * unit(random)};
     const kernels::View view =
         tests::look_at(eye, {eye[0] + unit(random), eye[1] + unit(random), eye[2] + unit(random)}, 320, 240, 0.01, 1.2);
-    const std::vector<uint64_t> samples = tests::draw(scene->view(), view, 2);
-    cracks += samples.size() - tests::covered(samples);
+    auto frame = runtime::Frame::draw(*scene, view, 1, 2, device ? &*device : nullptr);
+    REQUIRE(frame);
+    REQUIRE(frame->read_samples());
+    const auto is_background = [](uint64_t sample) { return sample == kernels::kBackground; };
+    cracks += static_cast<uint64_t>(std::count_if(frame->samples().begin(), frame->samples().end(), is_background));
   }
   return cracks;
 }
@@ -138,6 +153,27 @@ TEST_CASE("hard: no crack between meshes on the scene grid, and how many on grid
   CHECK(floats == 0);
 }
 
+TEST_CASE("hard: a GPU sees no crack between meshes on the scene grid", "[cuda][hard]") {
+  if (const Result<void> device = runtime::find_device(); !device) {
+    CHECK(device.error().code == ErrorCode::kDevice);
+    WARN("skipped: " << device.error().message);
+    return;
+  }
+  const TempFolder folder;
+  make_room(folder.file("in.glb"));
+  convert::ConvertOptions options = options_of(folder);
+  options.position_bits = 8;
+  for (const auto encoding : {convert::Encoding::kIndexed, convert::Encoding::kClustered}) {
+    options.encoding = encoding;
+    options.grid = convert::Grid::kScene;
+    must_convert(options);
+    CHECK(crack_pixels(options.output, true) == 0);
+    options.grid = convert::Grid::kMesh;
+    must_convert(options);
+    CHECK(crack_pixels(options.output, true) == crack_pixels(options.output));
+  }
+}
+
 TEST_CASE("hard: georeferenced detail survives in the node's translation, not in float32 vertices", "[hard]") {
   const TempFolder folder;
   const std::array<double, 3> away{1e7, -5e6, 2.5e6};
@@ -176,22 +212,32 @@ TEST_CASE("hard: georeferenced detail survives in the node's translation, not in
   CHECK(by_vertex < 1.01);
 }
 
+namespace {
+
+/// A grid with a picture whose coordinates begin at `offset`; returns them.
+std::vector<float> make_far_textured(const std::string& path, double offset) {
+  const std::string png = tests::read_whole(std::string(tests::kDataFolder) + "/checker.png");
+  tests::ModelMaker maker(path);
+  tests::GridSpec spec;
+  spec.columns = spec.rows = 20;
+  tools::GltfPrimitive grid =
+      maker.grid(spec, maker.textured("checker", format::ImageCodec::kPng, std::as_bytes(std::span(png))));
+  std::vector<float> uvs;
+  for (uint32_t y = 0; y <= 20; ++y)
+    for (uint32_t x = 0; x <= 20; ++x)
+      uvs.insert(uvs.end(), {static_cast<float>(offset + x * 0.37), static_cast<float>(y * 0.21 - offset)});
+  grid.attributes.emplace_back("TEXCOORD_0", maker.floats(uvs, tools::GltfType::kVec2));
+  maker.node("node", maker.mesh("mesh", {grid}));
+  maker.finish();
+  return uvs;
+}
+
+}  // namespace
+
 TEST_CASE("hard: texture coordinates in the thousands keep what float32 has of them", "[hard]") {
   const TempFolder folder;
-  const std::string png = tests::read_whole(std::string(tests::kDataFolder) + "/checker.png");
   for (const double offset : {0.0, 1000.0, 5000.0, -70000.0}) {
-    tests::ModelMaker maker(folder.file("in.glb"));
-    tests::GridSpec spec;
-    spec.columns = spec.rows = 20;
-    tools::GltfPrimitive grid =
-        maker.grid(spec, maker.textured("checker", format::ImageCodec::kPng, std::as_bytes(std::span(png))));
-    std::vector<float> uvs;
-    for (uint32_t y = 0; y <= 20; ++y)
-      for (uint32_t x = 0; x <= 20; ++x)
-        uvs.insert(uvs.end(), {static_cast<float>(offset + x * 0.37), static_cast<float>(y * 0.21 - offset)});
-    grid.attributes.emplace_back("TEXCOORD_0", maker.floats(uvs, tools::GltfType::kVec2));
-    maker.node("node", maker.mesh("mesh", {grid}));
-    maker.finish();
+    const std::vector<float> uvs = make_far_textured(folder.file("in.glb"), offset);
     const convert::ConvertOptions options = options_of(folder);
     must_match(options);
     const double stated = static_cast<double>(must_open(options.output).file.meshes()[0].max_uv_error);
@@ -202,5 +248,41 @@ TEST_CASE("hard: texture coordinates in the thousands keep what float32 has of t
     std::snprintf(text, sizeof text, "stated error %.2g, float32 there is %.2g apart", stated, ulp);
     tests::note("texture coordinates at " + std::to_string(static_cast<int>(offset)), text);
     CHECK(stated <= 0x1p-16 + ulp);
+  }
+}
+
+TEST_CASE("hard: a GPU shades texture coordinates in the thousands as the CPU does", "[cuda][hard]") {
+  if (const Result<void> device = runtime::find_device(); !device) {
+    CHECK(device.error().code == ErrorCode::kDevice);
+    WARN("skipped: " << device.error().message);
+    return;
+  }
+  const TempFolder folder;
+  for (const double offset : {1000.0, 5000.0, -70000.0}) {
+    CAPTURE(offset);
+    make_far_textured(folder.file("in.glb"), offset);
+    const convert::ConvertOptions options = options_of(folder);
+    must_convert(options);
+    const auto scene = runtime::Scene::open(options.output, {true, 2});
+    REQUIRE(scene);
+    Result<runtime::DeviceScene> device = runtime::DeviceScene::upload(*scene, 0, 2);
+    REQUIRE(device);
+    const kernels::View view = tests::look_at({0.5, 1.2, 1.5}, {0.5, 0, 0.5}, 320, 240, 0.01, 1.2);
+    const auto on_cpu = runtime::Frame::draw(*scene, view, 1, 2);
+    const auto on_gpu = runtime::Frame::draw(*scene, view, 1, 2, &*device);
+    REQUIRE(on_cpu);
+    REQUIRE(on_gpu);
+    const auto expected = on_cpu->shade({}, 2);
+    const auto found = on_gpu->shade({}, 2);
+    REQUIRE(expected);
+    REQUIRE(found);
+    REQUIRE(expected->pixels.size() == found->pixels.size());
+    size_t differing = 0;
+    for (size_t i = 0; i < expected->pixels.size(); ++i)
+      differing += std::abs(expected->pixels[i] - found->pixels[i]) > 1 ? 1 : 0;
+    tests::note("texture coordinates at " + std::to_string(static_cast<int>(offset)) + " on the GPU",
+                std::to_string(differing) + " of " + std::to_string(expected->pixels.size()) +
+                    " bytes differ from the CPU's by more than one level");
+    CHECK(differing <= expected->pixels.size() / 10000);
   }
 }
