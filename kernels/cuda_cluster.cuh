@@ -192,7 +192,7 @@ __device__ inline void stage_cluster(const RunCluster& cluster, ClusterStage& st
     __pipeline_memcpy_async(stage.pieces + lane + kWarpLanes, from + kWarpLanes, sizeof(uint4));
   }
 }
-static_assert(kStagePieces <= 2 * kWarpLanes);
+static_assert(kStagePieces == 2 * kWarpLanes);
 
 /// Two whole numbers within +-2^15 as floats, as two 16-bit ones.
 __device__ inline uint32_t pack_centers(float x, float y) {
@@ -538,13 +538,16 @@ __global__ void __launch_bounds__(kClusterThreads, kClusterBlocks)
   ClusterWarp<kOrthographic>(frame).run();
 }
 
-/// Draws the triangles of clusters that need clipping, or whose reference is too far away for int32; a thread each.
+/// Draws the triangles of clusters that need clipping, or whose reference is too far away for int32; a thread each, and
+/// where they are few each in a warp of its own, since no two go the same way.
 template <bool kOrthographic>
 __global__ void __launch_bounds__(kClusterThreads) raster_clipped(const __grid_constant__ ClusterFrame frame) {
   FrameCounters& counters = *frame.small.list.counters;
   const uint64_t count = min_of(counters.to_clip, frame.list.clip_capacity);
-  const uint64_t first = counters.to_clip_drawn + uint64_t{blockIdx.x} * blockDim.x + threadIdx.x;
-  for (uint64_t i = first; i < count; i += uint64_t{gridDim.x} * blockDim.x) {
+  const uint64_t threads = uint64_t{gridDim.x} * kClusterThreads;
+  const uint64_t warp = uint64_t{blockIdx.x} * kClusterWarps + threadIdx.x / kWarpLanes;
+  const uint64_t first = counters.to_clip_drawn + threadIdx.x % kWarpLanes * (threads / kWarpLanes) + warp;
+  for (uint64_t i = first; i < count; i += threads) {
     const ClipItem item = frame.list.to_clip[i];
     const uint32_t drawn = draw_the_long_way<kOrthographic>(frame.small, item.instance, item.chunk, item.triangle);
     WarpTeam::add(&counters.queues.triangles_small, drawn & 0xffffu);

@@ -236,7 +236,10 @@ __global__ void __launch_bounds__(kCullThreads) cull_clusters(const __grid_const
   const ClusterDraw* const draws = cull.list.draws;
   uint32_t tested = 0;
   uint32_t groups_tested = 0;
-  for (uint64_t start = units.first + warp * kWarpLanes; start < units.end; start += warps * kWarpLanes) {
+  // Where there are few, a warp each: what one finds goes cluster by cluster, group after group.
+  const uint32_t most = units.end - units.first <= warps ? 1 : kWarpLanes;
+  for (uint64_t start = units.first + warp * most; start < units.end; start += warps * most) {
+    const uint64_t end = min_of(start + most, units.end);
     // The draws of 32 consecutive units are at most 32 consecutive ones.
     const uint32_t first_draw = find_item(draw_count, start, lane, [&](uint32_t i) { return draws[i].first_unit; });
     const uint64_t first_unit = first_draw + lane < draw_count ? draws[first_draw + lane].first_unit : ~uint64_t{0};
@@ -247,7 +250,7 @@ __global__ void __launch_bounds__(kCullThreads) cull_clusters(const __grid_const
     }
     const uint32_t draw_number = first_draw + ahead;
     const auto group = static_cast<uint32_t>(unit - __shfl_sync(~0u, first_unit, static_cast<int>(ahead)));
-    bool shows = unit < units.end;
+    bool shows = unit < end;
     const bool looked_at = shows;
     uint32_t seen = 0;   // last time
     uint32_t hints = 0;  // for the next frame
