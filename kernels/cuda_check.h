@@ -40,7 +40,7 @@ class DeviceBuffer {
   /// Sees that there are at least so many; loses what was there where there were fewer. Errors kDevice.
   Result<void> reserve(uint64_t bytes, const char* what) {
     if (bytes_ >= bytes) return {};
-    *this = DeviceBuffer();  // before the larger one is taken
+    if (Result<void> freed = release(what); !freed) return freed;  // before the larger one is taken
     Result<DeviceBuffer> larger = allocate(bytes, what);
     if (!larger) return larger.error();
     *this = std::move(*larger);

@@ -2,7 +2,6 @@
 #include <cuda_runtime.h>
 
 #include <string>
-#include <utility>
 
 #include "kernels/cuda_check.h"
 #include "kernels/cuda_pixels.cuh"
@@ -58,17 +57,10 @@ __global__ void clear_depth_range(DepthRange* range) {
 }  // namespace
 
 struct CudaResolver::Impl {
-  /// Device memory that grows; the stream's earlier work with it is waited for by cudaFree.
-  struct Scratch {
-    void* data = nullptr;
-    uint64_t bytes = 0;
-  };
   enum Event { kStart, kShading, kEnd, kEventCount };
 
   ~Impl() {
     (void)cudaFree(tables);
-    (void)cudaFree(transforms.data);
-    (void)cudaFree(occlusion.data);
     for (cudaEvent_t event : events)
       if (event != nullptr) (void)cudaEventDestroy(event);
   }
@@ -79,13 +71,11 @@ struct CudaResolver::Impl {
     return static_cast<bool>(done);
   }
 
-  bool reserve(Scratch& scratch, uint64_t bytes, const char* what) {
-    if (bytes <= scratch.bytes) return true;
-    if (!check(cudaFree(std::exchange(scratch.data, nullptr)), what)) return false;
-    scratch.bytes = 0;
-    if (!check(cudaMalloc(&scratch.data, bytes), what)) return false;
-    scratch.bytes = bytes;
-    return true;
+  /// The stream's earlier work with what is too small is waited for, by cudaFree.
+  bool reserve(DeviceBuffer& buffer, uint64_t bytes, const char* what) {
+    const Result<void> done = buffer.reserve(bytes, what);
+    if (!done) error = done.error();
+    return static_cast<bool>(done);
   }
 
   /// The tables of the coding, and behind them the range of depths.
@@ -133,7 +123,7 @@ struct CudaResolver::Impl {
     if (options.ssao || options.edl) {
       const uint64_t count = uint64_t{view.width / side} * (view.height / side);
       if (!reserve(occlusion, 3 * count * sizeof(float), "allocating the occlusion")) return false;
-      const auto depth = static_cast<float*>(occlusion.data);
+      auto* const depth = reinterpret_cast<float*>(occlusion.data());
       visibility = depth + 2 * count;
       bool started = true;
       run_occlusion(view, side, samples, options, depth, depth + count, depth + 2 * count,
@@ -152,8 +142,8 @@ struct CudaResolver::Impl {
   static constexpr uint64_t kRangeOffset = (sizeof(SrgbTables) + 15) & ~uint64_t{15};
 
   SrgbTables* tables = nullptr;
-  Scratch transforms;
-  Scratch occlusion;  // three floats a pixel: depth, obscurance, visibility
+  DeviceBuffer transforms;
+  DeviceBuffer occlusion;  // three floats a pixel: depth, obscurance, visibility
   cudaEvent_t events[kEventCount] = {};
   Error error{ErrorCode::kDevice, ""};
 };
@@ -176,7 +166,7 @@ Result<void> CudaResolver::resolve(const SceneView& scene, const View& view, uin
   if (transforms == nullptr) {
     if (!impl.reserve(impl.transforms, scene.instance_count * sizeof(Transform), "allocating transforms"))
       return impl.error;
-    const auto made = static_cast<Transform*>(impl.transforms.data);
+    auto* const made = reinterpret_cast<Transform*>(impl.transforms.data());
     const auto groups = static_cast<uint32_t>((scene.instance_count + 31) / 32);
     if (!impl.run(MakeTransforms{scene, make_frame_view(view), made}, groups, stream)) return impl.error;
     transforms = made;

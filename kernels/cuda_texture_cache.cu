@@ -90,17 +90,7 @@ struct CudaTextureCache::Impl {
 
   /// Room for two lists of the tiles of a picture.
   bool reserve(uint32_t tiles) {
-    if (uint64_t{2} * tiles * sizeof(TileLeft) <= lists.bytes()) return true;
-    Result<void> done = lists.release("freeing the lists of tiles");
-    if (done) {
-      Result<DeviceBuffer> larger =
-          DeviceBuffer::allocate(uint64_t{2} * tiles * sizeof(TileLeft), "allocating the lists of tiles");
-      if (larger) {
-        lists = std::move(*larger);
-      } else {
-        done = larger.error();
-      }
-    }
+    const Result<void> done = lists.reserve(uint64_t{2} * tiles * sizeof(TileLeft), "allocating the lists of tiles");
     if (!done) error = done.error();
     return static_cast<bool>(done);
   }
