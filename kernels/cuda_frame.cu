@@ -432,17 +432,22 @@ Result<void> CudaFrames::Impl::submit() {
   ++frame_number;
   Result<void> done = mark(kStart);
   static_assert(kBackground == ~uint64_t{0});
-  if (done && !options.is_part)
+  if (done && options.part == FramePart::kWhole)
     done = cuda_check(cudaMemsetAsync(samples, 0xff, sample_count * sizeof(uint64_t), stream), "clearing");
   if (done) done = cuda_check(cudaMemsetAsync(zeroed.data(), 0, zeroed.count(), stream), "clearing the counters");
   if (done) done = mark(kCleared);
-  if (done && options.is_part && tables.has_float32) done = find_all_bounds();
-  if (done && list.instance_count != 0) {
+  two_passes = has_clusters() && in_two_passes() && options.cluster_bounds && options.occlusion;
+  // Of frames in one pass nothing is known to have been seen.
+  const bool is_ahead = options.part == FramePart::kSeenBefore;
+  const bool draws_clusters = has_clusters() && (two_passes || !is_ahead);
+  const bool draws_indexed = list.candidate_count != 0 && !is_ahead;
+  if (done && options.part != FramePart::kWhole && draws_indexed && tables.has_float32) done = find_all_bounds();
+  if (done && list.instance_count != 0 && (draws_indexed || draws_clusters)) {
     cull_instances<<<(list.instance_count - 1) / kCullThreads + 1, kCullThreads, 0, stream>>>(scene, frame, list);
-    if (list.candidate_count != 0) {
+    if (draws_indexed) {
       cull_chunks<<<(list.candidate_count - 1) / kCullThreads + 1, kCullThreads, 0, stream>>>(scene, frame, list);
     }
-    if (has_clusters()) {
+    if (draws_clusters) {
       const uint64_t threads = cluster_candidates.count() * kGroupInstances;
       const auto blocks = static_cast<uint32_t>((threads - 1) / kCullThreads + 1);
       const ClusterList clusters = cluster_list();
@@ -453,15 +458,14 @@ Result<void> CudaFrames::Impl::submit() {
   }
   if (done) done = mark(kCulled);
   const SmallFrame small{scene, frame, target, queues, list, make_sample_limits(frame), options.sampleless_test};
-  if (done && list.candidate_count != 0) {
+  if (done && draws_indexed) {
     const SmallVariant& variant = variants[kOrthographic ? 1 : 0];
     variant.kernel<<<variant.blocks, kSmallThreads, variant.shared_bytes, stream>>>(small);
   }
-  two_passes = has_clusters() && in_two_passes() && options.cluster_bounds && options.occlusion;
-  if (done && has_clusters()) {
-    if (two_passes) {
+  if (done && draws_clusters) {
+    if (two_passes && options.part != FramePart::kRest) {
       submit_clusters<kOrthographic, ClusterPass::kSeenBefore>(small, options, 0, 1);
-    } else {
+    } else if (!two_passes) {
       submit_clusters<kOrthographic, ClusterPass::kOnly>(small, options, 0, 1);
     }
   }
@@ -469,7 +473,7 @@ Result<void> CudaFrames::Impl::submit() {
   const LargeFrame rest{frame, target, queues, counters};
   if (done) done = submit_stages<kOrthographic>(rest, kFirstStages);
   if (done) done = mark(kFirstDone);
-  if (done && two_passes) {
+  if (done && two_passes && !is_ahead) {
     const auto tiles_along = [](int32_t side) { return (static_cast<uint32_t>(side) - 1) / kPyramidTile + 1; };
     const dim3 tiles_of_image(tiles_along(frame.width), tiles_along(frame.height));
     // Where the camera stood still little is new, and one round is the least work.
@@ -498,13 +502,14 @@ Result<void> CudaFrames::Impl::read_times(FrameTimes& times) const {
     Mark to;
     bool is_there;
   };
+  const bool has_second = two_passes && options.part != FramePart::kSeenBefore;
   const Span spans[] = {{&times.clear_ms, kStart, kCleared, true},
                         {&times.cull_ms, kCleared, kCulled, true},
                         {&times.small_ms, kCulled, kSmallDone, true},
                         {&times.medium_ms, kSmallDone, kMediumDone, true},
                         {&times.large_ms, kLargeBegun, kLargeDone, true},
-                        {&times.pyramid_ms, kFirstDone, kPyramidDone, two_passes},
-                        {&times.second_ms, kPyramidDone, kAllDone, two_passes},
+                        {&times.pyramid_ms, kFirstDone, kPyramidDone, has_second},
+                        {&times.second_ms, kPyramidDone, kAllDone, has_second},
                         {&times.raster_ms, kCleared, kAllDone, true}};
   for (const Span& span : spans) {
     *span.out = 0;
@@ -580,15 +585,19 @@ Result<CudaFrames::Finished> CudaFrames::finish(FrameTimes* times) {
   // What a jump of the camera drew was mostly hidden in the end.
   const uint64_t seen_before = impl_->seen->clusters[0];
   const uint64_t newly_seen = clusters_before(*impl_->seen, kClusterPasses) - seen_before;
-  impl_->hint_period = newly_seen > seen_before ? 1 : kHintPeriod;
+  // What parts draw first is asked anew always: few of the chunks that it may hide behind were there.
+  const bool is_whole = impl_->options.part == FramePart::kWhole;
+  impl_->hint_period = !is_whole || newly_seen > seen_before ? 1 : kHintPeriod;
   if (times != nullptr) {
     if (Result<void> done = impl_->read_times(*times); !done) return done.error();
   }
   const Counters& seen = impl_->seen->queues;
   FrameStats stats{};
-  stats.instances_drawn = seen.instances_drawn;
-  stats.draws = seen.draws;
-  stats.triangles = seen.triangles;
+  if (impl_->options.part != FramePart::kSeenBefore) {  // else kRest counts them
+    stats.instances_drawn = seen.instances_drawn;
+    stats.draws = seen.draws;
+    stats.triangles = seen.triangles;
+  }
   stats.triangles_small = seen.triangles_small;
   stats.triangles_medium = seen.medium;
   stats.triangles_large = seen.large;

@@ -107,6 +107,10 @@ Result<void> CudaVisibleChunks::open(const SceneView& host, const SceneView& dev
 
 Result<std::span<const uint32_t>> CudaVisibleChunks::find_nearest(const View& view) {
   frame_ = make_frame_view(view);
+  // Now, since nothing is drawn yet that taking memory would wait for.
+  const uint64_t codes = lay_out(pyramid_, frame_.width, frame_.height, kFirstLevel);
+  if (Result<void> room = codes_.reserve(codes * sizeof(uint32_t), "allocating the depths"); !room) return room.error();
+  pyramid_.codes = reinterpret_cast<uint32_t*>(codes_.data());
   const uint64_t bytes = scene_.chunk_count * sizeof(uint32_t);
   auto* const nearest = reinterpret_cast<uint32_t*>(nearest_.data());
   Result<void> done = cuda_check(cudaMemsetAsync(nearest, 0xff, bytes, nullptr), "clearing the list of chunks");
@@ -120,17 +124,7 @@ Result<std::span<const uint32_t>> CudaVisibleChunks::find_nearest(const View& vi
   return std::span(reinterpret_cast<const uint32_t*>(read_nearest_.data()), scene_.chunk_count);
 }
 
-Result<std::span<const uint32_t>> CudaVisibleChunks::find_shown(const uint64_t* samples) {
-  Result<void> done = start_finding_shown(samples);
-  if (done) done = cuda_check(cudaStreamSynchronize(nullptr), "finding hidden chunks");
-  if (!done) return done.error();
-  return shown();
-}
-
 Result<void> CudaVisibleChunks::start_finding_shown(const uint64_t* samples) {
-  const uint64_t codes = lay_out(pyramid_, frame_.width, frame_.height, kFirstLevel);
-  if (Result<void> done = codes_.reserve(codes * sizeof(uint32_t), "allocating the depths"); !done) return done;
-  pyramid_.codes = reinterpret_cast<uint32_t*>(codes_.data());
   const uint64_t bytes = scene_.chunk_count * sizeof(uint32_t);
   auto* const shown = reinterpret_cast<uint32_t*>(shown_.data());
   Result<void> done = cuda_check(cudaMemsetAsync(shown, 0xff, bytes, nullptr), "clearing the list of chunks");

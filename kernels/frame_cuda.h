@@ -12,13 +12,20 @@
 
 namespace scree::kernels {
 
+/// What of a frame is drawn. A part (frame_parts.h) leaves the samples of those before; pages came and went since then.
+enum class FramePart : uint8_t {
+  kWhole,       // all of it; the samples are cleared first
+  kPart,        // all of the chunks whose pages are there
+  kSeenBefore,  // of those, clusters that were seen last time, for others to hide behind: kRest follows for each chunk
+  kRest,        // what that left
+};
+
 struct DrawOptions {
   // All leave the picture as it is.
   bool sampleless_test = true;  // triangles that cover no pixel centre go early
   bool cluster_bounds = true;   // so do clusters, and those outside of the picture
   bool occlusion = true;        // clusters behind the depth pyramid go; takes cluster_bounds
-  // A part of a frame (frame_parts.h): the samples hold the parts before, and pages came and went since the last one.
-  bool is_part = false;
+  FramePart part = FramePart::kWhole;
 };
 
 /// Milliseconds of one frame by CUDA events: clearing, culling, stages 1 to 3 of the first pass, of which 2 and 3 run

@@ -17,8 +17,7 @@
 
 namespace scree::kernels {
 
-/// Of one scene, on the device that was current when it was opened; its calls wait for what they find, where they do
-/// not say otherwise.
+/// Of one scene, on the device that was current when it was opened.
 class CudaVisibleChunks {
  public:
   static constexpr uint32_t kFirstLevel = 3;  // of the pyramid: a code for 8 x 8 samples
@@ -30,16 +29,13 @@ class CudaVisibleChunks {
   /// What open() takes of device memory. The depths' pyramid, 1/12 byte a sample, comes with the first frame.
   static uint64_t device_bytes(const SceneView& scene);
 
-  /// By chunk, the nearest depth code that it may have in `view`; ~0 where it draws no sample. Until the next call.
-  /// Errors kDevice.
+  /// By chunk, the nearest depth code that it may have in `view`; ~0 where it draws no sample. Waits for it; until the
+  /// next call. Errors kDevice.
   Result<std::span<const uint32_t>> find_nearest(const View& view);
 
-  /// The same of the places where it may change a sample of the picture that `samples` (device memory) holds by now, of
-  /// the view that find_nearest() was asked for; ~0 where it hides everywhere, or is not in the view. Until the next
-  /// call. Errors kDevice.
-  Result<std::span<const uint32_t>> find_shown(const uint64_t* samples);
-
-  /// As find_shown(), but on the default stream without waiting: shown() holds when that is done.
+  /// Queues on the default stream to find the same of the places where it may change a sample of the picture that
+  /// `samples` (device memory) then holds, of the view that find_nearest() was asked for; ~0 where it hides everywhere,
+  /// or is not in the view. shown() has it when that is done, until the next call. Errors kDevice.
   Result<void> start_finding_shown(const uint64_t* samples);
   std::span<const uint32_t> shown() const {
     return {reinterpret_cast<const uint32_t*>(read_shown_.data()), scene_.chunk_count};

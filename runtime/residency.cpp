@@ -29,14 +29,10 @@ Result<Residency> Residency::create(uint64_t pool_bytes, std::vector<uint64_t> c
   residency.pool_bytes_ = whole;
   residency.slots_.resize(chunk_bytes.size());
   residency.chunk_bytes_ = std::move(chunk_bytes);
+  for (uint64_t c = 0; c < residency.slots_.size(); ++c)
+    residency.largest_room_ = std::max(residency.largest_room_, residency.room(static_cast<uint32_t>(c)));
   residency.forget();
   return Result<Residency>(std::move(residency));
-}
-
-uint64_t Residency::largest_room() const {
-  uint64_t largest = 0;
-  for (uint64_t c = 0; c < slots_.size(); ++c) largest = std::max(largest, room(static_cast<uint32_t>(c)));
-  return largest;
 }
 
 void Residency::forget() {
@@ -54,25 +50,31 @@ std::vector<Residency::Place> Residency::begin_frame(std::span<const uint32_t> v
   ++frame_;
   missing_.clear();
   first_missing_ = 0;
-  std::vector<Place> there;
+  missing_.reserve(visible.size());
+  next_to_give_way_ = UINT32_MAX;
   uint32_t rank = 0;
   for (const uint32_t chunk : visible) {
     Slot& slot = slots_[chunk];
     slot.frame = frame_;
     slot.rank = rank++;
-    if (!is_resident(chunk)) {
-      missing_.push_back(chunk);
+    if (!is_resident(chunk)) missing_.push_back(chunk);
+  }
+  std::vector<Place> there;
+  there.reserve(visible.size() - missing_.size());
+  unseen_.clear();
+  drawn_.clear();
+  for (uint32_t block = blocks_.first(); block != BlockPool::kNone; block = blocks_.next(block)) {
+    if (blocks_.is_free(block)) continue;
+    const uint32_t chunk = blocks_.owner(block);
+    Slot& slot = slots_[chunk];
+    if (slot.frame != frame_) {
+      unseen_.push_back(chunk);
       continue;
     }
     slot.pinned = true;
     pinned_bytes_ += room(chunk);
     there.push_back({chunk, offset(chunk), chunk_bytes_[chunk]});
   }
-  unseen_.clear();
-  drawn_.clear();
-  for (uint32_t block = blocks_.first(); block != BlockPool::kNone; block = blocks_.next(block))
-    if (!blocks_.is_free(block) && slots_[blocks_.owner(block)].frame != frame_)
-      unseen_.push_back(blocks_.owner(block));
   std::sort(unseen_.begin(), unseen_.end(), [&](uint32_t a, uint32_t b) {
     const Slot& first = slots_[a];
     const Slot& second = slots_[b];
@@ -106,6 +108,11 @@ Residency::Batch Residency::load(std::span<const uint32_t> chosen, uint64_t byte
   // Between two of them may be some that were dropped.
   for (size_t i = chosen.size(); i-- > placed;) missing_[--first_missing_] = chosen[i];
   return batch;
+}
+
+void Residency::give_way_next(std::span<const Place> places) {
+  for (const Place& place : places) slots_[place.chunk].rank = next_to_give_way_;
+  --next_to_give_way_;
 }
 
 void Residency::batch_drawn(std::span<const Place> places) {

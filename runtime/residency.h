@@ -49,7 +49,7 @@ class Residency {
   /// does not fit `pool_bytes`, with the least pool that does; 2^32 chunks.
   static Result<Residency> create(uint64_t pool_bytes, std::vector<uint64_t> chunk_bytes);
 
-  /// Begins a frame that sees these chunks, each once, near ones first. Returns those that are there, in that order.
+  /// Begins a frame that sees these chunks, each once, near ones first. Returns those that are there, as they lie.
   std::vector<Place> begin_frame(std::span<const uint32_t> visible);
 
   /// The next batch: as many of the missing chunks as take `most_bytes` together, at least one, and fewer where the
@@ -62,6 +62,10 @@ class Residency {
   Batch next_batch(uint64_t most_bytes) {
     return next_batch(most_bytes, [](uint32_t) { return false; });
   }
+
+  /// Of those that begin_frame() gave: once drawn they give way before all others that are, but for those that were
+  /// named by an earlier call.
+  void give_way_next(std::span<const Place> places);
 
   /// These are drawn, of those that begin_frame() and next_batch() gave: each once.
   void batch_drawn(std::span<const Place> places);
@@ -84,17 +88,19 @@ class Residency {
   std::span<const uint32_t> missing() const { return std::span<const uint32_t>(missing_).subspan(first_missing_); }
   bool is_resident(uint32_t chunk) const { return slots_[chunk].block != BlockPool::kNone; }
   uint64_t chunk_bytes(uint32_t chunk) const { return chunk_bytes_[chunk]; }
+  /// Of a chunk that this frame sees: its place among those of begin_frame(), until give_way_next() names it.
+  uint32_t rank(uint32_t chunk) const { return slots_[chunk].rank; }
   uint64_t pool_bytes() const { return pool_bytes_; }
   /// What next_batch() may fill: all that is not drawn yet has its place.
   uint64_t room_left() const { return pool_bytes_ - pinned_bytes_; }
   uint64_t free_bytes() const { return blocks_.free_units() * kAlignment; }
   /// The most that one chunk takes of the pool.
-  uint64_t largest_room() const;
+  uint64_t largest_room() const { return largest_room_; }
 
  private:
   struct Slot {
     uint32_t block = BlockPool::kNone;
-    uint32_t rank = 0;   // there, 0 is the nearest
+    uint32_t rank = 0;   // there, 0 is the nearest; what gives way next has the largest
     uint64_t frame = 0;  // that saw it last
     bool pinned = false;
   };
@@ -114,11 +120,13 @@ class Residency {
   void move_together(std::vector<Move>& moves);
 
   uint64_t pool_bytes_ = 0;
+  uint64_t largest_room_ = 0;
   std::vector<uint64_t> chunk_bytes_;
   std::vector<Slot> slots_;
   BlockPool blocks_;  // in units of kAlignment; owners are chunks
   uint64_t pinned_bytes_ = 0;
   uint64_t frame_ = 0;
+  uint32_t next_to_give_way_ = 0;  // the rank of those that are named next
   // Those that this frame does not see, the last gives way first; then those that it has drawn, as a heap with the
   // farthest on top.
   std::vector<uint32_t> unseen_;

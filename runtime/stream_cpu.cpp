@@ -88,7 +88,9 @@ Result<double> CpuStream::finish_loading() {
 }
 
 /// All of it: the loads have their own thread.
-Result<void> CpuStream::start_drawing(std::span<const Residency::Place> places, bool finds_depths) {
+Result<void> CpuStream::start_drawing(std::span<const Residency::Place> places, PartOptions options) {
+  drawn_ = {};
+  if (options.share == Share::kLikelySeen) return {};  // which it does not know; kRest is all then
   const Stopwatch watch;
   for (const Residency::Place& place : places) pages_[place.chunk] = pool_.data() + place.offset;
   const Result<kernels::FrameStats> drawn = kernels::draw_part_cpu(scene_, view_, samples_, threads_);
@@ -96,7 +98,7 @@ Result<void> CpuStream::start_drawing(std::span<const Residency::Place> places, 
   if (done && !colors_.empty()) done = kernels::shade_part_cpu(scene_, view_, samples_, *shade_, colors_, threads_);
   for (const Residency::Place& place : places) pages_[place.chunk] = nullptr;
   if (!done) return done;
-  if (finds_depths) find_depths();
+  if (options.finds_depths) find_depths();
   drawn_ = {*drawn, watch.elapsed().wall_ms};
   return {};
 }

@@ -44,7 +44,7 @@ class CpuStream final : public StreamTarget {
   Result<void> start_loading(const Residency::Batch& batch) override;
   Result<bool> is_loaded() override { return false; }  // so that frames repeat themselves
   Result<double> finish_loading() override;
-  Result<void> start_drawing(std::span<const Residency::Place> places, bool finds_depths) override;
+  Result<void> start_drawing(std::span<const Residency::Place> places, PartOptions options) override;
   Result<Drawn> finish_drawing() override;
   uint32_t nearest_shown(uint32_t chunk) const override {
     return has_depths_ ? visible_.nearest_shown(chunk, depths_) : visible_.nearest(chunk);

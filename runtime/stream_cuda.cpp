@@ -42,7 +42,8 @@ CudaStream::CudaStream(const Scene& scene, Streamer streamer, uint64_t bounce_by
 
 uint64_t CudaStream::bounce_bytes(uint64_t largest_chunk, uint64_t room) {
   constexpr uint64_t kEnough = uint64_t{32} << 20;
-  return std::max(room_of(largest_chunk), std::min(room / 32, kEnough));
+  constexpr uint64_t kUnit = Residency::kAlignment;
+  return std::max(room_of(largest_chunk), std::min(room / 32, kEnough) / kUnit * kUnit);
 }
 
 CudaStream::~CudaStream() {
@@ -51,6 +52,7 @@ CudaStream::~CudaStream() {
     if (event != nullptr) (void)cudaEventDestroy(event);
   };
   for (const Events& events : events_) {
+    destroy(events.moved);
     destroy(events.begun);
     destroy(events.loaded);
   }
@@ -58,6 +60,7 @@ CudaStream::~CudaStream() {
   destroy(drawing_begun_);
   destroy(drawing_ended_);
   if (copies_ != nullptr) (void)cudaStreamDestroy(copies_);
+  if (moves_ != nullptr) (void)cudaStreamDestroy(moves_);
 }
 
 Result<void> CudaStream::open(const kernels::SceneView& device, kernels::CudaFrames& frames,
@@ -73,11 +76,13 @@ Result<void> CudaStream::open(const kernels::SceneView& device, kernels::CudaFra
   if (done) done = visible_.open(streamer_.view(), scene_);
   if (done) done = pages_.open(scene_, scene_.chunk_count);
   // Not ordered with the streams that draw: the host waits for a load before it has it drawn.
-  if (done) done = cuda_check(cudaStreamCreateWithFlags(&copies_, cudaStreamNonBlocking), "making a stream");
+  for (cudaStream_t* const stream : {&copies_, &moves_})
+    if (done) done = cuda_check(cudaStreamCreateWithFlags(stream, cudaStreamNonBlocking), "making a stream");
   const auto make = [&](cudaEvent_t& event) {
     if (done) done = cuda_check(cudaEventCreate(&event), "making an event");
   };
   for (Events& events : events_) {
+    make(events.moved);
     make(events.begun);
     make(events.loaded);
   }
@@ -88,7 +93,33 @@ Result<void> CudaStream::open(const kernels::SceneView& device, kernels::CudaFra
   const bool all_kept = std::find(kept_at_.begin(), kept_at_.end(), kNotPinned) == kept_at_.end();
   for (kernels::PinnedBuffer& staging : staging_)
     if (done && !all_kept) done = staging.allocate(streamer_.most_batch_bytes(), "allocating pinned memory");
+  if (done) done = draw_nothing();
   return done;
+}
+
+/// A sample without chunks: what CUDA does when a kernel first runs (it loads its code, and makes room for its stacks)
+/// takes 10 ms for a frame's kernels, and is done here.
+Result<void> CudaStream::draw_nothing() {
+  const kernels::View view{.eye = {0, 0, 0},
+                           .right = {1, 0, 0},
+                           .up = {0, 1, 0},
+                           .forward = {0, 0, -1},
+                           .half_width = 1,
+                           .half_height = 1,
+                           .z_near = 1,
+                           .z_far = 2,
+                           .width = 1,
+                           .height = 1};
+  Result<kernels::DeviceBuffer> sample = kernels::DeviceBuffer::allocate(sizeof(uint64_t), "allocating a sample");
+  if (!sample) return sample.error();
+  samples_ = reinterpret_cast<uint64_t*>(sample->data());
+  const kernels::ShadeOptions shade;
+  if (Result<void> begun = begin(view, &shade); !begun) return begun;
+  if (const auto listed = list(); !listed) return listed.error();
+  if (Result<void> started = start_drawing({}, {Share::kAll, true}); !started) return started;
+  if (const Result<Drawn> drawn = finish_drawing(); !drawn) return drawn.error();
+  shades_ = false;
+  return {};
 }
 
 Result<void> CudaStream::keep_in_host_memory(uint64_t host_bytes) {
@@ -130,12 +161,12 @@ Result<void> CudaStream::begin(const kernels::View& view, const kernels::ShadeOp
 /// Through memory apart, since they may overlap themselves and each other: as much as fits it is copied there, and from
 /// there to its places. What comes later lies behind all of those.
 Result<void> CudaStream::move(std::span<const Residency::Move> moves) {
-  Copies there;
-  Copies back;
+  std::vector<kernels::DeviceCopy> there;
+  std::vector<kernels::DeviceCopy> back;
   uint64_t bounced = 0;
   const auto bounce = [&]() -> Result<void> {
-    Result<void> done = copy(there, "moving chunks");
-    if (done) done = copy(back, "moving chunks");
+    Result<void> done = kernels::copy_on_device(there, moves_, "moving chunks");
+    if (done) done = kernels::copy_on_device(back, moves_, "moving chunks");
     there.clear();
     back.clear();
     bounced = 0;
@@ -144,10 +175,10 @@ Result<void> CudaStream::move(std::span<const Residency::Move> moves) {
   const Result<void> done = each_run(moves, [&](const Residency::Move& run, uint64_t bytes) -> Result<void> {
     for (uint64_t moved = 0; moved < bytes;) {
       const uint64_t count = std::min(bounce_bytes_ - bounced, bytes - moved);
-      there.add(bounce_.data() + bounced, pool_.data() + run.from + moved, count);
-      back.add(pool_.data() + run.to + moved, bounce_.data() + bounced, count);
+      there.push_back({pool_.data() + run.from + moved, bounce_.data() + bounced, count});
+      back.push_back({bounce_.data() + bounced, pool_.data() + run.to + moved, count});
       moved += count;
-      bounced += count;
+      bounced += room_of(count);
       if (bounced < bounce_bytes_) continue;
       if (Result<void> full = bounce(); !full) return full;
     }
@@ -157,7 +188,8 @@ Result<void> CudaStream::move(std::span<const Residency::Move> moves) {
 }
 
 /// None of them writes what another reads or writes.
-Result<void> CudaStream::copy(Copies& copies, const char* what) {
+Result<void> CudaStream::copy(Copies& copies) {
+  const char* const what = "copying chunks to the device";
   if (copies.bytes.empty()) return {};
 #if CUDART_VERSION >= 13000
   // One call for all of them, and no order among them to keep.
@@ -188,7 +220,13 @@ Result<void> CudaStream::start_loading(const Residency::Batch& batch) {
 Result<void> CudaStream::load(const Residency::Batch& batch, const Events& events) {
   // The current device is each thread's own.
   if (auto done = cuda_check(cudaSetDevice(device_), "choosing the GPU"); !done) return done;
-  if (Result<void> moved = move(batch.moves); !moved) return moved;
+  // While the load before is copied, whose places they do not touch.
+  if (!batch.moves.empty()) {
+    Result<void> moved = move(batch.moves);
+    if (moved) moved = cuda_check(cudaEventRecord(events.moved, moves_), "recording a load");
+    if (moved) moved = cuda_check(cudaStreamWaitEvent(copies_, events.moved), "recording a load");
+    if (!moved) return moved;
+  }
   // Neighbours in the pool go as one copy where they lie side by side in host memory too.
   std::vector<Residency::Place> places = batch.loads;
   std::sort(places.begin(), places.end(),
@@ -228,7 +266,7 @@ Result<void> CudaStream::load(const Residency::Batch& batch, const Events& event
           if (bytes != 0) copies.add(pool_.data() + run.to, run.from, bytes);
           return {};
         });
-    if (copied) copied = copy(copies, "copying chunks to the device");
+    if (copied) copied = copy(copies);
     if (!copied) return copied;
   }
   Result<void> done;
@@ -259,14 +297,16 @@ Result<double> CudaStream::finish_loading() {
   return ms;
 }
 
-Result<void> CudaStream::start_drawing(std::span<const Residency::Place> places, bool finds_depths) {
-  finds_depths_ = finds_depths;
+Result<void> CudaStream::start_drawing(std::span<const Residency::Place> places, PartOptions part) {
+  part_ = part;
   entries_.clear();
   for (const Residency::Place& place : places) entries_.push_back({place.chunk, pool_.data() + place.offset});
   Result<void> done = cuda_check(cudaEventRecord(drawing_begun_, nullptr), "recording a time");
   if (done) done = pages_.set(entries_);
   kernels::DrawOptions options;
-  options.is_part = true;
+  options.part = part.share == Share::kAll          ? kernels::FramePart::kPart
+                 : part.share == Share::kLikelySeen ? kernels::FramePart::kSeenBefore
+                                                    : kernels::FramePart::kRest;
   if (done) done = frames_->start(view_, samples_, options);
   if (done) done = use_drawn();
   return done;
@@ -275,10 +315,10 @@ Result<void> CudaStream::start_drawing(std::span<const Residency::Place> places,
 /// Queues what comes after drawing a part, while its pages are there.
 Result<void> CudaStream::use_drawn() {
   Result<void> done;
-  if (shades_)
+  if (shades_ && part_.share != Share::kLikelySeen)
     done = resolver_->shade_part(scene_, view_, samples_, frames_->transforms(), shade_,
                                  reinterpret_cast<float*>(colors_.data()), nullptr);
-  if (done && finds_depths_) done = visible_.start_finding_shown(samples_);
+  if (done && part_.finds_depths) done = visible_.start_finding_shown(samples_);
   if (done) done = cuda_check(cudaEventRecord(drawing_ended_, nullptr), "recording a time");
   return done;
 }
@@ -293,7 +333,7 @@ Result<StreamTarget::Drawn> CudaStream::finish_drawing() {
   if (done) done = cuda_check(cudaEventElapsedTime(&ms, drawing_begun_, drawing_ended_), "reading a time");
   if (!done) return done.error();
   // A copy: the next part's may come while these are asked.
-  if (finds_depths_) shown_.assign(visible_.shown().begin(), visible_.shown().end());
+  if (part_.finds_depths) shown_.assign(visible_.shown().begin(), visible_.shown().end());
   return Drawn{drawn->stats, ms};
 }
 

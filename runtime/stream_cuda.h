@@ -15,6 +15,7 @@
 
 #include "format/result.h"
 #include "kernels/cuda_check.h"
+#include "kernels/device_copies_cuda.h"
 #include "kernels/frame_cuda.h"
 #include "kernels/page_table_cuda.h"
 #include "kernels/resolve_cuda.h"
@@ -63,7 +64,7 @@ class CudaStream final : public StreamTarget {
   Result<void> start_loading(const Residency::Batch& batch) override;
   Result<bool> is_loaded() override;
   Result<double> finish_loading() override;
-  Result<void> start_drawing(std::span<const Residency::Place> places, bool finds_depths) override;
+  Result<void> start_drawing(std::span<const Residency::Place> places, PartOptions options) override;
   Result<Drawn> finish_drawing() override;
   uint32_t nearest_shown(uint32_t chunk) const override { return shown_[chunk]; }
   void stop() override;
@@ -71,10 +72,11 @@ class CudaStream final : public StreamTarget {
  private:
   static constexpr uint64_t kNotPinned = ~uint64_t{0};
   static constexpr uint64_t kPieceBytes = uint64_t{256} << 20;  // read on all threads before their copies start
-  static constexpr uint32_t kStagings = 3;                     // one is read into, and the copies of two are under way
+  static constexpr uint32_t kStagings = 3;                      // one is read into, and the copies of two are under way
 
   /// Of a load: the copies from the first on.
   struct Events {
+    cudaEvent_t moved = nullptr;
     cudaEvent_t begun = nullptr;
     cudaEvent_t loaded = nullptr;
   };
@@ -107,10 +109,11 @@ class CudaStream final : public StreamTarget {
   };
 
   Result<void> move(std::span<const Residency::Move> moves);
-  Result<void> copy(Copies& copies, const char* what);
+  Result<void> copy(Copies& copies);
   Result<void> keep_in_host_memory(uint64_t host_bytes);
   Result<void> load(const Residency::Batch& batch, const Events& events);
   Result<void> use_drawn();
+  Result<void> draw_nothing();
 
   ChunkSource source_;
   Streamer streamer_;
@@ -130,6 +133,7 @@ class CudaStream final : public StreamTarget {
   cudaEvent_t staged_[kStagings] = {};  // when what was read into one was copied
   uint32_t stagings_ = 0;
   cudaStream_t copies_ = nullptr;
+  cudaStream_t moves_ = nullptr;
   Events events_[kMostLoads];
   uint32_t loads_ = 0;
   std::deque<Load> loading_;
@@ -143,7 +147,7 @@ class CudaStream final : public StreamTarget {
   std::vector<uint32_t> near_to_far_;
   std::vector<uint32_t> shown_;  // nearest_shown(), by chunk
   // Of the part that is drawn:
-  bool finds_depths_ = false;
+  PartOptions part_{};
   cudaEvent_t drawing_begun_ = nullptr;
   cudaEvent_t drawing_ended_ = nullptr;
   JobThread<Result<void>> loader_;  // the last member: it uses others until it ends

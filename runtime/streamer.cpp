@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <deque>
 #include <new>
-#include <numeric>
 #include <string>
 #include <utility>
 
@@ -90,10 +89,11 @@ class Streamer::Frame {
   struct Part {
     std::vector<Residency::Place> places;  // none: a batch that only moves
     bool is_load;
+    StreamTarget::Share share = StreamTarget::Share::kAll;
   };
 
   Result<void> list();
-  void split(std::vector<Residency::Place> there);
+  void split(std::vector<Residency::Place> there, uint64_t wanted);
   bool is_hidden(uint32_t chunk);
   void ask_for(std::span<const uint32_t> chunks);
   void take_unsure(uint64_t most_bytes);
@@ -125,6 +125,7 @@ class Streamer::Frame {
   std::deque<Part> parts_;     // not drawn yet
   size_t loads_ = 0;           // of them: under way
   bool had_missing_ = false;
+  bool is_drawing_ = false;      // the first part is at least begun
   bool has_depths_ = false;      // of some part
   bool has_all_depths_ = false;  // and of all so far
   std::vector<uint32_t> streamed_;
@@ -166,13 +167,15 @@ Result<void> Streamer::Frame::list() {
   had_missing_ = !residency_.missing().empty();
   for (const uint32_t chunk : residency_.missing()) stats_.missing_bytes += residency_.chunk_bytes(chunk);
   std::vector<uint32_t> unknown;
+  uint64_t wanted = 0;
   residency_.drop_missing([&](uint32_t chunk) {
+    if (known_[chunk] == Known::kNeeded) wanted += residency_.chunk_bytes(chunk);
     if (known_[chunk] == Known::kNothing) unknown.push_back(chunk);
     if (known_[chunk] == Known::kHidden) hidden_.push_back(chunk);
     return known_[chunk] != Known::kNeeded;
   });
   ask_for(unknown);
-  split(std::move(there));
+  split(std::move(there), wanted);
   return {};
 }
 
@@ -180,27 +183,21 @@ Result<void> Streamer::Frame::list() {
 /// nothing can be loaded before something is drawn and gives way: stretches of the pool are, one batch, two, four...,
 /// each drawn while what the one before made room for is loaded. They are whole stretches, so that loads find room in
 /// one piece, and those with the farthest chunks: near ones stay, and hide what comes later.
-void Streamer::Frame::split(std::vector<Residency::Place> there) {
+void Streamer::Frame::split(std::vector<Residency::Place> there, uint64_t wanted) {
   struct Stretch {
     std::vector<Residency::Place> places;
     uint64_t bytes = 0;
     uint64_t ranks = 0;  // of all places
     uint64_t mean_rank() const { return ranks / places.size(); }
   };
-  uint64_t wanted = 0;
-  for (const uint32_t chunk : residency_.missing()) wanted += residency_.chunk_bytes(chunk);
   if (wanted != 0) {
-    std::vector<uint32_t> by_offset(there.size());
-    std::iota(by_offset.begin(), by_offset.end(), 0u);
-    std::sort(by_offset.begin(), by_offset.end(),
-              [&](uint32_t a, uint32_t b) { return there[a].offset < there[b].offset; });
     std::vector<Stretch> stretches;
-    for (const uint32_t rank : by_offset) {
-      if (stretches.empty() || stretches.back().bytes + there[rank].bytes > batch_bytes_) stretches.emplace_back();
+    for (const Residency::Place& place : there) {
+      if (stretches.empty() || stretches.back().bytes + place.bytes > batch_bytes_) stretches.emplace_back();
       Stretch& last = stretches.back();
-      last.places.push_back(there[rank]);
-      last.bytes += there[rank].bytes;
-      last.ranks += rank;
+      last.places.push_back(place);
+      last.bytes += place.bytes;
+      last.ranks += residency_.rank(place.chunk);
     }
     std::stable_sort(stretches.begin(), stretches.end(),
                      [](const Stretch& a, const Stretch& b) { return a.mean_rank() > b.mean_rank(); });
@@ -209,10 +206,12 @@ void Streamer::Frame::split(std::vector<Residency::Place> there) {
     uint64_t most_in_part = 1;
     there.clear();
     for (Stretch& stretch : stretches) {
-      if (freed >= wanted) {
+      // With room for a chunk more, that the last may find its place in one piece.
+      if (freed >= wanted + residency_.largest_room()) {
         there.insert(there.end(), stretch.places.begin(), stretch.places.end());
         continue;
       }
+      residency_.give_way_next(stretch.places);
       if (in_part == 0) parts_.push_back({{}, false});
       parts_.back().places.insert(parts_.back().places.end(), stretch.places.begin(), stretch.places.end());
       freed += stretch.bytes;
@@ -222,6 +221,15 @@ void Streamer::Frame::split(std::vector<Residency::Place> there) {
     }
   }
   if (!there.empty()) parts_.push_back({std::move(there), false});
+  if (parts_.size() < 3) return;
+  // The farthest have nothing to hide behind but what is seen of the others: that comes first, but for the first part,
+  // since loads wait for it.
+  Part likely{{}, false, StreamTarget::Share::kLikelySeen};
+  for (auto part = parts_.begin() + 1; part != parts_.end(); ++part) {
+    part->share = StreamTarget::Share::kRest;
+    likely.places.insert(likely.places.end(), part->places.begin(), part->places.end());
+  }
+  parts_.insert(parts_.begin() + 1, std::move(likely));
 }
 
 bool Streamer::Frame::is_hidden(uint32_t chunk) {
@@ -231,7 +239,8 @@ bool Streamer::Frame::is_hidden(uint32_t chunk) {
 }
 
 void Streamer::Frame::ask_for(std::span<const uint32_t> chunks) {
-  for (const uint32_t chunk : chunks) unsure_.push_back({target_.nearest_shown(chunk), chunk});
+  for (const uint32_t chunk : chunks)
+    if (!is_hidden(chunk)) unsure_.push_back({target_.nearest_shown(chunk), chunk});
   std::make_heap(unsure_.begin(), unsure_.end(), is_farther);
 }
 
@@ -263,8 +272,9 @@ void Streamer::Frame::take_unsure(uint64_t most_bytes) {
 /// Starts loads: as many as find room of those that are wanted for sure, and of others up to `most_unsure`.
 Result<void> Streamer::Frame::load_ahead(size_t most_unsure) {
   const Timed timed(stats_.choose_ms);
-  // Before there is anything to hide behind, as little as possible is asked for.
-  if (!has_depths_) most_unsure = 1;
+  // As little as possible before there is anything to hide behind. Not while the first part is drawn, which takes as
+  // long as two batches where near chunks are drawn in many places with nothing before them.
+  if (!has_depths_ && !is_drawing_) most_unsure = 1;
   for (;;) {
     if (is_sure_ && residency_.missing().empty()) {
       if (unsure_.empty()) return {};
@@ -298,14 +308,14 @@ Result<void> Streamer::Frame::load_ahead(size_t most_unsure) {
 
 Result<void> Streamer::Frame::draw_part(Part part) {
   // While a load is waited for there is time to choose the next, by all that is drawn so far. Where one is there
-  // already, drawing is what takes long, and must not wait for that.
+  // already, drawing is what takes long, and must not wait for that, unless nothing is loaded meanwhile.
   bool waits = false;
   if (part.is_load) {
     const Result<bool> is_loaded = target_.is_loaded();
     if (!is_loaded) return is_loaded.error();
     waits = !*is_loaded;
   }
-  if (waits)
+  if (waits || loads_ <= (part.is_load ? 1 : 0))
     if (Result<void> started = load_ahead(kLoadsAhead); !started) return started;
   if (part.is_load)
     if (Result<void> loaded = finish_loading(); !loaded) return loaded;
@@ -319,12 +329,14 @@ Result<void> Streamer::Frame::draw_part(Part part) {
     parts_.pop_front();
   }
   if (part.places.empty()) return {};
-  const bool finds_depths = had_missing_ && (has_unsure() || !has_parts());
+  const bool finds_depths =
+      had_missing_ && part.share != StreamTarget::Share::kLikelySeen && (has_unsure() || !has_parts());
   {
     const Timed timed(stats_.draw_ms);
-    if (Result<void> started = target_.start_drawing(part.places, finds_depths); !started) return started;
+    if (Result<void> started = target_.start_drawing(part.places, {part.share, finds_depths}); !started) return started;
   }
-  if (Result<void> started = load_ahead(waits ? 1 : kLoadsAhead); !started) return started;
+  is_drawing_ = true;
+  if (Result<void> started = load_ahead((waits && has_depths_) ? 1 : kLoadsAhead); !started) return started;
   const Timed timed(stats_.draw_ms);
   const Result<StreamTarget::Drawn> drawn = target_.finish_drawing();
   if (!drawn) return drawn.error();
@@ -333,7 +345,7 @@ Result<void> Streamer::Frame::draw_part(Part part) {
   ++stats_.parts;
   has_depths_ = has_depths_ || finds_depths;
   has_all_depths_ = finds_depths;
-  residency_.batch_drawn(part.places);
+  if (part.share != StreamTarget::Share::kLikelySeen) residency_.batch_drawn(part.places);
   return {};
 }
 

@@ -37,10 +37,20 @@ class StreamTarget {
   virtual Result<bool> is_loaded() = 0;
   /// Returns when the oldest start is done; the ms for which it kept copying.
   virtual Result<double> finish_loading() = 0;
-  /// Starts drawing these chunks, all that is seen of them, into the samples of the frame, and shading the samples that
-  /// they win. `finds_depths`: looks at the depths of all samples after that, for nearest_shown(). One part at a time.
-  virtual Result<void> start_drawing(std::span<const Residency::Place> places, bool finds_depths) = 0;
-  /// Returns when the part is drawn; its chunks are not needed any more.
+  /// What a part draws of its chunks.
+  enum class Share : uint8_t {
+    kAll,         // that is seen of them
+    kLikelySeen,  // what the target takes to be seen in the end, for others to hide behind; not shaded
+    kRest,        // what that left: follows in the same frame for each of those chunks, where it was by then
+  };
+  struct PartOptions {
+    Share share;
+    bool finds_depths;  // looks at the depths of all samples after that, for nearest_shown()
+  };
+  /// Starts drawing these chunks into the samples of the frame, and shading the samples that they win. One part at a
+  /// time.
+  virtual Result<void> start_drawing(std::span<const Residency::Place> places, PartOptions options) = 0;
+  /// Returns when the part is drawn; its chunks are not needed any more, unless the rest of them follows.
   virtual Result<Drawn> finish_drawing() = 0;
   /// Of a chunk of the list: the nearest depth code that it may have where it can still change a sample; kNotInView
   /// where it cannot, since all that it may cover lies behind what was there when depths were found last, in a part of

@@ -319,6 +319,42 @@ TEST_CASE("sizes beyond 32 bits are kept", "[residency]") {
   CHECK(second.loads[1].offset + second.loads[1].bytes <= 100 * gib);
 }
 
+TEST_CASE("what is to give way next does, stretch by stretch, and leaves its room in one piece", "[residency]") {
+  constexpr uint64_t kUnit = Residency::kAlignment;
+  constexpr uint32_t kChunks = 12;
+  Result<Residency> made = Residency::create(kChunks * kUnit, std::vector<uint64_t>(2 * kChunks, kUnit));
+  REQUIRE(made);
+  Residency residency = std::move(*made);
+  std::vector<uint32_t> first(kChunks);
+  std::iota(first.begin(), first.end(), 0u);
+  residency.begin_frame(first);
+  residency.batch_drawn(residency.next_batch(kChunks * kUnit).loads);
+
+  // The same and as many more, of which four and then two are wanted.
+  std::vector<uint32_t> second(2 * kChunks);
+  std::iota(second.begin(), second.end(), 0u);
+  const std::vector<Residency::Place> there = residency.begin_frame(second);
+  REQUIRE(there.size() == kChunks);
+  for (size_t i = 1; i < there.size(); ++i) REQUIRE(there[i - 1].offset < there[i].offset);
+  const std::span<const Residency::Place> all(there);
+  residency.give_way_next(all.subspan(4, 4));
+  residency.give_way_next(all.subspan(0, 4));
+  residency.batch_drawn(all);
+  std::set<uint64_t> taken;
+  for (const uint64_t most : {4 * kUnit, 2 * kUnit, 2 * kUnit}) {
+    const Residency::Batch batch = residency.next_batch(most);
+    REQUIRE(batch.moves.empty());
+    REQUIRE(batch.loads.size() == most / kUnit);
+    for (const Residency::Place& place : batch.loads) REQUIRE(taken.insert(place.offset).second);
+    const bool is_first = taken.size() == 4;
+    for (const uint64_t offset : taken) REQUIRE(((offset >= all[4].offset && offset <= all[7].offset) || !is_first));
+    REQUIRE(*taken.rbegin() <= all[7].offset);
+    residency.batch_drawn(batch.loads);
+    if (taken.size() == 8) break;
+  }
+  for (uint32_t i = 8; i < kChunks; ++i) CHECK(residency.is_resident(all[i].chunk));
+}
+
 TEST_CASE("what choosing chunks costs", "[.bench][residency]") {
   // As many chunks as scene C has at a quarter of its size, the pool a quarter of them.
   constexpr uint32_t kCount = 36000;

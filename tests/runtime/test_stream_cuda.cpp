@@ -1,12 +1,15 @@
 // Scenes that a GPU's budget does not hold, against the CPU's frames of the whole scene.
 #include <algorithm>
 #include <cstring>
+#include <iterator>
+#include <numeric>
 #include <optional>
 #include <random>
 #include <string>
 #include <utility>
 #include <vector>
 
+#include "kernels/device_copies_cuda.h"
 #include "kernels/frame_cuda.h"
 #include "runtime/camera.h"
 #include "runtime/chunk_source.h"
@@ -155,13 +158,55 @@ TEST_CASE("a GPU lists and hides the chunks that the host does", "[cuda]") {
     Result<kernels::DeviceBuffer> copy = kernels::DeviceBuffer::allocate(samples.size() * sizeof(uint64_t), "a test");
     REQUIRE(copy);
     REQUIRE(cudaMemcpy(copy->data(), samples.data(), copy->bytes(), cudaMemcpyHostToDevice) == cudaSuccess);
-    const Result<std::span<const uint32_t>> shown =
-        on_device.find_shown(reinterpret_cast<const uint64_t*>(copy->data()));
-    REQUIRE(shown);
-    REQUIRE(std::equal(shown->begin(), shown->end(), expected.begin(), expected.end()));
+    REQUIRE(on_device.start_finding_shown(reinterpret_cast<const uint64_t*>(copy->data())));
+    REQUIRE(cudaDeviceSynchronize() == cudaSuccess);
+    const std::span<const uint32_t> shown = on_device.shown();
+    REQUIRE(std::equal(shown.begin(), shown.end(), expected.begin(), expected.end()));
   }
   CHECK(hidden > 40);
   CHECK(outside > 40);
+}
+
+TEST_CASE("pieces of any size are copied within a GPU's memory", "[cuda]") {
+  if (!runtime::find_device()) {
+    WARN("skipped: no GPU");
+    return;
+  }
+  std::mt19937 random(5);
+  constexpr uint64_t kUnit = 16;
+  const uint64_t sizes[] = {0, 1, kUnit, 1000, (1 << 20) - 1, 1 << 20, (1 << 20) + 1, 5 << 20};
+  std::vector<uint64_t> pieces;
+  uint64_t all = 0;
+  for (int i = 0; i < 600; ++i) {
+    pieces.push_back(i < 500 ? random() % 3000 : sizes[random() % std::size(sizes)]);
+    all += (pieces.back() + kUnit - 1) / kUnit * kUnit;
+  }
+  std::vector<std::byte> bytes(all);
+  for (std::byte& byte : bytes) byte = static_cast<std::byte>(random());
+  // From their order to a random one.
+  Result<kernels::DeviceBuffer> from = kernels::DeviceBuffer::allocate(all, "a test");
+  Result<kernels::DeviceBuffer> to = kernels::DeviceBuffer::allocate(all, "a test");
+  REQUIRE((from && to));
+  REQUIRE(cudaMemcpy(from->data(), bytes.data(), all, cudaMemcpyHostToDevice) == cudaSuccess);
+  std::vector<uint32_t> order(pieces.size());
+  std::iota(order.begin(), order.end(), 0u);
+  std::shuffle(order.begin(), order.end(), random);
+  std::vector<uint64_t> begins;
+  for (uint64_t at = 0; const uint64_t piece : pieces) {
+    begins.push_back(at);
+    at += (piece + kUnit - 1) / kUnit * kUnit;
+  }
+  std::vector<kernels::DeviceCopy> copies;
+  std::vector<std::byte> expected;
+  for (const uint32_t i : order) {
+    copies.push_back({from->data() + begins[i], to->data() + expected.size(), pieces[i]});
+    const auto begin = bytes.begin() + static_cast<ptrdiff_t>(begins[i]);
+    expected.insert(expected.end(), begin, begin + static_cast<ptrdiff_t>((pieces[i] + kUnit - 1) / kUnit * kUnit));
+  }
+  REQUIRE(kernels::copy_on_device(copies, nullptr, "a test"));
+  std::vector<std::byte> copied(all);
+  REQUIRE(cudaMemcpy(copied.data(), to->data(), all, cudaMemcpyDeviceToHost) == cudaSuccess);
+  REQUIRE(copied == expected);
 }
 
 TEST_CASE("a scene over the device's budget is streamed with the same samples", "[cuda]") {

@@ -53,13 +53,14 @@ class Account final : public StreamTarget {
   void fail_at(uint32_t call) { fails_at_ = call; }
 
   const std::set<uint32_t>& loaded() const { return loaded_; }
-  /// Chunks that were drawn when the first and the third load were started.
+  /// Chunks that were drawn when the first and the fourth load were started.
   size_t drawn_before_first() const { return drawn_before_.at(0); }
-  size_t drawn_before_third() const { return drawn_before_.at(2); }
+  size_t drawn_before_fourth() const { return drawn_before_.at(3); }
 
   /// After a frame.
   void check_all_drawn() const {
     REQUIRE(started_.empty());
+    for (const uint32_t chunk : likely_seen_) REQUIRE(drawn_.contains(chunk));
     for (const uint32_t chunk : listed_)
       if (!drawn_.contains(chunk)) REQUIRE(shown_[chunk] == kNotInView);
   }
@@ -67,6 +68,7 @@ class Account final : public StreamTarget {
   Result<void> begin(const View&, const ShadeOptions*) override {
     loaded_.clear();
     drawn_.clear();
+    likely_seen_.clear();
     drawn_before_.clear();
     return {};
   }
@@ -95,11 +97,13 @@ class Account final : public StreamTarget {
     if (auto done = call(); !done) return done.error();
     return 1.0;
   }
-  Result<void> start_drawing(std::span<const Residency::Place> places, bool finds_depths) override {
+  Result<void> start_drawing(std::span<const Residency::Place> places, PartOptions options) override {
     REQUIRE(part_.empty());
     REQUIRE_FALSE(places.empty());
     part_.assign(places.begin(), places.end());
-    finds_depths_ = finds_depths;
+    options_ = options;
+    for (const Residency::Place& place : places)
+      REQUIRE(likely_seen_.contains(place.chunk) == (options.share == Share::kRest));
     check_part();
     return call();
   }
@@ -108,9 +112,10 @@ class Account final : public StreamTarget {
     // Whatever was moved and loaded meanwhile.
     while (carried_out_ < started_.size() && random_() % 3 != 0) carry_out();
     check_part();
-    for (const Residency::Place& place : part_) REQUIRE(drawn_.insert(place.chunk).second);
+    std::set<uint32_t>& drawn = options_.share == Share::kLikelySeen ? likely_seen_ : drawn_;
+    for (const Residency::Place& place : part_) REQUIRE(drawn.insert(place.chunk).second);
     part_.clear();
-    if (finds_depths_) shown_ = in_the_end_;
+    if (options_.finds_depths) shown_ = in_the_end_;
     if (auto done = call(); !done) return done.error();
     return Drawn{{}, 1.0};
   }
@@ -152,9 +157,10 @@ class Account final : public StreamTarget {
   std::deque<Residency::Batch> started_;
   size_t carried_out_ = 0;  // of those
   std::vector<Residency::Place> part_;
-  bool finds_depths_ = false;
+  PartOptions options_{};
   std::set<uint32_t> loaded_;
   std::set<uint32_t> drawn_;
+  std::set<uint32_t> likely_seen_;
   std::vector<size_t> drawn_before_;  // by load
   uint32_t fails_at_ = 0;
 };
@@ -264,9 +270,9 @@ TEST_CASE("what the last picture needed is loaded while what is there is drawn, 
   const Result<StreamStats> first = streamer->draw(chunks.view, nullptr, account);
   REQUIRE(first);
   CHECK(first->streamed_bytes >= needed);
-  // Nothing is known: one is loaded before there are depths, and one while they come.
+  // Nothing is known: one is loaded before there are depths, and two while they come.
   CHECK(account.drawn_before_first() == 0);
-  CHECK(account.drawn_before_third() > 0);
+  CHECK(account.drawn_before_fourth() > 0);
   for (int i = 0; i < 4; ++i) {
     const Result<StreamStats> again = streamer->draw(chunks.view, nullptr, account);
     REQUIRE(again);
@@ -277,7 +283,7 @@ TEST_CASE("what the last picture needed is loaded while what is there is drawn, 
     // One part makes room for a batch.
     CHECK(again->batches < 2 * runtime::kBatchShare);
     CHECK(account.drawn_before_first() < count / 10);
-    CHECK(account.drawn_before_third() < count / 3);
+    CHECK(account.drawn_before_fourth() < count / 3);
   }
 }
 
