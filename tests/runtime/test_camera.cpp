@@ -7,6 +7,7 @@
 
 #include "runtime/scene.h"
 #include "tests/catch.h"
+#include "tests/runtime/load_scene.h"
 #include "tests/runtime/small_scene.h"
 
 using scree::ErrorCode;
@@ -15,24 +16,13 @@ using scree::kernels::View;
 using scree::runtime::CameraOptions;
 using scree::runtime::make_view;
 using scree::runtime::Scene;
-using scree::runtime::SceneFile;
 using scree::runtime::Vec3;
-using scree::tests::ScratchPath;
 using scree::tests::SmallScene;
+using scree::tests::must_load;
 
 namespace format = scree::format;
 
 namespace {
-
-Scene load(const SmallScene& small) {
-  const ScratchPath path("camera.scree");
-  small.write(path.string());
-  Result<SceneFile> file = SceneFile::open(path.string());
-  REQUIRE(file);
-  Result<Scene> scene = Scene::load(std::move(*file), 0, {});
-  REQUIRE(scene);
-  return std::move(*scene);
-}
 
 Result<View> view_of(const Scene& scene, const CameraOptions& options) {
   return make_view(scene.container(), scene.scene_index(), scene.view(), options);
@@ -84,7 +74,7 @@ SmallScene with_cameras() {
 }  // namespace
 
 TEST_CASE("a camera node is seen from, whatever its scale", "[camera]") {
-  const Scene scene = load(with_cameras());
+  const Scene scene = must_load(with_cameras());
   CameraOptions options;
   options.width = 200;
   options.height = 100;
@@ -113,7 +103,7 @@ TEST_CASE("a camera node is seen from, whatever its scale", "[camera]") {
 }
 
 TEST_CASE("an orthographic camera keeps its height", "[camera]") {
-  const Scene scene = load(with_cameras());
+  const Scene scene = must_load(with_cameras());
   CameraOptions options;
   options.camera = "Flat";
   options.width = 300;
@@ -131,7 +121,7 @@ TEST_CASE("an orthographic camera keeps its height", "[camera]") {
 }
 
 TEST_CASE("a camera that is not there is named beside those that are", "[camera]") {
-  const Scene scene = load(with_cameras());
+  const Scene scene = must_load(with_cameras());
   CameraOptions options;
   options.camera = "7";
   const Result<View> missing = view_of(scene, options);
@@ -139,13 +129,13 @@ TEST_CASE("a camera that is not there is named beside those that are", "[camera]
   CHECK(missing.error().code == ErrorCode::kUsage);
   CHECK(missing.error().message == "no camera '7', expected one of 0 (Eye), 1 (Flat)");
   options.camera = "x";
-  const Result<View> none = view_of(load(SmallScene{}), options);
+  const Result<View> none = view_of(must_load(SmallScene{}), options);
   REQUIRE_FALSE(none);
   CHECK(none.error().message == "no camera 'x', but the scene has no cameras");
 }
 
 TEST_CASE("an eye looks at its target with up upwards", "[camera]") {
-  const Scene scene = load(SmallScene{});
+  const Scene scene = must_load(SmallScene{});
   CameraOptions options;
   options.eye = Vec3{0, 0, 4};
   Result<View> view = view_of(scene, options);
@@ -185,7 +175,7 @@ TEST_CASE("an eye looks at its target with up upwards", "[camera]") {
 }
 
 TEST_CASE("inside the scene's box the near plane is tiny, far from it it is not", "[camera]") {
-  const Scene scene = load(SmallScene{});
+  const Scene scene = must_load(SmallScene{});
   CameraOptions options;
   options.target = Vec3{0, 0, -1};
   options.eye = Vec3{0.2, 0.2, 0};
@@ -212,7 +202,7 @@ TEST_CASE("the default view holds all of the scene, tightly and in the middle", 
       tables.scenes[0].instance_count = 2;
       tables.scenes[0].triangle_count = 4;
     };
-    const Scene scene = load(small);
+    const Scene scene = must_load(small);
     for (const auto& up : {Vec3{0, 1, 0}, Vec3{0, 0, 1}, Vec3{1, 0, 0}}) {
       for (const uint32_t width : {100u, 400u}) {
         CameraOptions options;
@@ -251,7 +241,7 @@ TEST_CASE("an empty scene has a view", "[camera]") {
     tables.instances.clear();
     tables.scenes[0].instance_count = tables.scenes[0].triangle_count = 0;
   };
-  const Scene scene = load(small);
+  const Scene scene = must_load(small);
   const Result<View> view = view_of(scene, {});
   REQUIRE(view);
   check_orthonormal(*view);

@@ -13,6 +13,7 @@
 #include "tests/catch.h"
 #include "tests/models.h"
 #include "tests/paths.h"
+#include "tests/runtime/load_scene.h"
 #include "tests/runtime/paged_scene.h"
 #include "tests/tools/temp_folder.h"
 #include "tools/convert/convert.h"
@@ -28,17 +29,9 @@ using scree::runtime::DeviceScene;
 using scree::runtime::Frame;
 using scree::runtime::Picture;
 using scree::runtime::Scene;
-using scree::runtime::SceneFile;
+using scree::tests::must_load;
 
 namespace {
-
-Scene load(const std::string& path, bool pages = true) {
-  Result<SceneFile> file = SceneFile::open(path);
-  REQUIRE(file);
-  Result<Scene> scene = Scene::load(std::move(*file), 0, {.threads = 2, .pages = pages});
-  REQUIRE(scene);
-  return std::move(*scene);
-}
 
 /// The textured cube of the tests' models, packed into `folder`.
 Scene load_cube(const scree::tests::TempFolder& folder) {
@@ -46,7 +39,7 @@ Scene load_cube(const scree::tests::TempFolder& folder) {
   convert.input = scree::tests::data_path("textured_cube.glb").string();
   convert.output = folder.file("scene.scree");
   REQUIRE(scree::convert::convert(convert));
-  return load(convert.output);
+  return must_load(convert.output);
 }
 
 /// Pixels whose channels differ by more than one level.
@@ -114,7 +107,7 @@ TEST_CASE("the GPU draws what the CPU draws", "[cuda]") {
       convert.output = folder.file("scene.scree");
       convert.encoding = encoding;
       if (!scree::convert::convert(convert)) continue;
-      const Scene scene = load(convert.output);
+      const Scene scene = must_load(convert.output);
       Result<DeviceScene> device = DeviceScene::upload(scene, 0, 2);
       REQUIRE(device);
       scree::runtime::CameraOptions camera;
@@ -153,8 +146,8 @@ TEST_CASE("pages that only the GPU has are drawn and picked alike", "[cuda]") {
     scree::tests::PagedScene{}.write(paged,
                                      {{scree::tests::grid(90, 0.2), {}}, {scree::tests::sphere(40, 0.1), floats}});
     for (const std::string& path : {convert.output, paged}) {
-      const Scene whole = load(path);
-      const Scene scene = load(path, false);
+      const Scene whole = must_load(path);
+      const Scene scene = must_load(path, {.threads = 2, .pages = false});
       Result<DeviceScene> device = DeviceScene::upload(scene, 0, 3);
       REQUIRE(device);
       CHECK(device->stats().counts.pages == scene.drawn_pages().size());

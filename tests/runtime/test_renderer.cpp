@@ -10,6 +10,7 @@
 #include "runtime/camera.h"
 #include "tests/catch.h"
 #include "tests/models.h"
+#include "tests/runtime/load_scene.h"
 #include "tests/runtime/small_scene.h"
 #include "tools/convert/convert.h"
 
@@ -24,10 +25,10 @@ using scree::runtime::Pick;
 using scree::runtime::Picture;
 using scree::runtime::Scene;
 using scree::runtime::SceneFile;
-using scree::runtime::SceneOptions;
 using scree::runtime::Vec3;
 using scree::tests::ScratchPath;
 using scree::tests::SmallScene;
+using scree::tests::must_load;
 
 namespace format = scree::format;
 namespace kernels = scree::kernels;
@@ -36,14 +37,6 @@ namespace {
 
 Result<Scene> load_file(const std::string& path, uint32_t threads = 2) {
   return Scene::open(path, {true, threads});
-}
-
-Scene load(const SmallScene& small) {
-  const ScratchPath path("renderer.scree");
-  small.write(path.string());
-  Result<Scene> scene = load_file(path.string());
-  if (!scene) FAIL(scene.error().message);
-  return std::move(*scene);
 }
 
 /// The quad seen from the front, half the picture's height and (square pixels) a quarter to half of its width.
@@ -83,7 +76,7 @@ using Rgba = std::array<uint8_t, 4>;
 }  // namespace
 
 TEST_CASE("a textured quad stands upright and unmirrored", "[renderer]") {
-  const Scene scene = load(SmallScene{});
+  const Scene scene = must_load(SmallScene{});
   CHECK(scene.stats().images == 1);
   CHECK(scene.stats().pages == 1);
   const Frame frame = draw(scene, front_view(scene, 80, 40));
@@ -102,7 +95,7 @@ TEST_CASE("a textured quad stands upright and unmirrored", "[renderer]") {
 }
 
 TEST_CASE("an opaque background makes a picture without alpha", "[renderer]") {
-  const Scene scene = load(SmallScene{});
+  const Scene scene = must_load(SmallScene{});
   ShadeOptions options;
   options.background[0] = 1;
   options.background[3] = 1;
@@ -112,7 +105,7 @@ TEST_CASE("an opaque background makes a picture without alpha", "[renderer]") {
 }
 
 TEST_CASE("picking names node, mesh, triangle, source triangle and depth", "[renderer]") {
-  const Scene scene = load(SmallScene{});
+  const Scene scene = must_load(SmallScene{});
   for (const uint32_t samples : {1u, 2u, 4u}) {
     const Frame frame = draw(scene, front_view(scene, 80, 40), samples);
     const std::optional<Pick> low = *frame.pick(47, 27);  // below the diagonal: the first triangle
@@ -145,7 +138,7 @@ TEST_CASE("more samples come nearer to the area a shape covers", "[renderer]") {
     tables.matrices[0].rows[1][0] = std::sin(turn);
     tables.materials[0].texture = format::kNone;  // white
   };
-  const Scene scene = load(small);
+  const Scene scene = must_load(small);
   const double exact = 37.0 * 37.0 / 4;  // a quad of 2 at a distance of 2 takes half of the height of 37 pixels
   std::array<double, 3> worst_error{};
   for (const size_t i : {0u, 1u, 2u}) {
@@ -169,7 +162,7 @@ TEST_CASE("more samples come nearer to the area a shape covers", "[renderer]") {
 }
 
 TEST_CASE("bands of rows shade as the whole picture does", "[renderer]") {
-  const Scene scene = load(SmallScene{});
+  const Scene scene = must_load(SmallScene{});
   const View view = front_view(scene, 53, 31);
   const Frame frame = draw(scene, view);
   for (const kernels::Show show : {kernels::Show::kTexture, kernels::Show::kDepth, kernels::Show::kStage}) {
@@ -191,7 +184,7 @@ TEST_CASE("bands of rows shade as the whole picture does", "[renderer]") {
 }
 
 TEST_CASE("a picture past the largest side is refused", "[renderer]") {
-  const Scene scene = load(SmallScene{});
+  const Scene scene = must_load(SmallScene{});
   View view = front_view(scene, 80, 40);
   view.width = 8193;
   const Result<Frame> frame = Frame::draw(scene, view, 2, 1);
@@ -203,8 +196,8 @@ TEST_CASE("a picture past the largest side is refused", "[renderer]") {
 TEST_CASE("compressed pages draw as raw ones do", "[renderer]") {
   SmallScene packed;
   packed.zstd_level = 19;
-  const Scene raw = load(SmallScene{});
-  const Scene decoded = load(packed);
+  const Scene raw = must_load(SmallScene{});
+  const Scene decoded = must_load(packed);
   const View view = front_view(raw, 80, 40);
   const Frame a = draw(raw, view);
   const Frame b = draw(decoded, view);

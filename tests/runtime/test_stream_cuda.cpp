@@ -19,6 +19,7 @@
 #include "runtime/stream_cuda.h"
 #include "runtime/visible_chunks.h"
 #include "tests/catch.h"
+#include "tests/runtime/load_scene.h"
 #include "tests/runtime/paged_scene.h"
 #include "tests/tools/temp_folder.h"
 
@@ -36,17 +37,12 @@ using scree::tests::Encoding;
 using scree::tests::PagedScene;
 using scree::tests::Soup;
 using scree::tests::TempFolder;
+using scree::tests::must_load;
 
 namespace kernels = scree::kernels;
 namespace runtime = scree::runtime;
 
 namespace {
-
-Scene must_load(const std::string& path, bool pages) {
-  Result<Scene> scene = Scene::open(path, {.threads = 2, .pages = pages});
-  REQUIRE(scene);
-  return std::move(*scene);
-}
 
 Soup triangles_around(uint32_t count, std::mt19937& random) {
   std::uniform_real_distribution<double> unit(-1, 1);
@@ -105,7 +101,7 @@ TEST_CASE("a GPU lists and hides the chunks that the host does", "[cuda]") {
   const TempFolder folder;
   PagedScene paged;
   paged.write(folder.file("wall.scree"), meshes);
-  const Scene scene = must_load(folder.file("wall.scree"), true);
+  const Scene scene = must_load(folder.file("wall.scree"));
   const bool has_gpu = static_cast<bool>(runtime::find_device());
   std::optional<CudaScene> device;
   kernels::CudaVisibleChunks on_device;
@@ -216,8 +212,8 @@ TEST_CASE("a scene over the device's budget is streamed with the same samples", 
   }
   const TempFolder folder;
   write_soup(folder.file("soup.scree"));
-  const Scene whole = must_load(folder.file("soup.scree"), true);
-  const Scene scene = must_load(folder.file("soup.scree"), false);
+  const Scene whole = must_load(folder.file("soup.scree"));
+  const Scene scene = must_load(folder.file("soup.scree"), {.threads = 2, .pages = false});
 
   uint64_t all = 0;
   uint64_t largest = 0;

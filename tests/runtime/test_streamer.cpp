@@ -14,6 +14,7 @@
 #include "runtime/stream_cpu.h"
 #include "tests/catch.h"
 #include "tests/models.h"
+#include "tests/runtime/load_scene.h"
 #include "tests/runtime/paged_scene.h"
 #include "tests/tools/convert_fixture.h"
 #include "tests/tools/jpeg_model.h"
@@ -30,7 +31,6 @@ using scree::runtime::Frame;
 using scree::runtime::Picture;
 using scree::runtime::Residency;
 using scree::runtime::Scene;
-using scree::runtime::SceneOptions;
 using scree::runtime::StreamStats;
 using scree::tests::Encoding;
 using scree::tests::GridSpec;
@@ -38,6 +38,7 @@ using scree::tests::ModelMaker;
 using scree::tests::PagedScene;
 using scree::tests::Soup;
 using scree::tests::TempFolder;
+using scree::tests::must_load;
 
 namespace convert = scree::convert;
 namespace format = scree::format;
@@ -45,14 +46,8 @@ namespace runtime = scree::runtime;
 
 namespace {
 
-Scene must_load(const std::string& path, bool pages) {
-  SceneOptions options;
-  options.threads = 2;
-  options.pages = pages;
-  options.texture_cache = uint64_t{1} << 20;
-  Result<Scene> scene = Scene::open(path, options);
-  if (!scene) FAIL(scene.error().message);
-  return std::move(*scene);
+Scene open_scene(const std::string& path, bool pages) {
+  return must_load(path, {.threads = 2, .texture_cache = uint64_t{1} << 20, .pages = pages});
 }
 
 struct Pool {
@@ -121,7 +116,7 @@ ShadeOptions shade_options(uint32_t number) {
 /// Two scenes of one file, one with all of its pages in memory.
 class Compared {
  public:
-  explicit Compared(const std::string& path) : whole_(must_load(path, true)), paged_(must_load(path, false)) {}
+  explicit Compared(const std::string& path) : whole_(open_scene(path, true)), paged_(open_scene(path, false)) {}
 
   const Scene& whole() const { return whole_; }
   const Scene& paged() const { return paged_; }
@@ -433,7 +428,7 @@ TEST_CASE("pages that are not good end a streamed frame as they end loading", "[
     if (number == 2) page.stored[17] ^= std::byte{1};
   };
   paged.write(folder.file("bad.scree"), {{random_soup(900, random), Encoding{}}});
-  Scene scene = must_load(folder.file("bad.scree"), false);
+  Scene scene = open_scene(folder.file("bad.scree"), false);
   runtime::CameraOptions camera;
   camera.eye = runtime::Vec3{0, 0, 9};
   camera.target = runtime::Vec3{0, 0, 0};
@@ -457,7 +452,7 @@ TEST_CASE("a pool smaller than a chunk is told with the least that does", "[stre
   std::mt19937 random(10);
   const TempFolder folder;
   PagedScene().write(folder.file("a.scree"), {{random_soup(200, random), Encoding{}}});
-  const Scene scene = must_load(folder.file("a.scree"), false);
+  const Scene scene = open_scene(folder.file("a.scree"), false);
   const uint64_t least = pool_of(scene).least;
   const auto small = CpuStream::create(scene, least - 1, 1);
   REQUIRE_FALSE(small);

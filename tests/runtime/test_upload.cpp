@@ -25,6 +25,7 @@
 #include "runtime/direct_file.h"
 #include "runtime/scene.h"
 #include "tests/catch.h"
+#include "tests/runtime/load_scene.h"
 #include "tests/runtime/paged_scene.h"
 #include "tests/tools/temp_folder.h"
 
@@ -35,7 +36,6 @@ using scree::format::SealedPage;
 using scree::runtime::DirectFile;
 using scree::runtime::Reading;
 using scree::runtime::Scene;
-using scree::runtime::SceneFile;
 using scree::runtime::StagingSizes;
 using scree::runtime::UploadCounts;
 using scree::runtime::UploadPlan;
@@ -43,6 +43,7 @@ using scree::tests::Encoding;
 using scree::tests::PagedScene;
 using scree::tests::Soup;
 using scree::tests::TempFolder;
+using scree::tests::must_load;
 
 namespace {
 
@@ -160,11 +161,7 @@ std::vector<std::pair<Soup, Encoding>> some_meshes() {
 
 /// Loads what there is of a scene without its pages.
 Scene open_scene(const std::string& path) {
-  Result<SceneFile> file = SceneFile::open(path);
-  REQUIRE(file);
-  Result<Scene> scene = Scene::load(std::move(*file), 0, {.textures = false, .pages = false});
-  REQUIRE(scene);
-  return std::move(*scene);
+  return must_load(path, {.textures = false, .pages = false});
 }
 
 struct Attempt {

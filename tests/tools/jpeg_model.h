@@ -5,9 +5,8 @@
 #include <utility>
 #include <vector>
 
-#include "runtime/scene.h"
-#include "tests/catch.h"
 #include "tests/format/jpeg_maker.h"
+#include "tests/runtime/load_scene.h"
 #include "tests/tools/model_maker.h"
 
 namespace scree::tests {
@@ -55,15 +54,8 @@ inline void make_jpeg_model(const std::string& path) {
 }
 
 /// `texture_cache`: SceneOptions::texture_cache.
-inline runtime::Scene must_load(const std::string& path, uint64_t texture_cache) {
-  auto file = runtime::SceneFile::open(path);
-  REQUIRE(file);
-  runtime::SceneOptions options;
-  options.texture_cache = texture_cache;
-  options.threads = 2;
-  auto scene = runtime::Scene::load(std::move(*file), 0, options);
-  if (!scene) FAIL(scene.error().message);
-  return std::move(*scene);
+inline runtime::Scene load_cached(const std::string& path, uint64_t texture_cache) {
+  return must_load(path, {.threads = 2, .texture_cache = texture_cache});
 }
 
 }  // namespace scree::tests

@@ -21,7 +21,7 @@ using namespace scree;
 using kernels::BlockCache;
 using kernels::JpegLevel;
 using tests::jpeg_recipe;
-using tests::must_load;
+using tests::load_cached;
 using tests::TempFolder;
 
 namespace {
@@ -45,10 +45,10 @@ TEST_CASE("a picture does not depend on the size of the texture cache", "[jpeg_t
   const TempFolder folder;
   tests::make_jpeg_model(folder.file("in.glb"));
   tests::must_convert(tests::options_of(folder));
-  const runtime::Scene whole = must_load(folder.file("out.scree"), 0);
+  const runtime::Scene whole = load_cached(folder.file("out.scree"), 0);
   CHECK(whole.block_cache() == nullptr);
   for (const uint64_t bytes : {uint64_t{1}, uint64_t{3000}, uint64_t{40000}, uint64_t{64} << 20}) {
-    const runtime::Scene scene = must_load(folder.file("out.scree"), bytes);
+    const runtime::Scene scene = load_cached(folder.file("out.scree"), bytes);
     REQUIRE(scene.block_cache() != nullptr);
     CHECK(scene.block_cache()->bytes() <= std::max<uint64_t>(bytes, 64 * format::kJpegMaxGroupBlocks));
     CHECK(scene.block_cache()->decoded() == 0);
@@ -81,9 +81,9 @@ TEST_CASE("real models look the same with any texture cache", "[jpeg_textures]")
     convert::ConvertOptions options = tests::options_of(folder);
     options.input = path.string();
     tests::must_convert(options);
-    const auto expected = draw(must_load(options.output, 0), 300, 1, 2);
-    CHECK(draw(must_load(options.output, 1), 300, 1, 2) == expected);
-    CHECK(draw(must_load(options.output, uint64_t{64} << 20), 300, 1, 2) == expected);
+    const auto expected = draw(load_cached(options.output, 0), 300, 1, 2);
+    CHECK(draw(load_cached(options.output, 1), 300, 1, 2) == expected);
+    CHECK(draw(load_cached(options.output, uint64_t{64} << 20), 300, 1, 2) == expected);
   }
 }
 

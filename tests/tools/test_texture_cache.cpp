@@ -26,7 +26,7 @@ using namespace scree;
 using kernels::JpegLevel;
 using kernels::RoundCounters;
 using kernels::TextureCache;
-using tests::must_load;
+using tests::load_cached;
 using tests::TempFolder;
 
 namespace {
@@ -189,8 +189,8 @@ TEST_CASE("rounds of decoding give the picture of whole textures, in caches of a
   const TempFolder folder;
   tests::make_jpeg_model(folder.file("in.glb"));
   tests::must_convert(tests::options_of(folder));
-  const runtime::Scene whole = must_load(folder.file("out.scree"), 0);
-  const runtime::Scene scene = must_load(folder.file("out.scree"), 1);
+  const runtime::Scene whole = load_cached(folder.file("out.scree"), 0);
+  const runtime::Scene scene = load_cached(folder.file("out.scree"), 1);
   const kernels::SrgbTables srgb = kernels::make_srgb_tables();
   const std::vector<kernels::View> views = views_of(whole);
   std::vector<std::vector<uint64_t>> samples;
@@ -330,8 +330,8 @@ TEST_CASE("the GPU draws JPEG textures as if they were decoded whole, with cache
     convert::ConvertOptions options = tests::options_of(folder);
     options.input = input;
     tests::must_convert(options);
-    const runtime::Scene whole = must_load(options.output, 0);
-    const runtime::Scene scene = must_load(options.output, 1);
+    const runtime::Scene whole = load_cached(options.output, 0);
+    const runtime::Scene scene = load_cached(options.output, 1);
     const uint32_t slot_bytes = scene.jpeg_slot_bytes();
     REQUIRE(slot_bytes > 0);
     auto of_whole = runtime::DeviceScene::upload(whole, 0, 2);
@@ -392,7 +392,7 @@ TEST_CASE("the GPU decodes every group of a JPEG to the CPU's samples", "[cuda]"
   const TempFolder folder;
   tests::make_jpeg_model(folder.file("in.glb"));
   tests::must_convert(tests::options_of(folder));
-  const runtime::Scene scene = must_load(folder.file("out.scree"), 1);
+  const runtime::Scene scene = load_cached(folder.file("out.scree"), 1);
   auto device = runtime::DeviceScene::upload(scene, 0, 2);
   REQUIRE(device);
   const uint32_t slot_bytes = scene.jpeg_slot_bytes();

@@ -1,0 +1,28 @@
+// Scenes that a test needs.
+#pragma once
+
+#include <string>
+#include <utility>
+
+#include "runtime/scene.h"
+#include "tests/catch.h"
+#include "tests/paths.h"
+#include "tests/runtime/small_scene.h"
+
+namespace scree::tests {
+
+/// Scene 0 of a .scree file; the test fails where that cannot be loaded.
+inline runtime::Scene must_load(const std::string& path, const runtime::SceneOptions& options = {.threads = 2}) {
+  Result<runtime::Scene> scene = runtime::Scene::open(path, options);
+  if (!scene) FAIL(scene.error().message);
+  return std::move(*scene);
+}
+
+/// Of a file that is gone again.
+inline runtime::Scene must_load(const SmallScene& small) {
+  const ScratchPath path("small.scree");
+  small.write(path.string());
+  return must_load(path.string());
+}
+
+}  // namespace scree::tests
