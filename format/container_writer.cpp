@@ -23,7 +23,9 @@ namespace scree::format {
 
 namespace {
 
-constexpr uint32_t kPageEntry = 1;  // of a PartLog: a PageRecord
+// Entries of a PartLog:
+constexpr uint32_t kPageEntry = 1;  // a PageRecord
+constexpr uint32_t kDropEntry = 2;  // how many pages there are still (u32)
 
 /// One zstd frame that says its content's size, or nothing where it would take `limit` bytes or memory is short.
 /// `ends`: in `content`, where bytes of another kind begin; each gets blocks of its own, with codes that fit it.
@@ -238,24 +240,30 @@ Result<ContainerWriter> ContainerWriter::resume(const std::string& path, const P
   impl->path = path;
   impl->file = std::move(*part);
   impl->overwrites = impl->is_longer = true;
-  std::vector<PageRecord> noted;
-  auto log = PartLog::read(impl->file, id, [&](uint32_t kind, std::span<const std::byte> entry) {
-    PageRecord record;
-    if (kind != kPageEntry) return take(kind, entry);
-    if (entry.size() != sizeof record) return;
-    std::memcpy(&record, entry.data(), sizeof record);
-    noted.push_back(record);
-  });
-  if (!log) return log.error();
-  impl->log = *log;
-  for (const PageRecord& record : noted) {
+  bool fits = true;  // so far
+  const auto take_page = [&](const PageRecord& record) {
     // Pages that an earlier resume() found damaged were written and noted again.
     while (!impl->pages.empty() && impl->pages.back().offset >= record.offset) impl->pages.pop_back();
     const uint64_t end =
         impl->pages.empty() ? kPageAlignment : impl->pages.back().offset + impl->pages.back().stored_bytes;
-    if (record.offset != align_up(end, kPageAlignment)) break;
-    impl->pages.push_back(record);
-  }
+    fits = record.offset == align_up(end, kPageAlignment);
+    if (fits) impl->pages.push_back(record);
+  };
+  auto log = PartLog::read(impl->file, id, [&](uint32_t kind, std::span<const std::byte> entry) {
+    PageRecord record;
+    uint32_t left = 0;
+    if (kind == kPageEntry && entry.size() == sizeof record) {
+      std::memcpy(&record, entry.data(), sizeof record);
+      if (fits) take_page(record);
+    } else if (kind == kDropEntry && entry.size() == sizeof left) {
+      std::memcpy(&left, entry.data(), sizeof left);
+      if (left < impl->pages.size()) impl->pages.resize(left);
+    } else if (kind != kPageEntry && kind != kDropEntry) {
+      take(kind, entry);
+    }
+  });
+  if (!log) return log.error();
+  impl->log = *log;
   for (size_t i = 0; i < impl->pages.size(); ++i) {
     const auto is_whole = impl->is_whole(impl->pages[i], impl->end);
     if (!is_whole) return is_whole.error();
@@ -279,7 +287,7 @@ void ContainerWriter::keep_log(const PartId& id, uint64_t most_bytes) {
 }
 
 void ContainerWriter::log(uint32_t kind, std::span<const std::byte> entry) {
-  assert(kind != kPageEntry);
+  assert(kind != kPageEntry && kind != kDropEntry);
   impl_->note(kind, entry);
 }
 
@@ -293,7 +301,10 @@ uint32_t ContainerWriter::page_count() const {
 
 void ContainerWriter::drop_pages(uint32_t page_count) {
   assert(page_count <= impl_->pages.size() && impl_->toc.empty());
-  if (page_count < impl_->pages.size()) impl_->overwrites = impl_->is_longer = true;
+  if (page_count == impl_->pages.size()) return;
+  // Whole as they may lie there, what is noted from here on knows nothing of them.
+  impl_->note(kDropEntry, std::as_bytes(std::span(&page_count, 1)));
+  impl_->overwrites = impl_->is_longer = true;
   impl_->pages.resize(page_count);
   impl_->end = page_count == 0 ? kPageAlignment : impl_->pages.back().offset + impl_->pages.back().stored_bytes;
 }

@@ -133,6 +133,35 @@ TEST_CASE("part log: another id, no .part, and pages that are given up", "[conta
   CHECK((read_file(unfinished.path) == unfinished.expected));
 }
 
+TEST_CASE("part log: pages that were dropped are not gone on with, whole as they lie there", "[container][resume]") {
+  Unfinished unfinished;
+  const auto ignore = [](uint32_t, std::span<const std::byte>) {};
+  const auto resumed = [&] {
+    auto writer = ContainerWriter::resume(unfinished.path, kId, ignore);
+    REQUIRE(writer);
+    return std::move(*writer);
+  };
+  {
+    ContainerWriter writer = resumed();
+    REQUIRE(writer.page_count() == 4);
+    writer.drop_pages(1);
+  }
+  {
+    ContainerWriter writer = resumed();
+    CHECK(writer.page_count() == 1);
+    REQUIRE(writer.append(page_of(1)));
+    REQUIRE(writer.append(page_of(3)));
+    REQUIRE(writer.append(page_of(2)));
+    writer.drop_pages(2);
+    REQUIRE(writer.append(page_of(2)));
+  }
+  ContainerWriter writer = resumed();
+  CHECK(writer.page_count() == 3);
+  append(writer, 3, kPages);
+  REQUIRE(writer.finish({}));
+  CHECK((read_file(unfinished.path) == unfinished.expected));
+}
+
 TEST_CASE("part log: a file that grows past its log is right, and ends where it should", "[container][resume]") {
   Unfinished unfinished;
   auto writer = ContainerWriter::create(unfinished.path);  // what was left behind is overwritten

@@ -13,7 +13,7 @@ namespace scree::convert {
 namespace {
 
 // A change of what is noted, or of how a scene is cut and packed, needs another number.
-constexpr uint64_t kLogFormat = 3;
+constexpr uint64_t kLogFormat = 4;
 
 enum EntryKind : uint32_t { kImageEntry = 16, kWindowsEntry = 17 };
 
