@@ -68,10 +68,6 @@ TEST_CASE("options that make no sense", "[convert]") {
     options.max_error = std::nan("");
     must_fail(options, ErrorCode::kUsage, "--max-error");
   }
-  SECTION("too small an error") {
-    options.max_error = 1e-12;
-    must_fail(options, ErrorCode::kRange, "mesh 0 primitive 0");
-  }
   SECTION("float32 with an error") {
     options.float32 = true;
     options.max_error = 1;

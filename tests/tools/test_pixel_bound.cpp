@@ -157,6 +157,44 @@ TEST_CASE("pixel bound: meshes get the bits their instances need, and their meas
   }
 }
 
+TEST_CASE("an error too small for one mesh's lattice keeps that mesh's floats, and no other's", "[pixel_bound]") {
+  const tests::TempFolder folder;
+  make_scene(folder.file("in.glb"));
+  for (const double error : {1e-3, 1e-5, 1e-12}) {
+    for (const bool clustered : {false, true}) {
+      for (const uint32_t threads : {1u, 4u}) {
+        INFO(error << (clustered ? " clustered" : " indexed"));
+        convert::ConvertOptions options = options_of(folder);
+        options.max_error = error;
+        options.threads = threads;
+        options.encoding = clustered ? convert::Encoding::kClustered : convert::Encoding::kIndexed;
+        const convert::ConvertReport report = must_convert(options);
+        const tests::OpenFile file = tests::must_open(options.output);
+        size_t floats = 0;
+        const auto meshes = file.file.meshes();
+        for (size_t i = 0; i < meshes.size(); ++i) {
+          CHECK(meshes[i].max_position_error <= error);
+          floats += meshes[i].position_encoding == format::PositionEncoding::kFloat32 ? 1 : 0;
+        }
+        if (error == 1e-3) CHECK(meshes[0].position_encoding == format::PositionEncoding::kLattice);
+        if (error == 1e-12) CHECK(floats == 3);
+        const auto source = convert::import_gltf(options.input, {});
+        REQUIRE(source);
+        const auto geometry = compare::compare_geometry(*source, file.file);
+        REQUIRE(geometry);
+        CHECK(geometry->broken.empty());
+        CHECK(geometry->missing_triangles == 0);
+        uint64_t counted = 0;
+        for (const auto& [bits, row] : report.positions.rows()) {
+          counted += row.meshes;
+          CHECK(row.bytes <= row.float_bytes + row.meshes * 64);
+        }
+        CHECK(counted == 3);
+      }
+    }
+  }
+}
+
 TEST_CASE("pixel bound: what is drawn keeps it, measured from the vertices' own places", "[pixel_bound]") {
   const tests::TempFolder folder;
   make_scene(folder.file("in.glb"));

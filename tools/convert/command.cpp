@@ -190,7 +190,7 @@ Command add_convert(CLI::App& parent) {
                       "Bits an axis of a mesh's positions, 8 to 24, or float32: as they are (default: 16)");
   app->add_option("--max-error", words->max_error,
                   "Largest position error an axis in a mesh's own units (0.5mm, 1e-3; a unit is a metre); picks the "
-                  "step instead of --positions");
+                  "step instead of --positions, and keeps the floats of meshes that more than 24 bits would serve");
   app->add_option(
          "--max-error-pixels", words->max_error_pixels,
          "The fewest bits for each mesh with which no vertex is drawn more than N pixels from its place where it\n"

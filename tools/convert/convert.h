@@ -35,7 +35,7 @@ struct ConvertOptions {
   // Options that shape the bytes.
   bool float32 = false;         // positions as they are, instead of:
   uint32_t position_bits = 16;  // 8 to 24 an axis
-  double max_error = 0;         // model units, an axis; above 0 it picks the step instead of position_bits
+  double max_error = 0;         // model units, an axis; above 0 it picks each mesh's step, or keeps its floats, instead
   PixelBound pixel_bound;       // pixels above 0: picks the step of each mesh, or keeps its floats, instead of both
   Grid grid = Grid::kMesh;
   Order order = Order::kFifo;

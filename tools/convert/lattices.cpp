@@ -5,6 +5,7 @@
 #include <span>
 
 #include "format/quantize.h"
+#include "tools/convert/convert_options.h"
 #include "tools/convert/pixel_bound.h"
 
 namespace scree::convert {
@@ -107,7 +108,7 @@ Result<void> choose_lattices(const ConvertOptions& options, const SourceScene& s
     MeshPlan& plan = plans[i];
     const Result<format::MeshLattice> lattice = lattice_of(options, plan, errors[i]);
     // Rounding to float may be what passes the bound; then nothing is saved by a lattice.
-    if (by_pixels && (!lattice || lattice->max_error > errors[i])) {
+    if (bounds_error(options) && (!lattice || lattice->max_error > errors[i])) {
       keep_floats(plan, tables.meshes[i]);
       continue;
     }

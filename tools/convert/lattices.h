@@ -12,13 +12,13 @@
 namespace scree::convert {
 
 /// Chooses the lattice of a mesh that shares its step with no other, and writes it into both. Errors as
-/// choose_lattices().
+/// choose_lattices(), and kRange where that would keep the mesh's floats.
 Result<void> choose_lattice(const ConvertOptions& options, const SourceScene& scene, MeshPlan& plan,
                             format::MeshRecord& record);
 
 /// Chooses the lattices of `plans` (as tables.meshes), of boxes measured before, and writes them into both. With
-/// options.pixel_bound a mesh that no lattice of 24 bits an axis serves keeps its floats. Errors kRange (the primitive
-/// named): a lattice that would need more bits; those of read_instances.
+/// options.max_error or options.pixel_bound a mesh that no lattice of 24 bits an axis serves keeps its floats. Errors
+/// kRange (the primitive named): a lattice that would need more bits; those of read_instances.
 Result<void> choose_lattices(const ConvertOptions& options, const SourceScene& scene, const InstancePlan& instances,
                              std::vector<MeshPlan>& plans, format::TableSet& tables);
 
