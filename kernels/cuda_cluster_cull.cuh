@@ -196,9 +196,10 @@ __device__ inline UnitRange units_of_round(uint64_t total, uint32_t round, uint3
 }
 
 /// How a pass takes the bits of the clusters seen before: it draws those, or tests the others and draws them, or there
-/// are none. The bits are hints, and wrong ones cost time alone: a cluster that has one is asked anew every few frames
-/// whether it is hidden; and one that only lay between pixel centres has one too, so that no holes open in the first
-/// pass when the camera moves.
+/// are none. The bits are hints, and wrong ones cost time alone, as long as none is set between a draw's first pass and
+/// its second, which leaves out what has one: a cluster that has one is asked anew every few frames whether it is
+/// hidden; and one that only lay between pixel centres has one too, so that no holes open in the first pass when the
+/// camera moves.
 enum class ClusterPass : uint32_t { kSeenBefore, kNewlySeen, kOnly };
 
 /// What of a box may show in the picture. What is hidden is as good as nothing.

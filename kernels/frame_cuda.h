@@ -14,10 +14,12 @@ namespace scree::kernels {
 
 /// What of a frame is drawn. A part (frame_parts.h) leaves the samples of those before; pages came and went since then.
 enum class FramePart : uint8_t {
-  kWhole,       // all of it; the samples are cleared first
-  kPart,        // all of the chunks whose pages are there
-  kSeenBefore,  // of those, clusters that were seen last time, for others to hide behind: kRest follows for each chunk
-  kRest,        // what that left
+  kWhole,  // all of it; the samples are cleared first
+  kPart,   // all of the chunks whose pages are there
+  // Of those, clusters that were seen last time, for others to hide behind. Each chunk is in one kRest after that, of
+  // the same view and options, and in no part between.
+  kSeenBefore,
+  kRest,  // what that left
 };
 
 struct DrawOptions {

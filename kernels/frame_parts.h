@@ -1,6 +1,7 @@
 // A frame drawn in parts, for scenes whose chunks are not all in memory at once: a part is the chunks whose pages are
-// there (SceneView::pages), each in one part. The picture is that of draw_cpu() and resolve_cpu(), byte for byte,
-// however the chunks are shared out and in whatever order the parts come.
+// there (SceneView::pages), each in one part (on a GPU in one that draws all that is left of it: FramePart). The
+// picture is that of draw_cpu() and resolve_cpu(), byte for byte, however the chunks are shared out and in whatever
+// order the parts come.
 #pragma once
 
 #include <cstdint>

@@ -88,7 +88,7 @@ class Residency {
   std::span<const uint32_t> missing() const { return std::span<const uint32_t>(missing_).subspan(first_missing_); }
   bool is_resident(uint32_t chunk) const { return slots_[chunk].block != BlockPool::kNone; }
   uint64_t chunk_bytes(uint32_t chunk) const { return chunk_bytes_[chunk]; }
-  /// Of a chunk that this frame sees: its place among those of begin_frame(), until give_way_next() names it.
+  /// Of a chunk that this frame sees: its place in begin_frame()'s `visible`, until give_way_next() names it.
   uint32_t rank(uint32_t chunk) const { return slots_[chunk].rank; }
   uint64_t pool_bytes() const { return pool_bytes_; }
   /// What next_batch() may fill: all that is not drawn yet has its place.

@@ -119,6 +119,7 @@ Result<void> CudaStream::draw_nothing() {
   if (Result<void> started = start_drawing({}, {Share::kAll, true}); !started) return started;
   if (const Result<Drawn> drawn = finish_drawing(); !drawn) return drawn.error();
   shades_ = false;
+  samples_ = nullptr;
   return {};
 }
 

@@ -125,7 +125,7 @@ class Streamer::Frame {
   std::deque<Part> parts_;     // not drawn yet
   size_t loads_ = 0;           // of them: under way
   bool had_missing_ = false;
-  bool is_drawing_ = false;      // the first part is at least begun
+  bool has_begun_ = false;       // to draw
   bool has_depths_ = false;      // of some part
   bool has_all_depths_ = false;  // and of all so far
   std::vector<uint32_t> streamed_;
@@ -274,7 +274,7 @@ Result<void> Streamer::Frame::load_ahead(size_t most_unsure) {
   const Timed timed(stats_.choose_ms);
   // As little as possible before there is anything to hide behind. Not while the first part is drawn, which takes as
   // long as two batches where near chunks are drawn in many places with nothing before them.
-  if (!has_depths_ && !is_drawing_) most_unsure = 1;
+  if (!has_depths_ && !has_begun_) most_unsure = 1;
   for (;;) {
     if (is_sure_ && residency_.missing().empty()) {
       if (unsure_.empty()) return {};
@@ -335,7 +335,7 @@ Result<void> Streamer::Frame::draw_part(Part part) {
     const Timed timed(stats_.draw_ms);
     if (Result<void> started = target_.start_drawing(part.places, {part.share, finds_depths}); !started) return started;
   }
-  is_drawing_ = true;
+  has_begun_ = true;
   if (Result<void> started = load_ahead((waits && has_depths_) ? 1 : kLoadsAhead); !started) return started;
   const Timed timed(stats_.draw_ms);
   const Result<StreamTarget::Drawn> drawn = target_.finish_drawing();

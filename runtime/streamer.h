@@ -41,7 +41,7 @@ class StreamTarget {
   enum class Share : uint8_t {
     kAll,         // that is seen of them
     kLikelySeen,  // what the target takes to be seen in the end, for others to hide behind; not shaded
-    kRest,        // what that left: follows in the same frame for each of those chunks, where it was by then
+    kRest,        // what that left: follows in the same frame for each of those chunks, which stay where they are
   };
   struct PartOptions {
     Share share;
@@ -75,7 +75,7 @@ struct StreamStats {
   uint64_t needed_bytes = 0;    // of those: not behind the picture as it is in the end, as far as boxes tell
   uint64_t moved_bytes = 0;     // within the pool
   uint64_t batches = 0;         // that were loaded
-  uint64_t parts = 0;           // that were drawn, of one or more batches or of what was there
+  uint64_t parts = 0;           // that were drawn, of batches, of what was there, or of what was likely seen of that
   double list_ms = 0;           // finding the chunks in the view
   double choose_ms = 0;         // choosing what is loaded, and asking for it
   double draw_ms = 0;           // asking for parts, and waiting for them
