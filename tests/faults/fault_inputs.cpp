@@ -107,6 +107,10 @@ FaultInputs::FaultInputs() {
   write_shuffled(folder_);
   make("convert in.gltf -o in.scree --source-ids --normals --quiet --threads 1");
   make("convert in.gltf -o packed.scree --encoding clustered --zstd 3 --quiet --threads 1");
+  const std::string seen_from = " --size 24x16 --backend cpu --quiet --threads 1";
+  make("render in.scree -o a.png --visbuffer a.vis" + seen_from);
+  make("convert in.gltf -o coarse.scree --source-ids --normals --positions 8 --quiet --threads 1");
+  make("render coarse.scree -o b.png --visbuffer b.vis" + seen_from);
 }
 
 void FaultInputs::add_many() {

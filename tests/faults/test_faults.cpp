@@ -21,6 +21,7 @@ struct Job {
 constexpr Job kConvert[] = {
     {"out.scree", "convert in.gltf -o out.scree --normals --quiet --threads 1"},
     {"~out.scree", "convert in.gltf -o out.scree --encoding clustered --zstd 3 --quiet --threads 2"},
+    {"out.scree", "convert in.gltf -o out.scree --textures jpeg:80 --max-error 1e-3 --quiet --threads 1"},
 };
 // Of which only what comes once the file to sort through is made: unlink takes its name away.
 constexpr Job kSort[] = {{"out.scree", "convert scattered.gltf -o out.scree --normals --quiet --threads 1"}};
@@ -32,6 +33,10 @@ constexpr Job kReaders[] = {
     {"out.glb", "export in.scree -o out.glb --quiet --threads 1"},
     {"out.gltf+out.bin+out_jpeg.jpg+out_png.png", "export in.scree -o out.gltf --quiet --threads 2"},
     {"", "compare in.scree in.gltf --size 24x16 --threads 1"},
+    {"out.png", "compare in.scree in.gltf --size 24x16 -o out.png --threads 2"},
+    {"out.png", "compare a.vis b.vis --of in.scree --size 24x16 -o out.png --threads 1"},
+    {"out.png", "compare a.png b.png -o out.png --threads 1"},
+    {"", "inspect coarse.scree --source in.gltf --threads 1"},
     {"out.png,out.pfm,out.bin",
      "render in.scree -o out.png --depth out.pfm --visbuffer out.bin --size 24x16 --ssao --pick 12,8 --backend cpu "
      "--quiet --threads 1"},
