@@ -132,8 +132,7 @@ void EncodeAhead::begin_guess(const WindowPlan& window, const Measured& measured
   close_batch();
   submit();
   meshes_.push_back(std::move(*mesh));
-  guess_.emplace();
-  guess_->batches_before = waiting_.size() + pass_->in_flight();
+  guess_ = Guess{0, waiting_.size() + pass_->in_flight(), std::nullopt, 0, 0};
   if (guess_->batches_before == 0) mark_guess();
 }
 

@@ -60,11 +60,11 @@ class EncodeAhead final : public MeasureListener {
 
   /// The last of meshes_, while it is one that is not measured whole. Behind it nothing is added.
   struct Guess {
-    uint64_t windows = 0;         // added, the first ones
-    uint64_t batches_before = 0;  // that are not placed; then there is a mark:
+    uint64_t windows;         // added, the first ones
+    uint64_t batches_before;  // that are not placed; then there is a mark:
     std::optional<EncodePass::Mark> mark;
-    uint64_t outcomes = 0;  // and what outcomes_ and done_ had there
-    uint64_t done = 0;
+    uint64_t outcomes;  // and what outcomes_ and done_ had there
+    uint64_t done;
   };
 
   void start_pass(EncodeStart start);
