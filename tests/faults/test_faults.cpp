@@ -33,7 +33,7 @@ constexpr Job kReaders[] = {
     {"out.glb", "export in.scree -o out.glb --quiet --threads 1"},
     {"out.gltf+out.bin+out_jpeg.jpg+out_png.png", "export in.scree -o out.gltf --quiet --threads 2"},
     {"", "compare in.scree in.gltf --size 24x16 --threads 1"},
-    {"out.png", "compare in.scree in.gltf --size 24x16 -o out.png --threads 2"},
+    {"out.png,flip.png", "compare in.scree in.gltf --size 24x16 -o out.png --flip flip.png --threads 2"},
     {"out.png", "compare a.vis b.vis --of in.scree --size 24x16 -o out.png --threads 1"},
     {"out.png", "compare a.png b.png -o out.png --threads 1"},
     {"", "inspect coarse.scree --source in.gltf --threads 1"},

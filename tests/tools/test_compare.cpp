@@ -9,6 +9,8 @@
 
 #include "kernels/visbuffer.h"
 #include "runtime/camera.h"
+#include "runtime/image.h"
+#include "runtime/mapped_file.h"
 #include "tests/catch.h"
 #include "tests/models.h"
 #include "tests/paths.h"
@@ -19,6 +21,7 @@
 #include "tools/compare/against_source.h"
 #include "tools/compare/buffers.h"
 #include "tools/compare/geometry.h"
+#include "tools/compare/report.h"
 
 using namespace scree;
 using compare::PixelKind;
@@ -82,22 +85,26 @@ struct Case {
     options.float32 = true;
     options.source_ids = true;
     REQUIRE(tests::pack(folder.file("drawn.gltf"), folder.file("drawn.scree"), options));
-    return against(folder.file("drawn.scree"), folder.file("source.gltf"), nullptr);
+    auto report = against(folder.file("drawn.scree"), folder.file("source.gltf"), nullptr);
+    if (!report) return report.error();
+    return std::move(report->pixels);
   }
 
   /// `view`: null for the default view.
-  static Result<PixelReport> against(const std::string& file, const std::string& source, const kernels::View* given) {
+  static Result<compare::SourceReport> against(const std::string& file, const std::string& source,
+                                               const kernels::View* given) {
     const auto gltf = convert::import_gltf(source, {});
     if (!gltf) return gltf.error();
     auto opened = runtime::SceneFile::open(file);
     if (!opened) return opened.error();
     const auto number = opened->find_scene("");
     if (!number) return number.error();
-    const auto scene = runtime::Scene::load(std::move(*opened), *number, {false, 2});
+    const auto scene = runtime::Scene::load(std::move(*opened), *number, {true, 2});  // textures must not show
     if (!scene) return scene.error();
     const auto model = compare::load_source_model(*gltf, scene->container(), *number);
     if (!model) return model.error();
-    return compare::compare_with_source(*scene, *model, given != nullptr ? *given : pixel_view(), 2);
+    return compare::compare_with_source(*scene, *model, given != nullptr ? *given : pixel_view(),
+                                        compare::kPixelsPerDegree, 2);
   }
 };
 
@@ -312,11 +319,80 @@ TEST_CASE("the small models are drawn as the reference draws them", "[compare]")
     const auto report = Case::against(file, path.string(), &*view);
     if (!report) FAIL(report.error().message);
     // Snapping to 1/256 pixel moves an edge over the centre of one pixel in 256 at most along it.
-    CHECK(report->wrong() <= 320 * 240 / 200);
-    CHECK(report->same_depth.rms() < 1e-3);
-    compared += report->same_depth.count() > 0 ? 1 : 0;
+    const PixelReport& pixels = report->pixels;
+    CHECK(pixels.wrong() <= 320 * 240 / 200);
+    CHECK(pixels.same_depth.rms() < 1e-3);
+    // Where the triangle is right, so is the colour; none may come from a texture, which the reference has not.
+    CHECK(report->pictures.differing <= pixels.wrong() + 320 * 240 / 500);
+    compared += pixels.same_depth.count() > 0 ? 1 : 0;
   }
   CHECK(compared >= 6);
+}
+
+TEST_CASE("lit pictures against the source: identical ones say so", "[compare]") {
+  Case test;
+  const std::vector<Part> parts{{square(-4, -4), kOneSquare, {}}}, shifted{{square(-2, -4), kOneSquare, {}}};
+  make(test.folder.file("parts.gltf"), parts);
+  make(test.folder.file("shifted.gltf"), shifted);
+  convert::ConvertOptions options;
+  options.source_ids = true;
+  const std::string file = test.folder.file("parts.scree");
+  REQUIRE(tests::pack(test.folder.file("parts.gltf"), file, options));
+  const auto same = Case::against(file, test.folder.file("parts.gltf"), nullptr);
+  REQUIRE(same);
+  CHECK(same->pictures.differing == 0);
+  CHECK(std::isinf(same->pictures.psnr));
+  CHECK(same->pictures.flip_max == 0);
+  CHECK(compare::text_pictures(same->pictures, true).find("identical") != std::string::npos);
+  std::string text;
+  tools::JsonWriter json(text);
+  json.begin_object();
+  compare::json_pictures(json, same->pictures, true);
+  json.end_object();
+  CHECK_FALSE(json.met_non_finite());
+  const nlohmann::json read = nlohmann::json::parse(text)["pictures"];
+  CHECK(read["identical"] == true);
+  CHECK(read["textures_left_out"] == true);
+  CHECK_FALSE(read.contains("psnr_db"));
+
+  // Two rims of 2 x 8 pixels, black against a white that is seen head on.
+  const auto moved = Case::against(file, test.folder.file("shifted.gltf"), nullptr);
+  REQUIRE(moved);
+  CHECK(moved->pictures.differing == 32);
+  CHECK(moved->pictures.max_levels == 255);
+  CHECK(moved->pictures.psnr == Approx(10 * std::log10(512.0 / 32)));
+  CHECK(moved->pictures.flip_max > 0.9);
+}
+
+TEST_CASE("fewer bits of positions show in the lit picture", "[compare][cli]") {
+  const tests::TempFolder folder;
+  const auto run = [&](std::vector<std::string> words) { return tests::run_program(words, folder.file("log")); };
+  REQUIRE(run({"synth", "A", "--scale", "0.0001", "-o", folder.file("a.gltf")}).exit_code == 0);
+  double psnr = 0, flip = 1;
+  for (const char* positions : {"8", "12", "float32"}) {
+    INFO(positions);
+    REQUIRE(run({"convert", folder.file("a.gltf"), "-o", folder.file("a.scree"), "--source-ids", "--quiet",
+                 "--positions", positions})
+                .exit_code == 0);
+    const auto compared = run({"compare", folder.file("a.gltf"), folder.file("a.scree"), "--size", "160x120", "--json",
+                               "--flip", folder.file("flip.png")});
+    INFO(compared.output);
+    REQUIRE(compared.exit_code == 0);
+    const nlohmann::json pictures = nlohmann::json::parse(compared.output)["pictures"];
+    CHECK(pictures["psnr_db"].get<double>() > psnr + 5);
+    CHECK(pictures["flip_mean"].get<double>() < flip / 2);
+    psnr = pictures["psnr_db"].get<double>();
+    flip = pictures["flip_mean"].get<double>();
+    // The picture of the error is that of the numbers.
+    const auto map = runtime::MappedFile::open(folder.file("flip.png"));
+    REQUIRE(map);
+    const auto image = runtime::decode_image(map->bytes());
+    REQUIRE(image);
+    REQUIRE(image->rgba.size() == 4 * 160 * 120);
+    double sum = 0;
+    for (size_t i = 0; i < image->rgba.size(); i += 4) sum += image->rgba[i];
+    CHECK(sum / 255 / (160 * 120) == Approx(flip).margin(0.5 / 255));
+  }
 }
 
 TEST_CASE("compare prints what it found as JSON", "[compare][cli]") {

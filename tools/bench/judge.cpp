@@ -21,14 +21,6 @@ convert::ConvertOptions convert_options(const std::string& source, const std::st
   return options;
 }
 
-/// The colours that the reference has too: factors and vertex colours.
-kernels::ShadeOptions shading() {
-  kernels::ShadeOptions options;
-  options.show = kernels::Show::kColor;
-  options.background[3] = 1;
-  return options;
-}
-
 }  // namespace
 
 Result<PackedScene> PackedScene::make(const std::string& source, const std::string& path, const Encoding& encoding,
@@ -91,7 +83,7 @@ Result<PackedScene::Drawn> PackedScene::draw(const kernels::View& view, uint32_t
     if (!frame) return frame.error();
     drawn.frame = std::move(*frame);
   }
-  Result<runtime::Picture> picture = drawn.frame->shade(shading(), settings_.threads);
+  Result<runtime::Picture> picture = drawn.frame->shade(compare::shading_of_reference(), settings_.threads);
   if (!picture) return picture.error();
   drawn.picture = std::move(*picture);
   if (Result<void> read = drawn.frame->read_samples(); !read) return read.error();

@@ -5,10 +5,12 @@
 #include <new>
 #include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "runtime/parallel.h"
 #include "tools/compare/reference.h"
+#include "tools/compare/reference_shade.h"
 
 namespace scree::compare {
 namespace {
@@ -125,13 +127,32 @@ Result<PixelReport> compare_references(std::span<const ReferencePixel> found, co
   });
 }
 
-Result<PixelReport> compare_with_source(const runtime::Scene& scene, const SourceModel& model,
-                                        const kernels::View& view, uint32_t threads) {
+kernels::ShadeOptions shading_of_reference() {
+  kernels::ShadeOptions options;
+  options.show = kernels::Show::kColor;
+  options.background[3] = 1;
+  return options;
+}
+
+Result<SourceReport> compare_with_source(const runtime::Scene& scene, const SourceModel& model,
+                                         const kernels::View& view, double pixels_per_degree, uint32_t threads) {
   const Result<runtime::Frame> frame = runtime::Frame::draw(scene, view, 1, threads);
   if (!frame) return frame.error();
   const Result<std::vector<ReferencePixel>> reference = draw_reference(model.views, model.instances, view, threads);
   if (!reference) return reference.error();
-  return compare_frame(*frame, model, *reference, view, threads);
+  Result<PixelReport> pixels = compare_frame(*frame, model, *reference, view, threads);
+  if (!pixels) return pixels.error();
+  const Result<runtime::Picture> picture = frame->shade(shading_of_reference(), threads);
+  if (!picture) return picture.error();
+  const Result<std::vector<uint8_t>> expected = shade_reference(model, *reference, view, 1, threads);
+  if (!expected) return expected.error();
+  try {
+    return SourceReport{std::move(*pixels),
+                        compare_rgb({view.width, view.height, picture->pixels}, {view.width, view.height, *expected},
+                                    pixels_per_degree, threads)};
+  } catch (const std::bad_alloc&) {
+    return Error{ErrorCode::kMemory, "no memory left to compare pictures"};
+  }
 }
 
 }  // namespace scree::compare

@@ -8,6 +8,7 @@
 #include "kernels/frame.h"
 #include "runtime/renderer.h"
 #include "runtime/scene.h"
+#include "tools/compare/images.h"
 #include "tools/compare/pixels.h"
 #include "tools/compare/source_model.h"
 
@@ -17,11 +18,21 @@ namespace scree::compare {
 /// cannot say which is nearer.
 inline constexpr double kCoincidence = 1e-12;
 
-/// Draws `scene` by the CPU, one sample a pixel, and `model` by draw_reference(), and compares pixel by pixel. `model`
-/// was loaded for the same scene of the same file. Errors: those of draw_cpu and draw_reference; kRange: a source
-/// triangle number past its mesh.
-Result<PixelReport> compare_with_source(const runtime::Scene& scene, const SourceModel& model,
-                                        const kernels::View& view, uint32_t threads);
+/// What of a scene's colours the reference has too (shade_reference()): base colour factors, vertex colours and light,
+/// black behind; no textures.
+kernels::ShadeOptions shading_of_reference();
+
+struct SourceReport {
+  PixelReport pixels;
+  PictureReport pictures;  // the lit pictures, textures left out of both
+};
+
+/// Draws `scene` by the CPU, one sample a pixel, and `model` by draw_reference(), shades both,
+/// and compares pixel by pixel. `model` was loaded for the same scene of the same file; `pixels_per_degree` is FLIP's.
+/// Errors: those of draw_cpu, resolve_cpu, draw_reference and shade_reference; kRange: a source triangle number past
+/// its mesh; kMemory.
+Result<SourceReport> compare_with_source(const runtime::Scene& scene, const SourceModel& model,
+                                         const kernels::View& view, double pixels_per_degree, uint32_t threads);
 
 /// The same of a frame that was drawn of one sample a pixel and has its samples on the host, and of the reference of
 /// the same view: `expected` are its width * height pixels. `model` may have been loaded for another file of the same

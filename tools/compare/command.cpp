@@ -40,6 +40,7 @@ struct Words {
   std::string other;
   std::string of;
   std::string exclude;
+  std::string flip;  // where the picture of FLIP's error goes; empty: nowhere
   double pixels_per_degree = kPixelsPerDegree;
   bool json = false;
 };
@@ -96,17 +97,16 @@ Result<void> print(const Words& words, const Findings& findings) {
     json.member("b", words.other);
     json.line();
     if (findings.pixels) json_pixels(json, *findings.pixels);
+    if (findings.pictures) json_pictures(json, *findings.pictures, findings.pixels.has_value());
     if (findings.geometry) json_geometry(json, *findings.geometry);
-    if (findings.pictures) json_pictures(json, *findings.pictures);
     json.end_object();
     json.line();
     if (json.met_non_finite()) return Error{ErrorCode::kRange, "a result is not a finite number"};
   } else {
-    text = words.render.file + " against " + words.other + "\n\n";
-    if (findings.pixels) text += text_pixels(*findings.pixels);
-    if (findings.pixels && findings.geometry) text += "\n";
-    if (findings.geometry) text += text_geometry(*findings.geometry);
-    if (findings.pictures) text += text_pictures(*findings.pictures);
+    text = words.render.file + " against " + words.other + "\n";
+    if (findings.pixels) text += "\n" + text_pixels(*findings.pixels);
+    if (findings.pictures) text += "\n" + text_pictures(*findings.pictures, findings.pixels.has_value());
+    if (findings.geometry) text += "\n" + text_geometry(*findings.geometry);
   }
   std::fwrite(text.data(), 1, text.size(), stdout);
   return finish_output();
@@ -142,9 +142,10 @@ Result<Findings> compare_scene(const Words& words, const std::string& file, cons
   const Result<kernels::View> view =
       runtime::make_view(scene->container(), scene->scene_index(), scene->view(), options.camera);
   if (!view) return at(file, view.error());
-  Result<PixelReport> pixels = compare_with_source(*scene, *model, *view, options.threads);
-  if (!pixels) return at(file, pixels.error());
-  findings.pixels = std::move(*pixels);
+  Result<SourceReport> drawn = compare_with_source(*scene, *model, *view, words.pixels_per_degree, options.threads);
+  if (!drawn) return at(file, drawn.error());
+  findings.pixels = std::move(drawn->pixels);
+  findings.pictures = std::move(drawn->pictures);
   return findings;
 }
 
@@ -174,6 +175,8 @@ Result<Findings> find(const Words& words, const RenderOptions& options) {
   const Result<FileKind> b = kind_of(words.other);
   if (!b) return b.error();
   const bool buffers = *a == FileKind::kBuffer && *b == FileKind::kBuffer;
+  if (!words.flip.empty() && buffers)
+    return Error{ErrorCode::kUsage, "--flip needs two PNG pictures, or a .scree file and its glTF"};
   if (!words.of.empty() && !buffers) return Error{ErrorCode::kUsage, "--of needs two visibility buffers"};
   if (buffers) return compare_two_buffers(words, options);
   if (*a == FileKind::kPicture && *b == FileKind::kPicture) {
@@ -192,26 +195,44 @@ Result<Findings> find(const Words& words, const RenderOptions& options) {
                                       name_of(*b) + "; expected " + kWhatItCompares};
 }
 
+/// Neither picture is written over what is read, nor over the other. (parse_render_options looks at --output's name.)
+Result<void> check_outputs(const Words& words) {
+  const std::pair<const char*, const std::string*> outputs[] = {{"--output", &words.render.output},
+                                                                {"--flip", &words.flip}};
+  for (const auto& [name, output] : outputs) {
+    if (output->empty()) continue;
+    for (const std::string* path : {&words.render.file, &words.other, &words.of}) {
+      std::error_code ignored;
+      if (std::filesystem::equivalent(*output, *path, ignored))
+        return Error{ErrorCode::kUsage, std::string(name) + ": " + *output + " is one of the files to compare"};
+    }
+  }
+  if (words.flip.empty()) return {};
+  if (words.flip == words.render.output) return Error{ErrorCode::kUsage, "--output and --flip are both " + words.flip};
+  return check_picture_path("--flip", words.flip);
+}
+
+Result<void> write_outputs(const Words& words, const Findings& findings) {
+  if (!words.render.output.empty()) {
+    Result<void> written = findings.pixels ? write_difference(words.render.output, *findings.pixels)
+                                           : write_flip(words.render.output, *findings.pictures);
+    if (!written) return written;
+  }
+  return words.flip.empty() ? Result<void>() : write_flip(words.flip, *findings.pictures);
+}
+
 Result<void> run(const Words& words) {
   RenderWords render = words.render;
   render.file.clear();
   render.list_cameras = true;  // render makes up an output beside its file where nothing else is asked for
   const Result<RenderOptions> options = parse_render_options(render);
   if (!options) return options.error();
-  for (const std::string* path : {&words.render.file, &words.other, &words.of}) {
-    std::error_code ignored;
-    if (!words.render.output.empty() && std::filesystem::equivalent(words.render.output, *path, ignored))
-      return Error{ErrorCode::kUsage, "--output: " + words.render.output + " is one of the files to compare"};
-  }
+  if (const Result<void> checked = check_outputs(words); !checked) return checked.error();
   report_sigbus("compare", words.render.file);
   try {
     const Result<Findings> findings = find(words, *options);
     if (!findings) return findings.error();
-    if (!words.render.output.empty()) {
-      const Result<void> written = findings->pixels ? write_difference(words.render.output, *findings->pixels)
-                                                    : write_flip(words.render.output, *findings->pictures);
-      if (!written) return written;
-    }
+    if (const Result<void> written = write_outputs(words, *findings); !written) return written.error();
     return print(words, *findings);
   } catch (const std::bad_alloc&) {
     return Error{ErrorCode::kMemory, "no memory left to compare " + words.render.file + " with " + words.other};
@@ -226,13 +247,18 @@ Command add_compare(CLI::App& parent) {
   CLI::App* app = parent.add_subcommand(
       "compare",
       "Says by how much A misses B: two PNG pictures, two visibility buffers of one view, or a .scree file\n"
-      "(made with convert --source-ids) and its glTF, which a double-precision rasteriser draws as it is.");
+      "(made with convert --source-ids) and its glTF, which a double-precision rasteriser draws and lights as it is.\n"
+      "Of a .scree file and its glTF: vertices, pixels of another triangle, depths, and how far the lit pictures lie\n"
+      "apart (PSNR and FLIP), from which textures are left out.");
   app->add_option("A", render.file, "A PNG, a visibility buffer, or a .scree file")->required();
   app->add_option("B", words->other, "What is right: a PNG, a visibility buffer, or a .gltf or .glb")->required();
   app->add_option("-o,--output", render.output,
                   "A picture of the difference, a .png: right surfaces grey, background against surface blue, other\n"
                   "mesh or triangle red, triangle sharing no vertex orange, neighbouring triangle green; of two PNGs "
                   "the FLIP error, black 0 to white 1");
+  app->add_option("--flip", words->flip,
+                  "A picture of the FLIP error, a .png, black 0 to white 1: of two PNGs, or of the lit pictures of a\n"
+                  ".scree file and its glTF");
   app->add_option("--size", render.size, "Pixels, WxH (default: 1920x1080)");
   app->add_option("--scene", render.scene, "Scene of the file, by name or number (default: the file's default)");
   app->add_option("--camera", render.camera, "Camera of the file, by name, node name or number");

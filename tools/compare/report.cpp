@@ -133,8 +133,12 @@ void json_geometry(JsonWriter& json, const GeometryReport& report) {
   json.line();
 }
 
-std::string text_pictures(const PictureReport& report) {
+std::string text_pictures(const PictureReport& report, bool of_scene) {
   TextTable table;
+  if (of_scene) {
+    table.row({"lit pictures, textures left out of both", ""});
+    table.rule();
+  }
   table.row({"pixels", grouped(report.flip.size())});
   table.row({"pixels that differ", grouped(report.differing)});
   table.row({"largest difference of a byte", grouped(report.max_levels)});
@@ -144,11 +148,13 @@ std::string text_pictures(const PictureReport& report) {
   return table.text();
 }
 
-void json_pictures(JsonWriter& json, const PictureReport& report) {
+void json_pictures(JsonWriter& json, const PictureReport& report, bool of_scene) {
   json.key("pictures");
   json.begin_object();
   json.member("width", report.width);
   json.member("height", report.height);
+  if (of_scene) json.member("textures_left_out", true);
+  json.member("identical", report.differing == 0);
   json.member("differing", report.differing);
   json.member("max_levels", report.max_levels);
   if (std::isfinite(report.psnr)) json.member("psnr_db", report.psnr);

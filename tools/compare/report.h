@@ -12,12 +12,13 @@ namespace scree::compare {
 
 std::string text_pixels(const PixelReport& report);
 std::string text_geometry(const GeometryReport& report);
-std::string text_pictures(const PictureReport& report);
+/// `of_scene`: the pictures are of a scene and its source, textures left out of both; else nothing is known of that.
+std::string text_pictures(const PictureReport& report, bool of_scene);
 
 /// A member "pixels", "geometry" or "pictures" of the object that is open. Names are stable, lengths are model units,
-/// angles degrees; what has no value is absent.
+/// angles degrees; what has no value is absent: the PSNR of identical pictures.
 void json_pixels(tools::JsonWriter& json, const PixelReport& report);
 void json_geometry(tools::JsonWriter& json, const GeometryReport& report);
-void json_pictures(tools::JsonWriter& json, const PictureReport& report);
+void json_pictures(tools::JsonWriter& json, const PictureReport& report, bool of_scene);
 
 }  // namespace scree::compare

@@ -152,9 +152,8 @@ Result<void> parse_occlusion(const RenderWords& words, kernels::ShadeOptions& sh
 
 /// Outputs: a picture is a .png, and nothing is written over the file that is read.
 Result<void> check_outputs(const RenderOptions& options) {
-  const std::filesystem::path picture(options.output);
-  if (!options.output.empty() && lower_case(picture.extension().string()) != ".png")
-    return usage("--output", options.output, "a .png file, the one kind of picture that is written");
+  if (!options.output.empty())
+    if (Result<void> checked = check_picture_path("--output", options.output); !checked) return checked;
   const std::pair<const char*, const std::string*> outputs[] = {
       {"--output", &options.output}, {"--depth", &options.depth}, {"--visbuffer", &options.visbuffer}};
   for (const auto& [name, path] : outputs) {
@@ -190,6 +189,11 @@ Result<std::array<float, 4>> parse_color(std::string_view text) {
   }
   return std::array<float, 4>{runtime::linear_of_srgb(bytes[0]), runtime::linear_of_srgb(bytes[1]),
                               runtime::linear_of_srgb(bytes[2]), static_cast<float>(bytes[3]) / 255.0f};
+}
+
+Result<void> check_picture_path(std::string_view option, const std::string& path) {
+  if (lower_case(std::filesystem::path(path).extension().string()) == ".png") return {};
+  return usage(option, path, "a .png file, the one kind of picture that is written");
 }
 
 Result<runtime::Vec3> parse_vector(std::string_view text, std::string_view what) {

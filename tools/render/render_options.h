@@ -86,6 +86,9 @@ Result<RenderOptions> parse_render_options(const RenderWords& words);
 /// "#rgb", "#rrggbb", "#rrggbbaa", "none" or a name, as linear RGBA. Errors kUsage.
 Result<std::array<float, 4>> parse_color(std::string_view text);
 
+/// Whether `path` names a picture that can be written, a .png. Errors kUsage; `option` is named.
+Result<void> check_picture_path(std::string_view option, const std::string& path);
+
 /// "1,-2.5,3e4": three finite numbers. Errors kUsage; `what` names the option.
 Result<runtime::Vec3> parse_vector(std::string_view text, std::string_view what);
 
