@@ -35,6 +35,7 @@ constexpr Job kReaders[] = {
     {"", "compare in.scree in.gltf --size 24x16 --threads 1"},
     {"out.png,flip.png", "compare in.scree in.gltf --size 24x16 -o out.png --flip flip.png --threads 2"},
     {"out.png", "compare a.vis b.vis --of in.scree --size 24x16 -o out.png --threads 1"},
+    {"out.png", "compare a.vis b.vis --of in.scree --of coarse.scree --size 24x16 -o out.png --threads 1"},
     {"out.png", "compare a.png b.png -o out.png --threads 1"},
     {"", "inspect coarse.scree --source in.gltf --threads 1"},
     {"out.png,out.pfm,out.bin",

@@ -204,11 +204,12 @@ TEST_CASE("two visibility buffers: kinds and depths", "[compare]") {
   const auto scene = runtime::Scene::load(std::move(*opened), 0, {false, 1});
   REQUIRE(scene);
 
+  const compare::SceneMatch match(*scene);
   const uint64_t none = kernels::kBackground;
   const auto sample = [](uint64_t id, uint32_t octave = 0) { return kernels::pack_sample(1000 + (octave << 22), id); };
   const std::vector<uint64_t> a{none, none, sample(0), sample(0), sample(0), sample(0), sample(1, 1), sample(2)};
   const std::vector<uint64_t> b{none, sample(3), none, sample(0), sample(1), sample(2), sample(1), sample(5)};
-  const auto known = compare::compare_buffers(a, b, 4, 2, &*scene);
+  const auto known = compare::compare_buffers(a, b, 4, 2, &match);
   REQUIRE(known);
   const std::vector<PixelKind> expected{PixelKind::kBothBackground, PixelKind::kBackground, PixelKind::kBackground,
                                         PixelKind::kSame,           PixelKind::kNeighbour,  PixelKind::kApart,
@@ -228,10 +229,10 @@ TEST_CASE("two visibility buffers: kinds and depths", "[compare]") {
 
   std::vector<uint64_t> past = a;
   past[4] = sample(6);
-  const auto refused = compare::compare_buffers(past, b, 4, 2, &*scene);
+  const auto refused = compare::compare_buffers(past, b, 4, 2, &match);
   REQUIRE_FALSE(refused);
   CHECK(refused.error().code == ErrorCode::kRange);
-  CHECK(refused.error().message == "pixel 0,1: triangle 6, but the scene draws 6");
+  CHECK(refused.error().message == "pixel 0,1 of the first buffer: triangle 6, but " + file + " draws 6");
 }
 
 TEST_CASE("geometry: a mesh that was moved and normals that were turned", "[compare]") {

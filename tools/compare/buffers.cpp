@@ -4,7 +4,7 @@
 #include <array>
 #include <bit>
 #include <cstring>
-#include <unordered_map>
+#include <numeric>
 
 #include "kernels/depth.h"
 #include "kernels/frame.h"
@@ -15,80 +15,112 @@
 namespace scree::compare {
 namespace {
 
-using Corners = std::array<std::array<float, 3>, 3>;
+template <class Number>
+using Corners = std::array<std::array<Number, 3>, 3>;
 
 static_assert(std::endian::native == std::endian::little);
 
-struct Triangle {
-  uint64_t chunk;
-  uint32_t place;  // in the chunk
-};
-
-uint64_t key_of(const Triangle& triangle) {
-  return triangle.chunk << 32 | triangle.place;  // fewer than 2^32 chunks fit into any file
-}
-
-/// The corners of many triangles, each chunk decoded once.
-Result<std::unordered_map<uint64_t, Corners>> read_corners(const format::Container& file,
-                                                           std::vector<Triangle> triangles) {
-  std::sort(triangles.begin(), triangles.end(),
-            [](const Triangle& a, const Triangle& b) { return key_of(a) < key_of(b); });
-  std::unordered_map<uint64_t, Corners> out;
-  tools::ChunkReader reader(file);
+/// The corners of stored triangles, in their order, in model units; each chunk decoded once.
+Result<std::vector<Corners<float>>> read_corners(const runtime::Scene& scene,
+                                                 std::span<const StoredTriangle> triangles) {
+  std::vector<uint64_t> order(triangles.size());
+  std::iota(order.begin(), order.end(), uint64_t{0});
+  std::sort(order.begin(), order.end(), [&](uint64_t i, uint64_t j) { return triangles[i] < triangles[j]; });
+  std::vector<Corners<float>> out(triangles.size());
+  tools::ChunkReader reader(scene.container());
   const tools::DecodedChunk* chunk = nullptr;
   uint64_t read_chunk = UINT64_MAX;
-  for (const Triangle& triangle : triangles) {
-    if (triangle.chunk != read_chunk) {
-      const auto read = reader.read(triangle.chunk, tools::kPartIndices | tools::kPartPositions);
-      if (!read) return read.error();
+  for (const uint64_t i : order) {
+    if (triangles[i].chunk != read_chunk) {
+      const auto read = reader.read(triangles[i].chunk, tools::kPartIndices | tools::kPartPositions);
+      if (!read) return at(scene.file().path(), read.error());
       chunk = *read;
-      read_chunk = triangle.chunk;
+      read_chunk = triangles[i].chunk;
     }
-    Corners corners{};
     for (size_t n = 0; n < 3; ++n)
       for (size_t axis = 0; axis < 3; ++axis)
-        corners[n][axis] = chunk->positions[3 * size_t{chunk->indices[3 * size_t{triangle.place} + n]} + axis];
-    out[key_of(triangle)] = corners;
+        out[i][n][axis] = chunk->positions[3 * size_t{chunk->indices[3 * size_t{triangles[i].place} + n]} + axis];
   }
   return out;
 }
 
-/// Two different triangles of one pixel.
-struct Pair {
-  uint64_t pixel;
-  Triangle a, b;
-};
+Corners<double> placed(const runtime::Scene& scene, uint64_t instance, const Corners<float>& corners) {
+  const auto& rows = scene.container().matrices()[scene.view().instances[instance].matrix].rows;
+  Corners<double> out{};
+  for (size_t n = 0; n < 3; ++n)
+    for (size_t i = 0; i < 3; ++i) {
+      out[n][i] = rows[i][3];
+      for (size_t j = 0; j < 3; ++j) out[n][i] += rows[i][j] * static_cast<double>(corners[n][j]);
+    }
+  return out;
+}
 
-/// Sorts out the pixels of other triangles.
-Result<void> name_kinds(std::span<const uint64_t> a, std::span<const uint64_t> b, const runtime::Scene& scene,
+/// What two triangles of a pixel are to each other, which differ; their corners in the second scene.
+PixelKind kind_of(const runtime::Scene& scene, const CommonTriangle& a, const Corners<float>& corners_a,
+                  const CommonTriangle& b, const Corners<float>& corners_b) {
+  const auto coincide = [](const auto& p, const auto& q) { return std::is_permutation(p.begin(), p.end(), q.begin()); };
+  if (a.instance != b.instance)
+    return coincide(placed(scene, a.instance, corners_a), placed(scene, b.instance, corners_b)) ? PixelKind::kCoincident
+                                                                                                : PixelKind::kOtherMesh;
+  if (coincide(corners_a, corners_b)) return PixelKind::kCoincident;
+  return share_vertex(corners_a, corners_b) ? PixelKind::kNeighbour : PixelKind::kApart;
+}
+
+/// The different triangle ids of a buffer, in order. Errors kRange (one past the scene's triangles).
+Result<std::vector<uint64_t>> ids_of(std::span<const uint64_t> samples, uint32_t width, const char* which,
+                                     const runtime::Scene& scene) {
+  const uint64_t triangles = scene.view().instance_base[scene.view().instance_count];
+  std::vector<uint64_t> ids;
+  for (uint64_t i = 0; i < samples.size(); ++i) {
+    if (samples[i] == kernels::kBackground) continue;
+    const uint64_t id = kernels::sample_id(samples[i]);
+    if (id >= triangles)
+      return Error{ErrorCode::kRange, std::string("pixel ") + std::to_string(i % width) + "," +
+                                          std::to_string(i / width) + " of the " + which + " buffer: triangle " +
+                                          std::to_string(id) + ", but " + scene.file().path() + " draws " +
+                                          std::to_string(triangles)};
+    if (ids.empty() || ids.back() != id) ids.push_back(id);
+  }
+  std::sort(ids.begin(), ids.end());
+  ids.erase(std::unique(ids.begin(), ids.end()), ids.end());
+  return ids;
+}
+
+/// Tells which of the pixels of two surfaces show one triangle, and what the others show.
+Result<void> name_kinds(std::span<const uint64_t> a, std::span<const uint64_t> b, const SceneMatch& match,
                         PixelReport& report) {
-  const kernels::SceneView& view = scene.view();
-  const uint64_t triangles = view.instance_base[view.instance_count];
-  std::vector<Pair> pairs;
-  std::vector<Triangle> needed;
+  const auto ids_a = ids_of(a, report.width, "first", match.first());
+  if (!ids_a) return ids_a.error();
+  const auto ids_b = ids_of(b, report.width, "second", match.second());
+  if (!ids_b) return ids_b.error();
+  const Result<SceneMatch::Resolved> resolved = match.resolve(*ids_a, *ids_b);
+  if (!resolved) return resolved.error();
+  const auto common = [](const std::vector<uint64_t>& ids, const std::vector<CommonTriangle>& triangles,
+                         uint64_t sample) -> const CommonTriangle& {
+    const auto found = std::lower_bound(ids.begin(), ids.end(), kernels::sample_id(sample));
+    return triangles[static_cast<size_t>(found - ids.begin())];
+  };
+  std::vector<uint64_t> pixels;
+  std::vector<CommonTriangle> differing;  // two a pixel
   for (uint64_t i = 0; i < a.size(); ++i) {
-    if (report.kinds[i] != PixelKind::kOtherTriangle) continue;
-    const uint64_t largest = std::max(kernels::sample_id(a[i]), kernels::sample_id(b[i]));
-    if (largest >= triangles)
-      return Error{ErrorCode::kRange, "pixel " + std::to_string(i % report.width) + "," +
-                                          std::to_string(i / report.width) + ": triangle " + std::to_string(largest) +
-                                          ", but the scene draws " + std::to_string(triangles)};
-    const kernels::Hit hit_a = kernels::find_triangle(view, kernels::sample_id(a[i]));
-    const kernels::Hit hit_b = kernels::find_triangle(view, kernels::sample_id(b[i]));
-    if (hit_a.instance != hit_b.instance) {
-      report.kinds[i] = PixelKind::kOtherMesh;
+    if (report.kinds[i] != PixelKind::kSame && report.kinds[i] != PixelKind::kOtherTriangle) continue;
+    const CommonTriangle& in_a = common(*ids_a, resolved->a, a[i]);
+    const CommonTriangle& in_b = common(*ids_b, resolved->b, b[i]);
+    if (in_a == in_b) {
+      report.kinds[i] = PixelKind::kSame;
       continue;
     }
-    pairs.push_back({i, {hit_a.chunk, hit_a.triangle}, {hit_b.chunk, hit_b.triangle}});
-    needed.push_back(pairs.back().a);
-    needed.push_back(pairs.back().b);
+    pixels.push_back(i);
+    differing.push_back(in_a);
+    differing.push_back(in_b);
   }
-  const auto corners = read_corners(scene.container(), std::move(needed));
-  if (!corners) return at(scene.file().path(), corners.error());
-  for (const Pair& pair : pairs)
-    report.kinds[pair.pixel] = share_vertex(corners->at(key_of(pair.a)), corners->at(key_of(pair.b)))
-                                   ? PixelKind::kNeighbour
-                                   : PixelKind::kApart;
+  const Result<std::vector<StoredTriangle>> stored = match.find(differing);
+  if (!stored) return stored.error();
+  const auto corners = read_corners(match.second(), *stored);
+  if (!corners) return corners.error();
+  for (size_t n = 0; n < pixels.size(); ++n)
+    report.kinds[pixels[n]] =
+        kind_of(match.second(), differing[2 * n], (*corners)[2 * n], differing[2 * n + 1], (*corners)[2 * n + 1]);
   return {};
 }
 
@@ -114,11 +146,11 @@ Result<std::vector<uint64_t>> read_visibility(const std::string& path, uint32_t 
 }
 
 Result<PixelReport> compare_buffers(std::span<const uint64_t> a, std::span<const uint64_t> b, uint32_t width,
-                                    uint32_t height, const runtime::Scene* scene) {
+                                    uint32_t height, const SceneMatch* match) {
   PixelReport report;
   report.width = width;
   report.height = height;
-  report.triangles_known = scene != nullptr;
+  report.triangles_known = match != nullptr;
   report.kinds.resize(a.size());
   for (uint64_t i = 0; i < a.size(); ++i) {
     const bool empty_a = a[i] == kernels::kBackground, empty_b = b[i] == kernels::kBackground;
@@ -128,11 +160,15 @@ Result<PixelReport> compare_buffers(std::span<const uint64_t> a, std::span<const
     }
     const bool same = kernels::sample_id(a[i]) == kernels::sample_id(b[i]);
     report.kinds[i] = same ? PixelKind::kSame : PixelKind::kOtherTriangle;
-    report.surface_depth.add(distance_of(a[i]), distance_of(b[i]));
-    if (same) report.same_depth.add(distance_of(a[i]), distance_of(b[i]));
   }
-  if (scene != nullptr)
-    if (const Result<void> named = name_kinds(a, b, *scene, report); !named) return named.error();
+  if (match != nullptr)
+    if (const Result<void> named = name_kinds(a, b, *match, report); !named) return named.error();
+  for (uint64_t i = 0; i < a.size(); ++i) {
+    if (report.kinds[i] == PixelKind::kBothBackground || report.kinds[i] == PixelKind::kBackground) continue;
+    const double depth_a = distance_of(a[i]), depth_b = distance_of(b[i]);
+    report.surface_depth.add(depth_a, depth_b);
+    if (report.kinds[i] == PixelKind::kSame) report.same_depth.add(depth_a, depth_b);
+  }
   return report;
 }
 

@@ -10,6 +10,7 @@
 #include <string>
 #include <string_view>
 #include <utility>
+#include <vector>
 
 #include "format/layout.h"
 #include "runtime/camera.h"
@@ -38,7 +39,7 @@ using namespace compare;
 struct Words {
   RenderWords render;  // `file`: the first one
   std::string other;
-  std::string of;
+  std::vector<std::string> of;  // none; the file of both buffers; or of the first and of the second
   std::string exclude;
   std::string flip;  // where the picture of FLIP's error goes; empty: nowhere
   double pixels_per_degree = kPixelsPerDegree;
@@ -112,8 +113,8 @@ Result<void> print(const Words& words, const Findings& findings) {
   return finish_output();
 }
 
-/// A scene of a file, drawn without textures.
-Result<runtime::Scene> load_scene(const std::string& path, const RenderOptions& options) {
+/// A scene of a file, without textures. `pages`: whether it is drawn.
+Result<runtime::Scene> load_scene(const std::string& path, const RenderOptions& options, bool pages) {
   Result<runtime::SceneFile> file = runtime::SceneFile::open(path);
   if (!file) return file.error();
   const Result<uint32_t> scene = file->find_scene(options.scene);
@@ -121,6 +122,7 @@ Result<runtime::Scene> load_scene(const std::string& path, const RenderOptions& 
   runtime::SceneOptions load;
   load.textures = false;
   load.threads = options.threads;
+  load.pages = pages;
   return runtime::Scene::load(std::move(*file), *scene, load);
 }
 
@@ -130,7 +132,7 @@ Result<Findings> compare_scene(const Words& words, const std::string& file, cons
   import.exclude = words.exclude;
   const Result<convert::SourceScene> gltf = convert::import_gltf(source, import);
   if (!gltf) return gltf.error();
-  const Result<runtime::Scene> scene = load_scene(file, options);
+  const Result<runtime::Scene> scene = load_scene(file, options, true);
   if (!scene) return scene.error();
   Findings findings;
   const Result<GeometryReport> geometry = compare_geometry(*gltf, scene->container());
@@ -155,15 +157,23 @@ Result<Findings> compare_two_buffers(const Words& words, const RenderOptions& op
   if (!a) return a.error();
   const auto b = read_visibility(words.other, width, height);
   if (!b) return b.error();
-  std::optional<runtime::Scene> scene;
-  if (!words.of.empty()) {
-    report_sigbus("compare", words.of);
-    Result<runtime::Scene> loaded = load_scene(words.of, options);
+  std::vector<runtime::Scene> scenes;
+  scenes.reserve(words.of.size());
+  for (const std::string& path : words.of) {
+    report_sigbus("compare", path);
+    Result<runtime::Scene> loaded = load_scene(path, options, false);
     if (!loaded) return loaded.error();
-    scene.emplace(std::move(*loaded));
+    scenes.push_back(std::move(*loaded));
   }
-  Result<PixelReport> report = compare_buffers(*a, *b, width, height, scene ? &*scene : nullptr);
-  if (!report) return at(words.of, report.error());
+  std::optional<SceneMatch> match;
+  if (scenes.size() == 1) match.emplace(scenes[0]);
+  if (scenes.size() == 2) {
+    Result<SceneMatch> matched = SceneMatch::match(scenes[0], scenes[1]);
+    if (!matched) return matched.error();
+    match.emplace(std::move(*matched));
+  }
+  Result<PixelReport> report = compare_buffers(*a, *b, width, height, match ? &*match : nullptr);
+  if (!report) return report.error();
   Findings findings;
   findings.pixels = std::move(*report);
   return findings;
@@ -177,6 +187,7 @@ Result<Findings> find(const Words& words, const RenderOptions& options) {
   const bool buffers = *a == FileKind::kBuffer && *b == FileKind::kBuffer;
   if (!words.flip.empty() && buffers)
     return Error{ErrorCode::kUsage, "--flip needs two PNG pictures, or a .scree file and its glTF"};
+  if (words.of.size() > 2) return Error{ErrorCode::kUsage, "--of is given once, or for A and for B"};
   if (!words.of.empty() && !buffers) return Error{ErrorCode::kUsage, "--of needs two visibility buffers"};
   if (buffers) return compare_two_buffers(words, options);
   if (*a == FileKind::kPicture && *b == FileKind::kPicture) {
@@ -201,9 +212,11 @@ Result<void> check_outputs(const Words& words) {
                                                                 {"--flip", &words.flip}};
   for (const auto& [name, output] : outputs) {
     if (output->empty()) continue;
-    for (const std::string* path : {&words.render.file, &words.other, &words.of}) {
+    std::vector<std::string> inputs = words.of;
+    inputs.insert(inputs.end(), {words.render.file, words.other});
+    for (const std::string& path : inputs) {
       std::error_code ignored;
-      if (std::filesystem::equivalent(*output, *path, ignored))
+      if (std::filesystem::equivalent(*output, path, ignored))
         return Error{ErrorCode::kUsage, std::string(name) + ": " + *output + " is one of the files to compare"};
     }
   }
@@ -254,8 +267,8 @@ Command add_compare(CLI::App& parent) {
   app->add_option("B", words->other, "What is right: a PNG, a visibility buffer, or a .gltf or .glb")->required();
   app->add_option("-o,--output", render.output,
                   "A picture of the difference, a .png: right surfaces grey, background against surface blue, other\n"
-                  "mesh or triangle red, triangle sharing no vertex orange, neighbouring triangle green; of two PNGs "
-                  "the FLIP error, black 0 to white 1");
+                  "mesh or triangle red, triangle sharing no vertex orange, neighbouring triangle green; of two\n"
+                  "PNGs the FLIP error, black 0 to white 1");
   app->add_option("--flip", words->flip,
                   "A picture of the FLIP error, a .png, black 0 to white 1: of two PNGs, or of the lit pictures of a\n"
                   ".scree file and its glTF");
@@ -266,8 +279,14 @@ Command add_compare(CLI::App& parent) {
   app->add_option("--target", render.target, "Where --eye looks to, X,Y,Z (default: the middle of the scene)");
   app->add_option("--up", render.up, "What is up in the picture, X,Y,Z (default: 0,1,0)");
   app->add_option("--fov", render.fov, "Vertical field of view in degrees (default: 45, or the camera's)");
-  app->add_option("--of", words->of,
-                  "The .scree file of two visibility buffers: tells other meshes and neighbours apart");
+  app->add_option(
+         "--of", words->of,
+         "The .scree file of two visibility buffers: tells other meshes and neighbours apart. Given twice, A's "
+         "file\nand B's, encoded differently: triangles are matched by their source numbers (convert "
+         "--source-ids)")
+      ->type_size(1)
+      ->expected(1)
+      ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll);
   app->add_option("--exclude", words->exclude, "The --exclude that the .scree file was converted with");
   app->add_option("--ppd", words->pixels_per_degree,
                   "FLIP's pixels per degree of what the eye sees (default: 67, a screen of 3840 pixels at its width)")
