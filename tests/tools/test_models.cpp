@@ -7,28 +7,13 @@
 #include "tests/catch.h"
 #include "tests/models.h"
 #include "tests/paths.h"
+#include "tests/tools/model_files.h"
 #include "tests/tools/source_compare.h"
 #include "tests/tools/temp_folder.h"
 #include "tools/convert/convert.h"
 
 using namespace scree;
 namespace fs = std::filesystem;
-
-namespace {
-
-std::vector<fs::path> model_files() {
-  std::vector<fs::path> files;
-  const fs::path root = tests::models_path();
-  if (root.empty()) return files;
-  for (const fs::directory_entry& entry : fs::recursive_directory_iterator(root / "scenes")) {
-    const std::string extension = entry.path().extension().string();
-    if (entry.is_regular_file() && (extension == ".gltf" || extension == ".glb")) files.push_back(entry.path());
-  }
-  std::sort(files.begin(), files.end());
-  return files;
-}
-
-}  // namespace
 
 TEST_CASE("the small models convert to what they were within the stated error", "[models]") {
   const tests::TempFolder folder;
@@ -66,7 +51,7 @@ TEST_CASE("the small models convert to what they were within the stated error", 
 }
 
 TEST_CASE("every model converts to what it was within the stated error", "[models]") {
-  const std::vector<fs::path> files = model_files();
+  const std::vector<fs::path> files = tests::model_files(tests::models_path() / "scenes");
   if (files.empty()) {
     WARN("the models are not there: skipped");
     return;

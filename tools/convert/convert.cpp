@@ -468,8 +468,7 @@ class Converter {
     record.max_uv_error = std::max(record.max_uv_error, window.uv_error);
     for (size_t i = 0; i < window.chunks.size(); ++i) {
       const format::ChunkRecord& chunk = window.chunks[i];
-      if (bounds_error(options_))
-        report_.positions.add(record, record.chunk_count == 0, chunk, window.position_bytes[i]);
+      if (bounds_error(options_)) report_.positions.add(record, record.chunk_count == 0, chunk, window.saved[i]);
       record.vertex_count += chunk.vertex_count;
       ++record.chunk_count;
       tables_.chunks.push_back(chunk);

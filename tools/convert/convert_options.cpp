@@ -1,5 +1,6 @@
 #include "tools/convert/convert_options.h"
 
+#include <charconv>
 #include <cmath>
 #include <cstdio>
 #include <utility>
@@ -22,6 +23,12 @@ Result<void> check_pixel_bound(const PixelBound& bound) {
 std::string describe_textures(const ImageOptions& options) {
   if (options.textures == Textures::kRaw) return "raw";
   return options.textures == Textures::kKeep ? "keep" : "jpeg:" + std::to_string(options.quality);
+}
+
+/// The fewest digits that are read back as the same number.
+std::string shortest(double number) {
+  char digits[32];
+  return {digits, std::to_chars(digits, digits + sizeof digits, number).ptr};
 }
 
 }  // namespace
@@ -53,16 +60,14 @@ Result<void> check_options(const ConvertOptions& options) {
 }
 
 std::string describe_options(const ConvertOptions& options) {
-  char error[64];
-  std::snprintf(error, sizeof error, "--max-error %.17g", options.max_error);
-  char pixels[192];
   const PixelBound& bound = options.pixel_bound;
-  std::snprintf(pixels, sizeof pixels, "--max-error-pixels %.17g --at-distance %.17g --at-size %ux%u --at-fov %.17g",
-                bound.pixels, bound.distance, bound.width, bound.height, bound.fov_degrees);
-  std::string text = bound.pixels > 0        ? std::string(pixels)
-                     : options.max_error > 0 ? std::string(error)
-                     : options.float32       ? std::string("--positions float32")
-                                             : "--positions " + std::to_string(options.position_bits);
+  std::string text = "--positions " + std::to_string(options.position_bits);
+  if (options.float32) text = "--positions float32";
+  if (options.max_error > 0) text = "--max-error " + shortest(options.max_error);
+  if (bound.pixels > 0)
+    text = "--max-error-pixels " + shortest(bound.pixels) + " --at-distance " + shortest(bound.distance) +
+           " --at-size " + std::to_string(bound.width) + "x" + std::to_string(bound.height) + " --at-fov " +
+           shortest(bound.fov_degrees);
   text += options.grid == Grid::kScene ? " --grid scene" : " --grid mesh";
   text += options.order == Order::kNone ? " --order none" : " --order fifo";
   text += options.encoding == Encoding::kClustered ? " --encoding clustered" : " --encoding indexed";

@@ -14,6 +14,7 @@
 #include "format/chunk_layout.h"
 #include "format/index_codec.h"
 #include "format/quantize.h"
+#include "tools/convert/chunk_limit.h"
 
 namespace scree::convert {
 namespace {
@@ -23,65 +24,7 @@ using format::kNone;
 // The paper's hardware measurements and meshoptimizer's own default agree on 16 entries.
 constexpr unsigned kFifoCacheSize = 16;
 
-constexpr uint32_t kMaxUvBits = 24;
-
-/// Most bits that the attributes of a vertex take in this mesh, whatever its chunk.
-uint64_t attribute_bits_bound(const MeshPlan& mesh) {
-  uint64_t bits = 0;
-  if (mesh.attributes & format::kHasUv) bits += 2 * kMaxUvBits;
-  if (mesh.attributes & format::kHasColor) bits += 32;
-  if (mesh.attributes & format::kHasNormal) bits += 2 * kNormalBits;
-  return bits;
-}
-
-/// The same with its position.
-uint64_t vertex_bits_bound(const MeshPlan& mesh) {
-  const format::MeshLattice& lattice = mesh.lattice;
-  return attribute_bits_bound(mesh) +
-         (mesh.float32 ? 96 : uint64_t{lattice.bits[0]} + lattice.bits[1] + lattice.bits[2]);
-}
-
-/// Most bits that the source's number of a triangle takes, less the smallest of its chunk.
-uint32_t source_id_bits(const MeshPlan& mesh, const WindowPlan& plan) {
-  if (!(mesh.attributes & format::kHasSourceIds)) return 0;
-  return static_cast<uint32_t>(std::bit_width((mesh.sorted_triangles > 0 ? mesh.sorted_triangles : plan.count) - 1));
-}
-
-/// Decides where a chunk ends: before the triangle with which its streams might pass a page.
-class ChunkLimit {
- public:
-  ChunkLimit(const MeshPlan& mesh, const WindowPlan& plan, uint64_t most_triangles)
-      : most_triangles_(most_triangles),
-        vertex_bits_(vertex_bits_bound(mesh)),
-        attribute_bits_(attribute_bits_bound(mesh)),
-        triangle_bits_(source_id_bits(mesh, plan)) {}
-
-  bool fits(uint64_t triangles, uint64_t vertices) const {
-    if (most_triangles_ == 0) return true;
-    if (triangles > most_triangles_) return false;
-    const uint64_t index_bits = static_cast<uint64_t>(std::bit_width(vertices - 1));
-    return triangles * (3 * index_bits + triangle_bits_) + vertices * vertex_bits_ <= kBudgetBits;
-  }
-
-  /// The same for a chunk of clusters with so many words of data.
-  bool clusters_fit(uint64_t triangles, uint64_t vertices, uint64_t clusters, uint64_t words) const {
-    if (words > format::kMaxClusterWords || vertices >= kNone) return false;
-    if (most_triangles_ == 0) return true;
-    if (triangles > most_triangles_) return false;
-    return 8 * format::cluster_stream_bytes(clusters, words) + triangles * triangle_bits_ +
-               vertices * attribute_bits_ <=
-           kBudgetBits;
-  }
-
- private:
-  // Six streams, each with its slack and rounded up to 16 bytes, always fit beside this.
-  static constexpr uint64_t kBudgetBits = 8 * (format::kPageTargetBytes - 6 * (format::kPackedSlackBytes + 16));
-
-  uint64_t most_triangles_;
-  uint64_t vertex_bits_;
-  uint64_t attribute_bits_;
-  uint64_t triangle_bits_;
-};
+constexpr format::PositionRange kFloatRange{{}, {32, 32, 32}};
 
 /// Which triangle of `before` each triangle of `after` is; meshoptimizer only tells the corners. Both hold the same
 /// triangles with the same first corner. Equal triangles are told apart by their order.
@@ -137,13 +80,13 @@ class WindowEncoder {
   Result<EncodedWindow> run() {
     if (const Result<void> ordered = order(); !ordered) return ordered.error();
     quantise();
-    if (mesh_.clustered) {
+    if (const Result<void> done = read_uvs(); !done) return done.error();
+    if (mesh_.clustered && !mesh_.chunks_as_float32) {
       cut_clusters();
     } else {
       cut();
-      encode_positions();
     }
-    if (const Result<void> done = encode_uvs(); !done) return done.error();
+    encode_uvs();
     if (const Result<void> done = encode_colors(); !done) return done.error();
     if (const Result<void> done = encode_normals(); !done) return done.error();
     encode_source_ids();
@@ -158,7 +101,8 @@ class WindowEncoder {
 
   /// Whether the triangles stay in the source's order until they are cut into chunks.
   bool keeps_order() const {
-    return options_.order == Order::kNone || (mesh_.clustered && options_.clusters == tools::ClusterEffort::kBest);
+    const bool has_own_order = mesh_.clustered && options_.clusters == tools::ClusterEffort::kBest;
+    return options_.order == Order::kNone || (has_own_order && !mesh_.chunks_as_float32);
   }
 
   Result<void> order() {
@@ -214,12 +158,16 @@ class WindowEncoder {
     out_.position_error = largest;
   }
 
-  /// Cuts the ordered triangles into chunks, numbers the vertices of each, and encodes the indices on the way.
+  /// Cuts the ordered triangles into chunks, numbers the vertices of each, and encodes indices and positions on the
+  /// way.
   void cut() {
     const uint64_t triangles = s_.ordered.size() / 3;
     const ChunkLimit limit(mesh_, plan_, options_.chunk_triangles);
     s_.slots.assign(s_.window.vertices().size(), kNone);
     s_.chunk_order.clear();
+    s_.clustered_triangles.clear();
+    if (mesh_.clustered && (mesh_.attributes & format::kHasSourceIds)) s_.clustered_triangles.resize(triangles);
+    clustered_triangles_ = s_.clustered_triangles;
     for (uint64_t first = 0; first < triangles;) {
       const size_t first_vertex = s_.chunk_order.size();
       s_.chunk_indices.clear();
@@ -254,31 +202,109 @@ class WindowEncoder {
       }
       for (const uint32_t vertex : used) s_.slots[vertex] = kNone;
 
-      EncodedChunk chunk;
-      chunk.record.triangle_count = static_cast<uint32_t>(end - first);
-      chunk.record.vertex_count = vertices;
-      // Every vertex of a chunk is used and numbered from 0, so that the range is known without looking. 0 bits are not
-      // allowed past kMaxChunkTriangles (spec/container.md, chunks): a few bytes would ask for gigabytes.
-      const uint32_t least_bits = end - first > format::kMaxChunkTriangles ? 1 : 0;
-      const format::IndexRange range{0, std::max(least_bits, static_cast<uint32_t>(std::bit_width(vertices - 1)))};
-      chunk.record.index_min = range.min;
-      chunk.record.index_bits = static_cast<uint8_t>(range.bits);
-      const uint64_t bytes = format::packed_bytes(s_.chunk_indices.size(), range.bits);
-      chunk.payload.reserve(bytes + (vertices * vertex_bits_bound(mesh_) + 7) / 8 +
-                            6 * (format::kPackedSlackBytes + 16));
-      format::encode_indices(extend(chunk.payload, bytes), s_.chunk_indices, range);
-      out_.chunks.push_back(std::move(chunk));
-      first_vertex_.push_back(first_vertex);
-      first_triangle_.push_back(first);
+      add_chunk(first, end - first, first_vertex);
       first = end;
     }
   }
 
+  /// The chunk of the triangles in chunk_indices, whose vertices are the last of chunk_order.
+  void add_chunk(uint64_t first_triangle, uint64_t triangles, size_t first_vertex) {
+    const std::span<const uint32_t> used = std::span<const uint32_t>(s_.chunk_order).subspan(first_vertex);
+    EncodedChunk chunk;
+    chunk.record.triangle_count = static_cast<uint32_t>(triangles);
+    chunk.record.vertex_count = static_cast<uint32_t>(used.size());
+    first_vertex_.push_back(first_vertex);
+    first_triangle_.push_back(first_triangle);
+    // Every vertex of a chunk is used and numbered from 0, so that the range is known without looking. 0 bits are not
+    // allowed past kMaxChunkTriangles (spec/container.md, chunks): a few bytes would ask for gigabytes.
+    const uint32_t least_bits = triangles > format::kMaxChunkTriangles ? 1 : 0;
+    const format::IndexRange indices{0, std::max(least_bits, static_cast<uint32_t>(std::bit_width(used.size() - 1)))};
+    const uint64_t index_bytes = format::packed_bytes(s_.chunk_indices.size(), indices.bits);
+    const uint64_t float_bytes = index_bytes + format::position_stream_bytes(used.size(), kFloatRange);
+    if (mesh_.float32) {
+      pick(used, s_.window.positions(), 3, s_.chunk_floats);
+    } else {
+      pick(used, std::span<const uint32_t>(s_.coordinates), 3, s_.chunk_coordinates);
+    }
+    if (mesh_.clustered && add_clusters(float_bytes, chunk)) return;
+
+    const format::PositionRange positions = mesh_.float32 ? kFloatRange : format::position_range(s_.chunk_coordinates);
+    const uint64_t position_bytes = format::position_stream_bytes(used.size(), positions);
+    // Floats never take less. Packed, v vertices take at most 9 v bytes and the slack of 8, floats 12 v, both rounded
+    // up to 16: from 3 vertices on 12 v is more, 2 take 32 in either, and the code of one has 0 bits.
+    static_assert(9 * 3 + format::kPackedSlackBytes <= 12 * 3 && 3 * format::kMaxPositionBits == 8 * 9);
+    static_assert(format::packed_bytes(2, 3 * format::kMaxPositionBits) <= 32);
+    if (mesh_.chunks_as_float32) chunk.saved = static_cast<int64_t>(float_bytes - index_bytes - position_bytes);
+    chunk.payload.reserve(index_bytes + position_bytes + attribute_bytes_bound(used.size()));
+    chunk.record.index_min = indices.min;
+    chunk.record.index_bits = static_cast<uint8_t>(indices.bits);
+    format::encode_indices(extend(chunk.payload, index_bytes), s_.chunk_indices, indices);
+    const std::span<std::byte> stream = extend(chunk.payload, position_bytes);
+    if (mesh_.float32) {
+      format::encode_positions_float32(stream, s_.chunk_floats);
+    } else {
+      format::encode_positions(stream, s_.chunk_coordinates, positions);
+    }
+    std::copy(positions.min.begin(), positions.min.end(), chunk.record.position_min);
+    std::copy(positions.bits.begin(), positions.bits.end(), chunk.record.position_bits);
+    out_.chunks.push_back(std::move(chunk));
+  }
+
+  /// Adds `chunk`, the triangles and vertices that add_chunk() has, as clusters, unless they take more bytes than
+  /// floats and a list of indices do (`float_bytes`), their vertices' attributes counted: those on the border of two
+  /// clusters are stored twice.
+  bool add_clusters(uint64_t float_bytes, EncodedChunk& chunk) {
+    const format::ClusterSet& set =
+        s_.clusters.build(s_.chunk_indices, s_.chunk_coordinates, options_.clusters, most_of_cluster());
+    if (set.words.size() > format::kMaxClusterWords || set.vertices.size() >= kNone) return false;
+    const std::span<const uint32_t> used = std::span<const uint32_t>(s_.chunk_order).subspan(first_vertex_.back());
+    uint32_t uv_bits = 0;  // the same vertices have the same range, however often
+    if (mesh_.attributes & format::kHasUv) {
+      pick(used, std::span<const float>(s_.floats), 2, s_.chunk_floats);
+      uv_bits = format::choose_uv_range(s_.chunk_floats).stride_bits();
+    }
+    const uint64_t bytes = format::cluster_stream_bytes(set.clusters.size(), set.words.size());
+    const uint64_t all_bytes = bytes + attribute_bytes(set.vertices.size(), uv_bits);
+    const uint64_t all_float_bytes = float_bytes + attribute_bytes(chunk.record.vertex_count, uv_bits);
+    if (all_bytes > all_float_bytes) return false;
+    chunk.saved = static_cast<int64_t>(all_float_bytes - all_bytes);
+    const format::ClusterRun run{0, set.clusters.size(), 0};
+    format::describe_clusters(set, run, chunk.record);
+    chunk.payload.reserve(bytes + attribute_bytes_bound(set.vertices.size()));
+    format::write_clusters(extend(chunk.payload, bytes), set, run, chunk.record);
+    out_.chunks.push_back(std::move(chunk));
+
+    s_.cluster_vertices.resize(set.vertices.size());
+    for (size_t i = 0; i < set.vertices.size(); ++i) s_.cluster_vertices[i] = used[set.vertices[i]];
+    s_.chunk_order.resize(first_vertex_.back());
+    s_.chunk_order.insert(s_.chunk_order.end(), s_.cluster_vertices.begin(), s_.cluster_vertices.end());
+    const uint64_t first_triangle = first_triangle_.back();
+    for (size_t i = 0; i < set.triangles.size() && !s_.clustered_triangles.empty(); ++i)
+      s_.clustered_triangles[first_triangle + i] = static_cast<uint32_t>(first_triangle + set.triangles[i]);
+    return true;
+  }
+
+  uint32_t most_of_cluster() const {
+    return options_.chunk_triangles == 0 ? kNone
+                                         : static_cast<uint32_t>(std::min<uint64_t>(options_.chunk_triangles, kNone));
+  }
+
+  /// Of the streams of `vertices` vertices' attributes.
+  uint64_t attribute_bytes(uint64_t vertices, uint32_t uv_bits) const {
+    uint64_t bytes = format::packed_bytes(vertices, uv_bits);
+    if (mesh_.attributes & format::kHasColor) bytes += format::color_stream_bytes(vertices);
+    if (mesh_.attributes & format::kHasNormal) bytes += format::normal_stream_bytes(vertices, kNormalBits);
+    return bytes;
+  }
+
+  /// The most that these may be, for room in advance.
+  uint64_t attribute_bytes_bound(uint64_t vertices) const {
+    return (vertices * attribute_bits_bound(mesh_) + 7) / 8 + 4 * (format::kPackedSlackBytes + 16);
+  }
+
   /// Cuts the triangles into clusters and these into chunks, and encodes all but attributes and source numbers.
   void cut_clusters() {
-    const uint64_t most = options_.chunk_triangles == 0 ? kNone : std::min<uint64_t>(options_.chunk_triangles, kNone);
-    const format::ClusterSet& set =
-        s_.clusters.build(s_.ordered, s_.coordinates, options_.clusters, static_cast<uint32_t>(most));
+    const format::ClusterSet& set = s_.clusters.build(s_.ordered, s_.coordinates, options_.clusters, most_of_cluster());
     s_.chunk_order = set.vertices;
     clustered_triangles_ = set.triangles;
     const ChunkLimit limit(mesh_, plan_, options_.chunk_triangles);
@@ -301,8 +327,7 @@ class WindowEncoder {
       EncodedChunk chunk;
       format::describe_clusters(set, run, chunk.record);
       const uint64_t bytes = format::cluster_stream_bytes(run.cluster_count, words);
-      chunk.payload.reserve(bytes + (vertices * attribute_bits_bound(mesh_) + 7) / 8 +
-                            4 * (format::kPackedSlackBytes + 16));
+      chunk.payload.reserve(bytes + attribute_bytes_bound(vertices));
       format::write_clusters(extend(chunk.payload, bytes), set, run, chunk.record);
       out_.chunks.push_back(std::move(chunk));
       first_vertex_.push_back(first_vertex);
@@ -314,10 +339,10 @@ class WindowEncoder {
     }
   }
 
-  /// The `components` values of each of the chunk's vertices, from those of the window.
+  /// The `components` values of each of a chunk's vertices, from those of the window.
   template <class T>
-  void pick(size_t i, std::span<const T> values, size_t components, std::vector<T>& out) const {
-    const std::span<const uint32_t> vertices = chunk_vertices(i);
+  static void pick(std::span<const uint32_t> vertices, std::span<const T> values, size_t components,
+                   std::vector<T>& out) {
     out.resize(vertices.size() * components);
     T* at = out.data();
     if (components == 3) {
@@ -331,27 +356,6 @@ class WindowEncoder {
       return;
     }
     for (const uint32_t vertex : vertices) at = std::copy_n(&values[components * size_t{vertex}], components, at);
-  }
-
-  void encode_positions() {
-    for (size_t i = 0; i < out_.chunks.size(); ++i) {
-      EncodedChunk& chunk = out_.chunks[i];
-      if (mesh_.float32) {
-        pick(i, s_.window.positions(), 3, s_.chunk_floats);
-        format::PositionRange range;
-        range.bits = {32, 32, 32};
-        format::encode_positions_float32(
-            extend(chunk.payload, format::position_stream_bytes(chunk.record.vertex_count, range)), s_.chunk_floats);
-        std::copy(range.bits.begin(), range.bits.end(), chunk.record.position_bits);
-        continue;
-      }
-      pick(i, std::span<const uint32_t>(s_.coordinates), 3, s_.chunk_coordinates);
-      const format::PositionRange range = format::position_range(s_.chunk_coordinates);
-      format::encode_positions(extend(chunk.payload, format::position_stream_bytes(chunk.record.vertex_count, range)),
-                               s_.chunk_coordinates, range);
-      std::copy(range.min.begin(), range.min.end(), chunk.record.position_min);
-      std::copy(range.bits.begin(), range.bits.end(), chunk.record.position_bits);
-    }
   }
 
   /// Reads an attribute of the window's vertices and sets values that are not finite to 0. Returns how many vertices
@@ -372,14 +376,20 @@ class WindowEncoder {
     return repaired;
   }
 
-  Result<void> encode_uvs() {
+  /// Before chunks are cut, since what they take shapes them.
+  Result<void> read_uvs() {
     if (!(mesh_.attributes & format::kHasUv)) return {};
     const Result<uint64_t> repaired = read_attribute(*primitive_.uv);
     if (!repaired) return repaired.error();
     out_.repaired_uvs = *repaired;
+    return {};
+  }
+
+  void encode_uvs() {
+    if (!(mesh_.attributes & format::kHasUv)) return;
     for (size_t i = 0; i < out_.chunks.size(); ++i) {
       EncodedChunk& chunk = out_.chunks[i];
-      pick(i, std::span<const float>(s_.floats), 2, s_.chunk_floats);
+      pick(chunk_vertices(i), std::span<const float>(s_.floats), 2, s_.chunk_floats);
       const format::UvRange range = format::choose_uv_range(s_.chunk_floats);
       format::encode_uvs(extend(chunk.payload, format::uv_stream_bytes(chunk.record.vertex_count, range)),
                          s_.chunk_floats, range);
@@ -388,7 +398,6 @@ class WindowEncoder {
       chunk.record.uv_exponent = range.exponent;
       out_.uv_error = std::max(out_.uv_error, stated_uv_error(range));
     }
-    return {};
   }
 
   /// Rounded up, so that the record's float never states less than the codec does.
@@ -437,7 +446,7 @@ class WindowEncoder {
     }
     for (size_t i = 0; i < out_.chunks.size(); ++i) {
       EncodedChunk& chunk = out_.chunks[i];
-      pick(i, std::span<const float>(s_.floats), 3, s_.chunk_floats);
+      pick(chunk_vertices(i), std::span<const float>(s_.floats), 3, s_.chunk_floats);
       chunk.record.normal_bits = kNormalBits;
       format::encode_normals(extend(chunk.payload, format::normal_stream_bytes(chunk.record.vertex_count, kNormalBits)),
                              s_.chunk_floats, kNormalBits);
@@ -452,7 +461,7 @@ class WindowEncoder {
       s_.chunk_ids.resize(chunk.record.triangle_count);
       for (size_t t = 0; t < s_.chunk_ids.size(); ++t) {
         uint64_t place = first_triangle_[i] + t;
-        if (mesh_.clustered) place = clustered_triangles_[place];
+        if (chunk.record.encoding == format::ChunkEncoding::kClustered) place = clustered_triangles_[place];
         s_.chunk_ids[t] = s_.window.source_id(keeps_order() ? place : s_.order[place]);
       }
       const format::SourceIdRange range = format::source_id_range(s_.chunk_ids);
@@ -478,7 +487,8 @@ class WindowEncoder {
 Result<Welded> weld(const Primitive& primitive, const MeshPlan& mesh, EncodeScratch& scratch) {
   Window& window = scratch.window;
   Welder& welder = scratch.welder;
-  welder.start(window.positions(), mesh.float32 ? Welder::Zeros::kSigned : Welder::Zeros::kUnsigned);
+  const bool are_signed = mesh.float32 || mesh.chunks_as_float32;
+  welder.start(window.positions(), are_signed ? Welder::Zeros::kSigned : Welder::Zeros::kUnsigned);
   const std::pair<uint32_t, const std::optional<Accessor>*> attributes[] = {
       {format::kHasUv, &primitive.uv}, {format::kHasColor, &primitive.color}, {format::kHasNormal, &primitive.normal}};
   std::vector<uint32_t>& numbers = scratch.chunk_indices;  // of the candidates in the source

@@ -37,7 +37,10 @@ struct MeshPlan {
   uint32_t primitive = 0;   // in SourceScene::primitives
   uint32_t attributes = 0;  // format::AttributeFlags of the streams to write
   bool float32 = false;
-  bool clustered = false;         // chunks are clustered; not with float32
+  bool clustered = false;  // chunks are clustered; not with float32
+  // Cut and welded as with float32, so that a chunk can be held against what it would take then, and none is clustered
+  // that would take more.
+  bool chunks_as_float32 = false;
   uint64_t sorted_triangles = 0;  // of the source, where those of a window lie anywhere among them; else 0
   format::MeshLattice lattice;
   Box box;  // of the positions measure saw
@@ -46,6 +49,7 @@ struct MeshPlan {
 struct EncodedChunk {
   format::ChunkRecord record{};  // page, offset, mesh and first_triangle unset
   std::vector<std::byte> payload;
+  int64_t saved = 0;  // bytes that it would take more with float32 positions, where MeshPlan::chunks_as_float32
 };
 
 /// Vertices that became another one.
@@ -83,6 +87,8 @@ struct EncodeScratch {
   std::vector<uint32_t> chunk_order;    // window vertices of all chunks, one chunk after the other
   std::vector<uint32_t> coordinates;    // lattice coordinates of the window's vertices
   std::vector<uint32_t> chunk_indices;
+  std::vector<uint32_t> cluster_vertices;     // of a chunk: places in the window's vertices
+  std::vector<uint32_t> clustered_triangles;  // of all chunks: places in `ordered`
   Welder welder;
   tools::ClusterBuilder clusters;
   std::vector<uint32_t> chunk_coordinates;

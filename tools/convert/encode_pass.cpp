@@ -3,9 +3,6 @@
 #include <string>
 #include <utility>
 
-#include "tools/convert/convert_options.h"
-#include "tools/convert/position_table.h"
-
 namespace scree::convert {
 namespace {
 
@@ -22,7 +19,6 @@ EncodePass::EncodePass(const ConvertOptions& options, const SourceScene& scene, 
     : scene_(scene),
       writer_(writer),
       options_{options.order, options.clusters, options.chunk_triangles, options.drop_nonfinite, options.weld},
-      bounds_error_(bounds_error(options)),
       limit_(limit),
       times_(times),
       window_(start.window),
@@ -104,8 +100,7 @@ Result<WindowOutcome> EncodePass::place_window(EncodedWindow& window, const Enco
     chunk.record.mesh = item.mesh;
     chunk.record.first_triangle = triangle_;
     triangle_ += chunk.record.triangle_count;
-    outcome.position_bytes.push_back(bounds_error_ ? PositionTable::position_bytes(record, chunk.record, chunk.payload)
-                                                   : 0);
+    outcome.saved.push_back(chunk.saved);
     if (i < placed_.size()) {
       chunk.record.page = placed_[i].page;
       chunk.record.offset = placed_[i].offset;

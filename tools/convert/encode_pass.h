@@ -83,7 +83,6 @@ class EncodePass {
   const SourceScene& scene_;
   format::ContainerWriter& writer_;
   EncodeOptions options_;
-  bool bounds_error_;
   InFlight limit_;
   StageTimes& times_;
   uint64_t window_;

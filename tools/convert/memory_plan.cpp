@@ -221,6 +221,7 @@ uint64_t MemoryPlan::encode_thread_bytes(const WindowNeeds& needs) const {
   if (source_ids_) bytes += 8 * std::bit_ceil(2 * t + 2) + 8 * t;    // to find the triangles again
   bytes += 8 * std::bit_ceil(v + v / 4 + 2) + 13 * v;                // Welder
   if (clustered_) bytes += 30 * t + 20 * v + 2 * encoded_bytes(needs);
+  if (clustered_ && source_ids_) bytes += 4 * t;  // which triangles are where
   const uint64_t chunk = chunk_triangles_ == 0 ? t : std::min(t, chunk_triangles_);
   bytes += 108 * chunk;  // one chunk's indices, coordinates and floats
   if (zstd_level_ > 0) bytes += (zstd_level_ < 10 ? 8 : 20) * std::min(page_bytes(needs), 128 * kMiB);

@@ -2,6 +2,8 @@
 
 #include <algorithm>
 
+#include "tools/convert/convert_options.h"
+
 namespace scree::convert {
 
 PlannedMesh plan_mesh(const ConvertOptions& options, const SourceScene& scene, uint32_t primitive,
@@ -12,6 +14,7 @@ PlannedMesh plan_mesh(const ConvertOptions& options, const SourceScene& scene, u
   plan.primitive = primitive;
   plan.float32 = options.float32;
   plan.clustered = options.encoding == Encoding::kClustered && !options.float32;
+  plan.chunks_as_float32 = bounds_error(options);
   plan.box = measured.box;
   if (is_sorted) plan.sorted_triangles = source.triangle_count();
   if (source.uv) plan.attributes |= format::kHasUv;

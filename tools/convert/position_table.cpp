@@ -1,9 +1,8 @@
 #include "tools/convert/position_table.h"
 
 #include <algorithm>
+#include <cstdlib>
 
-#include "format/bytes.h"
-#include "format/chunk_layout.h"
 #include "tools/common/human.h"
 #include "tools/common/options.h"
 #include "tools/inspect/text_table.h"
@@ -15,41 +14,27 @@ constexpr uint32_t kFloatBits = 32;
 
 }  // namespace
 
-/// Of a clustered chunk what is left when its clusters' indices are taken off.
-uint64_t PositionTable::position_bytes(const format::MeshRecord& mesh, const format::ChunkRecord& chunk,
-                                       std::span<const std::byte> payload) {
-  const format::ChunkStreams streams = format::chunk_streams(mesh, chunk);
-  if (chunk.encoding != format::ChunkEncoding::kClustered) return streams.positions.bytes;
-  uint64_t index_words = 0;
-  for (uint64_t i = 0; i < chunk.cluster_count; ++i) {
-    const auto record = format::load<format::ClusterRecord>(payload.data() + streams.clusters.offset +
-                                                            i * sizeof(format::ClusterRecord));
-    const format::ClusterLayout layout = format::cluster_layout(record);
-    index_words += layout.positions - layout.steps;
-  }
-  return streams.cluster_data.bytes - 4 * index_words;
-}
-
 void PositionTable::add(const format::MeshRecord& mesh, bool is_first, const format::ChunkRecord& chunk,
-                        uint64_t position_bytes) {
+                        int64_t saved) {
   const uint32_t bits = mesh.position_encoding == format::PositionEncoding::kFloat32
                             ? kFloatBits
                             : *std::max_element(std::begin(mesh.lattice_bits), std::end(mesh.lattice_bits));
   Row& row = rows_[bits];
   row.meshes += is_first ? 1 : 0;
   row.triangles += chunk.triangle_count;
-  row.bytes += position_bytes;
-  row.float_bytes += uint64_t{12} * chunk.vertex_count;
+  row.bytes += chunk.bytes;
+  row.saved += saved;
 }
 
 std::string PositionTable::text() const {
   inspect::TextTable table;
-  table.row({"bits an axis", "meshes", "triangles", "positions", "as float32", "saved"});
+  table.row({"bits an axis", "meshes", "triangles", "bytes", "as float32", "saved"});
   table.rule();
   const auto add = [&](const std::string& name, const Row& row) {
-    const uint64_t saved = row.float_bytes - std::min(row.bytes, row.float_bytes);
+    const std::string sign = row.saved < 0 ? "-" : "";
     table.row({name, tools::grouped(row.meshes), tools::grouped(row.triangles), tools::format_bytes(row.bytes),
-               tools::format_bytes(row.float_bytes), tools::format_bytes(saved)});
+               tools::format_bytes(row.bytes + static_cast<uint64_t>(row.saved)),
+               sign + tools::format_bytes(static_cast<uint64_t>(std::abs(row.saved)))});
   };
   Row all;
   for (const auto& [bits, row] : rows_) {
@@ -57,7 +42,7 @@ std::string PositionTable::text() const {
     all.meshes += row.meshes;
     all.triangles += row.triangles;
     all.bytes += row.bytes;
-    all.float_bytes += row.float_bytes;
+    all.saved += row.saved;
   }
   table.rule();
   add("all", all);

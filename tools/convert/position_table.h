@@ -1,10 +1,8 @@
-// What positions take at the bits that an error bound chose, beside what floats would.
+// What meshes take at the bits that an error bound chose, beside what they would with floats.
 #pragma once
 
-#include <cstddef>
 #include <cstdint>
 #include <map>
-#include <span>
 #include <string>
 
 #include "format/layout.h"
@@ -13,18 +11,14 @@ namespace scree::convert {
 
 class PositionTable {
  public:
-  /// Bytes that the positions of a chunk of `mesh` take in its `payload`.
-  static uint64_t position_bytes(const format::MeshRecord& mesh, const format::ChunkRecord& chunk,
-                                 std::span<const std::byte> payload);
-
-  /// One chunk of `mesh`, its first or a further one, and its position_bytes().
-  void add(const format::MeshRecord& mesh, bool is_first, const format::ChunkRecord& chunk, uint64_t position_bytes);
+  /// One chunk of `mesh`, its first or a further one, that would take `saved` bytes more with float32 positions.
+  void add(const format::MeshRecord& mesh, bool is_first, const format::ChunkRecord& chunk, int64_t saved);
 
   struct Row {
     uint64_t meshes = 0;
     uint64_t triangles = 0;
-    uint64_t bytes = 0;        // of positions, as stored
-    uint64_t float_bytes = 0;  // as floats, a vertex once a chunk
+    uint64_t bytes = 0;  // of chunks: positions, indices and attributes, padding included
+    int64_t saved = 0;   // that they would take more with float32 positions
   };
   /// By bits of the mesh's widest axis; 32: floats.
   const std::map<uint32_t, Row>& rows() const { return rows_; }

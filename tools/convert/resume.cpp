@@ -13,7 +13,7 @@ namespace scree::convert {
 namespace {
 
 // A change of what is noted, or of how a scene is cut and packed, needs another number.
-constexpr uint64_t kLogFormat = 4;
+constexpr uint64_t kLogFormat = 5;
 
 enum EntryKind : uint32_t { kImageEntry = 16, kWindowsEntry = 17 };
 
@@ -146,7 +146,7 @@ void log_windows(format::ContainerWriter& writer, uint64_t number, const std::ve
   for (const WindowOutcome& window : windows) {
     visit_numbers([&](const auto& value) { entry.add(value); }, window);
     entry.add_list(window.chunks);
-    entry.add_list(window.position_bytes);
+    entry.add_list(window.saved);
   }
   writer.log(kWindowsEntry, entry.bytes());
 }
@@ -172,7 +172,7 @@ void read_entry(uint32_t kind, std::span<const std::byte> entry, Resumed& resume
     WindowOutcome window;
     visit_numbers([&](auto& value) { reader.take(value); }, window);
     reader.take_list(window.chunks);
-    reader.take_list(window.position_bytes);
+    reader.take_list(window.saved);
     if (!reader.failed()) resumed.windows.push_back(std::move(window));
   }
 }

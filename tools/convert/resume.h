@@ -26,7 +26,7 @@ struct WindowOutcome {
   uint64_t repaired_colors = 0;
   uint64_t repaired_normals = 0;
   std::vector<format::ChunkRecord> chunks;  // with page and place
-  std::vector<uint64_t> position_bytes;     // of each chunk
+  std::vector<int64_t> saved;               // EncodedChunk::saved of each
 };
 
 /// How far the .part of an earlier run goes. Everything comes in the order in which it was written.

@@ -238,9 +238,13 @@ void count_meshes(const format::Container& file, std::map<std::pair<bool, int32_
       stats.reference_bytes[stream] += reference_bytes;
     };
     add(kIndices, 3 * mesh.triangle_count, 12 * mesh.triangle_count);
-    if (mesh.chunk_count != 0 && file.chunks()[mesh.first_chunk].encoding == format::ChunkEncoding::kClustered) {
-      add(kClusterBounds, mesh.triangle_count, 0);
-      add(kClusterRecords, mesh.triangle_count, 0);
+    uint64_t clustered = 0;  // triangles
+    for (uint64_t chunk = mesh.first_chunk; chunk < mesh.first_chunk + mesh.chunk_count; ++chunk)
+      if (file.chunks()[chunk].encoding == format::ChunkEncoding::kClustered)
+        clustered += file.chunks()[chunk].triangle_count;
+    if (clustered != 0) {
+      add(kClusterBounds, clustered, 0);
+      add(kClusterRecords, clustered, 0);
     }
     add(kPositions, mesh.vertex_count, 12 * reference);
     if (mesh.attributes & format::kHasUv) {
