@@ -56,6 +56,18 @@ Experiment::Experiment(std::string folder, std::vector<std::vector<std::string>>
 
 Run Experiment::run(const Plan& plan) const {
   lay_out();
+  return run_in_place(plan);
+}
+
+Run Experiment::run_again() const {
+  return run_in_place({});
+}
+
+std::string Experiment::left_part() const {
+  return read_file(part_path());
+}
+
+Run Experiment::run_in_place(const Plan& plan) const {
   std::fflush(nullptr);
   const pid_t child = ::fork();
   if (child == 0) {
@@ -117,6 +129,7 @@ void Experiment::lay_out() const {
     if (is_part(name)) std::filesystem::remove(path(name));
   for (const auto& group : outputs_)
     for (const std::string& name : group) std::ofstream(path(name), std::ios::binary) << kEarlier;
+  if (!part_.empty()) std::ofstream(part_path(), std::ios::binary) << part_;
 }
 
 void Experiment::collect(Run& run) const {
@@ -147,7 +160,7 @@ std::string fault_of(Run run, const Expected& expected, const std::string& faile
   if (run.signal != 0) return "ends by signal " + std::to_string(run.signal);
   if (run.errors.find("Sanitizer") != std::string::npos) return "a sanitizer's report";
   if (run.live != 0) return "leaves " + std::to_string(run.live) + " of what CUDA gave it";
-  if (failed.starts_with("unlink,") && run.code != 0) std::erase_if(run.names, is_part);
+  if ((failed.starts_with("unlink,") || expected.keeps_part) && run.code != 0) std::erase_if(run.names, is_part);
   if (run.names != expected.good.names) {
     std::string text = "other files are there:";
     for (const std::string& name : run.names) text += " " + name;

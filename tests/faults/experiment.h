@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <set>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "tests/faults/faults.h"
@@ -26,6 +27,13 @@ class Experiment {
 
   /// In a process of its own.
   Run run(const Plan& plan) const;
+  /// The same once more without a failure, in what the run before left.
+  Run run_again() const;
+
+  /// From now on each run finds `bytes` as the .part of its first output, as a run that was killed leaves one.
+  void find_part(std::string bytes) { part_ = std::move(bytes); }
+  /// What the last run left there; empty where it left none.
+  std::string left_part() const;
 
   /// Runs in this process from now on: what it prints goes where the command's output does.
   void stay_here() const;
@@ -38,6 +46,8 @@ class Experiment {
  private:
   std::string path(const std::string& name) const { return folder_ + "/" + name; }
   std::string log() const { return path("stderr.txt"); }
+  std::string part_path() const { return path(outputs_.front().front() + ".part"); }
+  Run run_in_place(const Plan& plan) const;
   void lay_out() const;
   void collect(Run& run) const;
   int call(const Plan& plan) const;
@@ -45,6 +55,7 @@ class Experiment {
   std::string folder_;
   std::vector<std::vector<std::string>> outputs_;
   std::vector<std::string> words_;
+  std::string part_;
 };
 
 /// What a run is held to.
@@ -53,6 +64,7 @@ struct Expected {
   std::vector<std::string> earlier;  // outputs before a run
   int code = 2;                      // of an error
   bool may_differ = false;           // outputs of a run that came to its end
+  bool keeps_part = false;           // an error may leave a .part
 };
 
 /// What is wrong with a run in which `failed`, as failed_call() has it, failed; empty where nothing is.

@@ -1,10 +1,12 @@
 // Runs a command of scree over and over, each time with another call failing, and looks at what is left:
-//   scree_faults [-j N] [-p] [-s N] KIND WHICH FOLDER OUTPUTS -- CONVERT|INSPECT|... ARGUMENTS
+//   scree_faults [-j N] [-p] [-s N] [-r] KIND WHICH FOLDER OUTPUTS -- CONVERT|INSPECT|... ARGUMENTS
 // KIND: file, memory, device. WHICH: all, or sites: one failure a place in the program (memory: and a size); with /N
 // behind it every N-th of them; call/N: the N-th call alone; with @NAME at the end, of the calls from the first of that
 // name on. OUTPUTS: files in FOLDER, with commas between, with + between those that belong together, ~ before all where
 // they may come out otherwise. -j: so many runs at a time, each in a copy of FOLDER. -p: many runs in one process,
 // where beginning is what takes long, as for a GPU. -s: so many runs without a failure tell which calls there are.
+// -r: each run finds the .part of one that ended early, with all that can be gone on with, and may leave one where it
+// has to say an error; then the command is run again, and has to write what it writes without a failure.
 // Prints what went wrong, and a line of counts; exits 0 where nothing did.
 //
 // A run may come to its end all the same, and then has to write what it writes without a failure. Else it has to say
@@ -47,6 +49,7 @@ struct Options {
   size_t jobs = 1;
   bool one_process = false;
   size_t surveys = 1;
+  bool resumes = false;
   faults::Plan plan;
   std::string which;
   size_t step = 1;
@@ -66,10 +69,11 @@ std::vector<std::string> split(const std::string& list, char mark) {
 std::optional<Options> parse(int argc, char** argv) {
   Options options;
   int option = 0;
-  while ((option = ::getopt(argc, argv, "+j:ps:")) != -1) {
+  while ((option = ::getopt(argc, argv, "+j:prs:")) != -1) {
     if (option == 'j') options.jobs = std::strtoul(optarg, nullptr, 10);
     if (option == 's') options.surveys = std::strtoul(optarg, nullptr, 10);
     if (option == 'p') options.one_process = true;
+    if (option == 'r') options.resumes = true;
     if (option == '?') return std::nullopt;
   }
   const int count = argc - optind;
@@ -118,13 +122,14 @@ T& shared_memory() {
 class Worker {
  public:
   Worker(const Options& options, const std::vector<uint64_t>& sites, const faults::Expected& expected,
-         Progress& progress, const std::string& folder)
+         Progress& progress, const std::string& folder, const std::string& part)
       : options_(options),
         sites_(sites),
         expected_(expected),
         progress_(progress),
         experiment_(folder, options.outputs, options.words),
         out_(::fdopen(::dup(STDOUT_FILENO), "w")) {
+    experiment_.find_part(part);
     if (out_ == nullptr) std::abort();
   }
 
@@ -133,8 +138,13 @@ class Worker {
     if (options_.one_process) experiment_.stay_here();
     while (const std::optional<faults::Plan> plan = next_plan()) {
       const faults::Run run = options_.one_process ? experiment_.run_here(*plan) : experiment_.run(*plan);
+      const std::string failed = faults::failed_call();
       // What a run that went wrong left in this process is nothing to go on with.
       if (!judge(run) && options_.one_process) return;
+      if (!options_.resumes || run.code == 0) continue;
+      const faults::Run again = experiment_.run_again();
+      if (const std::string fault = fault_of(again, expected_, ""); !fault.empty())
+        tell(failed + " failed before, and then", fault, again);
     }
   }
 
@@ -169,12 +179,15 @@ class Worker {
       ++(run.code == 0 ? progress_.borne : progress_.refused);
     }
     if (fault.empty()) return true;
-    if (++progress_.wrong <= kMostShown) {
-      std::fprintf(out_, "%s fails: %s %s: %s\n", failed.empty() ? "nothing" : failed.c_str(),
-                   options_.words[1].c_str(), fault.c_str(), run.errors.substr(0, run.errors.find("    #14")).c_str());
-      std::fflush(out_);
-    }
+    tell((failed.empty() ? "nothing" : failed) + " fails", fault, run);
     return false;
+  }
+
+  void tell(const std::string& when, const std::string& fault, const faults::Run& run) {
+    if (++progress_.wrong > kMostShown) return;
+    std::fprintf(out_, "%s: %s %s: %s\n", when.c_str(), options_.words[1].c_str(), fault.c_str(),
+                 run.errors.substr(0, run.errors.find("    #14")).c_str());
+    std::fflush(out_);
   }
 
   const Options& options_;
@@ -187,7 +200,7 @@ class Worker {
 
 /// Has `jobs` processes at work, each in a folder of its own; where one ends before all is done another goes on.
 void run_all(const Options& options, const std::vector<uint64_t>& sites, const faults::Expected& expected,
-             Progress& progress) {
+             Progress& progress, const std::string& part) {
   std::vector<pid_t> processes(options.jobs, -1);
   const auto start = [&](size_t job) {
     const std::string folder = options.jobs == 1 ? options.folder : options.folder + "." + std::to_string(job);
@@ -197,7 +210,7 @@ void run_all(const Options& options, const std::vector<uint64_t>& sites, const f
     const pid_t watcher = ::fork();
     if (watcher != 0) return watcher;
     faults::prepare();
-    Worker worker(options, sites, expected, progress, folder);
+    Worker worker(options, sites, expected, progress, folder, part);
     const pid_t process = options.one_process ? ::fork() : 0;
     if (process == 0) {
       worker.work();
@@ -230,6 +243,25 @@ void run_all(const Options& options, const std::vector<uint64_t>& sites, const f
     std::filesystem::remove_all(options.folder + "." + std::to_string(job));
 }
 
+/// The .part of a run in which the last call for a file fails with which all pages are still there to be gone on with.
+/// Nothing where there is no such call.
+std::optional<std::string> make_part(faults::Experiment& experiment) {
+  const faults::Run good = experiment.run({});
+  for (uint64_t number = faults::call_count(); good.code == 0 && number > 0; --number) {
+    faults::Plan plan;
+    plan.number = number;
+    if (experiment.run(plan).code == 0) continue;
+    const std::string part = experiment.left_part();
+    if (part.empty()) continue;
+    const faults::Run again = experiment.run_again();
+    if (again.code != 0 || again.outputs != good.outputs || again.errors.find("starts afresh") != std::string::npos)
+      continue;
+    experiment.find_part(part);
+    return part;
+  }
+  return std::nullopt;
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
@@ -237,18 +269,28 @@ int main(int argc, char** argv) {
   if (!parsed) {
     std::fprintf(
         stderr,
-        "scree_faults [-j N] [-p] [-s N] file|memory|device all[/N][@NAME]|sites[/N][@NAME]|call/N[@NAME] FOLDER "
+        "scree_faults [-j N] [-p] [-s N] [-r] file|memory|device all[/N][@NAME]|sites[/N][@NAME]|call/N[@NAME] FOLDER "
         "OUTPUTS -- ARGUMENTS\n");
     return 1;
   }
   const Options& options = *parsed;
   const char* const command = options.words[1].c_str();
   faults::prepare();
-  const faults::Experiment experiment(options.folder, options.outputs, options.words);
+  faults::Experiment experiment(options.folder, options.outputs, options.words);
   faults::Expected expected;
   expected.code = options.plan.kind == faults::Kind::kDevice ? 4 : 2;
   expected.may_differ = options.may_differ;
   expected.earlier = experiment.earlier_outputs();
+  expected.keeps_part = options.resumes;
+  std::string part;
+  if (options.resumes) {
+    std::optional<std::string> made = make_part(experiment);
+    if (!made) {
+      std::fprintf(stderr, "scree_faults: no run that fails leaves a .part to go on with\n");
+      return 1;
+    }
+    part = std::move(*made);
+  }
   uint64_t calls = 0;
   std::vector<uint64_t> sites;
   for (size_t i = 0; i < options.surveys; ++i) {
@@ -267,7 +309,7 @@ int main(int argc, char** argv) {
   Progress& progress = shared_memory<Progress>();
   progress.next = options.which == "call" ? options.step - 1 : 0;
   progress.most = options.which == "call" ? options.step : options.which == "all" ? calls : sites.size();
-  run_all(options, sites, expected, progress);
+  run_all(options, sites, expected, progress, part);
   const auto count = [](const std::atomic<uint64_t>& value) { return static_cast<unsigned long long>(value); };
   std::printf("%s: %llu calls from %zu sites; %llu failed: %llu refused, %llu borne, %llu not met, %llu wrong\n",
               command, static_cast<unsigned long long>(calls), sites.size(), count(progress.refused + progress.borne),

@@ -23,6 +23,12 @@ constexpr Job kConvert[] = {
     {"~out.scree", "convert in.gltf -o out.scree --encoding clustered --zstd 3 --quiet --threads 2"},
     {"out.scree", "convert in.gltf -o out.scree --textures jpeg:80 --max-error 1e-3 --quiet --threads 1"},
 };
+// In the .part of a run that was killed; pages are compressed in the first, so that they may stay raw there too.
+constexpr Job kResume[] = {
+    {"~out.scree", "convert in.gltf -o out.scree --resume --zstd 3 --quiet --threads 2"},
+    {"out.scree",
+     "convert in.gltf -o out.scree --resume --encoding clustered --max-error 1e-3 --normals --quiet --threads 1"},
+};
 // Of which only what comes once the file to sort through is made: unlink takes its name away.
 constexpr Job kSort[] = {{"out.scree", "convert scattered.gltf -o out.scree --normals --quiet --threads 1"}};
 // Triangles are read thrice, since so many vertices' new numbers fit into memory; buckets are written as they fill.
@@ -85,6 +91,12 @@ constexpr const char* kStreamedOnGpu = "-p -j 4 -s 4";
 TEST_CASE("faults: every call for a file fails once while converting", "[faults]") {
   check_all("file", "all", kConvert);
 }
+TEST_CASE("faults: every call for a file fails once while a conversion is resumed", "[faults][resume]") {
+  check_all("file", "all", kResume, "-r");
+}
+TEST_CASE("faults: every place that takes memory fails once while a conversion is resumed", "[faults][resume]") {
+  check_all("memory", SCREE_FAULT_SITES, kResume, "-r");
+}
 TEST_CASE("faults: every call for a file fails once while sorting", "[faults]") {
   check_all("file", SCREE_FAULT_SORT_CALLS "@unlink", kSort);
 }
@@ -110,6 +122,7 @@ TEST_CASE("faults: every call fails once, also where that takes minutes", "[.][f
   check_all("file", "all", kSort);
   check_all("memory", "all", kConvert);
   check_all("memory", "all", kSort);
+  check_all("memory", "all", kResume, "-r");
   check_all("memory", "all@unlink", kSortInPasses);
   check_all("memory", "all", kReaders);
   check_stream("file", "all");
