@@ -91,22 +91,29 @@ __device__ __noinline__ uint32_t draw_the_long_way(const SmallFrame& frame, uint
   return static_cast<uint32_t>(context.small) | static_cast<uint32_t>(context.clipped) << 16;
 }
 
-/// Up to 32 small triangles, a column each, while their pixels are drawn.
+/// A small triangle while its pixels are drawn: five 16-byte words, so that lanes that look at eight different ones in
+/// a row find them in different banks.
+struct alignas(16) SetUpTriangle {
+  uint32_t value[3];   // of Edges, at the box's first pixel; all three modulo 2^32
+  uint32_t shape;      // bits 0 to 16: more than 2^16 / width of the box, by 1 at most; 17 and 18: exclusive of edges 1
+                       // and 2; from 19 on: the width
+  uint32_t step_x[3];  // of Edges
+  uint32_t start;      // pixels of the boxes before
+  uint32_t to_row[3];  // what a pixel in the next row has more than one a width further right would
+  uint32_t first;      // place in the picture of the box's first pixel
+  float inverse_area;  // of DepthPlane, as the next five
+  float origin;
+  float slope1;
+  float slope2;
+  float nearest;
+  float farthest;
+  uint64_t id;
+};
+static_assert(sizeof(SetUpTriangle) == 80);
+
+/// Of up to 32 triangles those that have pixels.
 struct SetUpTriangles {
-  int32_t value[3][kWarpLanes];  // of Edges
-  int32_t step_x[3][kWarpLanes];
-  int32_t step_y[3][kWarpLanes];
-  uint32_t exclusive[kWarpLanes];  // bits 1 and 2: of edges 1 and 2
-  float inverse_area[kWarpLanes];  // of DepthPlane
-  float origin[kWarpLanes];
-  float slope1[kWarpLanes];
-  float slope2[kWarpLanes];
-  float nearest[kWarpLanes];
-  float farthest[kWarpLanes];
-  uint64_t* first[kWarpLanes];  // sample of the box's first pixel
-  uint64_t id[kWarpLanes];
-  uint32_t start[kWarpLanes];  // pixels of the boxes before
-  uint32_t width[kWarpLanes];  // of the box, over 2^16 / width, rounded up, in the high half
+  SetUpTriangle items[kWarpLanes];
 };
 
 /// A warp's shared memory.
@@ -135,6 +142,8 @@ template <bool kOrthographic>
 __device__ inline void draw_pixels(const Target& target, SetUpTriangles& shared, const Triangle& triangle,
                                    const PixelBox& box, int64_t area, uint32_t pixels) {
   const uint32_t lane = threadIdx.x % kWarpLanes;
+  const uint32_t before_lane = (1u << lane) - 1;
+  const uint32_t up_to_lane = 2 * before_lane + 1;
   uint32_t end = pixels;
   for (uint32_t distance = 1; distance < kWarpLanes; distance *= 2) {
     const uint32_t other = __shfl_up_sync(~0u, end, distance);
@@ -142,65 +151,66 @@ __device__ inline void draw_pixels(const Target& target, SetUpTriangles& shared,
   }
   const uint32_t total = __shfl_sync(~0u, end, kWarpLanes - 1);
   if (total == 0) return;
-  shared.start[lane] = end - pixels;
+  const uint32_t lanes = __ballot_sync(~0u, pixels != 0);
+  const uint32_t start = pixels != 0 ? end - pixels : ~0u;
   if (pixels != 0) {
     const Edges<int32_t> edges = make_edges<int32_t>(triangle, box.x0, box.y0);
     const DepthPlane plane = make_depth_plane(triangle, area);
-    for (int i = 0; i < 3; ++i) {
-      shared.value[i][lane] = edges.value[i];
-      shared.step_x[i][lane] = edges.step_x[i];
-      shared.step_y[i][lane] = edges.step_y[i];
-    }
-    shared.exclusive[lane] = static_cast<uint32_t>(edges.exclusive[1] << 1 | edges.exclusive[2] << 2);
-    shared.inverse_area[lane] = plane.inverse_area;
-    shared.origin[lane] = plane.origin;
-    shared.slope1[lane] = plane.slope1;
-    shared.slope2[lane] = plane.slope2;
-    shared.nearest[lane] = plane.nearest;
-    shared.farthest[lane] = plane.farthest;
-    shared.first[lane] = target.row(box.y0) + box.x0;
-    shared.id[lane] = triangle.id;
     const auto width = static_cast<uint32_t>(box.x1 - box.x0 + 1);
-    shared.width[lane] = width | (65536 + width - 1) / width << 16;
+    SetUpTriangle& out = shared.items[__popc(lanes & before_lane)];
+    for (int i = 0; i < 3; ++i) {
+      out.value[i] = static_cast<uint32_t>(edges.value[i]);
+      out.step_x[i] = static_cast<uint32_t>(edges.step_x[i]);
+      out.to_row[i] = static_cast<uint32_t>(edges.step_y[i]) - width * out.step_x[i];
+    }
+    out.shape = (static_cast<uint32_t>(__fdividef(65536.0f, static_cast<float>(width))) + 1) |
+                static_cast<uint32_t>(edges.exclusive[1] << 17 | edges.exclusive[2] << 18) | width << 19;
+    out.start = start;
+    out.first = static_cast<uint32_t>(box.y0 * target.width + box.x0);
+    out.inverse_area = plane.inverse_area;
+    out.origin = plane.origin;
+    out.slope1 = plane.slope1;
+    out.slope2 = plane.slope2;
+    out.nearest = plane.nearest;
+    out.farthest = plane.farthest;
+    out.id = triangle.id;
   }
   __syncwarp();
   constexpr uint32_t kBatch = 4;  // samples that a lane looks at before it needs the first
-  for (uint32_t base = lane; base - lane < total; base += kBatch * kWarpLanes) {
-    uint64_t* place[kBatch];
+  uint32_t begun = ~0u;           // boxes that begin before this row of 32 pixels, less one
+  for (uint32_t base = 0; base < total; base += kBatch * kWarpLanes) {
+    uint32_t place[kBatch];
     uint64_t drawn[kBatch];
     uint64_t seen[kBatch];
     for (uint32_t k = 0; k < kBatch; ++k) {
-      const uint32_t pixel = base + k * kWarpLanes;
+      const uint32_t row = base + k * kWarpLanes;
+      const uint32_t pixel = row + lane;
+      const uint32_t begins = __reduce_or_sync(~0u, start - row < kWarpLanes ? 1u << (start - row) : 0u);
+      const uint32_t owner = begun + static_cast<uint32_t>(__popc(begins & up_to_lane));
+      begun += static_cast<uint32_t>(__popc(begins));
       drawn[k] = kBackground;
       if (pixel >= total) continue;
-      // The last triangle that starts at or before the pixel; of those that start together the last has pixels.
-      uint32_t owner = 0;
-      for (uint32_t step = kWarpLanes / 2; step != 0; step /= 2) {
-        if (shared.start[owner + step] <= pixel) owner += step;
-      }
-      const uint32_t inside = pixel - shared.start[owner];
-      const uint32_t width = shared.width[owner] & 0xffffu;
+      const SetUpTriangle& its = shared.items[owner];
+      const uint32_t shape = its.shape;
+      const uint32_t inside = pixel - its.start;
       // Exact: inside < 128 and width <= 128, so the quotient is off by less than 2^-9 and a remainder by 2^-7 or more.
-      const uint32_t inverse = shared.width[owner] >> 16;
-      const uint32_t y = width == 1 ? inside : inside * inverse >> 16;
-      const uint32_t x = inside - y * width;
+      const uint32_t y = inside * (shape & 0x1ffffu) >> 16;
       int32_t value[3];
       for (int i = 0; i < 3; ++i) {
-        value[i] = shared.value[i][owner] + static_cast<int32_t>(x) * shared.step_x[i][owner] +
-                   static_cast<int32_t>(y) * shared.step_y[i][owner];
+        value[i] = static_cast<int32_t>(its.value[i] + inside * its.step_x[i] + y * its.to_row[i]);
       }
       if ((value[0] | value[1] | value[2]) < 0) continue;
-      const uint32_t exclusive = shared.exclusive[owner];
-      const DepthPlane plane{shared.inverse_area[owner], shared.origin[owner],  shared.slope1[owner],
-                             shared.slope2[owner],       shared.nearest[owner], shared.farthest[owner]};
-      const float depth = depth_at<int32_t>(plane, value[1] + static_cast<int32_t>(exclusive >> 1 & 1),
-                                            value[2] + static_cast<int32_t>(exclusive >> 2 & 1));
-      drawn[k] = pack_sample(depth_code<kOrthographic>(depth), shared.id[owner]);
-      place[k] = shared.first[owner] + y * static_cast<uint64_t>(target.width) + x;
+      const DepthPlane plane{its.inverse_area, its.origin, its.slope1, its.slope2, its.nearest, its.farthest};
+      const float depth = depth_at<int32_t>(plane, value[1] + static_cast<int32_t>(shape >> 17 & 1),
+                                            value[2] + static_cast<int32_t>(shape >> 18 & 1));
+      drawn[k] = pack_sample(depth_code<kOrthographic>(depth), its.id);
+      place[k] = its.first + inside + y * (static_cast<uint32_t>(target.width) - (shape >> 19));
     }
-    for (uint32_t k = 0; k < kBatch; ++k) seen[k] = drawn[k] != kBackground ? WarpTeam::look(place[k]) : 0;
     for (uint32_t k = 0; k < kBatch; ++k) {
-      if (drawn[k] < seen[k]) WarpTeam::put_min(place[k], drawn[k]);
+      seen[k] = drawn[k] != kBackground ? WarpTeam::look(target.samples + place[k]) : 0;
+    }
+    for (uint32_t k = 0; k < kBatch; ++k) {
+      if (drawn[k] < seen[k]) WarpTeam::put_min(target.samples + place[k], drawn[k]);
     }
   }
   __syncwarp();
