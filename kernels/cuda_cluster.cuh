@@ -74,6 +74,7 @@ struct ClusterShared {
   ClusterStage stages[2];
   RunCluster run[kRunClusters];
   WaitingTriangle waiting[kWarpLanes - 1 + format::kMaxClusterTriangles];
+  uint64_t end;  // how many clusters the pass has, or where they are shared parts of them
   union {
     // Of each vertex the first pixel centre at or after it and the last one at or before it, with the filter's slack;
     // two 16-bit numbers each. The smallest `first` and the largest `last` of three corners hold the triangle's
@@ -437,18 +438,21 @@ class ClusterWarp {
     const uint64_t warps = uint64_t{gridDim.x} * kClusterWarps;
     // Where there are fewer clusters than warps, or hardly more parts than they draw in two turns, several share one.
     parts_ = 2 * total * kClusterParts <= 5 * warps ? kClusterParts : 1;
+    ClusterShared& shared = cluster_shared();
+    if (lane_ == 0) shared.end = total * parts_;
+    __syncwarp();
     // The next run is asked for before this one is drawn: so nobody waits for the answer.
-    Run next = take_run(0, total, warps);
+    Run next = take_run(0, warps);
     for (;;) {
       const uint64_t start = __shfl_sync(~0u, next.start, 0);
       const uint32_t share = __shfl_sync(~0u, next.share, 0);
-      if (start >= total * parts_) break;
-      next = take_run(start, total, warps);
+      if (start >= shared.end) break;
+      next = take_run(start, warps);
       draw_run(static_cast<uint32_t>(first + start / parts_),
-               static_cast<uint32_t>(min_of<uint64_t>(share, total * parts_ - start)),
+               static_cast<uint32_t>(min_of<uint64_t>(share, shared.end - start)),
                static_cast<uint32_t>(start % parts_));
     }
-    if (waiting_ != 0) draw_waiting(0, waiting_);
+    if (waiting_ != 0) draw_waiting();
     const uint64_t small = __reduce_add_sync(~0u, small_);
     if (lane_ == 0 && small != 0) WarpTeam::add(&counters.queues.triangles_small, small);
   }
@@ -462,10 +466,10 @@ class ClusterWarp {
 
   /// A part of what each warp would get of the rest (two are on their way to it), and one at the end; lane 0 knows.
   /// `given`: how many were given away a while ago.
-  __device__ Run take_run(uint64_t given, uint64_t total, uint64_t warps) const {
+  __device__ Run take_run(uint64_t given, uint64_t warps) const {
     Run run{0, 0};
     if (lane_ == 0) {
-      const uint64_t rest = total * parts_ - given;
+      const uint64_t rest = cluster_shared().end - given;
       run.share = static_cast<uint32_t>(min_of<uint64_t>(max_of<uint64_t>(rest / (6 * warps), 1), kRunClusters));
       run.start = WarpTeam::add(&frame_.small.list.counters->next_cluster[frame_.pass], uint64_t{run.share});
     }
@@ -502,20 +506,25 @@ class ClusterWarp {
         waiting_ = filter_triangles<false, false>(cluster, stage, waiting_, part, parts_);
       }
       __syncwarp();
-      for (; waiting_ >= kWarpLanes; waiting_ -= kWarpLanes) draw_waiting(waiting_ - kWarpLanes, kWarpLanes);
+      // A part of a cluster is drawn at once: what a warp has at its end would otherwise be drawn by code of its own,
+      // which is not in the cache when its turn comes.
+      while (waiting_ >= (parts_ == 1 ? kWarpLanes : 1)) draw_waiting();
       if ((cluster.places & RunCluster::kLast) != 0) break;
     }
     __syncwarp();
   }
 
-  /// Draws `count` (up to 32) that wait, a lane each.
-  __device__ void draw_waiting(uint32_t first, uint32_t count) {
+  /// Draws the last up to 32 that wait, a lane each.
+  __device__ void draw_waiting() {
     ClusterShared& shared = cluster_shared();
+    const uint32_t count = min_of(waiting_, kWarpLanes);
+    waiting_ -= count;
     Triangle triangle{};
     PixelBox box{};
     int64_t area = 0;
     int64_t pixels = 0;
-    if (lane_ < count && project_waiting<kOrthographic>(frame_, shared.waiting[first + lane_], triangle, box, area)) {
+    if (lane_ < count &&
+        project_waiting<kOrthographic>(frame_, shared.waiting[waiting_ + lane_], triangle, box, area)) {
       pixels = box.pixels();
     }
     if (draw_set_up<kOrthographic>(frame_.small.target, frame_.small.queues, shared.set_up, triangle, box, area,

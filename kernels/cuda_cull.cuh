@@ -71,11 +71,31 @@ __device__ inline RelativeBox drawn_box(const DrawList& list, const format::Mesh
 
 inline constexpr uint32_t kCullThreads = 128;
 
-/// One thread an instance, in the order of meshes: keeps the transforms and the list of those seen.
+/// Samples to be cleared by blocks of their own of cull_instances(), which waits for memory more than it writes.
+struct SamplesToClear {
+  uint64_t* samples;
+  uint64_t count;
+  uint32_t blocks;
+};
+
+__device__ inline void clear_samples(const SamplesToClear& clear, uint32_t block) {
+  const uint64_t threads = uint64_t{clear.blocks} * kCullThreads;
+  for (uint64_t i = uint64_t{block} * kCullThreads + threadIdx.x; i < clear.count; i += threads) {
+    clear.samples[i] = kBackground;
+  }
+}
+
+/// One thread an instance, in the order of meshes: keeps the transforms and the list of those seen. The last blocks
+/// clear the picture.
 __global__ void __launch_bounds__(kCullThreads)
     cull_instances(const __grid_constant__ SceneView scene, const __grid_constant__ FrameView view,
-                   const __grid_constant__ DrawList list) {
+                   const __grid_constant__ DrawList list, const __grid_constant__ SamplesToClear clear) {
   __shared__ Transform staged[kCullThreads];
+  const uint32_t culling_blocks = gridDim.x - clear.blocks;
+  if (blockIdx.x >= culling_blocks) {
+    clear_samples(clear, blockIdx.x - culling_blocks);
+    return;
+  }
   const uint32_t lane = threadIdx.x % kWarpLanes;
   const uint64_t i = uint64_t{blockIdx.x} * blockDim.x + threadIdx.x;
   bool seen = false;

@@ -9,6 +9,7 @@
 #include "kernels/cuda_cluster.cuh"
 #include "kernels/cuda_large.cuh"
 #include "kernels/cuda_pyramid.cuh"
+#include "kernels/cuda_queues.h"
 #include "kernels/cuda_small.cuh"
 #include "kernels/draw_tables.h"
 #include "kernels/frame_cuda.h"
@@ -17,32 +18,6 @@
 
 namespace scree::kernels {
 namespace {
-
-/// Device memory for `count` values.
-template <class T>
-class DeviceArray {
- public:
-  /// Loses what was there.
-  Result<void> allocate(uint64_t count, const char* what) {
-    count_ = 0;
-    if (Result<void> done = buffer_.release("freeing device memory"); !done) return done;
-    Result<DeviceBuffer> made = DeviceBuffer::allocate(max_of<uint64_t>(count, 1) * sizeof(T), what);
-    if (!made) return made.error();
-    buffer_ = std::move(*made);
-    count_ = count;
-    return {};
-  }
-  Result<void> fill(const std::vector<T>& values, const char* what) {
-    if (Result<void> done = allocate(values.size(), what); !done || values.empty()) return done;
-    return cuda_check(cudaMemcpy(data(), values.data(), values.size() * sizeof(T), cudaMemcpyHostToDevice), what);
-  }
-  T* data() const { return reinterpret_cast<T*>(buffer_.data()); }
-  uint64_t count() const { return count_; }
-
- private:
-  DeviceBuffer buffer_;
-  uint64_t count_ = 0;
-};
 
 /// The first capacity of the queue of clusters.
 uint64_t first_items(uint64_t cluster_groups, const CudaQueueSizes& sizes) {
@@ -76,6 +51,8 @@ enum Mark {
   kStart,
   kCleared,
   kCulled,
+  kClustersDone,
+  kClippedDone,
   kSmallDone,
   kMediumDone,
   kLargeBegun,
@@ -124,6 +101,7 @@ struct CudaFrames::Impl {
       if (event != nullptr) (void)cudaEventDestroy(event);
     }
     (void)cudaFreeHost(seen);
+    if (clip_stream != nullptr) (void)cudaStreamDestroy(clip_stream);
     if (side_stream != nullptr) (void)cudaStreamDestroy(side_stream);
     if (stream != nullptr) (void)cudaStreamDestroy(stream);
   }
@@ -131,7 +109,6 @@ struct CudaFrames::Impl {
   Result<void> open(const SceneView& host, const CudaQueueSizes& sizes);
   Result<void> open_clusters(const CudaQueueSizes& sizes);
   Result<void> find_all_bounds();
-  Result<void> grow(const CudaQueueSizes& wanted);
   Result<void> forget();
   Result<void> fit_pyramid(const FrameView& frame);
   Result<void> submit() { return frame.orthographic ? submit<true>() : submit<false>(); }
@@ -140,18 +117,18 @@ struct CudaFrames::Impl {
   template <bool kOrthographic, ClusterPass kPass>
   void submit_clusters(const SmallFrame& small, const DrawOptions& options, uint32_t round, uint32_t rounds);
   template <bool kOrthographic>
-  Result<void> submit_stages(const LargeFrame& rest, const StageMarks& marks_of_pass);
+  Result<void> submit_clipped_aside(const SmallFrame& small);
+  template <bool kOrthographic>
+  Result<void> submit_stages(const SmallFrame& small, const StageMarks& marks_of_pass);
   ClusterList cluster_list() const;
   Result<void> prepare(SmallVariant& variant) const;
-  /// What the last frame asked of its queues; where that was too much, 1 / `part` more of it.
-  CudaQueueSizes asked(uint64_t part) const;
-  bool had_room() const;
   bool has_clusters() const { return cluster_candidates.count() != 0; }
   /// A round more for every doubling: it is worth its pyramid where it saves enough clusters.
   uint32_t rounds_when_moving() const {
     return min_of(max_of(static_cast<uint32_t>(std::bit_width(tables.cluster_groups / round_groups)), 1u), kMostRounds);
   }
   bool in_two_passes() const { return tables.cluster_groups >= two_pass_groups; }
+  bool clips_aside() const { return has_clusters() && !in_two_passes(); }
   Result<void> mark(Mark place) { return cuda_check(cudaEventRecord(marks[place], stream), "recording an event"); }
   Result<void> read_times(FrameTimes& times) const;
 
@@ -162,7 +139,8 @@ struct CudaFrames::Impl {
   SmallVariant variants[2] = {};  // perspective, orthographic
   cudaStream_t stream = nullptr;
   cudaStream_t side_stream = nullptr;  // stage 3
-  // Both are blocking streams: who works on the default stream (the resolver) is ordered with them.
+  cudaStream_t clip_stream = nullptr;  // triangles of clusters that are clipped, through all stages
+  // All are blocking streams: who works on the default stream (the resolver) is ordered with them.
   cudaEvent_t marks[kMarkCount] = {};
   FrameCounters* seen = nullptr;  // pinned: the counters after a frame
 
@@ -174,9 +152,7 @@ struct CudaFrames::Impl {
   DeviceArray<uint32_t> visible;
   DeviceArray<Transform> transforms;
   DeviceArray<DrawGroup> groups;
-  DeviceArray<Triangle> medium;
-  DeviceArray<Triangle> large;
-  DeviceArray<TileItem> tiles;
+  FrameQueues queues;
   // Of clustered chunks:
   DeviceArray<Candidate> cluster_candidates;
   DeviceArray<uint32_t> chunk_group;
@@ -184,8 +160,6 @@ struct CudaFrames::Impl {
   DeviceArray<uint32_t> seen_before;
   DeviceArray<uint16_t> draw_bucket;
   DeviceArray<ClusterDraw> draws;
-  DeviceArray<ClusterItem> items;
-  DeviceArray<ClipItem> to_clip;
   DeviceArray<uint32_t> pyramid_codes;
   DepthPyramid pyramid{};
   // The frame that was begun last:
@@ -221,6 +195,7 @@ Result<void> CudaFrames::Impl::open(const SceneView& host, const CudaQueueSizes&
   }
   if (done) done = cuda_check(cudaStreamCreate(&stream), "making a stream");
   if (done) done = cuda_check(cudaStreamCreate(&side_stream), "making a stream");
+  if (done) done = cuda_check(cudaStreamCreate(&clip_stream), "making a stream");
   for (cudaEvent_t& event : marks) {
     if (done) done = cuda_check(cudaEventCreate(&event), "making an event");
   }
@@ -239,8 +214,8 @@ Result<void> CudaFrames::Impl::open(const SceneView& host, const CudaQueueSizes&
   if (done) done = visible.allocate(tables.order.size(), "allocating the draw list");
   if (done) done = transforms.allocate(host.instance_count, "allocating the frame's transforms");
   if (done) done = groups.allocate(tables.candidates.size(), "allocating the draw list");
-  if (done) done = tiles.allocate(sizes.tiles, "allocating the queues");
-  if (done) done = grow({sizes.medium, sizes.large, 0, 0, 0, 0, 0});
+  if (done) done = queues.triangles.tiles.allocate(sizes.tiles, "allocating the queues");
+  if (done) done = queues.grow({sizes.medium, sizes.large, 0, 0, 0, 0, 0, 0});
   if (done && !tables.cluster_candidates.empty()) done = open_clusters(sizes);
   if (done) done = cuda_check(cudaStreamSynchronize(stream), "preparing to draw");
   tables.order = {};
@@ -270,7 +245,9 @@ Result<void> CudaFrames::Impl::open_clusters(const CudaQueueSizes& sizes) {
     done = seen_before.allocate(tables.cluster_groups, "allocating a bit for each cluster");
     if (done) done = forget();
   }
-  if (done) done = grow({0, 0, 0, first_items(tables.cluster_groups, sizes), sizes.to_clip, 0, 0});
+  if (done) done = queues.clipped.tiles.allocate(sizes.tiles, "allocating the queues");
+  if (done)
+    done = queues.grow({0, 0, 0, first_items(tables.cluster_groups, sizes), sizes.to_clip, sizes.clipped, 0, 0});
   const auto prepare_clusters = [&](const void* kernel) {
     return cuda_check(cudaFuncSetAttribute(kernel, cudaFuncAttributeMaxDynamicSharedMemorySize,
                                            static_cast<int>(kClusterWarps * sizeof(ClusterShared))),
@@ -317,38 +294,6 @@ Result<void> CudaFrames::Impl::prepare(SmallVariant& variant) const {
   return done;
 }
 
-/// Queues of at least the sizes wanted; tiles never grow. What was in one that grows is lost.
-Result<void> CudaFrames::Impl::grow(const CudaQueueSizes& wanted) {
-  constexpr const char* kWhat = "allocating the queues; --backend cpu draws without them";
-  // Their places are 32-bit numbers.
-  constexpr uint64_t kMost = UINT32_MAX;
-  Result<void> done;
-  if (wanted.medium > medium.count()) done = medium.allocate(wanted.medium, kWhat);
-  if (done && wanted.large > large.count()) done = large.allocate(min_of(wanted.large, kMost), kWhat);
-  if (done && wanted.clusters > items.count()) done = items.allocate(min_of(wanted.clusters, kMost), kWhat);
-  if (done && wanted.to_clip > to_clip.count()) done = to_clip.allocate(wanted.to_clip, kWhat);
-  return done;
-}
-
-CudaQueueSizes CudaFrames::Impl::asked(uint64_t part) const {
-  const auto more = [part](uint64_t count, uint64_t there) {
-    return count > there && part != 0 ? count + count / part : count;
-  };
-  return {more(seen->queues.medium, medium.count()),
-          more(seen->queues.large, large.count()),
-          0,
-          more(clusters_before(*seen, kClusterPasses), items.count()),
-          more(seen->to_clip, to_clip.count()),
-          0,
-          0};
-}
-
-bool CudaFrames::Impl::had_room() const {
-  const CudaQueueSizes wanted = asked(0);
-  return wanted.medium <= medium.count() && wanted.large <= large.count() && wanted.clusters <= items.count() &&
-         wanted.to_clip <= to_clip.count();
-}
-
 ClusterList CudaFrames::Impl::cluster_list() const {
   return {cluster_candidates.data(),
           chunk_group.data(),
@@ -357,10 +302,10 @@ ClusterList CudaFrames::Impl::cluster_list() const {
           seen_before.data(),
           draw_bucket.data(),
           draws.data(),
-          items.data(),
-          items.count(),
-          to_clip.data(),
-          to_clip.count(),
+          queues.items.data(),
+          queues.items.count(),
+          queues.to_clip.data(),
+          queues.to_clip.count(),
           pyramid};
 }
 
@@ -385,13 +330,36 @@ void CudaFrames::Impl::submit_clusters(const SmallFrame& small, const DrawOption
   const ClusterFrame frame{small, list, pass};
   raster_clusters<kOrthographic>
       <<<multiprocessors * kClusterBlocks, kClusterThreads, kClusterWarps * sizeof(ClusterShared), stream>>>(frame);
-  raster_clipped<kOrthographic><<<multiprocessors, kClusterThreads, 0, stream>>>(frame);
+  if (!clips_aside()) raster_clipped<kOrthographic><<<multiprocessors, kClusterThreads, 0, stream>>>(frame);
+}
+
+/// Clips the triangles of clusters that need it and draws what is left of them, while all others go through stages 2
+/// and 3. Few as they are, each takes 20 us. Worth the kernels that it costs only where a frame is short: of scenes
+/// that are drawn in one pass.
+template <bool kOrthographic>
+Result<void> CudaFrames::Impl::submit_clipped_aside(const SmallFrame& small) {
+  SmallFrame clipped = small;
+  clipped.queues = queues.clipped.view(&small.list.counters->clipped);
+  const LargeFrame rest{small.view, small.target, clipped.queues, &small.list.counters->clipped_drawn};
+  Result<void> done = mark(kClustersDone);
+  if (done) done = cuda_check(cudaStreamWaitEvent(clip_stream, marks[kClustersDone]), "forking");
+  if (!done) return done;
+  raster_clipped<kOrthographic><<<multiprocessors, kClusterThreads, 0, clip_stream>>>({clipped, cluster_list(), 0});
+  split_large<kOrthographic><<<multiprocessors, kLargeThreads, 0, clip_stream>>>(rest);
+  raster_large<kOrthographic><<<multiprocessors * kLargeBlocks, kLargeThreads, 0, clip_stream>>>(rest);
+  raster_medium<kOrthographic><<<multiprocessors, kLargeThreads, 0, clip_stream>>>(rest);
+  done = cuda_check(cudaGetLastError(), "starting to clip");
+  if (done) done = cuda_check(cudaEventRecord(marks[kClippedDone], clip_stream), "recording an event");
+  return done;
 }
 
 /// What stage 1 left, by stages 2 and 3 side by side: each alone is too little for the GPU.
 template <bool kOrthographic>
-Result<void> CudaFrames::Impl::submit_stages(const LargeFrame& rest, const StageMarks& at) {
-  Result<void> done = mark(at.small_done);
+Result<void> CudaFrames::Impl::submit_stages(const SmallFrame& small, const StageMarks& at) {
+  const LargeFrame rest{small.view, small.target, small.queues, &small.list.counters->drawn};
+  Result<void> done;
+  if (clips_aside()) done = submit_clipped_aside<kOrthographic>(small);
+  if (done) done = mark(at.small_done);
   if (done) done = cuda_check(cudaStreamWaitEvent(side_stream, marks[at.small_done]), "forking");
   if (done) done = cuda_check(cudaEventRecord(marks[at.large_begun], side_stream), "recording an event");
   if (done) {
@@ -407,14 +375,13 @@ Result<void> CudaFrames::Impl::submit_stages(const LargeFrame& rest, const Stage
   }
   if (done) done = mark(at.medium_done);
   if (done) done = cuda_check(cudaStreamWaitEvent(stream, marks[at.large_done]), "joining");
+  if (done && clips_aside()) done = cuda_check(cudaStreamWaitEvent(stream, marks[kClippedDone]), "joining");
   return done;
 }
 
 template <bool kOrthographic>
 Result<void> CudaFrames::Impl::submit() {
   auto* const counters = reinterpret_cast<FrameCounters*>(zeroed.data());
-  const Queues queues{nullptr,        medium.data(), large.data(),  tiles.data(),     0,
-                      medium.count(), large.count(), tiles.count(), &counters->queues};
   const DrawList list{order.data(),
                       mesh_first.data(),
                       candidates.data(),
@@ -432,18 +399,23 @@ Result<void> CudaFrames::Impl::submit() {
   ++frame_number;
   Result<void> done = mark(kStart);
   static_assert(kBackground == ~uint64_t{0});
-  if (done && options.part == FramePart::kWhole)
-    done = cuda_check(cudaMemsetAsync(samples, 0xff, sample_count * sizeof(uint64_t), stream), "clearing");
   if (done) done = cuda_check(cudaMemsetAsync(zeroed.data(), 0, zeroed.count(), stream), "clearing the counters");
-  if (done) done = mark(kCleared);
   two_passes = has_clusters() && in_two_passes() && options.cluster_bounds && options.occlusion;
   // Of frames in one pass nothing is known to have been seen.
   const bool is_ahead = options.part == FramePart::kSeenBefore;
   const bool draws_clusters = has_clusters() && (two_passes || !is_ahead);
   const bool draws_indexed = list.candidate_count != 0 && !is_ahead;
   if (done && options.part != FramePart::kWhole && draws_indexed && tables.has_float32) done = find_all_bounds();
-  if (done && list.instance_count != 0 && (draws_indexed || draws_clusters)) {
-    cull_instances<<<(list.instance_count - 1) / kCullThreads + 1, kCullThreads, 0, stream>>>(scene, frame, list);
+  const bool clears = options.part == FramePart::kWhole;
+  const bool culls = list.instance_count != 0 && (draws_indexed || draws_clusters);
+  if (done && clears && !culls) {
+    done = cuda_check(cudaMemsetAsync(samples, 0xff, sample_count * sizeof(uint64_t), stream), "clearing");
+  }
+  if (done) done = mark(kCleared);
+  if (done && culls) {
+    const uint32_t clearing_blocks = clears ? multiprocessors * kCullBlocks : 0;
+    cull_instances<<<(list.instance_count - 1) / kCullThreads + 1 + clearing_blocks, kCullThreads, 0, stream>>>(
+        scene, frame, list, {samples, sample_count, clearing_blocks});
     if (draws_indexed) {
       cull_chunks<<<(list.candidate_count - 1) / kCullThreads + 1, kCullThreads, 0, stream>>>(scene, frame, list);
     }
@@ -457,7 +429,13 @@ Result<void> CudaFrames::Impl::submit() {
     done = cuda_check(cudaGetLastError(), "starting culling");
   }
   if (done) done = mark(kCulled);
-  const SmallFrame small{scene, frame, target, queues, list, make_sample_limits(frame), options.sampleless_test};
+  const SmallFrame small{scene,
+                         frame,
+                         target,
+                         queues.triangles.view(&counters->queues),
+                         list,
+                         make_sample_limits(frame),
+                         options.sampleless_test};
   if (done && draws_indexed) {
     const SmallVariant& variant = variants[kOrthographic ? 1 : 0];
     variant.kernel<<<variant.blocks, kSmallThreads, variant.shared_bytes, stream>>>(small);
@@ -470,8 +448,7 @@ Result<void> CudaFrames::Impl::submit() {
     }
   }
   if (done) done = cuda_check(cudaGetLastError(), "starting stage 1");
-  const LargeFrame rest{frame, target, queues, counters};
-  if (done) done = submit_stages<kOrthographic>(rest, kFirstStages);
+  if (done) done = submit_stages<kOrthographic>(small, kFirstStages);
   if (done) done = mark(kFirstDone);
   if (done && two_passes && !is_ahead) {
     const auto tiles_along = [](int32_t side) { return (static_cast<uint32_t>(side) - 1) / kPyramidTile + 1; };
@@ -484,7 +461,7 @@ Result<void> CudaFrames::Impl::submit() {
       if (round == 0) done = mark(kPyramidDone);
       submit_clusters<kOrthographic, ClusterPass::kNewlySeen>(small, options, round, rounds);
       if (done) done = cuda_check(cudaGetLastError(), "starting the second pass");
-      if (done) done = submit_stages<kOrthographic>(rest, kSecondStages);
+      if (done) done = submit_stages<kOrthographic>(small, kSecondStages);
     }
   }
   if (done) done = mark(kAllDone);
@@ -510,7 +487,7 @@ Result<void> CudaFrames::Impl::read_times(FrameTimes& times) const {
                         {&times.large_ms, kLargeBegun, kLargeDone, true},
                         {&times.pyramid_ms, kFirstDone, kPyramidDone, has_second},
                         {&times.second_ms, kPyramidDone, kAllDone, has_second},
-                        {&times.raster_ms, kCleared, kAllDone, true}};
+                        {&times.raster_ms, kStart, kAllDone, true}};
   for (const Span& span : spans) {
     *span.out = 0;
     if (!span.is_there) continue;
@@ -536,7 +513,8 @@ uint64_t CudaFrames::device_bytes(const SceneView& host, const CudaQueueSizes& s
     bytes += candidates.clustered * (sizeof(Candidate) + kGroupInstances * sizeof(uint16_t)) +
              candidates.cluster_draws * sizeof(ClusterDraw) + host.chunk_count * sizeof(uint32_t) +
              host.instance_count * sizeof(uint64_t) + candidates.cluster_groups * sizeof(uint32_t) +
-             first_items(candidates.cluster_groups, sizes) * sizeof(ClusterItem) + sizes.to_clip * sizeof(ClipItem);
+             first_items(candidates.cluster_groups, sizes) * sizeof(ClusterItem) + sizes.to_clip * sizeof(ClipItem) +
+             2 * sizes.clipped * sizeof(Triangle) + sizes.tiles * sizeof(TileItem);
   }
   return bytes;
 }
@@ -569,14 +547,15 @@ Result<CudaFrames::Finished> CudaFrames::finish(FrameTimes* times) {
   bool is_drawn_again = false;
   for (;;) {
     if (Result<void> done = cuda_check(cudaStreamSynchronize(impl_->stream), "drawing"); !done) return done.error();
-    if (impl_->had_room()) break;
+    FrameQueues& queues = impl_->queues;
+    if (queues.had_room(*impl_->seen)) break;
     // A little more than was asked for, since the camera moves; or just that where no more fits.
-    Result<void> grown = impl_->grow(impl_->asked(4));
-    if (!grown) grown = impl_->grow(impl_->asked(0));
+    Result<void> grown = queues.grow(queues.asked(*impl_->seen, 4));
+    if (!grown) grown = queues.grow(queues.asked(*impl_->seen, 0));
     // Clusters or triangles without room were not drawn, and hid nothing: what seemed to be seen is no guide.
     if (grown) grown = impl_->forget();
     if (!grown) return grown.error();
-    if (!impl_->had_room())
+    if (!queues.had_room(*impl_->seen))
       return Error{ErrorCode::kRange, "a queue of the frame would need 2^32 places; use --backend cpu"};
     is_drawn_again = true;
     if (Result<void> done = impl_->submit(); !done) return done.error();
@@ -599,8 +578,8 @@ Result<CudaFrames::Finished> CudaFrames::finish(FrameTimes* times) {
     stats.triangles = seen.triangles;
   }
   stats.triangles_small = seen.triangles_small;
-  stats.triangles_medium = seen.medium;
-  stats.triangles_large = seen.large;
+  stats.triangles_medium = seen.medium + impl_->seen->clipped.medium;
+  stats.triangles_large = seen.large + impl_->seen->clipped.large;
   stats.triangles_clipped = seen.triangles_clipped;
   stats.groups_tested = impl_->seen->groups_tested;
   stats.clusters_tested = impl_->seen->clusters_tested;

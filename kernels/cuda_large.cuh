@@ -11,7 +11,7 @@ struct LargeFrame {
   FrameView view;
   Target target;
   Queues queues;
-  const FrameCounters* counters;  // what the passes before have drawn
+  const DrawnTriangles* drawn;
 };
 
 inline constexpr uint32_t kLargeThreads = 256;
@@ -73,59 +73,148 @@ __global__ void __launch_bounds__(kLargeThreads, kLargeBlocks) split_large(const
   const uint64_t warp = (uint64_t{blockIdx.x} * blockDim.x + threadIdx.x) / kWarpLanes;
   const uint64_t warps = uint64_t{gridDim.x} * blockDim.x / kWarpLanes;
   const uint64_t large = min_of(frame.queues.counters->large, frame.queues.large_capacity);
-  for (uint64_t i = frame.counters->large_drawn + warp; i < large; i += warps)
+  for (uint64_t i = frame.drawn->large + warp; i < large; i += warps)
     split_triangle<kOrthographic>(frame, static_cast<uint32_t>(i));
 }
 
-/// Draws the medium queue, a triangle or a quarter of its rows a warp.
+/// Larger boxes of the medium queue are drawn in so many parts.
+inline constexpr uint32_t kMediumParts = 4;
+inline constexpr int64_t kWholeBox = 512;  // pixels
+
+/// Draws one part of a triangle of the medium queue, or all of it where it has but one.
+template <bool kOrthographic>
+__device__ inline void draw_medium_part(const LargeFrame& frame, const Triangle& triangle, uint32_t part) {
+  const PixelBox whole = pixel_box(triangle.x, triangle.y, frame.view);
+  const int32_t rows = (whole.y1 - whole.y0) / static_cast<int32_t>(kMediumParts) + 1;
+  const PixelBox box = whole.pixels() > kWholeBox ? rows_of(whole, part, rows) : whole;
+  if (box.empty()) return;
+  const int64_t area = doubled_area(triangle.x, triangle.y);
+  if (fits_narrow_edges(triangle.x, triangle.y)) {
+    draw_box_with_team<kOrthographic, int32_t>(WarpTeam{}, frame.target, triangle, box, area);
+  } else {
+    draw_box_with_team<kOrthographic, int64_t>(WarpTeam{}, frame.target, triangle, box, area);
+  }
+}
+
+/// Draws the medium queue, a triangle or a part of one a warp: first all of one part and the first parts of the others,
+/// then, so that one warp does not get them all, the other parts. Of those there are few: a warp's lanes look for its.
 template <bool kOrthographic>
 __global__ void __launch_bounds__(kLargeThreads, kMediumBlocks)
     raster_medium(const __grid_constant__ LargeFrame frame) {
+  const uint32_t lane = threadIdx.x % kWarpLanes;
   const uint64_t warp = (uint64_t{blockIdx.x} * blockDim.x + threadIdx.x) / kWarpLanes;
   const uint64_t warps = uint64_t{gridDim.x} * blockDim.x / kWarpLanes;
-  const uint64_t from = min_of(frame.counters->medium_drawn, frame.queues.medium_capacity);
+  const uint64_t from = min_of(frame.drawn->medium, frame.queues.medium_capacity);
   const uint64_t medium = min_of(frame.queues.counters->medium, frame.queues.medium_capacity) - from;
-  // The larger boxes in parts, which lie a part's count apart in the items, so that one warp does not get them all.
-  constexpr uint32_t kParts = 4;
-  constexpr int64_t kWholeBox = 512;
-  uint64_t number = warp;
-  uint32_t part = 0;
-  while (medium != 0) {
-    for (; number >= medium && part < kParts; number -= medium) ++part;
-    if (part == kParts) break;
-    const Triangle triangle = frame.queues.medium[from + number];
-    number += warps;
-    const PixelBox whole = pixel_box(triangle.x, triangle.y, frame.view);
-    const bool divided = whole.pixels() > kWholeBox;
-    if (part != 0 && !divided) continue;
-    const PixelBox box =
-        divided ? rows_of(whole, part, (whole.y1 - whole.y0) / static_cast<int32_t>(kParts) + 1) : whole;
-    if (box.empty()) continue;
-    const int64_t area = doubled_area(triangle.x, triangle.y);
-    if (fits_narrow_edges(triangle.x, triangle.y)) {
-      draw_box_with_team<kOrthographic, int32_t>(WarpTeam{}, frame.target, triangle, box, area);
+  const Triangle* const triangles = frame.queues.medium + from;
+  uint64_t first = warp;  // triangle whose first part is next
+  uint64_t next = warp;   // the other parts, one after the other: those to be looked at next
+  uint64_t found = 0;     // by this lane
+  uint32_t left = 0;      // lanes that have found one
+  for (;;) {
+    uint64_t number = first;
+    uint32_t part = 0;
+    if (first < medium) {
+      first += warps;
     } else {
-      draw_box_with_team<kOrthographic, int64_t>(WarpTeam{}, frame.target, triangle, box, area);
+      for (; left == 0 && next < medium * (kMediumParts - 1); next += warps * kWarpLanes) {
+        found = medium + next + lane * warps;
+        const bool inside = found < medium * kMediumParts;
+        const Triangle& looked_at = triangles[inside ? found % medium : 0];
+        left = __ballot_sync(~0u, inside && pixel_box(looked_at.x, looked_at.y, frame.view).pixels() > kWholeBox);
+      }
+      if (left == 0) break;
+      number = __shfl_sync(~0u, found, __ffs(static_cast<int>(left)) - 1);
+      left &= left - 1;
+      for (; number >= medium; number -= medium) ++part;
+    }
+    draw_medium_part<kOrthographic>(frame, triangles[number], part);
+  }
+}
+
+/// The edge functions of a strip's pixels by additions of 32 bits: a step of one pixel changes them by a multiple of
+/// 256, corners lie within 2^23 sub-pixels of the image's centre, and so what is above bit 7 changes by less than 2^31
+/// from one end of a strip to the other.
+struct StripEdges {
+  int32_t high[3];     // at the strip's first pixel: bit 24 and on
+  int32_t low[3];      // bits 8 to 23
+  uint32_t lowest[3];  // bits 0 to 7, the same at all pixels
+  int32_t right[3];    // what `low` changes by to the next pixel right
+  int32_t down[3];
+
+  __device__ explicit StripEdges(const Edges<int64_t>& edges) {
+    for (int e = 0; e < 3; ++e) {
+      high[e] = static_cast<int32_t>(edges.value[e] >> 24);
+      low[e] = static_cast<int32_t>(edges.value[e] >> 8 & 0xffff);
+      lowest[e] = static_cast<uint32_t>(edges.value[e] & 0xff);
+      right[e] = static_cast<int32_t>(edges.step_x[e] / kSubpixels);
+      down[e] = static_cast<int32_t>(edges.step_y[e] / kSubpixels);
+    }
+  }
+
+  /// Bit 24 and on of edge `e` where its `low` has become `moved`: negative outside.
+  __device__ int32_t high_at(int e, int32_t moved) const { return high[e] + (moved >> 16); }
+
+  /// The edge value there plus `more`, 0 or 1, rounded once to float. `kHuge`: it may be 2^48 or more.
+  template <bool kHuge>
+  __device__ float value_at(int e, int32_t moved, uint32_t more) const {
+    const int32_t above = high_at(e, moved);
+    const uint32_t rest = __byte_perm(static_cast<uint32_t>(moved), lowest[e], 0x7104) + more;
+    if constexpr (kHuge) return static_cast<float>((int64_t{above} << 24) + static_cast<int64_t>(rest));
+    // Both are floats without rounding, and so is the product: what is rounded is the sum, once.
+    return fused(static_cast<float>(above), 16777216.0f, static_cast<float>(rest));
+  }
+};
+
+/// A strip of a tile, `rows` (a bit each) of its pixels in columns `x0` to `x1`. A lane has two columns, whose samples
+/// it asks for before it finds their depths.
+template <bool kOrthographic, bool kHuge>
+__device__ inline void draw_strip(const Target& target, const StripEdges& strip, const DepthPlane& plane,
+                                  uint32_t more1, uint32_t more2, uint64_t id, int32_t first_x, int32_t first_y,
+                                  int32_t x0, int32_t x1, uint32_t rows) {
+  const auto lane = static_cast<int32_t>(threadIdx.x % kWarpLanes);
+#pragma unroll 1
+  for (int32_t column = lane; column < kTileSide; column += static_cast<int32_t>(kWarpLanes)) {
+    const int32_t x = first_x + column;
+    int32_t moved[3];
+    for (int e = 0; e < 3; ++e) moved[e] = strip.low[e] + column * strip.right[e];
+    uint64_t* const samples = target.row(first_y) + x;
+    const auto stride = static_cast<uint32_t>(target.width);
+    const uint32_t left_out = x >= x0 && x <= x1 ? ~rows : ~0u;
+    uint64_t seen[kStripRows];
+    for (int32_t y = 0; y < kStripRows; ++y) {
+      auto sign = static_cast<int32_t>(left_out << (31 - y));
+      for (int e = 0; e < 3; ++e) sign |= strip.high_at(e, moved[e] + y * strip.down[e]);
+      seen[y] = sign >= 0 ? WarpTeam::look(samples + static_cast<uint32_t>(y) * stride) : 0;
+    }
+    for (int32_t y = 0; y < kStripRows; ++y) {
+      if (seen[y] != 0) {
+        const float weight1 = strip.value_at<kHuge>(1, moved[1], more1) * plane.inverse_area;
+        const float weight2 = strip.value_at<kHuge>(2, moved[2], more2) * plane.inverse_area;
+        const uint64_t drawn = pack_sample(depth_code<kOrthographic>(depth_of_weights(plane, weight1, weight2)), id);
+        if (drawn < seen[y]) WarpTeam::put_min(samples + static_cast<uint32_t>(y) * stride, drawn);
+      }
+      moved[1] += strip.down[1];
+      moved[2] += strip.down[2];
     }
   }
 }
 
-/// Draws the tiles, a strip a warp: a lane has two columns and goes down the rows.
+/// Draws the tiles, a strip a warp.
 template <bool kOrthographic>
 __global__ void __launch_bounds__(kLargeThreads, kLargeBlocks) raster_large(const __grid_constant__ LargeFrame frame) {
-  const auto lane = static_cast<int32_t>(threadIdx.x % kWarpLanes);
   const uint64_t warp = (uint64_t{blockIdx.x} * blockDim.x + threadIdx.x) / kWarpLanes;
   const uint64_t warps = uint64_t{gridDim.x} * blockDim.x / kWarpLanes;
   const uint64_t tiles = min_of(frame.queues.counters->tiles, frame.queues.tile_capacity);
   for (uint64_t i = warp; i < tiles * kStrips; i += warps) {
     const TileItem tile = frame.queues.tiles[i / kStrips];
     const Triangle triangle = frame.queues.large[tile.triangle];
-    PixelBox box = pixel_box(triangle.x, triangle.y, frame.view);
+    const PixelBox box = pixel_box(triangle.x, triangle.y, frame.view);
     const int32_t first_x = tile.x * kTileSide;
     const int32_t first_y = tile.y * kTileSide + static_cast<int32_t>(i % kStrips) * kStripRows;
-    box.x1 = min_of(box.x1, first_x + kTileSide - 1);
-    box.y1 = min_of(box.y1, first_y + kStripRows - 1);
-    if (max_of(box.y0, first_y) > box.y1) continue;
+    const int32_t first_row = max_of(box.y0 - first_y, 0);
+    const int32_t last_row = min_of(box.y1 - first_y, kStripRows - 1);
+    if (first_row > last_row) continue;
     const Edges<int64_t> edges = make_edges<int64_t>(triangle, first_x, first_y);
     bool outside = false;
     for (int e = 0; e < 3; ++e) {
@@ -134,30 +223,18 @@ __global__ void __launch_bounds__(kLargeThreads, kLargeBlocks) raster_large(cons
                  0;
     }
     if (outside) continue;
-    const DepthPlane plane = make_depth_plane(triangle, doubled_area(triangle.x, triangle.y));
-    for (int32_t x = first_x + lane; x < first_x + kTileSide; x += static_cast<int32_t>(kWarpLanes)) {
-      if (x < box.x0 || x > box.x1) continue;
-      int64_t value[3];
-      for (int e = 0; e < 3; ++e) value[e] = edges.value[e] + (x - first_x) * edges.step_x[e];
-      uint64_t* at = frame.target.row(first_y) + x;
-      constexpr int32_t kBatch = 4;
-      for (int32_t y = first_y; y <= box.y1; y += kBatch) {
-        uint64_t drawn[kBatch];
-        uint64_t seen[kBatch];
-        for (int32_t k = 0; k < kBatch; ++k) {
-          const float depth = depth_at<int64_t>(plane, value[1] + edges.exclusive[1], value[2] + edges.exclusive[2]);
-          const bool covered = (y + k >= box.y0) & (y + k <= box.y1) & ((value[0] | value[1] | value[2]) >= 0);
-          drawn[k] = covered ? pack_sample(depth_code<kOrthographic>(depth), triangle.id) : kBackground;
-          for (int e = 0; e < 3; ++e) value[e] += edges.step_y[e];
-        }
-        for (int32_t k = 0; k < kBatch; ++k) {
-          seen[k] = drawn[k] != kBackground ? WarpTeam::look(at + static_cast<uint64_t>(k * frame.target.width)) : 0;
-        }
-        for (int32_t k = 0; k < kBatch; ++k) {
-          if (drawn[k] < seen[k]) WarpTeam::put_min(at + static_cast<uint64_t>(k * frame.target.width), drawn[k]);
-        }
-        at += static_cast<uint64_t>(kBatch) * static_cast<uint64_t>(frame.target.width);
-      }
+    const int64_t area = doubled_area(triangle.x, triangle.y);
+    const DepthPlane plane = make_depth_plane(triangle, area);
+    const StripEdges strip(edges);
+    const auto more1 = static_cast<uint32_t>(edges.exclusive[1]);
+    const auto more2 = static_cast<uint32_t>(edges.exclusive[2]);
+    const uint32_t rows = (2u << last_row) - (1u << first_row);
+    if (area < int64_t{1} << 48) {
+      draw_strip<kOrthographic, false>(frame.target, strip, plane, more1, more2, triangle.id, first_x, first_y, box.x0,
+                                       box.x1, rows);
+    } else {
+      draw_strip<kOrthographic, true>(frame.target, strip, plane, more1, more2, triangle.id, first_x, first_y, box.x0,
+                                      box.x1, rows);
     }
   }
 }

@@ -49,9 +49,16 @@ inline constexpr uint32_t kClusterPasses = 1 + kMostRounds;
 /// Clustered chunks are drawn from near to far, as far as buckets tell: 32 an octave of distance.
 inline constexpr uint32_t kNearBuckets = 512;
 
+/// How much of a queue the passes before have drawn.
+struct DrawnTriangles {
+  uint64_t medium;
+  uint64_t large;
+};
+
 /// Zero when a frame begins.
 struct FrameCounters {
   Counters queues;
+  Counters clipped;    // medium, large, tiles: of what clipping the triangles of clusters leaves
   uint64_t groups;     // items and units
   uint64_t next_unit;  // handed out to stage 1
   // Of clustered chunks:
@@ -63,9 +70,8 @@ struct FrameCounters {
   uint64_t to_clip;                       // queued
   uint64_t groups_tested;
   uint64_t clusters_tested;
-  // What the passes before have drawn of the queues of triangles.
-  uint64_t medium_drawn;
-  uint64_t large_drawn;
+  DrawnTriangles drawn;
+  DrawnTriangles clipped_drawn;
   uint64_t to_clip_drawn;
 };
 
@@ -78,10 +84,11 @@ SCREE_HD inline uint64_t clusters_before(const FrameCounters& counters, uint32_t
 
 /// Between two passes of a frame: stages 2 and 3 go on with what the next one queues.
 SCREE_HD inline void begin_pass(FrameCounters& counters) {
-  counters.medium_drawn = counters.queues.medium;
-  counters.large_drawn = counters.queues.large;
+  counters.drawn = {counters.queues.medium, counters.queues.large};
+  counters.clipped_drawn = {counters.clipped.medium, counters.clipped.large};
   counters.to_clip_drawn = counters.to_clip;
   counters.queues.tiles = 0;
+  counters.clipped.tiles = 0;
 }
 
 /// Device memory. Instances without triangles are in no list.

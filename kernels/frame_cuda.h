@@ -30,9 +30,9 @@ struct DrawOptions {
   FramePart part = FramePart::kWhole;
 };
 
-/// Milliseconds of one frame by CUDA events: clearing, culling, stages 1 to 3 of the first pass, of which 2 and 3 run
-/// side by side; the depth pyramid and the second pass (with the pyramids of its rounds), where there are clusters
-/// enough; and from the start of culling to the end of all.
+/// Milliseconds of one frame by CUDA events: clearing and, at the same time, culling; stages 1 to 3 of the first pass,
+/// of which 2 and 3 run side by side; the depth pyramid and the second pass (with the pyramids of its rounds), where
+/// there are clusters enough; and from the first to the end of all.
 struct FrameTimes {
   float clear_ms;
   float cull_ms;
@@ -52,6 +52,7 @@ struct CudaQueueSizes {
   uint64_t tiles = 1u << 20;
   uint64_t clusters = 1u << 24;  // or as many as there are, if fewer
   uint64_t to_clip = 1u << 16;   // triangles of clusters
+  uint64_t clipped = 1u << 15;   // what is left of those, medium and large ones each
   // Scenes of fewer groups of clusters are drawn in one pass: the pyramid and the second would cost more than they
   // save.
   uint64_t two_pass_groups = 2048;
