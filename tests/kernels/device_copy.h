@@ -4,6 +4,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <deque>
+#include <functional>
 #include <utility>
 #include <vector>
 
@@ -33,6 +34,7 @@ class DeviceCopy {
     }
     view_.pages = table.data();
     copy(view_.pages, table.size());
+    pages_ = std::move(table);
   }
 
   /// What the GPU draws of it, with queues of `sizes` at first.
@@ -49,18 +51,62 @@ class DeviceCopy {
     REQUIRE(frames);
     std::vector<std::vector<uint64_t>> pictures;
     for (const kernels::View& view : views) {
-      std::vector<uint64_t>& samples = pictures.emplace_back(size_t{view.width} * view.height);
-      Result<kernels::DeviceBuffer> buffer =
-          kernels::DeviceBuffer::allocate(samples.size() * sizeof(uint64_t), "allocating the picture");
-      REQUIRE(buffer);
-      REQUIRE(frames->draw(view, reinterpret_cast<uint64_t*>(buffer->data()), options));
-      REQUIRE(kernels::cuda_check(cudaMemcpy(samples.data(), buffer->data(), buffer->bytes(), cudaMemcpyDeviceToHost),
-                                  "reading the picture"));
+      pictures.push_back(picture(view, [&](uint64_t* samples) { REQUIRE(frames->draw(view, samples, options)); }));
     }
     return pictures;
   }
 
+  /// A part of a frame: what is drawn of the pages for which `has_page` holds.
+  struct Part {
+    kernels::FramePart part;
+    std::function<bool(size_t page)> has_page;
+  };
+
+  /// As draw_in_turn(), each frame in these parts.
+  std::vector<std::vector<uint64_t>> draw_in_parts(const std::vector<kernels::View>& views,
+                                                   const std::vector<Part>& parts,
+                                                   const kernels::CudaQueueSizes& sizes) const {
+    Result<kernels::CudaFrames> frames = kernels::CudaFrames::create(host_, view_, sizes);
+    REQUIRE(frames);
+    std::vector<std::vector<uint64_t>> pictures;
+    for (const kernels::View& view : views) {
+      pictures.push_back(picture(view, [&](uint64_t* samples) {
+        for (const Part& part : parts) {
+          show_pages(part.has_page);
+          kernels::DrawOptions options;
+          options.part = part.part;
+          REQUIRE(frames->draw(view, samples, options));
+        }
+      }));
+    }
+    show_pages([](size_t) { return true; });
+    return pictures;
+  }
+
  private:
+  /// What `draw` draws into samples on the device, which are background before.
+  template <class Draw>
+  std::vector<uint64_t> picture(const kernels::View& view, const Draw& draw) const {
+    std::vector<uint64_t> samples(size_t{view.width} * view.height);
+    Result<kernels::DeviceBuffer> buffer =
+        kernels::DeviceBuffer::allocate(samples.size() * sizeof(uint64_t), "allocating the picture");
+    REQUIRE(buffer);
+    REQUIRE(kernels::cuda_check(cudaMemset(buffer->data(), 0xff, buffer->bytes()), "clearing the picture"));
+    draw(reinterpret_cast<uint64_t*>(buffer->data()));
+    REQUIRE(kernels::cuda_check(cudaMemcpy(samples.data(), buffer->data(), buffer->bytes(), cudaMemcpyDeviceToHost),
+                                "reading the picture"));
+    return samples;
+  }
+
+  void show_pages(const std::function<bool(size_t page)>& has_page) const {
+    std::vector<const std::byte*> table = pages_;
+    for (size_t i = 0; i < table.size(); ++i)
+      if (!has_page(i)) table[i] = nullptr;
+    REQUIRE(kernels::cuda_check(cudaMemcpy(const_cast<const std::byte**>(view_.pages), table.data(),
+                                           table.size() * sizeof(table[0]), cudaMemcpyHostToDevice),
+                                "writing the page table"));
+  }
+
   /// Makes a pointer to host memory one to a copy of it.
   template <class T>
   void copy(const T*& pointer, uint64_t count) {
@@ -75,6 +121,7 @@ class DeviceCopy {
 
   kernels::SceneView host_;
   kernels::SceneView view_;
+  std::vector<const std::byte*> pages_;  // on the device
   std::vector<kernels::DeviceBuffer> buffers_;
 };
 

@@ -17,6 +17,14 @@ using kernels::View;
 
 namespace {
 
+bool has_device() {
+  const Result<void> found = runtime::find_device();
+  if (found) return true;
+  CHECK(found.error().code == ErrorCode::kDevice);
+  WARN("skipped: " << found.error().message);
+  return false;
+}
+
 /// `least`: pixels that the scene covers in each view, at least. That is looked at without a GPU, too. `first_id`: as
 /// SceneBuilder::view has it.
 void compare(SceneBuilder& builder, const std::vector<View>& views, uint64_t least, uint64_t first_id = 0) {
@@ -27,11 +35,7 @@ void compare(SceneBuilder& builder, const std::vector<View>& views, uint64_t lea
     INFO("view " << expected.size() - 1);
     CHECK(covered(expected.back()) >= least);
   }
-  if (const Result<void> device = runtime::find_device(); !device) {
-    CHECK(device.error().code == ErrorCode::kDevice);
-    WARN("skipped: " << device.error().message);
-    return;
-  }
+  if (!has_device()) return;
   const DeviceCopy device(scene, builder.pages);
   for (size_t i = 0; i < views.size(); ++i) {
     INFO("view " << i);
@@ -141,52 +145,97 @@ TEST_CASE("chunks with widths of no bits are drawn alike on the GPU", "[cuda]") 
   compare(builder, all_views(), 2000);
 }
 
-TEST_CASE("scenes of clustered and other chunks are drawn alike on the GPU, frame after frame", "[cuda][clusters]") {
+namespace {
+
+/// Clustered and other chunks, in front of each other and behind, seen twice from each view, the second time with all
+/// known; then back again, in jumps.
+struct MixedScene {
+  MixedScene() {
+    Encoding lattice;
+    lattice.chunk_triangles = 900;
+    Encoding clustered = lattice;
+    clustered.clusters = Clusters::kClustered;
+    Encoding open_clustered = clustered;
+    open_clustered.material = builder.material(format::kMaterialDoubleSided);
+    open_clustered.chunk_triangles = 65536;
+    const uint32_t meshes[] = {builder.mesh(grid(60, 0.2), clustered), builder.mesh(sphere(40, 0.1), open_clustered),
+                               builder.mesh(sphere(30, 0.2), lattice), builder.mesh(grid(31, 0.3), float32()),
+                               builder.mesh(grid(1, 0), clustered)};
+    const uint32_t matrices[] = {builder.identity(),
+                                 builder.matrix({0.5, 0, 0.1, 0.6, 0, 0.5, 0, 0.3, 0, 0, 0.5, -0.2}),
+                                 builder.matrix({-0.3, 0, 0, -0.6, 0, 0.3, 0, 0.1, 0, 0, 0.3, 0.4}),  // mirrored
+                                 builder.matrix({1, 0, 0, 0.2, 0, 1, 0, -1.5, 0, 0, 1, 0.3})};        // behind others
+    for (const uint32_t mesh : meshes)
+      for (const uint32_t matrix : matrices) builder.instance(mesh, matrix);
+    scene = builder.view();
+    CHECK(scene.chunk_kinds == kernels::ChunkKinds::kMixed);
+    for (const View& view : all_views()) views.insert(views.end(), 2, view);
+    const std::vector<View> once = all_views();
+    views.insert(views.end(), once.rbegin(), once.rend());
+    for (const View& view : views) {
+      expected.push_back(draw(scene, view, 2));
+      CHECK(covered(expected.back()) >= 5000);
+    }
+  }
+
   SceneBuilder builder;
-  Encoding lattice;
-  lattice.chunk_triangles = 900;
-  Encoding clustered = lattice;
-  clustered.clusters = Clusters::kClustered;
-  Encoding open_clustered = clustered;
-  open_clustered.material = builder.material(format::kMaterialDoubleSided);
-  open_clustered.chunk_triangles = 65536;
-  const uint32_t meshes[] = {builder.mesh(grid(60, 0.2), clustered), builder.mesh(sphere(40, 0.1), open_clustered),
-                             builder.mesh(sphere(30, 0.2), lattice), builder.mesh(grid(31, 0.3), float32()),
-                             builder.mesh(grid(1, 0), clustered)};
-  const uint32_t matrices[] = {builder.identity(), builder.matrix({0.5, 0, 0.1, 0.6, 0, 0.5, 0, 0.3, 0, 0, 0.5, -0.2}),
-                               builder.matrix({-0.3, 0, 0, -0.6, 0, 0.3, 0, 0.1, 0, 0, 0.3, 0.4}),  // mirrored
-                               builder.matrix({1, 0, 0, 0.2, 0, 1, 0, -1.5, 0, 0, 1, 0.3})};        // behind others
-  for (const uint32_t mesh : meshes)
-    for (const uint32_t matrix : matrices) builder.instance(mesh, matrix);
-  const kernels::SceneView scene = builder.view();
-  CHECK(scene.chunk_kinds == kernels::ChunkKinds::kMixed);
-  // Each view twice, the second time with all known; then back again, in jumps.
+  kernels::SceneView scene{};
   std::vector<View> views;
-  for (const View& view : all_views()) views.insert(views.end(), 2, view);
-  const std::vector<View> once = all_views();
-  views.insert(views.end(), once.rbegin(), once.rend());
   std::vector<std::vector<uint64_t>> expected;
-  for (const View& view : views) {
-    expected.push_back(draw(scene, view, 2));
-    CHECK(covered(expected.back()) >= 5000);
-  }
-  if (const Result<void> found = runtime::find_device(); !found) {
-    CHECK(found.error().code == ErrorCode::kDevice);
-    WARN("skipped: " << found.error().message);
-    return;
-  }
-  const DeviceCopy device(scene, builder.pages);
-  kernels::CudaQueueSizes two_passes;
-  two_passes.two_pass_groups = two_passes.round_groups = 1;
-  const kernels::CudaQueueSizes no_room{1, 1, 1, 1, 1, 1, 1};
-  for (const kernels::CudaQueueSizes& sizes : {kernels::CudaQueueSizes{}, two_passes, no_room}) {
+};
+
+kernels::CudaQueueSizes in_two_passes() {
+  kernels::CudaQueueSizes sizes;
+  sizes.two_pass_groups = sizes.round_groups = 1;
+  return sizes;
+}
+
+constexpr kernels::CudaQueueSizes kNoRoom{1, 1, 1, 1, 1, 1, 1, 1};
+
+}  // namespace
+
+TEST_CASE("scenes of clustered and other chunks are drawn alike on the GPU, frame after frame", "[cuda][clusters]") {
+  const MixedScene mixed;
+  if (!has_device()) return;
+  const DeviceCopy device(mixed.scene, mixed.builder.pages);
+  for (const kernels::CudaQueueSizes& sizes : {kernels::CudaQueueSizes{}, in_two_passes(), kNoRoom}) {
     for (const bool occlusion : {true, false}) {
       kernels::DrawOptions options;
       options.occlusion = occlusion;
-      const std::vector<std::vector<uint64_t>> pictures = device.draw_in_turn(views, sizes, options);
-      for (size_t i = 0; i < views.size(); ++i) {
+      const std::vector<std::vector<uint64_t>> pictures = device.draw_in_turn(mixed.views, sizes, options);
+      for (size_t i = 0; i < mixed.views.size(); ++i) {
         INFO("frame " << i << " two passes from " << sizes.two_pass_groups << " groups, occlusion " << occlusion);
-        CHECK(pictures[i] == expected[i]);
+        CHECK(pictures[i] == mixed.expected[i]);
+      }
+    }
+  }
+}
+
+TEST_CASE("frames in parts are drawn alike on the GPU, what was seen before first", "[cuda][clusters]") {
+  const MixedScene mixed;
+  const auto third = [](size_t which) { return [which](size_t page) { return page % 3 == which; }; };
+  const auto but_third = [](size_t which) { return [which](size_t page) { return page % 3 != which; }; };
+  using Part = DeviceCopy::Part;
+  using kernels::FramePart;
+  const std::vector<Part> ways[] = {
+      {{FramePart::kPart, third(0)}, {FramePart::kPart, third(1)}, {FramePart::kPart, third(2)}},
+      {{FramePart::kPart, third(0)},
+       {FramePart::kSeenBefore, but_third(0)},
+       {FramePart::kRest, third(1)},
+       {FramePart::kRest, third(2)}},
+      {{FramePart::kSeenBefore, but_third(2)},
+       {FramePart::kRest, third(1)},
+       {FramePart::kPart, third(2)},
+       {FramePart::kRest, third(0)}}};
+  if (!has_device()) return;
+  const DeviceCopy device(mixed.scene, mixed.builder.pages);
+  REQUIRE(mixed.builder.pages.size() >= 9);
+  for (const kernels::CudaQueueSizes& sizes : {kernels::CudaQueueSizes{}, in_two_passes(), kNoRoom}) {
+    for (const std::vector<Part>& parts : ways) {
+      const std::vector<std::vector<uint64_t>> pictures = device.draw_in_parts(mixed.views, parts, sizes);
+      for (size_t i = 0; i < mixed.views.size(); ++i) {
+        INFO("frame " << i << ", way " << &parts - ways << ", two passes from " << sizes.two_pass_groups << " groups");
+        CHECK(pictures[i] == mixed.expected[i]);
       }
     }
   }
@@ -217,13 +266,13 @@ TEST_CASE("hard: ids past 2^32, to the last, on the GPU", "[cuda][hard]") {
   }
 }
 
-TEST_CASE("hard: index spans of 0, 1, 2^k - 1, 2^k and 2^k + 1 on the GPU", "[cuda][hard]") {
+namespace {
+
+/// Meshes of one chunk each, side by side, whose indices span `spans`.
+void compare_spans(const std::vector<uint32_t>& spans) {
   std::mt19937 random(17);
   std::uniform_real_distribution<double> unit(-1, 1);
   SceneBuilder builder;
-  std::vector<uint32_t> spans{0, 1};
-  for (uint32_t k = 1; k <= 16; ++k)
-    for (const uint32_t span : {(1u << k) - 1, 1u << k, (1u << k) + 1}) spans.push_back(span);
   constexpr uint32_t kColumns = 8;
   for (uint32_t i = 0; i < spans.size(); ++i) {
     Soup soup;
@@ -233,12 +282,35 @@ TEST_CASE("hard: index spans of 0, 1, 2^k - 1, 2^k and 2^k + 1 on the GPU", "[cu
         for (double& m : middle) m = 0.3 * unit(random);
       soup.add(middle[0] + 0.1 * unit(random), middle[1] + 0.1 * unit(random), middle[2] + 0.1 * unit(random));
     }
-    // Every vertex is used, and the last triangle ends with the last one.
+    // Every vertex is used, and the last triangle ends with the last one. The first spans them all.
+    soup.triangle(0, spans[i] / 2, spans[i]);
     for (uint32_t v = 0; v <= spans[i]; v += 3) soup.triangle(v, std::min(v + 1, spans[i]), std::min(v + 2, spans[i]));
+    Encoding whole;
+    whole.chunk_triangles = UINT32_MAX;
     const double x = i % kColumns - 3.5, y = i / kColumns - 3.0;
-    builder.instance(builder.mesh(soup, Encoding{}), builder.matrix({1, 0, 0, x, 0, 1, 0, y, 0, 0, 1, 0}));
+    builder.instance(builder.mesh(soup, whole), builder.matrix({1, 0, 0, x, 0, 1, 0, y, 0, 0, 1, 0}));
+    CHECK(builder.chunks.back().vertex_count == spans[i] + 1);
   }
-  compare(builder, {look_at({0, 0, 9}, {0, 0, 0}, 640, 480)}, 20000);
+  compare(builder, {look_at({0, 0, 9}, {0, 0, 0}, 640, 480)}, 10000);
+}
+
+std::vector<uint32_t> spans_about(uint32_t first_power, uint32_t last_power) {
+  std::vector<uint32_t> spans;
+  for (uint32_t k = first_power; k <= last_power; ++k)
+    for (const uint32_t span : {(1u << k) - 1, 1u << k, (1u << k) + 1}) spans.push_back(span);
+  return spans;
+}
+
+}  // namespace
+
+TEST_CASE("hard: index spans of 0, 1, 2^k - 1, 2^k and 2^k + 1 on the GPU", "[cuda][hard]") {
+  std::vector<uint32_t> spans = spans_about(1, 16);
+  spans.insert(spans.begin(), {0, 1});
+  compare_spans(spans);
+}
+
+TEST_CASE("hard: index spans about 2^17 to 2^22 on the GPU", "[cuda][.hard-long]") {
+  compare_spans(spans_about(17, 22));
 }
 
 TEST_CASE("hard: pictures of 16384 x 16384 and meshes of 10 M sub-pixel triangles on the GPU", "[cuda][.hard-long]") {
