@@ -4,7 +4,6 @@
 #include <array>
 #include <bit>
 #include <cstring>
-#include <numeric>
 
 #include "kernels/depth.h"
 #include "kernels/frame.h"
@@ -23,14 +22,11 @@ static_assert(std::endian::native == std::endian::little);
 /// The corners of stored triangles, in their order, in model units; each chunk decoded once.
 Result<std::vector<Corners<float>>> read_corners(const runtime::Scene& scene,
                                                  std::span<const StoredTriangle> triangles) {
-  std::vector<uint64_t> order(triangles.size());
-  std::iota(order.begin(), order.end(), uint64_t{0});
-  std::sort(order.begin(), order.end(), [&](uint64_t i, uint64_t j) { return triangles[i] < triangles[j]; });
   std::vector<Corners<float>> out(triangles.size());
   tools::ChunkReader reader(scene.container());
   const tools::DecodedChunk* chunk = nullptr;
   uint64_t read_chunk = UINT64_MAX;
-  for (const uint64_t i : order) {
+  for (const uint64_t i : by_chunk(triangles)) {
     if (triangles[i].chunk != read_chunk) {
       const auto read = reader.read(triangles[i].chunk, tools::kPartIndices | tools::kPartPositions);
       if (!read) return at(scene.file().path(), read.error());

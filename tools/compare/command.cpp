@@ -286,6 +286,7 @@ Command add_compare(CLI::App& parent) {
          "--source-ids)")
       ->type_size(1)
       ->expected(1)
+      ->allow_extra_args(false)  // the next word is a file to read
       ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll);
   app->add_option("--exclude", words->exclude, "The --exclude that the .scree file was converted with");
   app->add_option("--ppd", words->pixels_per_degree,

@@ -85,14 +85,6 @@ std::vector<StoredTriangle> stored_triangles(const Scene& scene, std::span<const
   return out;
 }
 
-/// The places 0, 1, ... of `triangles`, those of a chunk beside each other.
-std::vector<uint64_t> by_chunk(std::span<const StoredTriangle> triangles) {
-  std::vector<uint64_t> order(triangles.size());
-  std::iota(order.begin(), order.end(), uint64_t{0});
-  std::sort(order.begin(), order.end(), [&](uint64_t i, uint64_t j) { return triangles[i] < triangles[j]; });
-  return order;
-}
-
 /// Source numbers, each chunk decoded once.
 Result<std::vector<uint64_t>> source_numbers(const Scene& scene, std::span<const StoredTriangle> triangles) {
   std::vector<uint64_t> out(triangles.size());
@@ -196,6 +188,13 @@ Result<void> find_in_mesh(const Scene& scene, tools::ChunkReader& reader, std::s
 }
 
 }  // namespace
+
+std::vector<uint64_t> by_chunk(std::span<const StoredTriangle> triangles) {
+  std::vector<uint64_t> order(triangles.size());
+  std::iota(order.begin(), order.end(), uint64_t{0});
+  std::sort(order.begin(), order.end(), [&](uint64_t i, uint64_t j) { return triangles[i] < triangles[j]; });
+  return order;
+}
 
 std::string SceneMatch::names() const {
   return a_->file().path() + " and " + b_->file().path();

@@ -26,6 +26,10 @@ struct StoredTriangle {
   auto operator<=>(const StoredTriangle&) const = default;
 };
 
+/// The places 0, 1, ... of `triangles`, those of a chunk beside each other, so that each is decoded once. Throws
+/// std::bad_alloc.
+std::vector<uint64_t> by_chunk(std::span<const StoredTriangle> triangles);
+
 /// Two scenes, each of a file, that show one source; or one scene, twice. They outlive it, and need no pages loaded.
 class SceneMatch {
  public:

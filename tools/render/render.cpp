@@ -340,6 +340,7 @@ Command add_render(CLI::App& parent) {
   app->add_option("--pick", words->picks, "Print what lies under the pixel X,Y; may be given several times")
       ->type_size(1)
       ->expected(1)
+      ->allow_extra_args(false)  // the next word is a file to read
       ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll);
   app->add_option("--threads", words->threads, "Threads; 0: one per processor (default)");
   app->add_option("--backend", words->backend, "cpu, cuda, or auto: the GPU where there is one (default)");
