@@ -1,6 +1,7 @@
 // scree compare: one picture of a scene, or its geometry, against another.
 #include <algorithm>
 #include <cctype>
+#include <cmath>
 #include <cstdio>
 #include <cstring>
 #include <filesystem>
@@ -240,6 +241,8 @@ Result<void> run(const Words& words) {
   render.list_cameras = true;  // render makes up an output beside its file where nothing else is asked for
   const Result<RenderOptions> options = parse_render_options(render);
   if (!options) return options.error();
+  if (std::isnan(words.pixels_per_degree))  // which CLI::Range lets through
+    return Error{ErrorCode::kUsage, "--ppd: nan, expected 1 to 1000"};
   if (const Result<void> checked = check_outputs(words); !checked) return checked.error();
   report_sigbus("compare", words.render.file);
   try {
