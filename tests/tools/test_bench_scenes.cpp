@@ -170,6 +170,7 @@ void check_picture(const char* name, const synth::Scene& scene, double scale, bo
   convert_options.input = synth_options.output;
   convert_options.output = folder.file("scene.scree");
   convert_options.order = convert::Order::kNone;
+  convert_options.encoding = convert::Encoding::kIndexed;
   convert_options.float32 = float32;
   convert_options.share = false;  // scene D has equal slabs
   REQUIRE(convert::convert(convert_options));

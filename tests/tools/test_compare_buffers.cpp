@@ -41,6 +41,7 @@ struct Source {
 
   runtime::Scene scene(const std::string& name, const std::function<void(Options&)>& change = {}) const {
     Options options;
+    options.encoding = convert::Encoding::kIndexed;
     options.source_ids = true;
     if (change) change(options);
     const auto packed = tests::pack(gltf, folder.file(name + ".scree"), options);

@@ -122,8 +122,8 @@ TEST_CASE("convert: progress on a terminal, with what limits", "[convert]") {
   REQUIRE(terminal >= 0);
   REQUIRE(grantpt(terminal) == 0);
   REQUIRE(unlockpt(terminal) == 0);
-  const pid_t child =
-      start_program({"convert", folder.file("in.glb"), "--zstd", "19", "--threads", "1"}, ptsname(terminal));
+  const pid_t child = start_program(
+      {"convert", folder.file("in.glb"), "--zstd", "19", "--threads", "1", "--encoding", "indexed"}, ptsname(terminal));
   std::string shown;
   siginfo_t ended{};
   for (int i = 0; i < 60000 && ended.si_pid == 0; ++i) {

@@ -438,7 +438,7 @@ TEST_CASE("convert --resume: goes on with what a guess left, right or wrong", "[
   }
   options.resume = true;
   const ConvertReport report = must_convert(options);
-  CHECK(report.resumed_pages > 5);
+  CHECK(report.resumed_pages >= 5);
   CHECK(report.warnings.empty());
   CHECK((tests::read_whole(options.output) == reference));
 }

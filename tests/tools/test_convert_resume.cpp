@@ -62,7 +62,7 @@ class Conversion {
   const std::string& reference() const { return reference_; }
 
   std::vector<std::string> words(std::vector<std::string> more) const {
-    more.insert(more.begin(), {"convert", in_, "--zstd", "9", "--threads", "2", "--max-error", "1e-5"});
+    more.insert(more.begin(), {"convert", in_, "--zstd", "9", "--threads", "2", "--max-error", "1e-5", "--encoding", "indexed"});
     return more;
   }
 

@@ -187,6 +187,7 @@ TEST_CASE("hard: georeferenced detail survives in the node's translation, not in
     maker.finish();
     convert::ConvertOptions options = options_of(folder);
     options.order = convert::Order::kNone;  // and one chunk: vertices as in the source
+    options.encoding = convert::Encoding::kIndexed;
     options.weld = false;
     must_match(options);
     const tests::OpenFile packed = must_open(options.output);

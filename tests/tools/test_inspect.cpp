@@ -167,8 +167,11 @@ void check_totals(const std::string& path, const json& report) {
   CHECK(meshes.at("bytes") == streams);
   CHECK(sum_of(meshes.at("top"), "bytes") == streams);  // all meshes are listed
   CHECK(sum_of(meshes.at("top"), "triangles") == meshes.at("triangles").get<uint64_t>());
-  CHECK(sum_of(report.at("index_bits"), "triangles") == meshes.at("triangles").get<uint64_t>());
-  CHECK(sum_of(report.at("index_bits"), "chunks") == report.at("chunks").at("count").get<uint64_t>());
+  const json& clusters = report.at("clusters");
+  CHECK(sum_of(report.at("index_bits"), "triangles") + clusters.at("triangles").get<uint64_t>() ==
+        meshes.at("triangles").get<uint64_t>());
+  CHECK(sum_of(report.at("index_bits"), "chunks") + clusters.at("chunks").get<uint64_t>() ==
+        report.at("chunks").at("count").get<uint64_t>());
   CHECK(sum_of(report.at("position_steps"), "bytes") == report.at("size").at("positions").at("bytes").get<uint64_t>());
   CHECK(sum_of(report.at("chunk_rows"), "triangles") == meshes.at("triangles").get<uint64_t>());
   CHECK(report.at("textures").at("jpeg").at("bytes").get<uint64_t>() +
@@ -196,6 +199,7 @@ TEST_CASE("inspect: the rows account for every byte of the file", "[inspect]") {
       const tests::TempFolder folder;
       convert::ConvertOptions options;
       options.zstd_level = zstd;
+      options.encoding = zstd == 0 ? convert::Encoding::kIndexed : convert::Encoding::kClustered;
       options.normals = true;
       options.source_ids = zstd != 0;
       options.chunk_triangles = 1000;
@@ -244,7 +248,9 @@ TEST_CASE("inspect: --verify finds a flipped bit in every byte", "[inspect][veri
 
 TEST_CASE("inspect: --verify finds what checksums cannot", "[inspect][verify]") {
   const tests::TempFolder folder;
-  const auto packed = tests::pack(small_model().string(), folder.file("a.scree"));
+  convert::ConvertOptions options;
+  options.encoding = convert::Encoding::kIndexed;
+  const auto packed = tests::pack(small_model().string(), folder.file("a.scree"), options);
   REQUIRE(packed);
   const format::Container& file = packed->file;
   const std::string path = folder.file("b.scree");

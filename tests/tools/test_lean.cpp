@@ -78,6 +78,7 @@ std::map<format::TableKind, std::string> tables_of(const OpenFile& packed) {
 TEST_CASE("lean: a scene of positions pays for nothing else", "[lean]") {
   const TempFolder folder;
   convert::ConvertOptions options = options_of(folder);
+  options.encoding = convert::Encoding::kIndexed;  // of which the bits are known
   options.source_ids = false;
   make_scene(folder.file("in.glb"), false);
   must_convert(options);
@@ -195,6 +196,7 @@ TEST_CASE("lean: duplicates are named with what storing them would take", "[lean
   }
   const auto convert = [&](const char* output, bool merge) {
     convert::ConvertOptions options = options_of(folder);
+    options.encoding = convert::Encoding::kIndexed;
     options.source_ids = false;
     options.order = convert::Order::kNone;
     options.weld = options.share = merge;

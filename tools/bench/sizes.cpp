@@ -218,6 +218,7 @@ class ModelSizes {
   Result<void> read_meshes() {
     convert::ConvertOptions whole = options();
     whole.chunk_triangles = 0;
+    whole.encoding = convert::Encoding::kIndexed;  // clusters would store vertices again
     if (const auto done = convert::convert(whole); !done) return done.error();
     const auto opened = open(whole.output);
     if (!opened) return opened.error();

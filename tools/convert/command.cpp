@@ -26,7 +26,7 @@ struct Words {
   std::string at_fov = "45";
   std::string grid = "mesh";
   std::string order = "fifo";
-  std::string encoding = "indexed";
+  std::string encoding = "clustered";
   std::string clusters = "fast";
   std::string chunk_triangles = std::to_string(format::kMaxChunkTriangles);
   std::string zstd = "0";
@@ -125,7 +125,7 @@ Result<convert::ConvertOptions> parse(const Words& words, bool positions_given) 
   options.order = words.order == "none" ? convert::Order::kNone : convert::Order::kFifo;
   if (words.encoding != "indexed" && words.encoding != "clustered")
     return Error{ErrorCode::kUsage, "--encoding: '" + words.encoding + "' is neither 'indexed' nor 'clustered'"};
-  options.encoding = words.encoding == "clustered" ? convert::Encoding::kClustered : convert::Encoding::kIndexed;
+  options.encoding = words.encoding == "indexed" ? convert::Encoding::kIndexed : convert::Encoding::kClustered;
   if (words.clusters != "fast" && words.clusters != "best")
     return Error{ErrorCode::kUsage, "--clusters: '" + words.clusters + "' is neither 'fast' nor 'best'"};
   options.clusters = words.clusters == "best" ? ClusterEffort::kBest : ClusterEffort::kFast;
@@ -210,8 +210,8 @@ Command add_convert(CLI::App& parent) {
   app->add_option("--order", words->order,
                   "fifo: triangles in vertex-cache order, vertices by first use (default); none: as in the source");
   app->add_option("--encoding", words->encoding,
-                  "indexed: chunks of vertices and indices (default); clustered: clusters of up to 128 triangles, half "
-                  "the bytes; meshes of float32 positions are indexed, and chunks that an error bound would else make\n"
+                  "clustered: clusters of up to 128 triangles, half the bytes, culled and drawn far faster on a GPU "
+                  "(default); indexed: chunks of vertices and indices; meshes of float32 positions are indexed, and chunks that an error bound would else make\n"
                   "larger than with float32");
   app->add_option("--clusters", words->clusters,
                   "fast: clusters of triangles as --order has them (default); best: smaller ones, in an order of their "

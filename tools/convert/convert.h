@@ -39,7 +39,7 @@ struct ConvertOptions {
   PixelBound pixel_bound;       // pixels above 0: picks the step of each mesh, or keeps its floats, instead of both
   Grid grid = Grid::kMesh;
   Order order = Order::kFifo;
-  Encoding encoding = Encoding::kIndexed;
+  Encoding encoding = Encoding::kClustered;
   tools::ClusterEffort clusters = tools::ClusterEffort::kFast;  // where clustered
   uint64_t chunk_triangles = format::kMaxChunkTriangles;        // 1 and up; 0: every mesh is one chunk and one window
   int zstd_level = 0;                                           // 0 (raw pages) to 22
