@@ -6,6 +6,8 @@
 #include <charconv>
 #include <cmath>
 #include <cstdio>
+#include <filesystem>
+#include <system_error>
 #include <thread>
 
 #include "kernels/visbuffer.h"
@@ -133,6 +135,19 @@ std::string format_bytes(uint64_t bytes) {
     ++name;
   }
   return three_digits(value, kNames[name]);
+}
+
+bool is_same_file(const std::string& a, const std::string& b) {
+  std::error_code failed;
+  if (std::filesystem::equivalent(a, b, failed)) return true;
+  // Absolute first: what is not there keeps its relative name else.
+  const auto whole = [&failed](const std::string& path) {
+    return std::filesystem::weakly_canonical(std::filesystem::absolute(path, failed), failed);
+  };
+  const std::filesystem::path whole_a = whole(a);
+  if (failed) return a == b;
+  const std::filesystem::path whole_b = whole(b);
+  return failed ? a == b : whole_a == whole_b;
 }
 
 std::string format_count(double count) {

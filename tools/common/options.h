@@ -26,6 +26,9 @@ Result<uint32_t> parse_threads(std::string_view text);
 /// "812 bytes", "1.46 MiB": three significant digits from a KiB on.
 std::string format_bytes(uint64_t bytes);
 
+/// Whether two names are of one file, be it there already or not.
+bool is_same_file(const std::string& a, const std::string& b);
+
 /// A picture's size in pixels.
 struct ImageSize {
   uint32_t width;

@@ -19,6 +19,7 @@
 #include "runtime/scene.h"
 #include "tools/common/command.h"
 #include "tools/common/json_writer.h"
+#include "tools/common/options.h"
 #include "tools/common/sigbus.h"
 #include "tools/common/standard_output.h"
 #include "tools/compare/against_source.h"
@@ -216,13 +217,13 @@ Result<void> check_outputs(const Words& words) {
     std::vector<std::string> inputs = words.of;
     inputs.insert(inputs.end(), {words.render.file, words.other});
     for (const std::string& path : inputs) {
-      std::error_code ignored;
-      if (std::filesystem::equivalent(*output, path, ignored))
+      if (is_same_file(*output, path))
         return Error{ErrorCode::kUsage, std::string(name) + ": " + *output + " is one of the files to compare"};
     }
   }
   if (words.flip.empty()) return {};
-  if (words.flip == words.render.output) return Error{ErrorCode::kUsage, "--output and --flip are both " + words.flip};
+  if (!words.render.output.empty() && is_same_file(words.flip, words.render.output))
+    return Error{ErrorCode::kUsage, "--output and --flip are both " + words.flip};
   return check_picture_path("--flip", words.flip);
 }
 
@@ -285,7 +286,7 @@ Command add_compare(CLI::App& parent) {
   app->add_option(
          "--of", words->of,
          "The .scree file of two visibility buffers: tells other meshes and neighbours apart. Given twice, A's "
-         "file\nand B's, encoded differently: triangles are matched by their source numbers (convert "
+         "file\nfirst, then B's, encoded differently: triangles are matched by their source numbers (convert "
          "--source-ids)")
       ->type_size(1)
       ->expected(1)

@@ -158,11 +158,10 @@ Result<void> check_outputs(const RenderOptions& options) {
       {"--output", &options.output}, {"--depth", &options.depth}, {"--visbuffer", &options.visbuffer}};
   for (const auto& [name, path] : outputs) {
     if (path->empty()) continue;
-    std::error_code ignored;
-    if (std::filesystem::equivalent(*path, options.file, ignored))
+    if (is_same_file(*path, options.file))
       return Error{ErrorCode::kUsage, std::string(name) + ": " + *path + " is the file to draw"};
     for (const auto& [other_name, other] : outputs)
-      if (other != path && *other == *path)
+      if (other != path && !other->empty() && is_same_file(*other, *path))
         return Error{ErrorCode::kUsage, std::string(name) + " and " + other_name + " are both " + *path};
   }
   return {};
