@@ -119,6 +119,11 @@ struct ContainerWriter::Impl {
   std::vector<TocEntry> toc;  // of the tables that are written
   Checksum checksum;          // of the last of them, while it may grow
 
+  /// Where the last page ends, or the first may begin.
+  uint64_t end_of_pages() const {
+    return pages.empty() ? kPageAlignment : pages.back().offset + pages.back().stored_bytes;
+  }
+
   Result<void> write(uint64_t offset, std::span<const std::byte> bytes);
   Result<void> pad(uint64_t from, uint64_t to);
   void add_page(const PageRecord& record);
@@ -244,9 +249,7 @@ Result<ContainerWriter> ContainerWriter::resume(const std::string& path, const P
   const auto take_page = [&](const PageRecord& record) {
     // Pages that an earlier resume() found damaged were written and noted again.
     while (!impl->pages.empty() && impl->pages.back().offset >= record.offset) impl->pages.pop_back();
-    const uint64_t end =
-        impl->pages.empty() ? kPageAlignment : impl->pages.back().offset + impl->pages.back().stored_bytes;
-    fits = record.offset == align_up(end, kPageAlignment);
+    fits = record.offset == align_up(impl->end_of_pages(), kPageAlignment);
     if (fits) impl->pages.push_back(record);
   };
   auto log = PartLog::read(impl->file, id, [&](uint32_t kind, std::span<const std::byte> entry) {
@@ -306,7 +309,7 @@ void ContainerWriter::drop_pages(uint32_t page_count) {
   impl_->note(kDropEntry, std::as_bytes(std::span(&page_count, 1)));
   impl_->overwrites = impl_->is_longer = true;
   impl_->pages.resize(page_count);
-  impl_->end = page_count == 0 ? kPageAlignment : impl_->pages.back().offset + impl_->pages.back().stored_bytes;
+  impl_->end = impl_->end_of_pages();
 }
 
 ContainerWriter::ContainerWriter(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}

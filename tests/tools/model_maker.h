@@ -1,10 +1,13 @@
 // Small glTF scenes for the tests of convert, written with the program's own glTF writer.
 #pragma once
 
+#include <algorithm>
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <limits>
+#include <numeric>
+#include <random>
 #include <span>
 #include <string>
 #include <vector>
@@ -172,6 +175,23 @@ inline void make_model(const std::string& path, const GridSpec& spec) {
   ModelMaker maker(path);
   maker.node("node", maker.mesh("mesh", {maker.grid(spec)}));
   maker.finish();
+}
+
+/// A strip of `side` squares a side whose triangles come in no order: it is sorted first where it is more than a
+/// window.
+inline tools::GltfPrimitive shuffled_squares(ModelMaker& maker, uint32_t side) {
+  std::vector<float> points;
+  for (uint32_t y = 0; y <= side; ++y)
+    for (uint32_t x = 0; x <= side; ++x)
+      points.insert(points.end(), {static_cast<float>(x), static_cast<float>(x * y % 7), static_cast<float>(y)});
+  std::vector<uint32_t> squares(size_t{side} * side), corners;
+  std::iota(squares.begin(), squares.end(), 0u);
+  std::shuffle(squares.begin(), squares.end(), std::mt19937(7));
+  for (const uint32_t square : squares) {
+    const uint32_t at = square / side * (side + 1) + square % side, below = at + side + 1;
+    corners.insert(corners.end(), {at, below, at + 1, at + 1, below, below + 1});
+  }
+  return maker.primitive(points, corners);
 }
 
 /// Grids with every attribute, without an index buffer, and flat.

@@ -1,10 +1,7 @@
 // Meshes are encoded while later ones are measured: the same bytes and the same errors as when all are measured first,
 // which --resume does.
-#include <algorithm>
 #include <filesystem>
 #include <limits>
-#include <numeric>
-#include <random>
 #include <string>
 #include <vector>
 
@@ -35,23 +32,6 @@ GridSpec grid_of(uint32_t side, float size) {
   return spec;
 }
 
-/// A strip of squares whose triangles come in no order, more than a window of them: it is sorted first.
-tools::GltfPrimitive shuffled(ModelMaker& maker) {
-  constexpr uint32_t kSide = 400;
-  std::vector<float> points;
-  for (uint32_t y = 0; y <= kSide; ++y)
-    for (uint32_t x = 0; x <= kSide; ++x)
-      points.insert(points.end(), {static_cast<float>(x), static_cast<float>(x * y % 7), static_cast<float>(y)});
-  std::vector<uint32_t> squares(kSide * kSide), corners;
-  std::iota(squares.begin(), squares.end(), 0u);
-  std::shuffle(squares.begin(), squares.end(), std::mt19937(7));
-  for (const uint32_t square : squares) {
-    const uint32_t at = square / kSide * (kSide + 1) + square % kSide, below = at + kSide + 1;
-    corners.insert(corners.end(), {at, below, at + 1, at + 1, below, below + 1});
-  }
-  return maker.primitive(points, corners);
-}
-
 enum Kind { kPlain, kShuffled, kWide, kImages };
 
 /// Enough triangles for one thread to be made to encode before it has measured all; meshes that repeat, of several
@@ -69,7 +49,7 @@ void make_scene(const std::string& path, Kind kind) {
     maker.node("white", maker.mesh("white", {maker.grid(white)}));
   }
   maker.node("nothing", maker.mesh("nothing", {maker.primitive({0, 0, 0, 1, 0, 0}, {})}));
-  if (kind == kShuffled) maker.node("shuffled", maker.mesh("shuffled", {shuffled(maker)}));
+  if (kind == kShuffled) maker.node("shuffled", maker.mesh("shuffled", {shuffled_squares(maker, 400)}));
   maker.node("two windows", maker.mesh("two windows", {maker.grid(grid_of(400, 2))}));
   if (kind == kWide) {  // no lattice of 24 bits an axis holds it within a bound of 1e-5
     maker.node("wide", maker.mesh("wide", {maker.grid(grid_of(3, 1e6f))}));

@@ -8,9 +8,7 @@
 #include <cstdio>
 #include <limits>
 #include <memory>
-#include <numeric>
 #include <optional>
-#include <random>
 #include <string>
 #include <utility>
 #include <vector>
@@ -357,19 +355,8 @@ TEST_CASE("convert: primitives that are sorted end what was guessed of them", "[
   const TempFolder folder;
   Model model(folder);
   model.add("large", model.maker().grid(kLarge));
-  constexpr uint32_t kSide = 400, kVertices = kSide + 1;
-  std::vector<float> points;
-  std::vector<uint32_t> squares(kSide * kSide), corners;
-  std::iota(squares.begin(), squares.end(), 0u);
-  std::shuffle(squares.begin(), squares.end(), std::mt19937(7));
-  for (uint32_t i = 0; i < kVertices * kVertices; ++i)
-    points.insert(points.end(),
-                  {static_cast<float>(i % kVertices), static_cast<float>(i % 7), static_cast<float>(i / kVertices)});
-  for (const uint32_t square : squares) {
-    const uint32_t at = square / kSide * kVertices + square % kSide, below = at + kVertices;
-    corners.insert(corners.end(), {at, below, at + 1, at + 1, below, below + 1});
-  }
-  model.add("shuffled", model.maker().primitive(points, corners));
+  constexpr uint32_t kSide = 400;
+  model.add("shuffled", shuffled_squares(model.maker(), kSide));
   model.add("last", model.maker().grid(grid_of(20, 20)));
   model.finish();
   ConvertOptions options = options_of(folder, "in.gltf");
