@@ -138,16 +138,15 @@ std::string format_bytes(uint64_t bytes) {
 }
 
 bool is_same_file(const std::string& a, const std::string& b) {
-  std::error_code failed;
-  if (std::filesystem::equivalent(a, b, failed)) return true;
-  // Absolute first: what is not there keeps its relative name else.
-  const auto whole = [&failed](const std::string& path) {
-    return std::filesystem::weakly_canonical(std::filesystem::absolute(path, failed), failed);
+  std::error_code ignored;
+  if (a == b || std::filesystem::equivalent(a, b, ignored)) return true;
+  // Of files that are not there yet: one name in one folder.
+  const std::filesystem::path path_a = a, path_b = b;
+  const auto folder_of = [](const std::filesystem::path& path) {
+    return path.has_parent_path() ? path.parent_path() : std::filesystem::path(".");
   };
-  const std::filesystem::path whole_a = whole(a);
-  if (failed) return a == b;
-  const std::filesystem::path whole_b = whole(b);
-  return failed ? a == b : whole_a == whole_b;
+  return path_a.has_filename() && path_a.filename() == path_b.filename() &&
+         std::filesystem::equivalent(folder_of(path_a), folder_of(path_b), ignored);
 }
 
 std::string format_count(double count) {
