@@ -101,12 +101,7 @@ struct alignas(16) SetUpTriangle {
   uint32_t start;      // pixels of the boxes before
   uint32_t to_row[3];  // what a pixel in the next row has more than one a width further right would
   uint32_t first;      // place in the picture of the box's first pixel
-  float inverse_area;  // of DepthPlane, as the next five
-  float origin;
-  float slope1;
-  float slope2;
-  float nearest;
-  float farthest;
+  DepthPlane plane;
   uint64_t id;
 };
 static_assert(sizeof(SetUpTriangle) == 80);
@@ -155,7 +150,6 @@ __device__ inline void draw_pixels(const Target& target, SetUpTriangles& shared,
   const uint32_t start = pixels != 0 ? end - pixels : ~0u;
   if (pixels != 0) {
     const Edges<int32_t> edges = make_edges<int32_t>(triangle, box.x0, box.y0);
-    const DepthPlane plane = make_depth_plane(triangle, area);
     const auto width = static_cast<uint32_t>(box.x1 - box.x0 + 1);
     SetUpTriangle& out = shared.items[__popc(lanes & before_lane)];
     for (int i = 0; i < 3; ++i) {
@@ -167,12 +161,7 @@ __device__ inline void draw_pixels(const Target& target, SetUpTriangles& shared,
                 static_cast<uint32_t>(edges.exclusive[1] << 17 | edges.exclusive[2] << 18) | width << 19;
     out.start = start;
     out.first = static_cast<uint32_t>(box.y0 * target.width + box.x0);
-    out.inverse_area = plane.inverse_area;
-    out.origin = plane.origin;
-    out.slope1 = plane.slope1;
-    out.slope2 = plane.slope2;
-    out.nearest = plane.nearest;
-    out.farthest = plane.farthest;
+    out.plane = make_depth_plane(triangle, area);
     out.id = triangle.id;
   }
   __syncwarp();
@@ -200,8 +189,7 @@ __device__ inline void draw_pixels(const Target& target, SetUpTriangles& shared,
         value[i] = static_cast<int32_t>(its.value[i] + inside * its.step_x[i] + y * its.to_row[i]);
       }
       if ((value[0] | value[1] | value[2]) < 0) continue;
-      const DepthPlane plane{its.inverse_area, its.origin, its.slope1, its.slope2, its.nearest, its.farthest};
-      const float depth = depth_at<int32_t>(plane, value[1] + static_cast<int32_t>(shape >> 17 & 1),
+      const float depth = depth_at<int32_t>(its.plane, value[1] + static_cast<int32_t>(shape >> 17 & 1),
                                             value[2] + static_cast<int32_t>(shape >> 18 & 1));
       drawn[k] = pack_sample(depth_code<kOrthographic>(depth), its.id);
       place[k] = its.first + inside + y * (static_cast<uint32_t>(target.width) - (shape >> 19));
