@@ -130,7 +130,7 @@ struct ContainerWriter::Impl {
   void note(uint32_t kind, std::span<const std::byte> entry);
   Result<bool> is_whole(const PageRecord& record, uint64_t earlier_end);
   Result<void> append_records(TableKind kind, uint32_t record_bytes, std::span<const std::byte> records);
-  Result<void> rename_into_place(uint64_t file_bytes);
+  Result<void> rename_into_place(const FileHeader& header);
 };
 
 /// A .part that cannot be written whole is given up at once, so that it does not fill the disk any longer.
@@ -205,9 +205,12 @@ Result<void> ContainerWriter::Impl::append_records(TableKind kind, uint32_t reco
   return {};
 }
 
-/// The data must be on the disk before the name is, and the name before the caller is told.
-Result<void> ContainerWriter::Impl::rename_into_place(uint64_t file_bytes) {
-  Result<void> done = is_longer ? file.resize(file_bytes) : Result<void>();
+/// The data must be on the disk before the name is, and the name before the caller is told. That can take long, and whoever
+/// is killed meanwhile must be able to go on: the header, which ends that, is written when all else is there.
+Result<void> ContainerWriter::Impl::rename_into_place(const FileHeader& header) {
+  Result<void> done = file.sync();
+  if (done) done = file.write_at(0, std::as_bytes(std::span<const FileHeader>(&header, 1)));
+  if (done && is_longer) done = file.resize(header.file_bytes);
   if (done) done = file.sync();
   if (done) done = file.commit();
   if (!done) {
@@ -399,10 +402,7 @@ Result<uint64_t> ContainerWriter::finish(const TableSet& tables) {
   header.checksum = checksum(std::as_bytes(std::span(&header, 1)).first(offsetof(FileHeader, checksum)));
   if (written = impl_->pad(impl_->end, header.toc_offset); !written) return written.error();
   if (written = impl_->write(header.toc_offset, toc_bytes); !written) return written.error();
-  if (written = impl_->write(0, std::as_bytes(std::span<const FileHeader>(&header, 1))); !written) {
-    return written.error();
-  }
-  if (written = impl_->rename_into_place(header.file_bytes); !written) return written.error();
+  if (written = impl_->rename_into_place(header); !written) return written.error();
   impl_->end = header.file_bytes;
   return header.file_bytes;
 }

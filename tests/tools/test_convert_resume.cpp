@@ -5,11 +5,13 @@
 
 #include <chrono>
 #include <csignal>
+#include <cstring>
 #include <filesystem>
 #include <string>
 #include <thread>
 #include <vector>
 
+#include "format/layout.h"
 #include "tests/catch.h"
 #include "tests/format/jpeg_maker.h"
 #include "tests/models.h"
@@ -60,6 +62,14 @@ class Conversion {
   const std::string& input() const { return in_; }
   std::string part() const { return out_ + ".part"; }
   const std::string& reference() const { return reference_; }
+
+  /// Whether the .part has its header already: it was killed between the two short calls that end it, and there is nothing
+  /// to go on from any more.
+  bool has_header() const {
+    if (!std::filesystem::exists(part())) return false;
+    const std::string begin = tests::read_whole(part()).substr(0, sizeof format::kMagic);
+    return begin.size() == sizeof format::kMagic && std::memcmp(begin.data(), format::kMagic, begin.size()) == 0;
+  }
 
   std::vector<std::string> words(std::vector<std::string> more) const {
     more.insert(more.begin(), {"convert", in_, "--zstd", "9", "--threads", "2", "--max-error", "1e-5", "--encoding", "indexed"});
@@ -136,9 +146,10 @@ TEST_CASE("convert --resume: killed at many points, the same bytes", "[convert][
   for (uint64_t bytes = 4096; bytes < 9500000; bytes += 700000) {
     conversion.stop_at(bytes, SIGKILL, bytes % 1000000 < 500000 ? "--resume" : "");
     const bool is_left = std::filesystem::exists(conversion.part());
+    const bool has_header = conversion.has_header();
     const std::string said = conversion.resume();
     INFO(bytes << ": " << said);
-    if (bytes > 100000) CHECK_FALSE(says(said, "starts afresh"));  // else there may be no page yet
+    if (bytes > 100000) CHECK(says(said, "starts afresh") == has_header);  // else there may be no page yet
     if (is_left) resumed += says(said, "resumed after") ? 1 : 0;
   }
   CHECK(resumed >= 5);
