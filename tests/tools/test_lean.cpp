@@ -9,6 +9,7 @@
 
 #include "format/bytes.h"
 #include "format/chunk_layout.h"
+#include "format/cluster_layout.h"
 #include "tests/catch.h"
 #include "tests/models.h"
 #include "tests/paths.h"
@@ -28,7 +29,10 @@ namespace {
 // spec/container.md 7.
 constexpr uint64_t kFileOverhead = 5632;  // and the strings
 constexpr uint64_t kMeshOverhead = 420;   // with a root node of its own
-constexpr uint64_t kChunkOverhead = 150;
+constexpr uint64_t kIndexedChunkOverhead = 150;
+constexpr uint64_t kClusteredChunkOverhead = 127;
+constexpr uint64_t kGroupOverhead = 16;
+constexpr uint64_t kClusterOverhead = 56;
 constexpr uint64_t kPageOverhead = 40 + 4095;
 
 /// 301 meshes: small ones, and one of many chunks. `with_ballast`: with everything that nobody needs.
@@ -56,7 +60,13 @@ void make_scene(const std::string& path, bool with_ballast) {
     }
     maker.node("", maker.mesh("", {grid}), {static_cast<double>(i), 0, 0});
   }
-  if (with_ballast) maker.mesh("nobody draws this", {maker.grid(GridSpec{})});
+  if (with_ballast) {
+    const uint32_t mesh = maker.mesh("nobody draws this", {maker.grid(GridSpec{})});
+    tools::GltfNode outside;  // of the scene
+    outside.mesh = mesh;
+    for (int i = 0; i < 5; ++i) maker.writer().add_node(outside);
+    for (int i = 0; i < 3; ++i) maker.node("excluded", mesh);
+  }
   maker.finish();
 }
 
@@ -73,12 +83,71 @@ std::map<format::TableKind, std::string> tables_of(const OpenFile& packed) {
   return tables;
 }
 
-}  // namespace
+/// The bits that a file's triangles and positions take, and the bytes its chunks take beyond them: at most, as is
+/// stated, and at least, with nothing for slack and rounding.
+struct Geometry {
+  uint64_t content_bits = 0;
+  uint64_t most_overhead = 0;
+  uint64_t least_overhead = 0;
+};
 
-TEST_CASE("lean: a scene of positions pays for nothing else", "[lean]") {
+void add_indexed(const format::ChunkRecord& chunk, Geometry& sum) {
+  sum.content_bits +=
+      uint64_t{3} * chunk.triangle_count * static_cast<uint64_t>(std::bit_width(chunk.vertex_count - 1));
+  uint64_t vertex = 0;
+  for (const uint8_t axis : chunk.position_bits) vertex += axis;
+  sum.content_bits += vertex * chunk.vertex_count;
+  sum.most_overhead += kIndexedChunkOverhead;
+  sum.least_overhead += sizeof(format::ChunkRecord);
+}
+
+/// `records`: the chunk's stream of them.
+void add_clustered(const format::ChunkRecord& chunk, const std::byte* records, Geometry& sum) {
+  for (uint64_t i = 0; i < chunk.cluster_count; ++i) {
+    const auto record = format::load<format::ClusterRecord>(records + i * sizeof(format::ClusterRecord));
+    const format::ClusterLayout layout = format::cluster_layout(record);
+    sum.content_bits += uint64_t{layout.triangle_count} * ((layout.wide_steps ? 2 : 1) + 2 * layout.distance_bits);
+    uint64_t vertex = 0;
+    for (const uint32_t axis : layout.position_bits) vertex += axis;
+    sum.content_bits += vertex * layout.vertex_count;
+    sum.least_overhead += layout.predicted_axis == format::kNotPredicted ? 0 : 8;
+  }
+  const uint64_t groups = (chunk.cluster_count + format::kGroupClusters - 1) / format::kGroupClusters;
+  sum.most_overhead += kClusteredChunkOverhead + kGroupOverhead * groups + kClusterOverhead * chunk.cluster_count;
+  sum.least_overhead += sizeof(format::ChunkRecord) + kGroupOverhead * groups +
+                        (sizeof(format::ClusterBounds) + sizeof(format::ClusterRecord)) * chunk.cluster_count;
+}
+
+/// The sum over all chunks, of which each keeps to what is stated.
+Geometry geometry_of(const OpenFile& packed) {
+  const format::Container& file = packed.file;
+  Geometry sum;
+  for (uint64_t i = 0; i < file.chunks().size(); ++i) {
+    const format::ChunkRecord& chunk = file.chunks()[i];
+    CHECK(chunk.uv_bits[0] + chunk.uv_bits[1] + chunk.normal_bits + chunk.source_bits == 0);
+    Geometry own;
+    if (chunk.encoding == format::ChunkEncoding::kIndexed) {
+      add_indexed(chunk, own);
+    } else {
+      const format::PageRecord& page = file.pages()[chunk.page];
+      REQUIRE(page.codec == format::PageCodec::kRaw);
+      const uint64_t records = format::chunk_streams(file.meshes()[chunk.mesh], chunk).clusters.offset;
+      add_clustered(chunk, packed.map.bytes().data() + page.offset + chunk.offset + records, own);
+    }
+    CHECK(sizeof(format::ChunkRecord) + chunk.bytes <= own.content_bits / 8 + own.most_overhead);
+    CHECK(sizeof(format::ChunkRecord) + chunk.bytes >= own.content_bits / 8 + own.least_overhead);
+    sum.content_bits += own.content_bits;
+    sum.most_overhead += own.most_overhead;
+    sum.least_overhead += own.least_overhead;
+  }
+  return sum;
+}
+
+/// Converts the scene with and without ballast to chunks of one encoding and holds it against what is stated.
+void check_overheads(convert::Encoding encoding) {
   const TempFolder folder;
   convert::ConvertOptions options = options_of(folder);
-  options.encoding = convert::Encoding::kIndexed;  // of which the bits are known
+  options.encoding = encoding;
   options.source_ids = false;
   make_scene(folder.file("in.glb"), false);
   must_convert(options);
@@ -86,26 +155,21 @@ TEST_CASE("lean: a scene of positions pays for nothing else", "[lean]") {
   const format::Container& file = packed.file;
   REQUIRE(file.meshes().size() == 301);
   REQUIRE(file.chunks().size() >= 301 + 6);
+  const format::ChunkEncoding stored =
+      encoding == convert::Encoding::kIndexed ? format::ChunkEncoding::kIndexed : format::ChunkEncoding::kClustered;
+  for (uint64_t i = 0; i < file.chunks().size(); ++i) REQUIRE(file.chunks()[i].encoding == stored);
 
-  // The bits that indices and positions take, and not one byte more but for what is stated.
-  uint64_t bits = 0;
-  for (uint64_t i = 0; i < file.chunks().size(); ++i) {
-    const format::ChunkRecord& chunk = file.chunks()[i];
-    bits += uint64_t{3} * chunk.triangle_count * static_cast<uint64_t>(std::bit_width(chunk.vertex_count - 1));
-    uint64_t vertex = 0;
-    for (const uint8_t axis : chunk.position_bits) vertex += axis;
-    bits += vertex * chunk.vertex_count;
-    CHECK(chunk.uv_bits[0] + chunk.uv_bits[1] + chunk.normal_bits + chunk.source_bits == 0);
-  }
+  // The bits that triangles and positions take, and not one byte more but for what is stated.
+  const Geometry geometry = geometry_of(packed);
   const std::map<format::TableKind, std::string> tables = tables_of(packed);
   const uint64_t strings = tables.at(format::TableKind::kStrings).size();
   const uint64_t file_bytes = packed.map.bytes().size();
-  const uint64_t stated = kFileOverhead + strings + kMeshOverhead * file.meshes().size() +
-                          kChunkOverhead * file.chunks().size() + kPageOverhead * file.pages().size();
-  CAPTURE(file_bytes, bits / 8, stated, strings, file.pages().size());
-  CHECK(file_bytes <= bits / 8 + stated);
-  // Nor is more stated than is taken: padding of pages and streams apart, it is all there.
-  CHECK(file_bytes >= bits / 8 + kMeshOverhead * file.meshes().size() + 104 * file.chunks().size());
+  const uint64_t stated = kFileOverhead + strings + kMeshOverhead * file.meshes().size() + geometry.most_overhead +
+                          kPageOverhead * file.pages().size();
+  CAPTURE(file_bytes, geometry.content_bits / 8, stated, strings, file.pages().size());
+  CHECK(file_bytes <= geometry.content_bits / 8 + stated);
+  // Nor is more stated than is taken: padding of pages, streams and clusters apart, it is all there.
+  CHECK(file_bytes >= geometry.content_bits / 8 + geometry.least_overhead + kMeshOverhead * file.meshes().size());
   for (const format::TableKind kind :
        {format::TableKind::kMaterials, format::TableKind::kTextures, format::TableKind::kImages,
         format::TableKind::kCameras, format::TableKind::kNodeInstances, format::TableKind::kMipLevels,
@@ -116,6 +180,7 @@ TEST_CASE("lean: a scene of positions pays for nothing else", "[lean]") {
   // nobody needs: the same pages and tables, but for what names the source.
   make_scene(folder.file("in.glb"), true);
   options.output = folder.file("ballast.scree");
+  options.exclude = "excluded";
   must_convert(options);
   const OpenFile ballast = must_open(options.output);
   std::map<format::TableKind, std::string> others = tables_of(ballast);
@@ -130,11 +195,22 @@ TEST_CASE("lean: a scene of positions pays for nothing else", "[lean]") {
   CHECK(others.size() == tables.size());
 }
 
+}  // namespace
+
+TEST_CASE("lean: a scene of positions pays for nothing else", "[lean]") {
+  check_overheads(convert::Encoding::kIndexed);
+}
+
+TEST_CASE("lean: a scene of positions pays for nothing else, in clusters", "[lean][clusters]") {
+  check_overheads(convert::Encoding::kClustered);
+}
+
 TEST_CASE("lean: what is left out is named with what it takes there and would take here", "[lean][inspect]") {
   const TempFolder folder;
   make_scene(folder.file("in.glb"), true);
   convert::ConvertOptions options = options_of(folder);
   options.source_ids = false;
+  options.exclude = "excluded";
   must_convert(options);
   const OpenFile lean = must_open(options.output);
   struct Entry {
@@ -161,6 +237,9 @@ TEST_CASE("lean: what is left out is named with what it takes there and would ta
   check("TEXCOORD_0", 301, 8 * vertices, 4 * vertices);
   check("unused meshes", 1, 12 * 25 + 4 * 96, 0);
   check("unused materials", 1, 0, 56);
+  check("unused textures", 1, 0, 16);
+  check("nodes outside every scene", 5, 0, 5 * 168);
+  check("excluded nodes", 3, 0, 3 * 168);
   const uint64_t checker = std::filesystem::file_size(tests::data_path("checker.png"));
   check("images not used for base colour", 1, checker, checker + 32);
 
@@ -176,8 +255,11 @@ TEST_CASE("lean: what is left out is named with what it takes there and would ta
   };
   REQUIRE(with_normals.file.chunks().size() == lean.file.chunks().size());
   check("NORMAL", 301, 12 * vertices, payload(with_normals.file) - payload(lean.file));
-  check("COLOR_0 (all white)", 301, 16 * vertices, left_out["COLOR_0 (all white)"].cost);
-  CHECK(left_out["COLOR_0 (all white)"].cost >= 4 * vertices);
+  // Four bytes a stored vertex, in streams of whole 16 bytes.
+  uint64_t colors = 0;
+  for (uint64_t i = 0; i < lean.file.chunks().size(); ++i)
+    colors += (4 * uint64_t{lean.file.chunks()[i].vertex_count} + 15) / 16 * 16;
+  check("COLOR_0 (all white)", 301, 16 * vertices, colors);
 }
 
 TEST_CASE("lean: duplicates are named with what storing them would take", "[lean][inspect]") {
