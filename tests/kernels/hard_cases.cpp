@@ -345,6 +345,7 @@ HardCase odd_sizes() {
 uint32_t HardCase::mesh(Soup soup, const Encoding& encoding) {
   const uint32_t number = builder.mesh(soup, encoding);
   soups.push_back(std::move(soup));
+  encodings.push_back(encoding);
   return number;
 }
 
@@ -518,6 +519,27 @@ HardCase make_hard_case(const std::string& name) {
     if (name == hard.name) return hard.make();
   FAIL("no hard case " << name);
   return {};
+}
+
+HardCase in_clusters(const HardCase& hard, Clusters clusters) {
+  HardCase out;
+  out.builder.materials = hard.builder.materials;
+  for (size_t i = 0; i < hard.soups.size(); ++i) {
+    Encoding encoding = hard.encodings[i];
+    encoding.clusters = clusters;
+    if (encoding.float32) {
+      const format::MeshRecord& mesh = hard.builder.meshes[i];
+      const auto chosen = format::choose_lattice(mesh.bounds_min, mesh.bounds_max, 20, 0);
+      REQUIRE(chosen);
+      encoding.float32 = false;
+      encoding.exponent = chosen->exponent;
+    }
+    out.mesh(hard.soups[i], encoding);
+  }
+  out.builder.matrices = hard.builder.matrices;
+  out.builder.instances = hard.builder.instances;
+  out.views = hard.views;
+  return out;
 }
 
 }  // namespace scree::tests

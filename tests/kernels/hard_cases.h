@@ -15,7 +15,8 @@ namespace scree::tests {
 /// A scene with the soups its meshes were made of, which are what the reference draws.
 struct HardCase {
   SceneBuilder builder;
-  std::vector<Soup> soups;  // by mesh
+  std::vector<Soup> soups;          // by mesh
+  std::vector<Encoding> encodings;  // likewise
   std::vector<kernels::View> views;
 
   /// Adds a mesh and returns its number.
@@ -66,5 +67,9 @@ const std::vector<NamedCase>& hard_cases();
 
 /// The case of that name.
 HardCase make_hard_case(const std::string& name);
+
+/// The same case with clustered chunks, or with their triangles in indexed ones. Float32 positions are laid on a
+/// lattice of 20 bits an axis, so that it is not the case's own picture.
+HardCase in_clusters(const HardCase& hard, Clusters clusters);
 
 }  // namespace scree::tests

@@ -246,6 +246,8 @@ TEST_CASE("hard cases are drawn alike on the GPU", "[cuda][hard]") {
     INFO(named.name);
     HardCase hard = named.make();
     compare(hard.builder, hard.views, 0);
+    HardCase clustered = in_clusters(hard, Clusters::kClustered);
+    compare(clustered.builder, clustered.views, 0);
   }
 }
 

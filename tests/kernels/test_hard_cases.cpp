@@ -223,6 +223,24 @@ TEST_CASE("hard: pictures of 1 x 1, 1 x 8192, 8192 x 1 and odd sizes", "[hard]")
   CHECK(figures.pixels == 1 + 8192 + 8192 + 6 + 129 * 127);
 }
 
+TEST_CASE("hard: every case is drawn in clusters as from indexed chunks in their order", "[hard][clusters]") {
+  for (const NamedCase& named : hard_cases()) {
+    INFO(named.name);
+    const HardCase hard = named.make();
+    HardCase clustered = in_clusters(hard, Clusters::kClustered), undone = in_clusters(hard, Clusters::kUndone);
+    const kernels::SceneView scene = clustered.builder.view(), other = undone.builder.view();
+    REQUIRE(scene.chunk_kinds == kernels::ChunkKinds::kClustered);
+    REQUIRE(other.chunk_kinds != kernels::ChunkKinds::kClustered);
+    for (size_t i = 0; i < hard.views.size(); ++i) {
+      INFO("view " << i);
+      const View& view = hard.views[i];
+      const std::vector<uint64_t> expected = draw(other, view);
+      CHECK((draw(scene, view) == expected));  // a picture may be too large to be printed
+      CHECK((draw_with(scene, view, 2, kernels::InstructionSet::kBaseline, {1, 1, 1}) == expected));
+    }
+  }
+}
+
 TEST_CASE("hard: a picture of 16384 x 16384", "[.hard-long]") {
   SceneBuilder builder;
   Soup soup;
