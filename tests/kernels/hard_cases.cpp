@@ -288,12 +288,13 @@ HardCase flat_and_points() {
   return hard;
 }
 
-/// Squares that fill a strip of the picture each, from 2e-3 to 5e6 units away.
+/// Squares that fill a strip of the picture each, from 1e-3 units away, where the near plane is, to 1e7.
 HardCase depth_range() {
   HardCase hard;
   const uint32_t identity = hard.builder.identity();
-  int column = 0;
-  for (double distance = 2e-3; distance < 1e7; distance *= 5.3, ++column) {
+  const int columns = 14;
+  for (int column = 0; column < columns; ++column) {
+    const double distance = std::pow(10.0, -3 + 10.0 * column / (columns - 1));
     Soup soup;
     const double left = (-0.98 + 0.14 * column) * 0.5 * distance, width = 0.06 * distance, half = 0.4 * distance;
     soup.add(left, -half, -distance);

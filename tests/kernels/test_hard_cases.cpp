@@ -211,7 +211,17 @@ TEST_CASE("hard: flat and single-point meshes", "[hard]") {
 }
 
 TEST_CASE("hard: depths from 1e-3 to 1e7", "[hard]") {
-  judged("depth range", 12, 10, 5e-6);
+  judged("depth range", 10, 5, 5e-6);
+  HardCase hard = make_hard_case("depth range");
+  double nearest = INFINITY, farthest = 0;
+  for (const uint64_t sample : draw(hard.builder.view(), hard.views[0])) {
+    if (sample == kBackground) continue;
+    const double depth = kernels::depth_of_code(hard.views[0], kernels::sample_depth_code(sample));
+    nearest = std::min(nearest, depth);
+    farthest = std::max(farthest, depth);
+  }
+  CHECK(nearest < 1.01e-3);
+  CHECK(farthest > 1e7);
 }
 
 TEST_CASE("hard: mirrored, sheared and degenerate transforms", "[hard]") {
