@@ -1,5 +1,7 @@
 // Makes the seeds of the corpus, from what the tests have: scree_tests "[make-corpus]". They are committed; a new
 // codec or table wants new ones.
+#include <meshoptimizer.h>
+
 #include <cstdint>
 #include <filesystem>
 #include <fstream>
@@ -17,6 +19,7 @@
 #include "tests/format/container_fixture.h"
 #include "tests/format/jpeg_checks.h"
 #include "tests/format/jpeg_maker.h"
+#include "tests/format/reseal.h"
 #include "tests/models.h"
 #include "tests/paths.h"
 #include "tests/tools/model_maker.h"
@@ -219,27 +222,135 @@ void make_png_seeds(const TempFolder& folder) {
   Seed::save(tests::read_file(data_path("checker.png").string()), "image", "checker");
 }
 
-/// A textured grid whose JPEG is kept as one, with two levels.
-std::string textured_model(const TempFolder& folder) {
+/// A textured grid whose JPEG is kept as one, with two levels. `is_magnified`: a part of the picture, so that level 0
+/// is looked at.
+std::string textured_model(const TempFolder& folder, bool is_magnified) {
   JpegRecipe recipe;
   recipe.width = recipe.height = 128;
   recipe.factors = {{2, 2}, {1, 1}, {1, 1}};
   recipe.quality = 5;
   const std::string path = folder.file("textured.glb");
   ModelMaker maker(path);
+  tools::GltfMaterial material;
+  material.texture = maker.writer().add_texture(maker.texture("jpeg", format::ImageCodec::kJpeg, make_jpeg(recipe)));
+  if (is_magnified) material.transform.scale[0] = material.transform.scale[1] = 0.2;
   GridSpec spec;
   spec.uv = spec.normal = true;
-  maker.node(
-      "node",
-      maker.mesh("mesh", {maker.grid(spec, maker.textured("jpeg", format::ImageCodec::kJpeg, make_jpeg(recipe)))}));
+  maker.node("node", maker.mesh("mesh", {maker.grid(spec, maker.writer().add_material(material))}));
   maker.finish();
   return path;
+}
+
+/// Flips bits all over the entropy-coded data of an indexed JPEG, whose decoders then run out of step, into codes that
+/// are none and past the end. `jpeg` lies in `file`.
+void damage(std::span<std::byte> file, std::span<const std::byte> jpeg) {
+  const auto index = format::open_jpeg_index(jpeg);
+  REQUIRE(index);
+  REQUIRE(jpeg::rebuild(*index));
+  const std::span<std::byte> data =
+      file.subspan(static_cast<size_t>(index->data.data() - file.data()), index->data.size());
+  for (size_t i = 5; i < data.size(); i += 23) data[i] ^= std::byte{1} << (i % 8);
+  const auto damaged = format::open_jpeg_index(jpeg);
+  REQUIRE(damaged);
+  REQUIRE(!jpeg::rebuild(*damaged));
+}
+
+/// The container with its texture's data damaged, and sealed again. It is opened and drawn: only verifying decodes
+/// level 0, while loading makes the levels that are not stored from the last one, which stays whole.
+void make_damaged_seed(const std::string& path) {
+  const auto packed = open_packed(path);
+  REQUIRE(packed);
+  const format::ImageRecord image = packed->file.images()[0];
+  REQUIRE(image.codec == format::ImageCodec::kIndexedJpeg);
+  REQUIRE(image.level_count > 0);
+  const format::PageRecord page = packed->file.pages()[image.page];
+  REQUIRE(page.codec == format::PageCodec::kRaw);
+  const std::span<const std::byte> bytes = packed->map.bytes();
+  Bytes file(bytes.begin(), bytes.end());
+  damage(file, std::span(file).subspan(page.offset, page.raw_bytes));
+  reseal_pages(file);
+  reseal(file);
+  Seed::save(file, "container", "magnified_damaged");
+}
+
+/// A .glb whose positions, normals (by the octahedral filter) and triangles are compressed by meshopt, a stream a mode.
+void make_meshopt_seed(const TempFolder& folder) {
+  constexpr uint32_t kSide = 5;
+  constexpr uint32_t kVertices = (kSide + 1) * (kSide + 1);
+  std::vector<float> positions, directions;
+  std::vector<uint32_t> corners;
+  for (uint32_t v = 0; v < kVertices; ++v) {
+    const float x = static_cast<float>(v % (kSide + 1)), y = static_cast<float>(v / (kSide + 1));
+    positions.insert(positions.end(), {x, y, 0.1f * x * y});
+    directions.insert(directions.end(), {0.6f, 0, 0.8f, 0});
+    if (v % (kSide + 1) == kSide || v + kSide + 1 >= kVertices) continue;
+    corners.insert(corners.end(), {v, v + 1, v + kSide + 2, v, v + kSide + 2, v + kSide + 1});
+  }
+  std::vector<uint32_t> normals(kVertices);
+  meshopt_encodeFilterOct(normals.data(), kVertices, 4, 8, directions.data());
+
+  std::string bin, views;
+  size_t fallback = 0;
+  const auto add = [&](const char* mode, const char* filter, std::vector<unsigned char> stream, size_t count,
+                       size_t stride) {
+    const std::string raw = std::to_string(count * stride);
+    views += std::string(views.empty() ? "" : ",") + R"({"buffer":1,"byteOffset":)" + std::to_string(fallback) +
+             R"(,"byteLength":)" + raw + R"(,"extensions":{"EXT_meshopt_compression":{"buffer":0,"byteOffset":)" +
+             std::to_string(bin.size()) + R"(,"byteLength":)" + std::to_string(stream.size()) + R"(,"byteStride":)" +
+             std::to_string(stride) + R"(,"count":)" + std::to_string(count) + R"(,"mode":")" + mode +
+             R"(","filter":")" + filter + R"("}}})";
+    bin.append(stream.begin(), stream.end());
+    bin.resize((bin.size() + 3) / 4 * 4);
+    fallback += count * stride;
+  };
+  const auto vertices = [&](const void* values, size_t stride) {
+    std::vector<unsigned char> out(meshopt_encodeVertexBufferBound(kVertices, stride));
+    out.resize(meshopt_encodeVertexBuffer(out.data(), out.size(), values, kVertices, stride));
+    return out;
+  };
+  std::vector<unsigned char> triangles(meshopt_encodeIndexBufferBound(corners.size(), kVertices));
+  triangles.resize(meshopt_encodeIndexBuffer(triangles.data(), triangles.size(), corners.data(), corners.size()));
+  std::vector<unsigned char> sequence(meshopt_encodeIndexSequenceBound(corners.size(), kVertices));
+  sequence.resize(meshopt_encodeIndexSequence(sequence.data(), sequence.size(), corners.data(), corners.size()));
+  add("ATTRIBUTES", "NONE", vertices(positions.data(), 12), kVertices, 12);
+  add("ATTRIBUTES", "OCTAHEDRAL", vertices(normals.data(), 4), kVertices, 4);
+  add("TRIANGLES", "NONE", triangles, corners.size(), 4);
+  add("INDICES", "NONE", sequence, corners.size(), 4);
+
+  const std::string of_vertices = R"(,"count":)" + std::to_string(kVertices) + R"(,"type":"VEC3")";
+  const std::string of_corners =
+      R"(,"componentType":5125,"count":)" + std::to_string(corners.size()) + R"(,"type":"SCALAR"})";
+  std::string json =
+      R"({"asset":{"version":"2.0"},"extensionsUsed":["EXT_meshopt_compression","KHR_mesh_quantization"],)"
+      R"("extensionsRequired":["EXT_meshopt_compression","KHR_mesh_quantization"],"buffers":[{"byteLength":)" +
+      std::to_string(bin.size()) + R"(},{"byteLength":)" + std::to_string(fallback) +
+      R"(,"extensions":{"EXT_meshopt_compression":{"fallback":true}}}],"bufferViews":[)" + views +
+      R"(],"accessors":[{"bufferView":0,"componentType":5126,"min":[0,0,0],"max":[5,5,2.5])" + of_vertices +
+      R"(},{"bufferView":1,"componentType":5120,"normalized":true)" + of_vertices + R"(},{"bufferView":2)" +
+      of_corners + R"(,{"bufferView":3)" + of_corners +
+      R"(],"meshes":[{"primitives":[{"indices":2,"attributes":{"POSITION":0,"NORMAL":1}},)"
+      R"({"indices":3,"attributes":{"POSITION":0}}]}],"nodes":[{"mesh":0}],"scenes":[{"nodes":[0]}],"scene":0})";
+  json.resize((json.size() + 3) / 4 * 4, ' ');
+  Seed glb;
+  const auto size = [](const std::string& text) { return static_cast<uint32_t>(text.size()); };
+  const auto add_chunk = [&](uint32_t type, const std::string& text) {
+    glb.add(size(text)).add(type);
+    for (const char byte : text) glb.add(byte);
+  };
+  glb.add(uint32_t{0x46546c67}).add(uint32_t{2}).add(28 + size(json) + size(bin));
+  add_chunk(0x4e4f534a, json);
+  add_chunk(0x004e4942, bin);
+  glb.save("gltf", "meshopt.glb");
+  const auto seed = std::filesystem::path(tests::kCorpusFolder) / "gltf/meshopt.glb";
+  const auto packed = pack(seed.string(), folder.file("meshopt.scree"));
+  REQUIRE(packed);
+  REQUIRE(packed->file.meshes().size() == 2);
 }
 
 void make_scene_seeds(const TempFolder& folder) {
   Seed::save(file_of(tiny_parts()), "container", "tiny");
   Seed::save(file_of(full_parts()), "container", "full");
-  const std::string textured = textured_model(folder);
+  const std::string textured = textured_model(folder, false);
   Seed::save(tests::read_file(textured), "gltf", "textured");
   const auto pack_as = [&](const std::string& input, const std::string& name, auto change) {
     convert::ConvertOptions options;
@@ -248,14 +359,21 @@ void make_scene_seeds(const TempFolder& folder) {
     REQUIRE(pack(input, output, options));
     Seed::save(tests::read_file(output), "container", name);
   };
-  const auto plain = [](convert::ConvertOptions&) {};
+  const auto indexed = [](convert::ConvertOptions& o) { o.encoding = convert::Encoding::kIndexed; };
   const auto clustered = [](convert::ConvertOptions& o) { o.encoding = convert::Encoding::kClustered; };
-  pack_as(textured, "textured", plain);
+  pack_as(textured, "textured", indexed);
+  pack_as(textured_model(folder, true), "magnified", clustered);
+  make_damaged_seed(folder.file("magnified.scree"));
+  make_meshopt_seed(folder);
   pack_as(data_path("textured_cube.glb").string(), "cube", clustered);
-  pack_as(data_path("gpu_instancing.glb").string(), "instances", plain);
-  pack_as(data_path("colors.glb").string(), "colors", [](convert::ConvertOptions& o) { o.source_ids = true; });
-  pack_as(data_path("materials.gltf").string(), "materials", plain);
-  pack_as(data_path("nodes.gltf").string(), "nodes", [](convert::ConvertOptions& o) { o.float32 = true; });
+  pack_as(data_path("gpu_instancing.glb").string(), "instances", indexed);
+  pack_as(data_path("colors.glb").string(), "colors", [](convert::ConvertOptions& o) {
+    o.encoding = convert::Encoding::kIndexed;
+    o.source_ids = true;
+  });
+  pack_as(data_path("materials.gltf").string(), "materials", indexed);
+  pack_as(data_path("nodes.gltf").string(), "nodes",
+          [](convert::ConvertOptions& o) { o.encoding = convert::Encoding::kIndexed, o.float32 = true; });
   const std::string grid = folder.file("grid.glb");
   make_model(grid, {.columns = 12, .rows = 9, .color = true, .normal = true});
   pack_as(grid, "grid_clustered", [](convert::ConvertOptions& o) {
@@ -266,7 +384,9 @@ void make_scene_seeds(const TempFolder& folder) {
     o.encoding = convert::Encoding::kClustered;
     o.zstd_level = 3;
   });
-  pack_as(grid, "grid_zstd", [](convert::ConvertOptions& o) { o.zstd_level = 3, o.chunk_triangles = 50; });
+  pack_as(grid, "grid_zstd", [](convert::ConvertOptions& o) {
+    o.encoding = convert::Encoding::kIndexed, o.zstd_level = 3, o.chunk_triangles = 50;
+  });
 
   for (const char* name :
        {"colors.glb", "gpu_instancing.glb", "index_types.glb", "interleaved.glb", "left_out.glb", "modes.glb",
