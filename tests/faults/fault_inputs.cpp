@@ -1,12 +1,15 @@
 #include "tests/faults/fault_inputs.h"
 
+#include <algorithm>
 #include <array>
 #include <cstdint>
 #include <cstdlib>
 #include <filesystem>
+#include <numeric>
 #include <random>
 #include <span>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "tests/catch.h"
@@ -14,6 +17,7 @@
 #include "tests/models.h"
 #include "tests/paths.h"
 #include "tests/tools/model_maker.h"
+#include "tools/convert/gltf_document.h"
 #include "tools/convert/window.h"
 
 namespace scree::tests {
@@ -64,6 +68,37 @@ void write_shuffled(const TempFolder& folder) {
   ModelMaker maker(folder.file("shuffled.gltf"));
   maker.node("shuffled", maker.mesh("shuffled", {maker.primitive(points, corners)}));
   maker.finish();
+}
+
+/// giant.gltf and lying.gltf: a primitive of so many windows that one thread has a page of it in the file before the
+/// last, short window is measured. The first states the box of its positions; the second a larger one, which shows only
+/// then. The few vertices that are used come first of as many as it takes for a box to be believed.
+void write_giant(const TempFolder& folder) {
+  constexpr uint32_t kUsed = 2048;
+  constexpr uint64_t kVertices = convert::kLeastBounded, kCorners = 3 * (4 * convert::kWindowTriangles + 1000);
+  std::mt19937 random(7);
+  std::vector<float> points(3 * kVertices);
+  for (size_t i = 0; i < 3 * kUsed; ++i) points[i] = static_cast<float>(random() % 1001) * 0.001f;
+  std::fill_n(points.begin(), 3, 0.0f);
+  std::fill_n(points.begin() + 3, 3, 1.0f);
+  std::vector<uint16_t> corners(kCorners);
+  for (uint16_t& corner : corners) corner = static_cast<uint16_t>(random() % kUsed);
+  std::iota(corners.begin(), corners.begin() + 3, uint16_t{0});
+  std::string bytes(reinterpret_cast<const char*>(points.data()), 4 * points.size());
+  bytes.append(reinterpret_cast<const char*>(corners.data()), 2 * corners.size());
+  folder.write("giant.bin", bytes);
+  const std::string vertices = std::to_string(kVertices), corner_count = std::to_string(kCorners);
+  for (const auto& [name, largest] : {std::pair{"giant.gltf", "[1,1,1]"}, std::pair{"lying.gltf", "[2,1,1]"}})
+    folder.write(name, R"({"asset":{"version":"2.0"},"scene":0,"scenes":[{"nodes":[0]}],"nodes":[{"mesh":0}],
+"meshes":[{"primitives":[{"attributes":{"POSITION":0},"indices":1}]}],
+"buffers":[{"uri":"giant.bin","byteLength":)" +
+                           std::to_string(bytes.size()) + R"(}],
+"bufferViews":[{"buffer":0,"byteLength":)" +
+                           std::to_string(12 * kVertices) + R"(},{"buffer":0,"byteOffset":)" +
+                           std::to_string(12 * kVertices) + R"(,"byteLength":)" + std::to_string(2 * kCorners) + R"(}],
+"accessors":[{"bufferView":0,"componentType":5126,"count":)" +
+                           vertices + R"(,"type":"VEC3","min":[0,0,0],"max":)" + largest +
+                           R"(},{"bufferView":1,"componentType":5123,"type":"SCALAR","count":)" + corner_count + "}]}");
 }
 
 /// Grids before and beside each other round the origin, which hide some of each other.
@@ -117,6 +152,10 @@ void FaultInputs::add_many() {
   write_many(folder_);
   make("convert many.gltf -o many.scree --chunk-triangles 20 --quiet --threads 1");
   make("convert many.gltf -o many_packed.scree --chunk-triangles 32 --encoding clustered --zstd 1 --quiet --threads 1");
+}
+
+void FaultInputs::add_giant() {
+  write_giant(folder_);
 }
 
 void FaultInputs::check(const std::string& kind, const std::string& which, const std::string& outputs,

@@ -16,6 +16,10 @@ class FaultInputs {
   /// many.scree and many_packed.scree, of many chunks round the origin, for what streams them.
   void add_many();
 
+  /// giant.gltf and lying.gltf, whose only primitive is encoded while it is measured; what the second states of it
+  /// proves wrong when four windows are measured, and a page of them is in the file.
+  void add_giant();
+
   /// Runs scree_faults; fails the test with what it says where something is wrong. `options`: in front of all.
   void check(const std::string& kind, const std::string& which, const std::string& outputs, const std::string& command,
              const std::string& options = "");

@@ -7,6 +7,7 @@
 #include "runtime/device_scene.h"
 #include "tests/catch.h"
 #include "tests/faults/fault_inputs.h"
+#include "tests/tools/convert_fixture.h"
 #include "tests/tools/run_program.h"
 
 namespace scree::tests {
@@ -31,6 +32,16 @@ constexpr Job kResume[] = {
 };
 // Of which only what comes once the file to sort through is made: unlink takes its name away.
 constexpr Job kSort[] = {{"out.scree", "convert scattered.gltf -o out.scree --normals --quiet --threads 1"}};
+// A primitive that is encoded while it is measured, with as little work as may be done with a window. Of which only
+// what comes once the output is open, which is then emptied first.
+constexpr Job kGuess[] = {
+    {"out.scree",
+     "convert giant.gltf -o out.scree --order none --no-weld --chunk-triangles 65536 --positions 8 --encoding indexed "
+     "--quiet --threads 1"},
+    {"out.scree",
+     "convert lying.gltf -o out.scree --order none --no-weld --chunk-triangles 65536 --positions 8 --encoding indexed "
+     "--quiet --threads 1"},
+};
 // Triangles are read thrice, since so many vertices' new numbers fit into memory; buckets are written as they fill.
 constexpr Job kSortInPasses[] = {{"out", "sort shuffled.gltf 1000 1 out"}, {"out", "sort shuffled.gltf 1000 2 out"}};
 constexpr Job kReaders[] = {
@@ -75,6 +86,31 @@ void check_stream(const std::string& kind, const std::string& which) {
   for (const Job& job : kStream) inputs.check(kind, which, job.outputs, job.command, "-p -s 2");
 }
 
+/// Else nothing is tested of guesses: one comes true, and of the other a page is taken out of the file again.
+void must_guess(const TempFolder& folder) {
+  for (const bool is_right : {true, false}) {
+    convert::ConvertOptions options = options_of(folder, is_right ? "giant.gltf" : "lying.gltf");
+    options.order = convert::Order::kNone;
+    options.weld = options.source_ids = false;
+    options.chunk_triangles = 65536;
+    options.position_bits = 8;
+    options.encoding = convert::Encoding::kIndexed;
+    options.threads = 1;
+    const convert::ConvertReport report = must_convert(options);
+    CHECK(report.windows_guessed == (is_right ? 4 : 0));
+    CHECK(report.windows_discarded == (is_right ? 0 : 4));
+    CHECK((report.rates.written_bytes > report.output_bytes) == !is_right);
+  }
+}
+
+void check_guess(const std::string& kind, const std::string& which) {
+  FaultInputs inputs;
+  inputs.add_giant();
+  must_guess(inputs.folder());
+  // Whether a window is encoded before the next is measured is for threads to say, and so which call is the n-th.
+  for (const Job& job : kGuess) inputs.check(kind, which + "@ftruncate", job.outputs, job.command, "-s 2");
+}
+
 bool has_gpu() {
   const Result<void> device = runtime::find_device();
   if (device) return true;
@@ -90,6 +126,12 @@ constexpr const char* kStreamedOnGpu = "-p -j 4 -s 4";
 
 TEST_CASE("faults: every call for a file fails once while converting", "[faults]") {
   check_all("file", "all", kConvert);
+}
+TEST_CASE("faults: every call for a file fails once while a giant primitive is measured", "[faults][guess]") {
+  check_guess("file", "all" SCREE_FAULT_GUESS_STEP);
+}
+TEST_CASE("faults: every place that takes memory fails once while a giant primitive is measured", "[faults][guess]") {
+  check_guess("memory", "sites" SCREE_FAULT_GUESS_STEP);
 }
 TEST_CASE("faults: every call for a file fails once while a conversion is resumed", "[faults][resume]") {
   check_all("file", "all", kResume, "-r");
@@ -125,6 +167,8 @@ TEST_CASE("faults: every call fails once, also where that takes minutes", "[.][f
   check_all("memory", "all", kResume, "-r");
   check_all("memory", "all@unlink", kSortInPasses);
   check_all("memory", "all", kReaders);
+  check_guess("file", "all");
+  check_guess("memory", "all");
   check_stream("file", "all");
   check_stream("memory", "all");
 }
