@@ -4,9 +4,9 @@
 #include <filesystem>
 #include <string>
 
-#include "runtime/device_scene.h"
 #include "tests/catch.h"
 #include "tests/faults/fault_inputs.h"
+#include "tests/gpu.h"
 #include "tests/tools/convert_fixture.h"
 #include "tests/tools/run_program.h"
 
@@ -109,14 +109,6 @@ void check_guess(const std::string& kind, const std::string& which) {
   must_guess(inputs.folder());
   // Whether a window is encoded before the next is measured is for threads to say, and so which call is the n-th.
   for (const Job& job : kGuess) inputs.check(kind, which + "@ftruncate", job.outputs, job.command, "-s 2");
-}
-
-bool has_gpu() {
-  const Result<void> device = runtime::find_device();
-  if (device) return true;
-  CHECK(device.error().code == ErrorCode::kDevice);
-  WARN("skipped: " << device.error().message);
-  return false;
 }
 
 // Beginning with a GPU takes longer than all the rest, so that processes make many runs each.

@@ -5,8 +5,8 @@
 #include <random>
 #include <vector>
 
-#include "runtime/device_scene.h"
 #include "tests/catch.h"
+#include "tests/gpu.h"
 #include "tests/kernels/device_copy.h"
 #include "tests/kernels/hard_cases.h"
 #include "tests/kernels/scene_builder.h"
@@ -16,14 +16,6 @@ using namespace scree::tests;
 using kernels::View;
 
 namespace {
-
-bool has_device() {
-  const Result<void> found = runtime::find_device();
-  if (found) return true;
-  CHECK(found.error().code == ErrorCode::kDevice);
-  WARN("skipped: " << found.error().message);
-  return false;
-}
 
 /// `least`: pixels that the scene covers in each view, at least. That is looked at without a GPU, too. `first_id`: as
 /// SceneBuilder::view has it.
@@ -35,7 +27,7 @@ void compare(SceneBuilder& builder, const std::vector<View>& views, uint64_t lea
     INFO("view " << expected.size() - 1);
     CHECK(covered(expected.back()) >= least);
   }
-  if (!has_device()) return;
+  if (!has_gpu()) return;
   const DeviceCopy device(scene, builder.pages);
   for (size_t i = 0; i < views.size(); ++i) {
     INFO("view " << i);
@@ -196,7 +188,7 @@ constexpr kernels::CudaQueueSizes kNoRoom{1, 1, 1, 1, 1, 1, 1, 1};
 
 TEST_CASE("scenes of clustered and other chunks are drawn alike on the GPU, frame after frame", "[cuda][clusters]") {
   const MixedScene mixed;
-  if (!has_device()) return;
+  if (!has_gpu()) return;
   const DeviceCopy device(mixed.scene, mixed.builder.pages);
   for (const kernels::CudaQueueSizes& sizes : {kernels::CudaQueueSizes{}, in_two_passes(), kNoRoom}) {
     for (const bool occlusion : {true, false}) {
@@ -227,7 +219,7 @@ TEST_CASE("frames in parts are drawn alike on the GPU, what was seen before firs
        {FramePart::kRest, third(1)},
        {FramePart::kPart, third(2)},
        {FramePart::kRest, third(0)}}};
-  if (!has_device()) return;
+  if (!has_gpu()) return;
   const DeviceCopy device(mixed.scene, mixed.builder.pages);
   REQUIRE(mixed.builder.pages.size() >= 9);
   for (const kernels::CudaQueueSizes& sizes : {kernels::CudaQueueSizes{}, in_two_passes(), kNoRoom}) {

@@ -11,6 +11,7 @@
 #include "runtime/camera.h"
 #include "runtime/renderer.h"
 #include "tests/catch.h"
+#include "tests/gpu.h"
 #include "tests/models.h"
 #include "tests/paths.h"
 #include "tests/runtime/load_scene.h"
@@ -90,11 +91,7 @@ void compare(const Scene& scene, DeviceScene& device, const View& view, uint32_t
 }  // namespace
 
 TEST_CASE("the GPU draws what the CPU draws", "[cuda]") {
-  if (const Result<void> device = scree::runtime::find_device(); !device) {
-    CHECK(device.error().code == scree::ErrorCode::kDevice);
-    WARN("skipped: " << device.error().message);
-    return;
-  }
+  if (!scree::tests::has_gpu()) return;
   using Encoding = scree::convert::Encoding;
   for (const Encoding encoding : {Encoding::kIndexed, Encoding::kClustered})
     for (const auto& entry : std::filesystem::directory_iterator(scree::tests::kDataFolder)) {
@@ -128,10 +125,7 @@ TEST_CASE("the GPU draws what the CPU draws", "[cuda]") {
 }
 
 TEST_CASE("pages that only the GPU has are drawn and picked alike", "[cuda]") {
-  if (!scree::runtime::find_device()) {
-    WARN("skipped: no GPU");
-    return;
-  }
+  if (!scree::tests::has_gpu()) return;
   const scree::tests::TempFolder folder;
   for (const int level : {0, 3}) {
     scree::convert::ConvertOptions convert;
@@ -175,10 +169,7 @@ TEST_CASE("pages that only the GPU has are drawn and picked alike", "[cuda]") {
 }
 
 TEST_CASE("a scene over the device's budget is refused with both sizes", "[cuda]") {
-  if (!scree::runtime::find_device()) {
-    WARN("skipped: no GPU");
-    return;
-  }
+  if (!scree::tests::has_gpu()) return;
   const scree::tests::TempFolder folder;
   const Scene scene = load_cube(folder);
   const Result<DeviceScene> device = DeviceScene::upload(scene, 16, 1);
@@ -189,10 +180,7 @@ TEST_CASE("a scene over the device's budget is refused with both sizes", "[cuda]
 
 #ifdef SCREE_HAS_CUDA
 TEST_CASE("queues that are too small grow, and the frame is drawn again", "[cuda]") {
-  if (!scree::runtime::find_device()) {
-    WARN("skipped: no GPU");
-    return;
-  }
+  if (!scree::tests::has_gpu()) return;
   const scree::tests::TempFolder folder;
   const Scene scene = load_cube(folder);
   Result<DeviceScene> device = DeviceScene::upload(scene, 0, 2);

@@ -19,6 +19,7 @@
 #include "runtime/stream_cuda.h"
 #include "runtime/visible_chunks.h"
 #include "tests/catch.h"
+#include "tests/gpu.h"
 #include "tests/runtime/load_scene.h"
 #include "tests/runtime/paged_scene.h"
 #include "tests/tools/temp_folder.h"
@@ -34,10 +35,10 @@ using scree::runtime::Picture;
 using scree::runtime::Reading;
 using scree::runtime::Scene;
 using scree::tests::Encoding;
+using scree::tests::must_load;
 using scree::tests::PagedScene;
 using scree::tests::Soup;
 using scree::tests::TempFolder;
-using scree::tests::must_load;
 
 namespace kernels = scree::kernels;
 namespace runtime = scree::runtime;
@@ -102,7 +103,7 @@ TEST_CASE("a GPU lists and hides the chunks that the host does", "[cuda]") {
   PagedScene paged;
   paged.write(folder.file("wall.scree"), meshes);
   const Scene scene = must_load(folder.file("wall.scree"));
-  const bool has_gpu = static_cast<bool>(runtime::find_device());
+  const bool has_gpu = scree::tests::has_gpu();
   std::optional<CudaScene> device;
   kernels::CudaVisibleChunks on_device;
   if (has_gpu) {
@@ -164,10 +165,7 @@ TEST_CASE("a GPU lists and hides the chunks that the host does", "[cuda]") {
 }
 
 TEST_CASE("pieces of any size are copied within a GPU's memory", "[cuda]") {
-  if (!runtime::find_device()) {
-    WARN("skipped: no GPU");
-    return;
-  }
+  if (!scree::tests::has_gpu()) return;
   std::mt19937 random(5);
   constexpr uint64_t kUnit = 16;
   const uint64_t sizes[] = {0, 1, kUnit, 1000, (1 << 20) - 1, 1 << 20, (1 << 20) + 1, 5 << 20};
@@ -206,10 +204,7 @@ TEST_CASE("pieces of any size are copied within a GPU's memory", "[cuda]") {
 }
 
 TEST_CASE("a scene over the device's budget is streamed with the same samples", "[cuda]") {
-  if (!runtime::find_device()) {
-    WARN("skipped: no GPU");
-    return;
-  }
+  if (!scree::tests::has_gpu()) return;
   const TempFolder folder;
   write_soup(folder.file("soup.scree"));
   const Scene whole = must_load(folder.file("soup.scree"));

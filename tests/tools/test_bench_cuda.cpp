@@ -5,8 +5,8 @@
 #include <random>
 #include <vector>
 
-#include "runtime/device_scene.h"
 #include "tests/catch.h"
+#include "tests/gpu.h"
 #include "tools/bench/frames.h"
 #include "tools/bench/generate.h"
 #include "tools/bench/resident_scene.h"
@@ -16,15 +16,6 @@ using namespace scree;
 using namespace scree::bench;
 
 namespace {
-
-bool has_device() {
-  if (const Result<void> device = runtime::find_device(); !device) {
-    CHECK(device.error().code == ErrorCode::kDevice);
-    WARN("skipped: " << device.error().message);
-    return false;
-  }
-  return true;
-}
 
 constexpr Encoding kEncodings[] = {{false, 16, true}, {true, 16, false}, {false, 24, true}, {false, 8, false}};
 constexpr Encoding kClustered[] = {{false, 16, true, true}, {false, 24, true, true}, {false, 8, true, true}};
@@ -141,7 +132,7 @@ void check_culling(const synth::Scene& scene, int cameras, const kernels::CudaQu
 }  // namespace
 
 TEST_CASE("scenes generated on the GPU have the host's bytes", "[cuda]") {
-  if (!has_device()) return;
+  if (!tests::has_gpu()) return;
   for (const Encoding& encoding : kEncodings) {
     for (const synth::MeshOrder order : {synth::MeshOrder::kRow, synth::MeshOrder::kBlock}) {
       check_bytes(synth::terrain_scene(order, 0.004), encoding);  // faces of several chunks
@@ -153,7 +144,7 @@ TEST_CASE("scenes generated on the GPU have the host's bytes", "[cuda]") {
 }
 
 TEST_CASE("generated scenes are drawn on the GPU as on the CPU", "[cuda]") {
-  if (!has_device()) return;
+  if (!tests::has_gpu()) return;
   for (const Encoding& encoding : kEncodings) {
     check_picture(synth::sponzalike_scene(1), encoding);
     check_picture(synth::terrain_scene(synth::MeshOrder::kRow, 0.002), encoding);
@@ -168,7 +159,7 @@ TEST_CASE("generated scenes are drawn on the GPU as on the CPU", "[cuda]") {
 }
 
 TEST_CASE("culling of clusters changes no picture", "[cuda]") {
-  if (!has_device()) return;
+  if (!tests::has_gpu()) return;
   kernels::CudaQueueSizes rounds;  // all that there are
   rounds.two_pass_groups = 1;
   rounds.round_groups = 1;

@@ -15,6 +15,7 @@
 #include "runtime/renderer.h"
 #include "runtime/scene.h"
 #include "tests/catch.h"
+#include "tests/gpu.h"
 #include "tests/kernels/hard_cases.h"
 #include "tests/paths.h"
 #include "tests/tools/convert_fixture.h"
@@ -154,11 +155,7 @@ TEST_CASE("hard: no crack between meshes on the scene grid, and how many on grid
 }
 
 TEST_CASE("hard: a GPU sees no crack between meshes on the scene grid", "[cuda][hard]") {
-  if (const Result<void> device = runtime::find_device(); !device) {
-    CHECK(device.error().code == ErrorCode::kDevice);
-    WARN("skipped: " << device.error().message);
-    return;
-  }
+  if (!tests::has_gpu()) return;
   const TempFolder folder;
   make_room(folder.file("in.glb"));
   convert::ConvertOptions options = options_of(folder);
@@ -253,11 +250,7 @@ TEST_CASE("hard: texture coordinates in the thousands keep what float32 has of t
 }
 
 TEST_CASE("hard: a GPU shades texture coordinates in the thousands as the CPU does", "[cuda][hard]") {
-  if (const Result<void> device = runtime::find_device(); !device) {
-    CHECK(device.error().code == ErrorCode::kDevice);
-    WARN("skipped: " << device.error().message);
-    return;
-  }
+  if (!tests::has_gpu()) return;
   const TempFolder folder;
   for (const double offset : {1000.0, 5000.0, -70000.0}) {
     CAPTURE(offset);

@@ -13,6 +13,7 @@
 #include "runtime/parallel.h"
 #include "runtime/renderer.h"
 #include "tests/catch.h"
+#include "tests/gpu.h"
 #include "tests/models.h"
 #include "tests/tools/convert_fixture.h"
 #include "tests/tools/jpeg_model.h"
@@ -314,11 +315,7 @@ TEST_CASE("a group is asked for once, and one too many is forgotten", "[texture_
 }
 
 TEST_CASE("the GPU draws JPEG textures as if they were decoded whole, with caches of any size", "[cuda]") {
-  if (const Result<void> device = runtime::find_device(); !device) {
-    CHECK(device.error().code == ErrorCode::kDevice);
-    WARN("skipped: " << device.error().message);
-    return;
-  }
+  if (!tests::has_gpu()) return;
   const TempFolder folder;
   tests::make_jpeg_model(folder.file("in.glb"));
   std::vector<std::string> inputs = {folder.file("in.glb")};
@@ -385,10 +382,7 @@ TEST_CASE("the GPU draws JPEG textures as if they were decoded whole, with cache
 
 #ifdef SCREE_HAS_CUDA
 TEST_CASE("the GPU decodes every group of a JPEG to the CPU's samples", "[cuda]") {
-  if (!runtime::find_device()) {
-    WARN("skipped: no GPU");
-    return;
-  }
+  if (!tests::has_gpu()) return;
   const TempFolder folder;
   tests::make_jpeg_model(folder.file("in.glb"));
   tests::must_convert(tests::options_of(folder));
