@@ -10,6 +10,7 @@
 
 #include "kernels/clip.h"
 #include "kernels/depth_pyramid.h"
+#include "tests/kernels/drawn_chunks.h"
 #include "tests/kernels/scene_builder.h"
 
 using namespace scree;
@@ -133,21 +134,14 @@ void tally_chunk(const FrameView& view, const format::MeshRecord& mesh, const fo
 
 void tally_scene(const SceneView& scene, const View& camera, std::mt19937& random, Tally& tally) {
   const FrameView view = make_frame_view(camera);
-  for (uint64_t n = 0; n < scene.instance_count; ++n) {
-    const format::MeshRecord& mesh = scene.meshes[scene.instances[n].mesh];
-    for (uint64_t c = mesh.first_chunk; c < mesh.first_chunk + mesh.chunk_count; ++c) {
-      const format::ChunkRecord& chunk = scene.chunks[c];
-      Transform transform =
-          make_transform(view, scene.matrices[scene.instances[n].matrix], mesh.lattice_exponent, false);
-      set_error(transform, vertex_box(mesh, chunk, transform));
-      const ChunkReader reader = make_reader(mesh, chunk, scene.pages[chunk.page], transform, 0);
-      if (view.orthographic) {
-        tally_chunk<true>(view, mesh, chunk, reader, transform, random, tally);
-      } else {
-        tally_chunk<false>(view, mesh, chunk, reader, transform, random, tally);
-      }
+  for_each_drawn_chunk(scene, view, [&](const auto& mesh, const auto& chunk, const Transform& transform) {
+    const ChunkReader reader = make_reader(mesh, chunk, scene.pages[chunk.page], transform, 0);
+    if (view.orthographic) {
+      tally_chunk<true>(view, mesh, chunk, reader, transform, random, tally);
+    } else {
+      tally_chunk<false>(view, mesh, chunk, reader, transform, random, tally);
     }
-  }
+  });
 }
 
 }  // namespace

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <random>
 
+#include "tests/kernels/drawn_chunks.h"
 #include "tests/kernels/scene_builder.h"
 
 using namespace scree;
@@ -97,27 +98,20 @@ void tally_cluster(const FrameView& view, const SampleFilter& filter, const Chun
 
 void tally_scene(const SceneView& scene, const View& camera, Tally& tally) {
   const FrameView view = make_frame_view(camera);
-  for (uint64_t n = 0; n < scene.instance_count; ++n) {
-    const format::MeshRecord& mesh = scene.meshes[scene.instances[n].mesh];
-    for (uint64_t c = mesh.first_chunk; c < mesh.first_chunk + mesh.chunk_count; ++c) {
-      const format::ChunkRecord& chunk = scene.chunks[c];
-      const std::byte* const page = scene.pages[chunk.page] + chunk.offset;
-      const format::ChunkStreams streams = format::chunk_streams(mesh, chunk);
-      Transform transform =
-          make_transform(view, scene.matrices[scene.instances[n].matrix], mesh.lattice_exponent, false);
-      set_error(transform, vertex_box(mesh, chunk, transform));
-      const RelativeBox box = chunk_box(mesh, chunk, transform);
-      const SampleFilter filter = make_sample_filter(view, transform, error_of(transform, box), box, mesh, chunk);
-      const auto* const bounds = reinterpret_cast<const format::ClusterBounds*>(page + streams.cluster_bounds.offset);
-      const auto* const records = reinterpret_cast<const format::ClusterRecord*>(page + streams.clusters.offset);
-      const auto* const data = reinterpret_cast<const uint32_t*>(page + streams.cluster_data.offset);
-      for (uint32_t i = 0; i < chunk.cluster_count; ++i) {
-        const ChunkReader reader =
-            make_reader(mesh, chunk, scene.pages[chunk.page], transform, records[i].first_triangle);
-        tally_cluster(view, filter, reader, transform, records[i], bounds[i], data, tally);
-      }
+  for_each_drawn_chunk(scene, view, [&](const auto& mesh, const auto& chunk, const Transform& transform) {
+    const std::byte* const page = scene.pages[chunk.page] + chunk.offset;
+    const format::ChunkStreams streams = format::chunk_streams(mesh, chunk);
+    const RelativeBox box = chunk_box(mesh, chunk, transform);
+    const SampleFilter filter = make_sample_filter(view, transform, error_of(transform, box), box, mesh, chunk);
+    const auto* const bounds = reinterpret_cast<const format::ClusterBounds*>(page + streams.cluster_bounds.offset);
+    const auto* const records = reinterpret_cast<const format::ClusterRecord*>(page + streams.clusters.offset);
+    const auto* const data = reinterpret_cast<const uint32_t*>(page + streams.cluster_data.offset);
+    for (uint32_t i = 0; i < chunk.cluster_count; ++i) {
+      const ChunkReader reader =
+          make_reader(mesh, chunk, scene.pages[chunk.page], transform, records[i].first_triangle);
+      tally_cluster(view, filter, reader, transform, records[i], bounds[i], data, tally);
     }
-  }
+  });
 }
 
 }  // namespace

@@ -4,6 +4,7 @@
 #include <random>
 
 #include "kernels/setup.h"
+#include "tests/kernels/drawn_chunks.h"
 #include "tests/kernels/scene_builder.h"
 
 using namespace scree;
@@ -63,21 +64,14 @@ void tally_chunk(const FrameView& view, const format::MeshRecord& mesh, const fo
 Tally tally(const SceneView& scene, const View& camera) {
   const FrameView view = make_frame_view(camera);
   Tally out;
-  for (uint64_t n = 0; n < scene.instance_count; ++n) {
-    const format::MeshRecord& mesh = scene.meshes[scene.instances[n].mesh];
-    for (uint64_t c = mesh.first_chunk; c < mesh.first_chunk + mesh.chunk_count; ++c) {
-      const format::ChunkRecord& chunk = scene.chunks[c];
-      Transform transform = make_transform(view, scene.matrices[scene.instances[n].matrix], mesh.lattice_exponent,
-                                           mesh.position_encoding == format::PositionEncoding::kFloat32);
-      set_error(transform, vertex_box(mesh, chunk, transform));
-      const ChunkReader reader = make_reader(mesh, chunk, scene.pages[chunk.page], transform, 0);
-      if (view.orthographic) {
-        tally_chunk<true>(view, mesh, chunk, reader, transform, out);
-      } else {
-        tally_chunk<false>(view, mesh, chunk, reader, transform, out);
-      }
+  for_each_drawn_chunk(scene, view, [&](const auto& mesh, const auto& chunk, const Transform& transform) {
+    const ChunkReader reader = make_reader(mesh, chunk, scene.pages[chunk.page], transform, 0);
+    if (view.orthographic) {
+      tally_chunk<true>(view, mesh, chunk, reader, transform, out);
+    } else {
+      tally_chunk<false>(view, mesh, chunk, reader, transform, out);
     }
-  }
+  });
   return out;
 }
 

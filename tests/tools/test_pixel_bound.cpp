@@ -55,6 +55,26 @@ void make_scene(const std::string& path) {
   maker.finish();
 }
 
+/// Nothing is missing or beyond its mesh's bound; and the table has each of the three meshes once, and none that takes
+/// more than as floats.
+void check_bounds_and_table(const convert::ConvertOptions& options, const convert::ConvertReport& report,
+                            const tests::OpenFile& file) {
+  const auto source = convert::import_gltf(options.input, {});
+  REQUIRE(source);
+  const auto geometry = compare::compare_geometry(*source, file.file);
+  REQUIRE(geometry);
+  CHECK(geometry->broken.empty());
+  CHECK(geometry->missing_triangles == 0);
+  uint64_t counted = 0, triangles = 0;
+  for (const auto& [bits, row] : report.positions.rows()) {
+    counted += row.meshes;
+    triangles += row.triangles;
+    CHECK(row.saved >= 0);
+  }
+  CHECK(counted == 3);
+  CHECK(triangles == report.triangles);
+}
+
 }  // namespace
 
 TEST_CASE("pixel bound: no move within the world error passes the pixels, and little more does", "[pixel_bound]") {
@@ -138,21 +158,7 @@ TEST_CASE("pixel bound: meshes get the bits their instances need, and their meas
       // Half an ulp at 4e6 is 0.25 units: floats are kept, or the lattice of the floats themselves, which is exact.
       if (meshes[2].position_encoding == format::PositionEncoding::kLattice && pixels < 1)
         CHECK(meshes[2].max_position_error == 0);
-      const auto source = convert::import_gltf(options.input, {});
-      REQUIRE(source);
-      const auto geometry = compare::compare_geometry(*source, file.file);
-      REQUIRE(geometry);
-      CHECK(geometry->broken.empty());
-      CHECK(geometry->missing_triangles == 0);
-      // The table: every mesh once, and never more than floats would take.
-      uint64_t counted = 0, triangles = 0;
-      for (const auto& [bits, row] : report.positions.rows()) {
-        counted += row.meshes;
-        triangles += row.triangles;
-        CHECK(row.saved >= 0);
-      }
-      CHECK(counted == 3);
-      CHECK(triangles == report.triangles);
+      check_bounds_and_table(options, report, file);
     }
   }
 }
@@ -178,18 +184,7 @@ TEST_CASE("an error too small for one mesh's lattice keeps that mesh's floats, a
         }
         if (error == 1e-3) CHECK(meshes[0].position_encoding == format::PositionEncoding::kLattice);
         if (error == 1e-12) CHECK(floats == 3);
-        const auto source = convert::import_gltf(options.input, {});
-        REQUIRE(source);
-        const auto geometry = compare::compare_geometry(*source, file.file);
-        REQUIRE(geometry);
-        CHECK(geometry->broken.empty());
-        CHECK(geometry->missing_triangles == 0);
-        uint64_t counted = 0;
-        for (const auto& [bits, row] : report.positions.rows()) {
-          counted += row.meshes;
-          CHECK(row.saved >= 0);
-        }
-        CHECK(counted == 3);
+        check_bounds_and_table(options, report, file);
       }
     }
   }
