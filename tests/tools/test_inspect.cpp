@@ -14,6 +14,7 @@
 #include "tests/paths.h"
 #include "tests/tools/model_maker.h"
 #include "tests/tools/packed_file.h"
+#include "tools/convert/encode.h"
 #include "tools/inspect/inspect.h"
 #include "tools/inspect/report.h"
 #include "tools/inspect/stats.h"
@@ -215,6 +216,36 @@ TEST_CASE("inspect: the rows account for every byte of the file", "[inspect]") {
     }
   }
   CHECK(packed_count >= 2);
+}
+
+TEST_CASE("inspect: what duplicate vertices would take in clusters is not known", "[inspect][lean]") {
+  const tests::TempFolder folder;
+  tests::GridSpec grid;
+  grid.indexed = false;
+  tests::make_model(folder.file("in.glb"), grid);
+  for (const convert::Encoding encoding : {convert::Encoding::kIndexed, convert::Encoding::kClustered}) {
+    convert::ConvertOptions options;
+    options.encoding = encoding;
+    REQUIRE(tests::pack(folder.file("in.glb"), folder.file("a.scree"), options));
+    const auto [text, result] = inspect_text(folder.file("a.scree"), {true, false, false, 10, 2, false});
+    REQUIRE(result);
+    bool is_listed = false;
+    const json report = json::parse(text);
+    for (const json& entry : report.at("left_out")) {
+      if (entry.at("what") != "duplicate vertices") continue;
+      is_listed = true;
+      CHECK(entry.at("count") == 96 - 25);
+      CHECK(entry.contains("stored_bytes") == (encoding == convert::Encoding::kIndexed));
+    }
+    CHECK(is_listed);
+  }
+  // A sum is known where all of it is.
+  convert::Welded sum{1, 12, 48};
+  sum.add({1, 12, 40});
+  CHECK(sum.cost_bits == 88);
+  sum.add({1, 12, convert::Welded::kNotKnown});
+  sum.add({1, 12, 40});
+  CHECK(sum.cost_bits == convert::Welded::kNotKnown);
 }
 
 TEST_CASE("inspect: --verify finds a flipped bit in every byte", "[inspect][verify]") {

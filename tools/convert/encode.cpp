@@ -509,9 +509,10 @@ Result<Welded> weld(const Primitive& primitive, const MeshPlan& mesh, EncodeScra
   return welded;
 }
 
-/// What `vertices` more would have taken with the widths of the chunks' vertices.
+/// Welded::cost_bits of so many vertices, with the widths of the chunks'.
 uint64_t cost_bits(uint64_t vertices, const MeshPlan& mesh, const std::vector<EncodedChunk>& chunks) {
-  if (mesh.clustered || chunks.empty()) return 0;
+  if (vertices == 0 || chunks.empty()) return 0;
+  if (mesh.clustered) return Welded::kNotKnown;
   uint64_t bits = 0, count = 0;
   for (const EncodedChunk& chunk : chunks) {
     const format::ChunkRecord& r = chunk.record;

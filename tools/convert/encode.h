@@ -54,14 +54,17 @@ struct EncodedChunk {
 
 /// Vertices that became another one.
 struct Welded {
+  // Of vertices in clusters: many of those that a cluster shares with others it has of its own in any case.
+  static constexpr uint64_t kNotKnown = UINT64_MAX;
+
   uint64_t vertices = 0;
   uint64_t source_bytes = 0;
-  uint64_t cost_bits = 0;  // with the widths of the vertices that stayed; 0 where clustered: not known
+  uint64_t cost_bits = 0;  // with the widths of the vertices that stayed, or kNotKnown
 
   void add(const Welded& other) {
     vertices += other.vertices;
     source_bytes += other.source_bytes;
-    cost_bits += other.cost_bits;
+    cost_bits = cost_bits == kNotKnown || other.cost_bits == kNotKnown ? kNotKnown : cost_bits + other.cost_bits;
   }
 };
 

@@ -26,6 +26,10 @@ uint64_t cost_of(const LeftOut& entry) {
   return 0;  // not known without encoding it, or nothing that the format has
 }
 
+uint64_t weld_cost(const Welded& welded) {
+  return welded.cost_bits == Welded::kNotKnown ? 0 : welded.cost_bits / 8;
+}
+
 /// The sum of `bytes(chunk)` over a mesh's chunks.
 template <class Bytes>
 uint64_t sum_of_chunks(const format::TableSet& tables, uint32_t mesh, const Bytes& bytes) {
@@ -124,7 +128,7 @@ void add_left_out(const LeftOutFacts& facts, format::TableSet& tables) {
   add("duplicate images", image_count, image_bytes, image_bytes + sizeof(format::ImageRecord) * image_count);
   add("duplicate textures", facts.merged.textures, 0, sizeof(format::TextureRecord) * facts.merged.textures);
   add("duplicate materials", facts.merged.materials, 0, sizeof(format::MaterialRecord) * facts.merged.materials);
-  add("duplicate vertices", facts.welded.vertices, facts.welded.source_bytes, facts.welded.cost_bits / 8);
+  add("duplicate vertices", facts.welded.vertices, facts.welded.source_bytes, weld_cost(facts.welded));
   add("degenerate triangles of strips and fans", facts.dropped_degenerate, 0, 0);
   add("triangles with positions that are not finite", facts.dropped_nonfinite, 0, 0);
   add("texture coordinates that are not finite", facts.repaired_uvs, 0, 0);

@@ -378,7 +378,8 @@ void add_footnotes(const Stats& stats, std::string& text) {
   }
   text +=
       "  [9] A chunk's indices are stored as differences to its smallest, all with the bits that the largest needs.\n"
-      "  [10] As near as can be said without encoding it, before compression; -: nothing, or not known.\n";
+      "  [10] As near as can be said without encoding it, before compression; -: not known (as of duplicate\n"
+      "      vertices in clusters), or nothing.\n";
 }
 
 }  // namespace

@@ -322,7 +322,9 @@ void container_member(JsonWriter& json, const format::Container& file, const Sta
     json.member("what", file.string(left_out[i].what));
     json.member("count", left_out[i].count);
     json.member("source_bytes", left_out[i].source_bytes);
-    if (!file.left_out_costs().empty()) json.member("stored_bytes", file.left_out_costs()[i]);
+    // 0 stands for what is not known.
+    if (!file.left_out_costs().empty() && file.left_out_costs()[i] != 0)
+      json.member("stored_bytes", file.left_out_costs()[i]);
     json.end_object();
   }
   json.end_array();
