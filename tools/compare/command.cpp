@@ -287,7 +287,8 @@ Command add_compare(CLI::App& parent) {
          "--of", words->of,
          "The .scree file of two visibility buffers: tells other meshes and neighbours apart. Given twice, A's "
          "file\nfirst, then B's, encoded differently: triangles are matched by their source numbers (convert "
-         "--source-ids)")
+         "--source-ids). Files of\none source have the same triangles, so that a wrong order shows only as wrong "
+         "pixels")
       ->type_size(1)
       ->expected(1)
       ->allow_extra_args(false)  // the next word is a file to read
