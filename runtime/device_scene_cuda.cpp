@@ -149,7 +149,8 @@ Result<kernels::FrameStats> DeviceScene::draw(const kernels::View& view, kernels
                                               const kernels::ShadeOptions* shade) {
   const uint64_t bytes = uint64_t{view.width} * view.height * sizeof(uint64_t);
   if (impl_->samples.bytes() != bytes) {
-    impl_->samples = DeviceBuffer();
+    if (const Result<void> freed = impl_->samples.release("freeing the visibility buffer"); !freed)
+      return freed.error();
     Result<DeviceBuffer> buffer = DeviceBuffer::allocate(bytes, "allocating the visibility buffer");
     if (!buffer) return buffer.error();
     impl_->samples = std::move(*buffer);
@@ -183,12 +184,8 @@ Result<void> DeviceScene::resolve(const kernels::View& view, uint32_t samples_pe
                                         std::to_string(view.height) + " samples was drawn"};
   if (auto checked = kernels::check_resolve(view, samples_per_side); !checked) return checked;
   const uint64_t count = uint64_t{view.width / samples_per_side} * (view.height / samples_per_side);
-  if (impl_->pixels.bytes() < count * sizeof(uint32_t)) {
-    impl_->pixels = DeviceBuffer();
-    Result<DeviceBuffer> buffer = DeviceBuffer::allocate(count * sizeof(uint32_t), "allocating the picture");
-    if (!buffer) return buffer.error();
-    impl_->pixels = std::move(*buffer);
-  }
+  if (auto reserved = impl_->pixels.reserve(count * sizeof(uint32_t), "allocating the picture"); !reserved)
+    return reserved.error();
   const auto device_pixels = reinterpret_cast<uint32_t*>(impl_->pixels.data());
   const bool from_colors = impl_->stream != nullptr && kernels::shades_from_chunks(options.show);
   if (from_colors && impl_->stream->colors() == nullptr)
