@@ -10,12 +10,6 @@
 namespace scree::kernels {
 inline namespace SCREE_ISA {
 
-/// The samples that triangles may cover, and the nearest depth code that they may have there.
-struct ScreenBounds {
-  uint32_t nearest_code;
-  PixelBox pixels;
-};
-
 SCREE_HD inline uint32_t code_of_depth(double depth, bool orthographic) {
   const auto value = static_cast<float>(min_of(depth, 1.0));
   return orthographic ? depth_code<true>(value) : depth_code<false>(value);
@@ -27,7 +21,7 @@ SCREE_HD inline uint32_t code_of_depth(double depth, bool orthographic) {
 /// that is not finite.
 SCREE_HD inline bool find_screen_bounds(const Transform& transform, const FrameView& view, const RelativeBox& box,
                                         ScreenBounds& bounds) {
-  bounds = {0, {0, 0, view.width - 1, view.height - 1}};
+  bounds = {{0, 0, view.width - 1, view.height - 1}, 0};
   constexpr double kSlack = 1.0 / (1 << 20);
   constexpr double kHuge = 1e300;  // NaN and infinity are not below it
   const double* rows[3] = {transform.exact_x, transform.exact_y, transform.exact_w};
@@ -75,7 +69,7 @@ SCREE_HD inline bool find_screen_bounds(const Transform& transform, const FrameV
   const double nearest =
       view.orthographic ? high[2] + abs_of(high[2]) * (kMore - 1) + slack[2] : kMore / (low[2] - slack[2]);
   if (!(abs_of(nearest) < kHuge)) return true;
-  bounds = {code_of_depth(nearest, view.orthographic), {first[0], first[1], last[0], last[1]}};
+  bounds = {{first[0], first[1], last[0], last[1]}, code_of_depth(nearest, view.orthographic)};
   return true;
 }
 
@@ -85,16 +79,6 @@ SCREE_HD inline bool find_chunk_bounds(const format::MeshRecord& mesh, const for
                                        const Transform& transform, const FrameView& view, ScreenBounds& bounds) {
   const RelativeBox box = vertex_box(mesh, chunk, transform);
   return may_be_seen(transform, view, box) && find_screen_bounds(transform, view, box, bounds);
-}
-
-/// Whether all that lies within the bounds has larger depth codes than the pyramid's samples, or nearer ones. Its
-/// levels from `first_level` on are asked: squares that are a quarter of the box or larger, at most 5 x 5 of them.
-SCREE_HD inline bool is_behind(const DepthPyramid& pyramid, uint32_t first_level, const ScreenBounds& bounds) {
-  const PixelBox& pixels = bounds.pixels;
-  const int32_t longest = max_of(pixels.x1 - pixels.x0, pixels.y1 - pixels.y0);
-  uint32_t level = first_level;
-  while (level < kPyramidLevels && longest >> level > 3) ++level;
-  return bounds.nearest_code > farthest_code(pyramid, level, pixels);
 }
 
 }  // namespace SCREE_ISA

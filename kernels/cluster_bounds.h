@@ -5,20 +5,14 @@
 #pragma once
 
 #include "format/cluster_layout.h"
+#include "kernels/depth_pyramid.h"
 #include "kernels/sample_filter.h"
-#include "kernels/setup.h"
 
 namespace scree::kernels {
 inline namespace SCREE_ISA {
 
 /// What of a box is in the picture: nothing; something, but between pixel centres; pixel centres.
 enum class BoxShows : uint32_t { kNothing, kBetween, kCenters };
-
-/// Pixel centres that triangles in a box may cover; where it lies between them, those around it.
-struct ScreenBounds {
-  PixelBox pixels;        // inside of the image; not empty
-  uint32_t nearest_code;  // no depth code there is smaller; 0 where nothing can be said
-};
 
 /// A box in offsets from a chunk's position_min.
 struct OffsetBox {
@@ -59,9 +53,9 @@ SCREE_HD inline CenterRange center_range(const FrameView& view) {
   return out;
 }
 
-/// kCenters wherever a triangle of vertices in the box covers a pixel centre; `out` is filled unless it is kNothing.
-/// `filter`: of the box's chunk, for the
-/// whole of it. `near_slack`: by how much w may be off, SampleFilter::w_lowest - 1 (orthographic: w_lowest).
+/// kCenters wherever a triangle of vertices in the box covers a pixel centre; `out` is filled unless it is kNothing:
+/// pixel centres that such triangles may cover, where the box lies between them those around it. `filter`: of the box's
+/// chunk, for the whole of it.
 template <bool kOrthographic>
 SCREE_HD inline BoxShows bound_on_screen(const SampleFilter& filter, const FrameView& view, const CenterRange& centers,
                                          const OffsetBox& box, ScreenBounds& out) {

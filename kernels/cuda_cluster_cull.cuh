@@ -11,17 +11,12 @@ namespace scree::kernels {
 /// Which bucket a chunk's nearest point is in: w is 1 on the near plane and grows with the distance; an orthographic
 /// camera's t is 1 there and 0 on the far plane. NaN is in any.
 __device__ inline uint32_t near_bucket(const FrameView& view, const Transform& transform, const RelativeBox& box) {
-  double at = transform.exact_w[3];
-  double reach = 0;
-  for (int i = 0; i < 3; ++i) {
-    at += transform.exact_w[i] * box.center[i];
-    reach += abs_of(transform.exact_w[i]) * box.extent[i];
-  }
+  const double near = nearness(transform, view, box);
   if (view.orthographic) {
-    const auto far = static_cast<float>((1.0 - (at + reach)) * kNearBuckets);
+    const auto far = static_cast<float>(near * kNearBuckets);
     return static_cast<uint32_t>(greatest(least(far, kNearBuckets - 1.0f), 0.0f));
   }
-  const float nearest = greatest(static_cast<float>(at - reach), 1.0f);
+  const float nearest = greatest(static_cast<float>(near), 1.0f);
   return min_of((float_bits(nearest) - float_bits(1.0f)) >> 18, kNearBuckets - 1);
 }
 

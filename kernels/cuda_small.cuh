@@ -75,7 +75,7 @@ __device__ __noinline__ uint32_t draw_the_long_way(const SmallFrame& frame, uint
   Transform transform = frame.list.transforms[instance];
   set_error(transform, vertex_box(mesh, chunk, transform));
   const ChunkReader reader = make_reader(mesh, chunk, frame.scene.pages[chunk.page], transform, number);
-  const RasterSmall<kOrthographic> pass{frame.scene, frame.view, frame.target, frame.queues, 0};
+  const RasterSmall<kOrthographic> pass{frame.scene, frame.view, frame.target, frame.queues};
   typename RasterSmall<kOrthographic>::Context context{&reader, &transform, is_double_sided(frame.scene, mesh),
                                                        frame.scene.instance_base[instance] + chunk.first_triangle,
                                                        kLaneBox};

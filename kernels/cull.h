@@ -47,6 +47,18 @@ SCREE_HD inline bool may_be_seen(const Transform& transform, const FrameView& vi
   return true;
 }
 
+/// How far away the nearest point of a box is: w, which is 1 on the near plane; of an orthographic camera 0 on its near
+/// plane and 1 on its far one. Only good for an order.
+SCREE_HD inline double nearness(const Transform& transform, const FrameView& view, const RelativeBox& box) {
+  double at = transform.exact_w[3];
+  double reach = 0;
+  for (int i = 0; i < 3; ++i) {
+    at += transform.exact_w[i] * box.center[i];
+    reach += abs_of(transform.exact_w[i]) * box.extent[i];
+  }
+  return view.orthographic ? 1.0 - (at + reach) : at - reach;
+}
+
 /// One team an instance: culls it, then its chunks with the lanes, and appends the blocks of those that remain.
 struct Cull {
   SceneView scene;
@@ -68,15 +80,17 @@ struct Cull {
     for (uint64_t i = team.rank(); i < mesh.chunk_count; i += team.size()) {
       const format::ChunkRecord& chunk = scene.chunks[mesh.first_chunk + i];
       if (chunk.triangle_count == 0 || scene.pages[chunk.page] == nullptr) continue;
+      const RelativeBox box = vertex_box(mesh, chunk, transform);
       // A mesh of one chunk has been tested already.
-      if (!float32 && mesh.chunk_count > 1 && !may_be_seen(transform, view, chunk_box(mesh, chunk, transform)))
-        continue;
+      if (!float32 && mesh.chunk_count > 1 && !may_be_seen(transform, view, box)) continue;
+      const double near = nearness(transform, view, box);
+      const float nearest = near > 0 ? static_cast<float>(near) : 0.0f;  // NaN has no place in an order
       ++draws;
       for (uint64_t start = 0; start < chunk.triangle_count; start += block_triangles) {
         const uint64_t left = chunk.triangle_count - start;
         push(team, &queues.counters->blocks, queues.blocks, queues.block_capacity,
              DrawBlock{number, mesh.first_chunk + i, static_cast<uint32_t>(start),
-                       static_cast<uint32_t>(min_of<uint64_t>(left, block_triangles))});
+                       static_cast<uint32_t>(min_of<uint64_t>(left, block_triangles)), nearest});
       }
     }
     if (draws != 0) team.add(&queues.counters->draws, draws);

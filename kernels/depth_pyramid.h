@@ -8,6 +8,12 @@
 namespace scree::kernels {
 inline namespace SCREE_ISA {
 
+/// The samples that triangles may cover, and the nearest depth code that they may have there.
+struct ScreenBounds {
+  PixelBox pixels;        // inside of the image; not empty
+  uint32_t nearest_code;  // 0 where nothing can be said
+};
+
 /// Levels 1 to kPyramidLevels; one square of the last covers the largest image.
 inline constexpr uint32_t kPyramidLevels = 14;
 static_assert(kMaxImageSide <= 1u << kPyramidLevels);
@@ -107,6 +113,16 @@ SCREE_HD inline bool is_hidden(const DepthPyramid& pyramid, const uint64_t* samp
   const uint32_t farthest = max_of(max_of(first[box.x0 >> level], first[box.x1 >> level]),
                                    max_of(second[box.x0 >> level], second[box.x1 >> level]));
   return nearest_code > farthest || nearest_code > farthest_code(pyramid, level - 1, box);
+}
+
+/// Whether all that lies within the bounds has larger depth codes than the pyramid's samples, or nearer ones. Its
+/// levels from `first_level` on are asked: squares that are a quarter of the box or larger, at most 5 x 5 of them.
+SCREE_HD inline bool is_behind(const DepthPyramid& pyramid, uint32_t first_level, const ScreenBounds& bounds) {
+  const PixelBox& pixels = bounds.pixels;
+  const int32_t longest = max_of(pixels.x1 - pixels.x0, pixels.y1 - pixels.y0);
+  uint32_t level = first_level;
+  while (level < kPyramidLevels && longest >> level > 3) ++level;
+  return bounds.nearest_code > farthest_code(pyramid, level, pixels);
 }
 
 }  // namespace SCREE_ISA

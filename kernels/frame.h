@@ -72,7 +72,7 @@ struct FrameStats {
   uint64_t triangles_medium;
   uint64_t triangles_large;
   uint64_t triangles_clipped;
-  // A GPU's frame of clustered chunks.
+  // Of clustered chunks.
   uint64_t groups_tested;  // of 32 clusters
   uint64_t clusters_tested;
   uint64_t clusters_drawn;

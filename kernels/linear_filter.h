@@ -67,7 +67,7 @@ SCREE_HD inline LinearMiddle make_linear_middle(const SampleFilter& filter, cons
     w = fused(filter.w[i], out.place[i], w);
     w_reach = fused(size_of(filter.w[i]), out.reach[i], w_reach);
   }
-  out.scale = reciprocal(w);
+  out.scale = filter_reciprocal(w);
   // How much w changes within the box, and how much it may be off, as shares of it.
   const float change = w_reach * out.scale;
   const float off = fused(filter.w_lowest - 1.0f, out.scale, 1e-6f);

@@ -10,10 +10,12 @@
 //   Counters* counters()                      the place itself, for the passes
 #pragma once
 
+#include <algorithm>
+
 #include "kernels/cull.h"
+#include "kernels/raster_blocks.h"
 #include "kernels/raster_large.h"
 #include "kernels/raster_medium.h"
-#include "kernels/raster_small.h"
 
 namespace scree::kernels {
 
@@ -26,6 +28,10 @@ struct QueueSizes {
   uint64_t instances_at_a_time = 1u << 20;
   uint64_t blocks_at_a_time = 1u << 12;
   uint32_t block_triangles = 65536;  // of a draw block
+  // What is left out of clustered chunks, and of indexed ones on a lattice; no picture depends on it.
+  bool cluster_bounds = true;           // what is outside of the picture, or between pixel centres
+  bool occlusion = true;                // what is behind the depth pyramid of what is nearer; takes cluster_bounds
+  uint64_t round_triangles = 1u << 20;  // of the first round, after which there is a pyramid
 };
 
 inline namespace SCREE_ISA {
@@ -41,6 +47,61 @@ struct Clear {
   }
 };
 
+/// Levels kPyramidFirstLevel to kBandLevels of the depth pyramid, of 2^kBandLevels rows of samples.
+struct PyramidBand {
+  static constexpr uint32_t kBandLevels = 6;
+
+  DepthPyramid pyramid;
+  const uint64_t* samples;
+
+  template <class Team>
+  void operator()(uint32_t item, Team) const {
+    constexpr int32_t kSide = 1 << kPyramidFirstLevel;
+    for (int32_t y = first_row(item, kPyramidFirstLevel); y < end_row(item, kPyramidFirstLevel); ++y) {
+      const uint64_t* rows[kSide];  // the last of the image again where there are fewer
+      for (int32_t i = 0; i < kSide; ++i) {
+        const auto row = static_cast<uint64_t>(min_of(kSide * y + i, pyramid.height - 1));
+        rows[i] = samples + row * static_cast<uint64_t>(pyramid.width);
+      }
+      fill_row(rows, pyramid.row(kPyramidFirstLevel, y));
+    }
+    for (uint32_t level = kPyramidFirstLevel + 1; level <= kBandLevels; ++level) {
+      for (int32_t y = first_row(item, level); y < end_row(item, level); ++y) {
+        for (int32_t x = 0; x < pyramid.across(level); ++x)
+          pyramid.row(level, y)[x] = code_from_below(pyramid, level, x, y);
+      }
+    }
+  }
+
+ private:
+  /// In runs of samples, so that the compiler makes vectors of them.
+  void fill_row(const uint64_t* const rows[4], uint32_t* out) const {
+    constexpr int32_t kRun = 256;
+    uint32_t codes[kRun];
+    for (int32_t start = 0; start < pyramid.width; start += kRun) {
+      const int32_t count = min_of(kRun, pyramid.width - start);
+      for (int32_t i = 0; i < count; ++i) {
+        const uint32_t upper = max_of(sample_depth_code(rows[0][start + i]), sample_depth_code(rows[1][start + i]));
+        const uint32_t lower = max_of(sample_depth_code(rows[2][start + i]), sample_depth_code(rows[3][start + i]));
+        codes[i] = max_of(upper, lower);
+      }
+      for (int32_t i = count; i < kRun; ++i) codes[i] = 0;
+      const int32_t squares = (count - 1) / 4 + 1;
+      for (int32_t i = 0; i < squares; ++i) {
+        const uint32_t* const four = codes + 4 * i;
+        out[start / 4 + i] = max_of(max_of(four[0], four[1]), max_of(four[2], four[3]));
+      }
+    }
+  }
+
+  static int32_t first_row(uint32_t item, uint32_t level) {
+    return static_cast<int32_t>(item << (kBandLevels - level));
+  }
+  int32_t end_row(uint32_t item, uint32_t level) const {
+    return min_of(first_row(item + 1, level), pyramid.down(level));
+  }
+};
+
 /// Draws into a picture that was cleared, or holds what chunks that have gone since drew. `draw()` returns false when
 /// memory ran out.
 template <class Backend, bool kOrthographic>
@@ -51,6 +112,9 @@ class FrameDrawer {
       : backend_(backend), scene_(scene), view_(view), target_{samples, view.width}, sizes_(sizes) {
     queues_ = Queues{};
     queues_.counters = backend.counters();
+    culling_.centers = center_range(view);
+    culling_.bounds = sizes.cluster_bounds;
+    culling_.occlusion = culls_hidden();
   }
   FrameDrawer(const FrameDrawer&) = delete;
   FrameDrawer& operator=(const FrameDrawer&) = delete;
@@ -59,6 +123,7 @@ class FrameDrawer {
     backend_.release(queues_.medium);
     backend_.release(queues_.large);
     backend_.release(queues_.tiles);
+    backend_.release(codes_);
   }
 
   bool draw(FrameStats& stats) {
@@ -94,7 +159,7 @@ class FrameDrawer {
   }
 
  private:
-  static constexpr uint64_t kMostBlocks = 1u << 22;     // 96 MiB; beyond, fewer instances at a time
+  static constexpr uint64_t kMostBlocks = 1u << 22;     // 128 MiB; beyond, fewer instances at a time
   static constexpr uint64_t kMostTriangles = 1u << 21;  // 96 MiB a queue; beyond, fewer blocks at a time
 
   static uint64_t tiles_of(int32_t side) { return (static_cast<uint64_t>(side) + kTileSide - 1) / kTileSide; }
@@ -112,12 +177,23 @@ class FrameDrawer {
     return true;
   }
 
+  bool culls_hidden() const { return sizes_.cluster_bounds && sizes_.occlusion; }
+
+  /// From near to far, in rounds: each as much as all before, which then may hide what comes next.
   bool draw_blocks(uint64_t total, FrameStats& stats) {
+    if (culls_hidden()) {
+      std::sort(queues_.blocks, queues_.blocks + total,
+                [](const DrawBlock& a, const DrawBlock& b) { return a.nearest < b.nearest; });
+    }
     uint64_t share = max_of<uint64_t>(sizes_.blocks_at_a_time, 1);
+    uint64_t end_of_round = 0;
     for (uint64_t first = 0; first < total;) {
-      const uint64_t count = min_of(share, total - first);
+      if (culls_hidden() && first >= end_of_round) end_of_round = begin_round(first, total);
+      const uint64_t count = min_of(share, (culls_hidden() ? end_of_round : total) - first);
       backend_.write_counters(Counters{});
-      backend_.for_each(count, RasterSmall<kOrthographic>{scene_, view_, target_, queues_, first});
+      ClusterCounts clusters{};
+      backend_.for_each(count,
+                        RasterBlocks<kOrthographic>{{scene_, view_, target_, queues_}, culling_, &clusters, first});
       const Counters drawn = backend_.read_counters();
       if (drawn.medium > queues_.medium_capacity || drawn.large > queues_.large_capacity) {
         if (count > 1 && max_of(drawn.medium, drawn.large) > kMostTriangles) {
@@ -137,9 +213,41 @@ class FrameDrawer {
       stats.triangles_medium += drawn.medium;
       stats.triangles_large += drawn.large;
       stats.triangles_clipped += drawn.triangles_clipped;
+      stats.groups_tested += clusters.groups_tested;
+      stats.clusters_tested += clusters.clusters_tested;
+      stats.clusters_drawn += clusters.clusters_drawn;
       first += count;
     }
     return true;
+  }
+
+  /// Where the round ends that begins with block `first`. It is drawn against a pyramid of all before, if that is worth
+  /// its time.
+  uint64_t begin_round(uint64_t first, uint64_t total) {
+    const uint64_t most = max_of(offered_, max_of<uint64_t>(sizes_.round_triangles, 1));
+    uint64_t triangles = 0;
+    uint64_t end = first;
+    while (end < total && (end == first || triangles + queues_.blocks[end].triangle_count <= most))
+      triangles += queues_.blocks[end++].triangle_count;
+    const auto samples = static_cast<uint64_t>(view_.width) * static_cast<uint64_t>(view_.height);
+    if (offered_ != 0 && triangles >= samples / 2) build_pyramid();
+    offered_ += triangles;
+    return end;
+  }
+
+  /// Of the samples as they are. Without memory for it nothing is taken to be hidden.
+  void build_pyramid() {
+    DepthPyramid& pyramid = culling_.pyramid;
+    if (pyramid.codes == nullptr) {
+      const uint64_t count = lay_out(pyramid, view_.width, view_.height, kPyramidFirstLevel);
+      codes_ = backend_.template allocate<uint32_t>(count);
+      if (codes_ == nullptr) return;
+      pyramid.codes = codes_;
+    }
+    backend_.for_each(static_cast<uint64_t>(pyramid.down(PyramidBand::kBandLevels)),
+                      PyramidBand{pyramid, target_.samples});
+    for (uint32_t level = PyramidBand::kBandLevels + 1; level <= kPyramidLevels; ++level)
+      fill_level(pyramid, level, 0, 1);
   }
 
   /// A triangle can have 65,536 tiles, so the queue of tiles does not grow: fewer triangles go at a time.
@@ -165,6 +273,9 @@ class FrameDrawer {
   Target target_;
   QueueSizes sizes_;
   Queues queues_;
+  ClusterCulling culling_{};
+  uint32_t* codes_ = nullptr;  // of culling_.pyramid
+  uint64_t offered_ = 0;       // triangles of the rounds so far
 };
 
 template <class Backend>

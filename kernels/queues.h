@@ -15,6 +15,7 @@ struct DrawBlock {
   uint64_t chunk;
   uint32_t first_triangle;  // of the chunk
   uint32_t triangle_count;
+  float nearest;  // nearness(): of the chunk
 };
 
 /// One 64 x 64 tile of the image under one triangle of the large queue.

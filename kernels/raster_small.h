@@ -1,4 +1,4 @@
-// Stage 1: projects the triangles of draw blocks, draws the small ones, one lane each, and queues the others.
+// Stage 1 of a triangle: projects it, draws it where it is small, and queues it where not.
 #pragma once
 
 #include "kernels/clip.h"
@@ -56,7 +56,6 @@ struct RasterSmall {
   FrameView view;
   Target target;
   Queues queues;
-  uint64_t first;  // block of item 0
 
   struct Context {
     const ChunkReader* reader;
@@ -67,33 +66,6 @@ struct RasterSmall {
     uint64_t small = 0;
     uint64_t clipped = 0;
   };
-
-  template <class Team>
-  SCREE_HD void operator()(uint32_t item, Team team) const {
-    const DrawBlock block = queues.blocks[first + item];
-    const format::InstanceRecord& instance = scene.instances[block.instance];
-    const format::MeshRecord& mesh = scene.meshes[instance.mesh];
-    const format::ChunkRecord& chunk = scene.chunks[block.chunk];
-    Transform transform = make_transform(view, scene.matrices[instance.matrix], mesh.lattice_exponent,
-                                         mesh.position_encoding == format::PositionEncoding::kFloat32);
-    set_error(transform, vertex_box(mesh, chunk, transform));
-    Context context{
-        nullptr, &transform,
-        mesh.material != format::kNone && (scene.materials[mesh.material].flags & format::kMaterialDoubleSided) != 0,
-        scene.instance_base[block.instance] + chunk.first_triangle};
-    const uint32_t end = block.first_triangle + block.triangle_count;
-    for (uint32_t at = block.first_triangle; at < end;) {
-      // All there is of an indexed chunk, or of a clustered one its next cluster.
-      const ChunkReader reader = make_reader(mesh, chunk, scene.pages[chunk.page], transform, at);
-      context.reader = &reader;
-      const uint32_t count = min_of(end, reader.end_triangle) - at;
-      draw_run(team, context, chunk, at, count);
-      at += count;
-    }
-    team.add(&queues.counters->triangles_small, context.small);
-    if (context.clipped != 0) team.add(&queues.counters->triangles_clipped, context.clipped);
-    if (team.rank() == 0) team.add(&queues.counters->triangles, block.triangle_count);
-  }
 
   /// Draws `count` triangles of the chunk that context.reader reads.
   template <class Team>

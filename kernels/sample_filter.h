@@ -153,7 +153,7 @@ SCREE_HD inline float size_of(float a) {
 }
 
 /// 1 / w to an ulp, for normal w.
-SCREE_HD inline float reciprocal(float w) {
+SCREE_HD inline float filter_reciprocal(float w) {
 #if defined(__CUDA_ARCH__)
   float out;
   asm("rcp.approx.ftz.f32 %0, %1;" : "=f"(out) : "f"(w));
@@ -176,7 +176,7 @@ SCREE_HD inline FilteredVertex filter_vertex(const SampleFilter& filter, float x
   const float v = fused(filter.v[0], x, fused(filter.v[1], y, fused(filter.v[2], z, filter.v[3])));
   const float w = fused(filter.w[0], x, fused(filter.w[1], y, fused(filter.w[2], z, filter.w[3])));
   if constexpr (kOrthographic) return {u, v, w};
-  const float scale = reciprocal(w);
+  const float scale = filter_reciprocal(w);
   return {u * scale, v * scale, w};
 }
 

@@ -134,6 +134,8 @@ class CpuTeam {
     return __atomic_fetch_add(counter, value, __ATOMIC_RELAXED);
   }
 
+  static uint64_t load(const uint64_t* sample) { return __atomic_load_n(sample, __ATOMIC_RELAXED); }
+
   /// The smaller of the sample and `value` stays. Reads first: most pixels that are drawn again lose.
   void keep_min(uint64_t* sample, uint64_t value) const {
     uint64_t seen = __atomic_load_n(sample, __ATOMIC_RELAXED);

@@ -266,12 +266,24 @@ SCREE_HD inline uint64_t cluster_of_triangle(const format::ClusterRecord* cluste
   return low + last_not_above(min_of<uint64_t>(step, count - low), triangle, ClusterBases{clusters + low});
 }
 
-/// `page`: the raw bytes of the chunk's page. `triangle`: of the chunk; where it is clustered the reader reads this
-/// triangle's cluster. `kKinds`: of the scene.
+/// Pages and streams are 16-byte aligned.
+SCREE_HD inline const format::ClusterRecord* clusters_of(const std::byte* payload,
+                                                         const format::ChunkStreams& streams) {
+  return reinterpret_cast<const format::ClusterRecord*>(payload + streams.clusters.offset);
+}
+
+template <ChunkKinds kKinds>
+SCREE_HD inline bool is_clustered(const format::ChunkRecord& chunk) {
+  return kKinds == ChunkKinds::kClustered ||
+         (kKinds == ChunkKinds::kMixed && chunk.encoding == format::ChunkEncoding::kClustered);
+}
+
+/// `page`: the raw bytes of the chunk's page. `cluster`: the one that the reader reads; 0 where the chunk is indexed.
+/// `kKinds`: of the scene.
 template <ChunkKinds kKinds = ChunkKinds::kMixed>
-SCREE_HD inline ChunkReader make_reader(const format::MeshRecord& mesh, const format::ChunkRecord& chunk,
-                                        const std::byte* page, const Transform& transform, uint32_t triangle) {
-  const format::ChunkStreams streams = streams_of(mesh, chunk);
+SCREE_HD inline ChunkReader make_reader_of(const format::MeshRecord& mesh, const format::ChunkRecord& chunk,
+                                           const std::byte* page, const Transform& transform,
+                                           const format::ChunkStreams& streams, uint64_t cluster) {
   const std::byte* payload = page + chunk.offset;
   ChunkReader reader;
   reader.indices = payload + streams.indices.offset;
@@ -280,18 +292,15 @@ SCREE_HD inline ChunkReader make_reader(const format::MeshRecord& mesh, const fo
   reader.index_bits = chunk.index_bits;
   reader.float32 = kKinds == ChunkKinds::kFloat32 ||
                    (kKinds == ChunkKinds::kMixed && mesh.position_encoding == format::PositionEncoding::kFloat32);
-  reader.clustered = kKinds == ChunkKinds::kClustered ||
-                     (kKinds == ChunkKinds::kMixed && chunk.encoding == format::ChunkEncoding::kClustered);
+  reader.clustered = is_clustered<kKinds>(chunk);
   reader.first_vertex = 0;
   reader.end_triangle = chunk.triangle_count;
   for (int i = 0; i < 3; ++i) reader.bits[i] = chunk.position_bits[i];
   uint32_t min[3] = {chunk.position_min[0], chunk.position_min[1], chunk.position_min[2]};
   if (reader.clustered) {
-    // Pages and streams are 16-byte aligned.
-    const auto* clusters = reinterpret_cast<const format::ClusterRecord*>(payload + streams.clusters.offset);
     const auto* bounds = reinterpret_cast<const format::ClusterBounds*>(payload + streams.cluster_bounds.offset);
-    const uint64_t number = cluster_of_triangle(clusters, chunk.cluster_count, triangle);
-    reader.cluster = cluster_reader(clusters[number], bounds[number], payload + streams.cluster_data.offset);
+    reader.cluster =
+        cluster_reader(clusters_of(payload, streams)[cluster], bounds[cluster], payload + streams.cluster_data.offset);
     reader.positions = reader.cluster.data + uint64_t{reader.cluster.layout.positions} * 4;
     reader.first_vertex = reader.cluster.first_vertex;
     reader.end_triangle = reader.cluster.first_triangle + reader.cluster.layout.triangle_count;
@@ -312,6 +321,17 @@ SCREE_HD inline ChunkReader make_reader(const format::MeshRecord& mesh, const fo
     reader.narrow = reader.narrow && base < kNarrow && base > -kNarrow;
   }
   return reader;
+}
+
+/// The same, of the cluster that a triangle of the chunk is in.
+template <ChunkKinds kKinds = ChunkKinds::kMixed>
+SCREE_HD inline ChunkReader make_reader(const format::MeshRecord& mesh, const format::ChunkRecord& chunk,
+                                        const std::byte* page, const Transform& transform, uint32_t triangle) {
+  const format::ChunkStreams streams = streams_of(mesh, chunk);
+  uint64_t cluster = 0;
+  if (is_clustered<kKinds>(chunk))
+    cluster = cluster_of_triangle(clusters_of(page + chunk.offset, streams), chunk.cluster_count, triangle);
+  return make_reader_of<kKinds>(mesh, chunk, page, transform, streams, cluster);
 }
 
 /// The mesh's box. Its bounds are rounded to float, which far from the origin is more than a step: hence the widening.

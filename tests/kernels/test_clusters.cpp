@@ -82,6 +82,7 @@ TEST_CASE("clusters: the picture is that of indexed chunks in the same order, bi
         QueueSizes sizes;
         for (const uint32_t triangles : {1u, 50u, 200u}) {
           sizes.block_triangles = triangles;
+          sizes.round_triangles = triangles;
           CHECK(draw_with(scene, view, 2, InstructionSet::kBaseline, sizes) == expected);
         }
       }

@@ -149,6 +149,12 @@ void print_stats(const runtime::Scene& scene, const runtime::Frame& frame, const
       static_cast<unsigned long long>(drawn.triangles), static_cast<unsigned long long>(drawn.triangles_small),
       static_cast<unsigned long long>(drawn.triangles_medium), static_cast<unsigned long long>(drawn.triangles_large),
       static_cast<unsigned long long>(drawn.triangles_clipped));
+  if (drawn.clusters_drawn != 0 || drawn.clusters_tested != 0) {
+    std::printf("clusters: %llu groups and %llu clusters tested, %llu drawn\n",
+                static_cast<unsigned long long>(drawn.groups_tested),
+                static_cast<unsigned long long>(drawn.clusters_tested),
+                static_cast<unsigned long long>(drawn.clusters_drawn));
+  }
   std::printf("draw: %s\nshade: %s\nwrite: %s\n", both_times(frame.draw_time()).c_str(),
               both_times(times.shade).c_str(), both_times(times.write).c_str());
 }
