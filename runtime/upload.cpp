@@ -147,7 +147,9 @@ class Uploader {
         sizes_(sizes),
         is_mapped_(is_mapped),
         jobs_(jobs_of(plan, sizes.slot_bytes)),
-        ring_(target, sizes.slots) {}
+        ring_(target, sizes.slots) {
+    bounce_.reserve(sizes.slots);  // as many as there are threads, so that none is given back where memory has run out
+  }
 
   /// Reads pages past the page cache, if that can be done.
   Result<void> open_direct() {

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cstdio>
 #include <cstdlib>
+#include <cstring>
 #include <exception>
 #include <memory>
 #include <new>
@@ -17,10 +18,12 @@
 #include "format/result.h"
 #include "runtime/camera.h"
 #include "runtime/chunk_source.h"
+#include "runtime/direct_file.h"
 #include "runtime/image.h"
 #include "runtime/residency.h"
 #include "runtime/scene.h"
 #include "runtime/stream_cpu.h"
+#include "runtime/upload.h"
 #include "tools/convert/gltf_source.h"
 #include "tools/convert/sort_primitive.h"
 
@@ -58,6 +61,52 @@ Result<void> stream(const std::string& path, uint64_t part, uint32_t threads, co
   return runtime::write_png(picture_path, picture->width, picture->height, picture->channels, picture->pixels);
 }
 
+Result<void> write_file(const std::string& path, std::span<const std::byte> bytes) {
+  Result<format::PartFile> out = format::PartFile::create(path);
+  if (!out) return out.error();
+  if (Result<void> written = out->write_at(0, bytes); !written) return written;
+  return out->commit();
+}
+
+/// A device whose memory is the host's.
+class HostTarget final : public runtime::UploadTarget {
+ public:
+  HostTarget(uint64_t arena_bytes, const runtime::StagingSizes& sizes)
+      : arena_(arena_bytes), slot_bytes_(sizes.slot_bytes), ring_(runtime::direct_memory(sizes.bytes())) {}
+
+  std::byte* slot(uint32_t slot) override { return ring_.get() + slot * slot_bytes_; }
+  Result<void> copy(uint32_t slot, uint64_t to, uint64_t bytes) override {
+    std::memcpy(arena_.data() + to, this->slot(slot), bytes);
+    return {};
+  }
+  Result<void> wait(uint32_t) override { return {}; }
+
+  std::span<const std::byte> arena() const { return arena_; }
+
+ private:
+  std::vector<std::byte> arena_;
+  uint64_t slot_bytes_;
+  runtime::DirectMemory ring_;
+};
+
+Result<void> upload(const std::string& path, std::string_view reading_name, uint32_t threads,
+                    const std::string& output) {
+  const runtime::Reading reading = reading_name == "direct"     ? runtime::Reading::kDirect
+                                   : reading_name == "buffered" ? runtime::Reading::kBuffered
+                                                                : runtime::Reading::kMapped;
+  const Result<runtime::Scene> scene =
+      runtime::Scene::open(path, {.textures = false, .threads = threads, .pages = false});
+  if (!scene) return scene.error();
+  runtime::UploadPlan plan;
+  plan.add_pages(scene->drawn_pages());
+  const runtime::StagingSizes sizes = runtime::staging_for(plan, reading, threads);
+  HostTarget target(plan.bytes(), sizes);
+  const Result<runtime::UploadCounts> done =
+      runtime::run_upload(plan, scene->file().map(), target, sizes, reading, threads);
+  if (!done) return at(path, done.error());
+  return write_file(output, target.arena());
+}
+
 Result<void> sort(const std::string& path, uint64_t map_vertices, uint32_t threads, const std::string& output) {
   Result<convert::SourceScene> scene = convert::import_gltf(path, {});
   if (!scene) return scene.error();
@@ -74,10 +123,7 @@ Result<void> sort(const std::string& path, uint64_t map_vertices, uint32_t threa
   if (!size) return size.error();
   std::vector<std::byte> bytes(*size);
   if (Result<void> read = file->read_at(0, bytes); !read) return read;
-  Result<format::PartFile> out = format::PartFile::create(output);
-  if (!out) return out.error();
-  if (Result<void> written = out->write_at(0, bytes); !written) return written;
-  return out->commit();
+  return write_file(output, bytes);
 }
 
 /// What tools/main.cpp does round a command.
@@ -108,6 +154,11 @@ int stream_main(int argc, char** argv) {
   });
 }
 
+int upload_main(int argc, char** argv) {
+  if (argc != 6) return exit_code(ErrorCode::kUsage);
+  return report("upload", [&] { return upload(argv[2], argv[3], static_cast<uint32_t>(number(argv[4])), argv[5]); });
+}
+
 int sort_main(int argc, char** argv) {
   if (argc != 6) return exit_code(ErrorCode::kUsage);
   return report("sort",
@@ -118,6 +169,7 @@ int sort_main(int argc, char** argv) {
 
 Main own_command(const char* name) {
   if (std::string_view(name) == "stream") return stream_main;
+  if (std::string_view(name) == "upload") return upload_main;
   if (std::string_view(name) == "sort") return sort_main;
   return nullptr;
 }

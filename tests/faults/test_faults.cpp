@@ -67,6 +67,13 @@ constexpr Job kDevice[] = {
     {"out.png", "render packed.scree -o out.png --size 640x480 --samples 2 --backend cuda --quiet --threads 2"},
 };
 
+// Past the page cache, where the file system has such reads, and through it; raw and compressed pages.
+constexpr Job kUpload[] = {
+    {"out", "upload in.scree direct 1 out"},
+    {"out", "upload packed.scree direct 2 out"},
+    {"out", "upload in.scree buffered 2 out"},
+};
+
 // Frames from a pool that holds a third of the chunks, while a thread reads others.
 constexpr Job kStream[] = {
     {"out.bin,out.png", "stream many.scree 3 1 out.bin out.png"},
@@ -151,6 +158,12 @@ TEST_CASE("faults: every place that takes memory fails once while converting", "
 }
 TEST_CASE("faults: every place that takes memory fails once while reading", "[faults]") {
   check_all("memory", SCREE_FAULT_SITES, kReaders);
+}
+TEST_CASE("faults: every call for a file fails once while pages are uploaded", "[faults]") {
+  check_all("file", "all", kUpload);
+}
+TEST_CASE("faults: every place that takes memory fails once while pages are uploaded", "[faults]") {
+  check_all("memory", SCREE_FAULT_SITES, kUpload);
 }
 TEST_CASE("faults: every call fails once, also where that takes minutes", "[.][faults-all]") {
   check_all("file", "all", kSort);
