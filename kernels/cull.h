@@ -84,7 +84,7 @@ struct Cull {
       // A mesh of one chunk has been tested already.
       if (!float32 && mesh.chunk_count > 1 && !may_be_seen(transform, view, box)) continue;
       const double near = nearness(transform, view, box);
-      const float nearest = near > 0 ? static_cast<float>(near) : 0.0f;  // NaN has no place in an order
+      const float nearest = near > 0 ? static_cast<float>(min_of(near, 1e38)) : 0.0f;  // NaN has no place in an order
       ++draws;
       for (uint64_t start = 0; start < chunk.triangle_count; start += block_triangles) {
         const uint64_t left = chunk.triangle_count - start;

@@ -63,7 +63,8 @@ struct Hit {
   uint32_t triangle;  // in the chunk
 };
 
-/// Counters of one frame.
+/// Counters of one frame. What was left out because something hid it depends on who drew first: on threads, on queues
+/// that were too small at first. `triangles` counts it.
 struct FrameStats {
   uint64_t instances_drawn;
   uint64_t draws;  // (instance, chunk) pairs after culling

@@ -28,9 +28,9 @@ struct QueueSizes {
   uint64_t instances_at_a_time = 1u << 20;
   uint64_t blocks_at_a_time = 1u << 12;
   uint32_t block_triangles = 65536;  // of a draw block
-  // What is left out of clustered chunks, and of indexed ones on a lattice; no picture depends on it.
+  // What is left out of clustered chunks, and of indexed ones on a lattice as a whole; no picture depends on it.
   bool cluster_bounds = true;           // what is outside of the picture, or between pixel centres
-  bool occlusion = true;                // what is behind the depth pyramid of what is nearer; takes cluster_bounds
+  bool occlusion = true;                // what is behind what was drawn before; takes cluster_bounds
   uint64_t round_triangles = 1u << 20;  // of the first round, after which there is a pyramid
 };
 
@@ -76,6 +76,7 @@ struct PyramidBand {
  private:
   /// In runs of samples, so that the compiler makes vectors of them.
   void fill_row(const uint64_t* const rows[4], uint32_t* out) const {
+    static_assert(kPyramidFirstLevel == 2);
     constexpr int32_t kRun = 256;
     uint32_t codes[kRun];
     for (int32_t start = 0; start < pyramid.width; start += kRun) {

@@ -54,7 +54,9 @@ struct RasterBlocks {
         nullptr, &transform,
         mesh.material != format::kNone && (scene.materials[mesh.material].flags & format::kMaterialDoubleSided) != 0,
         scene.instance_base[block.instance] + chunk.first_triangle};
-    if (!culling.bounds || block.triangle_count < kWorthAsking) {
+    // The box of float32 positions is known for whole meshes only.
+    if (!culling.bounds || block.triangle_count < kWorthAsking ||
+        mesh.position_encoding == format::PositionEncoding::kFloat32) {
       draw_all(team, context, block, mesh, chunk);
     } else if (chunk.encoding == format::ChunkEncoding::kClustered) {
       draw_clusters(team, context, block, mesh, chunk);

@@ -322,7 +322,7 @@ void container_member(JsonWriter& json, const format::Container& file, const Sta
     json.member("what", file.string(left_out[i].what));
     json.member("count", left_out[i].count);
     json.member("source_bytes", left_out[i].source_bytes);
-    // 0 stands for what is not known.
+    // 0 stands for what is not known, or what nothing would have been stored as.
     if (!file.left_out_costs().empty() && file.left_out_costs()[i] != 0)
       json.member("stored_bytes", file.left_out_costs()[i]);
     json.end_object();
