@@ -205,8 +205,8 @@ Result<void> ContainerWriter::Impl::append_records(TableKind kind, uint32_t reco
   return {};
 }
 
-/// The data must be on the disk before the name is, and the name before the caller is told. That can take long, and whoever
-/// is killed meanwhile must be able to go on: the header, which ends that, is written when all else is there.
+/// The data must be on the disk before the name is, and the name before the caller is told. That can take long, and
+/// whoever is killed meanwhile must be able to go on: the header, which ends that, is written when all else is there.
 Result<void> ContainerWriter::Impl::rename_into_place(const FileHeader& header) {
   Result<void> done = file.sync();
   if (done) done = file.write_at(0, std::as_bytes(std::span<const FileHeader>(&header, 1)));

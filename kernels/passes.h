@@ -115,7 +115,7 @@ class FrameDrawer {
     queues_.counters = backend.counters();
     culling_.centers = center_range(view);
     culling_.bounds = sizes.cluster_bounds;
-    culling_.occlusion = culls_hidden();
+    culling_.occlusion = sizes.cluster_bounds && sizes.occlusion;
   }
   FrameDrawer(const FrameDrawer&) = delete;
   FrameDrawer& operator=(const FrameDrawer&) = delete;
@@ -124,7 +124,7 @@ class FrameDrawer {
     backend_.release(queues_.medium);
     backend_.release(queues_.large);
     backend_.release(queues_.tiles);
-    backend_.release(codes_);
+    backend_.release(culling_.pyramid.codes);
   }
 
   bool draw(FrameStats& stats) {
@@ -178,19 +178,17 @@ class FrameDrawer {
     return true;
   }
 
-  bool culls_hidden() const { return sizes_.cluster_bounds && sizes_.occlusion; }
-
   /// From near to far, in rounds: each as much as all before, which then may hide what comes next.
   bool draw_blocks(uint64_t total, FrameStats& stats) {
-    if (culls_hidden()) {
+    if (culling_.occlusion) {
       std::sort(queues_.blocks, queues_.blocks + total,
                 [](const DrawBlock& a, const DrawBlock& b) { return a.nearest < b.nearest; });
     }
     uint64_t share = max_of<uint64_t>(sizes_.blocks_at_a_time, 1);
-    uint64_t end_of_round = 0;
+    uint64_t end_of_round = culling_.occlusion ? 0 : total;
     for (uint64_t first = 0; first < total;) {
-      if (culls_hidden() && first >= end_of_round) end_of_round = begin_round(first, total);
-      const uint64_t count = min_of(share, (culls_hidden() ? end_of_round : total) - first);
+      if (first >= end_of_round) end_of_round = begin_round(first, total);
+      const uint64_t count = min_of(share, end_of_round - first);
       backend_.write_counters(Counters{});
       ClusterCounts clusters{};
       backend_.for_each(count,
@@ -241,9 +239,8 @@ class FrameDrawer {
     DepthPyramid& pyramid = culling_.pyramid;
     if (pyramid.codes == nullptr) {
       const uint64_t count = lay_out(pyramid, view_.width, view_.height, kPyramidFirstLevel);
-      codes_ = backend_.template allocate<uint32_t>(count);
-      if (codes_ == nullptr) return;
-      pyramid.codes = codes_;
+      pyramid.codes = backend_.template allocate<uint32_t>(count);
+      if (pyramid.codes == nullptr) return;
     }
     backend_.for_each(static_cast<uint64_t>(pyramid.down(PyramidBand::kBandLevels)),
                       PyramidBand{pyramid, target_.samples});
@@ -275,8 +272,7 @@ class FrameDrawer {
   QueueSizes sizes_;
   Queues queues_;
   ClusterCulling culling_{};
-  uint32_t* codes_ = nullptr;  // of culling_.pyramid
-  uint64_t offered_ = 0;       // triangles of the rounds so far
+  uint64_t offered_ = 0;  // triangles of the rounds so far
 };
 
 template <class Backend>

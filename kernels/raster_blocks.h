@@ -49,7 +49,8 @@ struct RasterBlocks {
     const format::ChunkRecord& chunk = scene.chunks[block.chunk];
     Transform transform = make_transform(small.view, scene.matrices[instance.matrix], mesh.lattice_exponent,
                                          mesh.position_encoding == format::PositionEncoding::kFloat32);
-    set_error(transform, vertex_box(mesh, chunk, transform));
+    const RelativeBox box = vertex_box(mesh, chunk, transform);
+    set_error(transform, box);
     Context context{
         nullptr, &transform,
         mesh.material != format::kNone && (scene.materials[mesh.material].flags & format::kMaterialDoubleSided) != 0,
@@ -59,10 +60,10 @@ struct RasterBlocks {
         mesh.position_encoding == format::PositionEncoding::kFloat32) {
       draw_all(team, context, block, mesh, chunk);
     } else if (chunk.encoding == format::ChunkEncoding::kClustered) {
-      draw_clusters(team, context, block, mesh, chunk);
+      draw_clusters(team, context, block, mesh, chunk, box);
     } else {
       ScreenBounds bounds;
-      if (find_screen_bounds(transform, small.view, vertex_box(mesh, chunk, transform), bounds) && !hides(team, bounds))
+      if (find_screen_bounds(transform, small.view, box, bounds) && !hides(team, bounds))
         draw_all(team, context, block, mesh, chunk);
     }
     team.add(&queues.counters->triangles_small, context.small);
@@ -91,12 +92,11 @@ struct RasterBlocks {
     if (clusters != 0) team.add(&counts->clusters_drawn, clusters);
   }
 
-  /// Of a clustered chunk, what may show.
+  /// Of a clustered chunk, whose box that is, what may show.
   template <class Team>
   void draw_clusters(Team team, Context& context, const DrawBlock& block, const format::MeshRecord& mesh,
-                     const format::ChunkRecord& chunk) const {
+                     const format::ChunkRecord& chunk, const RelativeBox& box) const {
     const Transform& transform = *context.transform;
-    const RelativeBox box = chunk_box(mesh, chunk, transform);
     const SampleFilter filter = make_sample_filter(small.view, transform, error_of(transform, box), box, mesh, chunk);
     const format::ChunkStreams streams = streams_of(mesh, chunk);
     const std::byte* page = small.scene.pages[chunk.page];

@@ -172,6 +172,7 @@ TEST_CASE("faults: every call fails once, also where that takes minutes", "[.][f
   check_all("memory", "all", kResume, "-r");
   check_all("memory", "all@unlink", kSortInPasses);
   check_all("memory", "all", kReaders);
+  check_all("memory", "all", kUpload);
   check_guess("file", "all");
   check_guess("memory", "all");
   check_stream("file", "all");

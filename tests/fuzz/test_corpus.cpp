@@ -14,6 +14,7 @@
 #include "tests/format/container_fixture.h"
 #include "tests/fuzz/targets.h"
 #include "tests/paths.h"
+#include "tests/runtime/load_scene.h"
 #include "tools/convert/gltf_source.h"
 #include "tools/inspect/verify.h"
 
@@ -76,20 +77,15 @@ TEST_CASE("fuzz corpus: gltf", "[fuzz]") {
 
 /// The picture of a seed as scripts/sanitize-gpu asks for it.
 std::vector<uint8_t> picture_of(const std::filesystem::path& seed) {
-  auto file = runtime::SceneFile::open(seed.string());
-  REQUIRE(file);
-  const auto chosen = file->find_scene("");
-  REQUIRE(chosen);
   runtime::SceneOptions options;
   options.texture_cache = 65536;  // level 0 is decoded as it is looked at
-  const auto scene = runtime::Scene::load(std::move(*file), *chosen, options);
-  REQUIRE(scene);
+  const runtime::Scene scene = tests::must_load(seed.string(), options);
   runtime::CameraOptions camera;
   camera.width = 160;
   camera.height = 120;
-  const auto view = runtime::make_view(scene->container(), *chosen, scene->view(), camera);
+  const auto view = runtime::make_view(scene.container(), scene.scene_index(), scene.view(), camera);
   REQUIRE(view);
-  const auto frame = runtime::Frame::draw(*scene, *view, 1, 1);
+  const auto frame = runtime::Frame::draw(scene, *view, 1, 1);
   REQUIRE(frame);
   const auto picture = frame->shade({}, 1);
   REQUIRE(picture);
