@@ -1,8 +1,10 @@
 // Every command with every call failing once: files, memory, and the GPU (scree_faults does the work).
+#include <algorithm>
 #include <cstdint>
 #include <cstdlib>
 #include <filesystem>
 #include <string>
+#include <thread>
 
 #include "tests/catch.h"
 #include "tests/faults/fault_inputs.h"
@@ -87,10 +89,15 @@ void check_all(const std::string& kind, const std::string& which, const Job (&jo
   for (const Job& job : jobs) inputs.check(kind, which, job.outputs, job.command, options);
 }
 
-void check_stream(const std::string& kind, const std::string& which) {
+/// So many runs at a time.
+std::string on_all_cores() {
+  return "-j " + std::to_string(std::max(1u, std::thread::hardware_concurrency()));
+}
+
+void check_stream(const std::string& kind, const std::string& which, const std::string& options = "") {
   FaultInputs inputs;
   inputs.add_many();
-  for (const Job& job : kStream) inputs.check(kind, which, job.outputs, job.command, "-p -s 2");
+  for (const Job& job : kStream) inputs.check(kind, which, job.outputs, job.command, options + " -p -s 2");
 }
 
 /// Else nothing is tested of guesses: one comes true, and of the other a page is taken out of the file again.
@@ -110,12 +117,12 @@ void must_guess(const TempFolder& folder) {
   }
 }
 
-void check_guess(const std::string& kind, const std::string& which) {
+void check_guess(const std::string& kind, const std::string& which, const std::string& options = "") {
   FaultInputs inputs;
   inputs.add_giant();
   must_guess(inputs.folder());
   // Whether a window is encoded before the next is measured is for threads to say, and so which call is the n-th.
-  for (const Job& job : kGuess) inputs.check(kind, which + "@ftruncate", job.outputs, job.command, "-s 2");
+  for (const Job& job : kGuess) inputs.check(kind, which + "@ftruncate", job.outputs, job.command, options + " -s 2");
 }
 
 // Beginning with a GPU takes longer than all the rest, so that processes make many runs each.
@@ -165,18 +172,33 @@ TEST_CASE("faults: every call for a file fails once while pages are uploaded", "
 TEST_CASE("faults: every place that takes memory fails once while pages are uploaded", "[faults]") {
   check_all("memory", SCREE_FAULT_SITES, kUpload);
 }
-TEST_CASE("faults: every call fails once, also where that takes minutes", "[.][faults-all]") {
-  check_all("file", "all", kSort);
-  check_all("memory", "all", kConvert);
-  check_all("memory", "all", kSort);
-  check_all("memory", "all", kResume, "-r");
-  check_all("memory", "all@unlink", kSortInPasses);
-  check_all("memory", "all", kReaders);
-  check_all("memory", "all", kUpload);
-  check_guess("file", "all");
-  check_guess("memory", "all");
-  check_stream("file", "all");
-  check_stream("memory", "all");
+// Hours of one core, so that all cores make runs.
+TEST_CASE("faults: every call fails once while sorting", "[.][faults-all]") {
+  check_all("file", "all", kSort, on_all_cores());
+  check_all("memory", "all", kSort, on_all_cores());
+}
+TEST_CASE("faults: every call for memory fails once while converting", "[.][faults-all]") {
+  check_all("memory", "all", kConvert, on_all_cores());
+}
+TEST_CASE("faults: every call for memory fails once while a conversion is resumed", "[.][faults-all]") {
+  check_all("memory", "all", kResume, "-r " + on_all_cores());
+}
+TEST_CASE("faults: every call for memory fails once while sorting in passes", "[.][faults-all]") {
+  check_all("memory", "all@unlink", kSortInPasses, on_all_cores());
+}
+TEST_CASE("faults: every call for memory fails once while reading", "[.][faults-all]") {
+  check_all("memory", "all", kReaders, on_all_cores());
+}
+TEST_CASE("faults: every call for memory fails once while pages are uploaded", "[.][faults-all]") {
+  check_all("memory", "all", kUpload, on_all_cores());
+}
+TEST_CASE("faults: every call fails once while a giant primitive is measured", "[.][faults-all]") {
+  check_guess("file", "all", on_all_cores());
+  check_guess("memory", "all", on_all_cores());
+}
+TEST_CASE("faults: every call fails once while frames are streamed", "[.][faults-all]") {
+  check_stream("file", "all", on_all_cores());
+  check_stream("memory", "all", on_all_cores());
 }
 TEST_CASE("faults: every call for a file fails once while frames are streamed", "[faults][stream]") {
   check_stream("file", SCREE_FAULT_STREAM_CALLS);
@@ -186,6 +208,12 @@ TEST_CASE("faults: every place that takes memory fails once while frames are str
 }
 TEST_CASE("faults: every CUDA call fails once", "[cuda][faults]") {
   if (has_gpu()) check_all("device", "all", kDevice, kOnGpu);
+}
+TEST_CASE("faults: every call for a file fails once while a GPU draws", "[cuda][faults]") {
+  if (has_gpu()) check_all("file", "all", kDevice, kOnGpu);
+}
+TEST_CASE("faults: every place that takes memory fails once while a GPU draws", "[cuda][faults]") {
+  if (has_gpu()) check_all("memory", "sites", kDevice, kOnGpu);
 }
 TEST_CASE("faults: every call fails once while a GPU streams frames", "[cuda][faults][stream]") {
   if (!has_gpu()) return;
