@@ -45,6 +45,14 @@ struct alignas(16) ClusterDraw {
 };
 static_assert(sizeof(ClusterDraw) == 192);
 
+/// A group of 32 clusters of a chunk of an instance: what a warp culls where there are few. Made once.
+struct ClusterGroup {
+  uint32_t instance;
+  uint32_t chunk;
+  uint32_t group;               // of the chunk
+  uint32_t counts_as_instance;  // 1 for one of the instance's groups
+};
+
 /// A cluster to be drawn.
 struct ClusterItem {
   uint32_t draw;
@@ -70,7 +78,7 @@ struct ClusterList {
   uint32_t* seen;
   // Of the frame:
   uint16_t* draw_bucket;  // by thread, kGroupInstances a candidate: of kNearBuckets, or that where it is not drawn
-  ClusterDraw* draws;     // room for DrawTables::cluster_draws; from near to far
+  ClusterDraw* draws;     // room for DrawTables::cluster_draws, from near to far; or one a ClusterGroup
   ClusterItem* items;
   uint64_t item_capacity;  // below 2^32
   ClipItem* to_clip;

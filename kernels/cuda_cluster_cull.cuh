@@ -86,6 +86,44 @@ __global__ void __launch_bounds__(kCullThreads)
   }
 }
 
+/// `box`: of the chunk's vertices.
+__device__ inline ClusterDraw make_cluster_draw(const SceneView& scene, const FrameView& view,
+                                                const ClusterList& clusters, const Transform& transform,
+                                                const RelativeBox& box, uint32_t chunk_number, uint32_t instance,
+                                                uint64_t first_unit) {
+  const format::ChunkRecord& chunk = scene.chunks[chunk_number];
+  const format::MeshRecord& mesh = scene.meshes[chunk.mesh];
+  const TransformError error = error_of(transform, box);
+  ClusterDraw draw{};
+  draw.filter = make_sample_filter(view, transform, error, box, mesh, chunk);
+  bool narrow = true;
+  for (int i = 0; i < 4; ++i) {
+    draw.x[i] = transform.x[i];
+    draw.y[i] = transform.y[i];
+    draw.w[i] = transform.w[i];
+  }
+  constexpr int64_t kNarrow = int64_t{1} << 30;
+  for (int i = 0; i < 3; ++i) {
+    const int64_t from = wrapping_sub(wrapping_add(mesh.lattice_min[i], static_cast<int64_t>(chunk.position_min[i])),
+                                      transform.reference[i]);
+    narrow = narrow && from < kNarrow && from > -kNarrow;
+    draw.base[i] = static_cast<int32_t>(from);
+  }
+  draw.flags = (transform.mirrored ? ClusterDraw::kMirrored : 0u) | (narrow ? 0u : ClusterDraw::kFarAway) |
+               (is_double_sided(scene, mesh) ? ClusterDraw::kDoubleSided : 0u);
+  draw.first_id = scene.instance_base[instance] + chunk.first_triangle;
+  draw.first_unit = first_unit;
+  draw.first_word = clusters.first_word[instance] + clusters.chunk_group[chunk_number];
+  draw.payload = scene.pages[chunk.page] + chunk.offset;
+  draw.chunk = chunk_number;
+  draw.instance = instance;
+  draw.cluster_count = chunk.cluster_count;
+  draw.error[0] = error.x;
+  draw.error[1] = error.y;
+  draw.error[2] = error.w;
+  return draw;
+}
+
 /// Writes the draws bucket by bucket, and their prefix sum; as many threads as for cull_clustered_chunks().
 __global__ void __launch_bounds__(kCullThreads)
     place_cluster_draws(const __grid_constant__ SceneView scene, const __grid_constant__ FrameView view,
@@ -128,35 +166,9 @@ __global__ void __launch_bounds__(kCullThreads)
   const uint32_t instance = at.instance(list, chunk.mesh);
   const format::MeshRecord& mesh = scene.meshes[chunk.mesh];
   const Transform& transform = list.transforms[instance];
-  const RelativeBox box = chunk_box(mesh, chunk, transform);
-  const TransformError error = error_of(transform, box);
-  ClusterDraw& draw = clusters.draws[base >> kUnitBits];
-  draw.filter = make_sample_filter(view, transform, error, box, mesh, chunk);
-  bool narrow = true;
-  for (int i = 0; i < 4; ++i) {
-    draw.x[i] = transform.x[i];
-    draw.y[i] = transform.y[i];
-    draw.w[i] = transform.w[i];
-  }
-  constexpr int64_t kNarrow = int64_t{1} << 30;
-  for (int i = 0; i < 3; ++i) {
-    const int64_t from = wrapping_sub(wrapping_add(mesh.lattice_min[i], static_cast<int64_t>(chunk.position_min[i])),
-                                      transform.reference[i]);
-    narrow = narrow && from < kNarrow && from > -kNarrow;
-    draw.base[i] = static_cast<int32_t>(from);
-  }
-  draw.flags = (transform.mirrored ? ClusterDraw::kMirrored : 0u) | (narrow ? 0u : ClusterDraw::kFarAway) |
-               (is_double_sided(scene, mesh) ? ClusterDraw::kDoubleSided : 0u);
-  draw.first_id = scene.instance_base[instance] + chunk.first_triangle;
-  draw.first_unit = base & kUnitMask;
-  draw.first_word = clusters.first_word[instance] + clusters.chunk_group[at.candidate.chunk];
-  draw.payload = scene.pages[chunk.page] + chunk.offset;
-  draw.chunk = at.candidate.chunk;
-  draw.instance = instance;
-  draw.cluster_count = chunk.cluster_count;
-  draw.error[0] = error.x;
-  draw.error[1] = error.y;
-  draw.error[2] = error.w;
+  clusters.draws[base >> kUnitBits] =
+      make_cluster_draw(scene, view, clusters, transform, chunk_box(mesh, chunk, transform), at.candidate.chunk,
+                        instance, base & kUnitMask);
 }
 
 /// What the passes of culling ask.

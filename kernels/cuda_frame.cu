@@ -7,6 +7,7 @@
 
 #include "kernels/cuda_check.h"
 #include "kernels/cuda_cluster.cuh"
+#include "kernels/cuda_few_cull.cuh"
 #include "kernels/cuda_large.cuh"
 #include "kernels/cuda_pyramid.cuh"
 #include "kernels/cuda_queues.h"
@@ -64,6 +65,7 @@ enum Mark {
   kSecondLargeBegun,
   kSecondLargeDone,
   kAllDone,
+  kCountersRead,
   kMarkCount
 };
 
@@ -107,7 +109,10 @@ struct CudaFrames::Impl {
   }
 
   Result<void> open(const SceneView& host, const CudaQueueSizes& sizes);
-  Result<void> open_clusters(const CudaQueueSizes& sizes);
+  Result<void> open_clusters(const SceneView& host, const CudaQueueSizes& sizes);
+  void submit_culling(const DrawList& list, const SamplesToClear& clear, bool draws_indexed, bool draws_clusters);
+  template <bool kOrthographic>
+  void submit_few_culling(const DrawList& list, const SamplesToClear& clear);
   Result<void> find_all_bounds();
   Result<void> forget();
   Result<void> fit_pyramid(const FrameView& frame);
@@ -115,12 +120,14 @@ struct CudaFrames::Impl {
   template <bool kOrthographic>
   Result<void> submit();
   template <bool kOrthographic, ClusterPass kPass>
-  void submit_clusters(const SmallFrame& small, const DrawOptions& options, uint32_t round, uint32_t rounds);
+  void submit_clusters(const SmallFrame& small, uint32_t round, uint32_t rounds);
   template <bool kOrthographic>
   Result<void> submit_clipped_aside(const SmallFrame& small);
   template <bool kOrthographic>
   Result<void> submit_stages(const SmallFrame& small, const StageMarks& marks_of_pass);
   ClusterList cluster_list() const;
+  ClusterCull cluster_cull(const DrawList& list, const ClusterTests& tests, uint32_t pass, uint32_t round,
+                           uint32_t rounds) const;
   Result<void> prepare(SmallVariant& variant) const;
   bool has_clusters() const { return cluster_candidates.count() != 0; }
   /// A round more for every doubling: it is worth its pyramid where it saves enough clusters.
@@ -128,7 +135,15 @@ struct CudaFrames::Impl {
     return min_of(max_of(static_cast<uint32_t>(std::bit_width(tables.cluster_groups / round_groups)), 1u), kMostRounds);
   }
   bool in_two_passes() const { return tables.cluster_groups >= two_pass_groups; }
+  /// So few, and nothing else, that one kernel culls them.
+  bool has_few_clusters() const { return few_groups.count() != 0; }
   bool clips_aside() const { return has_clusters() && !in_two_passes(); }
+  /// For the next frame, while nobody waits.
+  Result<void> clear_counters() {
+    Result<void> done = cuda_check(cudaMemsetAsync(zeroed.data(), 0, zeroed.count(), stream), "clearing the counters");
+    counters_cleared = static_cast<bool>(done);
+    return done;
+  }
   Result<void> mark(Mark place) { return cuda_check(cudaEventRecord(marks[place], stream), "recording an event"); }
   Result<void> read_times(FrameTimes& times) const;
 
@@ -160,6 +175,7 @@ struct CudaFrames::Impl {
   DeviceArray<uint32_t> seen_before;
   DeviceArray<uint16_t> draw_bucket;
   DeviceArray<ClusterDraw> draws;
+  DeviceArray<ClusterGroup> few_groups;  // of scenes that are drawn in one pass and have no other chunks
   DeviceArray<uint32_t> pyramid_codes;
   DepthPyramid pyramid{};
   // The frame that was begun last:
@@ -171,6 +187,7 @@ struct CudaFrames::Impl {
   uint64_t two_pass_groups = 0;
   uint64_t round_groups = 0;
   uint32_t frame_number = 0;
+  bool counters_cleared = false;
   uint32_t hint_period = kHintPeriod;  // of the next frame
 };
 
@@ -216,7 +233,7 @@ Result<void> CudaFrames::Impl::open(const SceneView& host, const CudaQueueSizes&
   if (done) done = groups.allocate(tables.candidates.size(), "allocating the draw list");
   if (done) done = queues.triangles.tiles.allocate(sizes.tiles, "allocating the queues");
   if (done) done = queues.grow({sizes.medium, sizes.large, 0, 0, 0, 0, 0, 0});
-  if (done && !tables.cluster_candidates.empty()) done = open_clusters(sizes);
+  if (done && !tables.cluster_candidates.empty()) done = open_clusters(host, sizes);
   if (done) done = cuda_check(cudaStreamSynchronize(stream), "preparing to draw");
   tables.order = {};
   tables.mesh_first = {};
@@ -233,14 +250,16 @@ Result<void> CudaFrames::Impl::find_all_bounds() {
   return cuda_check(cudaGetLastError(), "finding the chunks' bounds");
 }
 
-Result<void> CudaFrames::Impl::open_clusters(const CudaQueueSizes& sizes) {
+Result<void> CudaFrames::Impl::open_clusters(const SceneView& host, const CudaQueueSizes& sizes) {
   Result<void> done = cluster_candidates.fill(tables.cluster_candidates, "allocating the draw list");
   if (done) done = chunk_group.fill(tables.chunk_group, "allocating the draw list");
   if (done) done = first_word.fill(tables.first_word, "allocating the draw list");
   if (done) {
     done = draw_bucket.allocate(tables.cluster_candidates.size() * kGroupInstances, "allocating the draw list");
   }
-  if (done) done = draws.allocate(tables.cluster_draws, "allocating the draw list");
+  if (done && !in_two_passes() && tables.candidates.empty())
+    done = few_groups.fill(list_cluster_groups(host), "allocating the draw list");
+  if (done) done = draws.allocate(max_of(tables.cluster_draws, few_groups.count()), "allocating the draw list");
   if (done && in_two_passes()) {
     done = seen_before.allocate(tables.cluster_groups, "allocating a bit for each cluster");
     if (done) done = forget();
@@ -253,8 +272,10 @@ Result<void> CudaFrames::Impl::open_clusters(const CudaQueueSizes& sizes) {
                                            static_cast<int>(kClusterWarps * sizeof(ClusterShared))),
                       "asking for shared memory");
   };
-  if (done) done = prepare_clusters(reinterpret_cast<const void*>(raster_clusters<false>));
-  if (done) done = prepare_clusters(reinterpret_cast<const void*>(raster_clusters<true>));
+  if (done) done = prepare_clusters(reinterpret_cast<const void*>(raster_clusters<false, 1>));
+  if (done) done = prepare_clusters(reinterpret_cast<const void*>(raster_clusters<true, 1>));
+  if (done) done = prepare_clusters(reinterpret_cast<const void*>(raster_clusters<false, kClusterParts>));
+  if (done) done = prepare_clusters(reinterpret_cast<const void*>(raster_clusters<true, kClusterParts>));
   return done;
 }
 
@@ -309,28 +330,53 @@ ClusterList CudaFrames::Impl::cluster_list() const {
           pyramid};
 }
 
+ClusterCull CudaFrames::Impl::cluster_cull(const DrawList& list, const ClusterTests& tests, uint32_t pass,
+                                           uint32_t round, uint32_t rounds) const {
+  return {frame,  center_range(frame), cluster_list(), list.counters, samples, tests, pass, round,
+          rounds, frame_number,        hint_period};
+}
+
+/// Finds the chunks that are drawn, and clears the picture.
+void CudaFrames::Impl::submit_culling(const DrawList& list, const SamplesToClear& clear, bool draws_indexed,
+                                      bool draws_clusters) {
+  cull_instances<<<(list.instance_count - 1) / kCullThreads + 1 + clear.blocks, kCullThreads, 0, stream>>>(scene, frame,
+                                                                                                           list, clear);
+  if (draws_indexed) {
+    cull_chunks<<<(list.candidate_count - 1) / kCullThreads + 1, kCullThreads, 0, stream>>>(scene, frame, list);
+  }
+  if (draws_clusters) {
+    const uint64_t threads = cluster_candidates.count() * kGroupInstances;
+    const auto blocks = static_cast<uint32_t>((threads - 1) / kCullThreads + 1);
+    const ClusterList clusters = cluster_list();
+    cull_clustered_chunks<<<blocks, kCullThreads, 0, stream>>>(scene, frame, list, clusters, in_two_passes());
+    place_cluster_draws<<<blocks, kCullThreads, 0, stream>>>(scene, frame, list, clusters);
+  }
+}
+
+/// Finds the clusters that are drawn, and clears the picture.
+template <bool kOrthographic>
+void CudaFrames::Impl::submit_few_culling(const DrawList& list, const SamplesToClear& clear) {
+  const auto group_count = static_cast<uint32_t>(few_groups.count());
+  const uint32_t blocks = (group_count - 1) / kCullWarps + 1 + clear.blocks;
+  cull_few<kOrthographic>
+      <<<blocks, kCullThreads, 0, stream>>>({scene, list, cluster_cull(list, {options.cluster_bounds, false}, 0, 0, 1),
+                                             few_groups.data(), group_count, clear});
+}
+
 /// Finds the clusters that a pass draws, and draws them.
 template <bool kOrthographic, ClusterPass kPass>
-void CudaFrames::Impl::submit_clusters(const SmallFrame& small, const DrawOptions& options, uint32_t round,
-                                       uint32_t rounds) {
-  const ClusterList list = cluster_list();
+void CudaFrames::Impl::submit_clusters(const SmallFrame& small, uint32_t round, uint32_t rounds) {
   const uint32_t pass = kPass == ClusterPass::kNewlySeen ? 1 + round : 0;
-  const ClusterCull cull{small.view,
-                         center_range(small.view),
-                         list,
-                         small.list.counters,
-                         small.target.samples,
-                         {options.cluster_bounds, options.occlusion},
-                         pass,
-                         round,
-                         rounds,
-                         frame_number,
-                         hint_period};
-  cull_clusters<kOrthographic, kPass><<<multiprocessors * kCullBlocks, kCullThreads, 0, stream>>>(cull);
-  const ClusterFrame frame{small, list, pass};
-  raster_clusters<kOrthographic>
-      <<<multiprocessors * kClusterBlocks, kClusterThreads, kClusterWarps * sizeof(ClusterShared), stream>>>(frame);
-  if (!clips_aside()) raster_clipped<kOrthographic><<<multiprocessors, kClusterThreads, 0, stream>>>(frame);
+  if (!has_few_clusters()) {
+    cull_clusters<kOrthographic, kPass><<<multiprocessors * kCullBlocks, kCullThreads, 0, stream>>>(
+        cluster_cull(small.list, {options.cluster_bounds, options.occlusion}, pass, round, rounds));
+  }
+  const ClusterFrame clusters{small, cluster_list(), pass};
+  const auto kernel =
+      in_two_passes() ? raster_clusters<kOrthographic, 1> : raster_clusters<kOrthographic, kClusterParts>;
+  kernel<<<multiprocessors * kClusterBlocks, kClusterThreads, kClusterWarps * sizeof(ClusterShared), stream>>>(
+      clusters);
+  if (!clips_aside()) raster_clipped<kOrthographic><<<multiprocessors, kClusterThreads, 0, stream>>>(clusters);
 }
 
 /// Clips the triangles of clusters that need it and draws what is left of them, while all others go through stages 2
@@ -399,7 +445,8 @@ Result<void> CudaFrames::Impl::submit() {
   ++frame_number;
   Result<void> done = mark(kStart);
   static_assert(kBackground == ~uint64_t{0});
-  if (done) done = cuda_check(cudaMemsetAsync(zeroed.data(), 0, zeroed.count(), stream), "clearing the counters");
+  if (done && !counters_cleared) done = clear_counters();
+  counters_cleared = false;
   two_passes = has_clusters() && in_two_passes() && options.cluster_bounds && options.occlusion;
   // Of frames in one pass nothing is known to have been seen.
   const bool is_ahead = options.part == FramePart::kSeenBefore;
@@ -413,18 +460,11 @@ Result<void> CudaFrames::Impl::submit() {
   }
   if (done) done = mark(kCleared);
   if (done && culls) {
-    const uint32_t clearing_blocks = clears ? multiprocessors * kCullBlocks : 0;
-    cull_instances<<<(list.instance_count - 1) / kCullThreads + 1 + clearing_blocks, kCullThreads, 0, stream>>>(
-        scene, frame, list, {samples, sample_count, clearing_blocks});
-    if (draws_indexed) {
-      cull_chunks<<<(list.candidate_count - 1) / kCullThreads + 1, kCullThreads, 0, stream>>>(scene, frame, list);
-    }
-    if (draws_clusters) {
-      const uint64_t threads = cluster_candidates.count() * kGroupInstances;
-      const auto blocks = static_cast<uint32_t>((threads - 1) / kCullThreads + 1);
-      const ClusterList clusters = cluster_list();
-      cull_clustered_chunks<<<blocks, kCullThreads, 0, stream>>>(scene, frame, list, clusters, in_two_passes());
-      place_cluster_draws<<<blocks, kCullThreads, 0, stream>>>(scene, frame, list, clusters);
+    const SamplesToClear clear{samples, sample_count, clears ? multiprocessors * kCullBlocks : 0};
+    if (has_few_clusters()) {
+      submit_few_culling<kOrthographic>(list, clear);
+    } else {
+      submit_culling(list, clear, draws_indexed, draws_clusters);
     }
     done = cuda_check(cudaGetLastError(), "starting culling");
   }
@@ -442,9 +482,9 @@ Result<void> CudaFrames::Impl::submit() {
   }
   if (done && draws_clusters) {
     if (two_passes && options.part != FramePart::kRest) {
-      submit_clusters<kOrthographic, ClusterPass::kSeenBefore>(small, options, 0, 1);
+      submit_clusters<kOrthographic, ClusterPass::kSeenBefore>(small, 0, 1);
     } else if (!two_passes) {
-      submit_clusters<kOrthographic, ClusterPass::kOnly>(small, options, 0, 1);
+      submit_clusters<kOrthographic, ClusterPass::kOnly>(small, 0, 1);
     }
   }
   if (done) done = cuda_check(cudaGetLastError(), "starting stage 1");
@@ -459,7 +499,7 @@ Result<void> CudaFrames::Impl::submit() {
       build_pyramid_tiles<<<tiles_of_image, kPyramidThreads, 0, stream>>>(pyramid, samples);
       build_pyramid_top<<<1, 1024, 0, stream>>>(pyramid, counters);
       if (round == 0) done = mark(kPyramidDone);
-      submit_clusters<kOrthographic, ClusterPass::kNewlySeen>(small, options, round, rounds);
+      submit_clusters<kOrthographic, ClusterPass::kNewlySeen>(small, round, rounds);
       if (done) done = cuda_check(cudaGetLastError(), "starting the second pass");
       if (done) done = submit_stages<kOrthographic>(small, kSecondStages);
     }
@@ -469,6 +509,8 @@ Result<void> CudaFrames::Impl::submit() {
     done = cuda_check(cudaMemcpyAsync(seen, counters, sizeof *seen, cudaMemcpyDeviceToHost, stream),
                       "reading the counters");
   }
+  if (done) done = mark(kCountersRead);
+  if (done) done = clear_counters();
   return done;
 }
 
@@ -509,10 +551,13 @@ uint64_t CudaFrames::device_bytes(const SceneView& host, const CudaQueueSizes& s
                    host.chunk_count * sizeof(ChunkBounds) +
                    candidates.indexed * (sizeof(Candidate) + sizeof(DrawGroup)) +
                    (sizes.medium + sizes.large) * sizeof(Triangle) + sizes.tiles * sizeof(TileItem);
+  const bool has_few = candidates.indexed == 0 && candidates.cluster_groups < sizes.two_pass_groups;
+  const uint64_t few_groups = has_few ? candidates.cluster_groups : 0;
   if (candidates.clustered != 0) {
     bytes += candidates.clustered * (sizeof(Candidate) + kGroupInstances * sizeof(uint16_t)) +
-             candidates.cluster_draws * sizeof(ClusterDraw) + host.chunk_count * sizeof(uint32_t) +
-             host.instance_count * sizeof(uint64_t) + candidates.cluster_groups * sizeof(uint32_t) +
+             max_of(candidates.cluster_draws, few_groups) * sizeof(ClusterDraw) + few_groups * sizeof(ClusterGroup) +
+             host.chunk_count * sizeof(uint32_t) + host.instance_count * sizeof(uint64_t) +
+             candidates.cluster_groups * sizeof(uint32_t) +
              first_items(candidates.cluster_groups, sizes) * sizeof(ClusterItem) + sizes.to_clip * sizeof(ClipItem) +
              2 * sizes.clipped * sizeof(Triangle) + sizes.tiles * sizeof(TileItem);
   }
@@ -546,7 +591,8 @@ Result<void> CudaFrames::start(const View& view, uint64_t* samples, const DrawOp
 Result<CudaFrames::Finished> CudaFrames::finish(FrameTimes* times) {
   bool is_drawn_again = false;
   for (;;) {
-    if (Result<void> done = cuda_check(cudaStreamSynchronize(impl_->stream), "drawing"); !done) return done.error();
+    if (Result<void> done = cuda_check(cudaEventSynchronize(impl_->marks[kCountersRead]), "drawing"); !done)
+      return done.error();
     FrameQueues& queues = impl_->queues;
     if (queues.had_room(*impl_->seen)) break;
     // A little more than was asked for, since the camera moves; or just that where no more fits.

@@ -31,31 +31,39 @@ __device__ inline PixelBox rows_of(const PixelBox& box, uint32_t part, int32_t r
   return out;
 }
 
-/// Appends the tiles that a large triangle may touch, by a warp. What the queue has no room for is drawn at once.
+/// Appends the tiles that a large triangle may touch, by a warp: counts them first, since each addition to the queue's
+/// counter is waited for. What the queue has no room for is drawn at once.
 template <bool kOrthographic>
 __device__ inline void split_triangle(const LargeFrame& frame, uint32_t number) {
   const Queues& queues = frame.queues;
   const uint32_t lane = threadIdx.x % kWarpLanes;
   const Triangle triangle = queues.large[number];
   const LargeTiles tiles(triangle, frame.view);
+  const TileTest test(triangle);
+  uint32_t count = 0;
+  for (uint32_t i = lane; i < tiles.count(); i += kWarpLanes) {
+    uint32_t x;
+    uint32_t y;
+    tiles.tile(i, x, y);
+    if (test.may_cover(x, y)) ++count;
+  }
+  uint64_t next = 0;
+  if (const uint32_t all = __reduce_add_sync(~0u, count); lane == 0)
+    next = WarpTeam::add(&queues.counters->tiles, uint64_t{all});
+  next = __shfl_sync(~0u, next, 0);
   for (uint32_t base = 0; base < tiles.count(); base += kWarpLanes) {
-    bool touches = false;
-    uint32_t x = 0;
-    uint32_t y = 0;
-    if (base + lane < tiles.count()) {
-      tiles.tile(base + lane, x, y);
-      touches = may_cover_tile(triangle, static_cast<int32_t>(x), static_cast<int32_t>(y));
-    }
+    uint32_t x;
+    uint32_t y;
+    tiles.tile(base + lane, x, y);
+    const bool touches = base + lane < tiles.count() && test.may_cover(x, y);
     const uint32_t lanes = __ballot_sync(~0u, touches);
-    if (lanes == 0) continue;
-    uint64_t first = 0;
-    if (lane == 0) first = WarpTeam::add(&queues.counters->tiles, static_cast<uint64_t>(__popc(lanes)));
-    first = __shfl_sync(~0u, first, 0);
-    const uint64_t slot = first + static_cast<uint32_t>(__popc(lanes & ((1u << lane) - 1)));
+    const uint64_t slot = next + static_cast<uint32_t>(__popc(lanes & ((1u << lane) - 1)));
+    next += static_cast<uint32_t>(__popc(lanes));
     const bool kept = slot < queues.tile_capacity;
     if (touches && kept) {
       queues.tiles[slot] = {number, static_cast<uint16_t>(x), static_cast<uint16_t>(y)};
     }
+    if (next <= queues.tile_capacity) continue;
     for (uint32_t left = __ballot_sync(~0u, touches && !kept); left != 0; left &= left - 1) {
       const int owner = __ffs(static_cast<int>(left)) - 1;
       const PixelBox box = tile_box(triangle, frame.view, static_cast<int32_t>(__shfl_sync(~0u, x, owner)),

@@ -4,7 +4,7 @@
 #include <vector>
 
 #include "format/result.h"
-#include "kernels/draw_list.h"
+#include "kernels/cluster_list.h"
 #include "kernels/scene_view.h"
 
 namespace scree::kernels {
@@ -33,6 +33,9 @@ struct CandidateCounts {
 };
 
 CandidateCounts count_candidates(const SceneView& scene);
+
+/// Every group of clusters of every instance.
+std::vector<ClusterGroup> list_cluster_groups(const SceneView& scene);
 
 /// Errors kRange: 2^32 instances or chunks, or more candidates than a draw list holds.
 Result<DrawTables> make_draw_tables(const SceneView& scene);

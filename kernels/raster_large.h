@@ -29,17 +29,30 @@ struct LargeTiles {
   }
 };
 
-/// False where all the tile's pixel centres lie outside one edge: each edge function is looked at in the corner where
-/// it is largest.
-SCREE_HD inline bool may_cover_tile(const Triangle& triangle, int32_t tile_x, int32_t tile_y) {
-  const Edges<int64_t> edges = make_edges<int64_t>(triangle, tile_x * kTileSide, tile_y * kTileSide);
-  for (int i = 0; i < 3; ++i) {
-    const int64_t largest =
-        edges.value[i] + (kTileSide - 1) * (max_of<int64_t>(edges.step_x[i], 0) + max_of<int64_t>(edges.step_y[i], 0));
-    if (largest < 0) return false;
+/// Which tiles a triangle may cover: each edge function is looked at in the tile's corner where it is largest.
+struct TileTest {
+  int64_t largest[3];  // in tile 0, 0
+  int64_t step_x[3];   // to the next tile right
+  int64_t step_y[3];
+
+  SCREE_HD explicit TileTest(const Triangle& triangle) {
+    const Edges<int64_t> edges = make_edges<int64_t>(triangle, 0, 0);
+    for (int i = 0; i < 3; ++i) {
+      step_x[i] = kTileSide * edges.step_x[i];
+      step_y[i] = kTileSide * edges.step_y[i];
+      largest[i] = edges.value[i] +
+                   (kTileSide - 1) * (max_of<int64_t>(edges.step_x[i], 0) + max_of<int64_t>(edges.step_y[i], 0));
+    }
   }
-  return true;
-}
+
+  /// False where all the tile's pixel centres lie outside one edge.
+  SCREE_HD bool may_cover(uint32_t x, uint32_t y) const {
+    int64_t sign = 0;
+    for (int i = 0; i < 3; ++i)
+      sign |= largest[i] + static_cast<int64_t>(x) * step_x[i] + static_cast<int64_t>(y) * step_y[i];
+    return sign >= 0;
+  }
+};
 
 /// The part of a triangle's box that lies in a tile; may be empty.
 SCREE_HD inline PixelBox tile_box(const Triangle& triangle, const FrameView& view, int32_t tile_x, int32_t tile_y) {
@@ -61,11 +74,12 @@ struct SplitLarge {
   SCREE_HD void operator()(uint32_t item, Team team) const {
     const Triangle& triangle = queues.large[first + item];
     const LargeTiles tiles(triangle, view);
+    const TileTest test(triangle);
     for (uint32_t i = team.rank(); i < tiles.count(); i += team.size()) {
       uint32_t x;
       uint32_t y;
       tiles.tile(i, x, y);
-      if (!may_cover_tile(triangle, static_cast<int32_t>(x), static_cast<int32_t>(y))) continue;
+      if (!test.may_cover(x, y)) continue;
       push(team, &queues.counters->tiles, queues.tiles, queues.tile_capacity,
            TileItem{static_cast<uint32_t>(first + item), static_cast<uint16_t>(x), static_cast<uint16_t>(y)});
     }
