@@ -1,5 +1,7 @@
 #include "tests/kernels/hard_cases.h"
 
+#include <chrono>
+#include <cmath>
 #include <cstdio>
 #include <cstdlib>
 #include <fstream>
@@ -427,8 +429,9 @@ Figures judge(HardCase& hard) {
   return figures;
 }
 
-CoverCount count_covers(SceneBuilder& builder, const View& view) {
+CoverCount count_covers(SceneBuilder& builder, const View& view, const Draws& draws) {
   const kernels::SceneView scene = builder.view();
+  const auto picture = [&] { return draws ? draws(builder, scene, view) : draw(scene, view, 2); };
   struct Chunk {
     std::vector<uint32_t> indices;
     std::span<std::byte> stream;
@@ -459,7 +462,7 @@ CoverCount count_covers(SceneBuilder& builder, const View& view) {
     }
   };
   CoverCount count;
-  const std::vector<uint64_t> whole = draw(scene, view, 2);
+  const std::vector<uint64_t> whole = picture();
   count.is_covered.resize(whole.size());
   count.is_twice.resize(whole.size());
   for (size_t i = 0; i < whole.size(); ++i) count.is_covered[i] = whole[i] != kBackground;
@@ -467,7 +470,7 @@ CoverCount count_covers(SceneBuilder& builder, const View& view) {
     std::vector<uint64_t> halves[2];
     for (uint64_t side = 0; side < 2; ++side) {
       keep([&](uint64_t number) { return ((number >> bit) & 1) == side; });
-      halves[side] = draw(scene, view, 2);
+      halves[side] = picture();
     }
     uint64_t different = 0;  // the halves together are the whole
     for (size_t i = 0; i < whole.size(); ++i) {
@@ -487,6 +490,50 @@ void note(const std::string& what, const std::string& figure) {
   UNSCOPED_INFO(what << ": " << figure);
   if (const char* path = std::getenv("SCREE_HARD_CASES"))
     std::ofstream(path, std::ios::app) << "| " << what << " | " << figure << " |\n";
+}
+
+void check_closed(const std::string& name, const Soup& soup, const View& view, double disc_pixels, const Draws& draws) {
+  CoverCount counts[2];
+  const auto start = std::chrono::steady_clock::now();
+  for (const bool turned : {false, true}) {
+    Soup facing = soup;
+    if (turned)
+      for (size_t i = 0; i < facing.indices.size(); i += 3) std::swap(facing.indices[i + 1], facing.indices[i + 2]);
+    SceneBuilder builder;
+    Encoding encoding;
+    encoding.exponent = -16;
+    builder.instance(builder.mesh(facing, encoding), builder.identity());
+    counts[turned] = count_covers(builder, view, draws);
+  }
+  const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  uint64_t one_side = 0, inside_missing = 0, inside_twice = 0;
+  for (uint32_t y = 0; y < view.height; ++y) {
+    for (uint32_t x = 0; x < view.width; ++x) {
+      const size_t i = size_t{y} * view.width + x;
+      one_side += counts[0].is_covered[i] != counts[1].is_covered[i] ? 1 : 0;
+      const double from_middle = std::hypot(x + 0.5 - 0.5 * view.width, y + 0.5 - 0.5 * view.height);
+      if (from_middle > disc_pixels - 2) continue;
+      for (const CoverCount& count : counts) {
+        inside_missing += count.is_covered[i] ? 0 : 1;
+        inside_twice += count.is_twice[i] ? 1 : 0;
+      }
+    }
+  }
+  char took[32];
+  std::snprintf(took, sizeof took, "%.0f s", seconds);
+  note(name, std::to_string(soup.indices.size() / 3) + " triangles, " + std::to_string(counts[0].covered) +
+                 " pixels covered by front faces, " + std::to_string(counts[1].covered) + " by back faces; leaks " +
+                 std::to_string(inside_missing) + ", covered twice " + std::to_string(inside_twice) +
+                 " (in the two outermost pixels " + std::to_string(counts[0].twice + counts[1].twice - inside_twice) +
+                 "), covered from one side only " + std::to_string(one_side) + "; " + took);
+  CHECK(inside_missing == 0);
+  CHECK(inside_twice == 0);
+  CHECK(one_side == 0);  // a closed surface has as many front as back faces at every point, however it is snapped
+  CHECK(static_cast<double>(counts[0].covered) == Approx(3.14159265 * disc_pixels * disc_pixels).epsilon(0.01));
+}
+
+View sphere_view(uint32_t side) {
+  return orthographic(look_at({0.4, 0.7, 2.9}, {0, 0, 0}, side, side), 1.1, 0.5, 8);
 }
 
 const std::vector<NamedCase>& hard_cases() {

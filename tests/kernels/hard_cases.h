@@ -51,8 +51,18 @@ struct CoverCount {
 };
 
 /// Draws the scene once for each value of each bit of the triangles' numbers: two triangles differ in a bit, so that a
-/// pixel with two of them is covered by both halves of some bit. Indexed chunks only.
-CoverCount count_covers(SceneBuilder& builder, const kernels::View& view);
+/// pixel with two of them is covered by both halves of some bit. Indexed chunks only. `draws`: what draws the builder's
+/// scene; two threads where it is empty.
+using Draws =
+    std::function<std::vector<uint64_t>(const SceneBuilder&, const kernels::SceneView&, const kernels::View&)>;
+CoverCount count_covers(SceneBuilder& builder, const kernels::View& view, const Draws& draws = {});
+
+/// A closed convex mesh: what faces the camera covers each pixel of its picture once, what faces away the same pixels
+/// once; what the two count near the outline, where snapping folds triangles over, is noted.
+void check_closed(const std::string& name, const Soup& soup, const kernels::View& view, double disc_pixels,
+                  const Draws& draws = {});
+/// Of a sphere() of radius 1, which has side / 2.2 pixels there.
+kernels::View sphere_view(uint32_t side);
 
 /// Notes a case's figure: in the message of a failing check, and as a row in the file that the environment variable
 /// SCREE_HARD_CASES names, if any.

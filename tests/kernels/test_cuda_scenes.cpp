@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cstdint>
 #include <random>
+#include <string>
 #include <vector>
 
 #include "tests/catch.h"
@@ -32,9 +33,10 @@ void compare(SceneBuilder& builder, const std::vector<View>& views, uint64_t lea
   for (size_t i = 0; i < views.size(); ++i) {
     INFO("view " << i);
     CHECK((device.draw(views[i]) == expected[i]));  // a picture may be too large to be printed
-    CHECK((device.draw(views[i], {1, 1, 1}) == expected[i]));
+    CHECK((device.draw(views[i], {1, 1, 1, 1, 1, 1}) == expected[i]));
     CHECK((device.draw(views[i], {}, {false}) == expected[i]));
   }
+  CHECK((device.draw_in_turn(views) == expected));
 }
 
 /// Perspective and orthographic, the whole scene in view, parts of it, and from inside.
@@ -241,6 +243,25 @@ TEST_CASE("hard cases are drawn alike on the GPU", "[cuda][hard]") {
     HardCase clustered = in_clusters(hard, Clusters::kClustered);
     compare(clustered.builder, clustered.views, 0);
   }
+}
+
+TEST_CASE("hard: triangles side by side cover each pixel once on the GPU", "[cuda][hard]") {
+  if (!has_gpu()) return;
+  const auto on_gpu = [](const SceneBuilder& builder, const kernels::SceneView& scene, const View& view) {
+    return DeviceCopy(scene, builder.pages).draw(view);
+  };
+  for (const std::string name : {"sliver strip", "vertices at pixel centres", "fans"}) {
+    INFO(name);
+    HardCase hard = make_hard_case(name);
+    for (const View& view : hard.views) {
+      const CoverCount count = count_covers(hard.builder, view, on_gpu);
+      note(name + ", covers, GPU",
+           std::to_string(count.covered) + " pixels, " + std::to_string(count.twice) + " of them twice");
+      CHECK(count.covered > 500);
+      CHECK(count.twice == 0);
+    }
+  }
+  check_closed("closed mesh, covers, GPU", sphere(150, 0), sphere_view(160), 80 / 1.1, on_gpu);
 }
 
 TEST_CASE("hard: ids past 2^32, to the last, on the GPU", "[cuda][hard]") {

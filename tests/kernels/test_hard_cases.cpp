@@ -2,7 +2,7 @@
 // the bound that must hold. A wrong pixel is one on an outline or an edge, which snapping to 1/256 pixel moves; bounds
 // are about twice what was measured.
 #include <chrono>
-#include <cmath>
+#include <cstdio>
 #include <random>
 
 #include "tests/catch.h"
@@ -27,52 +27,6 @@ Figures judged(const std::string& name, uint64_t most_background, uint64_t most_
 
 std::string number(uint64_t value) {
   return std::to_string(value);
-}
-
-/// A closed convex mesh: what faces the camera covers each pixel of its picture once, what faces away the same pixels
-/// once; what the two count near the outline, where snapping folds triangles over, is noted.
-void check_closed(const std::string& name, const Soup& soup, const View& view, double disc_pixels) {
-  CoverCount counts[2];
-  const auto start = std::chrono::steady_clock::now();
-  for (const bool turned : {false, true}) {
-    Soup facing = soup;
-    if (turned)
-      for (size_t i = 0; i < facing.indices.size(); i += 3) std::swap(facing.indices[i + 1], facing.indices[i + 2]);
-    SceneBuilder builder;
-    Encoding encoding;
-    encoding.exponent = -16;
-    builder.instance(builder.mesh(facing, encoding), builder.identity());
-    counts[turned] = count_covers(builder, view);
-  }
-  const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
-  uint64_t one_side = 0, inside_missing = 0, inside_twice = 0;
-  for (uint32_t y = 0; y < view.height; ++y) {
-    for (uint32_t x = 0; x < view.width; ++x) {
-      const size_t i = size_t{y} * view.width + x;
-      one_side += counts[0].is_covered[i] != counts[1].is_covered[i] ? 1 : 0;
-      const double from_middle = std::hypot(x + 0.5 - 0.5 * view.width, y + 0.5 - 0.5 * view.height);
-      if (from_middle > disc_pixels - 2) continue;
-      for (const CoverCount& count : counts) {
-        inside_missing += count.is_covered[i] ? 0 : 1;
-        inside_twice += count.is_twice[i] ? 1 : 0;
-      }
-    }
-  }
-  char took[32];
-  std::snprintf(took, sizeof took, "%.0f s", seconds);
-  note(name, number(soup.indices.size() / 3) + " triangles, " + number(counts[0].covered) +
-                 " pixels covered by front faces, " + number(counts[1].covered) + " by back faces; leaks " +
-                 number(inside_missing) + ", covered twice " + number(inside_twice) + " (in the two outermost pixels " +
-                 number(counts[0].twice + counts[1].twice - inside_twice) + "), covered from one side only " +
-                 number(one_side) + "; " + took);
-  CHECK(inside_missing == 0);
-  CHECK(inside_twice == 0);
-  CHECK(one_side == 0);  // a closed surface has as many front as back faces at every point, however it is snapped
-  CHECK(static_cast<double>(counts[0].covered) == Approx(3.14159265 * disc_pixels * disc_pixels).epsilon(0.01));
-}
-
-View sphere_view(uint32_t side) {
-  return orthographic(look_at({0.4, 0.7, 2.9}, {0, 0, 0}, side, side), 1.1, 0.5, 8);
 }
 
 }  // namespace
