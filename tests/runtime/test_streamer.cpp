@@ -35,10 +35,10 @@ using scree::runtime::StreamStats;
 using scree::tests::Encoding;
 using scree::tests::GridSpec;
 using scree::tests::ModelMaker;
+using scree::tests::must_load;
 using scree::tests::PagedScene;
 using scree::tests::Soup;
 using scree::tests::TempFolder;
-using scree::tests::must_load;
 
 namespace convert = scree::convert;
 namespace format = scree::format;
@@ -249,7 +249,9 @@ TEST_CASE("streamed pictures are those of the whole scene: indexed, clustered, f
   options.chunk_triangles = 150;
   options.normals = true;
   uint32_t seed = 1;
-  SECTION("indexed") {}
+  SECTION("indexed") {
+    options.encoding = convert::Encoding::kIndexed;
+  }
   SECTION("clustered") {
     options.encoding = convert::Encoding::kClustered;
     options.chunk_triangles = 400;
@@ -291,6 +293,7 @@ TEST_CASE("streamed pictures are those of the whole scene: JPEG textures decoded
   const TempFolder folder;
   scree::tests::make_jpeg_model(folder.file("in.glb"));
   convert::ConvertOptions options = scree::tests::options_of(folder);
+  options.encoding = GENERATE(convert::Encoding::kIndexed, convert::Encoding::kClustered);
   options.chunk_triangles = 4;
   scree::tests::must_convert(options);
   CHECK(compare_paths(Compared(folder.file("out.scree")), 6, 3).streamed > 0);

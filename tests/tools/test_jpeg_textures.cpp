@@ -44,7 +44,9 @@ std::vector<uint8_t> draw(const runtime::Scene& scene, uint32_t width, uint32_t 
 TEST_CASE("a picture does not depend on the size of the texture cache", "[jpeg_textures]") {
   const TempFolder folder;
   tests::make_jpeg_model(folder.file("in.glb"));
-  tests::must_convert(tests::options_of(folder));
+  convert::ConvertOptions options = tests::options_of(folder);
+  options.encoding = GENERATE(convert::Encoding::kIndexed, convert::Encoding::kClustered);
+  tests::must_convert(options);
   const runtime::Scene whole = load_cached(folder.file("out.scree"), 0);
   CHECK(whole.block_cache() == nullptr);
   for (const uint64_t bytes : {uint64_t{1}, uint64_t{3000}, uint64_t{40000}, uint64_t{64} << 20}) {

@@ -189,7 +189,9 @@ std::vector<uint8_t> resolve_whole(const kernels::ShadeInputs& in, uint32_t side
 TEST_CASE("rounds of decoding give the picture of whole textures, in caches of any size", "[texture_cache]") {
   const TempFolder folder;
   tests::make_jpeg_model(folder.file("in.glb"));
-  tests::must_convert(tests::options_of(folder));
+  convert::ConvertOptions options = tests::options_of(folder);
+  options.encoding = GENERATE(convert::Encoding::kIndexed, convert::Encoding::kClustered);
+  tests::must_convert(options);
   const runtime::Scene whole = load_cached(folder.file("out.scree"), 0);
   const runtime::Scene scene = load_cached(folder.file("out.scree"), 1);
   const kernels::SrgbTables srgb = kernels::make_srgb_tables();
@@ -323,8 +325,10 @@ TEST_CASE("the GPU draws JPEG textures as if they were decoded whole, with cache
     const auto helmet = tests::models_path() / "scenes" / "DamagedHelmet" / "DamagedHelmet.glb";
     if (std::filesystem::exists(helmet)) inputs.push_back(helmet.string());
   }
+  const auto encoding = GENERATE(convert::Encoding::kIndexed, convert::Encoding::kClustered);
   for (const std::string& input : inputs) {
     convert::ConvertOptions options = tests::options_of(folder);
+    options.encoding = encoding;
     options.input = input;
     tests::must_convert(options);
     const runtime::Scene whole = load_cached(options.output, 0);
