@@ -56,6 +56,20 @@ class DeviceCopy {
     return pictures;
   }
 
+  /// Of the first frame.
+  kernels::FrameStats stats(const kernels::View& view, const kernels::CudaQueueSizes& sizes,
+                            const kernels::DrawOptions& options) const {
+    Result<kernels::CudaFrames> frames = kernels::CudaFrames::create(host_, view_, sizes);
+    REQUIRE(frames);
+    kernels::FrameStats stats{};
+    picture(view, [&](uint64_t* samples) {
+      const Result<kernels::FrameStats> drawn = frames->draw(view, samples, options);
+      REQUIRE(drawn);
+      stats = *drawn;
+    });
+    return stats;
+  }
+
   /// A part of a frame: what is drawn of the pages for which `has_page` holds.
   struct Part {
     kernels::FramePart part;

@@ -50,11 +50,12 @@ struct CoverCount {
   std::vector<bool> is_covered, is_twice;
 };
 
-/// Draws the scene once for each value of each bit of the triangles' numbers: two triangles differ in a bit, so that a
-/// pixel with two of them is covered by both halves of some bit. Indexed chunks only. `draws`: what draws the builder's
-/// scene; two threads where it is empty.
+/// What draws a builder's scene; two threads where it is empty.
 using Draws =
     std::function<std::vector<uint64_t>(const SceneBuilder&, const kernels::SceneView&, const kernels::View&)>;
+
+/// Draws the scene once for each value of each bit of the triangles' numbers: two triangles differ in a bit, so that a
+/// pixel with two of them is covered by both halves of some bit. Indexed chunks only.
 CoverCount count_covers(SceneBuilder& builder, const kernels::View& view, const Draws& draws = {});
 
 /// A closed convex mesh: what faces the camera covers each pixel of its picture once, what faces away the same pixels

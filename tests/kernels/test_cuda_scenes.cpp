@@ -141,10 +141,10 @@ TEST_CASE("chunks with widths of no bits are drawn alike on the GPU", "[cuda]") 
 
 namespace {
 
-/// Clustered and other chunks, in front of each other and behind, seen twice from each view, the second time with all
-/// known; then back again, in jumps.
+/// Clustered and, unless it `is_clustered` alone, other chunks, in front of each other and behind, seen twice from each
+/// view, the second time with all known; then back again, in jumps.
 struct MixedScene {
-  MixedScene() {
+  explicit MixedScene(bool is_clustered) {
     Encoding lattice;
     lattice.chunk_triangles = 900;
     Encoding clustered = lattice;
@@ -153,7 +153,8 @@ struct MixedScene {
     open_clustered.material = builder.material(format::kMaterialDoubleSided);
     open_clustered.chunk_triangles = 65536;
     const uint32_t meshes[] = {builder.mesh(grid(60, 0.2), clustered), builder.mesh(sphere(40, 0.1), open_clustered),
-                               builder.mesh(sphere(30, 0.2), lattice), builder.mesh(grid(31, 0.3), float32()),
+                               builder.mesh(sphere(30, 0.2), is_clustered ? clustered : lattice),
+                               builder.mesh(grid(31, 0.3), is_clustered ? clustered : float32()),
                                builder.mesh(grid(1, 0), clustered)};
     const uint32_t matrices[] = {builder.identity(),
                                  builder.matrix({0.5, 0, 0.1, 0.6, 0, 0.5, 0, 0.3, 0, 0, 0.5, -0.2}),
@@ -162,7 +163,7 @@ struct MixedScene {
     for (const uint32_t mesh : meshes)
       for (const uint32_t matrix : matrices) builder.instance(mesh, matrix);
     scene = builder.view();
-    CHECK(scene.chunk_kinds == kernels::ChunkKinds::kMixed);
+    CHECK((scene.chunk_kinds == kernels::ChunkKinds::kMixed) != is_clustered);
     for (const View& view : all_views()) views.insert(views.end(), 2, view);
     const std::vector<View> once = all_views();
     views.insert(views.end(), once.rbegin(), once.rend());
@@ -189,7 +190,8 @@ constexpr kernels::CudaQueueSizes kNoRoom{1, 1, 1, 1, 1, 1, 1, 1};
 }  // namespace
 
 TEST_CASE("scenes of clustered and other chunks are drawn alike on the GPU, frame after frame", "[cuda][clusters]") {
-  const MixedScene mixed;
+  const bool is_clustered = GENERATE(false, true);
+  const MixedScene mixed(is_clustered);
   if (!has_gpu()) return;
   const DeviceCopy device(mixed.scene, mixed.builder.pages);
   for (const kernels::CudaQueueSizes& sizes : {kernels::CudaQueueSizes{}, in_two_passes(), kNoRoom}) {
@@ -206,7 +208,8 @@ TEST_CASE("scenes of clustered and other chunks are drawn alike on the GPU, fram
 }
 
 TEST_CASE("frames in parts are drawn alike on the GPU, what was seen before first", "[cuda][clusters]") {
-  const MixedScene mixed;
+  const bool is_clustered = GENERATE(false, true);
+  const MixedScene mixed(is_clustered);
   const auto third = [](size_t which) { return [which](size_t page) { return page % 3 == which; }; };
   const auto but_third = [](size_t which) { return [which](size_t page) { return page % 3 != which; }; };
   using Part = DeviceCopy::Part;
@@ -232,6 +235,25 @@ TEST_CASE("frames in parts are drawn alike on the GPU, what was seen before firs
         CHECK(pictures[i] == mixed.expected[i]);
       }
     }
+  }
+}
+
+TEST_CASE("one kernel finds the clusters that the kernels of larger scenes find", "[cuda][clusters]") {
+  const MixedScene mixed(true);
+  if (!has_gpu()) return;
+  const DeviceCopy device(mixed.scene, mixed.builder.pages);
+  kernels::DrawOptions in_one_pass;
+  in_one_pass.occlusion = false;
+  for (const View& view : all_views()) {
+    const kernels::FrameStats few = device.stats(view, {}, in_one_pass);
+    const kernels::FrameStats many = device.stats(view, in_two_passes(), in_one_pass);
+    CHECK(few.instances_drawn == many.instances_drawn);
+    CHECK(few.draws == many.draws);
+    CHECK(few.triangles == many.triangles);
+    CHECK(few.groups_tested == many.groups_tested);
+    CHECK(few.clusters_tested == many.clusters_tested);
+    CHECK(few.clusters_drawn == many.clusters_drawn);
+    CHECK(few.clusters_drawn > 0);
   }
 }
 
