@@ -9,7 +9,8 @@
 
 namespace scree::kernels {
 
-/// A clustered chunk drawn for one instance. A unit of it is a group of 32 clusters.
+/// A clustered chunk drawn for one instance. A unit of it is a group of 32 clusters; where there are few each group has
+/// a draw of its own.
 struct alignas(16) ClusterDraw {
   SampleFilter filter;
   float x[4];  // rows of the instance's transform
@@ -18,7 +19,7 @@ struct alignas(16) ClusterDraw {
   int32_t base[3];  // lattice coordinate of the chunk's position_min minus the transform's reference
   uint32_t flags;
   uint64_t first_id;    // of the chunk's triangle 0
-  uint64_t first_unit;  // sum over the draws before
+  uint64_t first_unit;  // sum over the draws before; 0 where there are few
   uint64_t first_word;  // of ClusterList::seen: of its group 0
   const std::byte* payload;
   uint32_t chunk;

@@ -130,7 +130,7 @@ __global__ void __launch_bounds__(kCullThreads)
                         const __grid_constant__ DrawList list, const __grid_constant__ ClusterList clusters) {
   __shared__ uint64_t first_of_bucket[kNearBuckets];  // items and units of the buckets before
   __shared__ uint64_t in_bucket[kNearBuckets];        // of this block; then where they begin
-  __shared__ uint64_t before_warp[kCullThreads / kWarpLanes];
+  __shared__ uint64_t before_warp[kCullWarps];
   clear_buckets(in_bucket);
   const uint32_t lane = threadIdx.x % kWarpLanes;
   const uint64_t thread = uint64_t{blockIdx.x} * blockDim.x + threadIdx.x;

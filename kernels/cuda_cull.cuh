@@ -70,8 +70,10 @@ __device__ inline RelativeBox drawn_box(const DrawList& list, const format::Mesh
 }
 
 inline constexpr uint32_t kCullThreads = 128;
+inline constexpr uint32_t kCullWarps = kCullThreads / kWarpLanes;
 
-/// Samples to be cleared by blocks of their own of cull_instances(), which waits for memory more than it writes.
+/// Samples to be cleared by blocks of their own of the kernel that culls first, which waits for memory more than it
+/// writes.
 struct SamplesToClear {
   uint64_t* samples;
   uint64_t count;

@@ -16,8 +16,6 @@ struct FewCull {
   SamplesToClear clear;
 };
 
-inline constexpr uint32_t kCullWarps = kCullThreads / kWarpLanes;
-
 /// A warp a group of clusters: its instance's transform, the tests of the instance, the chunk, the group and the
 /// clusters, and a draw of its own. The last blocks clear the picture.
 template <bool kOrthographic>
@@ -37,7 +35,8 @@ __global__ void __launch_bounds__(kCullThreads) cull_few(const __grid_constant__
   const format::InstanceRecord& instance = scene.instances[at.instance];
   const format::ChunkRecord& chunk = scene.chunks[at.chunk];
   const format::MeshRecord& mesh = scene.meshes[chunk.mesh];
-  const Transform transform = make_transform(view, scene.matrices[instance.matrix], mesh.lattice_exponent, false);
+  constexpr bool kFloat32 = false;  // clusters lie on a lattice
+  const Transform transform = make_transform(view, scene.matrices[instance.matrix], mesh.lattice_exponent, kFloat32);
   if (!may_be_seen(transform, view, mesh_box(mesh, transform))) return;
   if (lane == 0 && at.counts_as_instance != 0) {
     few.list.transforms[at.instance] = transform;

@@ -25,6 +25,11 @@ uint64_t first_items(uint64_t cluster_groups, const CudaQueueSizes& sizes) {
   return min_of(cluster_groups * format::kGroupClusters, sizes.clusters);
 }
 
+/// Clusters that are drawn in one pass, and nothing else.
+bool are_few(uint64_t indexed_candidates, uint64_t cluster_groups, const CudaQueueSizes& sizes) {
+  return indexed_candidates == 0 && cluster_groups < sizes.two_pass_groups;
+}
+
 /// A kernel of stage 1, built for what a scene has.
 struct SmallVariant {
   void (*kernel)(const SmallFrame);
@@ -257,7 +262,7 @@ Result<void> CudaFrames::Impl::open_clusters(const SceneView& host, const CudaQu
   if (done) {
     done = draw_bucket.allocate(tables.cluster_candidates.size() * kGroupInstances, "allocating the draw list");
   }
-  if (done && !in_two_passes() && tables.candidates.empty())
+  if (done && are_few(tables.candidates.size(), tables.cluster_groups, sizes))
     done = few_groups.fill(list_cluster_groups(host), "allocating the draw list");
   if (done) done = draws.allocate(max_of(tables.cluster_draws, few_groups.count()), "allocating the draw list");
   if (done && in_two_passes()) {
@@ -363,7 +368,7 @@ void CudaFrames::Impl::submit_few_culling(const DrawList& list, const SamplesToC
                                              few_groups.data(), group_count, clear});
 }
 
-/// Finds the clusters that a pass draws, and draws them.
+/// Finds the clusters that a pass draws, unless they are few and found, and draws them.
 template <bool kOrthographic, ClusterPass kPass>
 void CudaFrames::Impl::submit_clusters(const SmallFrame& small, uint32_t round, uint32_t rounds) {
   const uint32_t pass = kPass == ClusterPass::kNewlySeen ? 1 + round : 0;
@@ -551,7 +556,7 @@ uint64_t CudaFrames::device_bytes(const SceneView& host, const CudaQueueSizes& s
                    host.chunk_count * sizeof(ChunkBounds) +
                    candidates.indexed * (sizeof(Candidate) + sizeof(DrawGroup)) +
                    (sizes.medium + sizes.large) * sizeof(Triangle) + sizes.tiles * sizeof(TileItem);
-  const bool has_few = candidates.indexed == 0 && candidates.cluster_groups < sizes.two_pass_groups;
+  const bool has_few = are_few(candidates.indexed, candidates.cluster_groups, sizes);
   const uint64_t few_groups = has_few ? candidates.cluster_groups : 0;
   if (candidates.clustered != 0) {
     bytes += candidates.clustered * (sizeof(Candidate) + kGroupInstances * sizeof(uint16_t)) +

@@ -32,10 +32,11 @@ struct DrawOptions {
 
 /// Milliseconds of one frame by CUDA events: clearing and, at the same time, culling; stages 1 to 3 of the first pass,
 /// of which 2 and 3 run side by side; the depth pyramid and the second pass (with the pyramids of its rounds), where
-/// there are clusters enough; and from the first to the end of all.
+/// there are clusters enough; and from the first to the end of all. The counters are cleared behind a frame and are in
+/// none of them.
 struct FrameTimes {
-  float clear_ms;
-  float cull_ms;
+  float clear_ms;  // of the picture where nothing is culled; before the first frame the counters too
+  float cull_ms;   // and, where there is anything to cull, clearing the picture
   float small_ms;
   float medium_ms;
   float large_ms;
@@ -54,7 +55,7 @@ struct CudaQueueSizes {
   uint64_t to_clip = 1u << 16;   // triangles of clusters
   uint64_t clipped = 1u << 15;   // what is left of those, medium and large ones each
   // Scenes of fewer groups of clusters are drawn in one pass: the pyramid and the second would cost more than they
-  // save.
+  // save. Where they have no other chunks one kernel culls them, with a ClusterDraw for each group.
   uint64_t two_pass_groups = 2048;
   // Where the camera moves the second pass goes in a round for so many groups, and one more for every doubling.
   uint64_t round_groups = 1u << 15;
