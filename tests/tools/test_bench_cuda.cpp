@@ -167,9 +167,9 @@ TEST_CASE("culling of clusters changes no picture", "[cuda]") {
   tight.medium = tight.large = tight.tiles = tight.clusters = tight.to_clip = 1;
   kernels::CudaQueueSizes empty = tight;
   empty.medium = empty.large = empty.tiles = empty.clusters = empty.to_clip = 0;
-  check_culling(synth::sponzalike_scene(1), 50, rounds);
+  check_culling(synth::sponzalike_scene(1), 200, rounds);
   check_culling(synth::sponzalike_scene(1), 10, tight);
-  check_culling(synth::terrain_scene(synth::MeshOrder::kRow, 0.05), 50, {});
+  check_culling(synth::terrain_scene(synth::MeshOrder::kRow, 0.05), 200, {});
   check_culling(synth::terrain_scene(synth::MeshOrder::kRow, 0.01), 50, rounds);
   check_culling(synth::lantern_scene(synth::MeshOrder::kRow, 0.02), 200, rounds);
   check_culling(synth::lantern_scene(synth::MeshOrder::kBlock, 0.02), 20, empty);
