@@ -50,8 +50,7 @@ static_assert(sizeof(ClusterDraw) == 192);
 struct ClusterGroup {
   uint32_t instance;
   uint32_t chunk;
-  uint32_t group;               // of the chunk
-  uint32_t counts_as_instance;  // 1 for one of the instance's groups
+  uint32_t group;  // of the chunk
 };
 
 /// A cluster to be drawn.

@@ -9,7 +9,7 @@ namespace scree::kernels {
 
 struct FewCull {
   SceneView scene;
-  DrawList list;
+  Transform* transforms;  // as DrawList has them
   ClusterCull cull;
   const ClusterGroup* groups;
   uint32_t group_count;
@@ -38,8 +38,8 @@ __global__ void __launch_bounds__(kCullThreads) cull_few(const __grid_constant__
   constexpr bool kFloat32 = false;  // clusters lie on a lattice
   const Transform transform = make_transform(view, scene.matrices[instance.matrix], mesh.lattice_exponent, kFloat32);
   if (!may_be_seen(transform, view, mesh_box(mesh, transform))) return;
-  if (lane == 0 && at.counts_as_instance != 0) {
-    few.list.transforms[at.instance] = transform;
+  if (lane == 0 && at.group == 0 && at.chunk == mesh.first_chunk) {
+    few.transforms[at.instance] = transform;
     WarpTeam::add(&counters.queues.instances_drawn, 1);
   }
   if (scene.pages[chunk.page] == nullptr) return;

@@ -363,9 +363,9 @@ template <bool kOrthographic>
 void CudaFrames::Impl::submit_few_culling(const DrawList& list, const SamplesToClear& clear) {
   const auto group_count = static_cast<uint32_t>(few_groups.count());
   const uint32_t blocks = (group_count - 1) / kCullWarps + 1 + clear.blocks;
-  cull_few<kOrthographic>
-      <<<blocks, kCullThreads, 0, stream>>>({scene, list, cluster_cull(list, {options.cluster_bounds, false}, 0, 0, 1),
-                                             few_groups.data(), group_count, clear});
+  cull_few<kOrthographic><<<blocks, kCullThreads, 0, stream>>>(
+      {scene, list.transforms, cluster_cull(list, {options.cluster_bounds, false}, 0, 0, 1), few_groups.data(),
+       group_count, clear});
 }
 
 /// Finds the clusters that a pass draws, unless they are few and found, and draws them.

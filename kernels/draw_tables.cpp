@@ -77,14 +77,10 @@ std::vector<ClusterGroup> list_cluster_groups(const SceneView& scene) {
   std::vector<ClusterGroup> groups;
   for (uint64_t i = 0; i < scene.instance_count; ++i) {
     const format::MeshRecord& mesh = scene.meshes[scene.instances[i].mesh];
-    uint32_t counts_as_instance = 1;
     for (uint64_t c = mesh.first_chunk; c < mesh.first_chunk + mesh.chunk_count; ++c) {
-      if (!is_clustered(scene, c)) continue;
       const auto count = static_cast<uint32_t>(cluster_group_count(scene.chunks[c]));
-      for (uint32_t group = 0; group < count; ++group) {
-        groups.push_back({static_cast<uint32_t>(i), static_cast<uint32_t>(c), group, counts_as_instance});
-        counts_as_instance = 0;
-      }
+      for (uint32_t group = 0; group < count; ++group)
+        groups.push_back({static_cast<uint32_t>(i), static_cast<uint32_t>(c), group});
     }
   }
   return groups;

@@ -34,7 +34,7 @@ struct CandidateCounts {
 
 CandidateCounts count_candidates(const SceneView& scene);
 
-/// Every group of clusters of every instance.
+/// Every group of clusters of every instance, where all chunks are clustered.
 std::vector<ClusterGroup> list_cluster_groups(const SceneView& scene);
 
 /// Errors kRange: 2^32 instances or chunks, or more candidates than a draw list holds.
