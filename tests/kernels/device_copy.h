@@ -47,11 +47,10 @@ class DeviceCopy {
   std::vector<std::vector<uint64_t>> draw_in_turn(const std::vector<kernels::View>& views,
                                                   const kernels::CudaQueueSizes& sizes = {},
                                                   const kernels::DrawOptions& options = {}) const {
-    Result<kernels::CudaFrames> frames = kernels::CudaFrames::create(host_, view_, sizes);
-    REQUIRE(frames);
+    kernels::CudaFrames frames = make_frames(sizes);
     std::vector<std::vector<uint64_t>> pictures;
     for (const kernels::View& view : views) {
-      pictures.push_back(picture(view, [&](uint64_t* samples) { REQUIRE(frames->draw(view, samples, options)); }));
+      pictures.push_back(picture(view, [&](uint64_t* samples) { REQUIRE(frames.draw(view, samples, options)); }));
     }
     return pictures;
   }
@@ -59,11 +58,10 @@ class DeviceCopy {
   /// Of the first frame.
   kernels::FrameStats stats(const kernels::View& view, const kernels::CudaQueueSizes& sizes,
                             const kernels::DrawOptions& options) const {
-    Result<kernels::CudaFrames> frames = kernels::CudaFrames::create(host_, view_, sizes);
-    REQUIRE(frames);
+    kernels::CudaFrames frames = make_frames(sizes);
     kernels::FrameStats stats{};
     picture(view, [&](uint64_t* samples) {
-      const Result<kernels::FrameStats> drawn = frames->draw(view, samples, options);
+      const Result<kernels::FrameStats> drawn = frames.draw(view, samples, options);
       REQUIRE(drawn);
       stats = *drawn;
     });
@@ -80,8 +78,7 @@ class DeviceCopy {
   std::vector<std::vector<uint64_t>> draw_in_parts(const std::vector<kernels::View>& views,
                                                    const std::vector<Part>& parts,
                                                    const kernels::CudaQueueSizes& sizes) const {
-    Result<kernels::CudaFrames> frames = kernels::CudaFrames::create(host_, view_, sizes);
-    REQUIRE(frames);
+    kernels::CudaFrames frames = make_frames(sizes);
     std::vector<std::vector<uint64_t>> pictures;
     for (const kernels::View& view : views) {
       pictures.push_back(picture(view, [&](uint64_t* samples) {
@@ -89,7 +86,7 @@ class DeviceCopy {
           show_pages(part.has_page);
           kernels::DrawOptions options;
           options.part = part.part;
-          REQUIRE(frames->draw(view, samples, options));
+          REQUIRE(frames.draw(view, samples, options));
         }
       }));
     }
@@ -98,6 +95,12 @@ class DeviceCopy {
   }
 
  private:
+  kernels::CudaFrames make_frames(const kernels::CudaQueueSizes& sizes) const {
+    Result<kernels::CudaFrames> frames = kernels::CudaFrames::create(host_, view_, sizes);
+    REQUIRE(frames);
+    return std::move(*frames);
+  }
+
   /// What `draw` draws into samples on the device, which are background before.
   template <class Draw>
   std::vector<uint64_t> picture(const kernels::View& view, const Draw& draw) const {

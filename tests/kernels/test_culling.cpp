@@ -4,7 +4,7 @@
 #include <utility>
 
 #include "kernels/frame_parts.h"
-#include "tests/kernels/scene_builder.h"
+#include "tests/kernels/draw_counted.h"
 
 using namespace scree;
 using namespace scree::kernels;
@@ -12,30 +12,12 @@ using namespace scree::tests;
 
 namespace {
 
-QueueSizes nothing_left_out() {
-  QueueSizes sizes;
-  sizes.cluster_bounds = sizes.occlusion = false;
-  return sizes;
-}
-
 /// Rounds of few triangles: a pyramid before nearly each.
 QueueSizes many_rounds() {
   QueueSizes sizes;
   sizes.round_triangles = 64;
   sizes.block_triangles = 500;
   return sizes;
-}
-
-struct Drawn {
-  std::vector<uint64_t> samples;
-  FrameStats stats;
-};
-
-Drawn draw_counted(const SceneView& scene, const View& view, const QueueSizes& sizes, uint32_t threads = 1) {
-  std::vector<uint64_t> samples(size_t{view.width} * view.height);
-  const auto stats = draw_cpu_with(scene, view, samples, threads, best_instruction_set(), sizes);
-  REQUIRE(stats);
-  return {std::move(samples), *stats};
 }
 
 /// A wall of two triangles at z = 1, `half` units around the origin.

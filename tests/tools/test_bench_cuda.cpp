@@ -1,12 +1,12 @@
 // Scenes made on the GPU: the host's bytes, and the CPU's picture of them.
 #include <algorithm>
-#include <cmath>
 #include <cstring>
 #include <random>
 #include <vector>
 
 #include "tests/catch.h"
 #include "tests/gpu.h"
+#include "tests/tools/random_view.h"
 #include "tools/bench/frames.h"
 #include "tools/bench/generate.h"
 #include "tools/bench/resident_scene.h"
@@ -93,26 +93,9 @@ void check_culling(const synth::Scene& scene, int cameras, const kernels::CudaQu
   REQUIRE(used);
   REQUIRE(fresh);
   std::mt19937 random(1);
-  std::uniform_real_distribution<double> share(0, 1);
   uint64_t clusters[3] = {};  // culled whole, by bounds, not at all
   for (int i = 0; i < cameras; ++i) {
-    synth::SceneCamera camera = scene.cameras[0];
-    const synth::SceneCamera& other = scene.cameras.back();
-    const double t = share(random);
-    for (size_t axis = 0; axis < 3; ++axis) {
-      camera.eye[axis] += t * (other.eye[axis] - camera.eye[axis]);
-      camera.target[axis] += share(random) * (other.target[axis] - camera.target[axis]) +
-                             (share(random) - 0.5) * (camera.eye[axis] - camera.target[axis]);
-    }
-    kernels::View view = i % 9 == 4 ? scene_view(camera, 333, 517) : scene_view(camera, 640, 360);
-    if (i % 5 == 3) {
-      double distance = 0;
-      for (size_t axis = 0; axis < 3; ++axis) distance += std::abs(camera.target[axis] - camera.eye[axis]);
-      view.orthographic = true;
-      view.half_height = 0.3 * distance;
-      view.half_width = view.half_height * view.width / view.height;
-      view.z_far = view.z_near + 4 * distance;
-    }
+    const kernels::View view = tests::random_view(scene, random, i, {640, 360}, {333, 517});
     INFO(scene.name << ", camera " << i);
     const Drawn all = draw(*fresh, view, {false, false});
     const Drawn jumped = draw(*used, view, {true, true});
