@@ -8,6 +8,7 @@
 
 #include "tests/catch.h"
 #include "tests/gpu.h"
+#include "tests/kernels/crowd.h"
 #include "tests/kernels/device_copy.h"
 #include "tests/kernels/hard_cases.h"
 #include "tests/kernels/scene_builder.h"
@@ -254,6 +255,29 @@ TEST_CASE("one kernel finds the clusters that the kernels of larger scenes find"
     CHECK(few.clusters_tested == many.clusters_tested);
     CHECK(few.clusters_drawn == many.clusters_drawn);
     CHECK(few.clusters_drawn > 0);
+  }
+}
+
+TEST_CASE("a hundred thousand instances of clusters are drawn alike on the GPU, frame after frame",
+          "[cuda][clusters]") {
+  SceneBuilder builder;
+  build_crowd(builder);
+  const kernels::SceneView scene = builder.view();
+  const View above = look_at({0, -2.4, 1.5}, {0, 0, 0}, 320, 180);
+  const View within = look_at({0.2, 0.1, 0.3}, {0.1, 0.6, 0}, 320, 180);
+  const std::vector<View> views = {above, above, within, within, above, look_at({0, -2.3, 1.5}, {0, 0, 0}, 320, 180)};
+  std::vector<std::vector<uint64_t>> expected;
+  for (const View& view : views) expected.push_back(draw(scene, view, 2));
+  if (!has_gpu()) return;
+  const DeviceCopy device(scene, builder.pages);
+  for (const bool occlusion : {true, false}) {
+    kernels::DrawOptions options;
+    options.occlusion = occlusion;
+    const std::vector<std::vector<uint64_t>> pictures = device.draw_in_turn(views, {}, options);
+    for (size_t i = 0; i < views.size(); ++i) {
+      INFO("frame " << i << ", occlusion " << occlusion);
+      CHECK(pictures[i] == expected[i]);
+    }
   }
 }
 

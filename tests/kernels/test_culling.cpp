@@ -4,6 +4,7 @@
 #include <utility>
 
 #include "kernels/frame_parts.h"
+#include "tests/kernels/crowd.h"
 #include "tests/kernels/draw_counted.h"
 
 using namespace scree;
@@ -163,6 +164,23 @@ TEST_CASE("culling: clusters of one object hide those behind them without a pyra
   const Drawn found = draw_counted(scene, view, QueueSizes{});
   CHECK(found.samples == all.samples);
   CHECK(found.stats.clusters_drawn < all.stats.clusters_drawn);
+}
+
+TEST_CASE("culling: of a hundred thousand instances those that show are drawn", "[raster][clusters]") {
+  SceneBuilder builder;
+  build_crowd(builder);
+  const SceneView scene = builder.view();
+  REQUIRE(scene.instance_count > 100000);
+  for (const View& view :
+       {look_at({0, -2.4, 1.5}, {0, 0, 0}, 160, 90), look_at({0.2, 0.1, 0.3}, {0.1, 0.6, 0}, 160, 90),
+        orthographic(look_at({0, 0, 2}, {0, 0, 0}, 90, 90), 1.1, 0.1, 5)}) {
+    const Drawn all = draw_counted(scene, view, nothing_left_out(), 2);
+    const Drawn found = draw_counted(scene, view, QueueSizes{}, 2);
+    CHECK(found.samples == all.samples);
+    CHECK(found.stats.instances_drawn == all.stats.instances_drawn);
+    CHECK(found.stats.clusters_drawn < all.stats.clusters_drawn);
+    CHECK(covered(found.samples) > 500);
+  }
 }
 
 TEST_CASE("culling: parts of a picture hide what comes in later ones", "[raster][clusters]") {
