@@ -1,21 +1,15 @@
 #include "tools/render/render_options.h"
 
-#include <csignal>
 #include <fstream>
 #include <memory>
 #include <string>
 #include <vector>
 
-#include <sys/wait.h>
-#include <unistd.h>
-
 #include "kernels/visbuffer.h"
 #include "runtime/image.h"
-#include "runtime/mapped_file.h"
 #include "tests/catch.h"
 #include "tests/runtime/small_scene.h"
 #include "tools/common/command.h"
-#include "tools/common/sigbus.h"
 
 using scree::ErrorCode;
 using scree::Result;
@@ -173,34 +167,4 @@ TEST_CASE("render names a file that is missing or is not ours", "[render]") {
   REQUIRE_FALSE(foreign);
   CHECK(foreign.error().message.find(other.string() + ": ") == 0);
   CHECK(scree::exit_code(foreign.error().code) == 3);
-}
-
-TEST_CASE("a file cut short while it is read ends in one line and exit code 2", "[render]") {
-  const ScratchPath path("cut.bin");
-  std::ofstream(path.path()) << std::string(3 * 4096, 'x');
-  int pipe_ends[2];
-  REQUIRE(::pipe(pipe_ends) == 0);
-  const pid_t child = ::fork();
-  REQUIRE(child >= 0);
-  if (child == 0) {
-    ::dup2(pipe_ends[1], STDERR_FILENO);
-    report_sigbus("render", "cut.bin");
-    const Result<scree::runtime::MappedFile> file = scree::runtime::MappedFile::open(path.string());
-    if (!file || ::truncate(path.string().c_str(), 0) != 0) ::_exit(99);
-    const volatile std::byte last = file->bytes()[3 * 4096 - 1];
-    (void)last;
-    ::_exit(98);
-  }
-  ::close(pipe_ends[1]);
-  std::string text;
-  char buffer[256];
-  for (ssize_t count; (count = ::read(pipe_ends[0], buffer, sizeof buffer)) > 0;)
-    text.append(buffer, static_cast<size_t>(count));
-  ::close(pipe_ends[0]);
-  int status = 0;
-  REQUIRE(::waitpid(child, &status, 0) == child);
-  REQUIRE(WIFEXITED(status));
-  CHECK(WEXITSTATUS(status) == 2);
-  CHECK(text ==
-        "scree render: cut.bin: cannot read: the file was cut short while it was read, or its disk failed (SIGBUS)\n");
 }
