@@ -154,6 +154,11 @@ void FaultInputs::add_many() {
   make("convert many.gltf -o many_packed.scree --chunk-triangles 32 --encoding clustered --zstd 1 --quiet --threads 1");
 }
 
+void FaultInputs::add_shuffled() {
+  make("convert shuffled.gltf -o shuffled.scree --quiet --threads 1");
+  make("convert shuffled.gltf -o shuffled_packed.scree --zstd 3 --quiet --threads 1");
+}
+
 void FaultInputs::add_giant() {
   write_giant(folder_);
 }

@@ -16,6 +16,9 @@ class FaultInputs {
   /// many.scree and many_packed.scree, of many chunks round the origin, for what streams them.
   void add_many();
 
+  /// shuffled.scree and shuffled_packed.scree, whose pages take more than a block.
+  void add_shuffled();
+
   /// giant.gltf and lying.gltf, whose only primitive is encoded while it is measured; what the second states of it
   /// proves wrong when four windows are measured, and a page of them is in the file.
   void add_giant();

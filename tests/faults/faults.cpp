@@ -87,14 +87,14 @@ bool fails(Kind kind, const char* what, const void* site, uint64_t size) {
   if (!shared->is_counting && std::strcmp(what, shared->plan.from) == 0) shared->is_counting = true;
   if (!shared->is_counting || kind != shared->plan.kind) return false;
   const uint64_t number = ++shared->calls;
-  const bool is_survey = shared->plan.site == 0 && shared->plan.number == 0;
+  const bool is_survey = shared->plan.site == 0 && shared->plan.number == 0 && !shared->plan.every;
   const uint64_t hash = hash_of(what, site, size);
   if (is_survey) {
     note_site(hash);
     return false;
   }
-  if (number != shared->plan.number && hash != shared->plan.site) return false;
-  if (shared->has_failed.exchange(true)) return false;
+  if (!shared->plan.every && number != shared->plan.number && hash != shared->plan.site) return false;
+  if (shared->has_failed.exchange(true)) return shared->plan.every;
   std::snprintf(shared->failed_call, sizeof shared->failed_call, "%s, call %llu", what,
                 static_cast<unsigned long long>(number));
   return true;

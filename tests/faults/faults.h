@@ -1,7 +1,7 @@
-// Calls that fail on purpose. The program under test is linked with --wrap for every call below, so that its own
-// objects and the static libraries come here first; one counter serves files, memory and the GPU.
-// Lost: LD_PRELOAD. It would not see the CUDA runtime, which is linked statically, and ASan's runtime wants to be the
-// first library and to own malloc.
+// Calls that fail on purpose, or move less than they were asked to. The program under test is linked with --wrap for
+// every call below, so that its own objects and the static libraries come here first; one counter serves files, memory
+// and the GPU. Lost: LD_PRELOAD. It would not see the CUDA runtime, which is linked statically, and ASan's runtime
+// wants to be the first library and to own malloc.
 #pragma once
 
 #include <cstdint>
@@ -13,6 +13,7 @@ enum class Kind : uint32_t {
   kFile,    // open, read, write, map, rename, ...
   kMemory,  // malloc and operator new, and threads
   kDevice,  // CUDA
+  kShort,   // read and write, which succeed with half of the bytes
 };
 
 /// Asked by each wrapped call: whether this one fails. `what`: the call's name. `site`: where it was called from;
@@ -24,6 +25,7 @@ struct Plan {
   Kind kind = Kind::kFile;
   uint64_t site = 0;    // fails at its first call, as `sites` has it; 0: none
   uint64_t number = 0;  // the call of that number fails, from 1; 0: none
+  bool every = false;   // all calls do
   char from[32] = {};   // calls count from the first of this name on, of whatever kind it is; empty: from the start
 };
 

@@ -1,19 +1,20 @@
 // Runs a command of scree over and over, each time with another call failing, and looks at what is left:
 //   scree_faults [-j N] [-p] [-s N] [-r] KIND WHICH FOLDER OUTPUTS -- CONVERT|INSPECT|... ARGUMENTS
-// KIND: file, memory, device. WHICH: all, or sites: one failure a place in the program (memory: and a size); with /N
-// behind it every N-th of them; call/N: the N-th call alone; with @NAME at the end, of the calls from the first of that
-// name on. OUTPUTS: files in FOLDER, with commas between, with + between those that belong together, ~ before all where
-// they may come out otherwise. -j: so many runs at a time, each in a copy of FOLDER. -p: many runs in one process,
-// where beginning is what takes long, as for a GPU. -s: so many runs without a failure tell which calls there are.
-// -r: each run finds the .part of one that ended early, with all that can be gone on with, and may leave one where it
-// has to say an error; then the command is run again, and has to write what it writes without a failure.
-// Prints what went wrong, and a line of counts; exits 0 where nothing did.
+// KIND: file, memory, device, short. WHICH: all, or sites: one failure a place in the program (memory: and a size);
+// with /N behind it every N-th of them; call/N: the N-th call alone; every: all calls in one run; with @NAME at the
+// end, of the calls from the first of that name on. OUTPUTS: files in FOLDER, with commas between, with + between those
+// that belong together, ~ before all where they may come out otherwise. -j: so many runs at a time, each in a copy of
+// FOLDER. -p: many runs in one process, where beginning is what takes long, as for a GPU. -s: so many runs without a
+// failure tell which calls there are. -r: each run finds the .part of one that ended early, with all that can be gone
+// on with, and may leave one where it has to say an error; then the command is run again, and has to write what it
+// writes without a failure. Prints what went wrong, and a line of counts; exits 0 where nothing did.
 //
 // A run may come to its end all the same, and then has to write what it writes without a failure. Else it has to say
 // one line, to return its code, and to leave no leak (ASan's build; of what CUDA gave, any) and no other file but an
 // empty .part, where the file system does not even say what it is, and a .part that could not be removed. Outputs are
 // then what they were before, or whole (the first of several; one whose folder cannot be synced), those that belong
-// together all the same.
+// together all the same. Of KIND short, where a call moves half of the bytes and says so, every run has to come to its
+// end.
 //
 // Where threads take turns as they like, so do calls: which one is the n-th then differs from run to run, and a run may
 // have fewer. Such a run, in which none failed, has to be a good one, and shows how many there may be as those before
@@ -82,6 +83,7 @@ std::optional<Options> parse(int argc, char** argv) {
   const std::string_view kind = words[0];
   if (kind == "memory") options.plan.kind = faults::Kind::kMemory;
   if (kind == "device") options.plan.kind = faults::Kind::kDevice;
+  if (kind == "short") options.plan.kind = faults::Kind::kShort;
   std::string_view which = words[1];
   if (const size_t at = which.find('@'); at != std::string_view::npos) {
     if (which.substr(at + 1).size() >= sizeof options.plan.from) return std::nullopt;
@@ -160,6 +162,8 @@ class Worker {
     } while (!progress_.next.compare_exchange_weak(number, number + options_.step));
     if (options_.which == "sites") {
       plan.site = sites_[number];
+    } else if (options_.which == "every") {
+      plan.every = true;
     } else {
       plan.number = number + 1;
     }
@@ -179,7 +183,8 @@ class Worker {
       ++(run.code == 0 ? progress_.borne : progress_.refused);
     }
     if (fault.empty()) return true;
-    tell((failed.empty() ? "nothing" : failed) + " fails", fault, run);
+    tell((failed.empty() ? "nothing" : failed) + (options_.plan.kind == faults::Kind::kShort ? " stops" : " fails"),
+         fault, run);
     return false;
   }
 
@@ -269,8 +274,8 @@ int main(int argc, char** argv) {
   if (!parsed) {
     std::fprintf(
         stderr,
-        "scree_faults [-j N] [-p] [-s N] [-r] file|memory|device all[/N][@NAME]|sites[/N][@NAME]|call/N[@NAME] FOLDER "
-        "OUTPUTS -- ARGUMENTS\n");
+        "scree_faults [-j N] [-p] [-s N] [-r] file|memory|device|short all[/N][@NAME]|sites[/N][@NAME]|call/N[@NAME]|"
+        "every[@NAME] FOLDER OUTPUTS -- ARGUMENTS\n");
     return 1;
   }
   const Options& options = *parsed;
@@ -278,7 +283,8 @@ int main(int argc, char** argv) {
   faults::prepare();
   faults::Experiment experiment(options.folder, options.outputs, options.words);
   faults::Expected expected;
-  expected.code = options.plan.kind == faults::Kind::kDevice ? 4 : 2;
+  const bool all_succeed = options.plan.kind == faults::Kind::kShort;
+  expected.code = all_succeed ? 0 : options.plan.kind == faults::Kind::kDevice ? 4 : 2;
   expected.may_differ = options.may_differ;
   expected.earlier = experiment.earlier_outputs();
   expected.keeps_part = options.resumes;
@@ -308,12 +314,16 @@ int main(int argc, char** argv) {
 
   Progress& progress = shared_memory<Progress>();
   progress.next = options.which == "call" ? options.step - 1 : 0;
-  progress.most = options.which == "call" ? options.step : options.which == "all" ? calls : sites.size();
+  progress.most = options.which == "call"    ? options.step
+                  : options.which == "every" ? 1
+                  : options.which == "all"   ? calls
+                                             : sites.size();
   run_all(options, sites, expected, progress, part);
   const auto count = [](const std::atomic<uint64_t>& value) { return static_cast<unsigned long long>(value); };
   std::printf("%s: %llu calls from %zu sites; %llu failed: %llu refused, %llu borne, %llu not met, %llu wrong\n",
               command, static_cast<unsigned long long>(calls), sites.size(), count(progress.refused + progress.borne),
               count(progress.refused), count(progress.borne), count(progress.missed), count(progress.wrong));
-  if (progress.refused == 0) std::printf("%s: nothing was refused\n", command);
-  return progress.wrong > 0 || progress.refused == 0 ? 1 : 0;
+  const bool any_told = (all_succeed ? progress.borne : progress.refused) > 0;
+  if (!any_told) std::printf("%s: nothing was %s\n", command, all_succeed ? "borne" : "refused");
+  return progress.wrong > 0 || !any_told ? 1 : 0;
 }

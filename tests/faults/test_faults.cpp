@@ -1,4 +1,5 @@
-// Every command with every call failing once: files, memory, and the GPU (scree_faults does the work).
+// Every command with every call failing once: files, memory, and the GPU; and with reads and writes that stop half way
+// (scree_faults does the work).
 #include <algorithm>
 #include <cstdint>
 #include <cstdlib>
@@ -18,6 +19,7 @@ namespace {
 struct Job {
   const char* outputs;
   const char* command;
+  bool only_maps = false;  // reads and writes no file but through a map
 };
 
 // Pages stay raw where memory for compressing them is short (format::seal_page).
@@ -47,8 +49,8 @@ constexpr Job kGuess[] = {
 // Triangles are read thrice, since so many vertices' new numbers fit into memory; buckets are written as they fill.
 constexpr Job kSortInPasses[] = {{"out", "sort shuffled.gltf 1000 1 out"}, {"out", "sort shuffled.gltf 1000 2 out"}};
 constexpr Job kReaders[] = {
-    {"", "inspect packed.scree --verify --threads 2"},
-    {"", "inspect in.scree --json"},
+    {"", "inspect packed.scree --verify --threads 2", true},
+    {"", "inspect in.scree --json", true},
     {"out.glb", "export in.scree -o out.glb --quiet --threads 1"},
     {"out.gltf+out.bin+out_jpeg.jpg+out_png.png", "export in.scree -o out.gltf --quiet --threads 2"},
     {"", "compare in.scree in.gltf --size 24x16 --threads 1"},
@@ -76,6 +78,13 @@ constexpr Job kUpload[] = {
     {"out", "upload in.scree buffered 2 out"},
 };
 
+// The same with pages of several blocks, of which a read past the page cache may stop after one.
+constexpr Job kUploadBlocks[] = {
+    {"out", "upload shuffled.scree direct 1 out"},
+    {"out", "upload shuffled_packed.scree direct 2 out"},
+    {"out", "upload shuffled.scree buffered 2 out"},
+};
+
 // Frames from a pool that holds a third of the chunks, while a thread reads others.
 constexpr Job kStream[] = {
     {"out.bin,out.png", "stream many.scree 3 1 out.bin out.png"},
@@ -87,6 +96,14 @@ void check_all(const std::string& kind, const std::string& which, const Job (&jo
                const std::string& options = "") {
   FaultInputs inputs;
   for (const Job& job : jobs) inputs.check(kind, which, job.outputs, job.command, options);
+}
+
+/// Once a place, and all calls.
+template <size_t kCount>
+void check_short(FaultInputs& inputs, const Job (&jobs)[kCount], const std::string& options = "") {
+  for (const Job& job : jobs)
+    for (const char* which : {"sites", "every"})
+      if (!job.only_maps) inputs.check("short", which, job.outputs, job.command, options);
 }
 
 /// So many runs at a time.
@@ -171,6 +188,34 @@ TEST_CASE("faults: every call for a file fails once while pages are uploaded", "
 }
 TEST_CASE("faults: every place that takes memory fails once while pages are uploaded", "[faults]") {
   check_all("memory", SCREE_FAULT_SITES, kUpload);
+}
+TEST_CASE("faults: reads and writes move half of the bytes while converting", "[faults][short]") {
+  FaultInputs inputs;
+  check_short(inputs, kConvert);
+  check_short(inputs, kSort);
+  check_short(inputs, kSortInPasses);
+}
+TEST_CASE("faults: reads and writes move half of the bytes while a giant primitive is measured", "[faults][short]") {
+  FaultInputs inputs;
+  inputs.add_giant();
+  must_guess(inputs.folder());
+  for (const Job& job : kGuess) inputs.check("short", "every", job.outputs, job.command);
+}
+TEST_CASE("faults: reads and writes move half of the bytes while a conversion is resumed", "[faults][short][resume]") {
+  FaultInputs inputs;
+  check_short(inputs, kResume, "-r");
+}
+TEST_CASE("faults: reads and writes move half of the bytes while reading", "[faults][short]") {
+  FaultInputs inputs;
+  check_short(inputs, kReaders);
+}
+TEST_CASE("faults: reads and writes move half of the bytes while pages are uploaded", "[faults][short]") {
+  FaultInputs inputs;
+  inputs.add_shuffled();
+  check_short(inputs, kUploadBlocks);
+}
+TEST_CASE("faults: reads and writes move half of the bytes while frames are streamed", "[faults][short][stream]") {
+  check_stream("short", "every");
 }
 // Hours of one core, so that all cores make runs.
 TEST_CASE("faults: every call fails once while sorting", "[.][faults-all]") {

@@ -1,5 +1,5 @@
-// The calls of the C library that may fail, those of std::filesystem, and operator new. The list of names stands in
-// CMakeLists.txt too, where a test holds it against what the program calls.
+// The calls of the C library that may fail or stop half way, those of std::filesystem, and operator new. The list of
+// names stands in CMakeLists.txt too, where a test holds it against what the program calls.
 #include <fcntl.h>
 #include <pthread.h>
 #include <sys/mman.h>
@@ -25,6 +25,19 @@ using scree::faults::Kind;
 
 #define SCREE_SITE __builtin_return_address(0)
 
+namespace {
+
+/// How many bytes of `size` a call moves: half where this one stops early. Linux does so for signals, full disks and
+/// network file systems. Past the page cache it stops on whole blocks.
+size_t moved(const char* what, const void* site, int file, size_t size) {
+  constexpr size_t kBlock = 4096;
+  const bool is_direct = (::fcntl(file, F_GETFL) & O_DIRECT) != 0;
+  const size_t half = is_direct ? size / 2 / kBlock * kBlock : size / 2;
+  return half != 0 && fails(Kind::kShort, what, site) ? half : size;
+}
+
+}  // namespace
+
 extern "C" {
 
 int __real_open(const char* path, int flags, ...);
@@ -47,25 +60,25 @@ int __wrap_close(int file) {
 ssize_t __real_read(int file, void* out, size_t size);
 ssize_t __wrap_read(int file, void* out, size_t size) {
   if (fails(Kind::kFile, "read", SCREE_SITE)) return errno = EIO, -1;
-  return __real_read(file, out, size);
+  return __real_read(file, out, moved("read", SCREE_SITE, file, size));
 }
 
 ssize_t __real_pread(int file, void* out, size_t size, off_t offset);
 ssize_t __wrap_pread(int file, void* out, size_t size, off_t offset) {
   if (fails(Kind::kFile, "pread", SCREE_SITE)) return errno = EIO, -1;
-  return __real_pread(file, out, size, offset);
+  return __real_pread(file, out, moved("pread", SCREE_SITE, file, size), offset);
 }
 
 ssize_t __real_write(int file, const void* bytes, size_t size);
 ssize_t __wrap_write(int file, const void* bytes, size_t size) {
   if (fails(Kind::kFile, "write", SCREE_SITE)) return errno = ENOSPC, -1;
-  return __real_write(file, bytes, size);
+  return __real_write(file, bytes, moved("write", SCREE_SITE, file, size));
 }
 
 ssize_t __real_pwrite(int file, const void* bytes, size_t size, off_t offset);
 ssize_t __wrap_pwrite(int file, const void* bytes, size_t size, off_t offset) {
   if (fails(Kind::kFile, "pwrite", SCREE_SITE)) return errno = ENOSPC, -1;
-  return __real_pwrite(file, bytes, size, offset);
+  return __real_pwrite(file, bytes, moved("pwrite", SCREE_SITE, file, size), offset);
 }
 
 int __real_ftruncate(int file, off_t size);
