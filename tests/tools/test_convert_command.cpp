@@ -7,9 +7,11 @@
 #include <csignal>
 #include <filesystem>
 #include <fstream>
+#include <random>
 #include <thread>
 
 #include "tests/catch.h"
+#include "tests/tools/many_files.h"
 #include "tests/tools/model_maker.h"
 #include "tests/tools/run_program.h"
 #include "tests/tools/temp_folder.h"
@@ -110,6 +112,47 @@ TEST_CASE("convert: an input that gets shorter or goes away meanwhile", "[conver
     CHECK(WEXITSTATUS(status) == 0);
     CHECK(folder.names() == std::vector<std::string>{"in.gltf", "log", "out.scree"});
   }
+}
+
+TEST_CASE("convert: a buffer file that is opened anew goes away or is replaced meanwhile", "[convert]") {
+  const TempFolder folder;
+  const bool is_replaced = GENERATE(true, false);
+  // Windows of the first come before the rest, and take a second: the file is changed meanwhile, once the .part says
+  // that all were measured. The last file is past those that stay open.
+  constexpr size_t kFiles = 600;
+  std::mt19937 random(7);
+  std::uniform_real_distribution<float> unit(0, 1);
+  std::vector<std::vector<float>> points = tests::many_triangles(kFiles);
+  points[0].clear();
+  for (size_t i = 0; i < 9 * 600'000; ++i) points[0].push_back(unit(random));
+  const std::string last = folder.file(std::to_string(kFiles - 1) + ".bin");
+  const std::string input = tests::write_many_files(folder, points);
+  folder.write("out.scree", "earlier");
+  const pid_t child = start_program({"convert", input, "-o", folder.file("out.scree"), "--grid", "scene", "--positions",
+                                     "12", "--zstd", "16", "--threads", "1", "--order", "none"},
+                                    folder.file("log"));
+  siginfo_t ended{};
+  for (int i = 0; i < 60000 && !std::filesystem::exists(folder.file("out.scree.part")) && ended.si_pid == 0; ++i) {
+    std::this_thread::sleep_for(std::chrono::milliseconds(1));
+    REQUIRE(waitid(P_PID, static_cast<id_t>(child), &ended, WEXITED | WNOHANG | WNOWAIT) == 0);
+  }
+  if (is_replaced) {
+    std::filesystem::copy_file(last, folder.file("copy"));
+    std::filesystem::rename(folder.file("copy"), last);
+  } else {
+    std::filesystem::remove(last);
+  }
+  const int status = wait_for(child);
+  const std::string log = tests::read_whole(folder.file("log"));
+  INFO(log);
+  REQUIRE(WIFEXITED(status));
+  CHECK(WEXITSTATUS(status) == 2);
+  CHECK(log.starts_with("scree convert: "));
+  CHECK(log.ends_with("599.bin: " + std::string(is_replaced ? "was replaced by another file while it was being read\n"
+                                                            : "No such file or directory\n")));
+  CHECK(std::count(log.begin(), log.end(), '\n') == 1);
+  CHECK(tests::read_whole(folder.file("out.scree")) == "earlier");
+  CHECK_FALSE(std::filesystem::exists(folder.file("out.scree.part")));
 }
 
 TEST_CASE("convert: progress on a terminal, with what limits", "[convert]") {

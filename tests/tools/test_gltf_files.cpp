@@ -3,6 +3,7 @@
 #include <unistd.h>
 
 #include <array>
+#include <chrono>
 #include <filesystem>
 #include <fstream>
 #include <optional>
@@ -11,6 +12,7 @@
 
 #include "tests/catch.h"
 #include "tests/models.h"
+#include "tests/tools/many_files.h"
 #include "tests/tools/temp_folder.h"
 #include "tools/common/memory_use.h"
 #include "tools/convert/byte_source.h"
@@ -356,24 +358,7 @@ TEST_CASE("images stay inside the scene's folder", "[import][uri]") {
 TEST_CASE("a scene may have more buffer files than a process may open", "[import]") {
   const tests::TempFolder folder;
   constexpr int kFiles = 1500;
-  std::string buffers;
-  std::string views;
-  std::string accessors;
-  std::string primitives;
-  for (int i = 0; i < kFiles; ++i) {
-    const std::string n = std::to_string(i);
-    const std::string comma = i == 0 ? "" : ",";
-    folder.write(n + ".bin", floats({static_cast<float>(i), 0, 0, 1, 0, 0, 0, 1, 0}));
-    buffers += comma + R"({"byteLength":36,"uri":")" + n + R"(.bin"})";
-    views += comma + R"({"byteLength":36,"buffer":)" + n + "}";
-    accessors += comma + R"({"componentType":5126,"count":3,"type":"VEC3","bufferView":)" + n + "}";
-    primitives += comma + R"({"attributes":{"POSITION":)" + n + "}}";
-  }
-  const auto scene = import_gltf(
-      folder.write("many.gltf", R"({"asset":{"version":"2.0"},"buffers":[)" + buffers + R"(],"bufferViews":[)" + views +
-                                    R"(],"accessors":[)" + accessors + R"(],"meshes":[{"primitives":[)" + primitives +
-                                    R"(]}],"nodes":[{"mesh":0}]})"),
-      {});
+  const auto scene = import_gltf(tests::write_many_files(folder, tests::many_triangles(kFiles)), {});
   if (!scene) FAIL(scene.error().message);
   REQUIRE(scene->primitives.size() == kFiles);
   for (int i = 0; i < kFiles; ++i) {
@@ -381,6 +366,52 @@ TEST_CASE("a scene may have more buffer files than a process may open", "[import
     REQUIRE(read_floats(scene->primitives[static_cast<size_t>(i)].positions, 0, 1, first));
     CHECK(first[0] == static_cast<float>(i));
   }
+}
+
+TEST_CASE("a buffer file that is opened anew must be the same", "[import]") {
+  const tests::TempFolder folder;
+  constexpr size_t kFiles = 600, kKept = 512;
+  const auto scene = import_gltf(tests::write_many_files(folder, tests::many_triangles(kFiles)), {});
+  if (!scene) FAIL(scene.error().message);
+  const auto read = [&](size_t number) {
+    std::array<float, 3> first;
+    return read_floats(scene->primitives.at(number).positions, 0, 1, first);
+  };
+  const auto must_fail = [&](size_t number, const std::string& words) {
+    const auto failed = read(number);
+    INFO(words);
+    REQUIRE_FALSE(failed);
+    CHECK(failed.error().code == ErrorCode::kFile);
+    CHECK(failed.error().message == folder.file(std::to_string(number) + ".bin") + ": " + words);
+  };
+  REQUIRE(read(kFiles - 1));
+  const auto path = [&](size_t number) { return folder.file(std::to_string(number) + ".bin"); };
+  fs::remove(path(590));
+  must_fail(590, "No such file or directory");
+  // The same bytes, size and time, but another file; and one that is not even a file.
+  fs::copy_file(path(591), folder.file("copy"));
+  fs::last_write_time(folder.file("copy"), fs::last_write_time(path(591)));
+  fs::rename(folder.file("copy"), path(591));
+  must_fail(591, "was replaced by another file while it was being read");
+  fs::remove(path(592));
+  REQUIRE(::mkfifo(path(592).c_str(), 0600) == 0);
+  must_fail(592, "was replaced by another file while it was being read");
+  // The same file, of another size, or written to since.
+  fs::resize_file(path(593), 35);
+  must_fail(593, "was changed while it was being read");
+  fs::resize_file(path(594), 37);
+  fs::last_write_time(path(594), fs::last_write_time(path(595)));
+  must_fail(594, "was changed while it was being read");
+  fs::last_write_time(path(596), fs::last_write_time(path(596)) + std::chrono::nanoseconds(1));
+  must_fail(596, "was changed while it was being read");
+  fs::last_write_time(path(597), fs::last_write_time(path(597)) - std::chrono::seconds(1));
+  must_fail(597, "was changed while it was being read");
+  // Those that stay open are the files that they were.
+  fs::remove(path(0));
+  CHECK(read(0));
+  fs::rename(path(1), path(2));
+  CHECK(read(2));
+  CHECK(read(kKept + 1));
 }
 
 TEST_CASE("a file that shrinks after it was opened is an error", "[import]") {

@@ -33,10 +33,14 @@ int open_read_only(const std::string& path) {
   return ::open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK);
 }
 
+bool is_same(const timespec& a, const timespec& b) {
+  return a.tv_sec == b.tv_sec && a.tv_nsec == b.tv_nsec;
+}
+
 class FileSource final : public ByteSource {
  public:
-  FileSource(std::string path, int descriptor, uint64_t size)
-      : path_(std::move(path)), descriptor_(descriptor), size_(size) {}
+  FileSource(std::string path, int descriptor, const struct stat& status)
+      : path_(std::move(path)), descriptor_(descriptor), size_(static_cast<uint64_t>(status.st_size)), first_(status) {}
   FileSource(const FileSource&) = delete;
   FileSource& operator=(const FileSource&) = delete;
   ~FileSource() override {
@@ -54,10 +58,12 @@ class FileSource final : public ByteSource {
                                               std::to_string(offset) + ", but the file has " + std::to_string(size_)};
     const TimedRead timed(nanoseconds_read);
     bytes_read.fetch_add(out.size(), std::memory_order_relaxed);
-    const int descriptor = descriptor_ >= 0 ? descriptor_ : open_read_only(path_);
+    if (descriptor_ >= 0) return read_from(descriptor_, offset, out);
+    const int descriptor = open_read_only(path_);
     if (descriptor < 0) return file_error(path_, errno);
-    Result<void> result = read_from(descriptor, offset, out);
-    if (descriptor_ < 0) ::close(descriptor);
+    Result<void> result = check_same(descriptor);
+    if (result) result = read_from(descriptor, offset, out);
+    ::close(descriptor);
     return result;
   }
 
@@ -71,6 +77,17 @@ class FileSource final : public ByteSource {
   }
 
  private:
+  /// A descriptor that is kept stays with its file; a path may lead to another by now.
+  Result<void> check_same(int descriptor) const {
+    struct stat now {};
+    if (::fstat(descriptor, &now) != 0) return file_error(path_, errno);
+    if (now.st_dev != first_.st_dev || now.st_ino != first_.st_ino)
+      return Error{ErrorCode::kFile, path_ + ": was replaced by another file while it was being read"};
+    if (now.st_size != first_.st_size || !is_same(now.st_mtim, first_.st_mtim))
+      return Error{ErrorCode::kFile, path_ + ": was changed while it was being read"};
+    return {};
+  }
+
   Result<void> read_from(int descriptor, uint64_t offset, std::span<std::byte> out) const {
     while (!out.empty()) {
       // Linux moves at most 0x7ffff000 bytes a call.
@@ -92,6 +109,7 @@ class FileSource final : public ByteSource {
   std::string path_;
   int descriptor_;  // -1: opened for each read
   uint64_t size_;
+  struct stat first_;
 };
 
 class WindowSource final : public ByteSource {
@@ -174,12 +192,11 @@ Result<std::shared_ptr<const ByteSource>> open_file_source(const std::string& pa
     ::close(descriptor);
     return Error{ErrorCode::kFile, path + ": not a regular file"};
   }
-  const uint64_t size = static_cast<uint64_t>(status.st_size);
   if (kept_descriptors.fetch_add(1) < kKeptDescriptors)
-    return std::shared_ptr<const ByteSource>(std::make_shared<FileSource>(path, descriptor, size));
+    return std::shared_ptr<const ByteSource>(std::make_shared<FileSource>(path, descriptor, status));
   --kept_descriptors;
   ::close(descriptor);
-  return std::shared_ptr<const ByteSource>(std::make_shared<FileSource>(path, -1, size));
+  return std::shared_ptr<const ByteSource>(std::make_shared<FileSource>(path, -1, status));
 }
 
 ReadTotals read_totals() {

@@ -15,7 +15,8 @@
 namespace scree::convert {
 
 /// Opens a regular file for pread(). The first few hundred files keep their descriptor; later ones are opened for each
-/// read, so that a scene of thousands of .bin files works within the usual limit of 1024. Errors kFile.
+/// read, so that a scene of thousands of .bin files works within the usual limit of 1024; such a read is kFile where the
+/// path leads to another file by then, or its size or time of change is another. Errors kFile.
 Result<std::shared_ptr<const ByteSource>> open_file_source(const std::string& path);
 
 /// What all reads of files and of part_source() took since the program began, in all threads.
