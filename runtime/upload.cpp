@@ -392,12 +392,12 @@ void UploadPlan::add_pages(const DrawnPages& pages) {
   }
 }
 
-Reading choose_reading(const UploadPlan& plan, const MappedFile& map, Reading wanted) {
+Reading choose_reading(const UploadPlan& plan, const MappedFile& map, Reading wanted, uint64_t least_bytes) {
   if (wanted != Reading::kAuto) return wanted;
   uint64_t bytes = 0;
   for (uint64_t i = 0; plan.pages() != nullptr && i < plan.pages()->size(); ++i)
     bytes += plan.pages()->record(i).stored_bytes;
-  return bytes >= kDirectBytes && map.cached_share() < 0.5 ? Reading::kDirect : Reading::kBuffered;
+  return bytes >= least_bytes && map.cached_share() < 0.5 ? Reading::kDirect : Reading::kBuffered;
 }
 
 StagingSizes staging_for(const UploadPlan& plan, Reading reading, uint32_t threads, const StagingSizes& most) {

@@ -81,8 +81,9 @@ enum class Reading {
 };
 inline constexpr uint64_t kDirectBytes = uint64_t{256} << 20;
 
-/// What kAuto is for these pages.
-Reading choose_reading(const UploadPlan& plan, const MappedFile& map, Reading wanted);
+/// What kAuto is for these pages; `least_bytes`: of them, for kDirect.
+Reading choose_reading(const UploadPlan& plan, const MappedFile& map, Reading wanted,
+                       uint64_t least_bytes = kDirectBytes);
 
 /// Of a slot's bytes what pages that go through the page cache take: a page is then still in a core's cache when it is
 /// checked, and all slots in that of all cores when they are copied from. More where a page takes more, which is then

@@ -28,6 +28,7 @@
 #include "tests/runtime/load_scene.h"
 #include "tests/runtime/paged_scene.h"
 #include "tests/tools/temp_folder.h"
+#include "tools/bench/file_cache.h"
 
 using scree::Error;
 using scree::ErrorCode;
@@ -40,10 +41,10 @@ using scree::runtime::StagingSizes;
 using scree::runtime::UploadCounts;
 using scree::runtime::UploadPlan;
 using scree::tests::Encoding;
+using scree::tests::must_load;
 using scree::tests::PagedScene;
 using scree::tests::Soup;
 using scree::tests::TempFolder;
-using scree::tests::must_load;
 
 namespace {
 
@@ -472,6 +473,46 @@ TEST_CASE("large files out of the page cache are read past it", "[upload]") {
   CHECK(choose_reading(plan, scene.file().map(), Reading::kDirect) == Reading::kDirect);
   CHECK(choose_reading(plan, scene.file().map(), Reading::kMapped) == Reading::kMapped);
   CHECK(choose_reading(UploadPlan{}, scene.file().map(), Reading::kAuto) == Reading::kBuffered);
+}
+
+TEST_CASE("what is in the page cache decides how a file is read", "[upload]") {
+  // Some megabytes: of a small file all would come in with its tables, which the system reads ahead of.
+  Soup soup;
+  std::mt19937 random(7);
+  std::uniform_real_distribution<double> unit(0, 1);
+  for (uint32_t i = 0; i < 3 * 200'000; ++i) soup.add(unit(random), unit(random), unit(random));
+  for (uint32_t i = 0; i < 200'000; ++i) soup.triangle(3 * i, 3 * i + 1, 3 * i + 2);
+  const TempFolder folder;
+  const std::string path = folder.file("large.scree");
+  PagedScene paged;
+  paged.page_bytes = 1 << 20;
+  paged.chunk_triangles = 8192;
+  paged.write(path, {{soup, scree::tests::float32()}});
+  const uint64_t bytes = std::filesystem::file_size(path);
+  REQUIRE(bytes > 6 << 20);
+
+  const Scene scene = open_scene(path);
+  UploadPlan plan;
+  plan.add_pages(scene.drawn_pages());
+  uint64_t stored = 0;
+  for (uint64_t i = 0; i < plan.pages()->size(); ++i) stored += plan.pages()->record(i).stored_bytes;
+  const scree::runtime::MappedFile& map = scene.file().map();
+  // What opening touched stays, being mapped.
+  const Result<double> left = scree::bench::drop_from_cache(path);
+  REQUIRE(left);
+  if (*left > 0.4) {
+    WARN("skipped: this file system keeps " << 100 * *left << "% of a file that is dropped from its cache");
+  } else {
+    CAPTURE(map.cached_share());
+    CHECK(choose_reading(plan, map, Reading::kAuto, stored) == Reading::kDirect);
+    CHECK(choose_reading(plan, map, Reading::kAuto, stored + 1) == Reading::kBuffered);
+    CHECK(choose_reading(plan, map, Reading::kBuffered, stored) == Reading::kBuffered);
+  }
+  const Result<double> brought = scree::bench::bring_to_cache(path);
+  REQUIRE(brought);
+  REQUIRE(*brought > 0.9);
+  CHECK(choose_reading(plan, map, Reading::kAuto, stored) == Reading::kBuffered);
+  CHECK(choose_reading(plan, map, Reading::kDirect, stored) == Reading::kDirect);
 }
 
 TEST_CASE("a scene opened without its pages gets them when asked", "[upload]") {
