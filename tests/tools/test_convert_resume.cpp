@@ -50,11 +50,11 @@ void make_scene(const std::string& path) {
 
 class Conversion {
  public:
-  Conversion() {
+  explicit Conversion(const std::string& encoding = "indexed") : encoding_(encoding) {
     make_scene(in_);
     run({"-o", reference_path()}, 0);
     reference_ = tests::read_whole(reference_path());
-    REQUIRE(reference_.size() > 5000000);
+    REQUIRE(reference_.size() > (encoding == "indexed" ? 5000000 : 1000000));
     std::filesystem::remove(reference_path());
   }
 
@@ -72,9 +72,13 @@ class Conversion {
   }
 
   std::vector<std::string> words(std::vector<std::string> more) const {
-    more.insert(more.begin(), {"convert", in_, "--zstd", "9", "--threads", "2", "--max-error", "1e-5", "--encoding", "indexed"});
+    more.insert(more.begin(), {"convert", in_, "--zstd", "9", "--threads", std::to_string(threads_), "--max-error",
+                               "1e-5", "--encoding", encoding_});
     return more;
   }
+
+  /// Of runs from now on.
+  void use_threads(uint32_t threads) { threads_ = threads; }
 
   /// Runs it to its end and returns what it says.
   std::string run(std::vector<std::string> more, int expected = 0) {
@@ -117,6 +121,8 @@ class Conversion {
   std::string in_ = folder_.file("in.glb");
   std::string out_ = folder_.file("out.scree");
   std::string reference_;
+  std::string encoding_;
+  uint32_t threads_ = 2;
 };
 
 bool says(const std::string& text, const char* words) {
@@ -141,12 +147,18 @@ void damage(const std::string& path, uint64_t offset, bool cut) {
 }  // namespace
 
 TEST_CASE("convert --resume: killed at many points, the same bytes", "[convert][resume]") {
-  Conversion conversion;
+  const std::string encoding = GENERATE("indexed", "clustered");
+  Conversion conversion(encoding);
   int resumed = 0;
-  for (uint64_t bytes = 4096; bytes < 9500000; bytes += 700000) {
-    conversion.stop_at(bytes, SIGKILL, bytes % 1000000 < 500000 ? "--resume" : "");
+  // Gone on with by another number of threads than was killed; the reference is of two.
+  uint32_t threads = 0;
+  const uint64_t size = conversion.reference().size();
+  for (uint64_t bytes = 4096; bytes < size; bytes += size / 13) {
+    conversion.use_threads(1 + threads % 3);
+    conversion.stop_at(bytes, SIGKILL, threads % 2 == 0 ? "--resume" : "");
     const bool is_left = std::filesystem::exists(conversion.part());
     const bool has_header = conversion.has_header();
+    conversion.use_threads(1 + ++threads % 3);
     const std::string said = conversion.resume();
     INFO(bytes << ": " << said);
     if (bytes > 100000) CHECK(says(said, "starts afresh") == has_header);  // else there may be no page yet
@@ -154,7 +166,10 @@ TEST_CASE("convert --resume: killed at many points, the same bytes", "[convert][
   }
   CHECK(resumed >= 5);
   // Killed again and again, it still comes to its end.
-  for (uint64_t bytes = 1000000; bytes < 6000000; bytes += 1000000) conversion.stop_at(bytes, SIGKILL, "--resume");
+  for (uint64_t i = 1; i < 6; ++i) {
+    conversion.use_threads(static_cast<uint32_t>(i));
+    conversion.stop_at(i * size / 9, SIGKILL, "--resume");
+  }
   conversion.resume();
   CHECK(conversion.folder().names() == std::vector<std::string>{"in.glb", "log"});
 }
