@@ -14,6 +14,7 @@
 
 #include "tests/catch.h"
 #include "tests/models.h"
+#include "tests/tools/meshopt_streams.h"
 #include "tests/tools/packed_file.h"
 #include "tests/tools/temp_folder.h"
 #include "tools/convert/byte_source.h"
@@ -23,76 +24,8 @@
 namespace scree::convert {
 namespace {
 
-using Bytes = std::vector<std::byte>;
-using Mode = DocMeshopt::Mode;
+using namespace tests;
 using Filter = DocMeshopt::Filter;
-
-template <class T>
-Bytes bytes_of(const std::vector<T>& values) {
-  Bytes bytes(values.size() * sizeof(T));
-  std::memcpy(bytes.data(), values.data(), bytes.size());
-  return bytes;
-}
-
-/// A stream and what it unpacks to.
-struct Packed {
-  DocMeshopt stated;
-  Bytes stream;
-  Bytes raw;
-};
-
-Packed packed(Mode mode, uint64_t count, uint64_t stride, const unsigned char* stream, size_t bytes, Bytes raw) {
-  Packed out;
-  out.stated.mode = mode;
-  out.stated.count = count;
-  out.stated.stride = stride;
-  out.stated.bytes = bytes;
-  out.stream.resize(bytes);
-  std::memcpy(out.stream.data(), stream, bytes);
-  out.raw = std::move(raw);
-  return out;
-}
-
-Packed pack_attributes(const Bytes& raw, size_t stride) {
-  const size_t count = raw.size() / stride;
-  std::vector<unsigned char> stream(meshopt_encodeVertexBufferBound(count, stride));
-  const size_t bytes = meshopt_encodeVertexBuffer(stream.data(), stream.size(), raw.data(), count, stride);
-  return packed(Mode::kAttributes, count, stride, stream.data(), bytes, raw);
-}
-
-/// Triangles may be turned by the codec, so what they unpack to is asked of the library.
-Packed pack_triangles(const std::vector<uint32_t>& indices, size_t vertices) {
-  std::vector<unsigned char> stream(meshopt_encodeIndexBufferBound(indices.size(), vertices));
-  const size_t bytes = meshopt_encodeIndexBuffer(stream.data(), stream.size(), indices.data(), indices.size());
-  std::vector<uint32_t> turned(indices.size());
-  REQUIRE(meshopt_decodeIndexBuffer(turned.data(), turned.size(), stream.data(), bytes) == 0);
-  return packed(Mode::kTriangles, indices.size(), 4, stream.data(), bytes, bytes_of(turned));
-}
-
-Packed pack_indices(const std::vector<uint32_t>& indices, size_t vertices) {
-  std::vector<unsigned char> stream(meshopt_encodeIndexSequenceBound(indices.size(), vertices));
-  const size_t bytes = meshopt_encodeIndexSequence(stream.data(), stream.size(), indices.data(), indices.size());
-  return packed(Mode::kIndices, indices.size(), 4, stream.data(), bytes, bytes_of(indices));
-}
-
-std::vector<uint32_t> grid_indices(uint32_t n) {
-  std::vector<uint32_t> indices;
-  for (uint32_t j = 0; j < n; ++j)
-    for (uint32_t i = 0; i < n; ++i) {
-      const uint32_t a = j * (n + 1) + i;
-      indices.insert(indices.end(), {a, a + 1, a + n + 2, a, a + n + 2, a + n + 1});
-    }
-  return indices;
-}
-
-std::vector<float> grid_positions(uint32_t n) {
-  std::vector<float> positions;
-  for (uint32_t j = 0; j <= n; ++j)
-    for (uint32_t i = 0; i <= n; ++i)
-      positions.insert(positions.end(),
-                       {static_cast<float>(i), static_cast<float>(j), std::sin(0.3f * static_cast<float>(i + j))});
-  return positions;
-}
 
 std::vector<Packed> one_of_each() {
   std::vector<Packed> all;
@@ -105,7 +38,7 @@ std::vector<Packed> one_of_each() {
 Result<Bytes> unpacked(const Packed& packed, MeshoptCache& cache) {
   DocMeshopt stated = packed.stated;
   if (auto checked = check_meshopt(stated, packed.raw.size(), 0); !checked) return checked.error();
-  const auto source = cache.source(stated, memory_source(packed.stream));
+  const auto source = cache.view(stated, memory_source(packed.stream));
   CHECK(source->size() == packed.raw.size());
   Bytes bytes(source->size());
   if (auto read = source->read(0, bytes); !read) return read.error();
@@ -144,33 +77,6 @@ std::vector<std::vector<float>> all_triangles(const SourceScene& scene) {
     std::sort(out.begin() + static_cast<ptrdiff_t>(first), out.end());
   }
   return out;
-}
-
-std::string json_of(const char* extension, const Packed& packed, uint64_t offset) {
-  const char* const modes[] = {"ATTRIBUTES", "TRIANGLES", "INDICES"};
-  return R"({"buffer":1,"byteLength":)" + std::to_string(packed.raw.size()) + R"(,"extensions":{")" + extension +
-         R"(":{"buffer":0,"byteOffset":)" + std::to_string(offset) + R"(,"byteLength":)" +
-         std::to_string(packed.stream.size()) + R"(,"byteStride":)" + std::to_string(packed.stated.stride) +
-         R"(,"count":)" + std::to_string(packed.stated.count) + R"(,"mode":")" +
-         modes[static_cast<size_t>(packed.stated.mode)] + R"("}}})";
-}
-
-/// A document of one mesh, its indices and positions compressed in mesh.bin, beside an absent fallback buffer.
-std::string document(const tests::TempFolder& folder, const Packed& indices, const Packed& positions,
-                     const char* extension = "EXT_meshopt_compression") {
-  Bytes bin = indices.stream;
-  bin.insert(bin.end(), positions.stream.begin(), positions.stream.end());
-  folder.write("mesh.bin", std::string(reinterpret_cast<const char*>(bin.data()), bin.size()));
-  return R"({"asset":{"version":"2.0"},"extensionsUsed":[")" + std::string(extension) +
-         R"("],"extensionsRequired":[")" + extension + R"("],"buffers":[{"uri":"mesh.bin","byteLength":)" +
-         std::to_string(bin.size()) + R"(},{"byteLength":)" +
-         std::to_string(std::max(indices.raw.size(), positions.raw.size())) + R"(,"extensions":{")" + extension +
-         R"(":{"fallback":true}}}],"bufferViews":[)" + json_of(extension, indices, 0) + "," +
-         json_of(extension, positions, indices.stream.size()) +
-         R"(],"accessors":[{"bufferView":0,"componentType":5125,"count":)" + std::to_string(indices.stated.count) +
-         R"(,"type":"SCALAR"},{"bufferView":1,"componentType":5126,"count":)" + std::to_string(positions.stated.count) +
-         R"(,"type":"VEC3"}],"meshes":[{"primitives":[{"indices":0,"attributes":{"POSITION":1}}]}],)"
-         R"("nodes":[{"mesh":0}],"scenes":[{"nodes":[0]}],"scene":0})";
 }
 
 Error error_of(const std::string& path) {
@@ -328,7 +234,7 @@ TEST_CASE("views that the cache lets go are unpacked again", "[meshopt]") {
   for (const uint64_t kept : {uint64_t{0}, uint64_t{30000}, MeshoptCache::kKeptBytes}) {
     MeshoptCache cache(kept);
     std::vector<std::shared_ptr<const ByteSource>> sources;
-    for (const Packed& packed : all) sources.push_back(cache.source(packed.stated, memory_source(packed.stream)));
+    for (const Packed& packed : all) sources.push_back(cache.view(packed.stated, memory_source(packed.stream)));
     for (int round = 0; round < 3; ++round) {
       for (size_t i = 0; i < all.size(); ++i) {
         Bytes part(777);
@@ -345,7 +251,7 @@ TEST_CASE("a compressed document is the plain one", "[meshopt]") {
   const Packed positions = pack_attributes(bytes_of(grid_positions(40)), 12);
   for (const Packed& indices : {pack_triangles(grid_indices(40), 1681), pack_indices(grid_indices(40), 1681)}) {
     for (const char* extension : {"EXT_meshopt_compression", "KHR_meshopt_compression"}) {
-      const std::string path = folder.write("packed.gltf", document(folder, indices, positions, extension));
+      const std::string path = folder.write("packed.gltf", meshopt_document(folder, indices, positions, extension));
       const auto scene = import_gltf(path, {});
       REQUIRE(scene);
       REQUIRE(scene->primitives.size() == 1);
@@ -365,7 +271,7 @@ TEST_CASE("what a document may not say of a compressed view", "[meshopt][bad]") 
   const tests::TempFolder folder;
   const Packed indices = pack_triangles(grid_indices(40), 1681);
   const Packed positions = pack_attributes(bytes_of(grid_positions(40)), 12);
-  const std::string good = document(folder, indices, positions);
+  const std::string good = meshopt_document(folder, indices, positions);
   struct Change {
     const char* from;
     const char* to;

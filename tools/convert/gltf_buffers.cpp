@@ -105,9 +105,11 @@ Result<GltfBuffers::View> GltfBuffers::view(int32_t index) {
       }
       auto stream = buffer(meshopt.buffer);
       if (!stream) return stream.error();
-      unpacked = meshopt_.source(meshopt, *stream);
-      largest_view_bytes_ = std::max(largest_view_bytes_, unpacked->size() + meshopt.bytes);
-      unpacked_bytes_ += unpacked->size();
+      const auto made = meshopt_.view(meshopt, *stream);
+      view_memory_.reader_bytes = std::max(view_memory_.reader_bytes, made->reader_bytes());
+      view_memory_.place_bytes += made->place_bytes();
+      view_memory_.unpacked_bytes += made->size();
+      unpacked = made;
     }
     return View{unpacked, 0, stated.bytes};
   }

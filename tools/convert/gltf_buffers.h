@@ -18,13 +18,12 @@ class GltfBuffers {
  public:
   /// `folder`: of the scene. `bin`: the binary chunk of a .glb, or null. `document` has passed check_document() and
   /// outlives this. Indices given to the functions below are in range.
-  /// `kept_bytes`: of unpacked buffer views, see MeshoptCache.
+  /// `kept_bytes`: of unpacked buffer views that are kept, see MeshoptCache.
   GltfBuffers(const GltfDocument& document, std::string folder, std::shared_ptr<const ByteSource> bin,
               uint64_t kept_bytes);
 
-  /// Of the compressed buffer views that were asked for: the largest with its stream, and all of them unpacked.
-  uint64_t largest_view_bytes() const { return largest_view_bytes_; }
-  uint64_t unpacked_bytes() const { return unpacked_bytes_; }
+  /// Of the compressed buffer views that were asked for.
+  const PackedViewMemory& view_memory() const { return view_memory_; }
 
   struct View {
     std::shared_ptr<const ByteSource> source;
@@ -61,8 +60,7 @@ class GltfBuffers {
   MeshoptCache meshopt_;
   std::vector<std::shared_ptr<const ByteSource>> unpacked_;  // by number in GltfDocument::meshopt
   std::vector<bool> sparse_checked_;
-  uint64_t largest_view_bytes_ = 0;
-  uint64_t unpacked_bytes_ = 0;
+  PackedViewMemory view_memory_;
 };
 
 }  // namespace scree::convert

@@ -183,8 +183,7 @@ class Importer {
     scene_.nodes = std::move(nodes).value();
     note_the_rest(*plan);
     left_out_.move_to(scene_);
-    scene_.largest_view_bytes = buffers_.largest_view_bytes();
-    scene_.unpacked_bytes = buffers_.unpacked_bytes();
+    scene_.view_memory = buffers_.view_memory();
     return {};
   }
 

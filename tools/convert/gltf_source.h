@@ -192,6 +192,13 @@ struct LeftOut {
   uint64_t elements = 0;  // of its accessors, each once
 };
 
+/// What compressed buffer views (meshopt_source.h) take and hold.
+struct PackedViewMemory {
+  uint64_t reader_bytes = 0;    // of each thread that reads any of them
+  uint64_t place_bytes = 0;     // of all, as long as the scene is there
+  uint64_t unpacked_bytes = 0;  // all of them, unpacked
+};
+
 /// Nodes are in an order in which parents come before children; every index below is checked.
 struct SourceScene {
   std::string file_name;
@@ -207,9 +214,8 @@ struct SourceScene {
   std::vector<LeftOut> left_out;
   std::vector<std::string> warnings;  // one line each, without the program's name
   uint64_t json_bytes = 0;
-  uint64_t buffer_bytes = 0;        // declared lengths of buffers, external and embedded
-  uint64_t largest_view_bytes = 0;  // of compressed buffer views: the largest unpacked, with its stream
-  uint64_t unpacked_bytes = 0;      // of all of them
+  uint64_t buffer_bytes = 0;  // declared lengths of buffers, external and embedded
+  PackedViewMemory view_memory;
 };
 
 struct ImportOptions {

@@ -69,8 +69,7 @@ Result<MemoryPlan> MemoryPlan::make(const ConvertOptions& options, const SourceS
   plan.zstd_level_ = options.zstd_level;
   plan.clustered_ = options.encoding == Encoding::kClustered;
   plan.source_ids_ = options.source_ids;
-  plan.largest_view_ = scene.largest_view_bytes;
-  plan.all_views_ = scene.unpacked_bytes;
+  plan.views_ = scene.view_memory;
   plan.vertex_bits_ = 96;
   plan.primitives_ = wanted.size();
   uint64_t sort_bytes = 0, of_group = 0;
@@ -110,7 +109,9 @@ Result<MemoryPlan> MemoryPlan::make(const ConvertOptions& options, const SourceS
       plan.encode_thread_bytes(plan.most_) + plan.encoded_bytes(plan.most_) + 4 * plan.page_bytes(plan.most_);
   const uint64_t geometry = tables + std::max({plan.measure_thread_bytes(plan.most_), sort_bytes, encode_bytes});
   const uint64_t rest = tools::memory_use().anonymous + kOtherBytes + std::max(geometry, image_bytes + kThreadBytes);
-  const uint64_t least = rest + plan.largest_view_ + std::max(plan.largest_view_, std::min(plan.all_views_, rest / 3));
+  const uint64_t reader = plan.views_.reader_bytes;
+  const uint64_t kept = std::max(reader, std::min(plan.views_.unpacked_bytes, rest / 3));
+  const uint64_t least = rest + plan.views_.place_bytes + reader + kept;
   if (least > options.memory)
     return Error{ErrorCode::kUsage,
                  "--memory: " + tools::format_bytes(options.memory) + ", but " + scene.file_name + " needs at least " +
@@ -119,13 +120,13 @@ Result<MemoryPlan> MemoryPlan::make(const ConvertOptions& options, const SourceS
 }
 
 StageLimits MemoryPlan::measure() const {
-  const uint64_t a_thread = measure_thread_bytes(most_) + largest_view_;
+  const uint64_t a_thread = measure_thread_bytes(most_) + views_.reader_bytes;
   return {static_cast<uint32_t>(std::clamp<uint64_t>(free_bytes() / a_thread, 1, threads_)), 0};
 }
 
 SortLimits MemoryPlan::sort(const SortNeeds& needs) const {
-  const uint64_t left = free_bytes() - std::min(free_bytes(), needs.shared_bytes + largest_view_);
-  const uint64_t a_thread = needs.thread_bytes + kThreadBytes + largest_view_;
+  const uint64_t left = free_bytes() - std::min(free_bytes(), needs.shared_bytes + views_.reader_bytes);
+  const uint64_t a_thread = needs.thread_bytes + kThreadBytes + views_.reader_bytes;
   const uint64_t map = std::min(needs.map_bytes, left / 2);
   const uint64_t threads = std::clamp<uint64_t>((left - map) / a_thread, 1, threads_);
   const uint64_t map_bytes = left - std::min(left, threads * a_thread);
@@ -150,7 +151,7 @@ std::optional<AheadLimits> MemoryPlan::ahead() const {
   const uint64_t left = free_bytes() - std::min(free_bytes(), tables);
   const uint64_t a_result = encoded_bytes(most_);
   const uint64_t a_thread =
-      measure_thread_bytes(most_) + encode_thread_bytes(most_) + largest_view_ + 2 * page_bytes(most_);
+      measure_thread_bytes(most_) + encode_thread_bytes(most_) + views_.reader_bytes + 2 * page_bytes(most_);
   const uint64_t threads = std::min<uint64_t>(left / (a_thread + a_result), threads_);
   if (4 * threads < 3 * uint64_t{measure().threads}) return std::nullopt;
   const uint64_t rest = left - threads * (a_thread + a_result);
@@ -183,7 +184,7 @@ StageLimits MemoryPlan::encode(const std::vector<WindowPlan>& windows) const {
   const uint64_t tables = table_bytes(needs) + 2 * page_bytes(needs);  // a page is filled, and one is on its way
   const uint64_t left = free_bytes() - std::min(free_bytes(), tables);
   const uint64_t a_result = encoded_bytes(needs);
-  const uint64_t a_thread = encode_thread_bytes(needs) + largest_view_ + 2 * page_bytes(needs);
+  const uint64_t a_thread = encode_thread_bytes(needs) + views_.reader_bytes + 2 * page_bytes(needs);
   const uint64_t threads = std::clamp<uint64_t>(left / (a_thread + a_result), 1, threads_);
   const uint64_t flight = left - std::min(left, threads * a_thread);
   return {static_cast<uint32_t>(threads),
@@ -192,8 +193,8 @@ StageLimits MemoryPlan::encode(const std::vector<WindowPlan>& windows) const {
 
 uint64_t MemoryPlan::free_bytes() const {
   tools::give_back_free_memory();  // what earlier stages had would count twice
-  const uint64_t kept = std::max(largest_view_, std::min(all_views_, kept_view_bytes(memory_)));
-  const uint64_t taken = tools::memory_use().anonymous + kOtherBytes + kept;
+  const uint64_t kept = std::max(views_.reader_bytes, std::min(views_.unpacked_bytes, kept_view_bytes(memory_)));
+  const uint64_t taken = tools::memory_use().anonymous + kOtherBytes + kept + views_.place_bytes;
   return memory_ - std::min(memory_, taken);
 }
 

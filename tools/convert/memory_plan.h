@@ -60,7 +60,6 @@ class MemoryPlan {
   StageLimits encode(const std::vector<WindowPlan>& windows) const;
 
  private:
-  uint64_t views_bytes() const;
   uint64_t free_bytes() const;
   uint64_t window_bytes(const WindowNeeds& needs) const;
   uint64_t measure_thread_bytes(const WindowNeeds& needs) const;
@@ -81,15 +80,14 @@ class MemoryPlan {
   uint32_t id_bits_ = 0;
   uint64_t vertex_bits_ = 0;           // most that are stored
   uint64_t attribute_components_ = 0;  // most of one attribute
-  uint64_t largest_view_ = 0;          // of compressed buffer views, with its stream
-  uint64_t all_views_ = 0;             // unpacked
-  WindowNeeds most_;                   // of any window, by what the document says
+  PackedViewMemory views_;
+  WindowNeeds most_;  // of any window, by what the document says
 };
 
 /// Page cache for what is read ahead, which is no memory of the process, of `memory` in all.
 uint64_t read_ahead_bytes(uint64_t memory);
 
-/// Memory for unpacked buffer views that are kept, of `memory` in all.
+/// Memory for windows of unpacked buffer views that are kept, of `memory` in all.
 uint64_t kept_view_bytes(uint64_t memory);
 
 }  // namespace scree::convert

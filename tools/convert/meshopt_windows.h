@@ -1,0 +1,58 @@
+// Unpacked windows of buffer views that are kept for the next read: the ones used last.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <list>
+#include <memory>
+#include <mutex>
+#include <span>
+#include <unordered_map>
+
+namespace scree::convert {
+
+/// A part of a view. Its bytes are set once, under `mutex`, and then only read.
+struct MeshoptWindow {
+  std::mutex mutex;
+  bool is_unpacked = false;  // and its filter undone
+  std::unique_ptr<std::byte[]> bytes;
+  size_t size = 0;
+
+  std::span<std::byte> all() { return {bytes.get(), size}; }
+};
+
+/// Up to `most` bytes of windows, or one that is larger. Those that are read while others take their place are held by
+/// their readers. Thread-safe.
+class KeptWindows {
+ public:
+  explicit KeptWindows(uint64_t most) : most_(most) {}
+
+  /// Window `number` of an owner, of `size` bytes: the one that is kept, or an empty one, which is kept from now on.
+  /// Throws std::bad_alloc.
+  std::shared_ptr<MeshoptWindow> take(const void* owner, uint64_t number, size_t size);
+
+  /// Lets go of an owner's windows before number `end`.
+  void forget(const void* owner, uint64_t end);
+
+ private:
+  struct Key {
+    const void* owner;
+    uint64_t number;
+    bool operator==(const Key&) const = default;
+  };
+  struct Hash {
+    size_t operator()(const Key& key) const;
+  };
+  struct Entry {
+    Key key;
+    std::shared_ptr<MeshoptWindow> window;
+  };
+
+  std::mutex mutex_;
+  const uint64_t most_;
+  uint64_t total_ = 0;
+  std::list<Entry> entries_;  // used last first
+  std::unordered_map<Key, std::list<Entry>::iterator, Hash> places_;
+};
+
+}  // namespace scree::convert
