@@ -50,3 +50,20 @@ TEST_CASE("memory plan: windows of one glTF mesh wait for each other", "[convert
   CHECK(together - apart > windows * 2 * sizeof(WindowPlan));
   CHECK(together - apart < windows * 1024);
 }
+
+TEST_CASE("memory plan: compressed views take what their places, their readers and what is kept of them do",
+          "[convert][memory][meshopt]") {
+  SourceScene scene = make_scene(false);
+  const uint64_t plain = least_ahead(scene);
+  constexpr uint64_t kGiB = uint64_t{1} << 30;
+  constexpr uint64_t kSlack = uint64_t{16} << 20;  // process memory comes and goes
+  const auto more = [&](const PackedViewMemory& views) {
+    scene.view_memory = views;
+    return least_ahead(scene) - plain;
+  };
+  CHECK(more({0, kGiB, 0}) + kSlack > kGiB);
+  CHECK(more({kGiB, 0, 0}) + kSlack > 2 * kGiB);  // a thread holds one while another is kept
+  const uint64_t kept = more({0, 0, kGiB / 16});
+  CHECK(kept + kSlack > kGiB / 16);
+  CHECK(kept < kGiB / 16 + kSlack);
+}

@@ -106,9 +106,10 @@ Result<GltfBuffers::View> GltfBuffers::view(int32_t index) {
       auto stream = buffer(meshopt.buffer);
       if (!stream) return stream.error();
       const auto made = meshopt_.view(meshopt, *stream);
-      view_memory_.reader_bytes = std::max(view_memory_.reader_bytes, made->reader_bytes());
-      view_memory_.place_bytes += made->place_bytes();
-      view_memory_.unpacked_bytes += made->size();
+      const PackedViewMemory memory = made->memory();
+      view_memory_.reader_bytes = std::max(view_memory_.reader_bytes, memory.reader_bytes);
+      view_memory_.place_bytes += memory.place_bytes;
+      view_memory_.kept_bytes += memory.kept_bytes;
       unpacked = made;
     }
     return View{unpacked, 0, stated.bytes};

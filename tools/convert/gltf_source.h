@@ -194,9 +194,9 @@ struct LeftOut {
 
 /// What compressed buffer views (meshopt_source.h) take and hold.
 struct PackedViewMemory {
-  uint64_t reader_bytes = 0;    // of each thread that reads any of them
-  uint64_t place_bytes = 0;     // of all, as long as the scene is there
-  uint64_t unpacked_bytes = 0;  // all of them, unpacked
+  uint64_t reader_bytes = 0;  // of each thread that reads any of them
+  uint64_t place_bytes = 0;   // of all, as long as the scene is there
+  uint64_t kept_bytes = 0;    // of all, were all of their windows kept
 };
 
 /// Nodes are in an order in which parents come before children; every index below is checked.

@@ -110,8 +110,9 @@ Result<MemoryPlan> MemoryPlan::make(const ConvertOptions& options, const SourceS
   const uint64_t geometry = tables + std::max({plan.measure_thread_bytes(plan.most_), sort_bytes, encode_bytes});
   const uint64_t rest = tools::memory_use().anonymous + kOtherBytes + std::max(geometry, image_bytes + kThreadBytes);
   const uint64_t reader = plan.views_.reader_bytes;
-  const uint64_t kept = std::max(reader, std::min(plan.views_.unpacked_bytes, rest / 3));
-  const uint64_t least = rest + plan.views_.place_bytes + reader + kept;
+  // A quarter of all of it.
+  const uint64_t beside = rest + plan.views_.place_bytes + reader;
+  const uint64_t least = beside + std::max(reader, std::min(plan.views_.kept_bytes, beside / 3));
   if (least > options.memory)
     return Error{ErrorCode::kUsage,
                  "--memory: " + tools::format_bytes(options.memory) + ", but " + scene.file_name + " needs at least " +
@@ -193,7 +194,7 @@ StageLimits MemoryPlan::encode(const std::vector<WindowPlan>& windows) const {
 
 uint64_t MemoryPlan::free_bytes() const {
   tools::give_back_free_memory();  // what earlier stages had would count twice
-  const uint64_t kept = std::max(views_.reader_bytes, std::min(views_.unpacked_bytes, kept_view_bytes(memory_)));
+  const uint64_t kept = std::max(views_.reader_bytes, std::min(views_.kept_bytes, kept_view_bytes(memory_)));
   const uint64_t taken = tools::memory_use().anonymous + kOtherBytes + kept + views_.place_bytes;
   return memory_ - std::min(memory_, taken);
 }

@@ -16,8 +16,8 @@ namespace scree::convert {
 namespace {
 
 constexpr size_t kGroupVertices = 16;
-constexpr size_t kMostGroupBytes =
-    24;  // of 4 bits each, and a whole byte for each; as many must be there for any group
+// Of 4 bits each, and a whole byte for each; as many must be there for any group.
+constexpr size_t kMostGroupBytes = 24;
 constexpr size_t kMostBlockVertices = 256;
 constexpr size_t kMostBlockBytes = 8192;  // unpacked
 constexpr size_t kLeastTailBytes = 32;

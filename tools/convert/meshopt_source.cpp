@@ -89,13 +89,16 @@ class WindowedView final : public MeshoptView {
     const uint64_t together = stream_->granularity() * stride_;
     window_bytes_ = std::max<uint64_t>(window_bytes / together, 1) * together;
     windows_ = size_ / window_bytes_ + (size_ % window_bytes_ != 0);
+    capacity_ = windows_ > 1 ? std::max(window_bytes, window_bytes_) : size_;
   }
   ~WindowedView() override { kept_->forget(this, reached_.load() + 1); }  // one more may not have worked
 
   uint64_t size() const override { return size_; }
   const std::string& path() const override { return file_->path(); }
-  uint64_t reader_bytes() const override { return std::min(window_bytes_, size_) + MeshoptStream::kScratchBytes; }
-  uint64_t place_bytes() const override { return windows_ * sizeof(MeshoptPlace); }
+  PackedViewMemory memory() const override {
+    return {capacity_ + MeshoptStream::kScratchBytes, windows_ * sizeof(MeshoptPlace),
+            windows_ * (capacity_ + KeptWindows::kEntryBytes)};
+  }
 
   Result<void> read(uint64_t offset, std::span<std::byte> out) const override {
     if (!format::range_within(offset, out.size(), size_))
@@ -146,6 +149,7 @@ class WindowedView final : public MeshoptView {
       places_[0] = *begin;
     }
     Window window = take(index);
+    const std::lock_guard<std::mutex> lock(window->mutex);
     MeshoptPlace at = places_[index];
     if (auto done = unpack(index, at, *window); !done) return done.error();
     if (index + 1 < windows_) places_[index + 1] = at;
@@ -154,7 +158,7 @@ class WindowedView final : public MeshoptView {
   }
 
   Window take(uint64_t index) const {
-    return kept_->take(this, index, std::min(window_bytes_, size_ - index * window_bytes_));
+    return kept_->take(this, index, std::min(window_bytes_, size_ - index * window_bytes_), capacity_);
   }
 
   Result<void> unpack(uint64_t index, MeshoptPlace& at, MeshoptWindow& window) const {
@@ -171,6 +175,7 @@ class WindowedView final : public MeshoptView {
   const std::shared_ptr<KeptWindows> kept_;
   uint64_t window_bytes_;
   uint64_t windows_;
+  uint64_t capacity_;  // of a window: the same for all views of several, so that one takes the memory of another
 
   // Only whoever holds reaching_ touches places and windows from number reached_ on; the others stay as they are.
   mutable std::mutex reaching_;

@@ -23,12 +23,9 @@ Result<void> check_meshopt(const DocMeshopt& stated, uint64_t view_bytes, uint64
 /// that they end behind the last window, when that is.
 class MeshoptView : public ByteSource {
  public:
-  /// Memory of a thread that reads, beside what is kept: its window, whose place another may have taken, and what
-  /// unpacking takes.
-  virtual uint64_t reader_bytes() const = 0;
-
-  /// Memory that stays: where each window begins.
-  virtual uint64_t place_bytes() const = 0;
+  /// A thread that reads holds a window, whose place among those that are kept another may have taken, and what
+  /// unpacking takes; where each window begins stays.
+  virtual PackedViewMemory memory() const = 0;
 };
 
 class KeptWindows;

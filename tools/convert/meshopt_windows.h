@@ -14,22 +14,26 @@ namespace scree::convert {
 /// A part of a view. Its bytes are set once, under `mutex`, and then only read.
 struct MeshoptWindow {
   std::mutex mutex;
-  bool is_unpacked = false;  // and its filter undone
-  std::unique_ptr<std::byte[]> bytes;
+  bool is_unpacked = false;            // and its filter undone
+  std::unique_ptr<std::byte[]> bytes;  // as many as the capacity it was taken with
+  size_t capacity = 0;
   size_t size = 0;
 
   std::span<std::byte> all() { return {bytes.get(), size}; }
 };
 
-/// Up to `most` bytes of windows, or one that is larger. Those that are read while others take their place are held by
-/// their readers. Thread-safe.
+/// Up to `most` bytes of windows, with what each takes beside its bytes, or one that is larger. Those that are read
+/// while others take their place are held by their readers. Thread-safe.
 class KeptWindows {
  public:
+  /// What a window takes beside its bytes: itself, its lock, its places in the list and in the table.
+  static constexpr uint64_t kEntryBytes = 256;
+
   explicit KeptWindows(uint64_t most) : most_(most) {}
 
-  /// Window `number` of an owner, of `size` bytes: the one that is kept, or an empty one, which is kept from now on.
-  /// Throws std::bad_alloc.
-  std::shared_ptr<MeshoptWindow> take(const void* owner, uint64_t number, size_t size);
+  /// Window `number` of an owner, of `size` bytes in memory of `capacity`: the one that is kept, or an empty one, which
+  /// is kept from now on. Throws std::bad_alloc.
+  std::shared_ptr<MeshoptWindow> take(const void* owner, uint64_t number, size_t size, size_t capacity);
 
   /// Lets go of an owner's windows before number `end`.
   void forget(const void* owner, uint64_t end);
