@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
+#include <filesystem>
 #include <fstream>
 #include <numeric>
 #include <random>
@@ -211,6 +212,50 @@ TEST_CASE("convert keeps its memory where a node has three million instances", "
   const std::string input = folder.write("scene.gltf", json);
   const tests::ProgramRun run = tests::run_program({"convert", input, "--threads", "1"}, folder.file("log"));
   check_bound(run, 1, json.size());
+}
+
+TEST_CASE("convert refuses a document that takes more than --memory while it reads it", "[convert][memory]") {
+  const TempFolder folder;
+  {
+    std::ofstream out(folder.file("scene.gltf"), std::ios::binary);
+    out << R"({"asset":{"version":"2.0"},"scene":0,"scenes":[{"nodes":[0]}],"nodes":[{"name":"root"})";
+    for (uint32_t i = 0; i < 700'000; ++i)
+      out << R"(,{"name":"node )" << i << R"(","translation":[1.5,2.25,)" << i % 1000 << R"(.5],"scale":[1,2,3]})";
+    out << "]}";
+    REQUIRE(out.good());
+  }
+  const uint64_t bytes = std::filesystem::file_size(folder.file("scene.gltf"));
+  REQUIRE(bytes > uint64_t{45} << 20);
+  const auto convert = [&](const std::string& memory, uint64_t data_mib) {
+    const std::string command = "cd '" + folder.path().string() + "' && ulimit -d " + std::to_string(data_mib << 10) +
+                                " && '" + tests::kProgram + "' convert scene.gltf --threads 1 --memory " + memory +
+                                " >log 2>&1";
+    const int status = std::system(command.c_str());
+    REQUIRE(WIFEXITED(status));
+    const std::string said = tests::read_whole(folder.file("log"));
+    INFO(memory << ": " << said);
+    CHECK(WEXITSTATUS(status) == 1);
+    CHECK(std::count(said.begin(), said.end(), '\n') == 1);
+    CHECK(said.starts_with("scree convert: scene.gltf: --memory: " + memory.substr(0, memory.size() - 3)));
+    const size_t at = said.find(" of JSON needs ");
+    REQUIRE(at != std::string::npos);
+    CHECK(folder.names() == std::vector<std::string>{"log", "scene.gltf"});
+    return std::stoull(said.substr(said.find_first_of("0123456789", at)));
+  };
+  // The text alone is more than that; then what is made of it. So much data holds neither all of it nor a half more
+  // than what is allowed.
+  CHECK(convert("32.0MiB", 64) >= bytes >> 20);
+  const uint64_t needed = convert("96.0MiB", 240);
+  CHECK(needed > 200);
+  // What is said is about what it takes.
+  const tests::ProgramRun whole =
+      tests::run_program({"convert", folder.file("scene.gltf"), "--threads", "1"}, folder.file("log"));
+  INFO(whole.output);
+  REQUIRE(whole.exit_code == 0);
+  const uint64_t peak = tests::stated_peak(whole.output) >> 20;
+  CAPTURE(needed, peak);
+  CHECK(needed <= peak + peak / 4);
+  CHECK(needed >= peak - peak / 4);
 }
 
 TEST_CASE("convert keeps within --memory, however many threads it may have", "[convert][memory]") {

@@ -562,6 +562,7 @@ Result<ConvertReport> convert_or_throw(const ConvertOptions& options) {
   ImportOptions import_options;
   import_options.exclude = options.exclude;
   import_options.kept_view_bytes = kept_view_bytes(options.memory);
+  import_options.memory = options.memory;
   Result<SourceScene> scene = import_gltf(options.input, import_options);
   if (!scene) return scene.error();
   report.warnings = scene->warnings;

@@ -10,6 +10,8 @@
 #include <span>
 #include <string_view>
 
+#include "tools/common/memory_use.h"
+#include "tools/common/options.h"
 #include "tools/convert/gltf_schema.h"
 #include "tools/convert/gltf_uri.h"
 
@@ -337,8 +339,40 @@ void take_meshopt(const std::string& batch, uint64_t first, GltfDocument& docume
   }
 }
 
+/// Holds what the process takes while it reads against what it may take. How much records take of their text differs by
+/// more than three times from one kind to another, so they are not foretold but measured as they come.
+class MemoryLimit {
+ public:
+  MemoryLimit(uint64_t memory, uint64_t text_bytes)
+      : memory_(memory),
+        text_bytes_(text_bytes),
+        before_(text_bytes < kLargeDocument ? 0 : tools::memory_use().anonymous) {}
+
+  /// So much more of the text was read. The error's estimate is that the rest takes as much for its size.
+  Result<void> read(uint64_t bytes) {
+    read_ += bytes;
+    if (read_ < next_) return {};
+    next_ = read_ + kLargeDocument;
+    const uint64_t now = tools::memory_use().anonymous;
+    if (now <= memory_) return {};
+    const double share = static_cast<double>(read_) / static_cast<double>(text_bytes_);
+    const double in_the_end = static_cast<double>(before_) + static_cast<double>(now - std::min(now, before_)) / share;
+    return Error{ErrorCode::kUsage, "--memory: " + tools::format_bytes(memory_) + ", but its document of " +
+                                        tools::format_bytes(text_bytes_) + " of JSON needs about " +
+                                        std::to_string(static_cast<uint64_t>(in_the_end / kMiB) + 1) + " MiB"};
+  }
+
+ private:
+  static constexpr double kMiB = 1 << 20;
+  uint64_t memory_;
+  uint64_t text_bytes_;
+  uint64_t before_;  // of the process, with the text
+  uint64_t read_ = 0;
+  uint64_t next_ = kLargeDocument;
+};
+
 // Reads the elements of a top-level array through tinygltf, a batch at a time.
-Result<void> read_section(GltfDocument& document, const std::string& section, JsonRange array) {
+Result<void> read_section(GltfDocument& document, const std::string& section, JsonRange array, MemoryLimit& limit) {
   const std::span<const char> text = document.text;
   JsonElements elements(text, array);
   while (true) {
@@ -364,6 +398,7 @@ Result<void> read_section(GltfDocument& document, const std::string& section, Js
                                            std::to_string(checked->primitive_indices.size())};
     take_model(*model, checked->primitive_indices, document);
     if (section == "bufferViews") take_meshopt(json, batch->first, document);
+    if (auto fits = limit.read(batch->elements.end - batch->elements.begin); !fits) return fits;
   }
 }
 
@@ -451,7 +486,7 @@ const DocBounds* GltfDocument::bounds_of(uint32_t accessor) const {
   return found == bounds.end() || found->accessor != accessor ? nullptr : &*found;
 }
 
-Result<GltfDocument> read_document(std::vector<char> json) {
+Result<GltfDocument> read_document(std::vector<char> json, uint64_t memory) {
   GltfDocument document;
   document.text = std::move(json);
   const std::span<char> text = document.text;
@@ -468,6 +503,7 @@ Result<GltfDocument> read_document(std::vector<char> json) {
       "extensionsUsed", "extensionsRequired", "bufferViews", "accessors", "meshes", "nodes",      "scenes",
       "materials",      "textures",           "samplers",    "cameras",   "skins",  "animations", "buffers",
       "images"};
+  MemoryLimit limit(memory, text.size());
   for (const JsonMember& member : *members) {
     const std::string_view value(text.data() + member.value.begin, member.value.end - member.value.begin);
     if (member.key == "asset") continue;
@@ -481,7 +517,7 @@ Result<GltfDocument> read_document(std::vector<char> json) {
     } else if (member.key == "buffers" || member.key == "images") {
       read = read_uris(document, member.key, member.value);
     } else {
-      read = read_section(document, member.key, member.value);
+      read = read_section(document, member.key, member.value, limit);
     }
     if (!read) return read.error();
   }

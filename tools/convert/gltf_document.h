@@ -199,9 +199,13 @@ struct GltfDocument {
   const DocBounds* bounds_of(uint32_t accessor) const;
 };
 
+/// Text of which the memory that a document takes is looked at.
+inline constexpr uint64_t kLargeDocument = 1 << 20;
+
 /// Reads a document. Memory: the records plus a few MiB, however long the text is. Errors kFormat, kRange, kVersion
-/// (not glTF 2.x), each with its place in the document.
-Result<GltfDocument> read_document(std::vector<char> text);
+/// (not glTF 2.x), each with its place in the document; kUsage once the process takes more than `memory` bytes, with
+/// about what it would take in the end: looked at every kLargeDocument bytes of text.
+Result<GltfDocument> read_document(std::vector<char> text, uint64_t memory = UINT64_MAX);
 
 /// The bytes of the data: URI of a buffer or image, `json` being its element. Errors kFormat.
 Result<std::vector<std::byte>> data_uri(const GltfDocument& document, JsonRange json);

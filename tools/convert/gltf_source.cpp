@@ -12,6 +12,8 @@
 #include <utility>
 
 #include "format/bytes.h"
+#include "tools/common/memory_use.h"
+#include "tools/common/options.h"
 #include "tools/convert/byte_source.h"
 #include "tools/convert/glb.h"
 #include "tools/convert/gltf_buffers.h"
@@ -518,6 +520,11 @@ Result<SourceScene> import_checked(const std::string& path, const ImportOptions&
     return Error{ErrorCode::kMemory, "JSON of " + std::to_string(layout->json_bytes) + " bytes, at most " +
                                          std::to_string(options.max_json_bytes) + " are read"};
   }
+  const uint64_t least = layout->json_bytes < kLargeDocument ? 0 : tools::memory_use().anonymous + layout->json_bytes;
+  if (least > options.memory)
+    return Error{ErrorCode::kUsage, "--memory: " + tools::format_bytes(options.memory) + ", but its document of " +
+                                        tools::format_bytes(layout->json_bytes) + " of JSON needs more than " +
+                                        std::to_string(least >> 20) + " MiB"};
   if (auto trimmed = trim_json(**file, *layout); !trimmed) return trimmed.error();
   auto text = read_json_text(**file, layout->json_offset, layout->json_bytes);
   if (!text) return text.error();
@@ -525,7 +532,7 @@ Result<SourceScene> import_checked(const std::string& path, const ImportOptions&
   SourceScene scene;
   scene.file_name = path.substr(path.rfind('/') == std::string::npos ? 0 : path.rfind('/') + 1);
   scene.json_bytes = layout->json_bytes;
-  auto document = read_document(std::move(text).value());
+  auto document = read_document(std::move(text).value(), options.memory);
   if (!document) return document.error();
   std::shared_ptr<const ByteSource> bin;
   if (layout->has_bin) bin = window_source(*file, layout->bin_offset, layout->bin_bytes);
