@@ -40,7 +40,7 @@ bool is_same(const timespec& a, const timespec& b) {
 class FileSource final : public ByteSource {
  public:
   FileSource(std::string path, int descriptor, const struct stat& status)
-      : path_(std::move(path)), descriptor_(descriptor), size_(static_cast<uint64_t>(status.st_size)), first_(status) {}
+      : path_(std::move(path)), descriptor_(descriptor), first_(status) {}
   FileSource(const FileSource&) = delete;
   FileSource& operator=(const FileSource&) = delete;
   ~FileSource() override {
@@ -49,13 +49,13 @@ class FileSource final : public ByteSource {
     --kept_descriptors;
   }
 
-  uint64_t size() const override { return size_; }
+  uint64_t size() const override { return static_cast<uint64_t>(first_.st_size); }
   const std::string& path() const override { return path_; }
 
   Result<void> read(uint64_t offset, std::span<std::byte> out) const override {
-    if (!format::range_within(offset, out.size(), size_))
+    if (!format::range_within(offset, out.size(), size()))
       return Error{ErrorCode::kTruncated, path_ + ": read of " + std::to_string(out.size()) + " bytes at " +
-                                              std::to_string(offset) + ", but the file has " + std::to_string(size_)};
+                                              std::to_string(offset) + ", but the file has " + std::to_string(size())};
     const TimedRead timed(nanoseconds_read);
     bytes_read.fetch_add(out.size(), std::memory_order_relaxed);
     if (descriptor_ >= 0) return read_from(descriptor_, offset, out);
@@ -99,7 +99,7 @@ class FileSource final : public ByteSource {
       }
       if (got == 0)
         return Error{ErrorCode::kTruncated, path_ + ": ends at byte " + std::to_string(offset) + ", but had " +
-                                                std::to_string(size_) + " when it was opened"};
+                                                std::to_string(size()) + " when it was opened"};
       offset += static_cast<uint64_t>(got);
       out = out.subspan(static_cast<size_t>(got));
     }
@@ -107,9 +107,8 @@ class FileSource final : public ByteSource {
   }
 
   std::string path_;
-  int descriptor_;  // -1: opened for each read
-  uint64_t size_;
-  struct stat first_;
+  int descriptor_;     // -1: opened for each read
+  struct stat first_;  // when it was opened
 };
 
 class WindowSource final : public ByteSource {
