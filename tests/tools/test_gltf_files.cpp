@@ -393,8 +393,8 @@ TEST_CASE("a buffer file that is opened anew must be the same", "[import]") {
   fs::last_write_time(folder.file("copy"), fs::last_write_time(path(591)));
   fs::rename(folder.file("copy"), path(591));
   must_fail(591, "was replaced by another file while it was being read");
-  fs::remove(path(592));
-  REQUIRE(::mkfifo(path(592).c_str(), 0600) == 0);
+  REQUIRE(::mkfifo(folder.file("pipe").c_str(), 0600) == 0);
+  fs::rename(folder.file("pipe"), path(592));
   must_fail(592, "was replaced by another file while it was being read");
   // The same file, of another size, or written to since.
   fs::resize_file(path(593), 35);
