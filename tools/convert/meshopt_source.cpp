@@ -83,7 +83,6 @@ class WindowedView final : public MeshoptView {
                uint64_t window_bytes)
       : size_(stated.count * stated.stride),
         stride_(stated.stride),
-        file_(stream),
         stream_(MeshoptStream::make(stated, std::move(stream))),
         kept_(std::move(kept)) {
     const uint64_t together = stream_->granularity() * stride_;
@@ -94,7 +93,7 @@ class WindowedView final : public MeshoptView {
   ~WindowedView() override { kept_->forget(this, reached_.load() + 1); }  // one more may not have worked
 
   uint64_t size() const override { return size_; }
-  const std::string& path() const override { return file_->path(); }
+  const std::string& path() const override { return stream_->path(); }
   PackedViewMemory memory() const override {
     return {capacity_ + MeshoptStream::kScratchBytes, windows_ * sizeof(MeshoptPlace),
             windows_ * (capacity_ + KeptWindows::kEntryBytes)};
@@ -170,7 +169,6 @@ class WindowedView final : public MeshoptView {
 
   const uint64_t size_;
   const uint64_t stride_;
-  const std::shared_ptr<const ByteSource> file_;
   const std::unique_ptr<const MeshoptStream> stream_;
   const std::shared_ptr<KeptWindows> kept_;
   uint64_t window_bytes_;

@@ -58,6 +58,9 @@ class MeshoptStream {
   /// "buffer view 3: EXT_meshopt_compression", for messages.
   std::string name() const;
 
+  /// Of the file that it lies in.
+  const std::string& path() const { return source_->path(); }
+
  protected:
   /// The place of the first element of a stream of that version. Errors: those of reading, kTruncated.
   virtual Result<MeshoptPlace> start(uint32_t version) const = 0;
