@@ -9,6 +9,7 @@
 #include "tests/tools/random_view.h"
 #include "tools/bench/frames.h"
 #include "tools/bench/generate.h"
+#include "tools/bench/machine.h"
 #include "tools/bench/resident_scene.h"
 #include "tools/bench/views.h"
 
@@ -139,6 +140,16 @@ TEST_CASE("generated scenes are drawn on the GPU as on the CPU", "[cuda]") {
     check_picture(synth::lantern_scene(synth::MeshOrder::kBlock, 0.01), encoding);
     check_picture(synth::zorahlike_scene(synth::MeshOrder::kRow, 2e-4), encoding);
   }
+}
+
+TEST_CASE("bench: the link to a GPU is slower than its memory", "[cuda]") {
+  if (!tests::has_gpu()) return;
+  const Result<Machine> machine = find_machine();
+  REQUIRE(machine);
+  const Result<double> link = measure_link();
+  REQUIRE(link);
+  CHECK(*link > 1);
+  CHECK(*link < machine->copy_gb_per_s);
 }
 
 TEST_CASE("culling of clusters changes no picture", "[cuda]") {

@@ -73,7 +73,8 @@ TEST_CASE("bench --end-to-end: a generated scene, packed, loaded and drawn", "[b
     const Story story = run_story({"--scene", "A", "--scale", "0.0005", "--indices", indices, "--view", "overview"});
     INFO(story.output);
     REQUIRE(story.exit_code == 0);
-    for (const char* line : {"peak memory", "load, cold", "frame at 25%", "the same picture", "position error"})
+    for (const char* line :
+         {"disk alone", "peak memory", "load, cold", "frame at 25%", "the same picture", "position error"})
       CHECK(story.output.find(line) != std::string::npos);
     const Row& row = story.row;
     CHECK(row.at("view") == "overview");
@@ -91,6 +92,20 @@ TEST_CASE("bench --end-to-end: a generated scene, packed, loaded and drawn", "[b
     CHECK(number(row, "first_frame_s") > number(row, "load_s"));
     CHECK(number(row, "frames") >= 1);
     CHECK(number(row, "frame_ms") > 0);
+    // The disk by itself, in the same run. A processor streams over no link.
+    if (!row.at("raw_gb_per_s").empty()) {
+      CHECK(number(row, "raw_write_bytes") >= number(row, "scree_bytes"));
+      CHECK(number(row, "raw_write_bytes") < number(row, "scree_bytes") + 4096);
+      CHECK(number(row, "disk_s") == Approx(number(row, "gltf_bytes") * 1e-9 / number(row, "gltf_raw_gb_per_s") +
+                                            number(row, "scree_bytes") * 1e-9 / number(row, "raw_write_gb_per_s"))
+                                         .epsilon(1e-4));
+      CHECK(number(row, "convert_s_over_disk_s") ==
+            Approx(number(row, "convert_s") / number(row, "disk_s")).epsilon(1e-4));
+    }
+    for (const char* column :
+         {"link_gb_per_s", "streamed_first_gb_per_s", "streamed_first_link_share", "streamed_first_disk_share",
+          "streamed_gb_per_s", "streamed_link_share", "streamed_disk_share"})
+      CHECK(row.at(column).empty());
     // A quarter of the chunks: all of them are seen, so that some are loaded in every frame.
     CHECK(number(row, "wrong_samples") == 0);
     CHECK(number(row, "budget_bytes") < 0.5 * number(row, "device_bytes"));
@@ -188,8 +203,55 @@ TEST_CASE("bench --end-to-end: what a backend cannot do has its reason", "[bench
   row.not_streamed = "too little";
   CHECK(end_to_end_table(row).find("- (too little)") != std::string::npos);
   const std::string values = csv_values(end_to_end_cells({}, row));
-  CHECK(values.ends_with(",,,,,,,,"));
+  CHECK(values.ends_with(",,,,,,,,,,,,,,,"));
+  CHECK(end_to_end_table(row).find("- (no raw reads or writes)") != std::string::npos);
   row.streamed = EndToEndRow::Streamed{};
   row.streamed->wrong_samples = 7;
   CHECK(end_to_end_table(row).find("7 samples differ") != std::string::npos);
+}
+
+TEST_CASE("bench --end-to-end: shares of the disk's rate and of the link's", "[bench_end]") {
+  EndToEndRow row;
+  row.unique_triangles = 1;
+  row.gltf_bytes = 26'000'000'000;
+  row.scree_bytes = 5'000'000'000;
+  row.convert_s = 18;
+  row.gltf_raw_gb_per_s = 2.6;
+  row.raw_write = {4'000'000'000, 1.6};
+  row.load.raw_gb_per_s = 2;
+  row.streamed = EndToEndRow::Streamed{};
+  row.streamed->first_ms = 1000;
+  row.streamed->first_bytes = 3'000'000'000;
+  row.streamed->then.median = 50;
+  row.streamed->then_bytes = 2'000'000'000;
+  row.streamed->link_gb_per_s = 50;
+  Row cells;
+  for (const auto& [column, value] : end_to_end_cells({}, row)) cells[column] = value;
+  CHECK(number(cells, "raw_write_gb_per_s") == 2.5);
+  CHECK(number(cells, "disk_s") == 12);
+  CHECK(number(cells, "convert_s_over_disk_s") == 1.5);
+  CHECK(number(cells, "streamed_first_gb_per_s") == 3);
+  CHECK(number(cells, "streamed_first_link_share") == 0.06);
+  CHECK(number(cells, "streamed_first_disk_share") == 1.5);
+  CHECK(number(cells, "streamed_gb_per_s") == 40);
+  CHECK(number(cells, "streamed_link_share") == 0.8);
+  CHECK(number(cells, "streamed_disk_share") == 20);
+  CHECK(number(cells, "link_gb_per_s") == 50);
+  const std::string table = end_to_end_table(row);
+  CHECK(
+      table.find("12.0 s to read the glTF once at 2.60 GB/s and write the .scree once at 2.50; convert took 1.50 times "
+                 "that") != std::string::npos);
+  CHECK(table.find("at 3.00 GB/s, 0.06 of the link, 1.50 of the raw disk") != std::string::npos);
+  CHECK(table.find("at 40.00 GB/s, 0.80 of the link, 20.00 of the raw disk; the link gives 50.00 GB/s") !=
+        std::string::npos);
+
+  // Without raw reads, and of a backend that does not say what it loaded.
+  row.load.raw_gb_per_s = row.gltf_raw_gb_per_s = 0;
+  row.streamed->then_bytes.reset();
+  cells.clear();
+  for (const auto& [column, value] : end_to_end_cells({}, row)) cells[column] = value;
+  for (const char* column : {"disk_s", "convert_s_over_disk_s", "streamed_first_disk_share", "streamed_disk_share",
+                             "streamed_gb_per_s", "streamed_link_share"})
+    CHECK(cells[column].empty());
+  CHECK(number(cells, "streamed_first_link_share") == 0.06);
 }

@@ -12,6 +12,7 @@
 #include "tools/bench/file_cache.h"
 #include "tools/bench/load_report.h"
 #include "tools/bench/plot.h"
+#include "tools/bench/raw_disk.h"
 #include "tools/bench/timed_load.h"
 
 using namespace scree;
@@ -84,7 +85,7 @@ TEST_CASE("bench --load: a raw read takes all of a file, of any size", "[bench_l
   const TempFolder folder;
   for (const auto& [bytes, in_flight] : {std::pair{uint64_t{1}, 16u}, std::pair{uint64_t{4096}, 1u},
                                          std::pair{kRawBlockBytes + 1, 4u}, std::pair{3 * kRawBlockBytes, 2u}}) {
-    const Result<RawRead> raw = read_raw(folder.write("bytes", std::string(bytes, 'x')), in_flight);
+    const Result<RawRate> raw = read_raw(folder.write("bytes", std::string(bytes, 'x')), in_flight);
     if (!raw) {
       CHECK(raw.error().code == ErrorCode::kUnsupported);
       WARN("the folder for temporary files has no direct reads");
@@ -93,6 +94,41 @@ TEST_CASE("bench --load: a raw read takes all of a file, of any size", "[bench_l
     CHECK(raw->bytes == bytes);
     CHECK(raw->gb_per_s() > 0);
   }
+}
+
+TEST_CASE("bench: a raw write takes what it was asked for and leaves nothing", "[bench_load]") {
+  const TempFolder folder;
+  for (const uint64_t bytes : {uint64_t{1}, uint64_t{4096}, kRawBlockBytes + 1, 3 * kRawBlockBytes}) {
+    CAPTURE(bytes);
+    const Result<RawRate> raw = write_raw(folder.file("raw"), bytes);
+    CHECK(folder.names().empty());
+    if (!raw) {
+      CHECK(raw.error().code == ErrorCode::kUnsupported);
+      WARN("the folder for temporary files has no direct writes");
+      return;
+    }
+    CHECK(raw->bytes == (bytes + 4095) / 4096 * 4096);
+    CHECK(raw->gb_per_s() > 0);
+  }
+  folder.write("there", "already");
+  const Result<RawRate> twice = write_raw(folder.file("there"), 4096);
+  REQUIRE_FALSE(twice);
+  CHECK(twice.error().code == ErrorCode::kFile);
+  CHECK(tests::read_whole(folder.file("there")) == "already");
+  const Result<RawRate> nowhere = write_raw(folder.file("none/raw"), 4096);
+  REQUIRE_FALSE(nowhere);
+  CHECK(nowhere.error().code == ErrorCode::kFile);
+}
+
+TEST_CASE("bench: a rate is steady once two rounds hardly change it", "[bench_load]") {
+  using Rates = std::vector<double>;
+  CHECK_FALSE(is_steady(Rates{}));
+  CHECK_FALSE(is_steady(Rates{2, 2}));
+  CHECK(is_steady(Rates{2, 2, 2}));
+  CHECK(is_steady(Rates{4, 3, 2, 2.03, 2}));
+  CHECK_FALSE(is_steady(Rates{2, 2, 2.05}));
+  CHECK_FALSE(is_steady(Rates{2.05, 2, 2}));
+  CHECK_FALSE(is_steady(Rates{2, 2, 2, 1.9}));
 }
 
 TEST_CASE("bench --load: every way brings the same scene", "[bench_load]") {

@@ -71,8 +71,10 @@ class EndToEnd {
     Result<std::string> source = make_source(gltf_folder);
     if (!source) return source.error();
     if (const auto done = pack(*source, packed); !done) return done;
+    if (const auto done = read_gltf_raw(); !done) return done;
     std::error_code ignored;
     std::filesystem::remove_all(gltf_folder, ignored);
+    if (const auto done = write_raw_beside(folder->file("raw")); !done) return done;
     if (const auto done = load(packed); !done) return done;
     if (const auto done = draw(packed); !done) return done;
     std::printf("%s; commit %s; %u threads\n%s", machine_.gpu.c_str(), machine_.commit.c_str(), options_.threads,
@@ -110,6 +112,7 @@ class EndToEnd {
         const uint64_t bytes = std::filesystem::file_size(file, failed);
         if (!failed) needed += bytes;
       }
+      needed += std::min(needed, kMostRawWriteBytes);
     }
     if (const auto fits = check_room(*parent, needed, row_.scene); !fits) return fits.error();
     return WorkFolder::make(*parent);
@@ -160,6 +163,42 @@ class EndToEnd {
     return {};
   }
 
+  /// After convert, so that no cache below the file system has the glTF for it.
+  Result<void> read_gltf_raw() {
+    if (const auto going = check_signal(); !going) return going;
+    std::string largest;
+    uint64_t most_bytes = 0;
+    for (const std::string& file : source_files_) {
+      std::error_code failed;
+      const uint64_t bytes = std::filesystem::file_size(file, failed);
+      if (failed || bytes <= most_bytes) continue;
+      most_bytes = bytes;
+      largest = file;
+    }
+    RawReads disk;
+    std::vector<std::string> notes;
+    if (const auto read = disk.read(largest, notes); !read) return read;
+    print_notes(notes);
+    row_.gltf_raw_gb_per_s = disk.gb_per_s();
+    return {};
+  }
+
+  /// No more than the .scree file has, which is room that the glTF took.
+  Result<void> write_raw_beside(const std::string& path) {
+    if (const auto going = check_signal(); !going) return going;
+    const Result<RawRate> raw = write_raw(path, row_.scree_bytes);
+    if (!raw && raw.error().code != ErrorCode::kUnsupported) return raw.error();
+    if (raw)
+      row_.raw_write = *raw;
+    else
+      print_notes({raw.error().message});
+    return {};
+  }
+
+  static void print_notes(const std::vector<std::string>& notes) {
+    for (const std::string& note : notes) std::fprintf(stderr, "scree bench: %s\n", note.c_str());
+  }
+
   Result<void> load(const std::string& packed) {
     if (const auto going = check_signal(); !going) return going;
     tools::report_sigbus("bench", packed);
@@ -170,7 +209,7 @@ class EndToEnd {
     std::vector<std::string> notes;
     const Result<std::vector<LoadRow>> rows =
         measure_loads(packed, {gpu_ ? LoadWay::kGpu : LoadWay::kMap}, false, options_.repeats, settings, notes);
-    for (const std::string& note : notes) std::fprintf(stderr, "scree bench: %s\n", note.c_str());
+    print_notes(notes);
     if (!rows) return rows.error();
     row_.load = rows->front();
     return {};
@@ -259,6 +298,9 @@ class EndToEnd {
                              std::span<const uint64_t> expected) {
     EndToEndRow::Streamed streamed;
     streamed.budget_bytes = row_.load.last.device_bytes / kBudgetShare;
+    const Result<double> link = measure_link();
+    if (!link) return link.error();
+    streamed.link_gb_per_s = *link;
     auto device = runtime::DeviceScene::upload(scene, streamed.budget_bytes, options_.threads);
     if (!device && device.error().code != ErrorCode::kDevice && device.error().code != ErrorCode::kUnsupported)
       return device.error();

@@ -1,30 +1,23 @@
 #include "tools/bench/file_cache.h"
 
 #include <algorithm>
-#include <atomic>
 #include <cerrno>
 #include <cstddef>
 #include <cstring>
-#include <new>
-#include <span>
 #include <vector>
 
 #include <fcntl.h>
 #include <sys/mman.h>
 #include <unistd.h>
 
-#include "format/bytes.h"
-#include "runtime/direct_file.h"
-#include "runtime/first_error.h"
 #include "runtime/mapped_file.h"
-#include "runtime/parallel.h"
-#include "runtime/stopwatch.h"
 
 namespace scree::bench {
 namespace {
 
-using runtime::DirectFile;
 using runtime::MappedFile;
+
+constexpr size_t kReadBytes = size_t{4} << 20;
 
 Error system_error(const std::string& path, const char* doing) {
   return {ErrorCode::kFile, path + ": " + doing + ": " + std::strerror(errno)};
@@ -72,7 +65,7 @@ Result<double> bring_to_cache(const std::string& path) {
   {
     const Result<MappedFile> file = MappedFile::open(path);
     if (!file) return file.error();
-    std::vector<std::byte> block(kRawBlockBytes);
+    std::vector<std::byte> block(kReadBytes);
     for (uint64_t at = 0; at < file->size();) {
       const ssize_t got = ::pread(file->descriptor(), block.data(), block.size(), static_cast<off_t>(at));
       if (got < 0 && errno == EINTR) continue;
@@ -82,38 +75,6 @@ Result<double> bring_to_cache(const std::string& path) {
     }
   }
   return cached_share(path);
-}
-
-Result<RawRead> read_raw(const std::string& path, uint32_t in_flight) {
-  const Result<MappedFile> map = MappedFile::open(path);
-  if (!map) return map.error();
-  if (map->size() == 0) return RawRead{};
-  const Result<DirectFile> file = DirectFile::open(*map);
-  if (!file) return at(path, file.error());
-  RawRead raw;
-  raw.bytes = std::min(map->size(), kMostRawBytes);
-  const uint64_t blocks = (raw.bytes + kRawBlockBytes - 1) / kRawBlockBytes;
-  const auto readers = static_cast<uint32_t>(std::min<uint64_t>(blocks, in_flight));
-  try {
-    std::vector<runtime::DirectMemory> memory;
-    for (uint32_t i = 0; i < readers; ++i) memory.push_back(runtime::direct_memory(kRawBlockBytes));
-    runtime::FirstError failure;
-    const runtime::Stopwatch watch;
-    std::atomic<uint64_t> next{0};
-    runtime::parallel_for(readers, readers, [&](uint64_t reader) {
-      for (uint64_t i = next++; i < blocks; i = next++) {
-        const uint64_t offset = i * kRawBlockBytes;
-        const uint64_t bytes = format::align_up(std::min(kRawBlockBytes, raw.bytes - offset), DirectFile::kAlignment);
-        if (const auto read = file->read(offset, {memory[reader].get(), bytes}); !read)
-          return failure.report(i, read.error());
-      }
-    });
-    raw.seconds = watch.elapsed().wall_ms * 1e-3;
-    if (failure.any()) return at(path, failure.error());
-  } catch (const std::bad_alloc&) {
-    return Error{ErrorCode::kMemory, path + ": no memory left to read it"};
-  }
-  return raw;
 }
 
 }  // namespace scree::bench

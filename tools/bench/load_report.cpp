@@ -7,6 +7,7 @@
 
 #include "tools/bench/machine.h"
 #include "tools/bench/options.h"
+#include "tools/bench/raw_disk.h"
 #include "tools/common/human.h"
 #include "tools/common/sigbus.h"
 #include "tools/inspect/text_table.h"
@@ -55,51 +56,6 @@ struct Series {
     row.first_frame = summarize(first_frame);
     row.resident_cpu = summarize(resident_cpu);
   }
-};
-
-/// What the disk gives below a file, measured once beside each repeat.
-class RawDisk {
- public:
-  /// `notes`: gets why there is none, once.
-  Result<void> read(const std::string& path, std::vector<std::string>& notes) {
-    if (is_missing_) return {};
-    if (const auto dropped = drop_from_cache(path); !dropped) return dropped.error();
-    if (in_flight_ != 0) {
-      const Result<RawRead> raw = read_raw(path, in_flight_);
-      if (!raw) return raw.error();
-      rates_.push_back(static_cast<float>(raw->gb_per_s()));
-      return {};
-    }
-    float most = 0;
-    for (const uint32_t in_flight : {1u, 4u, 16u}) {
-      const Result<RawRead> raw = read_raw(path, in_flight);
-      if (!raw && raw.error().code != ErrorCode::kUnsupported) return raw.error();
-      if (!raw) {
-        notes.push_back(raw.error().message);
-        is_missing_ = true;
-        return {};
-      }
-      bytes_ = raw->bytes;
-      const auto rate = static_cast<float>(raw->gb_per_s());
-      if (in_flight_ == 0 || rate > most) in_flight_ = in_flight;
-      most = std::max(most, rate);
-    }
-    rates_.push_back(most);
-    return {};
-  }
-
-  void describe(LoadRow& row) const {
-    if (rates_.empty()) return;
-    row.raw_gb_per_s = summarize(rates_).median;
-    row.raw_bytes = bytes_;
-    row.raw_in_flight = in_flight_;
-  }
-
- private:
-  std::vector<float> rates_;
-  uint64_t bytes_ = 0;
-  uint32_t in_flight_ = 0;  // the fastest; 0: not known yet
-  bool is_missing_ = false;
 };
 
 /// The first of `ways`' arena, if they need one; they go where there is no memory for it.
@@ -207,7 +163,7 @@ Result<std::vector<LoadRow>> measure_loads(const std::string& path, const std::v
       series.row.threads = settings.threads;
     }
   }
-  RawDisk disk;
+  RawReads disk;  // once beside each repeat
   for (uint32_t i = 0; i < repeats; ++i) {
     if (const auto read = disk.read(path, notes); !read) return read.error();
     for (Series& series : all) {
@@ -221,7 +177,9 @@ Result<std::vector<LoadRow>> measure_loads(const std::string& path, const std::v
   std::vector<LoadRow> rows;
   for (Series& series : all) {
     series.finish();
-    disk.describe(series.row);
+    series.row.raw_gb_per_s = disk.gb_per_s();
+    series.row.raw_bytes = disk.bytes();
+    series.row.raw_in_flight = disk.in_flight();
     rows.push_back(std::move(series.row));
   }
   return rows;

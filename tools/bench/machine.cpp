@@ -2,6 +2,7 @@
 
 #include <cuda_runtime_api.h>
 
+#include <cstring>
 #include <fstream>
 #include <string>
 #include <vector>
@@ -16,6 +17,7 @@ namespace {
 
 using kernels::cuda_check;
 using kernels::DeviceBuffer;
+using kernels::PinnedBuffer;
 
 /// "580.159.03", or the newest CUDA the driver knows where the kernel does not tell.
 std::string driver_version() {
@@ -27,28 +29,34 @@ std::string driver_version() {
   return "CUDA " + std::to_string(cuda / 1000) + "." + std::to_string(cuda % 1000 / 10);
 }
 
-/// Bytes read and written a second by a copy inside the device's memory, in GB: the median of several.
-Result<double> measure_copy() {
-  constexpr uint64_t kBytes = uint64_t{1} << 30;
+constexpr uint64_t kCopyBytes = uint64_t{1} << 30;
+
+/// Copies of kCopyBytes a second, in GB: the median of several.
+Result<double> measure_copies(void* to, const void* from, cudaMemcpyKind kind) {
   constexpr int kCopies = 11;
-  Result<DeviceBuffer> from = DeviceBuffer::allocate(kBytes, "allocating memory to copy");
-  if (!from) return from.error();
-  Result<DeviceBuffer> to = DeviceBuffer::allocate(kBytes, "allocating memory to copy to");
-  if (!to) return to.error();
-  if (auto done = cuda_check(cudaMemset(from->data(), 1, kBytes), "clearing memory"); !done) return done.error();
   Result<GpuTimer> timer = GpuTimer::create();
   if (!timer) return timer.error();
   std::vector<float> times;
   for (int i = 0; i < kCopies; ++i) {
     Result<void> done = timer->start();
-    if (done)
-      done = cuda_check(cudaMemcpyAsync(to->data(), from->data(), kBytes, cudaMemcpyDeviceToDevice), "copying memory");
+    if (done) done = cuda_check(cudaMemcpyAsync(to, from, kCopyBytes, kind), "copying memory");
     if (!done) return done.error();
     const Result<float> ms = timer->stop();
     if (!ms) return ms.error();
     times.push_back(*ms);
   }
-  return 2.0 * static_cast<double>(kBytes) / (summarize(times).median * 1e6);
+  return static_cast<double>(kCopyBytes) / (summarize(times).median * 1e6);
+}
+
+/// Bytes read and written a second by a copy inside the device's memory, in GB.
+Result<double> measure_copy() {
+  Result<DeviceBuffer> from = DeviceBuffer::allocate(kCopyBytes, "allocating memory to copy");
+  if (!from) return from.error();
+  Result<DeviceBuffer> to = DeviceBuffer::allocate(kCopyBytes, "allocating memory to copy to");
+  if (!to) return to.error();
+  if (auto done = cuda_check(cudaMemset(from->data(), 1, kCopyBytes), "clearing memory"); !done) return done.error();
+  const Result<double> rate = measure_copies(to->data(), from->data(), cudaMemcpyDeviceToDevice);
+  return rate ? Result<double>(2.0 * *rate) : rate.error();
 }
 
 /// A benchmark has no other backend to offer.
@@ -81,6 +89,15 @@ Result<Machine> find_machine() {
   if (!copy) return copy.error();
   machine.copy_gb_per_s = *copy;
   return machine;
+}
+
+Result<double> measure_link() {
+  PinnedBuffer from;
+  if (auto done = from.allocate(kCopyBytes, "pinning memory to copy"); !done) return done.error();
+  std::memset(from.data(), 1, kCopyBytes);
+  Result<DeviceBuffer> to = DeviceBuffer::allocate(kCopyBytes, "allocating memory to copy to");
+  if (!to) return to.error();
+  return measure_copies(to->data(), from.data(), cudaMemcpyHostToDevice);
 }
 
 }  // namespace scree::bench

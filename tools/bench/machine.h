@@ -10,6 +10,10 @@ namespace scree::bench {
 /// to do is said), a CUDA call that failed, a program built without CUDA.
 Result<Machine> find_machine();
 
+/// Bytes a second that copies from pinned host memory to the GPU's reach, in GB: 1e9 a second. Errors kDevice, as
+/// above.
+Result<double> measure_link();
+
 /// The processor by its model's name, in place of a GPU's, and this program's commit; no driver, no copy.
 Machine cpu_machine();
 

@@ -8,6 +8,10 @@ Result<Machine> find_machine() {
   return Error{ErrorCode::kDevice, "built without CUDA; bench measures a GPU (cmake --preset cuda-release)"};
 }
 
+Result<double> measure_link() {
+  return find_machine().error();
+}
+
 Result<void> run_bench(const BenchOptions&) {
   return find_machine().error();
 }
