@@ -1,5 +1,7 @@
 // Meshes are encoded while later ones are measured: the same bytes and the same errors as when all are measured first,
 // which --resume does.
+#include <cinttypes>
+#include <cstdio>
 #include <filesystem>
 #include <limits>
 #include <string>
@@ -99,6 +101,7 @@ TEST_CASE("convert: encodes while it measures, the same bytes", "[convert][ahead
     // With one thread at most 400,000 triangles wait, of which there are 780,000.
     if (threads == 1) CHECK(report.windows_ahead > 4);
     CHECK(report.rates.measured_triangles >= report.triangles);
+    CHECK(report.windows_ahead <= report.windows);
   }
   tests::must_match(options);
 }
@@ -113,6 +116,51 @@ TEST_CASE("convert: windows that are measured are not read again", "[convert][ah
   CHECK(report.rates.read_bytes < 3 * report.input_bytes / 2);
   options.resume = true;
   CHECK(must_convert(options).rates.read_bytes > 3 * report.input_bytes / 2);
+}
+
+// One thread, so that it does not matter who comes first, and processes of their own, which have as much memory when
+// they begin every time. From the least memory on, in steps, to the first that lets it encode ahead; the bytes stay.
+TEST_CASE("convert: under a tight --memory nothing is encoded ahead, and the bytes are the same",
+          "[convert][ahead][memory]") {
+  constexpr uint64_t kMostMiB = 2048;  // the default
+  const TempFolder folder;
+  make_scene(folder.file("in.glb"), kPlain);
+  const auto convert_within = [&](uint64_t mib) {
+    const std::vector<std::string> words{
+        "convert",  folder.file("in.glb"),      "-o", folder.file("out.scree"), "--threads", "1",
+        "--memory", std::to_string(mib) + "MiB"};
+    return tests::run_program(words, folder.file("log"));
+  };
+  const auto windows_ahead = [](const std::string& said) -> uint64_t {
+    INFO(said);
+    const size_t end = said.find(" windows encoded before all were measured");
+    if (end == std::string::npos) return 0;
+    uint64_t ahead = 0, windows = 0;
+    REQUIRE(std::sscanf(said.c_str() + said.rfind(',', end), ", %" SCNu64 " of %" SCNu64, &ahead, &windows) == 2);
+    CHECK(ahead < windows);
+    return ahead;
+  };
+  const tests::ProgramRun plenty = convert_within(kMostMiB);
+  REQUIRE(plenty.exit_code == 0);
+  CHECK(windows_ahead(plenty.output) > 4);
+  const std::string bytes = tests::read_whole(folder.file("out.scree"));
+
+  const std::string refused = convert_within(1).output;
+  INFO(refused);
+  const size_t at = refused.find("needs at least ");
+  REQUIRE(at != std::string::npos);
+  const uint64_t least = std::stoull(refused.substr(at + 15));
+  uint64_t ahead = 0, enough = least;
+  for (; ahead == 0 && enough < kMostMiB; enough += 4) {
+    const tests::ProgramRun run = convert_within(enough);
+    REQUIRE(run.exit_code == 0);
+    CHECK((tests::read_whole(folder.file("out.scree")) == bytes));
+    INFO(enough << " MiB: " << run.output);
+    ahead = windows_ahead(run.output);
+    if (enough == least) CHECK(ahead == 0);
+  }
+  CHECK(ahead > 0);
+  CHECK(enough < least + 256);
 }
 
 TEST_CASE("convert: what needs all meshes measured ends encoding ahead", "[convert][ahead][sort]") {

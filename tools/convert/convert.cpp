@@ -514,6 +514,7 @@ class Converter {
   void fill_report() {
     report_.meshes = tables_.meshes.size();
     report_.chunks = tables_.chunks.size();
+    report_.windows = measurement_.windows.size();
     for (const format::MeshRecord& mesh : tables_.meshes) {
       report_.triangles += mesh.triangle_count;
       report_.position_error_bound = std::max(report_.position_error_bound, mesh.max_position_error);

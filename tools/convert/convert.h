@@ -81,7 +81,8 @@ struct ConvertReport {
   uint64_t dropped_nonfinite = 0;
   uint64_t sorted_triangles = 0;   // of primitives without locality
   uint64_t sort_file_bytes = 0;    // that the temporary file for them takes at most
-  uint64_t windows_ahead = 0;      // encoded before all were measured
+  uint64_t windows = 0;            // of the meshes that are stored
+  uint64_t windows_ahead = 0;      // of them, that were encoded before all were measured
   uint64_t windows_guessed = 0;    // given to be encoded before their own mesh was measured whole
   uint64_t windows_discarded = 0;  // that were encoded in vain: their mesh became another than the source states
   StageRates rates;

@@ -104,6 +104,9 @@ std::string describe(const ConvertOptions& options, const ConvertReport& report)
   if (report.threads < report.threads_asked)
     text +=
         ", " + std::to_string(report.threads) + " of " + std::to_string(report.threads_asked) + " threads (--memory)";
+  if (report.windows_ahead > 0)
+    text += ", " + std::to_string(report.windows_ahead) + " of " + std::to_string(report.windows) +
+            " windows encoded before all were measured";
   if (report.sorted_triangles > 0)
     text += ", sorted " + tools::format_count(static_cast<double>(report.sorted_triangles)) +
             " triangles that lay in no order (a temporary file of " + tools::format_bytes(report.sort_file_bytes) + ")";
