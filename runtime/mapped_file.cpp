@@ -141,6 +141,15 @@ Result<void> MappedFile::read(uint64_t offset, std::span<std::byte> out) const {
   return {};
 }
 
+Result<void> MappedFile::check_size() const {
+  if (descriptor_ < 0) return {};  // empty
+  struct stat status {};
+  if (::fstat(descriptor_, &status) != 0)
+    return Error{ErrorCode::kFile, std::string("cannot stat: ") + std::strerror(errno)};
+  const auto size = static_cast<uint64_t>(status.st_size);
+  return size < size_ ? ends_early(size, size_) : Result<void>();
+}
+
 void MappedFile::will_need(uint64_t offset, uint64_t size) const {
   if (offset >= size_) return;
   const uint64_t first = offset & ~(page_bytes() - 1);

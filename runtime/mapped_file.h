@@ -20,8 +20,9 @@ enum class Access {
 /// kFile: what reading finds of a file that ends at `end` and had `size` bytes when it was opened.
 Error ends_early(uint64_t end, uint64_t size);
 
-/// A read-only, private map of a whole file. The file must not shrink while it is mapped: touching bytes past its new
-/// end raises SIGBUS, which the tools turn into an error (tools/common/sigbus.h). Move-only; reading is thread-safe.
+/// A read-only, private map of a whole file. The file must not shrink while it is mapped: touching pages past its new
+/// end raises SIGBUS, which the tools turn into an error (tools/common/sigbus.h), and what is gone of the page in which
+/// it ends now reads as zeros (check_size() tells). Move-only; reading is thread-safe.
 class MappedFile {
  public:
   /// Maps `path`; an empty file gives an empty span. The span starts page-aligned. Errors kFile (missing, unreadable,
@@ -50,6 +51,11 @@ class MappedFile {
   /// so that nothing is faulted in, and a file that has become shorter is an error and no signal. Errors kFile, without
   /// the file's name.
   Result<void> read(uint64_t offset, std::span<std::byte> out) const;
+
+  /// Whether the file still has the bytes that are mapped, or more. Asked once they were read, so that none of them was
+  /// a zero in place of what was cut off. Errors kFile, without the file's name: it is shorter, or the system does not
+  /// say.
+  Result<void> check_size() const;
 
   /// Asks for [offset, offset + size) to be read ahead; clipped to the file. A hint: nothing is reported.
   void will_need(uint64_t offset, uint64_t size) const;

@@ -105,6 +105,25 @@ TEST_CASE("a file past 4 GiB maps with 64-bit offsets", "[mapped_file]") {
   std::filesystem::remove(path);
 }
 
+TEST_CASE("what is cut off the last page reads as zeros, which only the file's size tells", "[mapped_file]") {
+  const auto path = scratch("cut");
+  std::ofstream(path, std::ios::binary) << std::string(10'000, 'x');
+  const Result<MappedFile> file = MappedFile::open(path.string());
+  REQUIRE(file);
+  CHECK(file->check_size());
+  std::filesystem::resize_file(path, 20'000);
+  CHECK(file->check_size());
+  std::filesystem::resize_file(path, 9'999);
+  CHECK(static_cast<char>(file->bytes()[9'998]) == 'x');
+  CHECK(static_cast<char>(file->bytes()[9'999]) == 0);
+  const Result<void> cut = file->check_size();
+  REQUIRE_FALSE(cut);
+  CHECK(cut.error().code == ErrorCode::kFile);
+  CHECK(cut.error().message == "ends at byte 9999, but had 10000 when it was opened");
+  std::filesystem::remove(path);
+  CHECK(MappedFile().check_size());
+}
+
 TEST_CASE("what cannot be mapped is named with its reason", "[mapped_file]") {
   const auto missing = scratch("missing").string();
   const Result<MappedFile> nothing = MappedFile::open(missing);

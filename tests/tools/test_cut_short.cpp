@@ -16,6 +16,7 @@
 #include <random>
 #include <string>
 #include <thread>
+#include <utility>
 #include <vector>
 
 #include "runtime/camera.h"
@@ -29,6 +30,8 @@
 #include "tests/tools/model_maker.h"
 #include "tests/tools/run_program.h"
 #include "tools/common/sigbus.h"
+#include "tools/export/export.h"
+#include "tools/inspect/inspect.h"
 
 namespace scree::tests {
 namespace {
@@ -38,8 +41,8 @@ using Clock = std::chrono::steady_clock;
 // Of what takes seconds on a quiet machine.
 constexpr std::chrono::seconds kDeadline{120};
 
-std::string line_of(const std::string& file) {
-  return "scree render: " + file +
+std::string line_of(const std::string& file, const std::string& command = "render") {
+  return "scree " + command + ": " + file +
          ": cannot read: the file was cut short while it was read, or its disk failed (SIGBUS)\n";
 }
 
@@ -64,6 +67,12 @@ void write_noise(const std::string& path) {
   maker.finish();
 }
 
+/// Cuts the last byte, of the table of contents, which is not needed any more once a file is open: no read meets the
+/// file's end.
+void cut_last_byte(const std::string& path) {
+  std::filesystem::resize_file(path, std::filesystem::file_size(path) - 1);
+}
+
 /// Some megabytes, in chunks that are streamed one by one, and the program drawing them until something ends it.
 class CutFile {
  public:
@@ -73,7 +82,6 @@ class CutFile {
     options.zstd_level = zstd_level;
     options.encoding = encoding;
     options.chunk_triangles = 8192;
-    options.source_ids = false;
     options.position_bits = 24;
     must_convert(options);
     REQUIRE(std::filesystem::file_size(path()) > uint64_t{2} << 20);
@@ -82,6 +90,12 @@ class CutFile {
 
   const TempFolder& folder() const { return folder_; }
   std::string path() const { return folder_.file("out.scree"); }
+
+  /// `words`: of a command that writes outputs of its own to the folder. Cuts the last byte when half of the work is
+  /// done that the command takes.
+  void cut_last_byte_of(const std::vector<std::string>& words, double seconds_of_all) const {
+    must_end(words, seconds_of_all / 2, std::filesystem::file_size(path()) - 1);
+  }
 
   /// `words`: of render, beside the file and its picture. Cuts once frames follow each other, to nothing and to a half.
   void cut_while_drawn(const std::vector<std::string>& words) const {
@@ -100,15 +114,16 @@ class CutFile {
     for (const uint64_t bytes : {uint64_t{0}, whole.size() / 2}) {
       CAPTURE(bytes);
       folder_.write("out.scree", whole);
-      must_end(command("1000000", folder_.file("out.png")), one.seconds, bytes);
+      must_end(command("1000000", folder_.file("out.png")), 2 * one.seconds + 0.2, bytes);
     }
   }
 
  private:
-  void must_end(const std::vector<std::string>& command, double seconds_of_one, uint64_t to_bytes) const {
+  /// Cuts to so many bytes after so many seconds of processor time.
+  void must_end(const std::vector<std::string>& command, double seconds, uint64_t to_bytes) const {
     const pid_t child = start_program(command, folder_.file("log"));
     const auto deadline = Clock::now() + kDeadline;
-    const auto goes_on = [&] { return maps_file(child) && seconds_of(child) > 2 * seconds_of_one + 0.2; };
+    const auto goes_on = [&] { return maps_file(child) && seconds_of(child) > seconds; };
     while (!goes_on() && !has_ended(child) && Clock::now() < deadline)
       std::this_thread::sleep_for(std::chrono::milliseconds(5));
     const bool is_drawing = goes_on() && !has_ended(child);
@@ -121,7 +136,7 @@ class CutFile {
     CHECK(ended);
     REQUIRE(WIFEXITED(status));
     CHECK(WEXITSTATUS(status) == 2);
-    CHECK(read_whole(folder_.file("log")) == line_of(path()));
+    CHECK(read_whole(folder_.file("log")) == line_of(path(), command[0]));
     CHECK(read_whole(folder_.file("out.png")) == "earlier");
     CHECK(folder_.names() == std::vector<std::string>{"in.glb", "log", "out.png", "out.scree"});
   }
@@ -240,6 +255,77 @@ TEST_CASE("a file cut short while it is drawn ends in one line and exit code 2",
       {{0, convert::Encoding::kClustered}, {0, convert::Encoding::kIndexed}, {3, convert::Encoding::kClustered}}));
   CAPTURE(zstd_level, encoding);
   CutFile(zstd_level, encoding).cut_while_drawn({"--backend", "cpu", "--threads", "4"});
+}
+
+TEST_CASE("a file cut within its last page while it is drawn ends in the same line", "[render][cut]") {
+  const CutFile file(0);
+  const auto command = [&](uint32_t frames) {
+    return std::vector<std::string>{
+        "render",    file.path(), "-o",       file.folder().file("out.png"), "--quiet", "--size", "160x120",
+        "--backend", "cpu",       "--frames", std::to_string(frames)};
+  };
+  uint32_t frames = 1;
+  ProgramRun all;
+  do {
+    frames *= 2;
+    all = run_program(command(frames), file.folder().file("log"));
+    REQUIRE(all.exit_code == 0);
+  } while (all.seconds < 1);
+  file.folder().write("out.png", "earlier");
+  file.cut_last_byte_of(command(frames), all.seconds);
+}
+
+TEST_CASE("a file cut within its last page while it is compared ends in the same line", "[compare][cut]") {
+  const CutFile file(0);
+  const std::vector<std::string> command{
+      "compare", file.path(), file.folder().file("in.glb"), "-o", file.folder().file("out.png"), "--size", "160x120"};
+  const ProgramRun all = run_program(command, file.folder().file("log"));
+  INFO(all.output);
+  REQUIRE(all.exit_code == 0);
+  file.folder().write("out.png", "earlier");
+  file.cut_last_byte_of(command, all.seconds);
+}
+
+TEST_CASE("a file cut within its last page while it is exported takes no name", "[export][cut]") {
+  const CutFile file(0);
+  const OpenFile opened = must_open(file.path());
+  file.folder().write("out.glb", "earlier");
+  tools::ExportOptions options;
+  options.check_source = [&] {
+    CHECK(read_whole(file.folder().file("out.glb")) == "earlier");
+    CHECK(tools::check_not_cut(opened.map));
+    cut_last_byte(file.path());
+    return tools::check_not_cut(opened.map);
+  };
+  const auto exported = tools::export_gltf(opened.file, file.folder().file("out.glb"), options);
+  REQUIRE_FALSE(exported);
+  CHECK(exported.error().code == ErrorCode::kFile);
+  CHECK("scree render: " + exported.error().message + "\n" == line_of(file.path()));
+  CHECK(file.folder().names() == std::vector<std::string>{"in.glb", "out.glb", "out.png", "out.scree"});
+  CHECK(read_whole(file.folder().file("out.glb")) == "earlier");
+}
+
+TEST_CASE("a file cut within its last page while a report of it is printed is an error", "[inspect][cut]") {
+  const CutFile file(0);
+  const std::string path = file.path();
+  struct Cut {
+    std::string path;
+    bool is_done = false;
+  } cut{path};
+  cookie_io_functions_t cuts{};
+  cuts.write = [](void* cookie, const char*, size_t size) {
+    auto& once = *static_cast<Cut*>(cookie);
+    if (!std::exchange(once.is_done, true)) cut_last_byte(once.path);  // as the first words come
+    return static_cast<ssize_t>(size);
+  };
+  std::FILE* const out = fopencookie(&cut, "w", cuts);
+  REQUIRE(out != nullptr);
+  std::setvbuf(out, nullptr, _IONBF, 0);
+  const Result<void> inspected = inspect::inspect_file(path, {}, out);
+  std::fclose(out);
+  REQUIRE_FALSE(inspected);
+  CHECK("scree inspect: " + inspected.error().message + "\n" == line_of(path, "inspect"));
+  CHECK(inspected.error().code == ErrorCode::kFile);
 }
 
 TEST_CASE("a file cut short while chunks are streamed ends in one line and exit code 2", "[render][cut][stream]") {

@@ -16,6 +16,7 @@ namespace {
 // A signal handler may not allocate: the line is made beforehand, in memory that stays. Paths are at most 4 KiB.
 constexpr size_t kLineBytes = 8192;
 char line[kLineBytes];
+constexpr char kCutShort[] = "cannot read: the file was cut short while it was read, or its disk failed (SIGBUS)";
 volatile sig_atomic_t line_size = 0;
 int exit_status = 2;
 
@@ -38,8 +39,7 @@ extern "C" void on_sigbus(int) {
 
 void report_sigbus(std::string_view command, std::string_view file) {
   std::string text("scree ");
-  text.append(command).append(": ").append(file);
-  text.append(": cannot read: the file was cut short while it was read, or its disk failed (SIGBUS)\n");
+  text.append(command).append(": ").append(file).append(": ").append(kCutShort).append("\n");
   line_size = 0;
   const size_t size = std::min(text.size(), kLineBytes);
   std::copy_n(text.begin(), size, line);
@@ -49,6 +49,11 @@ void report_sigbus(std::string_view command, std::string_view file) {
   action.sa_handler = on_sigbus;
   sigemptyset(&action.sa_mask);
   sigaction(SIGBUS, &action, nullptr);
+}
+
+Result<void> check_not_cut(const runtime::MappedFile& map) {
+  if (map.check_size()) return {};
+  return Error{ErrorCode::kFile, map.path() + ": " + kCutShort};
 }
 
 }  // namespace scree::tools

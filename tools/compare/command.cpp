@@ -117,6 +117,7 @@ Result<void> print(const Words& words, const Findings& findings) {
 
 /// A scene of a file, without textures. `pages`: whether it is drawn.
 Result<runtime::Scene> load_scene(const std::string& path, const RenderOptions& options, bool pages) {
+  report_sigbus("compare", path);
   Result<runtime::SceneFile> file = runtime::SceneFile::open(path);
   if (!file) return file.error();
   const Result<uint32_t> scene = file->find_scene(options.scene);
@@ -148,6 +149,7 @@ Result<Findings> compare_scene(const Words& words, const std::string& file, cons
   if (!view) return at(file, view.error());
   Result<SourceReport> drawn = compare_with_source(*scene, *model, *view, words.pixels_per_degree, options.threads);
   if (!drawn) return at(file, drawn.error());
+  if (const Result<void> whole = check_not_cut(scene->file().map()); !whole) return whole.error();
   findings.pixels = std::move(drawn->pixels);
   findings.pictures = std::move(drawn->pictures);
   return findings;
@@ -162,7 +164,6 @@ Result<Findings> compare_two_buffers(const Words& words, const RenderOptions& op
   std::vector<runtime::Scene> scenes;
   scenes.reserve(words.of.size());
   for (const std::string& path : words.of) {
-    report_sigbus("compare", path);
     Result<runtime::Scene> loaded = load_scene(path, options, false);
     if (!loaded) return loaded.error();
     scenes.push_back(std::move(*loaded));
@@ -176,6 +177,8 @@ Result<Findings> compare_two_buffers(const Words& words, const RenderOptions& op
   }
   Result<PixelReport> report = compare_buffers(*a, *b, width, height, match ? &*match : nullptr);
   if (!report) return report.error();
+  for (const runtime::Scene& scene : scenes)
+    if (const Result<void> whole = check_not_cut(scene.file().map()); !whole) return whole.error();
   Findings findings;
   findings.pixels = std::move(*report);
   return findings;

@@ -269,6 +269,7 @@ Result<ExportSummary> export_mapped(const Arguments& arguments, const runtime::M
   options.progress = [&](uint64_t done, uint64_t bytes) { progress.update(done, bytes); };
   // What is written need not stay resident: the file may be larger than memory.
   options.is_done_with = [&](uint64_t offset, uint64_t bytes) { map.release(offset, bytes); };
+  options.check_source = [&] { return check_not_cut(map); };
   const StopOnSignal handlers;
   return export_gltf(*file, arguments.output, options);
 }
@@ -281,6 +282,8 @@ Result<void> run_export(const Arguments& arguments) {
   const auto summary = export_mapped(arguments, *map);
   if (!summary) {
     StopOnSignal::end_where_signalled();
+    // What it is called without its end, such as a page whose checksum is wrong, says less.
+    if (const Result<void> whole = check_not_cut(*map); !whole) return whole;
     const Error& error = summary.error();
     const bool names_output = error.code == ErrorCode::kUsage || error.code == ErrorCode::kFile;
     return names_output ? error : at(arguments.input, error);
@@ -324,6 +327,8 @@ Result<ExportSummary> export_gltf(const format::Container& file, const std::stri
   const auto scenes = add_scenes(file, writer);
   if (!scenes) return scenes.error();
 
+  if (options.check_source)
+    if (const Result<void> whole = options.check_source(); !whole) return whole.error();
   const auto finished = writer.finish();
   if (!finished) return finished.error();
   summary.bytes = writer.total_bytes();

@@ -17,6 +17,8 @@ struct ExportOptions {
   std::function<void(uint64_t triangles, uint64_t bytes)>
       progress;  // written so far; called by the caller's own thread
   std::function<void(uint64_t offset, uint64_t bytes)> is_done_with;  // a part of the .scree file; called by any thread
+  // Asked once all of it is read, before what is written takes its name; an error of it is that of the export.
+  std::function<Result<void>()> check_source;
 };
 
 /// What was written.

@@ -94,6 +94,7 @@ Result<void> inspect_file(const std::string& path, const InspectOptions& options
     if (verified) print("\n" + text_verify(*verified), out);
     if (measured) print("\nagainst " + options.source + "\n\n" + compare::text_geometry(*measured), out);
   }
+  if (const Result<void> whole = tools::check_not_cut(*map); !whole) return whole;
   const auto written = tools::finish_output(out);
   if (!written) return written;
   if (verified && verified->failure_count != 0) {

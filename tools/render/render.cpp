@@ -64,20 +64,21 @@ void list_cameras(const runtime::SceneFile& file, uint32_t scene) {
   if (cameras.empty()) std::printf("scene %u has no cameras\n", scene);
 }
 
-void print_pick(const format::Container& container, PixelPlace place, const std::optional<runtime::Pick>& pick) {
-  if (!pick) {
-    std::printf("pick %u,%u: nothing\n", place.x, place.y);
-    return;
-  }
+std::string describe_pick(const format::Container& container, PixelPlace place,
+                          const std::optional<runtime::Pick>& pick) {
+  std::string line = "pick " + std::to_string(place.x) + "," + std::to_string(place.y) + ": ";
+  if (!pick) return line + "nothing\n";
   const format::MeshRecord& mesh = container.meshes()[pick->mesh];
   const std::string node = number_and_name(pick->node, container.string(container.nodes()[pick->node].name));
   const std::string mesh_name = number_and_name(pick->mesh, container.string(container.groups()[mesh.group].name));
-  std::string line = "node " + node;
+  line += "node " + node;
   if (container.nodes()[pick->node].node_instance_count > 0)
     line += ", instance " + std::to_string(pick->node_instance);
   line += ", mesh " + mesh_name + ", triangle " + std::to_string(pick->mesh_triangle);
   if (pick->source_triangle) line += ", source triangle " + std::to_string(*pick->source_triangle);
-  std::printf("pick %u,%u: %s, depth %.9g\n", place.x, place.y, line.c_str(), pick->depth);
+  char depth[48];
+  std::snprintf(depth, sizeof depth, ", depth %.9g\n", pick->depth);
+  return line + depth;
 }
 
 struct Times {
@@ -179,12 +180,19 @@ void print_summary(const RenderOptions& options, const runtime::Scene& scene, co
               milliseconds(loading_ms).c_str(), places.c_str());
 }
 
-Result<void> write_outputs(const RenderOptions& options, const runtime::Frame& frame, Times& times) {
+/// `map`: of the file that the frame shows. Nothing is written of one that was cut short.
+Result<void> write_outputs(const RenderOptions& options, const runtime::MappedFile& map, const runtime::Frame& frame,
+                           Times& times) {
+  std::optional<runtime::Picture> picture;
   if (!options.output.empty()) {
     const Stopwatch shade_watch;
-    const Result<runtime::Picture> picture = frame.shade(options.shade, options.threads);
-    if (!picture) return at(options.file, picture.error());
+    Result<runtime::Picture> shaded = frame.shade(options.shade, options.threads);
+    if (!shaded) return at(options.file, shaded.error());
     times.shade = shade_watch.elapsed();
+    picture = std::move(*shaded);
+  }
+  if (const Result<void> whole = check_not_cut(map); !whole) return whole;
+  if (picture) {
     const Stopwatch write_watch;
     const Result<void> written =
         runtime::write_png(options.output, picture->width, picture->height, picture->channels, picture->pixels);
@@ -199,6 +207,18 @@ Result<void> write_outputs(const RenderOptions& options, const runtime::Frame& f
     const Result<void> written = runtime::write_visibility(options.visbuffer, frame.samples());
     if (!written) return written.error();
   }
+  return {};
+}
+
+Result<void> print_picks(const RenderOptions& options, const runtime::Scene& scene, const runtime::Frame& frame) {
+  std::string text;
+  for (const PixelPlace& place : options.picks) {
+    const Result<std::optional<runtime::Pick>> pick = frame.pick(place.x, place.y);
+    if (!pick) return pick.error();
+    text += describe_pick(scene.container(), place, *pick);
+  }
+  if (const Result<void> whole = check_not_cut(scene.file().map()); !whole) return whole;
+  std::fwrite(text.data(), 1, text.size(), stdout);
   return {};
 }
 
@@ -230,7 +250,7 @@ Result<void> render(const RenderOptions& options) {
   if (!scene_index) return scene_index.error();
   if (options.list_cameras) {
     list_cameras(*file, *scene_index);
-    return {};
+    return check_not_cut(file->map());
   }
   times.open = open_watch.elapsed();
 
@@ -284,12 +304,8 @@ Result<void> render(const RenderOptions& options) {
   if (!frame) return at(options.file, with_advice(frame.error()));
   if (!options.depth.empty() || !options.visbuffer.empty() || !options.picks.empty())
     if (const Result<void> read = frame->read_samples(); !read) return at(options.file, read.error());
-  if (const Result<void> written = write_outputs(options, *frame, times); !written) return written.error();
-  for (const PixelPlace& place : options.picks) {
-    const Result<std::optional<runtime::Pick>> pick = frame->pick(place.x, place.y);
-    if (!pick) return pick.error();
-    print_pick(scene->container(), place, *pick);
-  }
+  if (const auto written = write_outputs(options, scene->file().map(), *frame, times); !written) return written;
+  if (const Result<void> printed = print_picks(options, *scene, *frame); !printed) return printed;
   if (device) {
     times.upload = device->stats();
     times.streamed = device->stream_stats();
