@@ -357,13 +357,10 @@ class MemoryLimit {
     if (now <= memory_) return {};
     const double share = static_cast<double>(read_) / static_cast<double>(text_bytes_);
     const double in_the_end = static_cast<double>(before_) + static_cast<double>(now - std::min(now, before_)) / share;
-    return Error{ErrorCode::kUsage, "--memory: " + tools::format_bytes(memory_) + ", but its document of " +
-                                        tools::format_bytes(text_bytes_) + " of JSON needs about " +
-                                        std::to_string(static_cast<uint64_t>(in_the_end / kMiB) + 1) + " MiB"};
+    return document_too_large(memory_, text_bytes_, "about", static_cast<uint64_t>(in_the_end));
   }
 
  private:
-  static constexpr double kMiB = 1 << 20;
   uint64_t memory_;
   uint64_t text_bytes_;
   uint64_t before_;  // of the process, with the text
@@ -484,6 +481,12 @@ const DocBounds* GltfDocument::bounds_of(uint32_t accessor) const {
   const auto found = std::lower_bound(bounds.begin(), bounds.end(), accessor,
                                       [](const DocBounds& a, uint32_t b) { return a.accessor < b; });
   return found == bounds.end() || found->accessor != accessor ? nullptr : &*found;
+}
+
+Error document_too_large(uint64_t memory, uint64_t json_bytes, const char* estimate, uint64_t needed_bytes) {
+  return {ErrorCode::kUsage, "--memory: " + tools::format_bytes(memory) + ", but its document of " +
+                                 tools::format_bytes(json_bytes) + " of JSON needs " + estimate + " " +
+                                 std::to_string(needed_bytes >> 20) + " MiB"};
 }
 
 Result<GltfDocument> read_document(std::vector<char> json, uint64_t memory) {

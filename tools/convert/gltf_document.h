@@ -202,6 +202,10 @@ struct GltfDocument {
 /// Text of which the memory that a document takes is looked at.
 inline constexpr uint64_t kLargeDocument = 1 << 20;
 
+/// kUsage: a document of so much JSON does not fit into `memory`. `estimate`: what `needed_bytes` are of what it needs,
+/// such as "about".
+Error document_too_large(uint64_t memory, uint64_t json_bytes, const char* estimate, uint64_t needed_bytes);
+
 /// Reads a document. Memory: the records plus a few MiB, however long the text is. Errors kFormat, kRange, kVersion
 /// (not glTF 2.x), each with its place in the document; kUsage once the process takes more than `memory` bytes, with
 /// about what it would take in the end: looked at every kLargeDocument bytes of text.

@@ -13,7 +13,6 @@
 
 #include "format/bytes.h"
 #include "tools/common/memory_use.h"
-#include "tools/common/options.h"
 #include "tools/convert/byte_source.h"
 #include "tools/convert/glb.h"
 #include "tools/convert/gltf_buffers.h"
@@ -521,10 +520,7 @@ Result<SourceScene> import_checked(const std::string& path, const ImportOptions&
                                          std::to_string(options.max_json_bytes) + " are read"};
   }
   const uint64_t least = layout->json_bytes < kLargeDocument ? 0 : tools::memory_use().anonymous + layout->json_bytes;
-  if (least > options.memory)
-    return Error{ErrorCode::kUsage, "--memory: " + tools::format_bytes(options.memory) + ", but its document of " +
-                                        tools::format_bytes(layout->json_bytes) + " of JSON needs more than " +
-                                        std::to_string(least >> 20) + " MiB"};
+  if (least > options.memory) return document_too_large(options.memory, layout->json_bytes, "more than", least);
   if (auto trimmed = trim_json(**file, *layout); !trimmed) return trimmed.error();
   auto text = read_json_text(**file, layout->json_offset, layout->json_bytes);
   if (!text) return text.error();
