@@ -17,6 +17,9 @@ constexpr uint8_t kFree = 0xff;
 // What a compact cluster of 128 triangles takes at best: it is about 10 vertices across.
 constexpr uint32_t kGoodDistanceBits = 4;
 
+// Triangles whose corners are fetched ahead.
+constexpr uint32_t kAhead = 8;
+
 uint32_t words_for(uint32_t bits) {
   return (bits + 31) / 32;
 }
@@ -114,86 +117,104 @@ void ClusterPacker::begin(std::span<const uint32_t> indices, std::span<const uin
   slots_.assign(vertex_count, kFree);
 }
 
-/// Numbers the vertices by first use.
+/// Takes triangles while they fit, and numbers the vertices by first use.
 void ClusterPacker::gather(std::span<const uint32_t> triangles) {
-  assert(!triangles.empty() && triangles.size() <= kMaxClusterTriangles);
-  triangle_count_ = static_cast<uint32_t>(triangles.size());
+  assert(!triangles.empty());
+  const auto most = static_cast<uint32_t>(std::min<size_t>(triangles.size(), kMaxClusterTriangles));
+  uint32_t limit = kMaxClusterVertices;
+  triangle_count_ = 0;
   vertex_count_ = 0;
-  for (uint32_t t = 0; t < triangle_count_; ++t) {
+  for (; triangle_count_ < most; ++triangle_count_) {
+    if (triangle_count_ + kAhead < triangles.size())
+      __builtin_prefetch(&indices_[3 * size_t{triangles[triangle_count_ + kAhead]}]);
+    const uint32_t* vertex = &indices_[3 * size_t{triangles[triangle_count_]}];
+    if (vertex[0] == vertex[1] || vertex[1] == vertex[2] || vertex[2] == vertex[0]) limit = kMaxDegenerateVertices;
+    auto& corner = corners_[triangle_count_];
+    uint32_t count = vertex_count_;
     for (size_t i = 0; i < 3; ++i) {
-      const uint32_t vertex = indices_[3 * size_t{triangles[t]} + i];
-      uint8_t& slot = slots_[vertex];
-      if (slot == kFree) {
-        assert(vertex_count_ < kMaxClusterVertices);
-        slot = static_cast<uint8_t>(vertex_count_);
-        vertices_[vertex_count_++] = vertex;
-      }
-      corners_[t][i] = slot;
+      // What is known is written over by the next: a branch would be guessed wrong.
+      const uint8_t slot = slots_[vertex[i]];
+      vertices_[count] = vertex[i];
+      __builtin_prefetch(&offsets_[3 * size_t{vertex[i]}]);
+      corner[i] = slot == kFree ? static_cast<uint8_t>(count) : slot;
+      count += slot == kFree ? 1 : 0;
+      slots_[vertex[i]] = corner[i];
     }
+    if (count > limit) {
+      for (; count > vertex_count_; --count) slots_[vertices_[count - 1]] = kFree;
+      break;
+    }
+    vertex_count_ = count;
+    for (size_t i = 0; i < 3; ++i)
+      at_vertex_[corner[i]][i][triangle_count_ / 64] |= uint64_t{1} << (triangle_count_ % 64);
   }
   for (uint32_t v = 0; v < vertex_count_; ++v) slots_[vertices_[v]] = kFree;
-}
-
-void ClusterPacker::list_triangles() {
-  std::array<uint16_t, kMaxClusterVertices + 1> next{};
-  for (uint32_t t = 0; t < triangle_count_; ++t)
-    for (const uint8_t corner : corners_[t]) ++next[corner + 1u];
-  for (uint32_t v = 0; v < vertex_count_; ++v) next[v + 1] = static_cast<uint16_t>(next[v + 1] + next[v]);
-  first_at_ = next;
-  for (uint32_t t = 0; t < triangle_count_; ++t)
-    for (const uint8_t corner : corners_[t]) at_vertex_[next[corner]++] = static_cast<uint8_t>(t);
 }
 
 /// Numbers outwards from `start`, as Cuthill and McKee do, but so that wherever triangles share edges a vertex gets its
 /// number because it completes one with two that have theirs: then it is the largest of that one, and steps are 0 or 1.
 /// Returns the vertex that comes last.
 uint32_t ClusterPacker::number_from(uint32_t start, Numbering& out) {
-  std::array<uint8_t, kMaxClusterVertices> queue;        // vertices by number
-  std::array<uint8_t, kMaxClusterTriangles> numbered{};  // corners with a number
-  std::array<uint8_t, kMaxClusterTriangles> known{};     // corners whose vertices have been taken from the queue
+  std::array<uint8_t, kMaxClusterVertices> queue;  // vertices by number
+  CornerSets numbered{};                           // triangles whose corner has a number
+  CornerSets known{};                              // whose corner has been taken from the queue
   uint32_t filled = 0;
   std::fill_n(out.number.begin(), vertex_count_, kFree);
   const auto push = [&](uint8_t vertex) {
-    if (out.number[vertex] != kFree) return;
     out.number[vertex] = static_cast<uint8_t>(filled);
     queue[filled++] = vertex;
-    for (uint32_t i = first_at_[vertex]; i < first_at_[vertex + 1u]; ++i) ++numbered[at_vertex_[i]];
+    add(at_vertex_[vertex], numbered);
   };
   const auto push_corners = [&](uint32_t triangle) {
-    for (const uint8_t corner : corners_[triangle]) push(corner);
+    for (const uint8_t corner : corners_[triangle])
+      if (out.number[corner] == kFree) push(corner);
+  };
+  const auto first_of = [](const TriangleSet& set) {
+    return static_cast<uint32_t>(set[0] != 0 ? std::countr_zero(set[0]) : 64 + std::countr_zero(set[1]));
+  };
+  const auto all_corners = [](const CornerSets& sets, size_t word) {
+    return sets[0][word] & sets[1][word] & sets[2][word];
+  };
+  const auto around = [this](uint32_t vertex, size_t word) {
+    return at_vertex_[vertex][0][word] | at_vertex_[vertex][1][word] | at_vertex_[vertex][2][word];
   };
   push(static_cast<uint8_t>(start));
-  push_corners(at_vertex_[first_at_[start]]);
+  push_corners(first_of({around(start, 0), around(start, 1)}));
   uint32_t placed = 0;
-  uint32_t unseen = 0;  // no triangle before it has a vertex without a number
   uint32_t furthest = 0;
   uint32_t widest = 0;
   for (uint32_t at = 0; at < vertex_count_; ++at) {
-    if (at == filled) {  // the rest shares no edge with these
-      while (numbered[unseen] == 3) ++unseen;
-      push_corners(unseen);
-    }
+    if (at == filled)  // the rest shares no edge with these
+      push_corners(first_of({~all_corners(numbered, 0), ~all_corners(numbered, 1)}));
     const uint32_t vertex = queue[at];
-    const uint32_t first = first_at_[vertex];
-    const uint32_t end = first_at_[vertex + 1];
+    const TriangleSet here{around(vertex, 0), around(vertex, 1)};
     // All its neighbours, around it, one triangle after the other.
     for (bool again = true; again;) {
       again = false;
-      for (uint32_t i = first; i < end; ++i) {
-        if (numbered[at_vertex_[i]] != 2) continue;
-        push_corners(at_vertex_[i]);
-        again = true;
+      for (size_t word = 0; word < 2; ++word) {
+        for (uint64_t left = here[word];;) {
+          const uint64_t a = numbered[0][word], b = numbered[1][word], c = numbered[2][word];
+          left &= ((a & b) | (b & c) | (c & a)) & ~(a & b & c);  // those that miss the number of one corner
+          if (left == 0) break;
+          const int bit = std::countr_zero(left);
+          const size_t missing = (a >> bit & 1) + ((a & b) >> bit & 1);
+          push(corners_[64 * word + static_cast<size_t>(bit)][missing]);
+          left = here[word] & (~uint64_t{1} << bit);
+          again = true;
+        }
       }
     }
-    for (uint32_t i = first; i < end; ++i) {
-      const uint8_t t = at_vertex_[i];
-      if (++known[t] != 3) continue;
-      const auto& corner = corners_[t];
-      const uint32_t smallest = std::min({out.number[corner[0]], out.number[corner[1]], out.number[corner[2]]});
-      furthest = std::max(furthest, at - smallest);
-      if (placed != 0) widest = std::max<uint32_t>(widest, at - out.largest[placed - 1]);
-      out.order[placed] = t;
-      out.largest[placed++] = static_cast<uint8_t>(at);
+    add(at_vertex_[vertex], known);
+    for (size_t word = 0; word < 2; ++word) {
+      for (uint64_t left = here[word] & all_corners(known, word); left != 0; left &= left - 1) {
+        const auto t = static_cast<uint8_t>(64 * word + static_cast<size_t>(std::countr_zero(left)));
+        const auto& corner = corners_[t];
+        const uint32_t smallest = std::min({out.number[corner[0]], out.number[corner[1]], out.number[corner[2]]});
+        furthest = std::max(furthest, at - smallest);
+        if (placed != 0) widest = std::max<uint32_t>(widest, at - out.largest[placed - 1]);
+        out.order[placed] = t;
+        out.largest[placed++] = static_cast<uint8_t>(at);
+      }
     }
   }
   assert(placed == triangle_count_);
@@ -208,7 +229,6 @@ uint32_t ClusterPacker::number_from(uint32_t start, Numbering& out) {
 }
 
 void ClusterPacker::choose_numbering() {
-  list_triangles();
   const uint32_t end = number_from(0, best_);
   const auto try_from = [&](uint32_t start) {
     const uint32_t last = number_from(start, trial_);
@@ -297,14 +317,23 @@ uint32_t* ClusterPacker::put_data(PackedCluster& cluster, std::vector<uint32_t>&
   }
   cluster.record.counts |= (count - 1) << 7 | bits[0] << 17 | bits[1] << 22 | bits[2] << 27;
   WordWriter writer(put_triangles(cluster, words));
-  for (uint32_t i = 0; i < count; ++i)
-    for (size_t a = 0; a < 3; ++a) writer.put(codes.code[i][a], bits[a]);
+  const uint32_t xy_bits = bits[0] + bits[1];
+  if (xy_bits + bits[2] <= 32) {  // mostly
+    for (uint32_t i = 0; i < count; ++i) {
+      const auto& code = codes.code[i];
+      writer.put(code[0] | code[1] << bits[0] | static_cast<uint32_t>(uint64_t{code[2]} << xy_bits), xy_bits + bits[2]);
+    }
+  } else {
+    for (uint32_t i = 0; i < count; ++i)
+      for (size_t a = 0; a < 3; ++a) writer.put(codes.code[i][a], bits[a]);
+  }
   return writer.end_section();
 }
 
-void ClusterPacker::pack(std::span<const uint32_t> triangles, ClusterSet& out) {
+uint32_t ClusterPacker::pack(std::span<const uint32_t> triangles, ClusterSet& out) {
   gather(triangles);
   choose_numbering();
+  std::fill_n(at_vertex_.begin(), vertex_count_, CornerSets{});
   for (uint32_t i = 0; i < triangle_count_; ++i) out.triangles.push_back(triangles[best_.order[i]]);
   PackedCluster cluster{};
   std::array<uint32_t, kMostClusterWords + 1> words;
@@ -312,6 +341,7 @@ void ClusterPacker::pack(std::span<const uint32_t> triangles, ClusterSet& out) {
   cluster.words = static_cast<uint32_t>(end - words.data());
   out.words.insert(out.words.end(), words.begin(), words.begin() + cluster.words);
   out.clusters.push_back(cluster);
+  return triangle_count_;
 }
 
 }  // namespace scree::format

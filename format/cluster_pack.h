@@ -26,9 +26,9 @@ class ClusterPacker {
   void begin(std::span<const uint32_t> indices, std::span<const uint32_t> offsets, uint32_t vertex_count,
              PackEffort effort);
 
-  /// Appends the cluster of the given triangles (1 to 128, numbers in `indices`) to `out`. They use at most 128
-  /// vertices, or kMaxDegenerateVertices where one has two equal corners.
-  void pack(std::span<const uint32_t> triangles, ClusterSet& out);
+  /// Appends the cluster of as many of the first of `triangles` (1 and more, numbers in `indices`) as it may have, and
+  /// returns how many: those that use at most 128 vertices, or kMaxDegenerateVertices where one has two equal corners.
+  uint32_t pack(std::span<const uint32_t> triangles, ClusterSet& out);
 
  private:
   /// A way to number the vertices.
@@ -42,8 +42,19 @@ class ClusterPacker {
     uint32_t words;  // of steps and distances
   };
 
+  /// A bit a triangle of the cluster.
+  using TriangleSet = std::array<uint64_t, 2>;
+  static_assert(kMaxClusterTriangles == 128);
+
+  /// The triangles that have a vertex as their corner 0, 1 and 2.
+  using CornerSets = std::array<TriangleSet, 3>;
+
+  static void add(const CornerSets& more, CornerSets& sets) {
+    for (size_t i = 0; i < 3; ++i)
+      for (size_t word = 0; word < 2; ++word) sets[i][word] |= more[i][word];
+  }
+
   void gather(std::span<const uint32_t> triangles);
-  void list_triangles();
   uint32_t number_from(uint32_t vertex, Numbering& out);
   void choose_numbering();
   uint32_t* put_triangles(PackedCluster& cluster, uint32_t* words) const;
@@ -57,11 +68,9 @@ class ClusterPacker {
   // Of the cluster that is packed, vertices by first use:
   uint32_t triangle_count_ = 0;
   uint32_t vertex_count_ = 0;
-  std::array<uint32_t, kMaxClusterVertices> vertices_;  // in the list
+  std::array<uint32_t, kMaxClusterVertices + 3> vertices_;  // in the list; room for a triangle that does not fit
   std::array<std::array<uint8_t, 3>, kMaxClusterTriangles> corners_;
-  // The triangles at each vertex, once for each corner there: at_vertex_[first_at_[v]] to at_vertex_[first_at_[v + 1]].
-  std::array<uint16_t, kMaxClusterVertices + 1> first_at_;
-  std::array<uint8_t, 3 * kMaxClusterTriangles> at_vertex_;
+  std::array<CornerSets, kMaxClusterVertices> at_vertex_{};  // empty between clusters
   Numbering best_;
   Numbering trial_;
 };

@@ -199,23 +199,6 @@ class Growth {
 
 }  // namespace
 
-ClusterCut cut_in_order(std::span<const uint32_t> indices, uint32_t vertex_count, uint32_t most_triangles) {
-  ClusterCut out;
-  OpenCluster cluster(vertex_count, most_triangles);
-  out.triangles.resize(indices.size() / 3);
-  for (uint32_t t = 0; t < out.triangles.size(); ++t) {
-    const uint32_t* corner = &indices[3 * size_t{t}];
-    if (!cluster.fits(corner)) {
-      out.ends.push_back(t);
-      cluster.next();
-    }
-    cluster.add(corner, [](uint32_t) {});
-    out.triangles[t] = t;
-  }
-  if (cluster.triangles() != 0) out.ends.push_back(static_cast<uint32_t>(out.triangles.size()));
-  return out;
-}
-
 ClusterCut cut_by_neighbourhood(std::span<const uint32_t> indices, uint32_t vertex_count, uint32_t most_triangles) {
   return Growth(indices, vertex_count, most_triangles).run();
 }

@@ -13,10 +13,6 @@ struct ClusterCut {
   std::vector<uint32_t> ends;       // of each cluster in `triangles`
 };
 
-/// Clusters of consecutive triangles. `indices`: 3 a triangle, each below vertex_count. `most_triangles`: of a cluster,
-/// 1 and up; more than format::kMaxClusterTriangles means that many.
-ClusterCut cut_in_order(std::span<const uint32_t> indices, uint32_t vertex_count, uint32_t most_triangles);
-
 /// Clusters that grow from triangle to neighbouring triangle, each beside the one before: fewer vertices a cluster and
 /// smaller boxes, whatever order the triangles come in. Memory: about 50 bytes a triangle.
 ClusterCut cut_by_neighbourhood(std::span<const uint32_t> indices, uint32_t vertex_count, uint32_t most_triangles);
