@@ -17,6 +17,10 @@ constexpr uint8_t kFree = 0xff;
 // What a compact cluster of 128 triangles takes at best: it is about 10 vertices across.
 constexpr uint32_t kGoodDistanceBits = 4;
 
+constexpr uint32_t kMostDistanceBits = 7;
+
+constexpr uint32_t kGaveUp = ~0u;
+
 // Triangles whose corners are fetched ahead.
 constexpr uint32_t kAhead = 8;
 
@@ -153,8 +157,8 @@ void ClusterPacker::gather(std::span<const uint32_t> triangles) {
 
 /// Numbers outwards from `start`, as Cuthill and McKee do, but so that wherever triangles share edges a vertex gets its
 /// number because it completes one with two that have theirs: then it is the largest of that one, and steps are 0 or 1.
-/// Returns the vertex that comes last.
-uint32_t ClusterPacker::number_from(uint32_t start, Numbering& out) {
+/// Returns the vertex that comes last, or kGaveUp as soon as a distance takes more than `most_bits`.
+uint32_t ClusterPacker::number_from(uint32_t start, uint32_t most_bits, Numbering& out) {
   std::array<uint8_t, kMaxClusterVertices> queue;  // vertices by number
   CornerSets numbered{};                           // triangles whose corner has a number
   CornerSets known{};                              // whose corner has been taken from the queue
@@ -216,6 +220,7 @@ uint32_t ClusterPacker::number_from(uint32_t start, Numbering& out) {
         out.largest[placed++] = static_cast<uint8_t>(at);
       }
     }
+    if (furthest >> most_bits != 0) return kGaveUp;
   }
   assert(placed == triangle_count_);
   out.padding = out.largest[0] < 2 ? 2u - out.largest[0] : 0;
@@ -229,11 +234,11 @@ uint32_t ClusterPacker::number_from(uint32_t start, Numbering& out) {
 }
 
 void ClusterPacker::choose_numbering() {
-  const uint32_t end = number_from(0, best_);
+  const uint32_t end = number_from(0, kMostDistanceBits, best_);
   const auto try_from = [&](uint32_t start) {
-    const uint32_t last = number_from(start, trial_);
-    if (trial_.words < best_.words) best_ = trial_;
-    return last;
+    // As many bits as the best one's are no smaller where its steps are narrow.
+    const uint32_t most_bits = best_.wide_steps ? kMostDistanceBits : std::max(1u, best_.distance_bits) - 1;
+    if (number_from(start, most_bits, trial_) != kGaveUp && trial_.words < best_.words) best_ = trial_;
   };
   if (effort_ == PackEffort::kBest) {
     for (uint32_t v = 1; v < vertex_count_; ++v) try_from(v);

@@ -55,7 +55,7 @@ class ClusterPacker {
   }
 
   void gather(std::span<const uint32_t> triangles);
-  uint32_t number_from(uint32_t vertex, Numbering& out);
+  uint32_t number_from(uint32_t start, uint32_t most_bits, Numbering& out);
   void choose_numbering();
   uint32_t* put_triangles(PackedCluster& cluster, uint32_t* words) const;
   uint32_t* put_data(PackedCluster& cluster, std::vector<uint32_t>& vertices, uint32_t* words) const;
