@@ -1,22 +1,20 @@
 #include "tools/bench/clustered.h"
 
-#include <meshoptimizer.h>
-
 #include <algorithm>
 #include <new>
 
 #include "format/quantize.h"
 #include "runtime/parallel.h"
 #include "tools/common/cluster_builder.h"
+#include "tools/common/fifo_order.h"
 
 namespace scree::bench {
 namespace {
 
-constexpr unsigned kFifoCacheSize = 16;  // as convert's
-
 /// What encoding a chunk takes; one a thread.
 struct Scratch {
   std::vector<uint32_t> indices;
+  tools::FifoOrder fifo;
   std::vector<uint32_t> ordered;
   std::vector<uint32_t> offsets;
   tools::ClusterBuilder builder;
@@ -44,8 +42,11 @@ std::vector<std::byte> encode(const synth::MeshRecipe& recipe, const ChunkPlan& 
                               format::ChunkRecord& chunk, Scratch& s) {
   fill(recipe, plan, mesh, s);
   const auto vertices = static_cast<uint32_t>(s.offsets.size() / 3);
-  s.ordered.resize(s.indices.size());
-  meshopt_optimizeVertexCacheFifo(s.ordered.data(), s.indices.data(), s.indices.size(), vertices, kFifoCacheSize);
+  s.ordered.clear();
+  for (const uint32_t triangle : s.fifo.run(s.indices, vertices)) {
+    const auto corner = s.indices.begin() + 3 * static_cast<ptrdiff_t>(triangle);
+    s.ordered.insert(s.ordered.end(), corner, corner + 3);
+  }
   std::vector<std::byte> payload;
   tools::encode_clustered_chunk(s.builder, s.ordered, s.offsets, tools::ClusterEffort::kFast, chunk, payload);
   return payload;

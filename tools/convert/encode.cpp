@@ -1,7 +1,5 @@
 #include "tools/convert/encode.h"
 
-#include <meshoptimizer.h>
-
 #include <algorithm>
 #include <bit>
 #include <cassert>
@@ -21,47 +19,7 @@ namespace {
 
 using format::kNone;
 
-// The paper's hardware measurements and meshoptimizer's own default agree on 16 entries.
-constexpr unsigned kFifoCacheSize = 16;
-
 constexpr format::PositionRange kFloatRange{{}, {32, 32, 32}};
-
-/// Which triangle of `before` each triangle of `after` is; meshoptimizer only tells the corners. Both hold the same
-/// triangles with the same first corner. Equal triangles are told apart by their order.
-Result<void> match_triangles(std::span<const uint32_t> before, std::span<const uint32_t> after,
-                             std::vector<uint32_t>& order) {
-  const size_t count = before.size() / 3;
-  const auto hash = [](const uint32_t* corner) {
-    uint64_t h = corner[0] * 0x9e3779b97f4a7c15ull;
-    h = (std::rotl(h, 23) ^ corner[1]) * 0xbf58476d1ce4e5b9ull;
-    h = (std::rotl(h, 23) ^ corner[2]) * 0x94d049bb133111ebull;
-    return h ^ (h >> 32);
-  };
-  const auto equal = [](const uint32_t* a, const uint32_t* b) { return a[0] == b[0] && a[1] == b[1] && a[2] == b[2]; };
-  // Open addressing, at most half full; a slot heads the list of the equal triangles not yet matched.
-  const uint64_t mask = std::bit_ceil(2 * count + 2) - 1;
-  std::vector<uint32_t> heads(mask + 1, kNone);
-  std::vector<uint32_t> keys(mask + 1, kNone);
-  std::vector<uint32_t> next(count, kNone);
-  for (size_t i = count; i-- > 0;) {
-    const uint32_t* corner = &before[3 * i];
-    uint64_t slot = hash(corner) & mask;
-    while (keys[slot] != kNone && !equal(&before[3 * size_t{keys[slot]}], corner)) slot = (slot + 1) & mask;
-    if (keys[slot] == kNone) keys[slot] = static_cast<uint32_t>(i);
-    next[i] = heads[slot];
-    heads[slot] = static_cast<uint32_t>(i);
-  }
-  order.resize(count);
-  for (size_t i = 0; i < count; ++i) {
-    const uint32_t* corner = &after[3 * i];
-    uint64_t slot = hash(corner) & mask;
-    while (keys[slot] != kNone && !equal(&before[3 * size_t{keys[slot]}], corner)) slot = (slot + 1) & mask;
-    if (heads[slot] == kNone) return Error{ErrorCode::kFormat, "the reordered triangles are not those of the source"};
-    order[i] = heads[slot];
-    heads[slot] = next[heads[slot]];
-  }
-  return {};
-}
 
 /// Appends `bytes` zero bytes to the payload and returns them.
 std::span<std::byte> extend(std::vector<std::byte>& payload, uint64_t bytes) {
@@ -78,7 +36,7 @@ class WindowEncoder {
       : primitive_(primitive), mesh_(mesh), plan_(plan), options_(options), s_(scratch) {}
 
   Result<EncodedWindow> run() {
-    if (const Result<void> ordered = order(); !ordered) return ordered.error();
+    order();
     quantise();
     if (const Result<void> done = read_uvs(); !done) return done.error();
     if (mesh_.clustered && !mesh_.chunks_as_float32) {
@@ -94,9 +52,9 @@ class WindowEncoder {
   }
 
  private:
-  /// The part of chunk_order that belongs to chunk `i`.
+  /// The part of chunk_order_ that belongs to chunk `i`.
   std::span<const uint32_t> chunk_vertices(size_t i) const {
-    return std::span<const uint32_t>(s_.chunk_order).subspan(first_vertex_[i], out_.chunks[i].record.vertex_count);
+    return chunk_order_.subspan(first_vertex_[i], out_.chunks[i].record.vertex_count);
   }
 
   /// Whether the triangles stay in the source's order until they are cut into chunks.
@@ -105,40 +63,29 @@ class WindowEncoder {
     return options_.order == Order::kNone || (has_own_order && !mesh_.chunks_as_float32);
   }
 
-  Result<void> order() {
-    const std::span<const uint32_t> indices = s_.window.indices();
-    s_.ordered.resize(indices.size());
-    if (keeps_order()) {
-      std::copy(indices.begin(), indices.end(), s_.ordered.begin());
-      return {};
-    }
-    // Checked by Window: a multiple of three corners, each below the number of vertices; meshoptimizer asserts on less.
-    const size_t vertices = s_.window.vertices().size();
-    if (s_.window.is_scattered()) {
-      // The optimiser goes from vertex to neighbouring vertex: numbered by first use they lie together in its tables.
-      number_by_first_use(indices, vertices);
-      meshopt_optimizeVertexCacheFifo(s_.ordered.data(), s_.by_use.data(), indices.size(), vertices, kFifoCacheSize);
-      for (uint32_t& index : s_.ordered) index = s_.used_vertices[index];
-    } else {
-      meshopt_optimizeVertexCacheFifo(s_.ordered.data(), indices.data(), indices.size(), vertices, kFifoCacheSize);
-    }
-    if (mesh_.attributes & format::kHasSourceIds) return match_triangles(indices, s_.ordered, s_.order);
-    return {};
+  void order() {
+    if (keeps_order()) return;
+    // Checked by Window: a multiple of three corners, each below the number of vertices.
+    const auto vertices = static_cast<uint32_t>(s_.window.vertices().size());
+    // The optimiser goes from vertex to neighbouring vertex: numbered by first use they lie together in its tables.
+    if (s_.window.is_scattered()) number_by_first_use(vertices);
+    order_ = s_.fifo.run(s_.window.is_scattered() ? s_.by_use : s_.window.indices(), vertices);
   }
 
-  void number_by_first_use(std::span<const uint32_t> indices, size_t vertices) {
+  void number_by_first_use(uint32_t vertices) {
+    const std::span<const uint32_t> indices = s_.window.indices();
+    uint32_t used = 0;
     s_.use_of.assign(vertices, kNone);
-    s_.used_vertices.clear();
     s_.by_use.resize(indices.size());
     for (size_t i = 0; i < indices.size(); ++i) {
       uint32_t& use = s_.use_of[indices[i]];
-      if (use == kNone) {
-        use = static_cast<uint32_t>(s_.used_vertices.size());
-        s_.used_vertices.push_back(indices[i]);
-      }
+      if (use == kNone) use = used++;
       s_.by_use[i] = use;
     }
   }
+
+  /// The triangle of the window that is at a place of the order in which they are cut.
+  uint64_t triangle_at(uint64_t place) const { return order_.empty() ? place : order_[place]; }
 
   void quantise() {
     if (mesh_.float32) return;
@@ -161,7 +108,8 @@ class WindowEncoder {
   /// Cuts the ordered triangles into chunks, numbers the vertices of each, and encodes indices and positions on the
   /// way.
   void cut() {
-    const uint64_t triangles = s_.ordered.size() / 3;
+    const std::span<const uint32_t> indices = s_.window.indices();
+    const uint64_t triangles = s_.window.triangle_count();
     const ChunkLimit limit(mesh_, plan_, options_.chunk_triangles);
     s_.slots.assign(s_.window.vertices().size(), kNone);
     s_.chunk_order.clear();
@@ -174,7 +122,7 @@ class WindowEncoder {
       uint32_t vertices = 0;
       uint64_t end = first;
       for (; end < triangles; ++end) {
-        const uint32_t* corner = &s_.ordered[3 * end];
+        const uint32_t* corner = &indices[3 * triangle_at(end)];
         const uint32_t before = vertices;
         uint32_t local[3];
         for (size_t i = 0; i < 3; ++i) {
@@ -198,13 +146,14 @@ class WindowEncoder {
       if (options_.order == Order::kNone) {
         std::sort(used.begin(), used.end());
         for (uint32_t i = 0; i < vertices; ++i) s_.slots[used[i]] = i;
-        for (size_t i = 0; i < s_.chunk_indices.size(); ++i) s_.chunk_indices[i] = s_.slots[s_.ordered[3 * first + i]];
+        for (size_t i = 0; i < s_.chunk_indices.size(); ++i) s_.chunk_indices[i] = s_.slots[indices[3 * first + i]];
       }
       for (const uint32_t vertex : used) s_.slots[vertex] = kNone;
 
       add_chunk(first, end - first, first_vertex);
       first = end;
     }
+    chunk_order_ = s_.chunk_order;
   }
 
   /// The chunk of the triangles in chunk_indices, whose vertices are the last of chunk_order.
@@ -280,7 +229,8 @@ class WindowEncoder {
     s_.chunk_order.insert(s_.chunk_order.end(), s_.cluster_vertices.begin(), s_.cluster_vertices.end());
     const uint64_t first_triangle = first_triangle_.back();
     for (size_t i = 0; i < set.triangles.size() && !s_.clustered_triangles.empty(); ++i)
-      s_.clustered_triangles[first_triangle + i] = static_cast<uint32_t>(first_triangle + set.triangles[i]);
+      s_.clustered_triangles[first_triangle + i] =
+          static_cast<uint32_t>(triangle_at(first_triangle + set.triangles[i]));
     return true;
   }
 
@@ -304,8 +254,9 @@ class WindowEncoder {
 
   /// Cuts the triangles into clusters and these into chunks, and encodes all but attributes and source numbers.
   void cut_clusters() {
-    const format::ClusterSet& set = s_.clusters.build(s_.ordered, s_.coordinates, options_.clusters, most_of_cluster());
-    s_.chunk_order = set.vertices;
+    const format::ClusterSet& set =
+        s_.clusters.build(s_.window.indices(), s_.coordinates, options_.clusters, most_of_cluster(), order_);
+    chunk_order_ = set.vertices;
     clustered_triangles_ = set.triangles;
     const ChunkLimit limit(mesh_, plan_, options_.chunk_triangles);
     format::ClusterRun run;
@@ -460,9 +411,9 @@ class WindowEncoder {
       EncodedChunk& chunk = out_.chunks[i];
       s_.chunk_ids.resize(chunk.record.triangle_count);
       for (size_t t = 0; t < s_.chunk_ids.size(); ++t) {
-        uint64_t place = first_triangle_[i] + t;
-        if (chunk.record.encoding == format::ChunkEncoding::kClustered) place = clustered_triangles_[place];
-        s_.chunk_ids[t] = s_.window.source_id(keeps_order() ? place : s_.order[place]);
+        const uint64_t place = first_triangle_[i] + t;
+        const bool clustered = chunk.record.encoding == format::ChunkEncoding::kClustered;
+        s_.chunk_ids[t] = s_.window.source_id(clustered ? clustered_triangles_[place] : triangle_at(place));
       }
       const format::SourceIdRange range = format::source_id_range(s_.chunk_ids);
       chunk.record.source_min = range.min;
@@ -478,9 +429,11 @@ class WindowEncoder {
   const EncodeOptions& options_;
   EncodeScratch& s_;
   EncodedWindow out_;
-  std::vector<size_t> first_vertex_;               // of each chunk in chunk_order
+  std::span<const uint32_t> chunk_order_;          // window vertices of all chunks, one chunk after the other
+  std::vector<size_t> first_vertex_;               // of each chunk there
   std::vector<uint64_t> first_triangle_;           // of each chunk in the window
-  std::span<const uint32_t> clustered_triangles_;  // places in s_.ordered, where clustered
+  std::span<const uint32_t> order_;                // triangles of the window as they are cut; empty: as they are
+  std::span<const uint32_t> clustered_triangles_;  // triangles of the window by clusters
 };
 
 /// Makes vertices one that are equal in all that the mesh stores.

@@ -9,6 +9,7 @@
 #include "format/position_codec.h"
 #include "format/result.h"
 #include "tools/common/cluster_builder.h"
+#include "tools/common/fifo_order.h"
 #include "tools/convert/gltf_source.h"
 #include "tools/convert/measure.h"
 #include "tools/convert/weld.h"
@@ -17,7 +18,7 @@
 namespace scree::convert {
 
 enum class Order {
-  kFifo,  // meshoptimizer's order for a FIFO vertex cache, vertices by first use
+  kFifo,  // for a FIFO vertex cache (fifo_order.h), vertices by first use
   kNone,  // triangles as in the source, vertices ascending as in the source
 };
 
@@ -81,17 +82,15 @@ struct EncodedWindow {
 /// What one thread reuses from window to window.
 struct EncodeScratch {
   Window window;
-  std::vector<uint32_t> ordered;        // corners in the new order, places in the window's vertices
-  std::vector<uint32_t> by_use;         // corners of a scattered window, vertices numbered by first use
-  std::vector<uint32_t> use_of;         // that number of a vertex
-  std::vector<uint32_t> used_vertices;  // and back
-  std::vector<uint32_t> order;          // source place of each triangle, where source ids are stored
-  std::vector<uint32_t> slots;          // number in the chunk of a window's vertex, or kNone
-  std::vector<uint32_t> chunk_order;    // window vertices of all chunks, one chunk after the other
-  std::vector<uint32_t> coordinates;    // lattice coordinates of the window's vertices
+  tools::FifoOrder fifo;
+  std::vector<uint32_t> by_use;       // corners of a scattered window, vertices numbered by first use
+  std::vector<uint32_t> use_of;       // that number of a vertex
+  std::vector<uint32_t> slots;        // number in the chunk of a window's vertex, or kNone
+  std::vector<uint32_t> chunk_order;  // window vertices of all chunks that were cut from the order
+  std::vector<uint32_t> coordinates;  // lattice coordinates of the window's vertices
   std::vector<uint32_t> chunk_indices;
   std::vector<uint32_t> cluster_vertices;     // of a chunk: places in the window's vertices
-  std::vector<uint32_t> clustered_triangles;  // of all chunks: places in `ordered`
+  std::vector<uint32_t> clustered_triangles;  // of all chunks, numbers in the window
   Welder welder;
   tools::ClusterBuilder clusters;
   std::vector<uint32_t> chunk_coordinates;

@@ -212,16 +212,15 @@ uint64_t MemoryPlan::measure_thread_bytes(const WindowNeeds& needs) const {
   return window_bytes(needs) + 2 * 4 * attribute_components_ * needs.vertices + 12 * needs.triangles + kThreadBytes;
 }
 
-/// EncodeScratch, and what the encoder and meshoptimizer take while they work.
+/// EncodeScratch, and what the encoder takes while it works.
 uint64_t MemoryPlan::encode_thread_bytes(const WindowNeeds& needs) const {
   const uint64_t t = needs.triangles, v = needs.vertices;
   uint64_t bytes = window_bytes(needs);
-  bytes += 12 * t + 4 * v + 12 * v + 4 * attribute_components_ * v;  // ordered, slots, coordinates, floats
-  bytes += 8 * std::min(3 * t, v + v / 2);                           // vertices of all chunks
-  bytes += 25 * t + 16 * v;                                          // meshoptimizer's tables
-  if (needs.span > 12 * t + 1024) bytes += 12 * t + 12 * v;          // numbered by first use
-  if (source_ids_) bytes += 8 * std::bit_ceil(2 * t + 2) + 8 * t;    // to find the triangles again
-  bytes += 8 * std::bit_ceil(v + v / 4 + 2) + 13 * v;                // Welder
+  bytes += 4 * v + 12 * v + 4 * attribute_components_ * v;  // slots, coordinates, floats
+  bytes += 8 * std::min(3 * t, v + v / 2);                  // vertices of all chunks
+  bytes += 29 * t + 12 * v;                                 // FifoOrder
+  if (needs.span > 12 * t + 1024) bytes += 12 * t + 4 * v;  // numbered by first use
+  bytes += 8 * std::bit_ceil(v + v / 4 + 2) + 13 * v;       // Welder
   if (clustered_) bytes += 30 * t + 20 * v + 2 * encoded_bytes(needs);
   if (clustered_ && source_ids_) bytes += 4 * t;  // which triangles are where
   const uint64_t chunk = chunk_triangles_ == 0 ? t : std::min(t, chunk_triangles_);
