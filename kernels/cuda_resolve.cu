@@ -197,12 +197,14 @@ Result<void> CudaResolver::resolve(const SceneView& scene, const View& view, uin
 
 Result<void> CudaResolver::shade_part(const SceneView& scene, const View& view, const uint64_t* samples,
                                       const Transform* transforms, const ShadeOptions& options, float* colors,
-                                      cudaStream_t stream) {
+                                      cudaStream_t stream, CudaTextureCache* cache) {
   if (Result<void> checked = check_frame(view, 0); !checked) return checked;
   Impl& impl = *impl_;
   if (!impl.open()) return impl.error;
   const PixelTiles tiles{view.width, 0, view.height};
   const ShadeInputs inputs = make_shade_inputs(scene, view, options, transforms, impl.tables, nullptr);
+  if (cache != nullptr && options.show == Show::kTexture)
+    return cache->shade_part(inputs, tiles, samples, colors, stream);
   bool started = false;
   visit_shader<true>(inputs, [&]<class Shader>(const Shader& shader) {
     started = impl.run(ShadePart<Shader>{shader, tiles, samples, colors}, tiles.count(), stream);

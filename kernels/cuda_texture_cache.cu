@@ -8,6 +8,7 @@
 #include "kernels/cuda_check.h"
 #include "kernels/cuda_pixels.cuh"
 #include "kernels/resolve_rounds.h"
+#include "kernels/stored_colors.h"
 #include "kernels/texture_cache_cuda.h"
 
 #pragma nv_diag_suppress 2810  // nvcc 13 takes the assignment of a nodiscard class for an ignored result
@@ -20,9 +21,9 @@ constexpr uint32_t kDecodeThreads = 64;
 constexpr uint32_t kDecodeBlocks = 16;  // a multiprocessor
 
 /// `before`: what left the tiles, or null: all `tile_count`.
-template <class Pass>
+template <class Pixels>
 __global__ void __launch_bounds__(kPixelThreads, kResidentBlocks)
-    shade_round(const __grid_constant__ Pass pass, uint32_t tile_count, const RoundCounters* before) {
+    shade_round(const __grid_constant__ ShadeRound<Pixels> pass, uint32_t tile_count, const RoundCounters* before) {
   const uint32_t count = before != nullptr ? before->tiles : tile_count;
   const uint32_t warps = gridDim.x * (kPixelThreads / 32);
   for (uint32_t item = (blockIdx.x * kPixelThreads + threadIdx.x) / 32; item < count; item += warps)
@@ -73,12 +74,12 @@ CacheLayout lay_out(uint32_t slots, uint32_t slot_bytes) {
 }  // namespace
 
 struct CudaTextureCache::Impl {
-  template <class Shader>
-  bool run(const ResolveRound<Shader>& round, uint32_t tiles, const RoundCounters* before, cudaStream_t stream) {
+  template <class Pixels>
+  bool run(const ShadeRound<Pixels>& round, uint32_t tiles, const RoundCounters* before, cudaStream_t stream) {
     constexpr uint32_t kTilesPerBlock = kPixelThreads / 32;
     const uint32_t all = (tiles + kTilesPerBlock - 1) / kTilesPerBlock;
     const uint32_t blocks = before == nullptr ? all : std::min(all, multiprocessors * kResidentBlocks);
-    shade_round<<<blocks, kPixelThreads, 0, stream>>>(round, tiles, before);
+    shade_round<Pixels><<<blocks, kPixelThreads, 0, stream>>>(round, tiles, before);
     return check(cudaGetLastError(), "starting a round of the resolve");
   }
 
@@ -108,8 +109,10 @@ struct CudaTextureCache::Impl {
     return is_clean;
   }
 
-  bool resolve(const ShadeInputs& in, const PixelTiles& tiles, const uint64_t* samples, uint32_t side,
-               const float* visibility, uint32_t* pixels, cudaStream_t stream);
+  /// `pixels_of(shader)`: the Resolve or the ShadePart that finishes the pixels of `tiles`. `kApart`: as visit_kinds()
+  /// has it.
+  template <bool kApart, class PixelsOf>
+  bool shade(const ShadeInputs& in, const PixelTiles& tiles, const PixelsOf& pixels_of, cudaStream_t stream);
 
   DeviceBuffer memory;
   DeviceBuffer lists;
@@ -121,8 +124,9 @@ struct CudaTextureCache::Impl {
   Error error{ErrorCode::kDevice, ""};
 };
 
-bool CudaTextureCache::Impl::resolve(const ShadeInputs& in, const PixelTiles& tiles, const uint64_t* samples,
-                                     uint32_t side, const float* visibility, uint32_t* pixels, cudaStream_t stream) {
+template <bool kApart, class PixelsOf>
+bool CudaTextureCache::Impl::shade(const ShadeInputs& in, const PixelTiles& tiles, const PixelsOf& pixels_of,
+                                   cudaStream_t stream) {
   const uint32_t tile_count = tiles.count();
   if (!reserve(tile_count)) return false;
   if ((!is_clean || now > TextureCache::kNever - kDecodeRounds) && !clear(stream)) return false;
@@ -132,15 +136,12 @@ bool CudaTextureCache::Impl::resolve(const ShadeInputs& in, const PixelTiles& ti
     return false;
   auto* const first_list = reinterpret_cast<TileLeft*>(lists.data());
   TileLeft* const list[2] = {first_list, first_list + tile_count};
-  const auto resolve_of = [&]<class Shader>(const Shader& shader) {
-    return Resolve<Shader>{shader, tiles, samples, side, visibility, 4, reinterpret_cast<uint8_t*>(pixels)};
-  };
   bool started = true;
   for (uint32_t round = 0; round < kDecodeRounds && started; ++round, ++now) {
     const TileLeft* const from = round == 0 ? nullptr : list[(round - 1) % 2];
     const RoundCounters* const before = round == 0 ? nullptr : counters + round - 1;
-    visit_textured<true>(in, CachedTexels{cache, counters + round, now}, [&]<class Shader>(const Shader& shader) {
-      const ResolveRound<Shader> pass{resolve_of(shader), from, list[round % 2], counters + round};
+    visit_textured<kApart>(in, CachedTexels{cache, counters + round, now}, [&](const auto& shader) {
+      const ShadeRound<decltype(pixels_of(shader))> pass{pixels_of(shader), from, list[round % 2], counters + round};
       started = run(pass, tile_count, before, stream);
     });
     if (!started) return false;
@@ -150,8 +151,9 @@ bool CudaTextureCache::Impl::resolve(const ShadeInputs& in, const PixelTiles& ti
     started = check(cudaGetLastError(), "starting a round of decoding");
   }
   if (!started) return false;
-  visit_textured<false>(in, PatientTexels{cache, now - 1}, [&]<class Shader>(const Shader& shader) {
-    const ResolveRound<Shader> pass{resolve_of(shader), list[(kDecodeRounds - 1) % 2], nullptr, nullptr};
+  visit_textured<false>(in, PatientTexels{cache, now - 1}, [&](const auto& shader) {
+    const ShadeRound<decltype(pixels_of(shader))> pass{pixels_of(shader), list[(kDecodeRounds - 1) % 2], nullptr,
+                                                       nullptr};
     started = run(pass, tile_count, counters + kDecodeRounds - 1, stream);
   });
   is_clean = started;
@@ -209,7 +211,20 @@ uint64_t CudaTextureCache::bytes() const {
 Result<void> CudaTextureCache::resolve(const ShadeInputs& in, const PixelTiles& tiles, const uint64_t* samples,
                                        uint32_t samples_per_side, const float* visibility, uint32_t* pixels,
                                        cudaStream_t stream) {
-  if (!impl_->resolve(in, tiles, samples, samples_per_side, visibility, pixels, stream)) return impl_->error;
+  const auto pixels_of = [&]<class Shader>(const Shader& shader) {
+    auto* const out = reinterpret_cast<uint8_t*>(pixels);
+    return Resolve<Shader>{shader, tiles, samples, samples_per_side, visibility, 4, out};
+  };
+  if (!impl_->shade<true>(in, tiles, pixels_of, stream)) return impl_->error;
+  return {};
+}
+
+Result<void> CudaTextureCache::shade_part(const ShadeInputs& in, const PixelTiles& tiles, const uint64_t* samples,
+                                          float* colors, cudaStream_t stream) {
+  const auto pixels_of = [&]<class Shader>(const Shader& shader) {
+    return ShadePart<Shader>{shader, tiles, samples, colors};
+  };
+  if (!impl_->shade<false>(in, tiles, pixels_of, stream)) return impl_->error;
   return {};
 }
 

@@ -85,8 +85,10 @@ struct ShadeRows {
 
 /// Finished pixels, a tile an item. The light of a pixel is that of its samples weighted by their alpha, so that a
 /// transparent background does not bleed into an edge.
-template <class Shader>
+template <class ShaderOfPixels>
 struct Resolve {
+  using Shader = ShaderOfPixels;
+
   Shader shader;
   PixelTiles tiles;
   const uint64_t* samples;  // of the whole picture
@@ -98,13 +100,13 @@ struct Resolve {
   template <class Team>
   SCREE_HD void operator()(uint32_t item, Team team) const {
     ShadeState<Team, Shader> state;
-    tiles.for_each(item, team, [&](uint32_t x, uint32_t y, bool inside) { resolve(team, x, y, inside, state); });
+    tiles.for_each(item, team, [&](uint32_t x, uint32_t y, bool inside) { finish(team, x, y, inside, state); });
   }
 
   /// One pixel; all lanes of a team call it. `inside`: whether the lane has one. Where texels may miss and did,
   /// state.texels says so and nothing is written.
   template <class Team>
-  SCREE_HD void resolve(Team team, uint32_t x, uint32_t y, bool inside, ShadeState<Team, Shader>& state) const {
+  SCREE_HD void finish(Team team, uint32_t x, uint32_t y, bool inside, ShadeState<Team, Shader>& state) const {
     const ShadeInputs& in = shader.in;
     const uint64_t row_samples = static_cast<uint64_t>(in.view.width);
     float light[3] = {0, 0, 0};

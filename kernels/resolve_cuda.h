@@ -32,10 +32,11 @@ class CudaResolver {
                        const Transform* transforms, const ShadeOptions& options, uint32_t* pixels, cudaStream_t stream,
                        ResolveTimes* times = nullptr, CudaTextureCache* cache = nullptr);
 
-  /// As shade_part_cpu(): colours of the samples whose chunk has its page, 3 floats each, in device memory. `scene`:
-  /// its textures have no JPEG levels. Otherwise as resolve().
+  /// As shade_part_cpu(): colours of the samples whose chunk has its page, 3 floats each, in device memory.
+  /// Otherwise as resolve().
   Result<void> shade_part(const SceneView& scene, const View& view, const uint64_t* samples,
-                          const Transform* transforms, const ShadeOptions& options, float* colors, cudaStream_t stream);
+                          const Transform* transforms, const ShadeOptions& options, float* colors, cudaStream_t stream,
+                          CudaTextureCache* cache = nullptr);
 
   /// As resolve_colors_cpu(); otherwise as resolve().
   Result<void> resolve_colors(const View& view, uint32_t samples_per_side, const uint64_t* samples, const float* colors,

@@ -18,10 +18,11 @@ struct TileLeft {
   uint32_t pixels;
 };
 
-/// Shades tiles of a picture whose pixels may lack texels, and lists those that did.
-template <class Shader>
-struct ResolveRound {
-  Resolve<Shader> resolve;
+/// Shades tiles of a picture whose pixels may lack texels, and lists those that did. `Pixels`: Resolve or ShadePart,
+/// whose pixels are samples.
+template <class Pixels>
+struct ShadeRound {
+  Pixels pixels;
   const TileLeft* tiles;  // an item each; null: all tiles, all pixels
   TileLeft* left;         // room for all tiles; null where nothing can be missing
   RoundCounters* counters;
@@ -29,22 +30,23 @@ struct ResolveRound {
   /// `tiles` has as many entries as the round before counted.
   template <class Team>
   SCREE_HD void operator()(uint32_t item, Team team) const {
+    using Shader = typename Pixels::Shader;
     static_assert(Team::size() == 1 || Team::size() == kPixelTileSize);
     const TileLeft own = tiles != nullptr ? tiles[item] : TileLeft{item, ~uint32_t{0}};
     ShadeState<Team, Shader> state;
     uint32_t missed = 0;  // of this lane's pixels
     uint32_t bit = team.rank();
-    resolve.tiles.for_each(own.tile, team, [&](uint32_t x, uint32_t y, bool inside) {
+    pixels.tiles.for_each(own.tile, team, [&](uint32_t x, uint32_t y, bool inside) {
       const bool wanted = inside && (own.pixels >> bit & 1u) != 0;
       if constexpr (Shader::Texels::kMayMiss) state.texels.missed = false;
-      resolve.resolve(team, x, y, wanted, state);
+      pixels.finish(team, x, y, wanted, state);
       if constexpr (Shader::Texels::kMayMiss)
         if (wanted && state.texels.missed) missed |= 1u << bit;
       bit += team.size();
     });
     if constexpr (Shader::Texels::kMayMiss) {
-      const uint32_t pixels = Team::size() == 1 ? missed : team.ballot(missed != 0);
-      if (pixels != 0 && team.rank() == 0) left[count_up(&counters->tiles)] = {own.tile, pixels};
+      const uint32_t rest = Team::size() == 1 ? missed : team.ballot(missed != 0);
+      if (rest != 0 && team.rank() == 0) left[count_up(&counters->tiles)] = {own.tile, rest};
     }
   }
 };

@@ -8,8 +8,10 @@ namespace scree::kernels {
 inline namespace SCREE_ISA {
 
 /// Shades the samples whose triangle's chunk has its page, a tile of samples an item; leaves the colours of others.
-template <class Shader>
+template <class ShaderOfPart>
 struct ShadePart {
+  using Shader = ShaderOfPart;
+
   Shader shader;
   PixelTiles tiles;         // of samples
   const uint64_t* samples;  // of the whole picture
@@ -17,19 +19,25 @@ struct ShadePart {
 
   template <class Team>
   SCREE_HD void operator()(uint32_t item, Team team) const {
-    const SceneView& scene = shader.in.scene;
     ShadeState<Team, Shader> state;
-    tiles.for_each(item, team, [&](uint32_t x, uint32_t y, bool inside) {
-      const uint64_t place = uint64_t{y} * tiles.width + x;
-      const uint64_t sample = inside ? samples[place] : kBackground;
-      const bool covered = sample != kBackground;
-      locate(team, scene, sample_id(sample), covered, state.at);
-      const bool there = covered && scene.pages[scene.chunks[state.at.chunk].page] != nullptr;
-      float color[3];
-      shader(team, there, sample, static_cast<int32_t>(x), static_cast<int32_t>(y), state, color);
-      if (!there) return;
-      for (int c = 0; c < 3; ++c) colors[3 * place + static_cast<uint64_t>(c)] = color[c];
-    });
+    tiles.for_each(item, team, [&](uint32_t x, uint32_t y, bool inside) { finish(team, x, y, inside, state); });
+  }
+
+  /// One sample, as Resolve::finish has a pixel.
+  template <class Team>
+  SCREE_HD void finish(Team team, uint32_t x, uint32_t y, bool inside, ShadeState<Team, Shader>& state) const {
+    const SceneView& scene = shader.in.scene;
+    const uint64_t place = uint64_t{y} * tiles.width + x;
+    const uint64_t sample = inside ? samples[place] : kBackground;
+    const bool covered = sample != kBackground;
+    locate(team, scene, sample_id(sample), covered, state.at);
+    const bool there = covered && scene.pages[scene.chunks[state.at.chunk].page] != nullptr;
+    float color[3];
+    shader(team, there, sample, static_cast<int32_t>(x), static_cast<int32_t>(y), state, color);
+    if (!there) return;
+    if constexpr (Shader::Texels::kMayMiss)
+      if (state.texels.missed) return;
+    for (int c = 0; c < 3; ++c) colors[3 * place + static_cast<uint64_t>(c)] = color[c];
   }
 };
 

@@ -42,7 +42,11 @@ class CudaTextureCache {
   Result<void> resolve(const ShadeInputs& in, const PixelTiles& tiles, const uint64_t* samples,
                        uint32_t samples_per_side, const float* visibility, uint32_t* pixels, cudaStream_t stream);
 
-  /// Waits for the last picture. Errors kDevice.
+  /// As CudaResolver::shade_part, which calls it, of a picture of Show::kTexture. Otherwise as resolve().
+  Result<void> shade_part(const ShadeInputs& in, const PixelTiles& tiles, const uint64_t* samples, float* colors,
+                          cudaStream_t stream);
+
+  /// Waits for the last picture, or its last part. Errors kDevice.
   Result<TextureCacheCounts> counts() const;
 
   /// Forgets every group. Errors kDevice.

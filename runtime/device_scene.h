@@ -25,10 +25,10 @@ class DeviceScene {
   /// from the file, checked as Scene::load_pages does, and stay on the device alone (runtime/upload.h). JPEG levels
   /// that the scene has not decoded stay JPEGs, decoded as they are looked at into `texture_cache` bytes; the picture
   /// does not depend on how many. `budget_bytes`: 0 takes what the device has free. Where that does not hold the scene,
-  /// its chunks are streamed (runtime/streamer.h): `scene` then outlives this, and up to `host_memory` bytes of chunks
-  /// are kept in pinned memory. Errors kDevice: no usable device, a CUDA call that failed (which and for what), or a
-  /// budget that does not hold what cannot be streamed (both sizes named); kUnsupported: a scene to be streamed that
-  /// has JPEG levels; with the file named, those of Scene::load_pages.
+  /// its chunks are streamed (runtime/streamer.h): `scene` then outlives this, up to `host_memory` bytes of chunks are
+  /// kept in pinned memory, and at most an eighth of the budget is for decoded JPEGs. Errors kDevice: no usable device,
+  /// a CUDA call that failed (which and for what), or a budget that does not hold what cannot be streamed (both sizes
+  /// named); with the file named, those of Scene::load_pages.
   static Result<DeviceScene> upload(const Scene& scene, uint64_t budget_bytes, uint32_t threads,
                                     Reading reading = Reading::kAuto, uint64_t texture_cache = kDeviceTextureCache,
                                     uint64_t host_memory = 0);
@@ -56,7 +56,8 @@ class DeviceScene {
 
   const UploadStats& stats() const;
 
-  /// Of the picture that resolve() made last; nothing where no texture has JPEG levels. Errors kDevice.
+  /// Of the picture that resolve() made last; nothing where no texture has JPEG levels, or the scene is streamed, and
+  /// shaded part by part. Errors kDevice.
   Result<std::optional<kernels::TextureCacheCounts>> texture_counts() const;
 
   /// For those who draw into device memory themselves: the frames, and the scene as they see it, in device memory.

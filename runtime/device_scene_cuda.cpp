@@ -40,6 +40,9 @@ Result<void> find_device() {
   return {};
 }
 
+/// Of a streamed scene's budget at most one part in so many is a cache of its textures.
+constexpr uint64_t kTextureCacheShare = 8;
+
 struct DeviceScene::Impl {
   CudaScene scene;
   DeviceBuffer samples;
@@ -51,7 +54,7 @@ struct DeviceScene::Impl {
   UploadStats stats;
 
   Result<void> upload_streamed(const Scene& host, uint64_t budget, uint32_t threads, Reading reading,
-                               uint64_t host_memory);
+                               uint64_t texture_cache, uint64_t host_memory);
 };
 
 DeviceScene::DeviceScene(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
@@ -65,7 +68,7 @@ const UploadStats& DeviceScene::stats() const {
 
 Result<std::optional<kernels::TextureCacheCounts>> DeviceScene::texture_counts() const {
   const kernels::CudaTextureCache* const cache = impl_->scene.texture_cache();
-  if (cache == nullptr) return std::optional<kernels::TextureCacheCounts>();
+  if (cache == nullptr || impl_->stream != nullptr) return std::optional<kernels::TextureCacheCounts>();
   const Result<kernels::TextureCacheCounts> counts = cache->counts();
   if (!counts) return counts.error();
   return std::optional<kernels::TextureCacheCounts>(*counts);
@@ -90,7 +93,8 @@ Result<DeviceScene> DeviceScene::upload(const Scene& scene, uint64_t budget_byte
     auto streamed = std::make_unique<Impl>();
     // Pictures and queues that grow come later, and beside the scene.
     const uint64_t allowed = budget_bytes == 0 ? *budget - *budget / 16 : *budget;
-    if (Result<void> done = streamed->upload_streamed(scene, allowed, threads, reading, host_memory); !done)
+    if (Result<void> done = streamed->upload_streamed(scene, allowed, threads, reading, texture_cache, host_memory);
+        !done)
       return done.error();
     streamed->stats.upload_ms =
         std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
@@ -109,14 +113,14 @@ Result<DeviceScene> DeviceScene::upload(const Scene& scene, uint64_t budget_byte
   return DeviceScene(std::move(impl));
 }
 
-/// `budget`: of device memory, which the records, textures and frames take their part of.
+/// `budget`: of device memory, which the records, textures and frames take their part of. A cache of textures leaves
+/// most of it to chunks.
 Result<void> DeviceScene::Impl::upload_streamed(const Scene& host, uint64_t budget, uint32_t threads, Reading reading,
-                                                uint64_t host_memory) {
-  if (host.jpeg_slot_bytes() != 0)
-    return Error{ErrorCode::kUnsupported, host.file().path() + ": streamed with JPEG levels that are not decoded"};
+                                                uint64_t texture_cache, uint64_t host_memory) {
+  texture_cache = std::min(texture_cache, budget / kTextureCacheShare);
   const uint64_t frames_bytes = kernels::CudaFrames::device_bytes(host.view());
   const uint64_t fixed =
-      CudaScene::device_bytes(host, &host.view(), 0) + frames_bytes + CudaStream::device_bytes(host.view());
+      CudaScene::device_bytes(host, &host.view(), texture_cache) + frames_bytes + CudaStream::device_bytes(host.view());
   std::vector<uint64_t> bytes = ChunkSource(host).chunk_bytes();
   const uint64_t largest = bytes.empty() ? 0 : *std::max_element(bytes.begin(), bytes.end());
   // The pool and what moving a chunk takes.
@@ -130,7 +134,7 @@ Result<void> DeviceScene::Impl::upload_streamed(const Scene& host, uint64_t budg
       Streamer::create(host, budget - fixed - bounce - 2 * Residency::kAlignment, std::move(bytes));
   if (!streamer) return streamer.error();
   stream = std::make_unique<CudaStream>(host, std::move(*streamer), bounce, threads);
-  Result<CudaScene> copy = CudaScene::upload(host, 0, frames_bytes, threads, reading, 0, &stream->view());
+  Result<CudaScene> copy = CudaScene::upload(host, 0, frames_bytes, threads, reading, texture_cache, &stream->view());
   if (!copy) return copy.error();
   scene = std::move(*copy);
   Result<kernels::CudaFrames> made = kernels::CudaFrames::create(stream->view(), scene.view());
@@ -138,7 +142,7 @@ Result<void> DeviceScene::Impl::upload_streamed(const Scene& host, uint64_t budg
   frames = std::move(*made);
   stats = scene.stats();
   stats.device_bytes = budget;
-  return stream->open(scene.view(), *frames, resolver, host_memory);
+  return stream->open(scene.view(), *frames, resolver, scene.texture_cache(), host_memory);
 }
 
 const std::optional<StreamStats>& DeviceScene::stream_stats() const {

@@ -64,10 +64,11 @@ CudaStream::~CudaStream() {
 }
 
 Result<void> CudaStream::open(const kernels::SceneView& device, kernels::CudaFrames& frames,
-                              kernels::CudaResolver& resolver, uint64_t host_bytes) {
+                              kernels::CudaResolver& resolver, kernels::CudaTextureCache* cache, uint64_t host_bytes) {
   scene_ = device;
   frames_ = &frames;
   resolver_ = &resolver;
+  cache_ = cache;
   const Residency& residency = streamer_.residency();
   Result<void> done = cuda_check(cudaGetDevice(&device_), "asking for the current GPU");
   // Passes may read a few bytes past a chunk.
@@ -318,7 +319,7 @@ Result<void> CudaStream::use_drawn() {
   Result<void> done;
   if (shades_ && part_.share != Share::kLikelySeen)
     done = resolver_->shade_part(scene_, view_, samples_, frames_->transforms(), shade_,
-                                 reinterpret_cast<float*>(colors_.data()), nullptr);
+                                 reinterpret_cast<float*>(colors_.data()), nullptr, cache_);
   if (done && part_.finds_depths) done = visible_.start_finding_shown(samples_);
   if (done) done = cuda_check(cudaEventRecord(drawing_ended_, nullptr), "recording a time");
   return done;

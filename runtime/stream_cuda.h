@@ -47,11 +47,11 @@ class CudaStream final : public StreamTarget {
   const kernels::SceneView& view() const { return streamer_.view(); }
 
   /// `device`: that scene on the device; with `frames` of it, and what resolves its pictures, it outlives this.
-  /// `host_bytes`: chunks, in the order of the file, are brought to so much pinned host memory once and copied from
-  /// there; the others come through pinned batches from where ChunkSource has them. Errors kDevice (no memory),
-  /// those of ChunkSource::read.
+  /// `cache`: of the scene's JPEG levels; null where it has none. `host_bytes`: chunks, in the order of the file, are
+  /// brought to so much pinned host memory once and copied from there; the others come through pinned batches from
+  /// where ChunkSource has them. Errors kDevice (no memory), those of ChunkSource::read.
   Result<void> open(const kernels::SceneView& device, kernels::CudaFrames& frames, kernels::CudaResolver& resolver,
-                    uint64_t host_bytes);
+                    kernels::CudaTextureCache* cache, uint64_t host_bytes);
 
   /// Draws into `samples` (device memory, view.width * view.height); colors() are then those of `shade`.
   Result<StreamStats> draw_frame(const kernels::View& view, const kernels::ShadeOptions* shade, uint64_t* samples);
@@ -122,6 +122,7 @@ class CudaStream final : public StreamTarget {
   kernels::SceneView scene_{};
   kernels::CudaFrames* frames_ = nullptr;
   kernels::CudaResolver* resolver_ = nullptr;
+  kernels::CudaTextureCache* cache_ = nullptr;
   kernels::DeviceBuffer pool_;
   uint64_t bounce_bytes_;
   kernels::DeviceBuffer bounce_;  // for moves onto themselves

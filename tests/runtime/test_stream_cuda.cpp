@@ -22,6 +22,8 @@
 #include "tests/gpu.h"
 #include "tests/runtime/load_scene.h"
 #include "tests/runtime/paged_scene.h"
+#include "tests/tools/convert_fixture.h"
+#include "tests/tools/jpeg_model.h"
 #include "tests/tools/temp_folder.h"
 
 using scree::Result;
@@ -277,4 +279,54 @@ TEST_CASE("a scene over the device's budget is streamed with the same samples", 
   REQUIRE(from_streamed);
   CHECK_FALSE(resident->stream_stats());
   CHECK(from_resident->pixels == from_streamed->pixels);
+}
+
+TEST_CASE("a GPU decodes JPEG textures as it looks at them while chunks are streamed", "[cuda][stream]") {
+  if (!scree::tests::has_gpu()) return;
+  const TempFolder folder;
+  scree::tests::make_jpeg_model(folder.file("in.glb"), 40);
+  scree::convert::ConvertOptions options = scree::tests::options_of(folder);
+  options.encoding = GENERATE(scree::convert::Encoding::kIndexed, scree::convert::Encoding::kClustered);
+  options.chunk_triangles = 256;
+  scree::tests::must_convert(options);
+  const Scene decoded = must_load(options.output, {.threads = 2});
+  const Scene scene = must_load(options.output, {.threads = 2, .texture_cache = 1, .pages = false});
+  const uint32_t slot_bytes = scene.jpeg_slot_bytes();
+  REQUIRE(slot_bytes > 0);
+  Result<DeviceScene> resident = DeviceScene::upload(decoded, 0, 2);
+  REQUIRE(resident);
+  const std::vector<uint64_t> chunks = runtime::ChunkSource(scene).chunk_bytes();
+  const uint64_t largest = *std::max_element(chunks.begin(), chunks.end());
+  for (const uint64_t cache : {uint64_t{1}, uint64_t{9} * slot_bytes, uint64_t{1} << 20}) {
+    const uint64_t budget = CudaScene::device_bytes(scene, &scene.view(), cache) +
+                            kernels::CudaFrames::device_bytes(scene.view()) +
+                            runtime::CudaStream::device_bytes(scene.view()) + 6 * largest;
+    Result<DeviceScene> streamed = DeviceScene::upload(scene, budget, 2, Reading::kAuto, cache);
+    if (!streamed) FAIL(streamed.error().message);
+    for (int i = 0; i < 3; ++i) {
+      CAPTURE(cache, i);
+      runtime::CameraOptions camera;
+      camera.width = 60;
+      camera.height = 40;
+      if (i == 1) {
+        camera.eye = runtime::Vec3{0.3, 0.4, 0.2};
+        camera.target = runtime::Vec3{0.9, 0, 0.8};
+      }
+      const Result<View> view = runtime::make_view(decoded.container(), 0, decoded.view(), camera);
+      REQUIRE(view);
+      const uint32_t side = i == 0 ? 2 : 1;
+      const ShadeOptions shade;
+      const Result<Frame> expected = Frame::draw(decoded, *view, side, 2, &*resident);
+      const Result<Frame> found = Frame::draw(scene, *view, side, 2, &*streamed, &shade);
+      REQUIRE(expected);
+      if (!found) FAIL(found.error().message);
+      REQUIRE(streamed->stream_stats());
+      CHECK(streamed->stream_stats()->streamed_bytes > 0);
+      const Result<Picture> from_resident = expected->shade(shade, 2);
+      const Result<Picture> from_streamed = found->shade(shade, 2);
+      REQUIRE(from_resident);
+      if (!from_streamed) FAIL(from_streamed.error().message);
+      CHECK(from_streamed->pixels == from_resident->pixels);
+    }
+  }
 }

@@ -19,8 +19,9 @@ inline JpegRecipe jpeg_recipe(int width, int height, std::vector<std::pair<int, 
   return made;
 }
 
-/// Grids side by side, each with another JPEG, wrapping, filter and transform; some of many repeats, some close up.
-inline void make_jpeg_model(const std::string& path) {
+/// Grids side by side, of `side` quads a side, each with another JPEG, wrapping, filter and transform; some of many
+/// repeats, some close up.
+inline void make_jpeg_model(const std::string& path, uint32_t side = 4) {
   ModelMaker maker(path);
   const std::vector<JpegRecipe> recipes = {
       jpeg_recipe(517, 389, {{2, 2}, {1, 1}, {1, 1}}),  jpeg_recipe(300, 300, {{1, 1}, {1, 1}, {1, 1}}),
@@ -45,6 +46,7 @@ inline void make_jpeg_model(const std::string& path) {
     material.transform.offset[0] = -0.37 * static_cast<double>(i);
     material.transform.rotation = 0.3 * static_cast<double>(i);
     GridSpec spec;
+    spec.columns = spec.rows = side;
     spec.uv = true;
     spec.origin = {1.05f * static_cast<float>(i % 3), 0, 1.05f * static_cast<float>(i / 3)};
     maker.node("n" + std::to_string(i),

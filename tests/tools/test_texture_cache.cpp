@@ -85,7 +85,7 @@ class HostCache {
       const uint32_t count = round == 0 ? tiles.count() : counters_[round - 1].tiles;
       kernels::visit_textured<false>(
           in, kernels::CachedTexels{cache_, own, now_}, [&]<class Shader>(const Shader& shader) {
-            const kernels::ResolveRound<Shader> pass{
+            const kernels::ShadeRound<kernels::Resolve<Shader>> pass{
                 resolve_of(shader), round == 0 ? nullptr : lists[(round - 1) % 2].data(), lists[round % 2].data(), own};
             runtime::parallel_for(count, threads, [&](uint64_t i) { pass(static_cast<uint32_t>(i), OneLane{}); });
           });
@@ -95,8 +95,8 @@ class HostCache {
     }
     kernels::visit_textured<false>(
         in, kernels::PatientTexels{cache_, now_ - 1}, [&]<class Shader>(const Shader& shader) {
-          const kernels::ResolveRound<Shader> pass{resolve_of(shader), lists[kernels::kDecodeRounds % 2].data(),
-                                                   nullptr, nullptr};
+          const kernels::ShadeRound<kernels::Resolve<Shader>> pass{
+              resolve_of(shader), lists[kernels::kDecodeRounds % 2].data(), nullptr, nullptr};
           runtime::parallel_for(counters_.back().tiles, threads,
                                 [&](uint64_t i) { pass(static_cast<uint32_t>(i), OneLane{}); });
         });

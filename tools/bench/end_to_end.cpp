@@ -302,8 +302,7 @@ class EndToEnd {
     if (!link) return link.error();
     streamed.link_gb_per_s = *link;
     auto device = runtime::DeviceScene::upload(scene, streamed.budget_bytes, options_.threads);
-    if (!device && device.error().code != ErrorCode::kDevice && device.error().code != ErrorCode::kUnsupported)
-      return device.error();
+    if (!device && device.error().code != ErrorCode::kDevice) return device.error();
     if (!device) {
       row_.not_streamed = device.error().message;
       return {};

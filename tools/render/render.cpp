@@ -269,15 +269,6 @@ Result<void> render(const RenderOptions& options) {
   std::optional<runtime::DeviceScene> device;
   if (*on_gpu) {
     Result<std::optional<runtime::DeviceScene>> uploaded = upload(options, *scene);
-    if (!uploaded && uploaded.error().code == ErrorCode::kUnsupported && scene->jpeg_slot_bytes() != 0) {
-      // The chunks are streamed, and shaded batch by batch: without rounds of decoding.
-      Result<runtime::SceneFile> again = runtime::SceneFile::open(options.file);
-      if (!again) return again.error();
-      load.texture_cache = 0;
-      scene = runtime::Scene::load(std::move(*again), *scene_index, load);
-      if (!scene) return scene.error();
-      uploaded = upload(options, *scene);
-    }
     if (!uploaded) return uploaded.error();
     device = std::move(*uploaded);
   }
