@@ -154,7 +154,7 @@ SCREE_HD inline float size_of(float a) {
 
 /// 1 / w to an ulp, for normal w.
 SCREE_HD inline float filter_reciprocal(float w) {
-#if defined(__CUDA_ARCH__)
+#if defined(__CUDA_ARCH__) && defined(__CUDACC__)
   float out;
   asm("rcp.approx.ftz.f32 %0, %1;" : "=f"(out) : "f"(w));
   return out;

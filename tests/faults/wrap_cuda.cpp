@@ -121,11 +121,12 @@ SCREE_WRAP_RELEASE(cudaStreamDestroy, cudaStream_t, stream)
   }
 
 SCREE_WRAP_LAUNCH(cudaLaunchKernel)
-#if CUDART_VERSION >= 13000
+#if CUDART_VERSION >= 13000 && !defined(SCREE_EMULATED_CUDA)
 SCREE_WRAP_LAUNCH(__cudaLaunchKernel)
 #endif
 #undef SCREE_WRAP_LAUNCH
 
+#if !defined(SCREE_EMULATED_CUDA)
 /// What else stands behind <<<>>>. A kernel's handle is asked for once in a process, so that failing would stay.
 #define SCREE_WRAP_FOREIGN(type, name, parameters, arguments) \
   type __real_##name parameters;                              \
@@ -142,6 +143,7 @@ SCREE_WRAP_FOREIGN(cudaError_t, __cudaPopCallConfiguration, (dim3 * grid, dim3* 
 SCREE_WRAP_FOREIGN(cudaError_t, __cudaGetKernel, (cudaKernel_t * out, const void* kernel), (out, kernel))
 #endif
 #undef SCREE_WRAP_FOREIGN
+#endif
 
 cudaError_t __real_cudaGetLastError();
 cudaError_t __wrap_cudaGetLastError() {

@@ -165,8 +165,9 @@ struct MixedScene {
       for (const uint32_t matrix : matrices) builder.instance(mesh, matrix);
     scene = builder.view();
     CHECK((scene.chunk_kinds == kernels::ChunkKinds::kMixed) != is_clustered);
-    for (const View& view : all_views()) views.insert(views.end(), 2, view);
-    const std::vector<View> once = all_views();
+    std::vector<View> once = all_views();
+    if (scree::tests::kEmulatesGpu) once.erase(once.begin() + 1, once.end() - 1);
+    for (const View& view : once) views.insert(views.end(), 2, view);
     views.insert(views.end(), once.rbegin(), once.rend());
     for (const View& view : views) {
       expected.push_back(draw(scene, view, 2));

@@ -17,8 +17,8 @@ using scree::runtime::CameraOptions;
 using scree::runtime::make_view;
 using scree::runtime::Scene;
 using scree::runtime::Vec3;
-using scree::tests::SmallScene;
 using scree::tests::must_load;
+using scree::tests::SmallScene;
 
 namespace format = scree::format;
 

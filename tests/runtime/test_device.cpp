@@ -108,11 +108,12 @@ TEST_CASE("the GPU draws what the CPU draws", "[cuda]") {
       Result<DeviceScene> device = DeviceScene::upload(scene, 0, 2);
       REQUIRE(device);
       scree::runtime::CameraOptions camera;
-      camera.width = 321;
+      camera.width = scree::tests::kEmulatesGpu ? 161 : 321;
       camera.height = 123;
       const Result<View> view = scree::runtime::make_view(scene.container(), 0, scene.view(), camera);
       REQUIRE(view);
-      for (const uint32_t samples : {1u, 2u, 4u}) compare(scene, *device, *view, samples);
+      for (const uint32_t samples : {1u, 2u, 4u})
+        if (samples == 2 || !scree::tests::kEmulatesGpu) compare(scene, *device, *view, samples);
       View flat = *view;  // the same picture from an orthographic camera
       flat.orthographic = true;
       double height = 0;

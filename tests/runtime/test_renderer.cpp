@@ -26,9 +26,9 @@ using scree::runtime::Picture;
 using scree::runtime::Scene;
 using scree::runtime::SceneFile;
 using scree::runtime::Vec3;
+using scree::tests::must_load;
 using scree::tests::ScratchPath;
 using scree::tests::SmallScene;
-using scree::tests::must_load;
 
 namespace format = scree::format;
 namespace kernels = scree::kernels;

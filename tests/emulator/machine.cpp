@@ -1,0 +1,399 @@
+#include "tests/emulator/machine.h"
+
+#include <sys/mman.h>
+
+#include <algorithm>
+#include <array>
+#include <boost/context/fiber.hpp>
+#include <cstdarg>
+#include <cstdio>
+#include <cstdlib>
+#include <cstring>
+#include <deque>
+#include <map>
+#include <memory>
+#include <vector>
+
+#if defined(__SANITIZE_ADDRESS__)
+#include <sanitizer/asan_interface.h>
+#include <sanitizer/common_interface_defs.h>
+#endif
+
+namespace scree::emulator {
+namespace {
+
+using boost::context::fiber;
+
+constexpr uint32_t kResidentBlocks = 3;  // that take turns
+constexpr size_t kStackBytes = size_t{256} * 1024;
+constexpr size_t kFirstFrameBytes = 4096;
+constexpr uint64_t kStackEnd = 0x5ca1ab1e5ca1ab1e;  // stands at the far end of each stack
+constexpr int kGarbage = 0xa5;
+
+/// The stacks of all lanes that can be at work. Memory comes with the first touch of a page.
+class Stacks {
+ public:
+  std::byte* stack(uint32_t number) {
+    if (stacks_ == nullptr) {
+      void* made = mmap(nullptr, kResidentBlocks * kMaxThreads * kStackBytes, PROT_READ | PROT_WRITE,
+                        MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0);
+      if (made == MAP_FAILED) fail("no memory for the lanes' stacks");
+      stacks_ = static_cast<std::byte*>(made);
+    }
+    return stacks_ + number * kStackBytes;
+  }
+
+ private:
+  std::byte* stacks_ = nullptr;
+};
+
+/// A stack as Boost.Context takes it from an allocator; the stacks stay.
+struct StackOf {
+  std::byte* stack;
+
+  boost::context::stack_context allocate() const {
+    boost::context::stack_context context;
+    context.size = kStackBytes;
+    context.sp = stack + kStackBytes;
+    return context;
+  }
+  void deallocate(boost::context::stack_context&) const noexcept {}
+};
+
+/// Where lanes wait for each other: those of a mask, or a block's.
+struct Meeting {
+  const char* what = nullptr;
+  uint32_t mask = 0;
+  uint32_t arrived = 0;  // lanes of the mask; of a block's, how many
+  uint64_t ended = 0;    // meetings that came to their end here
+  std::array<std::array<uint64_t, kWarpLanes>, 2> values{};
+};
+
+/// What a lane asked to be copied and has not waited for.
+struct LaterCopy {
+  void* to;
+  const void* from;
+  size_t bytes;
+  uint64_t group;
+};
+
+struct SharedVariable {
+  size_t bytes = 0;
+  std::unique_ptr<std::byte[]> memory;
+};
+
+struct Block;
+
+struct Warp {
+  std::deque<Meeting> meetings;  // one for each mask that was met on
+  uint32_t ended = 0;            // lanes
+};
+
+struct Lane {
+  Block* block;
+  Warp* warp;
+  uint32_t number;  // in its warp
+  uint3 thread;
+  std::byte* stack;
+  fiber here;  // while it does not run
+  fiber back;  // while it does
+  const Meeting* waits = nullptr;
+  uint64_t since = 0;  // waits->ended then
+  bool has_ended = false;
+  std::vector<LaterCopy> copies;
+  uint64_t copy_group = 0;
+  void* fake_stack = nullptr;
+};
+
+struct Block {
+  const Grid* grid;
+  uint3 index;
+  std::vector<Lane> lanes;
+  std::vector<Warp> warps;
+  Meeting all;
+  uint32_t ended = 0;  // lanes
+  std::map<uint32_t, SharedVariable> shared;
+  size_t shared_bytes = 0;  // of all of them, and what the launch asked for
+  std::unique_ptr<std::byte[]> dynamic;
+};
+
+thread_local Lane* current = nullptr;
+
+// Of the thread that runs the fibers, as the address sanitizer wants to know it.
+thread_local const void* outer_stack = nullptr;
+thread_local size_t outer_bytes = 0;
+
+void leave_for([[maybe_unused]] void** fake, [[maybe_unused]] const void* stack, [[maybe_unused]] size_t bytes) {
+#if defined(__SANITIZE_ADDRESS__)
+  __sanitizer_start_switch_fiber(fake, stack, bytes);
+#endif
+}
+void arrive([[maybe_unused]] void* fake, [[maybe_unused]] const void** from, [[maybe_unused]] size_t* bytes) {
+#if defined(__SANITIZE_ADDRESS__)
+  __sanitizer_finish_switch_fiber(fake, from, bytes);
+#endif
+}
+
+std::unique_ptr<std::byte[]> garbage(size_t bytes) {
+  auto made = std::make_unique_for_overwrite<std::byte[]>(bytes);
+  std::memset(made.get(), kGarbage, bytes);
+  return made;
+}
+
+/// Back to the scheduler; returns when it lets the lane go on.
+void yield(Lane& lane) {
+  leave_for(&lane.fake_stack, outer_stack, outer_bytes);
+  lane.back = std::move(lane.back).resume();
+  arrive(lane.fake_stack, &outer_stack, &outer_bytes);
+}
+
+fiber run_lane(Lane& lane, fiber&& back) {
+  arrive(nullptr, &outer_stack, &outer_bytes);
+  lane.back = std::move(back);
+  lane.block->grid->lane();
+  lane.has_ended = true;
+  leave_for(nullptr, outer_stack, outer_bytes);
+  return std::move(lane.back);
+}
+
+void resume(Lane& lane) {
+  if (!lane.here) {
+    lane.here = fiber(std::allocator_arg, StackOf{lane.stack},
+                      [&lane](fiber&& back) { return run_lane(lane, std::move(back)); });
+  }
+  current = &lane;
+  void* fake = nullptr;
+  leave_for(&fake, lane.stack, kStackBytes);
+  lane.here = std::move(lane.here).resume();
+  arrive(fake, nullptr, nullptr);
+  current = nullptr;
+}
+
+bool can_go_on(const Lane& lane) {
+  return !lane.has_ended && (lane.waits == nullptr || lane.waits->ended != lane.since);
+}
+
+void end_block_meeting_if_all_came(Block& block) {
+  Meeting& all = block.all;
+  if (all.arrived == 0 || all.arrived + block.ended != block.lanes.size()) return;
+  all.arrived = 0;
+  ++all.ended;
+}
+
+void note_end(Lane& lane) {
+#if defined(__SANITIZE_ADDRESS__)
+  // What the fiber's first frames, which do not return, have marked as theirs.
+  __asan_unpoison_memory_region(lane.stack + kStackBytes - kFirstFrameBytes, kFirstFrameBytes);
+#endif
+  if (std::memcmp(lane.stack, &kStackEnd, sizeof kStackEnd) != 0)
+    fail("%s: a lane took more than %zu bytes of stack", lane.block->grid->name, kStackBytes);
+  lane.warp->ended |= 1u << lane.number;
+  ++lane.block->ended;
+  end_block_meeting_if_all_came(*lane.block);
+}
+
+/// Lets each lane of `block` that can run until it waits or ends. Returns how many could.
+uint32_t take_turn(Block& block) {
+  const auto count = static_cast<uint32_t>(block.lanes.size());
+  const uint32_t first = random_below(count);
+  const bool backwards = random_below(2) != 0;
+  uint32_t ran = 0;
+  for (uint32_t i = 0; i < count; ++i) {
+    Lane& lane = block.lanes[(first + (backwards ? count - i : i)) % count];
+    if (!can_go_on(lane)) continue;
+    ++ran;
+    lane.waits = nullptr;
+    resume(lane);
+    if (lane.has_ended) note_end(lane);
+  }
+  return ran;
+}
+
+[[noreturn]] void fail_stuck(const Block& block) {
+  for (const Lane& lane : block.lanes) {
+    if (lane.has_ended) continue;
+    fail("%s, block %u, warp %u: lane %u waits in %s(0x%08x); lanes 0x%08x came, 0x%08x have ended", block.grid->name,
+         block.index.x, static_cast<uint32_t>(lane.warp - block.warps.data()), lane.number,
+         lane.waits->what == nullptr ? "__syncthreads" : lane.waits->what, lane.waits->mask, lane.waits->arrived,
+         lane.warp->ended);
+  }
+  fail("%s: nothing to run", block.grid->name);
+}
+
+uint3 place_of(uint64_t number, const dim3& size) {
+  return {static_cast<uint32_t>(number % size.x), static_cast<uint32_t>(number / size.x % size.y),
+          static_cast<uint32_t>(number / size.x / size.y)};
+}
+
+uint64_t count_of(const dim3& size) {
+  return uint64_t{size.x} * size.y * size.z;
+}
+
+std::unique_ptr<Block> begin_block(const Grid& grid, uint64_t number, uint32_t slot, Stacks& stacks) {
+  auto block = std::make_unique<Block>();
+  block->grid = &grid;
+  block->index = place_of(number, grid.blocks);
+  block->dynamic = garbage(grid.shared_bytes);
+  block->shared_bytes = grid.shared_bytes;
+  const auto threads = static_cast<uint32_t>(count_of(grid.threads));
+  block->warps.resize((threads + kWarpLanes - 1) / kWarpLanes);
+  block->lanes.resize(threads);
+  for (uint32_t i = 0; i < threads; ++i) {
+    Lane& lane = block->lanes[i];
+    lane.block = block.get();
+    lane.warp = &block->warps[i / kWarpLanes];
+    lane.number = i % kWarpLanes;
+    lane.thread = place_of(i, grid.threads);
+    lane.stack = stacks.stack(slot * kMaxThreads + i);
+    std::memcpy(lane.stack, &kStackEnd, sizeof kStackEnd);
+  }
+  // A last warp may have fewer lanes.
+  if (threads % kWarpLanes != 0) block->warps.back().ended = ~0u << threads % kWarpLanes;
+  return block;
+}
+
+}  // namespace
+
+const uint3& thread_index() {
+  return current->thread;
+}
+const uint3& block_index() {
+  return current->block->index;
+}
+const dim3& block_size() {
+  return current->block->grid->threads;
+}
+const dim3& grid_size() {
+  return current->block->grid->blocks;
+}
+
+void* shared_memory(uint32_t declaration, size_t bytes) {
+  Block& block = *current->block;
+  SharedVariable& variable = block.shared[declaration];
+  if (variable.memory == nullptr) {
+    variable = {bytes, garbage(bytes)};
+    block.shared_bytes += bytes;
+    if (block.shared_bytes > kSharedBytes)
+      fail("%s: %zu bytes of shared memory, of %zu", block.grid->name, block.shared_bytes, kSharedBytes);
+  }
+  if (variable.bytes != bytes) fail("%s: one shared variable of two sizes", block.grid->name);
+  return variable.memory.get();
+}
+
+void* dynamic_shared_memory() {
+  return current->block->dynamic.get();
+}
+
+const uint64_t* meet_warp(const char* what, uint32_t mask, uint64_t value) {
+  Lane& lane = *current;
+  Warp& warp = *lane.warp;
+  const char* const kernel = lane.block->grid->name;
+  if ((mask >> lane.number & 1u) == 0) fail("%s: lane %u is not of its %s(0x%08x)", kernel, lane.number, what, mask);
+  if ((mask & warp.ended) != 0) {
+    fail("%s: lane %u in %s(0x%08x) would wait for lanes 0x%08x that have ended", kernel, lane.number, what, mask,
+         mask & warp.ended);
+  }
+  auto meeting =
+      std::find_if(warp.meetings.begin(), warp.meetings.end(), [&](const Meeting& m) { return m.mask == mask; });
+  if (meeting == warp.meetings.end()) {
+    meeting = warp.meetings.emplace(meeting);
+    meeting->mask = mask;
+  }
+  if (meeting->arrived == 0) meeting->what = what;
+  if (meeting->what != what && std::strcmp(meeting->what, what) != 0) {
+    fail("%s: of one warp, lane %u is in %s(0x%08x), others in %s", kernel, lane.number, what, mask, meeting->what);
+  }
+  const auto& values = meeting->values[meeting->ended % 2];
+  meeting->values[meeting->ended % 2][lane.number] = value;
+  meeting->arrived |= 1u << lane.number;
+  if (meeting->arrived == mask) {
+    meeting->arrived = 0;
+    ++meeting->ended;
+    if (random_below(8) == 0) yield(lane);
+  } else {
+    lane.waits = &*meeting;
+    lane.since = meeting->ended;
+    yield(lane);
+  }
+  return values.data();
+}
+
+void meet_block() {
+  Lane& lane = *current;
+  lane.waits = &lane.block->all;
+  lane.since = lane.block->all.ended;
+  ++lane.block->all.arrived;
+  end_block_meeting_if_all_came(*lane.block);
+  yield(lane);
+}
+
+void copy_later(void* to, const void* from, size_t bytes) {
+  const bool is_aligned = (reinterpret_cast<uintptr_t>(to) | reinterpret_cast<uintptr_t>(from)) % bytes == 0;
+  if ((bytes != 4 && bytes != 8 && bytes != 16) || !is_aligned)
+    fail("%s: a copy of %zu bytes from %p to %p", current->block->grid->name, bytes, from, to);
+  current->copies.push_back({to, from, bytes, current->copy_group});
+}
+
+void end_copies() {
+  ++current->copy_group;
+}
+
+void wait_for_copies(uint32_t groups) {
+  std::vector<LaterCopy>& copies = current->copies;
+  std::erase_if(copies, [&](const LaterCopy& copy) {
+    const bool is_due = copy.group + groups < current->copy_group;
+    if (is_due) std::memcpy(copy.to, copy.from, copy.bytes);
+    return is_due;
+  });
+}
+
+void pause_at_atomic() {
+  if (current != nullptr && random_below(8) == 0) yield(*current);
+}
+
+uint32_t random_below(uint32_t bound) {
+  static uint64_t state = [] {
+    const char* seed = std::getenv("SCREE_EMULATOR_SEED");
+    return (seed == nullptr ? 0 : std::strtoull(seed, nullptr, 10)) * 0x9e3779b97f4a7c15 + 0x853c49e6748fea9b;
+  }();
+  state ^= state << 13;
+  state ^= state >> 7;
+  state ^= state << 17;
+  return static_cast<uint32_t>((state >> 32) * bound >> 32);
+}
+
+void run(const Grid& grid) {
+  static Stacks stacks;
+  if (current != nullptr) fail("%s: launched by a kernel", grid.name);
+  const uint64_t count = count_of(grid.blocks);
+  const bool backwards = random_below(2) != 0;
+  std::array<std::unique_ptr<Block>, kResidentBlocks> resident;
+  uint64_t begun = 0;
+  for (bool runs = true; runs;) {
+    runs = false;
+    for (uint32_t slot = 0; slot < kResidentBlocks; ++slot) {
+      std::unique_ptr<Block>& block = resident[slot];
+      if (!block) {
+        if (begun == count) continue;
+        block = begin_block(grid, backwards ? count - 1 - begun : begun, slot, stacks);
+        ++begun;
+      }
+      runs = true;
+      if (take_turn(*block) == 0) fail_stuck(*block);
+      if (block->ended == block->lanes.size()) block.reset();
+    }
+  }
+}
+
+void fail(const char* format, ...) {
+  std::fflush(stdout);
+  std::fputs("emulated GPU: ", stderr);
+  va_list parameters;
+  va_start(parameters, format);
+  std::vfprintf(stderr, format, parameters);
+  va_end(parameters);
+  std::fputc('\n', stderr);
+  std::abort();
+}
+
+}  // namespace scree::emulator

@@ -1,0 +1,457 @@
+// The calls of the CUDA runtime that scree makes, for the emulated GPU. What is submitted to a stream is kept, and done
+// when somebody waits for it or, now and then, earlier: a result that is used before it was waited for is not there,
+// and what a copy reads from pinned memory has to stay until the copy was waited for.
+#include <cuda_runtime.h>
+
+#include <algorithm>
+#include <chrono>
+#include <cstdio>
+#include <cstdlib>
+#include <cstring>
+#include <deque>
+#include <functional>
+#include <map>
+#include <memory>
+#include <mutex>
+#include <vector>
+
+#include "tests/emulator/machine.h"
+
+using scree::emulator::fail;
+using scree::emulator::random_below;
+
+namespace {
+
+using Clock = std::chrono::steady_clock;
+
+/// The work of `stream` before its number `end`.
+struct Point {
+  CUstream_st* stream;
+  uint64_t end;
+};
+
+struct Work {
+  std::function<void()> run;
+  std::vector<Point> after;
+};
+
+}  // namespace
+
+struct CUstream_st {
+  bool waits_for_null = false;  // and the null stream for it
+  bool is_destroyed = false;
+  bool is_running = false;
+  uint64_t done = 0;
+  std::deque<Work> waiting;
+
+  Point end() { return {this, done + waiting.size()}; }
+};
+
+struct CUevent_st {
+  struct Record {
+    Point at;
+    bool is_timed;
+    Clock::time_point time;
+  };
+  bool is_timed = true;
+  std::shared_ptr<Record> last;  // null: never recorded
+};
+
+namespace {
+
+constexpr size_t kDeviceBytes = size_t{16} << 30;
+constexpr size_t kAlignment = 256;
+constexpr size_t kGarbageBytes = size_t{16} << 20;  // of an allocation: more is not worth the time
+constexpr size_t kUnaskedSharedBytes = 48 * 1024;
+
+struct Allocation {
+  size_t bytes;
+  bool is_device;
+};
+
+struct Kernel {
+  const char* name = nullptr;
+  scree::emulator::Bind bind = nullptr;
+  size_t shared_bytes = kUnaskedSharedBytes;
+};
+
+/// All that the calls share. One of them at a time.
+struct Device {
+  std::recursive_mutex mutex;
+  CUstream_st null_stream;
+  std::deque<std::unique_ptr<CUstream_st>> streams;  // destroyed ones too
+  std::map<uintptr_t, Allocation> allocations;
+  std::map<const void*, Kernel> kernels;
+  size_t device_bytes = 0;
+};
+
+Device& device() {
+  static Device* const made = new Device;  // stays for what runs at exit
+  return *made;
+}
+
+thread_local cudaError_t last_error = cudaSuccess;
+
+cudaError_t failed(cudaError_t error) {
+  last_error = error;
+  return error;
+}
+
+CUstream_st* stream_of(cudaStream_t stream) {
+  if (stream == nullptr) return &device().null_stream;
+  if (stream->is_destroyed) fail("a stream is used after it was destroyed");
+  return stream;
+}
+
+/// Does all before `point`.
+void reach(Point point) {
+  CUstream_st& stream = *point.stream;
+  while (stream.done < point.end) {
+    if (stream.is_running) fail("work of a stream waits for itself");
+    stream.is_running = true;
+    const Work work = std::move(stream.waiting.front());
+    for (const Point& before : work.after) reach(before);
+    work.run();
+    stream.waiting.pop_front();
+    ++stream.done;
+    stream.is_running = false;
+  }
+}
+
+Point submit(CUstream_st* stream, std::function<void()> run, std::vector<Point> after = {}) {
+  Device& all = device();
+  if (stream == &all.null_stream) {
+    for (const auto& other : all.streams)
+      if (other->waits_for_null && !other->waiting.empty()) after.push_back(other->end());
+  } else if (stream->waits_for_null && !all.null_stream.waiting.empty()) {
+    after.push_back(all.null_stream.end());
+  }
+  stream->waiting.push_back({std::move(run), std::move(after)});
+  const Point end = stream->end();
+  // A GPU may be as fast as it likes.
+  if (random_below(4) == 0) {
+    const uint32_t number = random_below(static_cast<uint32_t>(all.streams.size()) + 1);
+    CUstream_st* const any = number == all.streams.size() ? &all.null_stream : all.streams[number].get();
+    if (!any->waiting.empty()) reach({any, any->done + 1 + random_below(static_cast<uint32_t>(any->waiting.size()))});
+  }
+  return end;
+}
+
+/// Null: of nothing that CUDA has given out.
+const Allocation* allocation_at(const void* at, size_t bytes) {
+  const auto& all = device().allocations;
+  const auto address = reinterpret_cast<uintptr_t>(at);
+  auto found = all.upper_bound(address);
+  if (found == all.begin()) return nullptr;
+  --found;
+  if (address - found->first >= std::max<size_t>(found->second.bytes, 1)) return nullptr;
+  if (bytes > found->second.bytes - (address - found->first)) {
+    fail("%zu bytes at %zu of an allocation of %zu", bytes, static_cast<size_t>(address - found->first),
+         found->second.bytes);
+  }
+  return &found->second;
+}
+
+cudaError_t allocate(void** out, size_t bytes, bool is_device) {
+  Device& all = device();
+  const std::lock_guard lock(all.mutex);
+  *out = nullptr;
+  if (is_device && bytes > kDeviceBytes - all.device_bytes) return failed(cudaErrorMemoryAllocation);
+  if (bytes == 0) return cudaSuccess;
+  void* made = nullptr;
+  if (posix_memalign(&made, kAlignment, bytes) != 0) return failed(cudaErrorMemoryAllocation);
+  std::memset(made, 0xa5, std::min(bytes, kGarbageBytes));
+  all.allocations[reinterpret_cast<uintptr_t>(made)] = {bytes, is_device};
+  if (is_device) all.device_bytes += bytes;
+  *out = made;
+  return cudaSuccess;
+}
+
+/// Both wait for all that was submitted.
+cudaError_t give_back(void* block, bool is_device) {
+  if (block == nullptr) return cudaSuccess;
+  Device& all = device();
+  const std::lock_guard lock(all.mutex);
+  (void)cudaDeviceSynchronize();
+  const auto found = all.allocations.find(reinterpret_cast<uintptr_t>(block));
+  if (found == all.allocations.end() || found->second.is_device != is_device) return failed(cudaErrorInvalidValue);
+  if (is_device) all.device_bytes -= found->second.bytes;
+  all.allocations.erase(found);
+  std::free(block);
+  return cudaSuccess;
+}
+
+struct Copy {
+  void* to;
+  const void* from;
+  size_t bytes;
+};
+
+/// Submits the copies; memory that is not pinned is read or written before it returns.
+cudaError_t submit_copies(std::vector<Copy> copies, cudaMemcpyKind kind, cudaStream_t stream, bool waits) {
+  const std::lock_guard lock(device().mutex);
+  for (const Copy& copy : copies) {
+    if (copy.bytes == 0) continue;
+    const Allocation* const to = allocation_at(copy.to, copy.bytes);
+    const Allocation* const from = allocation_at(copy.from, copy.bytes);
+    const bool to_device = to != nullptr && to->is_device;
+    const bool from_device = from != nullptr && from->is_device;
+    if (kind == cudaMemcpyHostToDevice && (!to_device || from_device)) return failed(cudaErrorInvalidValue);
+    if (kind == cudaMemcpyDeviceToHost && (to_device || !from_device)) return failed(cudaErrorInvalidValue);
+    if (kind == cudaMemcpyDeviceToDevice && !(to_device && from_device)) return failed(cudaErrorInvalidValue);
+    waits = waits || to == nullptr || from == nullptr;
+  }
+  const Point end = submit(stream_of(stream), [copies = std::move(copies)] {
+    for (const Copy& copy : copies)
+      if (copy.bytes != 0) std::memmove(copy.to, copy.from, copy.bytes);
+  });
+  if (waits) reach(end);
+  return cudaSuccess;
+}
+
+cudaError_t submit_set(void* at, int value, size_t bytes, cudaStream_t stream) {
+  const std::lock_guard lock(device().mutex);
+  if (bytes == 0) return cudaSuccess;
+  if (allocation_at(at, bytes) == nullptr) return failed(cudaErrorInvalidValue);
+  submit(stream_of(stream), [=] { std::memset(at, value, bytes); });
+  return cudaSuccess;
+}
+
+cudaError_t make_stream(cudaStream_t* out, bool waits_for_null) {
+  const std::lock_guard lock(device().mutex);
+  *out = device().streams.emplace_back(std::make_unique<CUstream_st>()).get();
+  (*out)->waits_for_null = waits_for_null;
+  return cudaSuccess;
+}
+
+cudaError_t make_event(cudaEvent_t* out, bool is_timed) {
+  *out = new CUevent_st;
+  (*out)->is_timed = is_timed;
+  return cudaSuccess;
+}
+
+/// Blocks of a kernel that a multiprocessor holds at once.
+int resident_blocks(int threads, size_t shared_bytes) {
+  const size_t by_memory = scree::emulator::kSharedBytes / std::max<size_t>(shared_bytes, 1);
+  return static_cast<int>(std::min<size_t>({static_cast<size_t>(2048 / std::max(threads, 1)), by_memory, 2}));
+}
+
+cudaError_t submit_kernel(const void* function, dim3 blocks, dim3 threads, void** parameters, size_t shared_bytes,
+                          cudaStream_t stream) {
+  const std::lock_guard lock(device().mutex);
+  const Kernel& kernel = device().kernels.at(function);
+  const uint64_t in_block = uint64_t{threads.x} * threads.y * threads.z;
+  const uint64_t in_grid = uint64_t{blocks.x} * blocks.y * blocks.z;
+  const bool fits = in_grid != 0 && blocks.x <= 0x7fffffffu && blocks.y <= 0xffffu && blocks.z <= 0xffffu &&
+                    in_block != 0 && in_block <= scree::emulator::kMaxThreads && shared_bytes <= kernel.shared_bytes;
+  if (!fits) return failed(cudaErrorInvalidConfiguration);
+  scree::emulator::Grid grid{kernel.name, blocks, threads, shared_bytes, kernel.bind(function, parameters)};
+  submit(stream_of(stream), [grid = std::move(grid)] { scree::emulator::run(grid); });
+  return cudaSuccess;
+}
+
+}  // namespace
+
+void scree::emulator::add_kernel(const void* function, const char* name, Bind bind) {
+  const std::lock_guard lock(device().mutex);
+  Kernel& kernel = device().kernels[function];  // perhaps one whose attribute was set
+  kernel.name = name;
+  kernel.bind = bind;
+}
+
+extern "C" {
+
+cudaError_t cudaMalloc(void** out, size_t bytes) {
+  return allocate(out, bytes, true);
+}
+cudaError_t cudaMallocHost(void** out, size_t bytes) {
+  return allocate(out, bytes, false);
+}
+cudaError_t cudaFree(void* block) {
+  return give_back(block, true);
+}
+cudaError_t cudaFreeHost(void* block) {
+  return give_back(block, false);
+}
+
+cudaError_t cudaMemGetInfo(size_t* free_bytes, size_t* total) {
+  const std::lock_guard lock(device().mutex);
+  *free_bytes = kDeviceBytes - device().device_bytes;
+  *total = kDeviceBytes;
+  return cudaSuccess;
+}
+
+cudaError_t cudaMemcpy(void* to, const void* from, size_t bytes, cudaMemcpyKind kind) {
+  return submit_copies({{to, from, bytes}}, kind, nullptr, true);
+}
+cudaError_t cudaMemcpyAsync(void* to, const void* from, size_t bytes, cudaMemcpyKind kind, cudaStream_t stream) {
+  return submit_copies({{to, from, bytes}}, kind, stream, false);
+}
+#if CUDART_VERSION >= 13000
+cudaError_t cudaMemcpyBatchAsync(void* const* to, const void* const* from, const size_t* bytes, size_t count,
+                                 cudaMemcpyAttributes*, size_t*, size_t, cudaStream_t stream) {
+  if (stream == nullptr) return failed(cudaErrorInvalidValue);
+  std::vector<Copy> copies;
+  for (size_t i = 0; i < count; ++i) copies.push_back({to[i], from[i], bytes[i]});
+  std::reverse(copies.begin(), copies.end());  // there is no order among them
+  return submit_copies(std::move(copies), cudaMemcpyDefault, stream, false);
+}
+#endif
+cudaError_t cudaMemset(void* at, int value, size_t bytes) {
+  return submit_set(at, value, bytes, nullptr);
+}
+cudaError_t cudaMemsetAsync(void* at, int value, size_t bytes, cudaStream_t stream) {
+  return submit_set(at, value, bytes, stream);
+}
+
+cudaError_t cudaGetDeviceCount(int* count) {
+  *count = std::getenv("SCREE_EMULATED_GPU") != nullptr ? 1 : 0;
+  return *count != 0 ? cudaSuccess : failed(cudaErrorNoDevice);
+}
+cudaError_t cudaGetDevice(int* number) {
+  *number = 0;
+  return cudaSuccess;
+}
+cudaError_t cudaSetDevice(int number) {
+  return number == 0 ? cudaSuccess : failed(cudaErrorInvalidDevice);
+}
+cudaError_t cudaGetDeviceProperties(cudaDeviceProp* out, int) {
+  *out = cudaDeviceProp{};
+  std::snprintf(out->name, sizeof out->name, "emulated GPU");
+  out->major = 9;
+  out->totalGlobalMem = kDeviceBytes;
+  out->multiProcessorCount = scree::emulator::kMultiprocessors;
+  out->warpSize = static_cast<int>(scree::emulator::kWarpLanes);
+  out->sharedMemPerBlock = kUnaskedSharedBytes;
+  out->sharedMemPerBlockOptin = scree::emulator::kSharedBytes;
+  return cudaSuccess;
+}
+cudaError_t cudaDeviceGetAttribute(int* value, cudaDeviceAttr attribute, int) {
+  if (attribute != cudaDevAttrMultiProcessorCount) return failed(cudaErrorInvalidValue);
+  *value = scree::emulator::kMultiprocessors;
+  return cudaSuccess;
+}
+cudaError_t cudaDriverGetVersion(int* version) {
+  *version = CUDART_VERSION;
+  return cudaSuccess;
+}
+
+cudaError_t cudaDeviceSynchronize() {
+  Device& all = device();
+  const std::lock_guard lock(all.mutex);
+  reach(all.null_stream.end());
+  for (const auto& stream : all.streams) reach(stream->end());
+  return cudaSuccess;
+}
+
+cudaError_t cudaStreamCreate(cudaStream_t* stream) {
+  return make_stream(stream, true);
+}
+cudaError_t cudaStreamCreateWithFlags(cudaStream_t* stream, unsigned flags) {
+  return make_stream(stream, (flags & cudaStreamNonBlocking) == 0);
+}
+cudaError_t cudaStreamDestroy(cudaStream_t stream) {
+  const std::lock_guard lock(device().mutex);
+  reach(stream_of(stream)->end());
+  stream->is_destroyed = true;
+  return cudaSuccess;
+}
+cudaError_t cudaStreamSynchronize(cudaStream_t stream) {
+  const std::lock_guard lock(device().mutex);
+  reach(stream_of(stream)->end());
+  return cudaSuccess;
+}
+cudaError_t cudaStreamWaitEvent(cudaStream_t stream, cudaEvent_t event, unsigned) {
+  const std::lock_guard lock(device().mutex);
+  if (event->last == nullptr) return cudaSuccess;
+  submit(stream_of(stream), [] {}, {event->last->at});
+  return cudaSuccess;
+}
+
+cudaError_t cudaEventCreate(cudaEvent_t* event) {
+  return make_event(event, true);
+}
+cudaError_t cudaEventCreateWithFlags(cudaEvent_t* event, unsigned flags) {
+  return make_event(event, (flags & cudaEventDisableTiming) == 0);
+}
+cudaError_t cudaEventDestroy(cudaEvent_t event) {
+  const std::lock_guard lock(device().mutex);
+  delete event;
+  return cudaSuccess;
+}
+cudaError_t cudaEventRecord(cudaEvent_t event, cudaStream_t stream) {
+  const std::lock_guard lock(device().mutex);
+  const auto record = std::make_shared<CUevent_st::Record>();
+  record->is_timed = event->is_timed;
+  record->at = submit(stream_of(stream), [record] { record->time = Clock::now(); });
+  event->last = record;
+  return cudaSuccess;
+}
+cudaError_t cudaEventSynchronize(cudaEvent_t event) {
+  const std::lock_guard lock(device().mutex);
+  if (event->last != nullptr) reach(event->last->at);
+  return cudaSuccess;
+}
+cudaError_t cudaEventQuery(cudaEvent_t event) {
+  const std::lock_guard lock(device().mutex);
+  if (event->last == nullptr) return cudaSuccess;
+  const Point at = event->last->at;
+  if (at.stream->done >= at.end) return cudaSuccess;
+  reach({at.stream, at.stream->done + 1});
+  return failed(cudaErrorNotReady);
+}
+cudaError_t cudaEventElapsedTime(float* ms, cudaEvent_t begin, cudaEvent_t end) {
+  const std::lock_guard lock(device().mutex);
+  for (const CUevent_st* event : {begin, end}) {
+    if (event->last == nullptr || !event->last->is_timed) return failed(cudaErrorInvalidResourceHandle);
+    if (event->last->at.stream->done < event->last->at.end) return failed(cudaErrorNotReady);
+  }
+  *ms = std::chrono::duration<float, std::milli>(end->last->time - begin->last->time).count();
+  return cudaSuccess;
+}
+
+cudaError_t cudaFuncSetAttribute(const void* function, cudaFuncAttribute attribute, int value) {
+  const std::lock_guard lock(device().mutex);
+  if (attribute != cudaFuncAttributeMaxDynamicSharedMemorySize || value < 0 ||
+      static_cast<size_t>(value) > scree::emulator::kSharedBytes)
+    return failed(cudaErrorInvalidValue);
+  device().kernels[function].shared_bytes = static_cast<size_t>(value);
+  return cudaSuccess;
+}
+cudaError_t cudaOccupancyMaxActiveBlocksPerMultiprocessor(int* blocks, const void*, int threads, size_t shared_bytes) {
+  *blocks = resident_blocks(threads, shared_bytes);
+  return cudaSuccess;
+}
+cudaError_t cudaOccupancyMaxActiveBlocksPerMultiprocessorWithFlags(int* blocks, const void*, int threads,
+                                                                   size_t shared_bytes, unsigned) {
+  *blocks = resident_blocks(threads, shared_bytes);
+  return cudaSuccess;
+}
+
+cudaError_t cudaLaunchKernel(const void* function, dim3 blocks, dim3 threads, void** parameters, size_t shared_bytes,
+                             cudaStream_t stream) {
+  return submit_kernel(function, blocks, threads, parameters, shared_bytes, stream);
+}
+
+cudaError_t cudaGetLastError() {
+  return std::exchange(last_error, cudaSuccess);
+}
+const char* cudaGetErrorName(cudaError_t error) {
+  return cudaGetErrorString(error);
+}
+const char* cudaGetErrorString(cudaError_t error) {
+  switch (error) {
+    case cudaSuccess:
+      return "no error";
+    case cudaErrorMemoryAllocation:
+      return "out of memory";
+    case cudaErrorInvalidConfiguration:
+      return "invalid configuration argument";
+    case cudaErrorInvalidValue:
+      return "invalid argument";
+    default:
+      return "an error of the emulated GPU";
+  }
+}
+
+}  // extern "C"
