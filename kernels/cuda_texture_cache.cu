@@ -80,7 +80,7 @@ struct CudaTextureCache::Impl {
     const uint32_t all = (tiles + kTilesPerBlock - 1) / kTilesPerBlock;
     const uint32_t blocks = before == nullptr ? all : std::min(all, multiprocessors * kResidentBlocks);
     shade_round<Pixels><<<blocks, kPixelThreads, 0, stream>>>(round, tiles, before);
-    return check(cudaGetLastError(), "starting a round of the resolve");
+    return check(cudaGetLastError(), "starting a round of shading");
   }
 
   bool check(cudaError_t status, const char* what) {
@@ -224,6 +224,7 @@ Result<void> CudaTextureCache::shade_part(const ShadeInputs& in, const PixelTile
   const auto pixels_of = [&]<class Shader>(const Shader& shader) {
     return ShadePart<Shader>{shader, tiles, samples, colors};
   };
+  // Not a kernel for each kind of chunks: that would take 10 s more to compile, and 0.7 MB.
   if (!impl_->shade<false>(in, tiles, pixels_of, stream)) return impl_->error;
   return {};
 }

@@ -31,7 +31,8 @@ class CudaTextureCache {
   /// group. Errors kDevice.
   static Result<CudaTextureCache> create(const JpegLevel* levels, uint64_t bytes, uint32_t slot_bytes);
 
-  /// What create() takes of device memory; a list of the tiles of a picture, half a byte a pixel, comes with the first.
+  /// What create() takes of device memory; a list of the tiles of a picture, half a byte a pixel (of parts, a sample),
+  /// comes with the first.
   static uint64_t device_bytes(uint64_t bytes, uint32_t slot_bytes);
 
   uint64_t slots() const;

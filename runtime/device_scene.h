@@ -26,9 +26,9 @@ class DeviceScene {
   /// that the scene has not decoded stay JPEGs, decoded as they are looked at into `texture_cache` bytes; the picture
   /// does not depend on how many. `budget_bytes`: 0 takes what the device has free. Where that does not hold the scene,
   /// its chunks are streamed (runtime/streamer.h): `scene` then outlives this, up to `host_memory` bytes of chunks are
-  /// kept in pinned memory, and at most an eighth of the budget is for decoded JPEGs. Errors kDevice: no usable device,
-  /// a CUDA call that failed (which and for what), or a budget that does not hold what cannot be streamed (both sizes
-  /// named); with the file named, those of Scene::load_pages.
+  /// kept in pinned memory, and at most an eighth of the budget is for samples of JPEGs (one group at least). Errors
+  /// kDevice: no usable device, a CUDA call that failed (which and for what), or a budget that does not hold what
+  /// cannot be streamed (both sizes named); with the file named, those of Scene::load_pages.
   static Result<DeviceScene> upload(const Scene& scene, uint64_t budget_bytes, uint32_t threads,
                                     Reading reading = Reading::kAuto, uint64_t texture_cache = kDeviceTextureCache,
                                     uint64_t host_memory = 0);

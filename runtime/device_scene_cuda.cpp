@@ -117,14 +117,17 @@ Result<DeviceScene> DeviceScene::upload(const Scene& scene, uint64_t budget_byte
 /// most of it to chunks.
 Result<void> DeviceScene::Impl::upload_streamed(const Scene& host, uint64_t budget, uint32_t threads, Reading reading,
                                                 uint64_t texture_cache, uint64_t host_memory) {
-  texture_cache = std::min(texture_cache, budget / kTextureCacheShare);
   const uint64_t frames_bytes = kernels::CudaFrames::device_bytes(host.view());
-  const uint64_t fixed =
-      CudaScene::device_bytes(host, &host.view(), texture_cache) + frames_bytes + CudaStream::device_bytes(host.view());
   std::vector<uint64_t> bytes = ChunkSource(host).chunk_bytes();
   const uint64_t largest = bytes.empty() ? 0 : *std::max_element(bytes.begin(), bytes.end());
-  // The pool and what moving a chunk takes.
-  const uint64_t least = fixed + 2 * (largest + 2 * Residency::kAlignment);
+  const uint64_t room = 2 * (largest + 2 * Residency::kAlignment);  // the least pool, and what moving a chunk takes
+  const auto fixed_with = [&](uint64_t cache) {
+    return CudaScene::device_bytes(host, &host.view(), cache) + frames_bytes + CudaStream::device_bytes(host.view());
+  };
+  texture_cache = std::min(texture_cache, budget / kTextureCacheShare);
+  if (budget < fixed_with(texture_cache) + room) texture_cache = 1;  // one group: slow, and the same picture
+  const uint64_t fixed = fixed_with(texture_cache);
+  const uint64_t least = fixed + room;
   if (budget < least)
     return Error{ErrorCode::kDevice, "the scene takes at least " + std::to_string(least) +
                                          " bytes of device memory where its chunks are streamed, but " +
