@@ -60,6 +60,10 @@ std::string image_place(const format::Container& container, uint32_t index) {
   return place;
 }
 
+/// What a file loses of the page in which it then ends reads as zeros (MappedFile), and records say how far loops go: a
+/// table of up to so many bytes is drawn from a copy.
+constexpr uint64_t kMostCopiedBytes = uint64_t{16} << 20;
+
 }  // namespace
 
 Result<SceneFile> SceneFile::open(const std::string& path) {
@@ -95,7 +99,7 @@ template <class Record>
 const Record* Scene::dense(const format::Table<Record>& table, std::vector<Record>& copy) {
   if (table.empty()) return nullptr;
   const bool is_dense = table.size() == 1 || &table[0] + 1 == &table[1];
-  if (is_dense) return &table[0];
+  if (is_dense && table.size() > kMostCopiedBytes / sizeof(Record)) return &table[0];
   copy.reserve(table.size());
   for (uint64_t i = 0; i < table.size(); ++i) copy.push_back(table[i]);
   return copy.data();

@@ -106,7 +106,8 @@ class Scene {
   const std::vector<std::string>& warnings() const { return warnings_; }
 
  private:
-  /// The records of a table side by side: the table itself, or a copy where a newer file has longer records.
+  /// The records of a table side by side: the table itself, or a copy, of a small table and where a newer file has
+  /// longer records.
   template <class Record>
   static const Record* dense(const format::Table<Record>& table, std::vector<Record>& copy);
 

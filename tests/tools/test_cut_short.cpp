@@ -97,6 +97,12 @@ class CutFile {
     must_end(words, seconds_of_all / 2, std::filesystem::file_size(path()) - 1);
   }
 
+  /// So too, but cuts all of the last page behind its first byte.
+  void cut_last_page_of(const std::vector<std::string>& words, double seconds_of_all) const {
+    constexpr uint64_t kPageBytes = 4096;
+    must_end(words, seconds_of_all / 2, (std::filesystem::file_size(path()) - 1) / kPageBytes * kPageBytes + 1);
+  }
+
   /// `words`: of render, beside the file and its picture. Cuts once frames follow each other, to nothing and to a half.
   void cut_while_drawn(const std::vector<std::string>& words) const {
     const auto command = [&](const char* frames, const std::string& picture) {
@@ -258,6 +264,7 @@ TEST_CASE("a file cut short while it is drawn ends in one line and exit code 2",
 }
 
 TEST_CASE("a file cut within its last page while it is drawn ends in the same line", "[render][cut]") {
+  const bool is_most_cut = GENERATE(false, true);  // of the page
   const CutFile file(0);
   const auto command = [&](uint32_t frames) {
     return std::vector<std::string>{
@@ -272,7 +279,8 @@ TEST_CASE("a file cut within its last page while it is drawn ends in the same li
     REQUIRE(all.exit_code == 0);
   } while (all.seconds < 1);
   file.folder().write("out.png", "earlier");
-  file.cut_last_byte_of(command(frames), all.seconds);
+  is_most_cut ? file.cut_last_page_of(command(frames), all.seconds)
+              : file.cut_last_byte_of(command(frames), all.seconds);
 }
 
 TEST_CASE("a file cut within its last page while it is compared ends in the same line", "[compare][cut]") {
