@@ -75,6 +75,7 @@ void compare(const Scene& scene, DeviceScene& device, const View& view, uint32_t
   scree::kernels::ShadeOptions options;
   for (const Show show : {Show::kTexture, Show::kColor, Show::kUv, Show::kNormal, Show::kTriangle, Show::kCluster,
                           Show::kMesh, Show::kStage, Show::kDepth}) {
+    if (scree::tests::kEmulatesGpu && (show == Show::kColor || show == Show::kCluster || show == Show::kMesh)) continue;
     options.show = show;
     compare_pictures(*cpu, *again, options);
   }
@@ -82,6 +83,7 @@ void compare(const Scene& scene, DeviceScene& device, const View& view, uint32_t
   options.background[1] = 0.5f;
   options.background[3] = 1;
   for (const int occlusion : {1, 2, 3}) {
+    if (scree::tests::kEmulatesGpu && occlusion != 3) continue;
     options.ssao = (occlusion & 1) != 0;
     options.edl = (occlusion & 2) != 0;
     compare_pictures(*cpu, *again, options);
@@ -114,6 +116,7 @@ TEST_CASE("the GPU draws what the CPU draws", "[cuda]") {
       REQUIRE(view);
       for (const uint32_t samples : {1u, 2u, 4u})
         if (samples == 2 || !scree::tests::kEmulatesGpu) compare(scene, *device, *view, samples);
+      if (scree::tests::kEmulatesGpu && encoding == Encoding::kIndexed) continue;
       View flat = *view;  // the same picture from an orthographic camera
       flat.orthographic = true;
       double height = 0;

@@ -265,6 +265,10 @@ TEST_CASE("a scene over the device's budget is streamed with the same samples", 
   REQUIRE(resident);
   REQUIRE(streamed);
   runtime::CameraOptions camera;
+  if (scree::tests::kEmulatesGpu) {
+    camera.width = 120;
+    camera.height = 80;
+  }
   camera.eye = runtime::Vec3{3, 1, 5};
   camera.target = runtime::Vec3{0, 0, 0};
   const Result<View> view = runtime::make_view(whole.container(), 0, whole.view(), camera);
