@@ -13,4 +13,12 @@ bool has_gpu() {
   return false;
 }
 
+uint64_t least_device_memory(const std::string& refusal) {
+  const std::string before = "takes at least ";
+  INFO(refusal);
+  const size_t at = refusal.find(before);
+  REQUIRE(at != std::string::npos);
+  return std::stoull(refusal.substr(at + before.size()));
+}
+
 }  // namespace scree::tests

@@ -163,7 +163,7 @@ std::string check_streams() {
   cudaEvent_t added = nullptr;
   must(cudaEventCreate(&added));
   uint32_t early = 0;
-  constexpr uint32_t kTimes = 64;
+  constexpr uint32_t kTimes = 2048;
   for (uint32_t i = 0; i < kTimes; ++i) {
     must(cudaMemset(word, 0, sizeof(uint32_t)));
     must(cudaDeviceSynchronize());

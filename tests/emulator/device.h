@@ -1,5 +1,5 @@
 // What nvcc gives a kernel's source, for the C++ compiler: included before everything else of an emulated .cu file
-// (cmake/cuda.cmake), whose launches and shared memory convert.cmake has rewritten.
+// (CMakeLists.txt here), whose launches and shared memory convert.cmake has rewritten.
 #pragma once
 
 #include <cuda_runtime.h>
@@ -211,10 +211,6 @@ T atomicMax(T* at, std::type_identity_t<T> value) {
   return atomic_change(at, [&](T was) { return std::max(was, value); });
 }
 template <class T>
-T atomicOr(T* at, std::type_identity_t<T> value) {
-  return atomic_change(at, [&](T was) { return was | value; });
-}
-template <class T>
 T atomicCAS(T* at, std::type_identity_t<T> expected, std::type_identity_t<T> value) {
   scree::emulator::pause_at_atomic();
   std::atomic_ref(*at).compare_exchange_strong(expected, value);
@@ -225,19 +221,7 @@ T atomicCAS(T* at, std::type_identity_t<T> expected, std::type_identity_t<T> val
 inline int __popc(uint32_t value) {
   return std::popcount(value);
 }
-inline int __popcll(uint64_t value) {
-  return std::popcount(value);
-}
-inline int __clz(uint32_t value) {
-  return std::countl_zero(value);
-}
-inline int __clzll(uint64_t value) {
-  return std::countl_zero(value);
-}
 inline int __ffs(uint32_t value) {
-  return value == 0 ? 0 : std::countr_zero(value) + 1;
-}
-inline int __ffsll(uint64_t value) {
   return value == 0 ? 0 : std::countr_zero(value) + 1;
 }
 inline uint32_t __fns(uint32_t mask, uint32_t base, int offset) {

@@ -28,7 +28,6 @@ constexpr uint32_t kResidentBlocks = 3;  // that take turns
 constexpr size_t kStackBytes = size_t{256} * 1024;
 constexpr size_t kFirstFrameBytes = 4096;
 constexpr uint64_t kStackEnd = 0x5ca1ab1e5ca1ab1e;  // stands at the far end of each stack
-constexpr int kGarbage = 0xa5;
 
 /// The stacks of all lanes that can be at work. Memory comes with the first touch of a page.
 class Stacks {

@@ -160,7 +160,7 @@ cudaError_t allocate(void** out, size_t bytes, bool is_device) {
   if (bytes == 0) return cudaSuccess;
   void* made = nullptr;
   if (posix_memalign(&made, kAlignment, bytes) != 0) return failed(cudaErrorMemoryAllocation);
-  std::memset(made, 0xa5, std::min(bytes, kGarbageBytes));
+  std::memset(made, scree::emulator::kGarbage, std::min(bytes, kGarbageBytes));
   all.allocations[reinterpret_cast<uintptr_t>(made)] = {bytes, is_device};
   if (is_device) all.device_bytes += bytes;
   *out = made;
@@ -228,12 +228,6 @@ cudaError_t make_event(cudaEvent_t* out, bool is_timed) {
   *out = new CUevent_st;
   (*out)->is_timed = is_timed;
   return cudaSuccess;
-}
-
-/// Blocks of a kernel that a multiprocessor holds at once.
-int resident_blocks(int threads, size_t shared_bytes) {
-  const size_t by_memory = scree::emulator::kSharedBytes / std::max<size_t>(shared_bytes, 1);
-  return static_cast<int>(std::min<size_t>({static_cast<size_t>(2048 / std::max(threads, 1)), by_memory, 2}));
 }
 
 cudaError_t submit_kernel(const void* function, dim3 blocks, dim3 threads, void** parameters, size_t shared_bytes,
@@ -418,13 +412,10 @@ cudaError_t cudaFuncSetAttribute(const void* function, cudaFuncAttribute attribu
   device().kernels[function].shared_bytes = static_cast<size_t>(value);
   return cudaSuccess;
 }
-cudaError_t cudaOccupancyMaxActiveBlocksPerMultiprocessor(int* blocks, const void*, int threads, size_t shared_bytes) {
-  *blocks = resident_blocks(threads, shared_bytes);
-  return cudaSuccess;
-}
 cudaError_t cudaOccupancyMaxActiveBlocksPerMultiprocessorWithFlags(int* blocks, const void*, int threads,
                                                                    size_t shared_bytes, unsigned) {
-  *blocks = resident_blocks(threads, shared_bytes);
+  const size_t by_memory = scree::emulator::kSharedBytes / std::max<size_t>(shared_bytes, 1);
+  *blocks = static_cast<int>(std::min<size_t>({static_cast<size_t>(2048 / std::max(threads, 1)), by_memory, 2}));
   return cudaSuccess;
 }
 

@@ -9,7 +9,6 @@
 #include <csignal>
 #include <cstdint>
 #include <cstdio>
-#include <cstdlib>
 #include <filesystem>
 #include <memory>
 #include <numeric>
@@ -91,16 +90,18 @@ class CutFile {
   const TempFolder& folder() const { return folder_; }
   std::string path() const { return folder_.file("out.scree"); }
 
-  /// `words`: of a command that writes outputs of its own to the folder. Cuts the last byte when half of the work is
-  /// done that the command takes.
-  void cut_last_byte_of(const std::vector<std::string>& words, double seconds_of_all) const {
-    must_end(words, seconds_of_all / 2, std::filesystem::file_size(path()) - 1);
+  uint64_t bytes_but_the_last() const { return std::filesystem::file_size(path()) - 1; }
+
+  /// All but the last page, and that page's first byte.
+  uint64_t bytes_to_the_last_page() const {
+    constexpr uint64_t kPageBytes = 4096;
+    return bytes_but_the_last() / kPageBytes * kPageBytes + 1;
   }
 
-  /// So too, but cuts all of the last page behind its first byte.
-  void cut_last_page_of(const std::vector<std::string>& words, double seconds_of_all) const {
-    constexpr uint64_t kPageBytes = 4096;
-    must_end(words, seconds_of_all / 2, (std::filesystem::file_size(path()) - 1) / kPageBytes * kPageBytes + 1);
+  /// `words`: of a command that writes outputs of its own to the folder. Cuts to so many bytes when half of the work is
+  /// done that the command takes.
+  void cut_halfway(const std::vector<std::string>& words, double seconds_of_all, uint64_t to_bytes) const {
+    must_end(words, seconds_of_all / 2, to_bytes);
   }
 
   /// `words`: of render, beside the file and its picture. Cuts once frames follow each other, to nothing and to a half.
@@ -254,18 +255,19 @@ void stream_frames(const std::string& path, const Ready& ready) {
 
 }  // namespace
 
-// Raw pages are drawn out of the map. Of compressed ones the unpacked copies outlive the file's end, but not the
-// tables, which stay in the map as well: no picture is made either.
 TEST_CASE("a file cut short while it is drawn ends in one line and exit code 2", "[render][cut]") {
-  const auto [zstd_level, encoding] = GENERATE(table<int, convert::Encoding>(
-      {{0, convert::Encoding::kClustered}, {0, convert::Encoding::kIndexed}, {3, convert::Encoding::kClustered}}));
-  CAPTURE(zstd_level, encoding);
-  CutFile(zstd_level, encoding).cut_while_drawn({"--backend", "cpu", "--threads", "4"});
+  CutFile(0, GENERATE(convert::Encoding::kClustered, convert::Encoding::kIndexed))
+      .cut_while_drawn({"--backend", "cpu", "--threads", "4"});
 }
 
-TEST_CASE("a file cut within its last page while it is drawn ends in the same line", "[render][cut]") {
-  const bool is_most_cut = GENERATE(false, true);  // of the page
-  const CutFile file(0);
+// Frames go on, of what is in memory: unpacked copies of compressed pages and copies of tables, or zeros behind the end
+// within the last page. What ends them is a look at the file's size before a picture is written.
+TEST_CASE("a file cut short where no frame reads it any more ends in the same line", "[render][cut]") {
+  enum class Left { kAllButAByte, kToTheLastPage, kNothing };
+  const auto [zstd_level, left] =
+      GENERATE(table<int, Left>({{0, Left::kAllButAByte}, {0, Left::kToTheLastPage}, {3, Left::kNothing}}));
+  CAPTURE(zstd_level, left);
+  const CutFile file(zstd_level);
   const auto command = [&](uint32_t frames) {
     return std::vector<std::string>{
         "render",    file.path(), "-o",       file.folder().file("out.png"), "--quiet", "--size", "160x120",
@@ -279,8 +281,10 @@ TEST_CASE("a file cut within its last page while it is drawn ends in the same li
     REQUIRE(all.exit_code == 0);
   } while (all.seconds < 1);
   file.folder().write("out.png", "earlier");
-  is_most_cut ? file.cut_last_page_of(command(frames), all.seconds)
-              : file.cut_last_byte_of(command(frames), all.seconds);
+  file.cut_halfway(command(frames), all.seconds,
+                   left == Left::kAllButAByte     ? file.bytes_but_the_last()
+                   : left == Left::kToTheLastPage ? file.bytes_to_the_last_page()
+                                                  : 0);
 }
 
 TEST_CASE("a file cut within its last page while it is compared ends in the same line", "[compare][cut]") {
@@ -291,7 +295,7 @@ TEST_CASE("a file cut within its last page while it is compared ends in the same
   INFO(all.output);
   REQUIRE(all.exit_code == 0);
   file.folder().write("out.png", "earlier");
-  file.cut_last_byte_of(command, all.seconds);
+  file.cut_halfway(command, all.seconds, file.bytes_but_the_last());
 }
 
 TEST_CASE("a file cut within its last page while it is exported takes no name", "[export][cut]") {
@@ -356,16 +360,12 @@ TEST_CASE("a file cut short while chunks are streamed ends in one line and exit 
 
 TEST_CASE("a file cut short while a GPU is streamed to ends in one line and exit code 2", "[cuda][cut][stream]") {
   if (!has_gpu()) return;
-  const CutFile file(GENERATE(0, 3));
-  // What is said of too little memory tells how much is least; a third of the chunks has room then.
-  const std::string refused = run_program({"render", file.path(), "--backend", "cuda", "--device-memory", "1", "-o",
-                                           file.folder().file("refused.png")},
-                                          file.folder().file("log"))
-                                  .output;
-  const size_t at = refused.find("at least ");
-  REQUIRE(at != std::string::npos);
-  const uint64_t budget =
-      std::strtoull(refused.c_str() + at + 9, nullptr, 10) + std::filesystem::file_size(file.path()) / 3;
+  const CutFile file(0);
+  const ProgramRun refused = run_program(
+      {"render", file.path(), "--backend", "cuda", "--device-memory", "1", "-o", file.folder().file("refused.png")},
+      file.folder().file("log"));
+  // A third of the chunks has room then.
+  const uint64_t budget = least_device_memory(refused.output) + std::filesystem::file_size(file.path()) / 3;
   file.cut_while_drawn({"--backend", "cuda", "--device-memory", std::to_string(budget), "--host-memory", "0"});
 }
 
