@@ -4,6 +4,7 @@
 #include <cstdio>
 #include <filesystem>
 #include <limits>
+#include <numeric>
 #include <string>
 #include <vector>
 
@@ -34,7 +35,19 @@ GridSpec grid_of(uint32_t side, float size) {
   return spec;
 }
 
-enum Kind { kPlain, kShuffled, kWide, kImages };
+enum Kind { kPlain, kShuffled, kApart, kWide, kImages };
+
+/// Indexed triangles that share no vertex.
+tools::GltfPrimitive triangles_apart(ModelMaker& maker, uint32_t triangles) {
+  std::vector<float> points;
+  std::vector<uint32_t> corners(3 * size_t{triangles});
+  std::iota(corners.begin(), corners.end(), 0u);
+  for (uint32_t i = 0; i < triangles; ++i) {
+    const float x = static_cast<float>(i % 500), z = static_cast<float>(i / 500);
+    points.insert(points.end(), {x, 0, z, x, 0, z + 0.5f, x + 0.5f, 1, z});
+  }
+  return maker.primitive(points, corners);
+}
 
 /// Enough triangles for one thread to be made to encode before it has measured all; meshes that repeat, of several
 /// primitives, of more than one window, with white colours and with nothing in them.
@@ -52,6 +65,7 @@ void make_scene(const std::string& path, Kind kind) {
   }
   maker.node("nothing", maker.mesh("nothing", {maker.primitive({0, 0, 0, 1, 0, 0}, {})}));
   if (kind == kShuffled) maker.node("shuffled", maker.mesh("shuffled", {shuffled_squares(maker, 400)}));
+  if (kind == kApart) maker.node("apart", maker.mesh("apart", {triangles_apart(maker, 250000)}));
   maker.node("two windows", maker.mesh("two windows", {maker.grid(grid_of(400, 2))}));
   if (kind == kWide) {  // no lattice of 24 bits an axis holds it within a bound of 1e-5
     maker.node("wide", maker.mesh("wide", {maker.grid(grid_of(3, 1e6f))}));
@@ -118,49 +132,84 @@ TEST_CASE("convert: windows that are measured are not read again", "[convert][ah
   CHECK(must_convert(options).rates.read_bytes > 3 * report.input_bytes / 2);
 }
 
-// One thread, so that it does not matter who comes first, and processes of their own, which have as much memory when
-// they begin every time. From the least memory on, in steps, to the first that lets it encode ahead; the bytes stay.
+namespace {
+
+/// Of a run of the program, as its closing line says.
+uint64_t windows_ahead(const tests::ProgramRun& run) {
+  INFO(run.output);
+  REQUIRE(run.exit_code == 0);
+  const size_t end = run.output.find(" windows encoded before all were measured");
+  if (end == std::string::npos) return 0;
+  uint64_t ahead = 0, windows = 0;
+  REQUIRE(std::sscanf(run.output.c_str() + run.output.rfind(',', end), ", %" SCNu64 " of %" SCNu64, &ahead, &windows) ==
+          2);
+  CHECK(ahead < windows);
+  return ahead;
+}
+
+/// Conversions of a scene by one thread, so that it does not matter who comes first, in processes of their own, which
+/// have as much memory when they begin every time.
+class TightMemory {
+ public:
+  explicit TightMemory(Kind kind) { make_scene(folder_.file("in.glb"), kind); }
+
+  tests::ProgramRun convert_within(uint64_t mib) const {
+    return tests::run_program({"convert", folder_.file("in.glb"), "-o", folder_.file("out.scree"), "--threads", "1",
+                               "--memory", std::to_string(mib) + "MiB"},
+                              folder_.file("log"));
+  }
+
+  /// In MiB, as the refusal of less says.
+  uint64_t least() const {
+    const std::string refused = convert_within(1).output;
+    INFO(refused);
+    const size_t at = refused.find("needs at least ");
+    REQUIRE(at != std::string::npos);
+    return std::stoull(refused.substr(at + 15));
+  }
+
+  std::string bytes() const { return tests::read_whole(folder_.file("out.scree")); }
+
+ private:
+  TempFolder folder_;
+};
+
+constexpr uint64_t kPlentyMiB = 2048;  // the default
+
+}  // namespace
+
+// From the least memory on, in steps, to the first that lets it encode ahead.
 TEST_CASE("convert: under a tight --memory nothing is encoded ahead, and the bytes are the same",
           "[convert][ahead][memory]") {
-  constexpr uint64_t kMostMiB = 2048;  // the default
-  const TempFolder folder;
-  make_scene(folder.file("in.glb"), kPlain);
-  const auto convert_within = [&](uint64_t mib) {
-    const std::vector<std::string> words{
-        "convert",  folder.file("in.glb"),      "-o", folder.file("out.scree"), "--threads", "1",
-        "--memory", std::to_string(mib) + "MiB"};
-    return tests::run_program(words, folder.file("log"));
-  };
-  const auto windows_ahead = [](const std::string& said) -> uint64_t {
-    INFO(said);
-    const size_t end = said.find(" windows encoded before all were measured");
-    if (end == std::string::npos) return 0;
-    uint64_t ahead = 0, windows = 0;
-    REQUIRE(std::sscanf(said.c_str() + said.rfind(',', end), ", %" SCNu64 " of %" SCNu64, &ahead, &windows) == 2);
-    CHECK(ahead < windows);
-    return ahead;
-  };
-  const tests::ProgramRun plenty = convert_within(kMostMiB);
-  REQUIRE(plenty.exit_code == 0);
-  CHECK(windows_ahead(plenty.output) > 4);
-  const std::string bytes = tests::read_whole(folder.file("out.scree"));
-
-  const std::string refused = convert_within(1).output;
-  INFO(refused);
-  const size_t at = refused.find("needs at least ");
-  REQUIRE(at != std::string::npos);
-  const uint64_t least = std::stoull(refused.substr(at + 15));
+  const TightMemory tight(kPlain);
+  CHECK(windows_ahead(tight.convert_within(kPlentyMiB)) > 4);
+  const std::string bytes = tight.bytes();
+  const uint64_t least = tight.least();
   uint64_t ahead = 0, enough = least;
-  for (; ahead == 0 && enough < kMostMiB; enough += 4) {
-    const tests::ProgramRun run = convert_within(enough);
-    REQUIRE(run.exit_code == 0);
-    CHECK((tests::read_whole(folder.file("out.scree")) == bytes));
-    INFO(enough << " MiB: " << run.output);
-    ahead = windows_ahead(run.output);
+  for (; ahead == 0 && enough < kPlentyMiB; enough += 4) {
+    ahead = windows_ahead(tight.convert_within(enough));
+    CHECK((tight.bytes() == bytes));
     if (enough == least) CHECK(ahead == 0);
   }
   CHECK(ahead > 0);
   CHECK(enough < least + 256);
+}
+
+TEST_CASE("convert: under a tight --memory a window with more vertices than most ends encoding ahead",
+          "[convert][ahead][memory]") {
+  const TightMemory tight(kApart);
+  const uint64_t plenty = windows_ahead(tight.convert_within(kPlentyMiB));
+  const std::string bytes = tight.bytes();
+  const uint64_t least = tight.least();
+  // With the least of it all vertices of a window have room, or those of most windows beside a second of them.
+  const tests::ProgramRun run = tight.convert_within(least + 8);
+  const uint64_t few = windows_ahead(run);
+  CHECK(few > 0);
+  CHECK(few < plenty);
+  CHECK((tight.bytes() == bytes));
+#if !defined(__SANITIZE_ADDRESS__)  // which multiplies memory
+  CHECK(tests::stated_peak(run.output) <= (least + 8) << 20);
+#endif
 }
 
 TEST_CASE("convert: what needs all meshes measured ends encoding ahead", "[convert][ahead][sort]") {

@@ -161,11 +161,13 @@ class ShortSource : public ByteSource {
   uint64_t end_;
 };
 
+constexpr WindowNeeds kAnyWindow{kWindowTriangles, 3 * kWindowTriangles, uint64_t{1} << 32, 0};
+
 /// A conversion up to where all is measured.
 struct Start {
   Start(const ConvertOptions& options, SourceScene& scene, format::ContainerWriter& writer)
       : pool(1, nullptr),
-        ahead(options, scene, pool, writer, {1, 64 << 20, 64 << 20}, times, [](uint64_t) {}),
+        ahead(options, scene, pool, writer, {1, 64 << 20, 64 << 20, kAnyWindow}, times, [](uint64_t) {}),
         measured(measure(scene, {true}, {true, false, false, options.normals, {}},
                          {pool, times, [](uint64_t) {}, 0, &ahead})) {
     REQUIRE(measured);

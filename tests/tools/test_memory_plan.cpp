@@ -1,5 +1,6 @@
 // What a conversion is reckoned to take, of scenes too large to be converted here.
 #include <cstdint>
+#include <optional>
 #include <vector>
 
 #include "tests/catch.h"
@@ -49,6 +50,31 @@ TEST_CASE("memory plan: windows of one glTF mesh wait for each other", "[convert
   const uint64_t windows = kPrimitives * (kTriangles / kWindowTriangles);
   CHECK(together - apart > windows * 2 * sizeof(WindowPlan));
   CHECK(together - apart < windows * 1024);
+}
+
+TEST_CASE("memory plan: windows of indexed triangles count with a vertex a triangle where no more has room",
+          "[convert][memory]") {
+  SourceScene scene = make_scene(false);
+  for (Primitive& primitive : scene.primitives) primitive.positions.count = uint64_t{1} << 30;
+  const auto largest = [&](uint64_t memory) {
+    ConvertOptions options;
+    options.memory = memory;
+    const Result<MemoryPlan> plan = MemoryPlan::make(options, scene, std::vector<bool>(kPrimitives, true), 0, 1);
+    REQUIRE(plan);
+    const std::optional<AheadLimits> limits = plan->ahead();
+    REQUIRE(limits);
+    return limits->window;
+  };
+  constexpr uint64_t kSlack = uint64_t{16} << 20;  // process memory comes and goes
+  const uint64_t least = least_ahead(scene);
+  CHECK(largest(least + kSlack).vertices == kWindowTriangles);
+  CHECK(largest(least + kSlack).span == 4 * kWindowTriangles);
+  CHECK(largest(2 * least).vertices == 3 * kWindowTriangles);
+  CHECK(largest(2 * least).span == uint64_t{1} << 30);
+
+  // Of triangles without indices each has three of its own.
+  for (Primitive& primitive : scene.primitives) primitive.indices.reset();
+  CHECK(largest(least_ahead(scene) + kSlack).vertices == 3 * kWindowTriangles);
 }
 
 TEST_CASE("memory plan: compressed views take what their places, their readers and what is kept of them do",

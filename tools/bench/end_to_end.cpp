@@ -155,7 +155,7 @@ class EndToEnd {
     row_.unique_triangles = report->triangles;
     row_.drawn_triangles = report->triangles_drawn;
     row_.convert_s = report->seconds;
-    row_.convert_rates = convert::describe(report->rates);
+    row_.convert_work = convert::describe_work(*report);
     row_.peak_bytes = report->peak_bytes;
     row_.scree_bytes = report->output_bytes;
     row_.position_error = report->position_error;

@@ -37,7 +37,7 @@ struct EndToEndRow {
   uint64_t drawn_triangles = 0;
   uint64_t instances = 0;
   double convert_s = 0;
-  std::string convert_rates;  // what limited
+  std::string convert_work;  // what limited
   uint64_t memory = 0;        // that convert was allowed
   uint64_t peak_bytes = 0;    // that it took at once
   uint64_t scree_bytes = 0;

@@ -160,7 +160,7 @@ std::string end_to_end_table(const EndToEndRow& row) {
                          (row.gltf_cached_share > 0
                               ? ", up to " + fixed(100 * row.gltf_cached_share, 0) + "% of a file in the page cache"
                               : "")});
-  table.row({"convert", short_number(row.convert_s) + " s to " + row.encoding + ": " + row.convert_rates});
+  table.row({"convert", short_number(row.convert_s) + " s to " + row.encoding + ": " + row.convert_work});
   table.row({"disk alone", describe_disk(row)});
   table.row({"peak memory", format_bytes(row.peak_bytes) + " of " + format_bytes(row.memory)});
   table.row({".scree", format_bytes(row.scree_bytes) + ", " + fixed(row.bits_per_triangle(), 2) + " bits a triangle"});

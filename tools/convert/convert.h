@@ -97,6 +97,9 @@ struct ConvertReport {
 /// written are the same for any number of threads and any memory.
 Result<ConvertReport> convert(const ConvertOptions& options);
 
+/// "read 2.30 GiB/s, measure 493 M triangles/s, ...: encoding limits, 15 of 16 threads (--memory), ...".
+std::string describe_work(const ConvertReport& report);
+
 /// "a.glb -> a.scree: 1.41 MiB -> 283 KiB, ratio 5.10, ..." in one line.
 std::string describe(const ConvertOptions& options, const ConvertReport& report);
 

@@ -86,6 +86,17 @@ std::string describe_options(const ConvertOptions& options) {
   return text;
 }
 
+std::string describe_work(const ConvertReport& report) {
+  std::string text = describe(report.rates);
+  if (report.threads < report.threads_asked)
+    text +=
+        ", " + std::to_string(report.threads) + " of " + std::to_string(report.threads_asked) + " threads (--memory)";
+  if (report.windows_ahead > 0)
+    text += ", " + std::to_string(report.windows_ahead) + " of " + std::to_string(report.windows) +
+            " windows encoded before all were measured";
+  return text;
+}
+
 std::string describe(const ConvertOptions& options, const ConvertReport& report) {
   char numbers[256];
   const double in = static_cast<double>(report.input_bytes);
@@ -100,13 +111,7 @@ std::string describe(const ConvertOptions& options, const ConvertReport& report)
                 tools::format_bytes(report.peak_bytes).c_str());
   std::string text = options.input + " -> " + report.output + ": " + tools::format_bytes(report.input_bytes) + " -> " +
                      tools::format_bytes(report.output_bytes) + ", " + numbers;
-  if (report.rates.encoded_triangles > 0) text += "; " + describe(report.rates);
-  if (report.threads < report.threads_asked)
-    text +=
-        ", " + std::to_string(report.threads) + " of " + std::to_string(report.threads_asked) + " threads (--memory)";
-  if (report.windows_ahead > 0)
-    text += ", " + std::to_string(report.windows_ahead) + " of " + std::to_string(report.windows) +
-            " windows encoded before all were measured";
+  if (report.rates.encoded_triangles > 0) text += "; " + describe_work(report);
   if (report.sorted_triangles > 0)
     text += ", sorted " + tools::format_count(static_cast<double>(report.sorted_triangles)) +
             " triangles that lay in no order (a temporary file of " + tools::format_bytes(report.sort_file_bytes) + ")";

@@ -39,6 +39,7 @@ EncodeAhead::EncodeAhead(const ConvertOptions& options, const SourceScene& scene
       times_(times),
       progress_(std::move(progress)),
       most_waiting_(kWaitingPerThread * pool.threads()),
+      largest_(limits.window),
       held_(limits.held_bytes) {
   start_pass({});
 }
@@ -67,6 +68,7 @@ Result<void> EncodeAhead::take_one() {
 Result<void> EncodeAhead::take_window(const std::vector<Measured>& primitives, const WindowPlan& window,
                                       std::unique_ptr<HeldWindow>& held) {
   if (is_stopped_) return {};
+  if (!fits(window)) return stop();
   const Measured& measured = primitives[window.primitive];
   if (window.first == 0) begin_guess(window, measured);
   if (!guess_) return {};
@@ -79,6 +81,7 @@ Result<void> EncodeAhead::take_window(const std::vector<Measured>& primitives, c
 Result<void> EncodeAhead::take_measured(const std::vector<Measured>& primitives, std::span<const WindowPlan> windows,
                                         std::span<std::unique_ptr<HeldWindow>> held) {
   if (is_stopped_ || windows.empty()) return {};
+  if (!std::ranges::all_of(windows, [&](const WindowPlan& window) { return fits(window); })) return stop();
   const bool is_again = is_repeat(primitives, windows.front().primitive);
   const Result<uint64_t> first = settle_guess(primitives, windows, is_again);
   if (!first) return first.error();
@@ -183,6 +186,11 @@ Result<void> EncodeAhead::drop_guess() {
   discarded_windows_ += guess.windows;
   discarded_triangles_ += guess.windows * kWindowTriangles;
   return {};
+}
+
+/// Whether the memory that threads have is reckoned for it.
+bool EncodeAhead::fits(const WindowPlan& window) const {
+  return window.vertices <= largest_.vertices && window.span <= largest_.span;
 }
 
 bool EncodeAhead::is_group_alone(uint32_t primitive) const {

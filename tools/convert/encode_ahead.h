@@ -73,6 +73,7 @@ class EncodeAhead final : public MeasureListener {
   Result<void> drop_guess();
   Result<uint64_t> settle_guess(const std::vector<Measured>& primitives, std::span<const WindowPlan> windows,
                                 bool is_again);
+  bool fits(const WindowPlan& window) const;
   bool is_group_alone(uint32_t primitive) const;
   bool is_repeat(const std::vector<Measured>& primitives, uint32_t primitive);
   void add(const WindowPlan& window, std::unique_ptr<HeldWindow> held);
@@ -88,6 +89,7 @@ class EncodeAhead final : public MeasureListener {
   StageTimes& times_;
   const std::function<void(uint64_t)> progress_;
   const uint64_t most_waiting_;  // triangles
+  const WindowNeeds largest_;    // window
   HeldBudget held_;
   EqualGroups equal_;
   std::set<ContentHash> first_windows_;  // of hashed meshes that were guessed

@@ -39,6 +39,11 @@ constexpr uint64_t kInstanceBytes = 400;
 /// For the new numbers of the vertices of a primitive that is sorted, at least.
 constexpr uint64_t kLeastMapBytes = kMiB;
 
+// Of a window of indexed triangles that share vertices: half a vertex a triangle in a closed surface, and numbers that
+// lie some rows of a grid apart.
+constexpr uint64_t kUsualVertices = 1;
+constexpr uint64_t kUsualSpan = 4;
+
 /// Of the least that is stated, so that it still suffices when the process takes some pages more.
 constexpr uint64_t kLeastStep = 4 * kMiB;
 
@@ -83,6 +88,11 @@ Result<MemoryPlan> MemoryPlan::make(const ConvertOptions& options, const SourceS
     plan.most_.vertices = std::max(plan.most_.vertices, std::min(3 * triangles, primitive.vertex_count()));
     plan.most_.span = std::max(plan.most_.span, primitive.indices ? primitive.vertex_count() : 3 * triangles);
     plan.most_.chunks += chunks_of(all, options.chunk_triangles);
+    const uint64_t usual_vertices = (primitive.indices ? kUsualVertices : 3) * triangles;
+    const uint64_t usual_span =
+        primitive.indices ? std::min(kUsualSpan * triangles, primitive.vertex_count()) : 3 * triangles;
+    plan.usual_.vertices = std::max(plan.usual_.vertices, std::min(usual_vertices, primitive.vertex_count()));
+    plan.usual_.span = std::max(plan.usual_.span, usual_span);
     plan.id_bits_ = std::max(plan.id_bits_, static_cast<uint32_t>(std::bit_width(all)));
     if (may_sort(options) && all > triangles) {
       const SortNeeds needs =
@@ -97,6 +107,8 @@ Result<MemoryPlan> MemoryPlan::make(const ConvertOptions& options, const SourceS
     has_color |= primitive.color.has_value();
     has_normal |= primitive.normal.has_value();
   }
+  plan.usual_.triangles = plan.most_.triangles;
+  plan.usual_.chunks = plan.most_.chunks;
   plan.vertex_bits_ += (has_uv ? 48u : 0u) + (has_color ? 32u : 0u) + (has_normal && options.normals ? 24u : 0u);
   plan.attribute_components_ = has_color ? 4 : has_normal ? 3 : has_uv ? 2 : 0;
 
@@ -141,24 +153,9 @@ StageLimits MemoryPlan::images(uint64_t most) const {
 }
 
 std::optional<AheadLimits> MemoryPlan::ahead() const {
-  // Beside the tables, what each window adds to them, and each mesh's plan, are kept until all is measured. Windows of
-  // a glTF mesh wait for each other, listed as they were measured, as those that are kept, and as what is encoded.
-  constexpr uint64_t kWaitingBytes = sizeof(WindowPlan) + 2 * sizeof(std::unique_ptr<HeldWindow>) + sizeof(EncodeItem);
-  const uint64_t outcomes = most_.chunks * (sizeof(format::ChunkRecord) + sizeof(uint64_t)) +
-                            windows_ * sizeof(WindowOutcome) + primitives_ * sizeof(PlannedMesh) +
-                            group_windows_ * kWaitingBytes;
-  // A page is filled, one is on its way, and of one there is a copy, to go back to.
-  const uint64_t tables = table_bytes(most_) + 2 * outcomes + 3 * page_bytes(most_);
-  const uint64_t left = free_bytes() - std::min(free_bytes(), tables);
-  const uint64_t a_result = encoded_bytes(most_);
-  const uint64_t a_thread =
-      measure_thread_bytes(most_) + encode_thread_bytes(most_) + views_.reader_bytes + 2 * page_bytes(most_);
-  const uint64_t threads = std::min<uint64_t>(left / (a_thread + a_result), threads_);
-  if (4 * threads < 3 * uint64_t{measure().threads}) return std::nullopt;
-  const uint64_t rest = left - threads * (a_thread + a_result);
-  return AheadLimits{static_cast<uint32_t>(threads),
-                     threads * a_result + std::min(rest / 2, kFlightBytes + kFlightBytesPerThread * threads),
-                     std::min(rest / 2, kHeldBytesPerThread * threads)};
+  const uint64_t free = free_bytes();
+  const std::optional<AheadLimits> any = ahead_of(most_, free), usual = ahead_of(usual_, free);
+  return usual && (!any || any->threads < usual->threads) ? usual : any;
 }
 
 uint64_t MemoryPlan::most_stored_bytes(const Primitive& primitive) const {
@@ -197,6 +194,27 @@ uint64_t MemoryPlan::free_bytes() const {
   const uint64_t kept = std::max(views_.reader_bytes, std::min(views_.kept_bytes, kept_view_bytes(memory_)));
   const uint64_t taken = tools::memory_use().anonymous + kOtherBytes + kept + views_.place_bytes;
   return memory_ - std::min(memory_, taken);
+}
+
+std::optional<AheadLimits> MemoryPlan::ahead_of(const WindowNeeds& window, uint64_t free_bytes) const {
+  // Beside the tables, what each window adds to them, and each mesh's plan, are kept until all is measured. Windows of
+  // a glTF mesh wait for each other, listed as they were measured, as those that are kept, and as what is encoded.
+  constexpr uint64_t kWaitingBytes = sizeof(WindowPlan) + 2 * sizeof(std::unique_ptr<HeldWindow>) + sizeof(EncodeItem);
+  const uint64_t outcomes = window.chunks * (sizeof(format::ChunkRecord) + sizeof(uint64_t)) +
+                            windows_ * sizeof(WindowOutcome) + primitives_ * sizeof(PlannedMesh) +
+                            group_windows_ * kWaitingBytes;
+  // A page is filled, one is on its way, and of one there is a copy, to go back to.
+  const uint64_t tables = table_bytes(window) + 2 * outcomes + 3 * page_bytes(window);
+  const uint64_t left = free_bytes - std::min(free_bytes, tables);
+  const uint64_t a_result = encoded_bytes(window);
+  const uint64_t a_thread =
+      measure_thread_bytes(most_) + encode_thread_bytes(window) + views_.reader_bytes + 2 * page_bytes(window);
+  const uint64_t threads = std::min<uint64_t>(left / (a_thread + a_result), threads_);
+  if (4 * threads < 3 * uint64_t{measure().threads}) return std::nullopt;
+  const uint64_t rest = left - threads * (a_thread + a_result);
+  return AheadLimits{static_cast<uint32_t>(threads),
+                     threads * a_result + std::min(rest / 2, kFlightBytes + kFlightBytesPerThread * threads),
+                     std::min(rest / 2, kHeldBytesPerThread * threads), window};
 }
 
 /// Window's vectors. They keep what the largest window took, and windows are numbered in three ways (window.cpp).

@@ -37,6 +37,7 @@ struct AheadLimits {
   uint32_t threads = 1;
   uint64_t flight_bytes = 0;  // of encoded windows
   uint64_t held_bytes = 0;    // of measured windows that wait
+  WindowNeeds window;         // the largest that is encoded
 };
 
 class MemoryPlan {
@@ -52,6 +53,8 @@ class MemoryPlan {
   /// flight_bytes: for images, at most `most`.
   StageLimits images(uint64_t most) const;
   /// Where measuring and encoding go on at once, what they may; nothing where that would leave threads without work.
+  /// Where any window that the document allows would leave more of them idle, windows of indexed triangles count with a
+  /// vertex a triangle, as nearly all have less; AheadLimits::window says so.
   std::optional<AheadLimits> ahead() const;
   /// More than the chunks of a primitive will take in the file.
   uint64_t most_stored_bytes(const Primitive& primitive) const;
@@ -61,6 +64,7 @@ class MemoryPlan {
 
  private:
   uint64_t free_bytes() const;
+  std::optional<AheadLimits> ahead_of(const WindowNeeds& window, uint64_t free_bytes) const;
   uint64_t window_bytes(const WindowNeeds& needs) const;
   uint64_t measure_thread_bytes(const WindowNeeds& needs) const;
   uint64_t encode_thread_bytes(const WindowNeeds& needs) const;
@@ -81,7 +85,8 @@ class MemoryPlan {
   uint64_t vertex_bits_ = 0;           // most that are stored
   uint64_t attribute_components_ = 0;  // most of one attribute
   PackedViewMemory views_;
-  WindowNeeds most_;  // of any window, by what the document says
+  WindowNeeds most_;   // of any window, by what the document says
+  WindowNeeds usual_;  // as most_, where triangles share vertices
 };
 
 /// Page cache for what is read ahead, which is no memory of the process, of `memory` in all.
