@@ -201,7 +201,7 @@ TEST_CASE("convert: under a tight --memory a window with more vertices than most
   const uint64_t plenty = windows_ahead(tight.convert_within(kPlentyMiB));
   const std::string bytes = tight.bytes();
   const uint64_t least = tight.least();
-  // With the least of it all vertices of a window have room, or those of most windows beside a second of them.
+  // Enough to measure any window, and to measure and encode one of a vertex a triangle.
   const tests::ProgramRun run = tight.convert_within(least + 8);
   const uint64_t few = windows_ahead(run);
   CHECK(few > 0);

@@ -165,9 +165,10 @@ constexpr WindowNeeds kAnyWindow{kWindowTriangles, 3 * kWindowTriangles, uint64_
 
 /// A conversion up to where all is measured.
 struct Start {
-  Start(const ConvertOptions& options, SourceScene& scene, format::ContainerWriter& writer)
+  Start(const ConvertOptions& options, SourceScene& scene, format::ContainerWriter& writer,
+        const WindowNeeds& largest = kAnyWindow)
       : pool(1, nullptr),
-        ahead(options, scene, pool, writer, {1, 64 << 20, 64 << 20, kAnyWindow}, times, [](uint64_t) {}),
+        ahead(options, scene, pool, writer, {1, 64 << 20, 64 << 20, largest}, times, [](uint64_t) {}),
         measured(measure(scene, {true}, {true, false, false, options.normals, {}},
                          {pool, times, [](uint64_t) {}, 0, &ahead})) {
     REQUIRE(measured);
@@ -399,6 +400,28 @@ TEST_CASE("encode ahead: nothing is left of a giant primitive that fails while i
   CHECK(written->windows.empty());
   CHECK_FALSE(written->page.is_open);
   CHECK(writer->page_count() == 0);
+}
+
+TEST_CASE("encode ahead: no window of a giant primitive is encoded for which there is no memory", "[convert][guess]") {
+  const TempFolder folder;
+  Model model(folder);
+  model.add("giant", model.maker().grid(kGiant));
+  model.finish();
+  model.state(model.boxes());
+  const ConvertOptions options = fast_options_of(folder);
+  WindowNeeds largest = kAnyWindow;
+  (GENERATE(true, false) ? largest.vertices : largest.span) = 100000;
+  CAPTURE(largest.vertices, largest.span);
+  Result<SourceScene> scene = import_gltf(options.input, {});
+  REQUIRE(scene);
+  Result<format::ContainerWriter> writer = format::ContainerWriter::create(options.output);
+  REQUIRE(writer);
+  Start start(options, *scene, *writer, largest);
+  const Result<EncodeAhead::Written> written = start.ahead.finish();
+  REQUIRE(written);
+  CHECK(start.ahead.is_stopped());
+  CHECK(written->windows.empty());
+  CHECK(written->discarded == 0);
 }
 
 TEST_CASE("convert --resume: goes on with what a guess left, right or wrong", "[convert][resume][guess]") {

@@ -38,8 +38,8 @@ struct EndToEndRow {
   uint64_t instances = 0;
   double convert_s = 0;
   std::string convert_work;  // what limited
-  uint64_t memory = 0;        // that convert was allowed
-  uint64_t peak_bytes = 0;    // that it took at once
+  uint64_t memory = 0;       // that convert was allowed
+  uint64_t peak_bytes = 0;   // that it took at once
   uint64_t scree_bytes = 0;
   double gltf_raw_gb_per_s = 0;  // of the glTF's largest file past the page cache; 0: not to be had
   RawRate raw_write;             // of a file beside it past the page cache; no bytes: not to be had

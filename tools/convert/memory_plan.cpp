@@ -39,10 +39,10 @@ constexpr uint64_t kInstanceBytes = 400;
 /// For the new numbers of the vertices of a primitive that is sorted, at least.
 constexpr uint64_t kLeastMapBytes = kMiB;
 
-// Of a window of indexed triangles that share vertices: half a vertex a triangle in a closed surface, and numbers that
-// lie some rows of a grid apart.
-constexpr uint64_t kUsualVertices = 1;
-constexpr uint64_t kUsualSpan = 4;
+// Of a window of indexed triangles that share vertices: one a triangle and those that the first begins with, as in a
+// strip, where a closed surface has half as many; their numbers lie some rows of a grid apart.
+constexpr uint64_t kFirstVertices = 2;
+constexpr uint64_t kUsualSpan = 4;  // a triangle
 
 /// Of the least that is stated, so that it still suffices when the process takes some pages more.
 constexpr uint64_t kLeastStep = 4 * kMiB;
@@ -88,7 +88,7 @@ Result<MemoryPlan> MemoryPlan::make(const ConvertOptions& options, const SourceS
     plan.most_.vertices = std::max(plan.most_.vertices, std::min(3 * triangles, primitive.vertex_count()));
     plan.most_.span = std::max(plan.most_.span, primitive.indices ? primitive.vertex_count() : 3 * triangles);
     plan.most_.chunks += chunks_of(all, options.chunk_triangles);
-    const uint64_t usual_vertices = (primitive.indices ? kUsualVertices : 3) * triangles;
+    const uint64_t usual_vertices = primitive.indices ? triangles + kFirstVertices : 3 * triangles;
     const uint64_t usual_span =
         primitive.indices ? std::min(kUsualSpan * triangles, primitive.vertex_count()) : 3 * triangles;
     plan.usual_.vertices = std::max(plan.usual_.vertices, std::min(usual_vertices, primitive.vertex_count()));
@@ -153,9 +153,8 @@ StageLimits MemoryPlan::images(uint64_t most) const {
 }
 
 std::optional<AheadLimits> MemoryPlan::ahead() const {
-  const uint64_t free = free_bytes();
-  const std::optional<AheadLimits> any = ahead_of(most_, free), usual = ahead_of(usual_, free);
-  return usual && (!any || any->threads < usual->threads) ? usual : any;
+  const std::optional<AheadLimits> any = ahead_of(most_);
+  return any ? any : ahead_of(usual_);
 }
 
 uint64_t MemoryPlan::most_stored_bytes(const Primitive& primitive) const {
@@ -196,7 +195,7 @@ uint64_t MemoryPlan::free_bytes() const {
   return memory_ - std::min(memory_, taken);
 }
 
-std::optional<AheadLimits> MemoryPlan::ahead_of(const WindowNeeds& window, uint64_t free_bytes) const {
+std::optional<AheadLimits> MemoryPlan::ahead_of(const WindowNeeds& window) const {
   // Beside the tables, what each window adds to them, and each mesh's plan, are kept until all is measured. Windows of
   // a glTF mesh wait for each other, listed as they were measured, as those that are kept, and as what is encoded.
   constexpr uint64_t kWaitingBytes = sizeof(WindowPlan) + 2 * sizeof(std::unique_ptr<HeldWindow>) + sizeof(EncodeItem);
@@ -205,7 +204,7 @@ std::optional<AheadLimits> MemoryPlan::ahead_of(const WindowNeeds& window, uint6
                             group_windows_ * kWaitingBytes;
   // A page is filled, one is on its way, and of one there is a copy, to go back to.
   const uint64_t tables = table_bytes(window) + 2 * outcomes + 3 * page_bytes(window);
-  const uint64_t left = free_bytes - std::min(free_bytes, tables);
+  const uint64_t left = free_bytes() - std::min(free_bytes(), tables);
   const uint64_t a_result = encoded_bytes(window);
   const uint64_t a_thread =
       measure_thread_bytes(most_) + encode_thread_bytes(window) + views_.reader_bytes + 2 * page_bytes(window);
@@ -221,7 +220,7 @@ std::optional<AheadLimits> MemoryPlan::ahead_of(const WindowNeeds& window, uint6
 uint64_t MemoryPlan::window_bytes(const WindowNeeds& needs) const {
   const uint64_t table = std::min(needs.span, 12 * needs.triangles + 1024);
   uint64_t bytes = 20 * needs.triangles + 8 * table + 12 * needs.vertices;
-  if (needs.span > table) bytes += std::min(needs.span, uint64_t{1} << 26) * 3 / 16;
+  bytes += std::min(needs.span, uint64_t{1} << 26) * 3 / 16;
   if (needs.span > uint64_t{1} << 26) bytes += 48 * needs.triangles;
   return bytes;
 }
@@ -237,8 +236,9 @@ uint64_t MemoryPlan::encode_thread_bytes(const WindowNeeds& needs) const {
   bytes += 4 * v + 12 * v + 4 * attribute_components_ * v;  // slots, coordinates, floats
   bytes += 8 * std::min(3 * t, v + v / 2);                  // vertices of all chunks
   bytes += 29 * t + 12 * v;                                 // FifoOrder
-  if (needs.span > 12 * t + 1024) bytes += 12 * t + 4 * v;  // numbered by first use
-  bytes += 8 * std::bit_ceil(v + v / 4 + 2) + 13 * v;       // Welder
+  const uint64_t scattered = std::min(t, needs.span / 12);  // triangles of a window that is numbered by first use
+  bytes += 12 * scattered + 4 * std::min(v, 3 * scattered);
+  bytes += 8 * std::bit_ceil(v + v / 4 + 2) + 13 * v;  // Welder
   if (clustered_) bytes += 30 * t + 20 * v + 2 * encoded_bytes(needs);
   if (clustered_ && source_ids_) bytes += 4 * t;  // which triangles are where
   const uint64_t chunk = chunk_triangles_ == 0 ? t : std::min(t, chunk_triangles_);

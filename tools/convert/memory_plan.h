@@ -53,8 +53,8 @@ class MemoryPlan {
   /// flight_bytes: for images, at most `most`.
   StageLimits images(uint64_t most) const;
   /// Where measuring and encoding go on at once, what they may; nothing where that would leave threads without work.
-  /// Where any window that the document allows would leave more of them idle, windows of indexed triangles count with a
-  /// vertex a triangle, as nearly all have less; AheadLimits::window says so.
+  /// Where they suffice only so, windows of indexed triangles count with a vertex a triangle, as nearly all have less;
+  /// AheadLimits::window says so.
   std::optional<AheadLimits> ahead() const;
   /// More than the chunks of a primitive will take in the file.
   uint64_t most_stored_bytes(const Primitive& primitive) const;
@@ -64,7 +64,7 @@ class MemoryPlan {
 
  private:
   uint64_t free_bytes() const;
-  std::optional<AheadLimits> ahead_of(const WindowNeeds& window, uint64_t free_bytes) const;
+  std::optional<AheadLimits> ahead_of(const WindowNeeds& window) const;
   uint64_t window_bytes(const WindowNeeds& needs) const;
   uint64_t measure_thread_bytes(const WindowNeeds& needs) const;
   uint64_t encode_thread_bytes(const WindowNeeds& needs) const;
