@@ -74,7 +74,9 @@ struct ClusterShared {
   ClusterStage stages[2];
   RunCluster run[kRunClusters];
   WaitingTriangle waiting[kWarpLanes - 1 + format::kMaxClusterTriangles];
-  uint64_t end;  // how many clusters the pass has, or where they are shared parts of them
+  uint64_t end;       // how many clusters the pass has, or where they are shared parts of them
+  uint32_t asks;      // whether they are asked again (ClusterWarp::find_shown)
+  uint32_t left_out;  // of those
   union {
     // Of each vertex the first pixel centre at or after it and the last one at or before it, with the filter's slack;
     // two 16-bit numbers each. The smallest `first` and the largest `last` of three corners hold the triangle's
@@ -121,15 +123,57 @@ struct ClusterPrediction {
   }
 };
 
-/// Prepares a run: items `first` and on, of which there are `count`. A lane of the first half finds a cluster and the u
-/// axis of its map, the lane 16 further its v axis. `maps`: whether there are to be maps.
+/// Whether the picture hides a box by now.
+__device__ inline bool is_hidden_by_now(const Target& target, const ScreenBounds& bounds) {
+  const PixelBox& box = bounds.pixels;
+  for (int32_t y = box.y0; y <= box.y1; ++y) {
+    const uint64_t* const row = target.samples + static_cast<uint64_t>(y) * static_cast<uint64_t>(target.width);
+    for (int32_t x = box.x0; x <= box.x1; ++x) {
+      if (bounds.nearest_code <= sample_depth_code(WarpTeam::look(row + x))) return false;
+    }
+  }
+  return true;
+}
+
+/// Names in the run which of the items `first` and on may show still, as the picture has become since they were found;
+/// returns how many. The others lose their bits (ClusterPass). Boxes of more than a few samples are not asked.
 template <bool kOrthographic>
+__device__ inline uint32_t list_shown(const ClusterFrame& frame, uint32_t first, uint32_t count) {
+  constexpr int32_t kMostSamples = 8;  // a side
+  ClusterShared& shared = cluster_shared();
+  const uint32_t lane = threadIdx.x % kWarpLanes;
+  bool shows = lane < count;
+  if (shows) {
+    const ClusterItem item = frame.list.items[first + lane];
+    const ClusterDraw& draw = frame.list.draws[item.draw];
+    const OffsetBox box = offset_box(load_bounds(draw.cluster_bounds() + item.cluster));
+    const FrameView& view = frame.small.view;
+    ScreenBounds on_screen;
+    shows = bound_on_screen<kOrthographic>(draw.filter, view, center_range(view), box, on_screen) == BoxShows::kCenters;
+    const PixelBox& pixels = on_screen.pixels;
+    if (shows && max_of(pixels.x1 - pixels.x0, pixels.y1 - pixels.y0) < kMostSamples)
+      shows = !is_hidden_by_now(frame.small.target, on_screen);
+    if (!shows) {  // nor is it to be drawn first in the next frame
+      atomicAnd(frame.list.seen + draw.first_word + item.cluster / format::kGroupClusters,
+                ~(1u << item.cluster % format::kGroupClusters));
+    }
+  }
+  const uint32_t shown = __ballot_sync(~0u, shows);
+  if (shows) shared.run[__popc(shown & ((1u << lane) - 1))].item = first + lane;
+  return static_cast<uint32_t>(__popc(shown));
+}
+
+/// Prepares a run: items `first` and on, or where `kListed` those that it names, of which there are `count`. A lane of
+/// the first half finds a cluster and the u axis of its map, the lane 16 further its v axis. `maps`: whether there are
+/// to be maps.
+template <bool kOrthographic, bool kListed>
 __device__ inline void prepare_run(const ClusterFrame& frame, uint32_t first, uint32_t count, bool maps) {
   ClusterShared& shared = cluster_shared();
   const uint32_t lane = threadIdx.x % kWarpLanes;
   const uint32_t place = min_of(lane % kRunClusters, count - 1);
   const bool second_axis = lane >= kRunClusters;
-  const ClusterItem item = frame.list.items[first + place];
+  const uint32_t number = kListed ? shared.run[place].item : first + place;
+  const ClusterItem item = frame.list.items[number];
   const ClusterDraw& draw = frame.list.draws[item.draw];
   const uint4 record = __ldg(reinterpret_cast<const uint4*>(draw.clusters() + item.cluster));
   const format::ClusterLayout at = format::cluster_layout({record.x, record.y, record.z, record.w});
@@ -178,7 +222,7 @@ __device__ inline void prepare_run(const ClusterFrame& frame, uint32_t first, ui
                (at.wide_steps ? RunCluster::kWideSteps : 0) | (pieces > kStagePieces ? RunCluster::kCut : 0) |
                (place == count - 1 ? RunCluster::kLast : 0) | at.predicted_axis << 27;
   out.codes = at.position_bits[0] | bits_xy << 8 | bits_xyz << 16;
-  out.item = first + place;
+  if constexpr (!kListed) out.item = number;
 }
 static_assert(2 * kRunClusters == kWarpLanes);
 
@@ -424,9 +468,13 @@ __device__ inline bool project_waiting(const ClusterFrame& frame, const WaitingT
 }
 
 /// One warp's way through the clusters to be drawn. `kParts`: of a cluster, where there are few; 1 is 2% faster where
-/// there are many, since nothing has to be known of parts then.
-template <bool kOrthographic, uint32_t kParts>
+/// there are many, since nothing has to be known of parts then. `kAsksAgain`: of a pass with many clusters beside the
+/// first one, as after a jump of the camera, it leaves out those that are hidden by what was drawn since they were
+/// found; then kParts is 1.
+template <bool kOrthographic, uint32_t kParts, bool kAsksAgain>
 class ClusterWarp {
+  static_assert(!kAsksAgain || kParts == 1);
+
  public:
   __device__ explicit ClusterWarp(const ClusterFrame& frame) : frame_(frame), lane_(threadIdx.x % kWarpLanes) {}
 
@@ -441,6 +489,10 @@ class ClusterWarp {
     if constexpr (kParts != 1) parts_ = 2 * total * kParts <= 5 * warps ? kParts : 1;
     ClusterShared& shared = cluster_shared();
     if (lane_ == 0) shared.end = total * parts();
+    if (kAsksAgain && lane_ == 0) {
+      shared.asks = counters.clusters[frame_.pass] > counters.clusters[0] / kManySeen ? 1 : 0;
+      shared.left_out = 0;
+    }
     __syncwarp();
     // The next run is asked for before this one is drawn: so nobody waits for the answer.
     Run next = take_run(0, warps);
@@ -456,9 +508,13 @@ class ClusterWarp {
     if (waiting_ != 0) draw_waiting();
     const uint64_t small = __reduce_add_sync(~0u, small_);
     if (lane_ == 0 && small != 0) WarpTeam::add(&counters.queues.triangles_small, small);
+    if (kAsksAgain && lane_ == 0 && shared.left_out != 0)
+      WarpTeam::add(&counters.clusters_left_out, uint64_t{shared.left_out});
   }
 
  private:
+  static constexpr uint64_t kManySeen = 4;  // a quarter of the first pass's clusters: fewer are hardly ever hidden
+
   /// Clusters, or where they are shared parts of them.
   struct Run {
     uint64_t start;
@@ -480,7 +536,9 @@ class ClusterWarp {
   /// Clusters `first` and on; where they are shared, one of them, and only a `part` of its triangles.
   __device__ void draw_run(uint32_t first, uint32_t count, uint32_t part) {
     ClusterShared& shared = cluster_shared();
-    prepare_run<kOrthographic>(frame_, first, count, parts() == 1 && frame_.small.filters);
+    if constexpr (kAsksAgain) count = find_shown(first, count);
+    if (kAsksAgain && count == 0) return;
+    prepare_run<kOrthographic, kAsksAgain>(frame_, first, count, parts() == 1 && frame_.small.filters);
     __syncwarp();
     stage_cluster(shared.run[0], shared.stages[0]);
     __pipeline_commit();
@@ -515,6 +573,20 @@ class ClusterWarp {
     __syncwarp();
   }
 
+  /// Names in the run which of the items `first` and on are drawn; returns how many.
+  __device__ uint32_t find_shown(uint32_t first, uint32_t count) {
+    ClusterShared& shared = cluster_shared();
+    uint32_t shown = count;
+    if (shared.asks != 0) {
+      shown = list_shown<kOrthographic>(frame_, first, count);
+      if (lane_ == 0) shared.left_out += count - shown;
+    } else if (lane_ < count) {
+      shared.run[lane_].item = first + lane_;
+    }
+    __syncwarp();
+    return shown;
+  }
+
   /// Draws the last up to 32 that wait, a lane each.
   __device__ void draw_waiting() {
     ClusterShared& shared = cluster_shared();
@@ -544,10 +616,10 @@ class ClusterWarp {
   uint32_t small_ = 0;
 };
 
-template <bool kOrthographic, uint32_t kParts>
+template <bool kOrthographic, uint32_t kParts, bool kAsksAgain>
 __global__ void __launch_bounds__(kClusterThreads, kClusterBlocks)
     raster_clusters(const __grid_constant__ ClusterFrame frame) {
-  ClusterWarp<kOrthographic, kParts>(frame).run();
+  ClusterWarp<kOrthographic, kParts, kAsksAgain>(frame).run();
 }
 
 /// Draws the triangles of clusters that need clipping, or whose reference is too far away for int32; a thread each, and

@@ -2,6 +2,8 @@
 // where the one above is to be seen.
 #pragma once
 
+#include <bit>
+
 #include "kernels/cluster_bounds.h"
 #include "kernels/cluster_list.h"
 #include "kernels/cuda_cull.cuh"
@@ -197,10 +199,14 @@ struct UnitRange {
   uint64_t end;
 };
 
-/// The units of a round: the last has the farther half of all, the one before half of the rest, and so on.
+/// The units of a round: up to the share ((round + 1) / rounds)^3 of all, from near to far.
 __device__ inline UnitRange units_of_round(uint64_t total, uint32_t round, uint32_t rounds) {
-  return {round == 0 ? 0 : total >> (rounds - round), total >> (rounds - 1 - round)};
+  const auto end_of = [&](uint64_t round_count) {
+    return total * (round_count * round_count * round_count) / (uint64_t{rounds} * rounds * rounds);
+  };
+  return {end_of(round), end_of(round + 1)};
 }
+static_assert(kUnitBits + 3 * std::bit_width(kMostRounds) <= 64);
 
 /// How a pass takes the bits of the clusters seen before: it draws those, or tests the others and draws them, or there
 /// are none. The bits are hints, and wrong ones cost time alone, as long as none is set between a draw's first pass and

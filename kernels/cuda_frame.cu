@@ -272,15 +272,15 @@ Result<void> CudaFrames::Impl::open_clusters(const SceneView& host, const CudaQu
   if (done) done = queues.clipped.tiles.allocate(sizes.tiles, "allocating the queues");
   if (done)
     done = queues.grow({0, 0, 0, first_items(tables.cluster_groups, sizes), sizes.to_clip, sizes.clipped, 0, 0});
-  const auto prepare_clusters = [&](const void* kernel) {
-    return cuda_check(cudaFuncSetAttribute(kernel, cudaFuncAttributeMaxDynamicSharedMemorySize,
-                                           static_cast<int>(kClusterWarps * sizeof(ClusterShared))),
-                      "asking for shared memory");
-  };
-  if (done) done = prepare_clusters(reinterpret_cast<const void*>(raster_clusters<false, 1>));
-  if (done) done = prepare_clusters(reinterpret_cast<const void*>(raster_clusters<true, 1>));
-  if (done) done = prepare_clusters(reinterpret_cast<const void*>(raster_clusters<false, kClusterParts>));
-  if (done) done = prepare_clusters(reinterpret_cast<const void*>(raster_clusters<true, kClusterParts>));
+  for (const auto kernel :
+       {raster_clusters<false, 1, false>, raster_clusters<false, 1, true>, raster_clusters<false, kClusterParts, false>,
+        raster_clusters<true, 1, false>, raster_clusters<true, 1, true>, raster_clusters<true, kClusterParts, false>}) {
+    if (!done) break;
+    done = cuda_check(
+        cudaFuncSetAttribute(reinterpret_cast<const void*>(kernel), cudaFuncAttributeMaxDynamicSharedMemorySize,
+                             static_cast<int>(kClusterWarps * sizeof(ClusterShared))),
+        "asking for shared memory");
+  }
   return done;
 }
 
@@ -377,8 +377,11 @@ void CudaFrames::Impl::submit_clusters(const SmallFrame& small, uint32_t round, 
         cluster_cull(small.list, {options.cluster_bounds, options.occlusion}, pass, round, rounds));
   }
   const ClusterFrame clusters{small, cluster_list(), pass};
-  const auto kernel =
-      in_two_passes() ? raster_clusters<kOrthographic, 1> : raster_clusters<kOrthographic, kClusterParts>;
+  // Not of parts of a frame: what the last of them draws has no first pass to compare with.
+  const bool asks_again = kPass == ClusterPass::kNewlySeen && options.part == FramePart::kWhole;
+  const auto kernel = !in_two_passes() ? raster_clusters<kOrthographic, kClusterParts, false>
+                      : asks_again     ? raster_clusters<kOrthographic, 1, true>
+                                       : raster_clusters<kOrthographic, 1, false>;
   kernel<<<multiprocessors * kClusterBlocks, kClusterThreads, kClusterWarps * sizeof(ClusterShared), stream>>>(
       clusters);
   if (!clips_aside()) raster_clipped<kOrthographic><<<multiprocessors, kClusterThreads, 0, stream>>>(clusters);
@@ -612,7 +615,7 @@ Result<CudaFrames::Finished> CudaFrames::finish(FrameTimes* times) {
     if (Result<void> done = impl_->submit(); !done) return done.error();
   }
   impl_->last_view = impl_->frame;
-  // What a jump of the camera drew was mostly hidden in the end.
+  // What a jump of the camera found was mostly hidden in the end.
   const uint64_t seen_before = impl_->seen->clusters[0];
   const uint64_t newly_seen = clusters_before(*impl_->seen, kClusterPasses) - seen_before;
   // What parts draw first is asked anew always: few of the chunks that it may hide behind were there.
@@ -634,7 +637,7 @@ Result<CudaFrames::Finished> CudaFrames::finish(FrameTimes* times) {
   stats.triangles_clipped = seen.triangles_clipped;
   stats.groups_tested = impl_->seen->groups_tested;
   stats.clusters_tested = impl_->seen->clusters_tested;
-  stats.clusters_drawn = clusters_before(*impl_->seen, kClusterPasses);
+  stats.clusters_drawn = clusters_before(*impl_->seen, kClusterPasses) - impl_->seen->clusters_left_out;
   return Finished{stats, is_drawn_again};
 }
 

@@ -70,6 +70,7 @@ struct FrameCounters {
   uint64_t to_clip;                       // queued
   uint64_t groups_tested;
   uint64_t clusters_tested;
+  uint64_t clusters_left_out;  // of the queue: hidden when their turn came
   DrawnTriangles drawn;
   DrawnTriangles clipped_drawn;
   uint64_t to_clip_drawn;

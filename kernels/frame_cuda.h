@@ -57,8 +57,9 @@ struct CudaQueueSizes {
   // Scenes of fewer groups of clusters are drawn in one pass: the pyramid and the second would cost more than they
   // save. Where they have no other chunks one kernel culls them, with a ClusterDraw for each group.
   uint64_t two_pass_groups = 2048;
-  // Where the camera moves the second pass goes in a round for so many groups, and one more for every doubling.
-  uint64_t round_groups = 1u << 15;
+  // Where the camera moves the second pass goes in one round for less than twice so many groups, and in one more for
+  // every doubling.
+  uint64_t round_groups = 1u << 17;
 };
 
 /// Draws on the current device, on one stream that the default stream is ordered with, one frame at a time.

@@ -211,6 +211,10 @@ T atomicMax(T* at, std::type_identity_t<T> value) {
   return atomic_change(at, [&](T was) { return std::max(was, value); });
 }
 template <class T>
+T atomicAnd(T* at, std::type_identity_t<T> value) {
+  return atomic_change(at, [&](T was) { return was & value; });
+}
+template <class T>
 T atomicCAS(T* at, std::type_identity_t<T> expected, std::type_identity_t<T> value) {
   scree::emulator::pause_at_atomic();
   std::atomic_ref(*at).compare_exchange_strong(expected, value);

@@ -179,3 +179,29 @@ TEST_CASE("culling of clusters changes no picture", "[cuda]") {
   check_culling(synth::zorahlike_scene(synth::MeshOrder::kRow, 0.002), 200, rounds);
   check_culling(synth::zorahlike_scene(synth::MeshOrder::kRow, 0.002), 20, {});
 }
+
+// In one round nothing is drawn yet when clusters are looked for, so that only those outside of the view are left out;
+// all others are hidden by what is drawn before their turn, or not at all.
+TEST_CASE("a first frame leaves out clusters that it has hidden by their turn", "[cuda]") {
+  if (!tests::has_gpu()) return;
+  const double scale = tests::kEmulatesGpu ? 0.001 : 0.2;  // more clusters than are drawn at a time
+  const synth::Scene scene = synth::lantern_scene(synth::MeshOrder::kRow, scale);
+  const Result<ResidentScene> resident = ResidentScene::generate(scene, kClustered[0]);
+  REQUIRE(resident);
+  kernels::CudaQueueSizes sizes;
+  sizes.two_pass_groups = 1;
+  sizes.round_groups = ~uint64_t{0};
+  std::mt19937 random(1);
+  for (int i = 0; i < 2; ++i) {
+    Result<Frames> frames = Frames::create(*resident, sizes);
+    REQUIRE(frames);
+    const kernels::View view = tests::random_view(scene, random, i, {160, 90}, {61, 101});
+    const Drawn bounds = draw(*frames, view, {true, false});
+    const Drawn first = draw(*frames, view, {true, true});
+    INFO("camera " << i << ": " << first.clusters << " of " << bounds.clusters);
+    const bool equal = first.samples == bounds.samples;
+    CHECK(equal);
+    CHECK(first.clusters > 0);
+    CHECK(first.clusters < bounds.clusters);
+  }
+}
