@@ -10,6 +10,7 @@
 
 #include "tests/catch.h"
 #include "tests/models.h"
+#include "tests/sanitized.h"
 #include "tests/tools/convert_fixture.h"
 #include "tests/tools/model_maker.h"
 #include "tests/tools/run_program.h"
@@ -207,9 +208,7 @@ TEST_CASE("convert: under a tight --memory a window with more vertices than most
   CHECK(few > 0);
   CHECK(few < plenty);
   CHECK((tight.bytes() == bytes));
-#if !defined(__SANITIZE_ADDRESS__)  // which multiplies memory
-  CHECK(tests::stated_peak(run.output) <= (least + 8) << 20);
-#endif
+  if (!tests::kIsSanitized) CHECK(tests::stated_peak(run.output) <= (least + 8) << 20);
 }
 
 TEST_CASE("convert: what needs all meshes measured ends encoding ahead", "[convert][ahead][sort]") {

@@ -12,6 +12,7 @@
 
 #include "tests/catch.h"
 #include "tests/models.h"
+#include "tests/sanitized.h"
 #include "tests/tools/many_files.h"
 #include "tests/tools/temp_folder.h"
 #include "tools/common/memory_use.h"
@@ -244,11 +245,8 @@ TEST_CASE("a document's own size bounds the memory it takes", "[import]") {
   REQUIRE(scene->scenes.size() == 1);
   CHECK(scene->scenes[0].roots.size() == 120000);
   CHECK(scene->warnings.size() == 1);
-#if defined(__SANITIZE_ADDRESS__)
-  constexpr uint64_t kQuarantine = uint64_t{256} << 20;  // freed memory that the sanitizer holds back
-#else
-  constexpr uint64_t kQuarantine = 0;
-#endif
+  // Freed memory that the sanitizer holds back.
+  constexpr uint64_t kQuarantine = tests::kIsSanitized ? uint64_t{256} << 20 : 0;
   if (most) CHECK(*most < 15 * json.size() + (uint64_t{64} << 20) + kQuarantine);
 }
 

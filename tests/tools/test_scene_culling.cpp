@@ -6,6 +6,7 @@
 #include "tests/catch.h"
 #include "tests/kernels/draw_counted.h"
 #include "tests/runtime/load_scene.h"
+#include "tests/sanitized.h"
 #include "tests/tools/convert_fixture.h"
 #include "tests/tools/random_view.h"
 #include "tools/synth/scenes.h"
@@ -15,11 +16,7 @@ using namespace scree;
 
 namespace {
 
-#if defined(__SANITIZE_ADDRESS__)
-constexpr int kCameras = 3;
-#else
-constexpr int kCameras = 25;  // 200 pictures of four scenes in two encodings
-#endif
+constexpr int kCameras = tests::kIsSanitized ? 3 : 25;  // 200 pictures of four scenes in two encodings
 
 struct Share {
   const char* name;
