@@ -102,39 +102,6 @@ ConvertReport must_be_same(ConvertOptions options) {
   return ahead;
 }
 
-}  // namespace
-
-TEST_CASE("convert: encodes while it measures, the same bytes", "[convert][ahead]") {
-  const TempFolder folder;
-  const Kind kind = GENERATE(kPlain, kImages);
-  make_scene(folder.file("in.glb"), kind);
-  ConvertOptions options = options_of(folder);
-  options.encoding = GENERATE(Encoding::kIndexed, Encoding::kClustered);
-  for (const uint32_t threads : {1u, 3u}) {
-    options.threads = threads;
-    const ConvertReport report = must_be_same(options);
-    // With one thread at most 400,000 triangles wait, of which there are 780,000.
-    if (threads == 1) CHECK(report.windows_ahead > 4);
-    CHECK(report.rates.measured_triangles >= report.triangles);
-    CHECK(report.windows_ahead <= report.windows);
-  }
-  tests::must_match(options);
-}
-
-TEST_CASE("convert: windows that are measured are not read again", "[convert][ahead]") {
-  const TempFolder folder;
-  make_scene(folder.file("in.glb"), kPlain);
-  ConvertOptions options = options_of(folder);
-  options.weld = options.share = false;
-  const ConvertReport report = must_convert(options);
-  // Positions, indices and texture coordinates once; colours, which measuring looks at, twice.
-  CHECK(report.rates.read_bytes < 3 * report.input_bytes / 2);
-  options.resume = true;
-  CHECK(must_convert(options).rates.read_bytes > 3 * report.input_bytes / 2);
-}
-
-namespace {
-
 /// Of a run of the program, as its closing line says.
 uint64_t windows_ahead(const tests::ProgramRun& run) {
   INFO(run.output);
@@ -178,6 +145,35 @@ class TightMemory {
 constexpr uint64_t kPlentyMiB = 2048;  // the default
 
 }  // namespace
+
+TEST_CASE("convert: encodes while it measures, the same bytes", "[convert][ahead]") {
+  const TempFolder folder;
+  const Kind kind = GENERATE(kPlain, kImages);
+  make_scene(folder.file("in.glb"), kind);
+  ConvertOptions options = options_of(folder);
+  options.encoding = GENERATE(Encoding::kIndexed, Encoding::kClustered);
+  for (const uint32_t threads : {1u, 3u}) {
+    options.threads = threads;
+    const ConvertReport report = must_be_same(options);
+    // With one thread at most 400,000 triangles wait, of which there are 780,000.
+    if (threads == 1) CHECK(report.windows_ahead > 4);
+    CHECK(report.rates.measured_triangles >= report.triangles);
+    CHECK(report.windows_ahead <= report.windows);
+  }
+  tests::must_match(options);
+}
+
+TEST_CASE("convert: windows that are measured are not read again", "[convert][ahead]") {
+  const TempFolder folder;
+  make_scene(folder.file("in.glb"), kPlain);
+  ConvertOptions options = options_of(folder);
+  options.weld = options.share = false;
+  const ConvertReport report = must_convert(options);
+  // Positions, indices and texture coordinates once; colours, which measuring looks at, twice.
+  CHECK(report.rates.read_bytes < 3 * report.input_bytes / 2);
+  options.resume = true;
+  CHECK(must_convert(options).rates.read_bytes > 3 * report.input_bytes / 2);
+}
 
 // From the least memory on, in steps, to the first that lets it encode ahead.
 TEST_CASE("convert: under a tight --memory nothing is encoded ahead, and the bytes are the same",

@@ -138,7 +138,7 @@ StageLimits MemoryPlan::measure() const {
 }
 
 SortLimits MemoryPlan::sort(const SortNeeds& needs) const {
-  const uint64_t left = free_bytes() - std::min(free_bytes(), needs.shared_bytes + views_.reader_bytes);
+  const uint64_t left = free_bytes(needs.shared_bytes + views_.reader_bytes);
   const uint64_t a_thread = needs.thread_bytes + kThreadBytes + views_.reader_bytes;
   const uint64_t map = std::min(needs.map_bytes, left / 2);
   const uint64_t threads = std::clamp<uint64_t>((left - map) / a_thread, 1, threads_);
@@ -149,7 +149,7 @@ SortLimits MemoryPlan::sort(const SortNeeds& needs) const {
 StageLimits MemoryPlan::images(uint64_t most) const {
   const uint64_t threads = std::clamp<uint64_t>(free_bytes() / 4 / kThreadBytes, 1, threads_);
   const uint64_t taken = threads * kThreadBytes;
-  return {static_cast<uint32_t>(threads), std::min(most, free_bytes() - std::min(free_bytes(), taken))};
+  return {static_cast<uint32_t>(threads), std::min(most, free_bytes(taken))};
 }
 
 std::optional<AheadLimits> MemoryPlan::ahead() const {
@@ -179,7 +179,7 @@ StageLimits MemoryPlan::encode(const std::vector<WindowPlan>& windows) const {
     needs.chunks += chunks_of(window.kept, chunk_triangles_);
   }
   const uint64_t tables = table_bytes(needs) + 2 * page_bytes(needs);  // a page is filled, and one is on its way
-  const uint64_t left = free_bytes() - std::min(free_bytes(), tables);
+  const uint64_t left = free_bytes(tables);
   const uint64_t a_result = encoded_bytes(needs);
   const uint64_t a_thread = encode_thread_bytes(needs) + views_.reader_bytes + 2 * page_bytes(needs);
   const uint64_t threads = std::clamp<uint64_t>(left / (a_thread + a_result), 1, threads_);
@@ -188,11 +188,11 @@ StageLimits MemoryPlan::encode(const std::vector<WindowPlan>& windows) const {
           std::clamp(flight, threads * a_result, threads * a_result + kFlightBytes + kFlightBytesPerThread * threads)};
 }
 
-uint64_t MemoryPlan::free_bytes() const {
+uint64_t MemoryPlan::free_bytes(uint64_t beside) const {
   tools::give_back_free_memory();  // what earlier stages had would count twice
   const uint64_t kept = std::max(views_.reader_bytes, std::min(views_.kept_bytes, kept_view_bytes(memory_)));
   const uint64_t taken = tools::memory_use().anonymous + kOtherBytes + kept + views_.place_bytes;
-  return memory_ - std::min(memory_, taken);
+  return memory_ - std::min(memory_, taken + beside);
 }
 
 std::optional<AheadLimits> MemoryPlan::ahead_of(const WindowNeeds& window) const {
@@ -204,7 +204,7 @@ std::optional<AheadLimits> MemoryPlan::ahead_of(const WindowNeeds& window) const
                             group_windows_ * kWaitingBytes;
   // A page is filled, one is on its way, and of one there is a copy, to go back to.
   const uint64_t tables = table_bytes(window) + 2 * outcomes + 3 * page_bytes(window);
-  const uint64_t left = free_bytes() - std::min(free_bytes(), tables);
+  const uint64_t left = free_bytes(tables);
   const uint64_t a_result = encoded_bytes(window);
   const uint64_t a_thread =
       measure_thread_bytes(most_) + encode_thread_bytes(window) + views_.reader_bytes + 2 * page_bytes(window);

@@ -63,7 +63,7 @@ class MemoryPlan {
   StageLimits encode(const std::vector<WindowPlan>& windows) const;
 
  private:
-  uint64_t free_bytes() const;
+  uint64_t free_bytes(uint64_t beside = 0) const;  // what is left beside so much
   std::optional<AheadLimits> ahead_of(const WindowNeeds& window) const;
   uint64_t window_bytes(const WindowNeeds& needs) const;
   uint64_t measure_thread_bytes(const WindowNeeds& needs) const;
