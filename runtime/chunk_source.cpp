@@ -6,7 +6,7 @@
 #include <new>
 
 #include "runtime/first_error.h"
-#include "runtime/parallel.h"
+#include "runtime/streamed_copy.h"
 
 namespace scree::runtime {
 
@@ -31,7 +31,8 @@ std::vector<uint64_t> ChunkSource::chunk_bytes() const {
   return bytes;
 }
 
-Result<void> ChunkSource::read(std::span<const Residency::Place> places, std::byte* memory, uint32_t threads) {
+Result<void> ChunkSource::read(std::span<const Residency::Place> places, std::byte* memory, Reader reader,
+                               Workers& workers) {
   try {
     const format::ChunkRecord* const chunks = scene_.view().chunks;
     std::vector<Residency::Place> sorted(places.begin(), places.end());
@@ -51,12 +52,12 @@ Result<void> ChunkSource::read(std::span<const Residency::Place> places, std::by
       const format::PageRecord& record = scene_.container().pages()[jobs[i].page];
       scene_.file().map().will_need(record.offset, record.stored_bytes);
     };
-    for (size_t i = 0; i < threads; ++i) ask_for(i);
+    for (size_t i = 0; i < workers.count(); ++i) ask_for(i);
     FirstError failure;
-    parallel_for(jobs.size(), threads, [&](uint64_t i) {
+    workers.for_each(jobs.size(), [&](uint64_t i) {
       if (failure.is_moot(i)) return;
-      ask_for(i + threads);
-      if (const Result<void> done = read(jobs[i], sorted, memory); !done) failure.report(i, done.error());
+      ask_for(i + workers.count());
+      if (const Result<void> done = read(jobs[i], sorted, memory, reader); !done) failure.report(i, done.error());
     });
     if (failure.any()) return at(scene_.file().path(), failure.error());
     return {};
@@ -65,7 +66,8 @@ Result<void> ChunkSource::read(std::span<const Residency::Place> places, std::by
   }
 }
 
-Result<void> ChunkSource::read(const Job& job, std::span<const Residency::Place> places, std::byte* memory) {
+Result<void> ChunkSource::read(const Job& job, std::span<const Residency::Place> places, std::byte* memory,
+                               Reader reader) {
   const kernels::SceneView& view = scene_.view();
   const std::atomic_ref<uint8_t> checked(checked_[job.page]);
   std::vector<std::byte> scratch;
@@ -90,7 +92,14 @@ Result<void> ChunkSource::read(const Job& job, std::span<const Residency::Place>
   }
   for (size_t i = job.first; i < job.last; ++i) {
     const format::ChunkRecord& chunk = view.chunks[places[i].chunk];
-    if (chunk.bytes != 0) std::memcpy(memory + places[i].offset, raw.data() + chunk.offset, chunk.bytes);
+    std::byte* const to = memory + places[i].offset;
+    const std::byte* const from = raw.data() + chunk.offset;
+    if (chunk.bytes == 0) continue;
+    if (reader == Reader::kDevice) {
+      copy_past_cache(to, from, chunk.bytes);
+    } else {
+      std::memcpy(to, from, chunk.bytes);
+    }
   }
   return {};
 }

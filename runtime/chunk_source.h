@@ -9,6 +9,7 @@
 #include "format/result.h"
 #include "runtime/residency.h"
 #include "runtime/scene.h"
+#include "runtime/workers.h"
 
 namespace scree::runtime {
 
@@ -21,11 +22,14 @@ class ChunkSource {
   /// Bytes of every chunk that the scene draws, by chunk; 0 for the others.
   std::vector<uint64_t> chunk_bytes() const;
 
-  /// Copies the payload of each place's chunk to place.offset of `memory`, on up to `threads` threads. The first time
+  /// Who reads the copies next.
+  enum class Reader : uint8_t { kProcessor, kDevice };
+
+  /// Copies the payload of each place's chunk to place.offset of `memory`, on `workers`. The first time
   /// that a page is asked for it is checked whole, with its drawn chunks' streams, before anything of it is copied. A
   /// compressed page is unpacked once for all its chunks in `places`. Errors, with the file and the place named: those
   /// of load_pages(), the one of the first bad page by number; kMemory. Thread-safe where the places differ.
-  Result<void> read(std::span<const Residency::Place> places, std::byte* memory, uint32_t threads);
+  Result<void> read(std::span<const Residency::Place> places, std::byte* memory, Reader reader, Workers& workers);
 
  private:
   /// A run of places of one page.
@@ -34,7 +38,7 @@ class ChunkSource {
     size_t first;
     size_t last;
   };
-  Result<void> read(const Job& job, std::span<const Residency::Place> places, std::byte* memory);
+  Result<void> read(const Job& job, std::span<const Residency::Place> places, std::byte* memory, Reader reader);
 
   const Scene& scene_;
   std::vector<uint64_t> index_;   // of a page in Scene::drawn_pages(), by number

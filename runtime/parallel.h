@@ -1,4 +1,4 @@
-// A loop over items of uneven cost, shared by threads.
+// Loops over items of uneven cost, shared by threads.
 #pragma once
 
 #include <algorithm>
@@ -11,31 +11,50 @@
 
 namespace scree::runtime {
 
+/// A loop that calls body(i) once for every i below `count`, on however many threads call it. `body` outlives this.
+template <class Body>
+class SharedLoop {
+ public:
+  SharedLoop(uint64_t count, const Body& body) : count_(count), body_(body) {}
+
+  /// Takes items until none is left.
+  void operator()() {
+    try {
+      for (uint64_t i = next_++; i < count_; i = next_++) body_(i);
+    } catch (...) {
+      const std::lock_guard<std::mutex> lock(failure_mutex_);
+      if (!failure_) failure_ = std::current_exception();
+      next_ = count_;
+    }
+  }
+
+  /// When all threads have left it: throws again what a body threw, which ended the loop early.
+  void finish() {
+    if (failure_) std::rethrow_exception(failure_);
+  }
+
+ private:
+  const uint64_t count_;
+  const Body& body_;
+  std::atomic<uint64_t> next_{0};
+  std::exception_ptr failure_;
+  std::mutex failure_mutex_;
+};
+
 /// Calls body(i) once for every i below `count`, on up to `threads` threads (the caller's is one), in no particular
 /// order. An exception of a body ends the loop early and is thrown again here, where the caller turns it into an Error.
 template <class Body>
 void parallel_for(uint64_t count, uint32_t threads, const Body& body) {
-  std::atomic<uint64_t> next{0};
-  std::exception_ptr failure;
-  std::mutex failure_mutex;
-  const auto work = [&] {
-    try {
-      for (uint64_t i = next++; i < count; i = next++) body(i);
-    } catch (...) {
-      const std::lock_guard<std::mutex> lock(failure_mutex);
-      if (!failure) failure = std::current_exception();
-      next = count;
-    }
-  };
+  SharedLoop<Body> loop(count, body);
   std::vector<std::thread> helpers;
   try {
-    for (uint64_t i = 1; i < std::min<uint64_t>(threads, count); ++i) helpers.emplace_back(work);
+    for (uint64_t i = 1; i < std::min<uint64_t>(threads, count); ++i) helpers.emplace_back([&] { loop(); });
   } catch (const std::exception&) {
     // Fewer threads than asked for (a limit of the system) do the same work.
   }
-  work();
+  loop();
   for (std::thread& helper : helpers) helper.join();
-  if (failure) std::rethrow_exception(failure);
+  loop.finish();
 }
 
 }  // namespace scree::runtime

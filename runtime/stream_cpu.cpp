@@ -14,6 +14,7 @@ CpuStream::CpuStream(const Scene& scene, Streamer streamer, uint32_t threads)
     : source_(scene),
       streamer_(std::move(streamer)),
       threads_(threads),
+      workers_(threads),
       pool_(streamer_.residency().pool_bytes()),
       pages_(streamer_.view().chunk_count, nullptr),
       scene_(streamer_.view()) {
@@ -75,7 +76,8 @@ Result<void> CpuStream::start_loading(const Residency::Batch& batch) {
     const Stopwatch watch;
     for (const Residency::Move& move : batch.moves)
       std::memmove(pool_.data() + move.to, pool_.data() + move.from, move.bytes);
-    if (Result<void> read = source_.read(batch.loads, pool_.data(), threads_); !read) return read.error();
+    if (Result<void> read = source_.read(batch.loads, pool_.data(), ChunkSource::Reader::kProcessor, workers_); !read)
+      return read.error();
     return watch.elapsed().wall_ms;
   }));
   return {};

@@ -58,6 +58,7 @@ class CpuStream final : public StreamTarget {
   ChunkSource source_;
   Streamer streamer_;
   uint32_t threads_;
+  Workers workers_;  // that read
   std::vector<std::byte> pool_;
   std::vector<const std::byte*> pages_;  // of the chunks that are drawn, by chunk
   kernels::SceneView scene_;

@@ -38,7 +38,7 @@ Result<void> each_run(std::span<const Piece> pieces, const Use& use) {
 }  // namespace
 
 CudaStream::CudaStream(const Scene& scene, Streamer streamer, uint64_t bounce_bytes, uint32_t threads)
-    : source_(scene), streamer_(std::move(streamer)), threads_(threads), bounce_bytes_(bounce_bytes) {}
+    : source_(scene), streamer_(std::move(streamer)), workers_(threads), bounce_bytes_(bounce_bytes) {}
 
 uint64_t CudaStream::bounce_bytes(uint64_t largest_chunk, uint64_t room) {
   constexpr uint64_t kEnough = uint64_t{32} << 20;
@@ -139,7 +139,7 @@ Result<void> CudaStream::keep_in_host_memory(uint64_t host_bytes) {
   }
   if (places.empty()) return {};
   if (Result<void> done = kept_.allocate(end, "allocating pinned memory for chunks"); !done) return done;
-  return source_.read(places, kept_.data(), threads_);
+  return source_.read(places, kept_.data(), ChunkSource::Reader::kDevice, workers_);
 }
 
 Result<StreamStats> CudaStream::draw_frame(const kernels::View& view, const kernels::ShadeOptions* shade,
@@ -260,7 +260,8 @@ Result<void> CudaStream::load(const Residency::Batch& batch, const Events& event
       staged_end += room_of(place.bytes);
     }
     if (!missing.empty())
-      if (Result<void> read = source_.read(missing, staging, threads_); !read) return read;
+      if (Result<void> read = source_.read(missing, staging, ChunkSource::Reader::kDevice, workers_); !read)
+        return read;
     if (first == 0)
       if (auto done = cuda_check(cudaEventRecord(events.begun, copies_), "recording a load"); !done) return done;
     Result<void> copied =

@@ -117,7 +117,7 @@ class CudaStream final : public StreamTarget {
 
   ChunkSource source_;
   Streamer streamer_;
-  uint32_t threads_;
+  Workers workers_;  // that read
   int device_ = 0;
   kernels::SceneView scene_{};
   kernels::CudaFrames* frames_ = nullptr;
