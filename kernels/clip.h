@@ -113,5 +113,54 @@ SCREE_HD inline ScreenVertex snap_clipped(const ClipVertex& v, const FrameView& 
   return out;
 }
 
+/// A convex polygon of up to 4 corners, as they are drawn.
+struct NearPolygon {
+  ScreenVertex corner[4];
+  int count = 0;  // 0: nothing is left
+
+  /// Without an index that is not known beforehand, so that a GPU keeps all in registers.
+  SCREE_HD void add(const ScreenVertex& vertex) {
+    for (int i = 0; i < 4; ++i) {
+      if (i == count) corner[i] = vertex;
+    }
+    ++count;
+  }
+};
+
+/// clip_polygon() and snap_clipped() of a triangle that the near plane alone may cut, as it does nearly all that are
+/// cut, without arrays of polygons. Perspective. False where they have to be asked.
+SCREE_HD inline bool clip_near(const ClipVertex v[3], const FrameView& view, NearPolygon& out) {
+  constexpr double kGuard = kGuardBand;
+  out.count = 0;
+  double distance[3];
+  for (int i = 0; i < 3; ++i) {
+    // Comparisons are written so that NaN, and what is no sane number, is none of these.
+    if (!(abs_of(v[i].x) < 1e30 && abs_of(v[i].y) < 1e30 && abs_of(v[i].w) < 1e30)) return false;
+    distance[i] = v[i].snapped ? max_of(v[i].w - 1.0, 0.0) : v[i].w - 1.0;
+  }
+  for (int i = 0; i < 3; ++i) {
+    const int next = i == 2 ? 0 : i + 1;
+    const bool inside = distance[i] >= 0;
+    if (inside) {
+      const double reach = kGuard * v[i].w;
+      if (!v[i].snapped && !(abs_of(v[i].x) <= reach && abs_of(v[i].y) <= reach)) return false;
+      out.add(snap_clipped<false>(v[i], view));
+    }
+    if (inside == (distance[next] >= 0)) continue;
+    const double from = inside ? distance[i] : distance[next];
+    const double t = from / (from - (inside ? distance[next] : distance[i]));
+    const double from_x = inside ? v[i].x : v[next].x;
+    const double from_y = inside ? v[i].y : v[next].y;
+    ClipVertex made;
+    made.x = from_x + t * ((inside ? v[next].x : v[i].x) - from_x);
+    made.y = from_y + t * ((inside ? v[next].y : v[i].y) - from_y);
+    made.w = 1.0;
+    made.snapped = false;
+    if (!(abs_of(made.x) <= kGuard && abs_of(made.y) <= kGuard)) return false;
+    out.add(snap_clipped<false>(made, view));
+  }
+  return true;
+}
+
 }  // namespace SCREE_ISA
 }  // namespace scree::kernels

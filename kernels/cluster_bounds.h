@@ -70,7 +70,7 @@ SCREE_HD inline BoxShows bound_on_screen(const SampleFilter& filter, const Frame
                                fused(filter.w[1], box.center[1], fused(filter.w[2], box.center[2], filter.w[3])));
   const float w_reach = kMore * (size_of(filter.w[0]) * box.extent[0] + size_of(filter.w[1]) * box.extent[1] +
                                  size_of(filter.w[2]) * box.extent[2]);
-  const float w_error = 2.0f * (kOrthographic ? filter.w_lowest : filter.w_lowest - 1.0f);
+  const float w_error = 2.0f * (kOrthographic ? filter.w_lowest : filter.w_lowest - (1.0f - kCutBefore));
   const float w_low = w_center - w_reach - w_error;
   const float w_high = w_center + w_reach + w_error;
   // Comparisons are written so that NaN keeps the box.

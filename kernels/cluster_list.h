@@ -59,8 +59,15 @@ struct ClusterItem {
   uint32_t cluster;  // of the draw's chunk
 };
 
+/// A triangle that may cover a pixel centre.
+struct WaitingTriangle {
+  uint32_t item;     // of ClusterList::items
+  uint32_t corners;  // numbers in the cluster, 7 bits each: the triangle's, and its corners'
+};
+
 /// A triangle to be drawn by itself: it needs clipping.
 struct ClipItem {
+  WaitingTriangle waiting;
   uint32_t instance;
   uint32_t chunk;
   uint32_t triangle;  // of the chunk

@@ -33,7 +33,7 @@ __device__ inline uint2 vertex_centers(const SampleFilter& filter, const PackedR
   const FilteredVertex vertex = filter_vertex<kOrthographic>(filter, x, y, z);
   float slack = filter.slack;
   if (kOrthographic || filter.growth != 0.0f) {
-    // Near the guard band, or where the vertex may be clipped, the exact way decides.
+    // As may_cover_sample() has it.
     const float farthest = greatest(size_of(vertex.u), size_of(vertex.v));
     slack = fused(farthest, filter.growth, slack);
     bool held = !(farthest < 32700.0f) | !(slack < 16.0f) | !(vertex.w >= filter.w_lowest);
@@ -196,34 +196,71 @@ __device__ inline uint32_t filter_triangles(const RunCluster& cluster, const Clu
   return waiting;
 }
 
-/// Projects a triangle that waits. False where there is nothing to draw, or it was queued to be clipped.
-template <bool kOrthographic>
-__device__ inline bool project_waiting(const ClusterFrame& frame, const WaitingTriangle& waiting, Triangle& triangle,
-                                       PixelBox& box, int64_t& area) {
-  const FrameView& view = frame.small.view;
-  const ClusterItem item = frame.list.items[waiting.item];
-  const ClusterDraw& draw = frame.list.draws[item.draw];
-  const uint4 record = __ldg(reinterpret_cast<const uint4*>(draw.clusters() + item.cluster));
-  const format::ClusterLayout at = format::cluster_layout({record.x, record.y, record.z, record.w});
-  const format::ClusterBounds bounds = load_bounds(draw.cluster_bounds() + item.cluster);
-  const uint32_t* const data = draw.data();
-  const ClusterPrediction prediction(at.predicted_axis, data + at.prediction);
-  const uint32_t stride = at.position_bits[0] + at.position_bits[1] + at.position_bits[2];
-  const uint32_t number = record.y + (waiting.corners & 127);
-  ProjectedPoint points[3];
-  for (int i = 0; i < 3; ++i) {
-    uint64_t bit = uint64_t{waiting.corners >> (7 * (i + 1)) & 127} * stride;
+/// A triangle that waits, on its way to be drawn: its cluster, and what its corners are read by.
+struct WaitingReader {
+  const ClusterDraw& draw;
+  uint32_t number;  // of the triangle in its chunk
+  uint32_t corners;
+  format::ClusterLayout at;
+  format::ClusterBounds bounds;
+  const uint32_t* data;
+  ClusterPrediction prediction;
+
+  __device__ WaitingReader(const ClusterFrame& frame, const WaitingTriangle& waiting)
+      : WaitingReader(frame, waiting, frame.list.items[waiting.item]) {}
+
+  /// Of corner 0 to 2: lattice coordinates less the transform's reference. Not where the draw is far away.
+  __device__ void relative(uint32_t corner, int32_t out[3]) const {
+    const uint32_t stride = at.position_bits[0] + at.position_bits[1] + at.position_bits[2];
+    uint64_t bit = uint64_t{corners >> (7 * (corner + 1)) & 127} * stride;
     uint32_t code[3];
     for (int k = 0; k < 3; ++k) {
       code[k] = unpack_bits(data + at.positions, bit, at.position_bits[k]);
       bit += at.position_bits[k];
     }
     prediction.apply(code);
-    float d[3];
-    for (int k = 0; k < 3; ++k) {
-      d[k] = static_cast<float>(draw.base[k] + static_cast<int32_t>(format::bounds_min(bounds, k) + code[k]));
-    }
-    points[i] = project_point<kOrthographic>(draw.x, draw.y, draw.w, d[0], d[1], d[2]);
+    for (int k = 0; k < 3; ++k) out[k] = draw.base[k] + static_cast<int32_t>(format::bounds_min(bounds, k) + code[k]);
+  }
+
+  template <bool kOrthographic>
+  __device__ ProjectedPoint project(const int32_t place[3]) const {
+    return project_point<kOrthographic>(draw.x, draw.y, draw.w, static_cast<float>(place[0]),
+                                        static_cast<float>(place[1]), static_cast<float>(place[2]));
+  }
+
+  /// Of these corners.
+  __device__ bool set_up(const FrameView& view, const ScreenVertex& a, const ScreenVertex& b, const ScreenVertex& c,
+                         Triangle& triangle, PixelBox& box, int64_t& area) const {
+    return kernels::set_up(view, a, b, c, draw.first_id + number, (draw.flags & ClusterDraw::kMirrored) != 0,
+                           (draw.flags & ClusterDraw::kDoubleSided) != 0, triangle, box, area);
+  }
+
+ private:
+  __device__ WaitingReader(const ClusterFrame& frame, const WaitingTriangle& waiting, const ClusterItem& item)
+      : WaitingReader(frame.list.draws[item.draw], waiting, item.cluster,
+                      __ldg(reinterpret_cast<const uint4*>(frame.list.draws[item.draw].clusters() + item.cluster))) {}
+  __device__ WaitingReader(const ClusterDraw& of, const WaitingTriangle& waiting, uint32_t cluster, const uint4& record)
+      : draw(of),
+        number(record.y + (waiting.corners & 127)),
+        corners(waiting.corners),
+        at(format::cluster_layout({record.x, record.y, record.z, record.w})),
+        bounds(load_bounds(of.cluster_bounds() + cluster)),
+        data(of.data()),
+        prediction(at.predicted_axis, data + at.prediction) {}
+};
+
+/// Projects a triangle that waits. False where there is nothing to draw, or it was queued to be clipped.
+template <bool kOrthographic>
+__device__ inline bool project_waiting(const ClusterFrame& frame, const WaitingTriangle& waiting, Triangle& triangle,
+                                       PixelBox& box, int64_t& area) {
+  const FrameView& view = frame.small.view;
+  const WaitingReader reader(frame, waiting);
+  const ClusterDraw& draw = reader.draw;
+  ProjectedPoint points[3];
+  for (uint32_t i = 0; i < 3; ++i) {
+    int32_t place[3];
+    reader.relative(i, place);
+    points[i] = reader.project<kOrthographic>(place);
   }
   const bool in_range = points[0].in_range & points[1].in_range & points[2].in_range;
   const bool far_away = (draw.flags & ClusterDraw::kFarAway) != 0;
@@ -232,15 +269,13 @@ __device__ inline bool project_waiting(const ClusterFrame& frame, const WaitingT
     for (int i = 0; i < 3; ++i) {
       outside &= plane_flags<kOrthographic>(points[i], view, draw.error[0], draw.error[1], draw.error[2]);
     }
-    if (outside == 0) {
+    if (outside == 0)
       push(WarpTeam{}, &frame.small.list.counters->to_clip, frame.list.to_clip, frame.list.clip_capacity,
-           ClipItem{draw.instance, draw.chunk, number});
-    }
+           ClipItem{waiting, draw.instance, draw.chunk, reader.number});
     return false;
   }
-  return set_up(view, snap_point(points[0], view, 0), snap_point(points[1], view, 0), snap_point(points[2], view, 0),
-                draw.first_id + number, (draw.flags & ClusterDraw::kMirrored) != 0,
-                (draw.flags & ClusterDraw::kDoubleSided) != 0, triangle, box, area);
+  return reader.set_up(view, snap_point(points[0], view, 0), snap_point(points[1], view, 0),
+                       snap_point(points[2], view, 0), triangle, box, area);
 }
 
 /// One warp's way through the clusters to be drawn. `kParts`: of a cluster, where there are few; 1 is 2% faster where
@@ -398,6 +433,59 @@ __global__ void __launch_bounds__(kClusterThreads, kClusterBlocks)
   ClusterWarp<kOrthographic, kParts, kAsksAgain>(frame).run();
 }
 
+inline constexpr uint32_t kCutBlocks = 4;  // of a multiprocessor
+
+/// Cuts a triangle of a cluster at the near plane; false where that is not all that it needs, or its reference is too
+/// far away for int32.
+template <bool kOrthographic>
+__device__ inline bool cut_waiting(const ClusterFrame& frame, const WaitingReader& reader, NearPolygon& out) {
+  if (kOrthographic || (reader.draw.flags & ClusterDraw::kFarAway) != 0) return false;
+  const Transform& transform = frame.small.list.transforms[reader.draw.instance];
+  ClipVertex corners[3];
+  for (uint32_t i = 0; i < 3; ++i) {
+    int32_t place[3];
+    reader.relative(i, place);
+    const double exact[3] = {static_cast<double>(place[0]), static_cast<double>(place[1]),
+                             static_cast<double>(place[2])};
+    corners[i] = clip_vertex(transform, exact, snap_point(reader.project<kOrthographic>(place), frame.small.view, 0));
+  }
+  return clip_near(corners, frame.small.view, out);
+}
+
+/// Draws what is left of up to 32 triangles of clusters that need clipping, a lane each. Returns as
+/// draw_the_long_way() does.
+template <bool kOrthographic>
+__device__ inline uint32_t draw_cut(const ClusterFrame& frame, const ClipItem& item, bool has_one,
+                                    SetUpTriangles& set_up) {
+  const WaitingReader reader(frame, item.waiting);
+  NearPolygon polygon;
+  uint32_t drawn = 0;
+  if (has_one) {
+    if (cut_waiting<kOrthographic>(frame, reader, polygon)) {
+      drawn = 1u << 16;
+    } else {
+      polygon.count = 0;
+      drawn = draw_the_long_way<kOrthographic>(frame.small, item.instance, item.chunk, item.triangle);
+    }
+  }
+  // Of 4 corners two triangles are left.
+#pragma unroll 1
+  for (int i = 2; i < 4; ++i) {
+    Triangle triangle{};
+    PixelBox box{};
+    int64_t area = 0;
+    int64_t pixels = 0;
+    if (i < polygon.count &&
+        reader.set_up(frame.small.view, polygon.corner[0], polygon.corner[1], polygon.corner[2], triangle, box, area))
+      pixels = box.pixels();
+    if (draw_set_up<kOrthographic>(frame.small.target, frame.small.queues, set_up, triangle, box, area, pixels))
+      ++drawn;
+    polygon.corner[1] = polygon.corner[2];
+    polygon.corner[2] = polygon.corner[3];
+  }
+  return drawn;
+}
+
 /// Draws the triangles of clusters that need clipping, or whose reference is too far away for int32; a thread each, and
 /// where they are few each in a warp of its own, since no two go the same way.
 template <bool kOrthographic>
@@ -413,6 +501,32 @@ __global__ void __launch_bounds__(kClusterThreads) raster_clipped(const __grid_c
     WarpTeam::add(&counters.queues.triangles_small, drawn & 0xffffu);
     WarpTeam::add(&counters.queues.triangles_clipped, drawn >> 16);
   }
+}
+
+/// The same where they are many: neighbours side by side, and the short way where the near plane is all that cuts.
+template <bool kOrthographic>
+__global__ void __launch_bounds__(kClusterThreads, kCutBlocks) raster_cut(const __grid_constant__ ClusterFrame frame) {
+  __shared__ SetUpTriangles set_up[kClusterWarps];
+  FrameCounters& counters = *frame.small.list.counters;
+  const uint64_t end = min_of(counters.to_clip, frame.list.clip_capacity);
+  const uint64_t threads = uint64_t{gridDim.x} * kClusterThreads;
+  const uint32_t lane = threadIdx.x % kWarpLanes;
+  const uint32_t warp = threadIdx.x / kWarpLanes;
+  uint32_t small = 0;
+  uint32_t clipped = 0;
+  for (uint64_t first = counters.to_clip_drawn + uint64_t{blockIdx.x} * kClusterThreads + warp * kWarpLanes;
+       first < end; first += threads) {
+    const bool has_one = first + lane < end;
+    const uint32_t drawn =
+        draw_cut<kOrthographic>(frame, frame.list.to_clip[has_one ? first + lane : first], has_one, set_up[warp]);
+    small += drawn & 0xffffu;
+    clipped += drawn >> 16;
+  }
+  small = __reduce_add_sync(~0u, small);
+  clipped = __reduce_add_sync(~0u, clipped);
+  if (lane != 0) return;
+  if (small != 0) WarpTeam::add(&counters.queues.triangles_small, uint64_t{small});
+  if (clipped != 0) WarpTeam::add(&counters.queues.triangles_clipped, uint64_t{clipped});
 }
 
 }  // namespace scree::kernels

@@ -28,12 +28,6 @@ inline constexpr uint32_t kStagePieces = 64;
 /// Clusters that a warp takes at once, at most: two lanes prepare each.
 inline constexpr uint32_t kRunClusters = 16;
 
-/// A triangle that may cover a pixel centre.
-struct WaitingTriangle {
-  uint32_t item;     // of ClusterList::items
-  uint32_t corners;  // numbers in the cluster, 7 bits each: the triangle's, and its corners'
-};
-
 /// Byte `i` of a word.
 __device__ inline uint32_t byte_of(uint32_t word, uint32_t i) {
   return __byte_perm(word, 0, 0x4440 + i);

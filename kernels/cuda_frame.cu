@@ -127,6 +127,8 @@ struct CudaFrames::Impl {
   template <bool kOrthographic, ClusterPass kPass>
   void submit_clusters(const SmallFrame& small, uint32_t round, uint32_t rounds);
   template <bool kOrthographic>
+  void submit_clipped(const ClusterFrame& clusters, cudaStream_t on);
+  template <bool kOrthographic>
   Result<void> submit_clipped_aside(const SmallFrame& small);
   template <bool kOrthographic>
   Result<void> submit_stages(const SmallFrame& small, const StageMarks& marks_of_pass);
@@ -142,6 +144,8 @@ struct CudaFrames::Impl {
   bool in_two_passes() const { return tables.cluster_groups >= two_pass_groups; }
   /// So few, and nothing else, that one kernel culls them.
   bool has_few_clusters() const { return few_groups.count() != 0; }
+  /// As far as the frame before tells: the way of many is code that few would wait for.
+  bool cuts_many() const { return clipped_before > uint64_t{multiprocessors} * kClusterWarps; }
   bool clips_aside() const { return has_clusters() && !in_two_passes(); }
   /// For the next frame, while nobody waits.
   Result<void> clear_counters() {
@@ -192,6 +196,7 @@ struct CudaFrames::Impl {
   uint64_t two_pass_groups = 0;
   uint64_t round_groups = 0;
   uint32_t frame_number = 0;
+  uint64_t clipped_before = 0;  // triangles of clusters, in the last frame
   bool counters_cleared = false;
   uint32_t hint_period = kHintPeriod;  // of the next frame
 };
@@ -384,7 +389,17 @@ void CudaFrames::Impl::submit_clusters(const SmallFrame& small, uint32_t round, 
                                        : raster_clusters<kOrthographic, 1, false>;
   kernel<<<multiprocessors * kClusterBlocks, kClusterThreads, kClusterWarps * sizeof(ClusterShared), stream>>>(
       clusters);
-  if (!clips_aside()) raster_clipped<kOrthographic><<<multiprocessors, kClusterThreads, 0, stream>>>(clusters);
+  if (!clips_aside()) submit_clipped<kOrthographic>(clusters, stream);
+}
+
+/// Clips the triangles of clusters that need it.
+template <bool kOrthographic>
+void CudaFrames::Impl::submit_clipped(const ClusterFrame& clusters, cudaStream_t on) {
+  if (cuts_many()) {
+    raster_cut<kOrthographic><<<multiprocessors * kCutBlocks, kClusterThreads, 0, on>>>(clusters);
+  } else {
+    raster_clipped<kOrthographic><<<multiprocessors, kClusterThreads, 0, on>>>(clusters);
+  }
 }
 
 /// Clips the triangles of clusters that need it and draws what is left of them, while all others go through stages 2
@@ -398,7 +413,7 @@ Result<void> CudaFrames::Impl::submit_clipped_aside(const SmallFrame& small) {
   Result<void> done = mark(kClustersDone);
   if (done) done = cuda_check(cudaStreamWaitEvent(clip_stream, marks[kClustersDone]), "forking");
   if (!done) return done;
-  raster_clipped<kOrthographic><<<multiprocessors, kClusterThreads, 0, clip_stream>>>({clipped, cluster_list(), 0});
+  submit_clipped<kOrthographic>({clipped, cluster_list(), 0}, clip_stream);
   split_large<kOrthographic><<<multiprocessors, kLargeThreads, 0, clip_stream>>>(rest);
   raster_large<kOrthographic><<<multiprocessors * kLargeBlocks, kLargeThreads, 0, clip_stream>>>(rest);
   raster_medium<kOrthographic><<<multiprocessors, kLargeThreads, 0, clip_stream>>>(rest);
@@ -615,6 +630,7 @@ Result<CudaFrames::Finished> CudaFrames::finish(FrameTimes* times) {
     if (Result<void> done = impl_->submit(); !done) return done.error();
   }
   impl_->last_view = impl_->frame;
+  impl_->clipped_before = impl_->seen->to_clip;
   // What a jump of the camera found was mostly hidden in the end.
   const uint64_t seen_before = impl_->seen->clusters[0];
   const uint64_t newly_seen = clusters_before(*impl_->seen, kClusterPasses) - seen_before;

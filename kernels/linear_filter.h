@@ -70,7 +70,7 @@ SCREE_HD inline LinearMiddle make_linear_middle(const SampleFilter& filter, cons
   out.scale = filter_reciprocal(w);
   // How much w changes within the box, and how much it may be off, as shares of it.
   const float change = w_reach * out.scale;
-  const float off = fused(filter.w_lowest - 1.0f, out.scale, 1e-6f);
+  const float off = fused(filter.w_lowest - (1.0f - kCutBefore), out.scale, 1e-6f);
   // A point that is d away from the middle lies at step . d * w(middle) / w(point).
   out.change = fused(1.34f, change, 2.0f * off);
   // All of the chunk's slack but snapping goes with 1 / w.

@@ -20,13 +20,17 @@ struct alignas(16) SampleFilter {
   float w[4];
   float slack;     // pixels that a corner may be off, snapping included: slack + growth * |largest coordinate|;
   float growth;    // infinity where nothing can be said: every triangle stays
-  float w_lowest;  // in front of it no corner is clipped
+  float w_lowest;  // in front of it a corner is as far off as slack says, and within kCutBefore of the near plane
   float w_end;  // perspective: nothing of the chunk lies nearer, as far as slack goes; orthographic: no corner before
                 // it is clipped either
 };
 
 /// Of SampleFilter::slack: snapping, which is the same wherever a corner lies.
 inline constexpr double kSnapSlack = 0.625 / kSubpixels;
+
+/// How far before the near plane (w = 1) corners may lie, perspective: what is left of a triangle that is cut there
+/// lies between the places of its corners. They are off by the same as elsewhere over w, so at most by twice as much.
+inline constexpr float kCutBefore = 0.5f;
 
 /// The image's pixel centres in the filter's coordinates: a quarter of a pixel before the first and before the last.
 struct SampleLimits {
@@ -121,9 +125,13 @@ SCREE_HD inline SampleFilter make_sample_filter(const FrameView& view, const Tra
     slack += growth * (farthest + slack);  // of the computed coordinate, which is off itself
     growth = 0;
   }
+  if (growth != 0 && !view.orthographic) {
+    slack /= 1.0 - kCutBefore;
+    growth /= 1.0 - kCutBefore;
+  }
   filter.slack = known ? static_cast<float>(slack) * 1.001f : bits_float(0x7f800000u);
   filter.growth = known ? static_cast<float>(growth) * 1.001f : 1.0f;
-  filter.w_lowest = static_cast<float>((view.orthographic ? 0.0 : 1.0) + error_w) * 1.000001f;
+  filter.w_lowest = static_cast<float>((view.orthographic ? 0.0 : 1.0 - kCutBefore) + error_w) * 1.000001f;
   filter.w_end = static_cast<float>(view.orthographic ? 1.0 - error_w : nearest) * 0.999999f;
   return filter;
 }
@@ -191,7 +199,7 @@ SCREE_HD inline bool may_cover_sample(const SampleFilter& filter, const SampleLi
   float slack = filter.slack;
   bool held = false;
   if (kOrthographic || filter.growth != 0.0f) {
-    // Near the guard band, or where a corner may be clipped, the exact way decides.
+    // Near the guard band, or where a corner lies far before the near plane, the exact way decides.
     const float farthest =
         greatest(greatest(size_of(low_u), size_of(high_u)), greatest(size_of(low_v), size_of(high_v)));
     slack = fused(farthest, filter.growth, slack);

@@ -344,6 +344,17 @@ void add_turned_instance(SceneBuilder& scene, uint32_t mesh, int round, double o
                                      std::cos(turn), 0, -origin, 0, 0, height, origin}));
 }
 
+/// A grid whose heights are random, up to `amplitude` either way: any plane at its height cuts triangles everywhere.
+inline Soup rough_field(uint32_t n, double amplitude) {
+  Soup soup = grid(n, 0);
+  uint32_t state = 1;
+  for (size_t i = 1; i < soup.positions.size(); i += 3) {
+    state = state * 1664525u + 1013904223u;
+    soup.positions[i] = static_cast<float>(amplitude * ((state >> 8) / 8388608.0 - 1.0));
+  }
+  return soup;
+}
+
 /// A closed sphere with `n` rows of quads, radius 1, bumps of `amplitude`; counter-clockwise from outside.
 inline Soup sphere(uint32_t n, double amplitude) {
   Soup soup;

@@ -262,6 +262,21 @@ TEST_CASE("one kernel finds the clusters that the kernels of larger scenes find"
   }
 }
 
+TEST_CASE("clusters that the near plane cuts everywhere are drawn alike on the GPU", "[cuda][clusters]") {
+  const Clusters clusters = GENERATE(Clusters::kClustered, Clusters::kNone);
+  SceneBuilder builder;
+  Encoding encoding;
+  encoding.exponent = -16;
+  encoding.clusters = clusters;
+  builder.instance(builder.mesh(rough_field(scree::tests::kEmulatesGpu ? 60 : 400, 0.01), encoding),
+                   builder.identity());
+  // From above, so that the field is at the near plane; slanting through it; and close, where most is left of few.
+  compare(builder,
+          {look_at({0, 1.6, 0}, {0, 0, 0}, 320, 180, 1.6), look_at({0.3, 0.5, 0.2}, {0, 0, 0}, 320, 180, 0.55),
+           look_at({0, 0.02, 0}, {0.2, 0, 0.1}, 320, 180, 0.019)},
+          5000);
+}
+
 TEST_CASE("a hundred thousand instances of clusters are drawn alike on the GPU, frame after frame",
           "[cuda][clusters]") {
   SceneBuilder builder;

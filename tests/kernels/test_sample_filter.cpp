@@ -3,7 +3,7 @@
 
 #include <random>
 
-#include "kernels/setup.h"
+#include "kernels/clip.h"
 #include "tests/kernels/drawn_chunks.h"
 #include "tests/kernels/scene_builder.h"
 
@@ -15,10 +15,25 @@ namespace {
 
 struct Tally {
   uint64_t triangles = 0;
-  uint64_t covering = 0;  // the pixel box of the exact projection is not empty, or there are corners to clip
+  uint64_t clipped = 0;   // not outside, with corners to clip
+  uint64_t covering = 0;  // the pixel box of the exact projection, or of a piece of it, is not empty
   uint64_t kept = 0;
   uint64_t wrong = 0;  // covering and not kept
 };
+
+/// Whether a piece of the triangle that is left of clipping has a pixel box that is not empty.
+template <bool kOrthographic>
+bool piece_covers(ClipVertex polygon[kMaxPolygon], const FrameView& view) {
+  const int count = clip_polygon<kOrthographic>(polygon);
+  ScreenVertex corner[kMaxPolygon];
+  for (int i = 0; i < count; ++i) corner[i] = snap_clipped<kOrthographic>(polygon[i], view);
+  for (int i = 2; i < count; ++i) {
+    const int32_t x[3] = {corner[0].x, corner[i - 1].x, corner[i].x};
+    const int32_t y[3] = {corner[0].y, corner[i - 1].y, corner[i].y};
+    if (!pixel_box(x, y, view).empty()) return true;
+  }
+  return false;
+}
 
 template <bool kOrthographic>
 void tally_chunk(const FrameView& view, const format::MeshRecord& mesh, const format::ChunkRecord& chunk,
@@ -31,6 +46,7 @@ void tally_chunk(const FrameView& view, const format::MeshRecord& mesh, const fo
     uint32_t v[3];
     reader.triangle(t, v);
     FilteredVertex filtered[3];
+    ClipVertex polygon[kMaxPolygon];
     int32_t x[3];
     int32_t y[3];
     uint32_t any = 0;
@@ -39,6 +55,9 @@ void tally_chunk(const FrameView& view, const format::MeshRecord& mesh, const fo
       float d[3];
       reader.relative(v[i], d);
       const ScreenVertex exact = project<kOrthographic>(transform, view, d[0], d[1], d[2]);
+      double unrounded[3];
+      reader.exact_relative(v[i], unrounded);
+      polygon[i] = clip_vertex(transform, unrounded, exact);
       x[i] = exact.x;
       y[i] = exact.y;
       any |= exact.flags;
@@ -51,10 +70,12 @@ void tally_chunk(const FrameView& view, const format::MeshRecord& mesh, const fo
       }
       filtered[i] = filter_vertex<kOrthographic>(filter, stored[0], stored[1], stored[2]);
     }
-    const bool clipped = (any & kNeedsClip) != 0;
-    const bool covers = clipped ? (all & kOutsideMask) == 0 : !pixel_box(x, y, view).empty();
+    const bool clipped = (any & kNeedsClip) != 0 && (all & kOutsideMask) == 0;
+    const bool covers = (any & kNeedsClip) == 0 ? !pixel_box(x, y, view).empty()
+                                                : clipped && piece_covers<kOrthographic>(polygon, view);
     const bool kept = may_cover_sample<kOrthographic>(filter, limits, filtered[0], filtered[1], filtered[2]);
     ++tally.triangles;
+    tally.clipped += clipped;
     tally.covering += covers;
     tally.kept += kept;
     tally.wrong += covers && !kept;
@@ -120,6 +141,26 @@ TEST_CASE("most triangles of a dense mesh are filtered out", "[sample_filter]") 
     CHECK(seen.covering > 1000);
     CHECK(seen.kept < seen.covering + seen.covering / 10);
     CHECK(seen.kept < seen.triangles / 2);
+  }
+}
+
+TEST_CASE("most triangles that are smaller than a pixel are filtered out at the near plane too", "[sample_filter]") {
+  for (const bool float32 : {false, true}) {
+    SceneBuilder scene;
+    scene.instance(scene.mesh(rough_field(300, 0.01), {float32, -16}), scene.identity());
+    Tally sum;
+    // From above, its surface at the near plane; and from near, with corners half as far away as the plane.
+    const Tally above = tally(scene.view(), look_at({0, 1.6, 0}, {0, 0, 0}, 200, 160, 1.6));
+    CHECK(above.wrong == 0);
+    CHECK(above.clipped > 50000);
+    CHECK(above.kept < above.triangles / 2);
+    CHECK(above.kept < 2 * above.covering);  // what is cut off would have covered some
+    for (const double height : {0.4, 0.1, 0.02}) {
+      const Tally near = tally(scene.view(), look_at({0.1, height, 0.05}, {0, 0, 0}, 200, 160, height));
+      INFO("from " << height);
+      CHECK(near.wrong == 0);
+      CHECK(near.clipped > 5);
+    }
   }
 }
 
