@@ -3,11 +3,13 @@
 #include <bit>
 #include <cstring>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "kernels/cuda_check.h"
 #include "kernels/cuda_cluster.cuh"
 #include "kernels/cuda_few_cull.cuh"
+#include "kernels/cuda_graph.h"
 #include "kernels/cuda_large.cuh"
 #include "kernels/cuda_pyramid.cuh"
 #include "kernels/cuda_queues.h"
@@ -74,6 +76,15 @@ enum Mark {
   kMarkCount
 };
 
+struct FrameStreams {
+  cudaStream_t main = nullptr;
+  cudaStream_t side = nullptr;  // stage 3
+  cudaStream_t clip = nullptr;  // triangles of clusters that are clipped, through all stages
+};
+
+/// Of drawn triangles: frames of scenes of fewer are one submission each.
+constexpr uint64_t kMostGraphTriangles = uint64_t{1} << 23;
+
 /// Of one pass: stages 2 and 3 begin after `small_done`.
 struct StageMarks {
   Mark small_done;
@@ -103,14 +114,14 @@ struct CudaFrames::Impl {
   Impl(const Impl&) = delete;
   Impl& operator=(const Impl&) = delete;
   ~Impl() {
-    if (stream != nullptr) (void)cudaStreamSynchronize(stream);
+    if (streams.main != nullptr) (void)cudaStreamSynchronize(streams.main);
     for (cudaEvent_t event : marks) {
       if (event != nullptr) (void)cudaEventDestroy(event);
     }
     (void)cudaFreeHost(seen);
-    if (clip_stream != nullptr) (void)cudaStreamDestroy(clip_stream);
-    if (side_stream != nullptr) (void)cudaStreamDestroy(side_stream);
-    if (stream != nullptr) (void)cudaStreamDestroy(stream);
+    for (const FrameStreams& all : {streams, kept_streams})
+      for (cudaStream_t stream : {all.clip, all.side, all.main})
+        if (stream != nullptr) (void)cudaStreamDestroy(stream);
   }
 
   Result<void> open(const SceneView& host, const CudaQueueSizes& sizes);
@@ -121,13 +132,13 @@ struct CudaFrames::Impl {
   Result<void> find_all_bounds();
   Result<void> forget();
   Result<void> fit_pyramid(const FrameView& frame);
-  Result<void> submit() { return frame.orthographic ? submit<true>() : submit<false>(); }
-  template <bool kOrthographic>
   Result<void> submit();
+  template <bool kOrthographic>
+  Result<void> submit_passes();
   template <bool kOrthographic, ClusterPass kPass>
   void submit_clusters(const SmallFrame& small, uint32_t round, uint32_t rounds);
   template <bool kOrthographic>
-  void submit_clipped(const ClusterFrame& clusters, cudaStream_t on);
+  void submit_clipped(const ClusterFrame& clusters, cudaStream_t stream);
   template <bool kOrthographic>
   Result<void> submit_clipped_aside(const SmallFrame& small);
   template <bool kOrthographic>
@@ -149,11 +160,19 @@ struct CudaFrames::Impl {
   bool clips_aside() const { return has_clusters() && !in_two_passes(); }
   /// For the next frame, while nobody waits.
   Result<void> clear_counters() {
-    Result<void> done = cuda_check(cudaMemsetAsync(zeroed.data(), 0, zeroed.count(), stream), "clearing the counters");
+    Result<void> done =
+        cuda_check(cudaMemsetAsync(zeroed.data(), 0, zeroed.count(), streams.main), "clearing the counters");
     counters_cleared = static_cast<bool>(done);
     return done;
   }
-  Result<void> mark(Mark place) { return cuda_check(cudaEventRecord(marks[place], stream), "recording an event"); }
+  /// Worth it where a frame takes a fraction of a millisecond; not in two passes, whose rounds change.
+  bool goes_as_graph() const {
+    return options.part == FramePart::kWhole && !two_passes && !options.stage_times &&
+           triangle_count < kMostGraphTriangles;
+  }
+  Result<void> mark(Mark place) {
+    return cuda_check(cudaEventRecord(marks[place], streams.main), "recording an event");
+  }
   Result<void> read_times(FrameTimes& times) const;
 
   SceneView scene{};
@@ -161,10 +180,12 @@ struct CudaFrames::Impl {
   DrawTables tables;  // the flags; the vectors are given up once they are on the device
   uint32_t multiprocessors = 0;
   SmallVariant variants[2] = {};  // perspective, orthographic
-  cudaStream_t stream = nullptr;
-  cudaStream_t side_stream = nullptr;  // stage 3
-  cudaStream_t clip_stream = nullptr;  // triangles of clusters that are clipped, through all stages
-  // All are blocking streams: who works on the default stream (the resolver) is ordered with them.
+  FrameStreams streams;           // that the frame is submitted to
+  // All are blocking streams: who works on the default stream (the resolver) is ordered with them. Those that a graph
+  // is captured from are not: a capture would be lost, and who works there meanwhile would fail.
+  FrameStreams kept_streams;
+  CudaGraph graph;
+  bool is_graph = false;  // the last frame
   cudaEvent_t marks[kMarkCount] = {};
   FrameCounters* seen = nullptr;  // pinned: the counters after a frame
 
@@ -220,9 +241,10 @@ Result<void> CudaFrames::Impl::open(const SceneView& host, const CudaQueueSizes&
     variants[orthographic] = choose_small(tables, orthographic);
     if (done) done = prepare(variants[orthographic]);
   }
-  if (done) done = cuda_check(cudaStreamCreate(&stream), "making a stream");
-  if (done) done = cuda_check(cudaStreamCreate(&side_stream), "making a stream");
-  if (done) done = cuda_check(cudaStreamCreate(&clip_stream), "making a stream");
+  for (cudaStream_t* stream : {&streams.main, &streams.side, &streams.clip})
+    if (done) done = cuda_check(cudaStreamCreate(stream), "making a stream");
+  for (cudaStream_t* stream : {&kept_streams.main, &kept_streams.side, &kept_streams.clip})
+    if (done) done = cuda_check(cudaStreamCreateWithFlags(stream, cudaStreamNonBlocking), "making a stream");
   for (cudaEvent_t& event : marks) {
     if (done) done = cuda_check(cudaEventCreate(&event), "making an event");
   }
@@ -244,7 +266,7 @@ Result<void> CudaFrames::Impl::open(const SceneView& host, const CudaQueueSizes&
   if (done) done = queues.triangles.tiles.allocate(sizes.tiles, "allocating the queues");
   if (done) done = queues.grow({sizes.medium, sizes.large, 0, 0, 0, 0, 0, 0});
   if (done && !tables.cluster_candidates.empty()) done = open_clusters(host, sizes);
-  if (done) done = cuda_check(cudaStreamSynchronize(stream), "preparing to draw");
+  if (done) done = cuda_check(cudaStreamSynchronize(streams.main), "preparing to draw");
   tables.order = {};
   tables.mesh_first = {};
   tables.candidates = {};
@@ -256,7 +278,7 @@ Result<void> CudaFrames::Impl::open(const SceneView& host, const CudaQueueSizes&
 
 /// Of the chunks whose pages are there.
 Result<void> CudaFrames::Impl::find_all_bounds() {
-  find_bounds<<<multiprocessors * 8, 128, 0, stream>>>(scene, bounds.data());
+  find_bounds<<<multiprocessors * 8, 128, 0, streams.main>>>(scene, bounds.data());
   return cuda_check(cudaGetLastError(), "finding the chunks' bounds");
 }
 
@@ -293,7 +315,7 @@ Result<void> CudaFrames::Impl::open_clusters(const SceneView& host, const CudaQu
 Result<void> CudaFrames::Impl::forget() {
   if (!in_two_passes()) return {};
   last_view = {};
-  return cuda_check(cudaMemsetAsync(seen_before.data(), 0, tables.cluster_groups * sizeof(uint32_t), stream),
+  return cuda_check(cudaMemsetAsync(seen_before.data(), 0, tables.cluster_groups * sizeof(uint32_t), streams.main),
                     "clearing a bit for each cluster");
 }
 
@@ -349,17 +371,17 @@ ClusterCull CudaFrames::Impl::cluster_cull(const DrawList& list, const ClusterTe
 /// Finds the chunks that are drawn, and clears the picture.
 void CudaFrames::Impl::submit_culling(const DrawList& list, const SamplesToClear& clear, bool draws_indexed,
                                       bool draws_clusters) {
-  cull_instances<<<(list.instance_count - 1) / kCullThreads + 1 + clear.blocks, kCullThreads, 0, stream>>>(scene, frame,
-                                                                                                           list, clear);
+  cull_instances<<<(list.instance_count - 1) / kCullThreads + 1 + clear.blocks, kCullThreads, 0, streams.main>>>(
+      scene, frame, list, clear);
   if (draws_indexed) {
-    cull_chunks<<<(list.candidate_count - 1) / kCullThreads + 1, kCullThreads, 0, stream>>>(scene, frame, list);
+    cull_chunks<<<(list.candidate_count - 1) / kCullThreads + 1, kCullThreads, 0, streams.main>>>(scene, frame, list);
   }
   if (draws_clusters) {
     const uint64_t threads = cluster_candidates.count() * kGroupInstances;
     const auto blocks = static_cast<uint32_t>((threads - 1) / kCullThreads + 1);
     const ClusterList clusters = cluster_list();
-    cull_clustered_chunks<<<blocks, kCullThreads, 0, stream>>>(scene, frame, list, clusters, in_two_passes());
-    place_cluster_draws<<<blocks, kCullThreads, 0, stream>>>(scene, frame, list, clusters);
+    cull_clustered_chunks<<<blocks, kCullThreads, 0, streams.main>>>(scene, frame, list, clusters, in_two_passes());
+    place_cluster_draws<<<blocks, kCullThreads, 0, streams.main>>>(scene, frame, list, clusters);
   }
 }
 
@@ -368,7 +390,7 @@ template <bool kOrthographic>
 void CudaFrames::Impl::submit_few_culling(const DrawList& list, const SamplesToClear& clear) {
   const auto group_count = static_cast<uint32_t>(few_groups.count());
   const uint32_t blocks = (group_count - 1) / kCullWarps + 1 + clear.blocks;
-  cull_few<kOrthographic><<<blocks, kCullThreads, 0, stream>>>(
+  cull_few<kOrthographic><<<blocks, kCullThreads, 0, streams.main>>>(
       {scene, list.transforms, cluster_cull(list, {options.cluster_bounds, false}, 0, 0, 1), few_groups.data(),
        group_count, clear});
 }
@@ -378,7 +400,7 @@ template <bool kOrthographic, ClusterPass kPass>
 void CudaFrames::Impl::submit_clusters(const SmallFrame& small, uint32_t round, uint32_t rounds) {
   const uint32_t pass = kPass == ClusterPass::kNewlySeen ? 1 + round : 0;
   if (!has_few_clusters()) {
-    cull_clusters<kOrthographic, kPass><<<multiprocessors * kCullBlocks, kCullThreads, 0, stream>>>(
+    cull_clusters<kOrthographic, kPass><<<multiprocessors * kCullBlocks, kCullThreads, 0, streams.main>>>(
         cluster_cull(small.list, {options.cluster_bounds, options.occlusion}, pass, round, rounds));
   }
   const ClusterFrame clusters{small, cluster_list(), pass};
@@ -387,18 +409,18 @@ void CudaFrames::Impl::submit_clusters(const SmallFrame& small, uint32_t round, 
   const auto kernel = !in_two_passes() ? raster_clusters<kOrthographic, kClusterParts, false>
                       : asks_again     ? raster_clusters<kOrthographic, 1, true>
                                        : raster_clusters<kOrthographic, 1, false>;
-  kernel<<<multiprocessors * kClusterBlocks, kClusterThreads, kClusterWarps * sizeof(ClusterShared), stream>>>(
+  kernel<<<multiprocessors * kClusterBlocks, kClusterThreads, kClusterWarps * sizeof(ClusterShared), streams.main>>>(
       clusters);
-  if (!clips_aside()) submit_clipped<kOrthographic>(clusters, stream);
+  if (!clips_aside()) submit_clipped<kOrthographic>(clusters, streams.main);
 }
 
 /// Clips the triangles of clusters that need it.
 template <bool kOrthographic>
-void CudaFrames::Impl::submit_clipped(const ClusterFrame& clusters, cudaStream_t on) {
+void CudaFrames::Impl::submit_clipped(const ClusterFrame& clusters, cudaStream_t stream) {
   if (cuts_many()) {
-    raster_cut<kOrthographic><<<multiprocessors * kCutBlocks, kClusterThreads, 0, on>>>(clusters);
+    raster_cut<kOrthographic><<<multiprocessors * kCutBlocks, kClusterThreads, 0, stream>>>(clusters);
   } else {
-    raster_clipped<kOrthographic><<<multiprocessors, kClusterThreads, 0, on>>>(clusters);
+    raster_clipped<kOrthographic><<<multiprocessors, kClusterThreads, 0, stream>>>(clusters);
   }
 }
 
@@ -411,14 +433,14 @@ Result<void> CudaFrames::Impl::submit_clipped_aside(const SmallFrame& small) {
   clipped.queues = queues.clipped.view(&small.list.counters->clipped);
   const LargeFrame rest{small.view, small.target, clipped.queues, &small.list.counters->clipped_drawn};
   Result<void> done = mark(kClustersDone);
-  if (done) done = cuda_check(cudaStreamWaitEvent(clip_stream, marks[kClustersDone]), "forking");
+  if (done) done = cuda_check(cudaStreamWaitEvent(streams.clip, marks[kClustersDone]), "forking");
   if (!done) return done;
-  submit_clipped<kOrthographic>({clipped, cluster_list(), 0}, clip_stream);
-  split_large<kOrthographic><<<multiprocessors, kLargeThreads, 0, clip_stream>>>(rest);
-  raster_large<kOrthographic><<<multiprocessors * kLargeBlocks, kLargeThreads, 0, clip_stream>>>(rest);
-  raster_medium<kOrthographic><<<multiprocessors, kLargeThreads, 0, clip_stream>>>(rest);
+  submit_clipped<kOrthographic>({clipped, cluster_list(), 0}, streams.clip);
+  split_large<kOrthographic><<<multiprocessors, kLargeThreads, 0, streams.clip>>>(rest);
+  raster_large<kOrthographic><<<multiprocessors * kLargeBlocks, kLargeThreads, 0, streams.clip>>>(rest);
+  raster_medium<kOrthographic><<<multiprocessors, kLargeThreads, 0, streams.clip>>>(rest);
   done = cuda_check(cudaGetLastError(), "starting to clip");
-  if (done) done = cuda_check(cudaEventRecord(marks[kClippedDone], clip_stream), "recording an event");
+  if (done) done = cuda_check(cudaEventRecord(marks[kClippedDone], streams.clip), "recording an event");
   return done;
 }
 
@@ -429,27 +451,28 @@ Result<void> CudaFrames::Impl::submit_stages(const SmallFrame& small, const Stag
   Result<void> done;
   if (clips_aside()) done = submit_clipped_aside<kOrthographic>(small);
   if (done) done = mark(at.small_done);
-  if (done) done = cuda_check(cudaStreamWaitEvent(side_stream, marks[at.small_done]), "forking");
-  if (done) done = cuda_check(cudaEventRecord(marks[at.large_begun], side_stream), "recording an event");
+  if (done) done = cuda_check(cudaStreamWaitEvent(streams.side, marks[at.small_done]), "forking");
+  if (done) done = cuda_check(cudaEventRecord(marks[at.large_begun], streams.side), "recording an event");
   if (done) {
     const uint32_t blocks = multiprocessors * kLargeBlocks;
-    split_large<kOrthographic><<<blocks, kLargeThreads, 0, side_stream>>>(rest);
-    raster_large<kOrthographic><<<blocks, kLargeThreads, 0, side_stream>>>(rest);
+    split_large<kOrthographic><<<blocks, kLargeThreads, 0, streams.side>>>(rest);
+    raster_large<kOrthographic><<<blocks, kLargeThreads, 0, streams.side>>>(rest);
     done = cuda_check(cudaGetLastError(), "starting stage 3");
   }
-  if (done) done = cuda_check(cudaEventRecord(marks[at.large_done], side_stream), "recording an event");
+  if (done) done = cuda_check(cudaEventRecord(marks[at.large_done], streams.side), "recording an event");
   if (done) {
-    raster_medium<kOrthographic><<<multiprocessors * kMediumBlocks, kLargeThreads, 0, stream>>>(rest);
+    raster_medium<kOrthographic><<<multiprocessors * kMediumBlocks, kLargeThreads, 0, streams.main>>>(rest);
     done = cuda_check(cudaGetLastError(), "starting stage 2");
   }
   if (done) done = mark(at.medium_done);
-  if (done) done = cuda_check(cudaStreamWaitEvent(stream, marks[at.large_done]), "joining");
-  if (done && clips_aside()) done = cuda_check(cudaStreamWaitEvent(stream, marks[kClippedDone]), "joining");
+  if (done) done = cuda_check(cudaStreamWaitEvent(streams.main, marks[at.large_done]), "joining");
+  if (done && clips_aside()) done = cuda_check(cudaStreamWaitEvent(streams.main, marks[kClippedDone]), "joining");
   return done;
 }
 
+/// Draws the frame.
 template <bool kOrthographic>
-Result<void> CudaFrames::Impl::submit() {
+Result<void> CudaFrames::Impl::submit_passes() {
   auto* const counters = reinterpret_cast<FrameCounters*>(zeroed.data());
   const DrawList list{order.data(),
                       mesh_first.data(),
@@ -465,12 +488,8 @@ Result<void> CudaFrames::Impl::submit() {
   const Target target{samples, frame.width};
   const uint64_t sample_count = static_cast<uint64_t>(frame.width) * static_cast<uint64_t>(frame.height);
 
-  ++frame_number;
-  Result<void> done = mark(kStart);
+  Result<void> done;
   static_assert(kBackground == ~uint64_t{0});
-  if (done && !counters_cleared) done = clear_counters();
-  counters_cleared = false;
-  two_passes = has_clusters() && in_two_passes() && options.cluster_bounds && options.occlusion;
   // Of frames in one pass nothing is known to have been seen.
   const bool is_ahead = options.part == FramePart::kSeenBefore;
   const bool draws_clusters = has_clusters() && (two_passes || !is_ahead);
@@ -479,7 +498,7 @@ Result<void> CudaFrames::Impl::submit() {
   const bool clears = options.part == FramePart::kWhole;
   const bool culls = list.instance_count != 0 && (draws_indexed || draws_clusters);
   if (done && clears && !culls) {
-    done = cuda_check(cudaMemsetAsync(samples, 0xff, sample_count * sizeof(uint64_t), stream), "clearing");
+    done = cuda_check(cudaMemsetAsync(samples, 0xff, sample_count * sizeof(uint64_t), streams.main), "clearing");
   }
   if (done) done = mark(kCleared);
   if (done && culls) {
@@ -501,7 +520,7 @@ Result<void> CudaFrames::Impl::submit() {
                          options.sampleless_test};
   if (done && draws_indexed) {
     const SmallVariant& variant = variants[kOrthographic ? 1 : 0];
-    variant.kernel<<<variant.blocks, kSmallThreads, variant.shared_bytes, stream>>>(small);
+    variant.kernel<<<variant.blocks, kSmallThreads, variant.shared_bytes, streams.main>>>(small);
   }
   if (done && draws_clusters) {
     if (two_passes && options.part != FramePart::kRest) {
@@ -519,17 +538,41 @@ Result<void> CudaFrames::Impl::submit() {
     // Where the camera stood still little is new, and one round is the least work.
     const uint32_t rounds = same_view(frame, last_view) ? 1 : rounds_when_moving();
     for (uint32_t round = 0; round < rounds && done; ++round) {
-      build_pyramid_tiles<<<tiles_of_image, kPyramidThreads, 0, stream>>>(pyramid, samples);
-      build_pyramid_top<<<1, 1024, 0, stream>>>(pyramid, counters);
+      build_pyramid_tiles<<<tiles_of_image, kPyramidThreads, 0, streams.main>>>(pyramid, samples);
+      build_pyramid_top<<<1, 1024, 0, streams.main>>>(pyramid, counters);
       if (round == 0) done = mark(kPyramidDone);
       submit_clusters<kOrthographic, ClusterPass::kNewlySeen>(small, round, rounds);
       if (done) done = cuda_check(cudaGetLastError(), "starting the second pass");
       if (done) done = submit_stages<kOrthographic>(small, kSecondStages);
     }
   }
+  return done;
+}
+
+/// Begins the frame, or does it once more.
+Result<void> CudaFrames::Impl::submit() {
+  ++frame_number;
+  Result<void> done = mark(kStart);
+  if (done && !counters_cleared) done = clear_counters();
+  counters_cleared = false;
+  two_passes = has_clusters() && in_two_passes() && options.cluster_bounds && options.occlusion;
+  is_graph = goes_as_graph();
+  if (done && is_graph) done = CudaGraph::begin(kept_streams.main);
+  if (!done) return done;
+  if (is_graph) std::swap(streams, kept_streams);
+  done = frame.orthographic ? submit_passes<true>() : submit_passes<false>();
+  if (is_graph) {
+    std::swap(streams, kept_streams);
+    if (done) {
+      done = graph.start(kept_streams.main, streams.main);
+    } else {
+      CudaGraph::abandon(kept_streams.main);
+    }
+  }
+  const auto* const counters = reinterpret_cast<const FrameCounters*>(zeroed.data());
   if (done) done = mark(kAllDone);
   if (done) {
-    done = cuda_check(cudaMemcpyAsync(seen, counters, sizeof *seen, cudaMemcpyDeviceToHost, stream),
+    done = cuda_check(cudaMemcpyAsync(seen, counters, sizeof *seen, cudaMemcpyDeviceToHost, streams.main),
                       "reading the counters");
   }
   if (done) done = mark(kCountersRead);
@@ -544,6 +587,7 @@ Result<void> CudaFrames::Impl::read_times(FrameTimes& times) const {
     Mark to;
     bool is_there;
   };
+  times.has_stages = !is_graph;
   const bool has_second = two_passes && options.part != FramePart::kSeenBefore;
   const Span spans[] = {{&times.clear_ms, kStart, kCleared, true},
                         {&times.cull_ms, kCleared, kCulled, true},
@@ -555,7 +599,7 @@ Result<void> CudaFrames::Impl::read_times(FrameTimes& times) const {
                         {&times.raster_ms, kStart, kAllDone, true}};
   for (const Span& span : spans) {
     *span.out = 0;
-    if (!span.is_there) continue;
+    if (!span.is_there || (!times.has_stages && span.out != &times.raster_ms)) continue;
     Result<void> done = cuda_check(cudaEventElapsedTime(span.out, marks[span.from], marks[span.to]), "reading times");
     if (!done) return done;
   }

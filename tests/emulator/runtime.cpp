@@ -24,7 +24,7 @@ namespace {
 
 using Clock = std::chrono::steady_clock;
 
-/// The work of `stream` before its number `end`.
+/// The work of `stream` before its number `end`. Null: what a graph keeps.
 struct Point {
   CUstream_st* stream;
   uint64_t end;
@@ -37,10 +37,19 @@ struct Work {
 
 }  // namespace
 
+/// In an order in which it can be done.
+struct CUgraph_st {
+  std::vector<std::function<void()>> work;
+};
+struct CUgraphExec_st {
+  std::vector<std::function<void()>> work;
+};
+
 struct CUstream_st {
   bool waits_for_null = false;  // and the null stream for it
   bool is_destroyed = false;
   bool is_running = false;
+  CUgraph_st* capture = nullptr;  // that keeps its work
   uint64_t done = 0;
   std::deque<Work> waiting;
 
@@ -52,6 +61,7 @@ struct CUevent_st {
     Point at;
     bool is_timed;
     Clock::time_point time;
+    CUgraph_st* capture = nullptr;  // that it is of
   };
   bool is_timed = true;
   std::shared_ptr<Record> last;  // null: never recorded
@@ -83,6 +93,7 @@ struct Device {
   std::map<uintptr_t, Allocation> allocations;
   std::map<const void*, Kernel> kernels;
   size_t device_bytes = 0;
+  std::vector<std::unique_ptr<CUgraph_st>> graphs;  // not destroyed yet
 };
 
 Device& device() {
@@ -105,6 +116,7 @@ CUstream_st* stream_of(cudaStream_t stream) {
 
 /// Does all before `point`.
 void reach(Point point) {
+  if (point.stream == nullptr) fail("what a graph keeps is waited for");
   CUstream_st& stream = *point.stream;
   while (stream.done < point.end) {
     if (stream.is_running) fail("work of a stream waits for itself");
@@ -120,6 +132,10 @@ void reach(Point point) {
 
 Point submit(CUstream_st* stream, std::function<void()> run, std::vector<Point> after = {}) {
   Device& all = device();
+  if (stream->capture != nullptr) {
+    stream->capture->work.push_back(std::move(run));
+    return {nullptr, 0};
+  }
   if (stream == &all.null_stream) {
     for (const auto& other : all.streams)
       if (other->waits_for_null && !other->waiting.empty()) after.push_back(other->end());
@@ -358,7 +374,57 @@ cudaError_t cudaStreamSynchronize(cudaStream_t stream) {
 cudaError_t cudaStreamWaitEvent(cudaStream_t stream, cudaEvent_t event, unsigned) {
   const std::lock_guard lock(device().mutex);
   if (event->last == nullptr) return cudaSuccess;
-  submit(stream_of(stream), [] {}, {event->last->at});
+  CUstream_st* const waiting = stream_of(stream);
+  if (event->last->capture != waiting->capture) {
+    // A stream joins a capture so; work outside of it cannot be waited for within.
+    if (waiting->capture != nullptr) return failed(cudaErrorStreamCaptureIsolation);
+    waiting->capture = event->last->capture;
+    return cudaSuccess;
+  }
+  if (waiting->capture == nullptr) submit(waiting, [] {}, {event->last->at});
+  return cudaSuccess;
+}
+
+cudaError_t cudaStreamBeginCapture(cudaStream_t stream, cudaStreamCaptureMode) {
+  const std::lock_guard lock(device().mutex);
+  CUstream_st* const begun = stream_of(stream);
+  if (begun == &device().null_stream || begun->capture != nullptr) return failed(cudaErrorStreamCaptureUnsupported);
+  // Work of the default stream and of such a stream wait for each other.
+  if (begun->waits_for_null) fail("a stream is captured that is ordered with the default stream");
+  begun->capture = device().graphs.emplace_back(std::make_unique<CUgraph_st>()).get();
+  return cudaSuccess;
+}
+cudaError_t cudaStreamEndCapture(cudaStream_t stream, cudaGraph_t* graph) {
+  Device& all = device();
+  const std::lock_guard lock(all.mutex);
+  *graph = stream_of(stream)->capture;
+  if (*graph == nullptr) return failed(cudaErrorIllegalState);
+  for (const auto& other : all.streams)
+    if (other->capture == *graph) other->capture = nullptr;
+  return cudaSuccess;
+}
+cudaError_t cudaGraphInstantiate(cudaGraphExec_t* exec, cudaGraph_t graph, unsigned long long) {
+  *exec = new CUgraphExec_st{graph->work};
+  return cudaSuccess;
+}
+cudaError_t cudaGraphExecUpdate(cudaGraphExec_t exec, cudaGraph_t graph, cudaGraphExecUpdateResultInfo*) {
+  const std::lock_guard lock(device().mutex);
+  if (exec->work.size() != graph->work.size()) return failed(cudaErrorGraphExecUpdateFailure);
+  exec->work = graph->work;
+  return cudaSuccess;
+}
+cudaError_t cudaGraphLaunch(cudaGraphExec_t exec, cudaStream_t stream) {
+  const std::lock_guard lock(device().mutex);
+  for (const std::function<void()>& work : exec->work) submit(stream_of(stream), work);
+  return cudaSuccess;
+}
+cudaError_t cudaGraphDestroy(cudaGraph_t graph) {
+  const std::lock_guard lock(device().mutex);
+  std::erase_if(device().graphs, [&](const auto& one) { return one.get() == graph; });
+  return cudaSuccess;
+}
+cudaError_t cudaGraphExecDestroy(cudaGraphExec_t exec) {
+  delete exec;
   return cudaSuccess;
 }
 
@@ -377,18 +443,22 @@ cudaError_t cudaEventRecord(cudaEvent_t event, cudaStream_t stream) {
   const std::lock_guard lock(device().mutex);
   const auto record = std::make_shared<CUevent_st::Record>();
   record->is_timed = event->is_timed;
+  record->capture = stream_of(stream)->capture;
   record->at = submit(stream_of(stream), [record] { record->time = Clock::now(); });
   event->last = record;
   return cudaSuccess;
 }
 cudaError_t cudaEventSynchronize(cudaEvent_t event) {
   const std::lock_guard lock(device().mutex);
-  if (event->last != nullptr) reach(event->last->at);
+  if (event->last == nullptr) return cudaSuccess;
+  if (event->last->capture != nullptr) return failed(cudaErrorCapturedEvent);
+  reach(event->last->at);
   return cudaSuccess;
 }
 cudaError_t cudaEventQuery(cudaEvent_t event) {
   const std::lock_guard lock(device().mutex);
   if (event->last == nullptr) return cudaSuccess;
+  if (event->last->capture != nullptr) return failed(cudaErrorCapturedEvent);
   const Point at = event->last->at;
   if (at.stream->done >= at.end) return cudaSuccess;
   reach({at.stream, at.stream->done + 1});
@@ -398,6 +468,7 @@ cudaError_t cudaEventElapsedTime(float* ms, cudaEvent_t begin, cudaEvent_t end) 
   const std::lock_guard lock(device().mutex);
   for (const CUevent_st* event : {begin, end}) {
     if (event->last == nullptr || !event->last->is_timed) return failed(cudaErrorInvalidResourceHandle);
+    if (event->last->capture != nullptr) return failed(cudaErrorCapturedEvent);
     if (event->last->at.stream->done < event->last->at.end) return failed(cudaErrorNotReady);
   }
   *ms = std::chrono::duration<float, std::milli>(end->last->time - begin->last->time).count();

@@ -51,6 +51,10 @@ SCREE_WRAP_MAKE(cudaEventCreateWithFlags, cudaErrorUnknown, (cudaEvent_t * event
 SCREE_WRAP_MAKE(cudaStreamCreate, cudaErrorUnknown, (cudaStream_t * stream), (stream), stream)
 SCREE_WRAP_MAKE(cudaStreamCreateWithFlags, cudaErrorUnknown, (cudaStream_t * stream, unsigned flags), (stream, flags),
                 stream)
+SCREE_WRAP_MAKE(cudaStreamEndCapture, cudaErrorUnknown, (cudaStream_t stream, cudaGraph_t* graph), (stream, graph),
+                graph)
+SCREE_WRAP_MAKE(cudaGraphInstantiate, cudaErrorMemoryAllocation,
+                (cudaGraphExec_t * exec, cudaGraph_t graph, unsigned long long flags), (exec, graph, flags), exec)
 #undef SCREE_WRAP_MAKE
 SCREE_WRAP(cudaMemcpy, cudaErrorUnknown, (void* to, const void* from, size_t bytes, cudaMemcpyKind kind),
            (to, from, bytes, kind))
@@ -82,6 +86,10 @@ SCREE_WRAP(cudaEventElapsedTime, cudaErrorUnknown, (float* ms, cudaEvent_t begin
 SCREE_WRAP(cudaStreamSynchronize, cudaErrorUnknown, (cudaStream_t stream), (stream))
 SCREE_WRAP(cudaStreamWaitEvent, cudaErrorUnknown, (cudaStream_t stream, cudaEvent_t event, unsigned flags),
            (stream, event, flags))
+SCREE_WRAP(cudaStreamBeginCapture, cudaErrorUnknown, (cudaStream_t stream, cudaStreamCaptureMode mode), (stream, mode))
+SCREE_WRAP(cudaGraphExecUpdate, cudaErrorUnknown,
+           (cudaGraphExec_t exec, cudaGraph_t graph, cudaGraphExecUpdateResultInfo* info), (exec, graph, info))
+SCREE_WRAP(cudaGraphLaunch, cudaErrorUnknown, (cudaGraphExec_t exec, cudaStream_t stream), (exec, stream))
 SCREE_WRAP(cudaFuncSetAttribute, cudaErrorUnknown, (const void* kernel, cudaFuncAttribute attribute, int value),
            (kernel, attribute, value))
 SCREE_WRAP(cudaOccupancyMaxActiveBlocksPerMultiprocessorWithFlags, cudaErrorUnknown,
@@ -104,6 +112,8 @@ SCREE_WRAP_RELEASE(cudaFree, void*, block)
 SCREE_WRAP_RELEASE(cudaFreeHost, void*, block)
 SCREE_WRAP_RELEASE(cudaEventDestroy, cudaEvent_t, event)
 SCREE_WRAP_RELEASE(cudaStreamDestroy, cudaStream_t, stream)
+SCREE_WRAP_RELEASE(cudaGraphDestroy, cudaGraph_t, graph)
+SCREE_WRAP_RELEASE(cudaGraphExecDestroy, cudaGraphExec_t, exec)
 #undef SCREE_WRAP_RELEASE
 
 /// What <<<>>> calls: CUDA 12 the first, CUDA 13 the second, whose kernel is a handle.

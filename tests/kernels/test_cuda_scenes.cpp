@@ -36,6 +36,9 @@ void compare(SceneBuilder& builder, const std::vector<View>& views, uint64_t lea
     CHECK((device.draw(views[i]) == expected[i]));  // a picture may be too large to be printed
     CHECK((device.draw(views[i], {1, 1, 1, 1, 1, 1}) == expected[i]));
     CHECK((device.draw(views[i], {}, {false}) == expected[i]));
+    kernels::DrawOptions by_kernel;
+    by_kernel.stage_times = true;
+    CHECK((device.draw(views[i], {}, by_kernel) == expected[i]));
   }
   CHECK((device.draw_in_turn(views) == expected));
 }

@@ -77,6 +77,8 @@ Command add_bench(CLI::App& parent) {
       ->type_name("WxH");
   app->add_option("--frames", words->frames, "Frames measured")->capture_default_str()->type_name("N");
   app->add_option("--warmup", words->warmup, "Frames before them")->capture_default_str()->type_name("N");
+  app->add_flag("--stages", words->stages,
+                "Time the stages of small scenes too, whose frames are one submission otherwise and take less");
   app->add_flag("--path", words->path,
                 "Move from a scene's first view to its second over 120 frames: mean, worst, and the jump back");
   app->add_flag(

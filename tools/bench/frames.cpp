@@ -31,13 +31,16 @@ struct Frames::Impl {
     draw.sampleless_test = options.sampleless_test;
     draw.cluster_bounds = options.culling.bounds;
     draw.occlusion = options.culling.occlusion;
+    draw.stage_times = options.stage_times;
     kernels::FrameTimes times{};
     Result<kernels::FrameStats> stats = frames->draw(view, device_samples(), draw, &times);
-    ms.clear = times.clear_ms;
-    ms.cull = times.cull_ms;
-    ms.small = times.small_ms;
-    ms.medium = times.medium_ms;
-    ms.large = times.large_ms;
+    if (times.has_stages) {
+      ms.clear = times.clear_ms;
+      ms.cull = times.cull_ms;
+      ms.small = times.small_ms;
+      ms.medium = times.medium_ms;
+      ms.large = times.large_ms;
+    }
     if (times.second_ms != 0) {
       ms.pyramid = times.pyramid_ms;
       ms.second = times.second_ms;

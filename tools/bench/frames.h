@@ -24,6 +24,7 @@ struct FrameOptions {
   bool sampleless_test = true;  // triangles that cover no pixel centre go early
   Culling culling;
   Effects effects;
+  bool stage_times = false;  // of small scenes too, which take longer then
 };
 
 /// Draws frames of one scene, which outlives it.

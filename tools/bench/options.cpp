@@ -110,7 +110,8 @@ Result<std::vector<Effects>> parse_effects(const std::string& text) {
 /// What --reference and --curves cannot take, because they draw the file that convert makes, one way.
 Result<void> check_reference(const BenchWords& words, const BenchOptions& options) {
   const BenchWords defaults;
-  if (words.path || words.sweep) return usage("--reference and --curves exclude --path and --sweep");
+  if (words.path || words.sweep || words.stages)
+    return usage("--reference and --curves exclude --path, --sweep and --stages");
   if (words.samples != defaults.samples || words.sampleless != defaults.sampleless ||
       words.culling != defaults.culling || words.effects != defaults.effects)
     return usage("--reference and --curves take no --samples, --sampleless, --culling or --effects");
@@ -130,7 +131,7 @@ Result<BenchOptions> parse_textured(const BenchWords& words, BenchOptions option
   if (words.positions != defaults.positions || words.indices != defaults.indices || words.order != defaults.order ||
       words.scale != defaults.scale || words.samples != defaults.samples || words.sampleless != defaults.sampleless ||
       words.culling != defaults.culling || words.effects != defaults.effects || !words.views.empty() || words.path ||
-      words.sweep || words.reference || words.curves || !words.csv.empty())
+      words.sweep || words.stages || words.reference || words.curves || !words.csv.empty())
     return usage("--scene textured takes --textures, --texture-size, --texture-cache, --size, --frames and --warmup");
   options.is_textured = true;
   if (words.textures < 1 || words.textures > 1000) return usage("--textures: 1 to 1000");
@@ -228,6 +229,7 @@ Result<BenchOptions> parse_options(const BenchWords& words) {
   Result<std::vector<bool>> tests = parse_switches("--sampleless", words.sampleless);
   if (!tests) return tests.error();
   options.sampleless_tests = std::move(*tests);
+  options.stage_times = words.stages;
   Result<std::vector<Culling>> culling = parse_culling(words.culling);
   if (!culling) return culling.error();
   options.culling = std::move(*culling);

@@ -24,6 +24,7 @@ struct BenchWords {
   std::string order = "row";
   std::string samples = "1";
   std::string sampleless = "on";
+  bool stages = false;
   std::string culling = "all";
   std::string effects = "none";
   std::string size;
@@ -76,6 +77,7 @@ struct BenchOptions {
   std::vector<Culling> culling;
   std::vector<Effects> effects;
   std::vector<bool> sampleless_tests;  // on, off
+  bool stage_times = false;            // of small scenes too
   std::optional<ImageSize> size;       // instead of the scene's own
   uint32_t frames = 60;
   uint32_t warmup = 10;

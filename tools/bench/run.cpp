@@ -249,6 +249,7 @@ class Runner {
     FrameOptions frame;
     frame.samples_per_side = result.samples_per_side;
     frame.sampleless_test = result.sampleless_test;
+    frame.stage_times = options_.stage_times;
     frame.culling = culling;
     frame.effects = effects;
     for (uint32_t i = 0; i < options_.warmup; ++i) {

@@ -1,0 +1,63 @@
+// What is submitted to several streams, started as one: a short frame otherwise waits for its streams to fork and join.
+#pragma once
+
+#include <cuda_runtime.h>
+
+#include "format/result.h"
+#include "kernels/cuda_check.h"
+
+namespace scree::kernels {
+
+/// A CUDA graph that is captured anew for every frame: of the same shape it is the graph before with other arguments,
+/// which takes the host less than starting its kernels one by one. One thread at a time.
+class CudaGraph {
+ public:
+  CudaGraph() = default;
+  CudaGraph(const CudaGraph&) = delete;
+  CudaGraph& operator=(const CudaGraph&) = delete;
+  ~CudaGraph() {
+    if (exec_ != nullptr) (void)cudaGraphExecDestroy(exec_);
+  }
+
+  /// What `stream` gets from now on is kept, and what streams get that wait for an event of it. `stream` is not ordered
+  /// with the default stream, which other threads may use meanwhile.
+  static Result<void> begin(cudaStream_t stream) {
+    return cuda_check(cudaStreamBeginCapture(stream, cudaStreamCaptureModeThreadLocal), "recording a frame");
+  }
+
+  /// Ends that, also after an error in between.
+  static void abandon(cudaStream_t stream) {
+    cudaGraph_t captured = nullptr;
+    (void)cudaStreamEndCapture(stream, &captured);
+    if (captured != nullptr) (void)cudaGraphDestroy(captured);
+    (void)cudaGetLastError();
+  }
+
+  /// Ends that too; `target` gets all that was kept.
+  Result<void> start(cudaStream_t stream, cudaStream_t target) {
+    cudaGraph_t captured = nullptr;
+    if (auto done = cuda_check(cudaStreamEndCapture(stream, &captured), "recording a frame"); !done) return done;
+    const Result<void> updated = update(captured);
+    (void)cudaGraphDestroy(captured);
+    if (!updated) return updated;
+    return cuda_check(cudaGraphLaunch(exec_, target), "starting a frame");
+  }
+
+ private:
+  Result<void> update(cudaGraph_t captured) {
+    if (exec_ != nullptr) {
+      cudaGraphExecUpdateResultInfo info{};
+      if (cudaGraphExecUpdate(exec_, captured, &info) == cudaSuccess) return {};
+      // Of another shape.
+      (void)cudaGetLastError();
+      const cudaGraphExec_t old = exec_;
+      exec_ = nullptr;
+      if (auto done = cuda_check(cudaGraphExecDestroy(old), "recording a frame"); !done) return done;
+    }
+    return cuda_check(cudaGraphInstantiate(&exec_, captured, 0), "recording a frame");
+  }
+
+  cudaGraphExec_t exec_ = nullptr;
+};
+
+}  // namespace scree::kernels
