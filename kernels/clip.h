@@ -115,7 +115,7 @@ SCREE_HD inline ScreenVertex snap_clipped(const ClipVertex& v, const FrameView& 
 
 /// A convex polygon of up to 4 corners, as they are drawn.
 struct NearPolygon {
-  ScreenVertex corner[4];
+  ScreenVertex corner[4] = {};
   int count = 0;  // 0: nothing is left
 
   /// Without an index that is not known beforehand, so that a GPU keeps all in registers.

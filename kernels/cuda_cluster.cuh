@@ -33,7 +33,7 @@ __device__ inline uint2 vertex_centers(const SampleFilter& filter, const PackedR
   const FilteredVertex vertex = filter_vertex<kOrthographic>(filter, x, y, z);
   float slack = filter.slack;
   if (kOrthographic || filter.growth != 0.0f) {
-    // As may_cover_sample() has it.
+    // As may_cover_sample() has it; and what a place may be off has to fit 16 bits with it.
     const float farthest = greatest(size_of(vertex.u), size_of(vertex.v));
     slack = fused(farthest, filter.growth, slack);
     bool held = !(farthest < 32700.0f) | !(slack < 16.0f) | !(vertex.w >= filter.w_lowest);

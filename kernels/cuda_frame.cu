@@ -133,6 +133,8 @@ struct CudaFrames::Impl {
   Result<void> forget();
   Result<void> fit_pyramid(const FrameView& frame);
   Result<void> submit();
+  Result<void> record();
+  Result<void> submit_passes() { return frame.orthographic ? submit_passes<true>() : submit_passes<false>(); }
   template <bool kOrthographic>
   Result<void> submit_passes();
   template <bool kOrthographic, ClusterPass kPass>
@@ -549,26 +551,28 @@ Result<void> CudaFrames::Impl::submit_passes() {
   return done;
 }
 
+/// Keeps the frame in the graph. Its streams are the graph's meanwhile.
+Result<void> CudaFrames::Impl::record() {
+  if (Result<void> done = CudaGraph::begin(kept_streams.main); !done) return done;
+  std::swap(streams, kept_streams);
+  const Result<void> done = submit_passes();
+  std::swap(streams, kept_streams);
+  if (done) return graph.finish(kept_streams.main);
+  CudaGraph::abandon(kept_streams.main);
+  return done;
+}
+
 /// Begins the frame, or does it once more.
 Result<void> CudaFrames::Impl::submit() {
   ++frame_number;
-  Result<void> done = mark(kStart);
-  if (done && !counters_cleared) done = clear_counters();
-  counters_cleared = false;
   two_passes = has_clusters() && in_two_passes() && options.cluster_bounds && options.occlusion;
   is_graph = goes_as_graph();
-  if (done && is_graph) done = CudaGraph::begin(kept_streams.main);
-  if (!done) return done;
-  if (is_graph) std::swap(streams, kept_streams);
-  done = frame.orthographic ? submit_passes<true>() : submit_passes<false>();
-  if (is_graph) {
-    std::swap(streams, kept_streams);
-    if (done) {
-      done = graph.start(kept_streams.main, streams.main);
-    } else {
-      CudaGraph::abandon(kept_streams.main);
-    }
-  }
+  Result<void> done;
+  if (is_graph) done = record();
+  if (done) done = mark(kStart);
+  if (done && !counters_cleared) done = clear_counters();
+  counters_cleared = false;
+  if (done) done = is_graph ? graph.launch(streams.main) : submit_passes();
   const auto* const counters = reinterpret_cast<const FrameCounters*>(zeroed.data());
   if (done) done = mark(kAllDone);
   if (done) {
@@ -671,6 +675,7 @@ Result<CudaFrames::Finished> CudaFrames::finish(FrameTimes* times) {
     if (!queues.had_room(*impl_->seen))
       return Error{ErrorCode::kRange, "a queue of the frame would need 2^32 places; use --backend cpu"};
     is_drawn_again = true;
+    impl_->clipped_before = impl_->seen->to_clip;
     if (Result<void> done = impl_->submit(); !done) return done.error();
   }
   impl_->last_view = impl_->frame;

@@ -20,12 +20,13 @@ class CudaGraph {
   }
 
   /// What `stream` gets from now on is kept, and what streams get that wait for an event of it. `stream` is not ordered
-  /// with the default stream, which other threads may use meanwhile.
+  /// with the default stream, which other threads may use meanwhile; they may allocate, too, but no thread may wait for
+  /// the whole device.
   static Result<void> begin(cudaStream_t stream) {
     return cuda_check(cudaStreamBeginCapture(stream, cudaStreamCaptureModeThreadLocal), "recording a frame");
   }
 
-  /// Ends that, also after an error in between.
+  /// Ends that, after an error in between.
   static void abandon(cudaStream_t stream) {
     cudaGraph_t captured = nullptr;
     (void)cudaStreamEndCapture(stream, &captured);
@@ -33,15 +34,16 @@ class CudaGraph {
     (void)cudaGetLastError();
   }
 
-  /// Ends that too; `target` gets all that was kept.
-  Result<void> start(cudaStream_t stream, cudaStream_t target) {
+  /// Ends that; launch() starts what was kept.
+  Result<void> finish(cudaStream_t stream) {
     cudaGraph_t captured = nullptr;
     if (auto done = cuda_check(cudaStreamEndCapture(stream, &captured), "recording a frame"); !done) return done;
-    const Result<void> updated = update(captured);
+    Result<void> updated = update(captured);
     (void)cudaGraphDestroy(captured);
-    if (!updated) return updated;
-    return cuda_check(cudaGraphLaunch(exec_, target), "starting a frame");
+    return updated;
   }
+
+  Result<void> launch(cudaStream_t stream) { return cuda_check(cudaGraphLaunch(exec_, stream), "starting a frame"); }
 
  private:
   Result<void> update(cudaGraph_t captured) {

@@ -46,7 +46,7 @@ struct FrameTimes {
   float pyramid_ms;
   float second_ms;
   float raster_ms;
-  bool has_stages;  // false: the frame was one submission (DrawOptions::stage_times), and the others are 0
+  bool has_stages;  // false: the frame was one submission (DrawOptions::stage_times), and all but raster_ms are 0
 };
 
 /// What a frame is drawn with: first capacities, and when a frame of clusters takes more passes. The queues of
@@ -66,7 +66,7 @@ struct CudaQueueSizes {
   uint64_t round_groups = 1u << 17;
 };
 
-/// Draws on the current device, on one stream that the default stream is ordered with, one frame at a time.
+/// Draws on the current device, on streams that the default stream is ordered with, one frame at a time.
 class CudaFrames {
  public:
   /// `host`: the scene's records in host memory (its pages and texels are not read), needed during the call only.

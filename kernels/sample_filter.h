@@ -3,8 +3,9 @@
 // spec/rasterization.md, early culling.
 //
 // The filter is conservative and nothing else: it answers "no" only where the exact projection (vertex.h) gives an
-// empty pixel_box(). It works on vertices as they are stored (lattice codes or float32 positions), with the chunk's
-// place folded into the matrix, and takes the difference to the exact way from a bound of both errors.
+// empty pixel_box(), of the triangle or of each piece that clipping leaves. It works on vertices as they are stored
+// (lattice codes or float32 positions), with the chunk's place folded into the matrix, and takes the difference to the
+// exact way from a bound of both errors.
 #pragma once
 
 #include "kernels/vertex.h"
@@ -118,16 +119,16 @@ SCREE_HD inline SampleFilter make_sample_filter(const FrameView& view, const Tra
   // 2^-21.
   double slack = error_uv / nearest + kSnapSlack;
   double growth = (view.orthographic ? 0.0 : error_w / nearest) + 1.0 / (1 << 21);
+  if (!view.orthographic && !(w_least - error_w > 1.0)) {  // some of it may lie before the near plane
+    slack /= 1.0 - kCutBefore;
+    growth /= 1.0 - kCutBefore;
+  }
   known = known && slack < 16.0;
   // A chunk well in front of the camera and within the guard band has one slack for all its triangles.
   const double farthest = reach_uv / nearest;
   if (known && !view.orthographic && w_least - error_w > 1.0 && farthest < 32000.0) {
     slack += growth * (farthest + slack);  // of the computed coordinate, which is off itself
     growth = 0;
-  }
-  if (growth != 0 && !view.orthographic) {
-    slack /= 1.0 - kCutBefore;
-    growth /= 1.0 - kCutBefore;
   }
   filter.slack = known ? static_cast<float>(slack) * 1.001f : bits_float(0x7f800000u);
   filter.growth = known ? static_cast<float>(growth) * 1.001f : 1.0f;

@@ -10,7 +10,7 @@
 namespace scree::runtime {
 
 /// memcpy() past the cache, for what only a device reads next: the old bytes of `to` are not read first, as stores to
-/// memory that is not in the cache have it. No other thread may read them before a fence or a lock.
+/// memory that is not in the cache have it. Handed to other threads as any copy is.
 inline void copy_past_cache(std::byte* to, const std::byte* from, size_t bytes) {
   constexpr size_t kVector = sizeof(__m128i);
   constexpr size_t kLine = 4 * kVector;

@@ -1,5 +1,6 @@
 #include "runtime/workers.h"
 
+#include <algorithm>
 #include <exception>
 
 namespace scree::runtime {
@@ -28,6 +29,9 @@ void Workers::help() {
     begun_.wait(lock, [&] { return ends_ || loops_ != seen; });
     if (ends_) return;
     seen = loops_;
+    if (wanted_ == 0) continue;
+    --wanted_;
+    ++helping_;
     const std::function<void()>& work = *work_;
     lock.unlock();
     work();
@@ -36,16 +40,17 @@ void Workers::help() {
   }
 }
 
-void Workers::share(const std::function<void()>& work) {
+void Workers::share(uint64_t helpers, const std::function<void()>& work) {
   {
     const std::lock_guard lock(mutex_);
     work_ = &work;
     ++loops_;
-    helping_ = helpers_.size();
+    wanted_ = std::min<uint64_t>(helpers, helpers_.size());
   }
   begun_.notify_all();
   work();
   std::unique_lock lock(mutex_);
+  wanted_ = 0;
   left_.wait(lock, [&] { return helping_ == 0; });
 }
 

@@ -12,7 +12,7 @@
 
 namespace scree::runtime {
 
-/// Used by one thread at a time.
+/// Used by one thread at a time; a loop's body must not begin another on them.
 class Workers {
  public:
   /// Up to `threads` of them, the caller's with them; the others are started by the first loop that has work for them.
@@ -29,7 +29,7 @@ class Workers {
     SharedLoop<Body> loop(count, body);
     if (count > 1) start();
     if (count > 1 && !helpers_.empty()) {
-      share([&] { loop(); });
+      share(count - 1, [&] { loop(); });
     } else {
       loop();
     }
@@ -39,8 +39,9 @@ class Workers {
  private:
   void start();
   void help();
-  /// Calls `work` on all threads; returns when all have returned from it.
-  void share(const std::function<void()>& work);
+  /// Calls `work` on this thread and on up to `helpers` others, those that wake before it is done here; returns when
+  /// all have returned from it.
+  void share(uint64_t helpers, const std::function<void()>& work);
 
   const uint32_t threads_;
   std::vector<std::thread> helpers_;
@@ -48,8 +49,9 @@ class Workers {
   std::condition_variable begun_;  // a loop, or the end
   std::condition_variable left_;
   const std::function<void()>* work_ = nullptr;
-  uint64_t loops_ = 0;  // begun so far
-  size_t helping_ = 0;  // threads that have not left the last
+  uint64_t loops_ = 0;    // begun so far
+  uint64_t wanted_ = 0;   // threads that may still join the last
+  uint64_t helping_ = 0;  // threads that have joined it and not left
   bool ends_ = false;
 };
 

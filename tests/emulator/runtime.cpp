@@ -40,6 +40,7 @@ struct Work {
 /// In an order in which it can be done.
 struct CUgraph_st {
   std::vector<std::function<void()>> work;
+  bool is_open = true;  // being captured
 };
 struct CUgraphExec_st {
   std::vector<std::function<void()>> work;
@@ -49,7 +50,9 @@ struct CUstream_st {
   bool waits_for_null = false;  // and the null stream for it
   bool is_destroyed = false;
   bool is_running = false;
-  CUgraph_st* capture = nullptr;  // that keeps its work
+  std::shared_ptr<CUgraph_st> capture;  // that keeps its work
+  uint64_t captured = 0;                // work that it got while it was captured
+  uint64_t joined = 0;                  // of that: before an event that another captured stream waited for
   uint64_t done = 0;
   std::deque<Work> waiting;
 
@@ -61,7 +64,10 @@ struct CUevent_st {
     Point at;
     bool is_timed;
     Clock::time_point time;
-    CUgraph_st* capture = nullptr;  // that it is of
+    bool is_captured = false;
+    std::weak_ptr<CUgraph_st> capture;  // that it is of: whose work holds this record
+    CUstream_st* captured_from = nullptr;
+    uint64_t captured_before = 0;  // work of that stream
   };
   bool is_timed = true;
   std::shared_ptr<Record> last;  // null: never recorded
@@ -93,7 +99,7 @@ struct Device {
   std::map<uintptr_t, Allocation> allocations;
   std::map<const void*, Kernel> kernels;
   size_t device_bytes = 0;
-  std::vector<std::unique_ptr<CUgraph_st>> graphs;  // not destroyed yet
+  std::vector<std::shared_ptr<CUgraph_st>> graphs;  // not destroyed yet
 };
 
 Device& device() {
@@ -134,6 +140,7 @@ Point submit(CUstream_st* stream, std::function<void()> run, std::vector<Point> 
   Device& all = device();
   if (stream->capture != nullptr) {
     stream->capture->work.push_back(std::move(run));
+    ++stream->captured;
     return {nullptr, 0};
   }
   if (stream == &all.null_stream) {
@@ -375,11 +382,18 @@ cudaError_t cudaStreamWaitEvent(cudaStream_t stream, cudaEvent_t event, unsigned
   const std::lock_guard lock(device().mutex);
   if (event->last == nullptr) return cudaSuccess;
   CUstream_st* const waiting = stream_of(stream);
-  if (event->last->capture != waiting->capture) {
+  const std::shared_ptr<CUgraph_st> capture = event->last->capture.lock();
+  if (event->last->is_captured && (capture == nullptr || !capture->is_open)) return failed(cudaErrorCapturedEvent);
+  if (capture != waiting->capture) {
     // A stream joins a capture so; work outside of it cannot be waited for within.
     if (waiting->capture != nullptr) return failed(cudaErrorStreamCaptureIsolation);
-    waiting->capture = event->last->capture;
+    waiting->capture = capture;
+    waiting->captured = waiting->joined = 0;
     return cudaSuccess;
+  }
+  if (waiting->capture != nullptr) {
+    uint64_t& joined = event->last->captured_from->joined;
+    joined = std::max(joined, event->last->captured_before);
   }
   if (waiting->capture == nullptr) submit(waiting, [] {}, {event->last->at});
   return cudaSuccess;
@@ -391,16 +405,24 @@ cudaError_t cudaStreamBeginCapture(cudaStream_t stream, cudaStreamCaptureMode) {
   if (begun == &device().null_stream || begun->capture != nullptr) return failed(cudaErrorStreamCaptureUnsupported);
   // Work of the default stream and of such a stream wait for each other.
   if (begun->waits_for_null) fail("a stream is captured that is ordered with the default stream");
-  begun->capture = device().graphs.emplace_back(std::make_unique<CUgraph_st>()).get();
+  begun->capture = device().graphs.emplace_back(std::make_shared<CUgraph_st>());
   return cudaSuccess;
 }
 cudaError_t cudaStreamEndCapture(cudaStream_t stream, cudaGraph_t* graph) {
   Device& all = device();
   const std::lock_guard lock(all.mutex);
-  *graph = stream_of(stream)->capture;
-  if (*graph == nullptr) return failed(cudaErrorIllegalState);
-  for (const auto& other : all.streams)
-    if (other->capture == *graph) other->capture = nullptr;
+  const std::shared_ptr<CUgraph_st> ended = stream_of(stream)->capture;
+  *graph = nullptr;
+  if (ended == nullptr) return failed(cudaErrorIllegalState);
+  ended->is_open = false;
+  bool all_joined = true;
+  for (const auto& other : all.streams) {
+    if (other->capture != ended) continue;
+    all_joined = all_joined && (other.get() == stream || other->joined == other->captured);
+    other->capture = nullptr;
+  }
+  if (!all_joined) return failed(cudaErrorStreamCaptureUnjoined);
+  *graph = ended.get();
   return cudaSuccess;
 }
 cudaError_t cudaGraphInstantiate(cudaGraphExec_t* exec, cudaGraph_t graph, unsigned long long) {
@@ -443,22 +465,26 @@ cudaError_t cudaEventRecord(cudaEvent_t event, cudaStream_t stream) {
   const std::lock_guard lock(device().mutex);
   const auto record = std::make_shared<CUevent_st::Record>();
   record->is_timed = event->is_timed;
-  record->capture = stream_of(stream)->capture;
-  record->at = submit(stream_of(stream), [record] { record->time = Clock::now(); });
+  CUstream_st* const recorded = stream_of(stream);
+  record->at = submit(recorded, [record] { record->time = Clock::now(); });
+  record->capture = recorded->capture;
+  record->is_captured = recorded->capture != nullptr;
+  record->captured_from = recorded;
+  record->captured_before = recorded->captured;
   event->last = record;
   return cudaSuccess;
 }
 cudaError_t cudaEventSynchronize(cudaEvent_t event) {
   const std::lock_guard lock(device().mutex);
   if (event->last == nullptr) return cudaSuccess;
-  if (event->last->capture != nullptr) return failed(cudaErrorCapturedEvent);
+  if (event->last->is_captured) return failed(cudaErrorCapturedEvent);
   reach(event->last->at);
   return cudaSuccess;
 }
 cudaError_t cudaEventQuery(cudaEvent_t event) {
   const std::lock_guard lock(device().mutex);
   if (event->last == nullptr) return cudaSuccess;
-  if (event->last->capture != nullptr) return failed(cudaErrorCapturedEvent);
+  if (event->last->is_captured) return failed(cudaErrorCapturedEvent);
   const Point at = event->last->at;
   if (at.stream->done >= at.end) return cudaSuccess;
   reach({at.stream, at.stream->done + 1});
@@ -468,7 +494,7 @@ cudaError_t cudaEventElapsedTime(float* ms, cudaEvent_t begin, cudaEvent_t end) 
   const std::lock_guard lock(device().mutex);
   for (const CUevent_st* event : {begin, end}) {
     if (event->last == nullptr || !event->last->is_timed) return failed(cudaErrorInvalidResourceHandle);
-    if (event->last->capture != nullptr) return failed(cudaErrorCapturedEvent);
+    if (event->last->is_captured) return failed(cudaErrorCapturedEvent);
     if (event->last->at.stream->done < event->last->at.end) return failed(cudaErrorNotReady);
   }
   *ms = std::chrono::duration<float, std::milli>(end->last->time - begin->last->time).count();

@@ -51,8 +51,6 @@ SCREE_WRAP_MAKE(cudaEventCreateWithFlags, cudaErrorUnknown, (cudaEvent_t * event
 SCREE_WRAP_MAKE(cudaStreamCreate, cudaErrorUnknown, (cudaStream_t * stream), (stream), stream)
 SCREE_WRAP_MAKE(cudaStreamCreateWithFlags, cudaErrorUnknown, (cudaStream_t * stream, unsigned flags), (stream, flags),
                 stream)
-SCREE_WRAP_MAKE(cudaStreamEndCapture, cudaErrorUnknown, (cudaStream_t stream, cudaGraph_t* graph), (stream, graph),
-                graph)
 SCREE_WRAP_MAKE(cudaGraphInstantiate, cudaErrorMemoryAllocation,
                 (cudaGraphExec_t * exec, cudaGraph_t graph, unsigned long long flags), (exec, graph, flags), exec)
 #undef SCREE_WRAP_MAKE
@@ -96,6 +94,22 @@ SCREE_WRAP(cudaOccupancyMaxActiveBlocksPerMultiprocessorWithFlags, cudaErrorUnkn
            (int* blocks, const void* kernel, int threads, size_t bytes, unsigned flags),
            (blocks, kernel, threads, bytes, flags))
 #undef SCREE_WRAP
+
+/// Ends the capture also where it fails, as CUDA does.
+cudaError_t __real_cudaStreamEndCapture(cudaStream_t stream, cudaGraph_t* graph);
+cudaError_t __real_cudaGraphDestroy(cudaGraph_t graph);
+cudaError_t __wrap_cudaStreamEndCapture(cudaStream_t stream, cudaGraph_t* graph) {
+  const bool is_failed = fails_here("cudaStreamEndCapture", __builtin_return_address(0));
+  const Foreign foreign;
+  const cudaError_t made = __real_cudaStreamEndCapture(stream, graph);
+  if (made == cudaSuccess && *graph != nullptr && is_failed) (void)__real_cudaGraphDestroy(*graph);
+  if (is_failed) {
+    *graph = nullptr;
+    return cudaErrorStreamCaptureInvalidated;
+  }
+  if (made == cudaSuccess && *graph != nullptr) scree::faults::add_live(1);
+  return made;
+}
 
 /// Calls that give something back do it all the same: what they say is of no use to anybody then.
 #define SCREE_WRAP_RELEASE(name, type, object)                             \

@@ -1,6 +1,7 @@
 // The short way of cutting triangles at the near plane gives what cutting them at all planes gives.
 #include "kernels/clip.h"
 
+#include <cmath>
 #include <limits>
 #include <random>
 
