@@ -92,9 +92,9 @@ Result<void> ChunkSource::read(const Job& job, std::span<const Residency::Place>
   }
   for (size_t i = job.first; i < job.last; ++i) {
     const format::ChunkRecord& chunk = view.chunks[places[i].chunk];
+    if (chunk.bytes == 0) continue;
     std::byte* const to = memory + places[i].offset;
     const std::byte* const from = raw.data() + chunk.offset;
-    if (chunk.bytes == 0) continue;
     if (reader == Reader::kDevice) {
       copy_past_cache(to, from, chunk.bytes);
     } else {

@@ -25,11 +25,10 @@ class ChunkSource {
   /// Who reads the copies next.
   enum class Reader : uint8_t { kProcessor, kDevice };
 
-  /// Copies the payload of each place's chunk to place.offset of `memory`, on `workers`. The first time
-  /// that a page is asked for it is checked whole, with its drawn chunks' streams, before anything of it is copied. A
-  /// compressed page is unpacked once for all its chunks in `places`. Errors, with the file and the place named: those
-  /// of load_pages(), the one of the first bad page by number; kMemory. Thread-safe where the places and the workers
-  /// differ.
+  /// Copies the payload of each place's chunk to place.offset of `memory`, on `workers`. The first time that a page is
+  /// asked for it is checked whole, with its drawn chunks' streams, before anything of it is copied. A compressed page
+  /// is unpacked once for all its chunks in `places`. Errors, with the file and the place named: those of load_pages(),
+  /// the one of the first bad page by number; kMemory. Thread-safe where the places and the workers differ.
   Result<void> read(std::span<const Residency::Place> places, std::byte* memory, Reader reader, Workers& workers);
 
  private:

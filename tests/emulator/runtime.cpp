@@ -64,10 +64,11 @@ struct CUevent_st {
     Point at;
     bool is_timed;
     Clock::time_point time;
-    bool is_captured = false;
-    std::weak_ptr<CUgraph_st> capture;  // that it is of: whose work holds this record
-    CUstream_st* captured_from = nullptr;
-    uint64_t captured_before = 0;  // work of that stream
+    std::weak_ptr<CUgraph_st> capture;     // that it is of: whose work holds this record
+    CUstream_st* captured_from = nullptr;  // null: of none
+    uint64_t captured_before = 0;          // work of that stream
+
+    bool is_captured() const { return captured_from != nullptr; }
   };
   bool is_timed = true;
   std::shared_ptr<Record> last;  // null: never recorded
@@ -383,7 +384,7 @@ cudaError_t cudaStreamWaitEvent(cudaStream_t stream, cudaEvent_t event, unsigned
   if (event->last == nullptr) return cudaSuccess;
   CUstream_st* const waiting = stream_of(stream);
   const std::shared_ptr<CUgraph_st> capture = event->last->capture.lock();
-  if (event->last->is_captured && (capture == nullptr || !capture->is_open)) return failed(cudaErrorCapturedEvent);
+  if (event->last->is_captured() && (capture == nullptr || !capture->is_open)) return failed(cudaErrorCapturedEvent);
   if (capture != waiting->capture) {
     // A stream joins a capture so; work outside of it cannot be waited for within.
     if (waiting->capture != nullptr) return failed(cudaErrorStreamCaptureIsolation);
@@ -394,8 +395,9 @@ cudaError_t cudaStreamWaitEvent(cudaStream_t stream, cudaEvent_t event, unsigned
   if (waiting->capture != nullptr) {
     uint64_t& joined = event->last->captured_from->joined;
     joined = std::max(joined, event->last->captured_before);
+  } else {
+    submit(waiting, [] {}, {event->last->at});
   }
-  if (waiting->capture == nullptr) submit(waiting, [] {}, {event->last->at});
   return cudaSuccess;
 }
 
@@ -467,24 +469,25 @@ cudaError_t cudaEventRecord(cudaEvent_t event, cudaStream_t stream) {
   record->is_timed = event->is_timed;
   CUstream_st* const recorded = stream_of(stream);
   record->at = submit(recorded, [record] { record->time = Clock::now(); });
-  record->capture = recorded->capture;
-  record->is_captured = recorded->capture != nullptr;
-  record->captured_from = recorded;
-  record->captured_before = recorded->captured;
+  if (recorded->capture != nullptr) {
+    record->capture = recorded->capture;
+    record->captured_from = recorded;
+    record->captured_before = recorded->captured;
+  }
   event->last = record;
   return cudaSuccess;
 }
 cudaError_t cudaEventSynchronize(cudaEvent_t event) {
   const std::lock_guard lock(device().mutex);
   if (event->last == nullptr) return cudaSuccess;
-  if (event->last->is_captured) return failed(cudaErrorCapturedEvent);
+  if (event->last->is_captured()) return failed(cudaErrorCapturedEvent);
   reach(event->last->at);
   return cudaSuccess;
 }
 cudaError_t cudaEventQuery(cudaEvent_t event) {
   const std::lock_guard lock(device().mutex);
   if (event->last == nullptr) return cudaSuccess;
-  if (event->last->is_captured) return failed(cudaErrorCapturedEvent);
+  if (event->last->is_captured()) return failed(cudaErrorCapturedEvent);
   const Point at = event->last->at;
   if (at.stream->done >= at.end) return cudaSuccess;
   reach({at.stream, at.stream->done + 1});
@@ -494,7 +497,7 @@ cudaError_t cudaEventElapsedTime(float* ms, cudaEvent_t begin, cudaEvent_t end) 
   const std::lock_guard lock(device().mutex);
   for (const CUevent_st* event : {begin, end}) {
     if (event->last == nullptr || !event->last->is_timed) return failed(cudaErrorInvalidResourceHandle);
-    if (event->last->is_captured) return failed(cudaErrorCapturedEvent);
+    if (event->last->is_captured()) return failed(cudaErrorCapturedEvent);
     if (event->last->at.stream->done < event->last->at.end) return failed(cudaErrorNotReady);
   }
   *ms = std::chrono::duration<float, std::milli>(end->last->time - begin->last->time).count();

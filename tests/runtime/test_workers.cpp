@@ -29,7 +29,8 @@ TEST_CASE("workers share a loop, also after one of a single item") {
   Workers workers(3);
   std::mutex mutex;
   std::set<std::thread::id> ids;
-  workers.for_each(1, [&](uint64_t) { CHECK(std::this_thread::get_id() != std::thread::id()); });
+  const std::thread::id caller = std::this_thread::get_id();
+  workers.for_each(1, [&](uint64_t) { CHECK(std::this_thread::get_id() == caller); });
   // Each waits until all have begun: no thread can do the work of another.
   std::atomic<uint32_t> begun{0};
   workers.for_each(3, [&](uint64_t) {
