@@ -46,6 +46,8 @@ inline bool range_within(uint64_t offset, uint64_t size, uint64_t limit) {
 }
 
 /// `value` rounded up to a multiple of `alignment` (a power of two). The caller keeps value below 2^64 - alignment.
-constexpr uint64_t align_up(uint64_t value, uint64_t alignment) { return (value + alignment - 1) & ~(alignment - 1); }
+constexpr uint64_t align_up(uint64_t value, uint64_t alignment) {
+  return (value + alignment - 1) & ~(alignment - 1);
+}
 
 }  // namespace scree::format

@@ -32,11 +32,16 @@ struct Error {
 /// 1 usage, 2 file, 3 bad data, 4 device.
 inline int exit_code(ErrorCode code) {
   switch (code) {
-    case ErrorCode::kUsage: return 1;
-    case ErrorCode::kFile: return 2;
-    case ErrorCode::kMemory: return 2;
-    case ErrorCode::kDevice: return 4;
-    default: return 3;
+    case ErrorCode::kUsage:
+      return 1;
+    case ErrorCode::kFile:
+      return 2;
+    case ErrorCode::kMemory:
+      return 2;
+    case ErrorCode::kDevice:
+      return 4;
+    default:
+      return 3;
   }
 }
 
@@ -48,14 +53,26 @@ class [[nodiscard]] Result {
   Result(Error error) : state_(std::in_place_index<1>, std::move(error)) {}
 
   explicit operator bool() const { return state_.index() == 0; }
-  T& value() & { assert(*this); return *std::get_if<0>(&state_); }
-  const T& value() const& { assert(*this); return *std::get_if<0>(&state_); }
-  T&& value() && { assert(*this); return std::move(*std::get_if<0>(&state_)); }
+  T& value() & {
+    assert(*this);
+    return *std::get_if<0>(&state_);
+  }
+  const T& value() const& {
+    assert(*this);
+    return *std::get_if<0>(&state_);
+  }
+  T&& value() && {
+    assert(*this);
+    return std::move(*std::get_if<0>(&state_));
+  }
   T& operator*() & { return value(); }
   const T& operator*() const& { return value(); }
   T* operator->() { return &value(); }
   const T* operator->() const { return &value(); }
-  const Error& error() const { assert(!*this); return *std::get_if<1>(&state_); }
+  const Error& error() const {
+    assert(!*this);
+    return *std::get_if<1>(&state_);
+  }
 
  private:
   std::variant<T, Error> state_;
@@ -68,7 +85,10 @@ class [[nodiscard]] Result<void> {
   Result(Error error) : failed_(true), error_(std::move(error)) {}
 
   explicit operator bool() const { return !failed_; }
-  const Error& error() const { assert(failed_); return error_; }
+  const Error& error() const {
+    assert(failed_);
+    return error_;
+  }
 
  private:
   bool failed_ = false;
@@ -76,6 +96,8 @@ class [[nodiscard]] Result<void> {
 };
 
 /// The same error with `place` and ": " before its message.
-inline Error at(const std::string& place, const Error& error) { return {error.code, place + ": " + error.message}; }
+inline Error at(const std::string& place, const Error& error) {
+  return {error.code, place + ": " + error.message};
+}
 
 }  // namespace scree

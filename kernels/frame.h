@@ -1,5 +1,5 @@
 // One frame, seen from outside kernels/: what to draw, from where, into which buffers. The CPU draws it by the passes
-// of passes.h, a GPU as frame_cuda.h says.
+// of passes.h, a GPU as cuda/frame.h says.
 #pragma once
 
 #include <cstdint>

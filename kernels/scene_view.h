@@ -8,7 +8,7 @@
 #include <span>
 #include <utility>
 
-#include "format/jpeg_pixels.h"
+#include "format/jpeg/pixels.h"
 #include "format/layout.h"
 
 namespace scree::kernels {

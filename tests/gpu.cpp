@@ -1,6 +1,6 @@
 #include "tests/gpu.h"
 
-#include "runtime/device_scene.h"
+#include "runtime/draw/device_scene.h"
 #include "tests/catch.h"
 
 namespace scree::tests {

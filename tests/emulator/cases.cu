@@ -4,7 +4,7 @@
 #include <string>
 #include <vector>
 
-#include "kernels/cuda_check.h"
+#include "kernels/cuda/check.h"
 #include "tests/emulator/cases.h"
 
 namespace scree::emulator {

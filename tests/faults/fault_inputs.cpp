@@ -13,12 +13,12 @@
 #include <vector>
 
 #include "tests/catch.h"
-#include "tests/format/jpeg_maker.h"
+#include "tests/format/jpeg/jpeg_maker.h"
 #include "tests/models.h"
 #include "tests/paths.h"
 #include "tests/tools/model_maker.h"
-#include "tools/convert/gltf_document.h"
-#include "tools/convert/window.h"
+#include "tools/convert/windows/window.h"
+#include "tools/gltf/document.h"
 
 namespace scree::tests {
 namespace {

@@ -14,18 +14,18 @@
 #include <utility>
 #include <vector>
 
-#include "format/part_file.h"
+#include "format/container/part_file.h"
 #include "format/result.h"
-#include "runtime/camera.h"
-#include "runtime/chunk_source.h"
-#include "runtime/direct_file.h"
-#include "runtime/image.h"
-#include "runtime/residency.h"
-#include "runtime/scene.h"
-#include "runtime/stream_cpu.h"
-#include "runtime/upload.h"
-#include "tools/convert/gltf_source.h"
-#include "tools/convert/sort_primitive.h"
+#include "runtime/draw/stream_cpu.h"
+#include "runtime/files/direct_file.h"
+#include "runtime/images/image.h"
+#include "runtime/scene/camera.h"
+#include "runtime/scene/scene.h"
+#include "runtime/stream/chunk_source.h"
+#include "runtime/stream/residency.h"
+#include "runtime/stream/upload.h"
+#include "tools/convert/sort/sort_primitive.h"
+#include "tools/gltf/source.h"
 
 namespace scree::faults {
 namespace {

@@ -9,7 +9,7 @@
 #include "tests/catch.h"
 #include "tests/faults/fault_inputs.h"
 #include "tests/gpu.h"
-#include "tests/tools/convert_fixture.h"
+#include "tests/tools/convert/convert_fixture.h"
 #include "tests/tools/run_program.h"
 
 namespace scree::tests {

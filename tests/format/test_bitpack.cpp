@@ -4,7 +4,7 @@
 #include <vector>
 
 #include "tests/catch.h"
-#include "tests/format/guarded_bytes.h"
+#include "tests/format/geometry/guarded_bytes.h"
 
 using namespace scree::format;
 using scree::tests::GuardedBytes;

@@ -1,5 +1,5 @@
 // The streams of texture coordinates, colours, normals and source numbers.
-#include "format/attribute_codec.h"
+#include "format/geometry/attribute_codec.h"
 
 #include <cmath>
 

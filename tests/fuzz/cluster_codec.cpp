@@ -1,11 +1,11 @@
 // The streams of a clustered chunk, and the reader that kernels use on those that passed.
-#include "format/cluster_codec.h"
+#include "format/geometry/cluster_codec.h"
 
 #include <cmath>
 
 #include "format/bytes.h"
-#include "format/chunk_layout.h"
-#include "format/cluster_read.h"
+#include "format/geometry/chunk_layout.h"
+#include "format/geometry/cluster_read.h"
 #include "tests/fuzz/input.h"
 
 namespace scree::fuzz {

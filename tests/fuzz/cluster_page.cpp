@@ -1,5 +1,5 @@
 // Split pages, and what is split again.
-#include "format/cluster_page.h"
+#include "format/geometry/cluster_page.h"
 
 #include "tests/fuzz/input.h"
 

@@ -1,5 +1,5 @@
 // A .scree file as inspect --verify and export see it.
-#include "format/container.h"
+#include "format/container/container.h"
 
 #include "tests/fuzz/input.h"
 #include "tools/export/export.h"

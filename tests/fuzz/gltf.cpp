@@ -1,7 +1,7 @@
 // A .gltf or .glb through convert. What comes of it has to be a file that verifies.
 #include "tools/convert/convert.h"
 
-#include "runtime/mapped_file.h"
+#include "runtime/files/mapped_file.h"
 #include "tests/fuzz/input.h"
 #include "tools/inspect/verify.h"
 

@@ -1,7 +1,7 @@
 // A PNG or JPEG as a texture.
-#include "runtime/image.h"
+#include "runtime/images/image.h"
 
-#include "runtime/texture.h"
+#include "runtime/textures/texture.h"
 #include "tests/fuzz/input.h"
 
 namespace scree::fuzz {

@@ -1,7 +1,7 @@
 // The index stream, and the packed values under it.
-#include "format/index_codec.h"
+#include "format/geometry/index_codec.h"
 
-#include "format/packed_values.h"
+#include "format/geometry/packed_values.h"
 #include "tests/fuzz/input.h"
 
 namespace scree::fuzz {

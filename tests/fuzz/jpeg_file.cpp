@@ -1,12 +1,12 @@
 // A JPEG file on its way into a container: parsed, indexed (transcoded or coded anew where it has to be), its mip
 // levels made, and all of it decoded again.
-#include "runtime/jpeg_file.h"
+#include "tools/convert/images/jpeg_file.h"
 
-#include "format/jpeg_index.h"
-#include "format/jpeg_parse.h"
-#include "format/jpeg_picture.h"
-#include "runtime/jpeg_levels.h"
+#include "format/jpeg/index.h"
+#include "format/jpeg/parse.h"
+#include "format/jpeg/picture.h"
 #include "tests/fuzz/input.h"
+#include "tools/convert/images/jpeg_levels.h"
 
 namespace scree::fuzz {
 

@@ -1,8 +1,8 @@
 // An indexed JPEG: opened, every MCU and group decoded as kernels do, and put together again.
-#include "format/jpeg_index.h"
+#include "format/jpeg/index.h"
 
-#include "format/jpeg_picture.h"
-#include "format/jpeg_pixels.h"
+#include "format/jpeg/picture.h"
+#include "format/jpeg/pixels.h"
 #include "tests/fuzz/input.h"
 
 namespace scree::fuzz {

@@ -8,24 +8,24 @@
 #include <string>
 #include <vector>
 
-#include "format/attribute_codec.h"
-#include "format/chunk_layout.h"
-#include "format/cluster_codec.h"
-#include "format/cluster_page.h"
-#include "format/index_codec.h"
-#include "format/position_codec.h"
-#include "runtime/image.h"
+#include "format/geometry/attribute_codec.h"
+#include "format/geometry/chunk_layout.h"
+#include "format/geometry/cluster_codec.h"
+#include "format/geometry/cluster_page.h"
+#include "format/geometry/index_codec.h"
+#include "format/geometry/position_codec.h"
+#include "runtime/images/image.h"
 #include "tests/catch.h"
-#include "tests/format/container_fixture.h"
-#include "tests/format/jpeg_checks.h"
-#include "tests/format/jpeg_maker.h"
-#include "tests/format/reseal.h"
+#include "tests/format/container/container_fixture.h"
+#include "tests/format/container/reseal.h"
+#include "tests/format/jpeg/jpeg_checks.h"
+#include "tests/format/jpeg/jpeg_maker.h"
 #include "tests/models.h"
 #include "tests/paths.h"
 #include "tests/tools/model_maker.h"
 #include "tests/tools/packed_file.h"
 #include "tests/tools/temp_folder.h"
-#include "tools/common/cluster_builder.h"
+#include "tools/clusters/cluster_builder.h"
 
 namespace scree::tests {
 namespace {

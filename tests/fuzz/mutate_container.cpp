@@ -6,7 +6,7 @@
 
 #include "format/bytes.h"
 #include "format/layout.h"
-#include "tests/format/reseal.h"
+#include "tests/format/container/reseal.h"
 
 namespace scree::fuzz {
 namespace {

@@ -1,5 +1,5 @@
 // The position stream.
-#include "format/position_codec.h"
+#include "format/geometry/position_codec.h"
 
 #include <cmath>
 

@@ -1,8 +1,8 @@
 // A .scree file as render sees it, on the CPU: whatever it holds, a picture or an error.
-#include "runtime/scene.h"
+#include "runtime/scene/scene.h"
 
-#include "runtime/camera.h"
-#include "runtime/renderer.h"
+#include "runtime/draw/renderer.h"
+#include "runtime/scene/camera.h"
 #include "tests/fuzz/input.h"
 
 namespace scree::fuzz {

@@ -5,17 +5,17 @@
 #include <string>
 #include <vector>
 
-#include "format/container.h"
-#include "runtime/camera.h"
-#include "runtime/mapped_file.h"
-#include "runtime/renderer.h"
-#include "runtime/scene.h"
+#include "format/container/container.h"
+#include "runtime/draw/renderer.h"
+#include "runtime/files/mapped_file.h"
+#include "runtime/scene/camera.h"
+#include "runtime/scene/scene.h"
 #include "tests/catch.h"
-#include "tests/format/container_fixture.h"
+#include "tests/format/container/container_fixture.h"
 #include "tests/fuzz/targets.h"
 #include "tests/paths.h"
 #include "tests/runtime/load_scene.h"
-#include "tools/convert/gltf_source.h"
+#include "tools/gltf/source.h"
 #include "tools/inspect/verify.h"
 
 namespace scree::fuzz {

@@ -3,7 +3,7 @@
 
 #include <cstdint>
 
-#include "kernels/vertex.h"
+#include "kernels/raster/vertex.h"
 
 namespace scree::tests {
 

@@ -9,14 +9,14 @@
 #include <memory>
 #include <vector>
 
-#include "format/attribute_codec.h"
-#include "format/chunk_layout.h"
-#include "format/cluster_codec.h"
-#include "format/index_codec.h"
-#include "format/position_codec.h"
-#include "kernels/backend_cpu.h"
+#include "format/geometry/attribute_codec.h"
+#include "format/geometry/chunk_layout.h"
+#include "format/geometry/cluster_codec.h"
+#include "format/geometry/index_codec.h"
+#include "format/geometry/position_codec.h"
+#include "kernels/cpu/backend.h"
 #include "tests/catch.h"
-#include "tools/common/cluster_builder.h"
+#include "tools/clusters/cluster_builder.h"
 
 namespace scree::tests {
 

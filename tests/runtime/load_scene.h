@@ -4,7 +4,7 @@
 #include <string>
 #include <utility>
 
-#include "runtime/scene.h"
+#include "runtime/scene/scene.h"
 #include "tests/catch.h"
 #include "tests/paths.h"
 #include "tests/runtime/small_scene.h"

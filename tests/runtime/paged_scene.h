@@ -7,7 +7,7 @@
 #include <utility>
 #include <vector>
 
-#include "format/container.h"
+#include "format/container/container.h"
 #include "tests/catch.h"
 #include "tests/kernels/scene_builder.h"
 #include "tests/runtime/small_scene.h"

@@ -14,12 +14,12 @@
 
 #include <unistd.h>
 
-#include "format/attribute_codec.h"
-#include "format/chunk_layout.h"
-#include "format/container.h"
-#include "format/index_codec.h"
-#include "format/position_codec.h"
-#include "runtime/image.h"
+#include "format/container/container.h"
+#include "format/geometry/attribute_codec.h"
+#include "format/geometry/chunk_layout.h"
+#include "format/geometry/index_codec.h"
+#include "format/geometry/position_codec.h"
+#include "runtime/images/image.h"
 #include "tests/catch.h"
 
 namespace scree::tests {

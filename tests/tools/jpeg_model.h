@@ -5,7 +5,7 @@
 #include <utility>
 #include <vector>
 
-#include "tests/format/jpeg_maker.h"
+#include "tests/format/jpeg/jpeg_maker.h"
 #include "tests/runtime/load_scene.h"
 #include "tests/tools/model_maker.h"
 

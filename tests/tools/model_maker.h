@@ -13,7 +13,7 @@
 #include <vector>
 
 #include "tests/catch.h"
-#include "tools/common/gltf_writer.h"
+#include "tools/gltf/writer.h"
 
 namespace scree::tests {
 

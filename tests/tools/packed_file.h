@@ -8,9 +8,9 @@
 #include <string>
 #include <vector>
 
-#include "format/container.h"
+#include "format/container/container.h"
 #include "format/result.h"
-#include "runtime/mapped_file.h"
+#include "runtime/files/mapped_file.h"
 #include "tests/tools/temp_folder.h"
 #include "tools/convert/convert.h"
 

@@ -7,8 +7,8 @@
 #include "tests/catch.h"
 #include "tests/models.h"
 #include "tests/paths.h"
+#include "tests/tools/compare/source_compare.h"
 #include "tests/tools/model_files.h"
-#include "tests/tools/source_compare.h"
 #include "tests/tools/temp_folder.h"
 #include "tools/convert/convert.h"
 

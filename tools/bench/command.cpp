@@ -5,13 +5,13 @@
 #include <string>
 #include <vector>
 
-#include "tools/bench/end_to_end.h"
-#include "tools/bench/judge_run.h"
-#include "tools/bench/load_report.h"
-#include "tools/bench/options.h"
-#include "tools/bench/plot.h"
-#include "tools/bench/run.h"
-#include "tools/bench/sizes.h"
+#include "tools/bench/disk/end_to_end.h"
+#include "tools/bench/disk/load_report.h"
+#include "tools/bench/frames/run.h"
+#include "tools/bench/judge/judge_run.h"
+#include "tools/bench/judge/sizes.h"
+#include "tools/bench/report/plot.h"
+#include "tools/bench/setup/options.h"
 
 namespace scree::tools {
 namespace {

@@ -1,6 +1,6 @@
 #include "tools/common/backend.h"
 
-#include "runtime/device_scene.h"
+#include "runtime/draw/device_scene.h"
 
 namespace scree::tools {
 

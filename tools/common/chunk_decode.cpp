@@ -4,12 +4,12 @@
 
 #include <new>
 
-#include "format/attribute_codec.h"
 #include "format/bytes.h"
-#include "format/chunk_layout.h"
-#include "format/cluster_codec.h"
-#include "format/index_codec.h"
-#include "format/position_codec.h"
+#include "format/geometry/attribute_codec.h"
+#include "format/geometry/chunk_layout.h"
+#include "format/geometry/cluster_codec.h"
+#include "format/geometry/index_codec.h"
+#include "format/geometry/position_codec.h"
 
 namespace scree::tools {
 namespace {

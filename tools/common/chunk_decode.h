@@ -7,7 +7,7 @@
 #include <string>
 #include <vector>
 
-#include "format/container.h"
+#include "format/container/container.h"
 #include "format/layout.h"
 #include "format/result.h"
 

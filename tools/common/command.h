@@ -9,8 +9,8 @@
 
 namespace scree::tools {
 
-/// A subcommand: its options on `app`, and what to run once they are parsed. run() returns an Error for main to print as
-/// "scree NAME: message" and to turn into an exit code; nothing in it calls exit() or throws past it.
+/// A subcommand: its options on `app`, and what to run once they are parsed. run() returns an Error for main to print
+/// as "scree NAME: message" and to turn into an exit code; nothing in it calls exit() or throws past it.
 struct Command {
   CLI::App* app = nullptr;
   std::function<Result<void>()> run;

@@ -5,7 +5,7 @@
 #include <string_view>
 
 #include "format/result.h"
-#include "runtime/mapped_file.h"
+#include "runtime/files/mapped_file.h"
 
 namespace scree::tools {
 

@@ -8,7 +8,7 @@
 #include <utility>
 #include <vector>
 
-#include "runtime/parallel.h"
+#include "runtime/threads/parallel.h"
 #include "tools/compare/reference.h"
 #include "tools/compare/reference_shade.h"
 

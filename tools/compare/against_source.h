@@ -6,8 +6,8 @@
 
 #include "format/result.h"
 #include "kernels/frame.h"
-#include "runtime/renderer.h"
-#include "runtime/scene.h"
+#include "runtime/draw/renderer.h"
+#include "runtime/scene/scene.h"
 #include "tools/compare/images.h"
 #include "tools/compare/pixels.h"
 #include "tools/compare/source_model.h"

@@ -5,10 +5,10 @@
 #include <bit>
 #include <cstring>
 
-#include "kernels/depth.h"
 #include "kernels/frame.h"
+#include "kernels/raster/depth.h"
 #include "kernels/visbuffer.h"
-#include "runtime/mapped_file.h"
+#include "runtime/files/mapped_file.h"
 #include "tools/common/chunk_decode.h"
 
 namespace scree::compare {

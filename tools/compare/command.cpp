@@ -14,9 +14,9 @@
 #include <vector>
 
 #include "format/layout.h"
-#include "runtime/camera.h"
-#include "runtime/mapped_file.h"
-#include "runtime/scene.h"
+#include "runtime/files/mapped_file.h"
+#include "runtime/scene/camera.h"
+#include "runtime/scene/scene.h"
 #include "tools/common/command.h"
 #include "tools/common/json_writer.h"
 #include "tools/common/options.h"
@@ -29,7 +29,7 @@
 #include "tools/compare/images.h"
 #include "tools/compare/report.h"
 #include "tools/compare/source_model.h"
-#include "tools/convert/gltf_source.h"
+#include "tools/gltf/source.h"
 #include "tools/render/render_options.h"
 
 namespace scree::tools {

@@ -4,8 +4,8 @@
 #include <array>
 #include <cmath>
 
-#include "runtime/parallel.h"
-#include "runtime/srgb.h"
+#include "runtime/textures/srgb.h"
+#include "runtime/threads/parallel.h"
 
 namespace scree::compare {
 namespace {

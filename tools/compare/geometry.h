@@ -5,9 +5,9 @@
 #include <string>
 #include <vector>
 
-#include "format/container.h"
+#include "format/container/container.h"
 #include "format/result.h"
-#include "tools/convert/gltf_source.h"
+#include "tools/gltf/source.h"
 
 namespace scree::compare {
 

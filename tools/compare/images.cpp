@@ -3,8 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
-#include "runtime/image.h"
-#include "runtime/mapped_file.h"
+#include "runtime/files/mapped_file.h"
+#include "runtime/images/image.h"
 
 namespace scree::compare {
 namespace {

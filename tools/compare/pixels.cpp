@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <numeric>
 
-#include "runtime/image.h"
+#include "runtime/images/image.h"
 
 namespace scree::compare {
 namespace {

@@ -5,7 +5,7 @@
 #include <new>
 #include <string>
 
-#include "runtime/parallel.h"
+#include "runtime/threads/parallel.h"
 #include "tools/compare/reference_geometry.h"
 #include "tools/compare/reference_modes.h"
 

@@ -5,7 +5,7 @@
 #include <cmath>
 #include <new>
 
-#include "runtime/parallel.h"
+#include "runtime/threads/parallel.h"
 #include "tools/compare/reference_geometry.h"
 
 namespace scree::compare {

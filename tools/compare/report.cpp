@@ -5,7 +5,7 @@
 #include <vector>
 
 #include "tools/common/human.h"
-#include "tools/inspect/text_table.h"
+#include "tools/common/text_table.h"
 
 namespace scree::compare {
 namespace {

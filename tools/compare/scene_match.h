@@ -8,7 +8,7 @@
 #include <vector>
 
 #include "format/result.h"
-#include "runtime/scene.h"
+#include "runtime/scene/scene.h"
 
 namespace scree::compare {
 

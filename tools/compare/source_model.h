@@ -8,10 +8,10 @@
 #include <string>
 #include <vector>
 
-#include "format/container.h"
+#include "format/container/container.h"
 #include "format/result.h"
 #include "tools/compare/reference.h"
-#include "tools/convert/gltf_source.h"
+#include "tools/gltf/source.h"
 
 namespace scree::compare {
 

@@ -211,7 +211,8 @@ Command add_convert(CLI::App& parent) {
                   "fifo: triangles in vertex-cache order, vertices by first use (default); none: as in the source");
   app->add_option("--encoding", words->encoding,
                   "clustered: clusters of up to 128 triangles, half the bytes, culled and drawn far faster on a GPU "
-                  "(default); indexed: chunks of vertices and indices; meshes of float32 positions are indexed, and chunks that an error bound would else make\n"
+                  "(default); indexed: chunks of vertices and indices; meshes of float32 positions are indexed, and "
+                  "chunks that an error bound would else make\n"
                   "larger than with float32");
   app->add_option("--clusters", words->clusters,
                   "fast: clusters of triangles as --order has them (default); best: smaller ones, in an order of their "

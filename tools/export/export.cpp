@@ -9,10 +9,9 @@
 #include <utility>
 #include <vector>
 
-#include "format/jpeg_index.h"
-#include "runtime/mapped_file.h"
+#include "format/jpeg/index.h"
+#include "runtime/files/mapped_file.h"
 #include "tools/common/command.h"
-#include "tools/common/gltf_writer.h"
 #include "tools/common/human.h"
 #include "tools/common/options.h"
 #include "tools/common/progress.h"
@@ -20,6 +19,7 @@
 #include "tools/common/standard_output.h"
 #include "tools/common/stop_signal.h"
 #include "tools/export/primitives.h"
+#include "tools/gltf/writer.h"
 
 namespace scree::tools {
 namespace {

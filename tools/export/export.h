@@ -6,7 +6,7 @@
 #include <functional>
 #include <string>
 
-#include "format/container.h"
+#include "format/container/container.h"
 #include "format/result.h"
 
 namespace scree::tools {

@@ -4,10 +4,10 @@
 #include <cstdint>
 #include <vector>
 
-#include "format/container.h"
+#include "format/container/container.h"
 #include "format/result.h"
-#include "tools/common/gltf_writer.h"
 #include "tools/export/export.h"
+#include "tools/gltf/writer.h"
 
 namespace scree::tools {
 

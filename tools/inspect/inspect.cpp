@@ -5,8 +5,8 @@
 #include <optional>
 #include <string>
 
-#include "format/container.h"
-#include "runtime/mapped_file.h"
+#include "format/container/container.h"
+#include "runtime/files/mapped_file.h"
 #include "tools/common/command.h"
 #include "tools/common/human.h"
 #include "tools/common/progress.h"
@@ -14,7 +14,7 @@
 #include "tools/common/standard_output.h"
 #include "tools/compare/geometry.h"
 #include "tools/compare/report.h"
-#include "tools/convert/gltf_source.h"
+#include "tools/gltf/source.h"
 #include "tools/inspect/report.h"
 #include "tools/inspect/stats.h"
 #include "tools/inspect/verify.h"

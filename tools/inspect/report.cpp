@@ -5,10 +5,10 @@
 #include <string_view>
 
 #include "format/bytes.h"
-#include "format/quantize.h"
+#include "format/geometry/quantize.h"
 #include "tools/common/human.h"
 #include "tools/common/options.h"
-#include "tools/inspect/text_table.h"
+#include "tools/common/text_table.h"
 
 namespace scree::inspect {
 namespace {

@@ -4,7 +4,7 @@
 #include <cstdio>
 #include <string>
 
-#include "format/container.h"
+#include "format/container/container.h"
 #include "tools/compare/geometry.h"
 #include "tools/inspect/stats.h"
 #include "tools/inspect/verify.h"
@@ -31,7 +31,8 @@ std::string text_verify(const VerifyReport& report);
 void print_chunks(const format::Container& file, std::FILE* out);
 
 /// One JSON object, to `out`: names are stable, amounts are bytes, ratios plain numbers, and what has no value is
-/// absent. `verify`, `against_source` (a member "geometry"): null where they were not asked for. `with_chunks`: a member "chunk_rows" with an object a chunk.
+/// absent. `verify`, `against_source` (a member "geometry"): null where they were not asked for. `with_chunks`: a
+/// member "chunk_rows" with an object a chunk.
 void print_json(const format::Container& file, const Stats& stats, const std::string& path, const VerifyReport* verify,
                 const compare::GeometryReport* against_source, bool with_chunks, std::FILE* out);
 

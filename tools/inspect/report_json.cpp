@@ -1,6 +1,6 @@
 #include <string>
 
-#include "format/quantize.h"
+#include "format/geometry/quantize.h"
 #include "tools/common/json_writer.h"
 #include "tools/compare/report.h"
 #include "tools/inspect/report.h"

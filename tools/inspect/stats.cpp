@@ -6,7 +6,7 @@
 #include <utility>
 
 #include "format/bytes.h"
-#include "format/chunk_layout.h"
+#include "format/geometry/chunk_layout.h"
 
 namespace scree::inspect {
 namespace {

@@ -9,7 +9,7 @@
 #include <string_view>
 #include <vector>
 
-#include "format/container.h"
+#include "format/container/container.h"
 #include "format/layout.h"
 
 namespace scree::inspect {

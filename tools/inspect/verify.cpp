@@ -12,9 +12,9 @@
 #include <utility>
 
 #include "format/bytes.h"
-#include "format/checksum.h"
-#include "runtime/image.h"
-#include "runtime/jpeg_image.h"
+#include "format/container/checksum.h"
+#include "runtime/images/image.h"
+#include "runtime/textures/jpeg_image.h"
 #include "tools/common/chunk_decode.h"
 
 namespace scree::inspect {

@@ -8,7 +8,7 @@
 #include <string>
 #include <vector>
 
-#include "format/container.h"
+#include "format/container/container.h"
 #include "format/result.h"
 
 namespace scree::inspect {

@@ -9,11 +9,11 @@
 #include <utility>
 #include <vector>
 
-#include "runtime/device_scene.h"
-#include "runtime/image.h"
-#include "runtime/renderer.h"
-#include "runtime/scene.h"
-#include "runtime/stopwatch.h"
+#include "runtime/draw/device_scene.h"
+#include "runtime/draw/renderer.h"
+#include "runtime/images/image.h"
+#include "runtime/scene/scene.h"
+#include "runtime/threads/stopwatch.h"
 #include "tools/common/command.h"
 #include "tools/common/options.h"
 #include "tools/common/sigbus.h"

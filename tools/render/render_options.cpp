@@ -9,7 +9,7 @@
 #include <utility>
 
 #include "kernels/visbuffer.h"
-#include "runtime/srgb.h"
+#include "runtime/textures/srgb.h"
 #include "tools/common/options.h"
 
 namespace scree::tools {

@@ -10,8 +10,8 @@
 
 #include "format/result.h"
 #include "kernels/frame.h"
-#include "runtime/camera.h"
-#include "runtime/upload.h"
+#include "runtime/scene/camera.h"
+#include "runtime/stream/upload.h"
 #include "tools/common/backend.h"
 
 namespace scree::tools {

@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "format/result.h"
-#include "tools/common/gltf_writer.h"
+#include "tools/gltf/writer.h"
 
 namespace scree::synth {
 

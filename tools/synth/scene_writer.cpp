@@ -10,8 +10,8 @@
 #include <thread>
 #include <vector>
 
-#include "tools/common/gltf_writer.h"
 #include "tools/common/progress.h"
+#include "tools/gltf/writer.h"
 #include "tools/synth/gltf_parts.h"
 #include "tools/synth/synth.h"
 #include "tools/synth/textures.h"

@@ -10,8 +10,8 @@
 #include <unordered_map>
 #include <vector>
 
-#include "runtime/parallel.h"
-#include "tools/common/gltf_writer.h"
+#include "runtime/threads/parallel.h"
+#include "tools/gltf/writer.h"
 #include "tools/synth/gltf_parts.h"
 #include "tools/synth/textures.h"
 

@@ -11,9 +11,9 @@
 #include <utility>
 #include <vector>
 
-#include "runtime/jpeg_writer.h"
-#include "runtime/parallel.h"
-#include "tools/common/gltf_writer.h"
+#include "runtime/images/jpeg_writer.h"
+#include "runtime/threads/parallel.h"
+#include "tools/gltf/writer.h"
 #include "tools/synth/gltf_parts.h"
 #include "tools/synth/textures.h"
 

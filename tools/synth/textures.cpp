@@ -11,7 +11,7 @@
 #include <jpeglib.h>
 #include <png.h>
 
-#include "runtime/parallel.h"
+#include "runtime/threads/parallel.h"
 #include "tools/synth/gltf_parts.h"
 #include "tools/synth/scene_functions.h"
 

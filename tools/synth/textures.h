@@ -8,7 +8,7 @@
 
 #include "format/layout.h"
 #include "format/result.h"
-#include "tools/common/gltf_writer.h"
+#include "tools/gltf/writer.h"
 
 namespace scree::synth {
 

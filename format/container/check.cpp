@@ -1,0 +1,62 @@
+#include "format/container/check.h"
+
+#include <algorithm>
+
+#include "format/container/checker.h"
+
+namespace scree::format {
+namespace {
+
+// What the parts of all tables take together: meshes and nodes are still in a second-level cache when the instances
+// that refer to them are checked, which in a file of convert lie about as far into their table.
+constexpr uint64_t kPartBytes = 256 << 10;
+
+Result<void> check_in_parts(const TableViews& tables, TableReader& reader, uint64_t parts) {
+  Checker checker(tables, reader);
+  if (auto checked = checker.strings(); !checked) return checked;
+  if (auto checked = checker.pages(); !checked) return checked;
+  for (Part part{0, parts}; part.index < parts; ++part.index) {
+    if (auto checked = checker.meshes(part); !checked) return checked;
+    if (part.is_last()) {
+      if (auto checked = checker.groups(); !checked) return checked;
+    }
+    if (auto checked = checker.nodes(part); !checked) return checked;
+    if (part.is_last()) {
+      if (auto checked = checker.node_instances(); !checked) return checked;
+    }
+    if (auto checked = checker.matrices(part); !checked) return checked;
+    if (auto checked = checker.scenes(part); !checked) return checked;
+  }
+  if (auto checked = checker.scene_roots(); !checked) return checked;
+  if (auto checked = checker.materials(); !checked) return checked;
+  if (auto checked = checker.textures(); !checked) return checked;
+  if (auto checked = checker.images(); !checked) return checked;
+  if (auto checked = checker.cameras(); !checked) return checked;
+  return checker.source();
+}
+
+}  // namespace
+
+Result<void> Checker::strings() {
+  const TableViews::View& strings = tables_.view(TableKind::kStrings);
+  if (!strings.first || strings.count == 0) return fail(ErrorCode::kFormat, "the file has no string table");
+  if (strings.first[0] != std::byte{0}) return fail(ErrorCode::kFormat, "string table: the string at 0 is not empty");
+  if (strings.first[strings.count - 1] != std::byte{0})
+    return fail(ErrorCode::kFormat, "string table: the last string has no end");
+  string_bytes_ = strings.count;
+  return {};
+}
+
+Result<void> check_records(const TableViews& tables, TableReader& reader) {
+  uint64_t bytes = 0;
+  for (const TableKind kind :
+       {TableKind::kMeshes, TableKind::kChunks, TableKind::kNodes, TableKind::kInstances, TableKind::kMatrices}) {
+    bytes += tables.view(kind).count * tables.view(kind).stride;
+  }
+  const uint64_t parts = bytes / kPartBytes + 1;
+  if (auto checked = check_in_parts(tables, reader, parts); checked || parts == 1) return checked;
+  // What is said of a bad file is the first thing that is wrong when table follows table.
+  return check_in_parts(tables, reader, 1);
+}
+
+}  // namespace scree::format

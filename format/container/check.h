@@ -1,0 +1,79 @@
+// Inside of Container::open: where the tables of a file lie, and the check of every field of every record.
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <cstdio>
+#include <string>
+#include <type_traits>
+
+#include "format/container/container.h"
+#include "format/layout.h"
+#include "format/result.h"
+
+namespace scree::format {
+
+inline constexpr uint32_t kKnownTableKinds = 20;  // TableKind values below this, 0 aside
+
+/// The tables of a file by kind; those it does not have are empty.
+struct TableViews {
+  struct View {
+    const std::byte* first = nullptr;
+    uint64_t count = 0;
+    uint64_t stride = 1;
+  };
+
+  std::array<View, kKnownTableKinds> views{};
+  uint64_t tables_offset = 0;  // bytes from the start of the file to the first table: pages and their padding end here
+  bool newer_minor = false;    // the file is of a newer minor version than this reader
+
+  const View& view(TableKind kind) const { return views[static_cast<uint32_t>(kind)]; }
+
+  template <class Record>
+  Table<Record> table(TableKind kind) const {
+    const View& found = view(kind);
+    return found.first ? Table<Record>(found.first, found.count, found.stride) : Table<Record>();
+  }
+};
+
+/// Told how far check_records has come, a block of records before it reads them.
+class TableReader {
+ public:
+  /// Records up to `record` of the table, at least, are read next. Returns up to which record (exclusive, more than
+  /// `record`) it need not be told again.
+  virtual uint64_t read_to(TableKind kind, uint64_t record) = 0;
+
+ protected:
+  ~TableReader() = default;
+};
+
+/// Checks every field of every record (spec/container.md, tables). The tables lie in the file, are aligned and have the
+/// record sizes of their kinds or larger; nothing else is relied on, their checksums neither. `reader` is told of each
+/// record of a large table before it is read first. No allocation but for the error's text. Errors kRange, kReserved,
+/// kFormat.
+Result<void> check_records(const TableViews& tables, TableReader& reader);
+
+// Error messages out of parts; a template so that the hot loops keep their values in registers until one fails.
+inline void append_part(std::string& text, const char* part) {
+  text += part;
+}
+inline void append_part(std::string& text, double part) {
+  char digits[32];
+  std::snprintf(digits, sizeof digits, "%g", part);
+  text += digits;
+}
+template <class Integer>
+requires std::is_integral_v<Integer>
+void append_part(std::string& text, Integer part) {
+  text += std::to_string(part);
+}
+
+template <class... Parts>
+[[gnu::noinline, gnu::cold]] Error fail(ErrorCode code, Parts... parts) {
+  Error error{code, {}};
+  (append_part(error.message, parts), ...);
+  return error;
+}
+
+}  // namespace scree::format

@@ -1,0 +1,149 @@
+// Inside of check_records: the checks table by table; check.cpp says in which order.
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <bit>
+#include <cstdint>
+#include <optional>
+#include <type_traits>
+
+#include "format/container/check.h"
+
+namespace scree::format {
+
+/// Without a branch, so that it becomes vector code. A number is NaN or infinite where its exponent is all ones: one
+/// more then carries into the sign bit.
+template <class Float>
+bool all_finite(const Float* values, uint32_t count) {
+  using Bits = std::conditional_t<sizeof(Float) == 4, uint32_t, uint64_t>;
+  constexpr Bits kSign = Bits{1} << (8 * sizeof(Bits) - 1);
+  constexpr Bits kExponentOne = sizeof(Float) == 4 ? Bits{1} << 23 : static_cast<Bits>(uint64_t{1} << 52);
+  Bits carries = 0;
+  for (uint32_t i = 0; i < count; ++i) carries |= (std::bit_cast<Bits>(values[i]) & ~kSign) + kExponentOne;
+  return (carries & kSign) == 0;
+}
+
+/// "mesh 3: group 7, but the file has 2 groups".
+inline Error fail_index(const char* kind, uint64_t index, const char* field, uint64_t value, uint64_t count,
+                        const char* things) {
+  return fail(ErrorCode::kRange, kind, " ", index, ": ", field, " ", value, ", but the file has ", count, " ", things);
+}
+
+/// Part `index` of a table that is checked in `count` parts, one call each, in order.
+struct Part {
+  uint64_t index = 0;
+  uint64_t count = 1;
+
+  uint64_t begin(uint64_t records) const { return records * index / count; }  // records < 2^32, parts < 2^32
+  uint64_t end(uint64_t records) const { return records * (index + 1) / count; }
+  bool is_last() const { return index + 1 == count; }
+};
+
+inline constexpr uint64_t kReadAheadBytes = 16 << 10;
+
+class Checker {
+ public:
+  Checker(const TableViews& tables, TableReader& reader)
+      : tables_(tables),
+        reader_(reader),
+        pages_(tables.table<PageRecord>(TableKind::kPages)),
+        meshes_(tables.table<MeshRecord>(TableKind::kMeshes)),
+        chunks_(tables.table<ChunkRecord>(TableKind::kChunks)),
+        groups_(tables.table<GroupRecord>(TableKind::kGroups)),
+        nodes_(tables.table<NodeRecord>(TableKind::kNodes)),
+        instances_(tables.table<InstanceRecord>(TableKind::kInstances)),
+        matrices_(tables.table<MatrixRecord>(TableKind::kMatrices)),
+        node_instances_(tables.table<NodeInstanceRecord>(TableKind::kNodeInstances)),
+        materials_(tables.table<MaterialRecord>(TableKind::kMaterials)),
+        textures_(tables.table<TextureRecord>(TableKind::kTextures)),
+        images_(tables.table<ImageRecord>(TableKind::kImages)),
+        mip_levels_(tables.table<MipLevelRecord>(TableKind::kMipLevels)),
+        cameras_(tables.table<CameraRecord>(TableKind::kCameras)),
+        scenes_(tables.table<SceneRecord>(TableKind::kScenes)),
+        scene_roots_(tables.table<uint32_t>(TableKind::kSceneRoots)) {}
+
+  Result<void> strings();
+  Result<void> pages() const;
+  Result<void> meshes(Part part);
+  Result<void> groups() const;
+  Result<void> nodes(Part part) const;
+  Result<void> node_instances() const;
+  Result<void> matrices(Part part) const;
+  Result<void> scenes(Part part);
+  Result<void> scene_roots() const;
+  Result<void> materials() const;
+  Result<void> textures() const;
+  Result<void> images() const;
+  Result<void> cameras() const;
+  Result<void> source() const;
+
+ private:
+  std::optional<Error> mesh_fields(uint64_t index) const;
+  std::optional<Error> chunk_range(uint64_t index, const MeshRecord& mesh, uint64_t mesh_index,
+                                   uint64_t first_triangle) const;
+  std::optional<Error> index_fields(uint64_t index) const;
+  std::optional<Error> cluster_fields(uint64_t index, const MeshRecord& mesh) const;
+  std::optional<Error> chunk_streams_of(uint64_t index, const MeshRecord& mesh) const;
+  std::optional<Error> scene_fields(uint64_t index) const;
+  std::optional<Error> levels_of(uint64_t image, uint64_t first) const;
+  Result<void> instances_to(uint64_t end);
+
+  /// Before a record is read for the first time. Asks for what lies a block further on, so that the next block's
+  /// checksum need not wait for memory.
+  void reach(TableKind kind, uint64_t index) const {
+    const TableViews::View& table = tables_.view(kind);
+    const uintptr_t ahead = reinterpret_cast<uintptr_t>(table.first) + index * table.stride + kReadAheadBytes;
+    for (uint64_t line = 0; line < std::min<uint64_t>(table.stride, 192); line += 64) {
+      __builtin_prefetch(reinterpret_cast<const void*>(ahead + line), 0, 2);
+    }
+    uint64_t& reached = reached_[static_cast<uint32_t>(kind)];
+    if (index >= reached) [[unlikely]]
+      reached = reader_.read_to(kind, index);
+  }
+
+  bool name_is_bad(uint32_t offset) const { return offset >= string_bytes_; }
+  Error fail_name(const char* kind, uint64_t index, uint32_t offset) const {
+    return fail(ErrorCode::kRange, kind, " ", index, ": string at ", offset, ", but the strings take ", string_bytes_,
+                " bytes");
+  }
+
+  const TableViews& tables_;
+  TableReader& reader_;
+  mutable std::array<uint64_t, kKnownTableKinds> reached_{};
+  uint64_t string_bytes_ = 0;
+
+  // Where meshes() is.
+  uint64_t next_chunk_ = 0;
+  uint64_t source_vertices_ = 0;
+  uint64_t group_ = 0;              // of the next mesh, if groups tile the meshes as they should
+  uint64_t group_end_ = 0;          // the first mesh after it
+  bool groups_may_differ_ = false;  // groups() is to look at every mesh
+
+  // Where scenes() is.
+  uint64_t scene_ = 0;
+  bool in_scene_ = false;  // its instances are being checked
+  bool default_seen_ = false;
+  uint64_t next_instance_ = 0;
+  uint64_t instances_end_ = 0;  // of the scene
+  uint64_t scene_triangles_ = 0;
+  uint32_t previous_mesh_ = 0;
+
+  Table<PageRecord> pages_;
+  Table<MeshRecord> meshes_;
+  Table<ChunkRecord> chunks_;
+  Table<GroupRecord> groups_;
+  Table<NodeRecord> nodes_;
+  Table<InstanceRecord> instances_;
+  Table<MatrixRecord> matrices_;
+  Table<NodeInstanceRecord> node_instances_;
+  Table<MaterialRecord> materials_;
+  Table<TextureRecord> textures_;
+  Table<ImageRecord> images_;
+  Table<MipLevelRecord> mip_levels_;
+  Table<CameraRecord> cameras_;
+  Table<SceneRecord> scenes_;
+  Table<uint32_t> scene_roots_;
+};
+
+}  // namespace scree::format

@@ -1,0 +1,410 @@
+#include <fcntl.h>
+#include <unistd.h>
+#include <zstd.h>
+
+#include <algorithm>
+#include <array>
+#include <cassert>
+#include <cerrno>
+#include <cstddef>
+#include <cstring>
+#include <filesystem>
+#include <memory>
+#include <new>
+#include <optional>
+#include <unordered_map>
+
+#include "format/bytes.h"
+#include "format/container/checksum.h"
+#include "format/container/container.h"
+#include "format/container/part_file.h"
+
+namespace scree::format {
+
+namespace {
+
+// Entries of a PartLog:
+constexpr uint32_t kPageEntry = 1;  // a PageRecord
+constexpr uint32_t kDropEntry = 2;  // how many pages there are still (u32)
+
+/// One zstd frame that says its content's size, or nothing where it would take `limit` bytes or memory is short.
+/// `ends`: in `content`, where bytes of another kind begin; each gets blocks of its own, with codes that fit it.
+std::vector<std::byte> compress(std::span<const std::byte> content, std::span<const uint64_t> ends, uint64_t limit,
+                                int level) try {
+  struct Free {
+    void operator()(ZSTD_CCtx* context) const { ZSTD_freeCCtx(context); }
+  };
+  const std::unique_ptr<ZSTD_CCtx, Free> context(ZSTD_createCCtx());
+  if (!context) return {};
+  ZSTD_CCtx_setParameter(context.get(), ZSTD_c_compressionLevel, std::min(level, ZSTD_maxCLevel()));
+  ZSTD_CCtx_setParameter(context.get(), ZSTD_c_contentSizeFlag, 1);
+  ZSTD_CCtx_setParameter(context.get(), ZSTD_c_checksumFlag, 0);  // the page has its own
+  std::vector<std::byte> frame(limit - 1);
+  if (ends.empty()) {
+    const size_t bytes = ZSTD_compress2(context.get(), frame.data(), frame.size(), content.data(), content.size());
+    if (ZSTD_isError(bytes)) return {};
+    return {frame.begin(), frame.begin() + static_cast<ptrdiff_t>(bytes)};
+  }
+  ZSTD_CCtx_setPledgedSrcSize(context.get(), content.size());
+  ZSTD_outBuffer out{frame.data(), frame.size(), 0};
+  ZSTD_inBuffer in{content.data(), 0, 0};
+  const auto feed = [&](uint64_t end, ZSTD_EndDirective directive) {
+    in.size = end;
+    return ZSTD_compressStream2(context.get(), &out, &in, directive) == 0;  // neither an error nor out of room
+  };
+  for (const uint64_t end : ends)
+    if (end != in.pos && end != content.size() && !feed(end, ZSTD_e_flush)) return {};
+  if (!feed(content.size(), ZSTD_e_end)) return {};
+  return {frame.begin(), frame.begin() + static_cast<ptrdiff_t>(out.pos)};
+} catch (const std::bad_alloc&) {
+  return {};
+}
+
+}  // namespace
+
+SealedPage seal_page(PageKind kind, std::vector<std::byte> raw, int zstd_level,
+                     std::span<const PageClusters> clusters) {
+  SealedPage page;
+  page.record.kind = kind;
+  page.record.codec = PageCodec::kRaw;
+  page.record.raw_bytes = raw.size();
+  page.stored = std::move(raw);
+
+  if (zstd_level > 0 && page.stored.size() > 1 && page.stored.size() <= kMaxZstdPageBytes) {
+    const SplitPage split = clusters.empty() ? SplitPage{} : split_page(page.stored, clusters);
+    const bool is_split = !split.bytes.empty();
+    std::vector<std::byte> compressed =
+        compress(is_split ? split.bytes : page.stored, split.stream_ends, page.stored.size(), zstd_level);
+    // The last rule is the reader's (spec/container.md, pages): what unpacks to much must have been large itself.
+    if (!compressed.empty() &&
+        (page.stored.size() <= kPageTargetBytes || page.stored.size() / kMaxZstdRatio < compressed.size())) {
+      page.stored = std::move(compressed);
+      page.record.codec = is_split ? PageCodec::kSplit : PageCodec::kZstd;
+    }
+  }
+  page.record.stored_bytes = page.stored.size();
+  page.record.checksum = checksum(page.stored);
+  return page;
+}
+
+struct StringTable::Impl {
+  std::vector<char> bytes{'\0'};
+  std::unordered_map<std::string, uint32_t> offsets{{"", 0}};
+};
+
+StringTable::StringTable() : impl_(std::make_shared<Impl>()) {}
+
+uint32_t StringTable::add(std::string_view text) {
+  text = text.substr(0, text.find('\0'));
+  const auto [found, added] = impl_->offsets.try_emplace(std::string(text), static_cast<uint32_t>(impl_->bytes.size()));
+  if (added) {
+    impl_->bytes.insert(impl_->bytes.end(), text.begin(), text.end());
+    impl_->bytes.push_back('\0');
+  }
+  return found->second;
+}
+
+std::span<const char> StringTable::bytes() const {
+  return impl_->bytes;
+}
+
+struct ContainerWriter::Impl {
+  std::string path;
+  PartFile file;
+  std::optional<PartLog> log;
+  bool is_longer = false;         // there is more behind the file's end, a log or dropped pages, which goes in the end
+  bool overwrites = false;        // there were other pages in the .part: what is not written is not zero
+  uint64_t end = kPageAlignment;  // of what is written; the header comes last
+  std::vector<PageRecord> pages;
+  std::vector<TocEntry> toc;  // of the tables that are written
+  Checksum checksum;          // of the last of them, while it may grow
+
+  /// Where the last page ends, or the first may begin.
+  uint64_t end_of_pages() const {
+    return pages.empty() ? kPageAlignment : pages.back().offset + pages.back().stored_bytes;
+  }
+
+  Result<void> write(uint64_t offset, std::span<const std::byte> bytes);
+  Result<void> pad(uint64_t from, uint64_t to);
+  void add_page(const PageRecord& record);
+  void note(uint32_t kind, std::span<const std::byte> entry);
+  Result<bool> is_whole(const PageRecord& record, uint64_t earlier_end);
+  Result<void> append_records(TableKind kind, uint32_t record_bytes, std::span<const std::byte> records);
+  Result<void> rename_into_place(const FileHeader& header);
+};
+
+/// A .part that cannot be written whole is given up at once, so that it does not fill the disk any longer.
+Result<void> ContainerWriter::Impl::write(uint64_t offset, std::span<const std::byte> bytes) {
+  if (log && offset + bytes.size() > log->offset()) log.reset();
+  Result<void> written = file.write_at(offset, bytes);
+  if (!written) file.discard();
+  return written;
+}
+
+/// Zeros between two pages or tables, where nothing was written before.
+Result<void> ContainerWriter::Impl::pad(uint64_t from, uint64_t to) {
+  static constexpr std::array<std::byte, kPageAlignment> kZeros{};
+  if (!overwrites || from == to) return {};
+  return write(from, std::span(kZeros).first(to - from));
+}
+
+void ContainerWriter::Impl::add_page(const PageRecord& record) {
+  end = record.offset + record.stored_bytes;
+  pages.push_back(record);
+  note(kPageEntry, std::as_bytes(std::span(&record, 1)));
+}
+
+/// Whoever cannot write the log finds out when he writes the rest; if it is only the log, nobody need know.
+void ContainerWriter::Impl::note(uint32_t kind, std::span<const std::byte> entry) {
+  if (log && !log->add(file, kind, entry)) log.reset();
+}
+
+/// Whether a page that was noted follows the page before it, and is there.
+Result<bool> ContainerWriter::Impl::is_whole(const PageRecord& record, uint64_t earlier_end) {
+  constexpr uint64_t kBlockBytes = 1 << 20;
+  if (record.offset != align_up(earlier_end, kPageAlignment) ||
+      !range_within(record.offset, record.stored_bytes, log->offset()))
+    return false;
+  Checksum sum;
+  std::vector<std::byte> block(static_cast<size_t>(std::min(record.stored_bytes, kBlockBytes)));
+  for (uint64_t done = 0; done < record.stored_bytes;) {
+    const std::span<std::byte> part(block.data(),
+                                    static_cast<size_t>(std::min(kBlockBytes, record.stored_bytes - done)));
+    if (auto read = file.read_at(record.offset + done, part); !read) return read.error();
+    sum.add(part);
+    done += part.size();
+  }
+  return sum.value() == record.checksum;
+}
+
+/// Empty tables are left out. Padding is what the file has where nothing was written: zeros.
+Result<void> ContainerWriter::Impl::append_records(TableKind kind, uint32_t record_bytes,
+                                                   std::span<const std::byte> records) {
+  if (records.empty()) return {};
+  if (!file.is_open()) return write(end, records);  // which says so
+  if (toc.empty() || toc.back().kind != kind) {
+    assert(std::none_of(toc.begin(), toc.end(), [&](const TocEntry& entry) { return entry.kind == kind; }));
+    const uint64_t begin = align_up(end, kTableAlignment);
+    if (auto padded = pad(end, begin); !padded) return padded;
+    end = begin;
+    toc.push_back({kind, record_bytes, 0, end, 0});
+    checksum = {};
+  }
+  TocEntry& entry = toc.back();
+  assert(entry.record_bytes == record_bytes && records.size() % record_bytes == 0);
+  entry.record_count += records.size() / record_bytes;
+  if (entry.record_count >= kNone) {
+    file.discard();
+    return Error{ErrorCode::kRange, path + ": " + std::to_string(entry.record_count) + " records in table " +
+                                        std::to_string(static_cast<uint32_t>(kind)) + ", more than a file can have"};
+  }
+  if (auto written = write(end, records); !written) return written;
+  end += records.size();
+  checksum.add(records);
+  entry.checksum = checksum.value();
+  return {};
+}
+
+/// The data must be on the disk before the name is, and the name before the caller is told. That can take long, and
+/// whoever is killed meanwhile must be able to go on: the header, which ends that, is written when all else is there.
+Result<void> ContainerWriter::Impl::rename_into_place(const FileHeader& header) {
+  Result<void> done = file.sync();
+  if (done) done = file.write_at(0, std::as_bytes(std::span<const FileHeader>(&header, 1)));
+  if (done && is_longer) done = file.resize(header.file_bytes);
+  if (done) done = file.sync();
+  if (done) done = file.commit();
+  if (!done) {
+    file.discard();
+    return done;
+  }
+  const std::filesystem::path folder = std::filesystem::path(path).parent_path();
+  const int opened = ::open(folder.empty() ? "." : folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+  if (opened < 0) return {};  // a folder that may be written but not read: the file is there, the name may be late
+  const int synced = ::fsync(opened);
+  const int error = errno;
+  ::close(opened);
+  if (synced != 0 && error != EINVAL && error != ENOTSUP) {  // those: a file system that syncs no folders
+    return Error{ErrorCode::kFile, path + ": sync of its folder: " + std::strerror(error)};
+  }
+  return {};
+}
+
+Result<ContainerWriter> ContainerWriter::create(const std::string& path) {
+  auto part = PartFile::create(path);
+  if (!part) return part.error();
+  auto impl = std::make_unique<Impl>();
+  impl->path = path;
+  impl->file = std::move(*part);
+  return ContainerWriter(std::move(impl));
+}
+
+Result<ContainerWriter> ContainerWriter::resume(const std::string& path, const PartId& id, const PartLog::Take& take) {
+  std::error_code ignored;
+  if (!std::filesystem::exists(path + ".part", ignored)) return Error{ErrorCode::kFormat, "there is none"};
+  auto part = PartFile::create(path, PartFile::Content::kAsItIs);
+  if (!part) return part.error();
+  part->keep();
+  auto impl = std::make_unique<Impl>();
+  impl->path = path;
+  impl->file = std::move(*part);
+  impl->overwrites = impl->is_longer = true;
+  bool fits = true;  // so far
+  const auto take_page = [&](const PageRecord& record) {
+    // Pages that an earlier resume() found damaged were written and noted again.
+    while (!impl->pages.empty() && impl->pages.back().offset >= record.offset) impl->pages.pop_back();
+    fits = record.offset == align_up(impl->end_of_pages(), kPageAlignment);
+    if (fits) impl->pages.push_back(record);
+  };
+  auto log = PartLog::read(impl->file, id, [&](uint32_t kind, std::span<const std::byte> entry) {
+    PageRecord record;
+    uint32_t left = 0;
+    if (kind == kPageEntry && entry.size() == sizeof record) {
+      std::memcpy(&record, entry.data(), sizeof record);
+      if (fits) take_page(record);
+    } else if (kind == kDropEntry && entry.size() == sizeof left) {
+      std::memcpy(&left, entry.data(), sizeof left);
+      if (left < impl->pages.size()) impl->pages.resize(left);
+    } else if (kind != kPageEntry && kind != kDropEntry) {
+      take(kind, entry);
+    }
+  });
+  if (!log) return log.error();
+  impl->log = *log;
+  for (size_t i = 0; i < impl->pages.size(); ++i) {
+    const auto is_whole = impl->is_whole(impl->pages[i], impl->end);
+    if (!is_whole) return is_whole.error();
+    if (!*is_whole) {
+      impl->pages.resize(i);
+      break;
+    }
+    if (auto padded = impl->pad(impl->end, impl->pages[i].offset); !padded) return padded.error();
+    impl->end = impl->pages[i].offset + impl->pages[i].stored_bytes;
+  }
+  // Padding is no part of a page's checksum, and neither is what is behind the header.
+  if (auto padded = impl->pad(sizeof(FileHeader), kPageAlignment); !padded) return padded.error();
+  return ContainerWriter(std::move(impl));
+}
+
+void ContainerWriter::keep_log(const PartId& id, uint64_t most_bytes) {
+  assert(impl_->pages.empty() && impl_->toc.empty());
+  impl_->is_longer = true;
+  auto log = PartLog::start(impl_->file, id, align_up(most_bytes, kPageAlignment));
+  if (log) impl_->log = *log;
+}
+
+void ContainerWriter::log(uint32_t kind, std::span<const std::byte> entry) {
+  assert(kind != kPageEntry && kind != kDropEntry);
+  impl_->note(kind, entry);
+}
+
+void ContainerWriter::keep_part() {
+  impl_->file.keep();
+}
+
+uint32_t ContainerWriter::page_count() const {
+  return static_cast<uint32_t>(impl_->pages.size());
+}
+
+void ContainerWriter::drop_pages(uint32_t page_count) {
+  assert(page_count <= impl_->pages.size() && impl_->toc.empty());
+  if (page_count == impl_->pages.size()) return;
+  // Whole as they may lie there, what is noted from here on knows nothing of them.
+  impl_->note(kDropEntry, std::as_bytes(std::span(&page_count, 1)));
+  impl_->overwrites = impl_->is_longer = true;
+  impl_->pages.resize(page_count);
+  impl_->end = impl_->end_of_pages();
+}
+
+ContainerWriter::ContainerWriter(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
+ContainerWriter::ContainerWriter(ContainerWriter&&) noexcept = default;
+ContainerWriter& ContainerWriter::operator=(ContainerWriter&&) noexcept = default;
+ContainerWriter::~ContainerWriter() = default;
+
+uint64_t ContainerWriter::bytes() const {
+  return impl_->end;
+}
+
+Result<uint32_t> ContainerWriter::append(const SealedPage& page) {
+  assert(page.record.stored_bytes == page.stored.size() && impl_->toc.empty());
+  PageRecord record = page.record;
+  record.offset = align_up(impl_->end, kPageAlignment);
+  if (auto padded = impl_->pad(impl_->end, record.offset); !padded) return padded.error();
+  if (auto written = impl_->write(record.offset, page.stored); !written) return written.error();
+  impl_->add_page(record);
+  return static_cast<uint32_t>(impl_->pages.size() - 1);
+}
+
+Result<uint32_t> ContainerWriter::append_raw(PageKind kind, uint64_t bytes, const Read& read) {
+  constexpr uint64_t kBlockBytes = 1 << 20;
+  assert(impl_->toc.empty());
+  PageRecord record{};
+  record.kind = kind;
+  record.codec = PageCodec::kRaw;
+  record.offset = align_up(impl_->end, kPageAlignment);
+  record.stored_bytes = record.raw_bytes = bytes;
+  if (auto padded = impl_->pad(impl_->end, record.offset); !padded) return padded.error();
+  Checksum checksum;
+  std::vector<std::byte> block(static_cast<size_t>(std::min(bytes, kBlockBytes)));
+  for (uint64_t done = 0; done < bytes;) {
+    const std::span<std::byte> part(block.data(), static_cast<size_t>(std::min(kBlockBytes, bytes - done)));
+    if (auto got = read(done, part); !got) return got.error();
+    checksum.add(part);
+    if (auto written = impl_->write(record.offset + done, part); !written) return written.error();
+    done += part.size();
+  }
+  record.checksum = checksum.value();
+  impl_->add_page(record);
+  return static_cast<uint32_t>(impl_->pages.size() - 1);
+}
+
+Result<void> ContainerWriter::append_records(TableKind kind, uint32_t record_bytes,
+                                             std::span<const std::byte> records) {
+  return impl_->append_records(kind, record_bytes, records);
+}
+
+Result<uint64_t> ContainerWriter::finish(const TableSet& tables) {
+  Result<void> written;
+  const auto table = [&](TableKind kind, const auto& records) {
+    if (written) written = impl_->append_records(kind, sizeof(records[0]), std::as_bytes(std::span(records)));
+  };
+  table(TableKind::kPages, impl_->pages);
+  table(TableKind::kMeshes, tables.meshes);
+  table(TableKind::kChunks, tables.chunks);
+  table(TableKind::kGroups, tables.groups);
+  table(TableKind::kNodes, tables.nodes);
+  table(TableKind::kInstances, tables.instances);
+  table(TableKind::kMatrices, tables.matrices);
+  table(TableKind::kNodeInstances, tables.node_instances);
+  table(TableKind::kMaterials, tables.materials);
+  table(TableKind::kTextures, tables.textures);
+  table(TableKind::kImages, tables.images);
+  table(TableKind::kMipLevels, tables.mip_levels);
+  table(TableKind::kCameras, tables.cameras);
+  table(TableKind::kScenes, tables.scenes);
+  table(TableKind::kSceneRoots, tables.scene_roots);
+  table(TableKind::kStrings, tables.strings.bytes());
+  table(TableKind::kSource, std::span<const SourceRecord>(&tables.source, 1));
+  table(TableKind::kLeftOut, tables.left_out);
+  table(TableKind::kLeftOutCosts, tables.left_out_costs);
+  if (!written) return written.error();
+
+  const std::vector<TocEntry>& toc = impl_->toc;
+  FileHeader header{};
+  std::memcpy(header.magic, kMagic, sizeof kMagic);
+  header.version_major = kVersionMajor;
+  header.version_minor = kVersionMinor;
+  header.header_bytes = sizeof header;
+  header.toc_offset = align_up(impl_->end, kTableAlignment);
+  header.toc_count = static_cast<uint32_t>(toc.size());
+  const std::span<const std::byte> toc_bytes = std::as_bytes(std::span<const TocEntry>(toc));
+  header.toc_checksum = checksum(toc_bytes);
+  header.file_bytes = header.toc_offset + toc_bytes.size();
+  header.checksum = checksum(std::as_bytes(std::span(&header, 1)).first(offsetof(FileHeader, checksum)));
+  if (written = impl_->pad(impl_->end, header.toc_offset); !written) return written.error();
+  if (written = impl_->write(header.toc_offset, toc_bytes); !written) return written.error();
+  if (written = impl_->rename_into_place(header); !written) return written.error();
+  impl_->end = header.file_bytes;
+  return header.file_bytes;
+}
+
+}  // namespace scree::format

@@ -1,0 +1,48 @@
+// Huffman tables of JPEG as a decoder likes them: one look for codes of up to 9 bits, six compares without a branch for
+// longer ones. 1.6 KiB, so that the four tables of a picture lie in the shared memory of a block of GPU threads.
+#pragma once
+
+#include <cstdint>
+
+#include "format/hd.h"
+#include "format/jpeg/parse.h"
+#include "format/result.h"
+
+namespace scree::format {
+
+inline constexpr uint32_t kJpegFastBits = 9;
+
+/// A code as found: its length in bits and its symbol; length 0: no such code.
+struct JpegCode {
+  uint32_t length;
+  uint32_t symbol;
+};
+
+struct JpegHuffmanTable {
+  uint16_t fast[1u << kJpegFastBits];  // by the next 9 bits: length << 8 | symbol; 0 where the code is longer
+  // The codes of length 10 + i are below limit[i], as 16 bits with the code's first bit on top; the limits do not fall.
+  uint32_t limit[7];
+  // symbols[first + code] is the symbol of a code of length 10 + i, modulo 2^32.
+  uint32_t first[7];
+  uint8_t symbols[256];
+
+  /// The code at the top of `window`, the next 16 bits of the stream in its low half. Any window is allowed.
+  SCREE_HD JpegCode find(uint32_t window) const {
+    const uint32_t entry = fast[window >> (16 - kJpegFastBits)];
+    if (entry != 0) return {entry >> 8, entry & 255u};
+    uint32_t longer = 0;
+    for (uint32_t i = 0; i < 6; ++i) longer += window >= limit[i] ? 1u : 0u;
+    if (window >= limit[6]) return {0, 0};
+    const uint32_t length = kJpegFastBits + 1 + longer;
+    return {length, symbols[(first[longer] + (window >> (16 - length))) & 255u]};
+  }
+};
+
+/// The table of `spec`, whose counts add up to at most 256. Codes are given out as T.81, C.2 says. Errors kFormat: more
+/// codes than fit their lengths, a code of ones alone, or, where `is_dc`, a symbol above 15.
+Result<JpegHuffmanTable> make_jpeg_table(const JpegHuffmanSpec& spec, bool is_dc);
+
+/// The tables of T.81, K.3: DC and AC, number 0 for luminance, 1 for chrominance.
+const JpegHuffmanSpec& standard_jpeg_table(bool is_ac, uint32_t number);
+
+}  // namespace scree::format

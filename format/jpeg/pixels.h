@@ -1,0 +1,228 @@
+// From the coefficients of an indexed JPEG to its samples and colours; runs in kernels too. Integers alone, so every
+// machine has the same bits, those of libjpeg-turbo's exact transform. Source: spec/codecs.md, indexed JPEG.
+#pragma once
+
+#include <cstdint>
+
+#include "format/hd.h"
+#include "format/jpeg/mcu.h"
+
+namespace scree::format {
+
+/// Blocks of the largest group: 2 MCUs of 3 x 1 blocks in each of 3 components.
+inline constexpr uint32_t kJpegMaxGroupBlocks = 18;
+
+/// A picture ready for its pixels; owns nothing. A group's samples are the blocks of its MCUs one after the other, 64
+/// bytes each, rows of 8.
+struct JpegPicture {
+  JpegView view;
+  const uint32_t* factors;  // of each quantisation table 64, in zigzag order: factor | row-major place << 16
+  uint32_t width;           // pixels
+  uint32_t height;
+  uint32_t mcu_width;  // pixels, multiples of 8
+  uint32_t mcu_height;
+  uint32_t mcu_blocks;
+  uint32_t colour;  // JpegColour
+  // What divides by whole numbers without a division, which a GPU has no instruction for: see divide_jpeg().
+  uint32_t mcu_width_inverse;
+  uint32_t mcu_height_inverse;
+  uint32_t group_inverse;  // of view.group_mcus
+  struct Scale {
+    uint32_t x;  // 2^16 times the component's share of the MCU's samples a row, rounded up
+    uint32_t y;
+  } scales[kJpegMaxComponents];
+};
+
+/// Of divisors of at most 32.
+constexpr uint32_t jpeg_inverse(uint32_t divisor) {
+  return ((1u << 31) + divisor - 1) / divisor;
+}
+
+/// value / divisor for value < 2^26: `inverse` is off by less than 1, so the product by less than 2^26 of the 2^31 /
+/// 32 that the next whole number is away.
+SCREE_HD inline uint32_t divide_jpeg(uint32_t value, uint32_t inverse) {
+  return static_cast<uint32_t>(uint64_t{value} * inverse >> 31);
+}
+
+/// The one-dimensional inverse DCT of Loeffler, Ligtenberg and Moschytz with 13 bits of fraction: 8 values, `step`
+/// apart, in place, 2^3 times the orthogonal transform's over 2^(shift - 13). Sums wrap where damaged data make them.
+SCREE_HD inline void transform_jpeg_line(int32_t* values, uint32_t step, uint32_t shift) {
+  const auto at = [&](uint32_t i) { return static_cast<uint32_t>(values[i * step]); };
+  const auto put = [&](uint32_t i, uint32_t value) {
+    values[i * step] = static_cast<int32_t>(value + (1u << (shift - 1))) >> shift;
+  };
+  // Constants are round(2^13 * c).
+  const uint32_t rotated = (at(2) + at(6)) * 4433u;  // 0.541196100
+  const uint32_t even2 = rotated - at(6) * 15137u;   // 1.847759065
+  const uint32_t even3 = rotated + at(2) * 6270u;    // 0.765366865
+  const uint32_t even0 = (at(0) + at(4)) << 13;
+  const uint32_t even1 = (at(0) - at(4)) << 13;
+  const uint32_t sum = (at(7) + at(3) + at(5) + at(1)) * 9633u;  // 1.175875602
+  const uint32_t shared73 = sum - (at(7) + at(3)) * 16069u;      // 1.961570560
+  const uint32_t shared51 = sum - (at(5) + at(1)) * 3196u;       // 0.390180644
+  const uint32_t shared71 = (at(7) + at(1)) * 7373u;             // 0.899976223
+  const uint32_t shared53 = (at(5) + at(3)) * 20995u;            // 2.562915447
+  const uint32_t odd0 = at(7) * 2446u - shared71 + shared73;     // 0.298631336
+  const uint32_t odd1 = at(5) * 16819u - shared53 + shared51;    // 2.053119869
+  const uint32_t odd2 = at(3) * 25172u - shared53 + shared73;    // 3.072711026
+  const uint32_t odd3 = at(1) * 12299u - shared71 + shared51;    // 1.501321110
+  put(0, even0 + even3 + odd3);
+  put(7, even0 + even3 - odd3);
+  put(1, even1 + even2 + odd2);
+  put(6, even1 + even2 - odd2);
+  put(2, even1 - even2 + odd1);
+  put(5, even1 - even2 - odd1);
+  put(3, even0 - even3 + odd0);
+  put(4, even0 - even3 - odd0);
+}
+
+SCREE_HD inline uint32_t clamp_jpeg_sample(int32_t value) {
+  return value < 0 ? 0u : value > 255 ? 255u : static_cast<uint32_t>(value);
+}
+
+/// 64 coefficients in row-major order, dequantised, become 64 samples (in a kernel 8-byte aligned); `coefficients` is
+/// destroyed.
+SCREE_HD inline void transform_jpeg_block(int32_t* coefficients, uint8_t* samples) {
+  for (uint32_t i = 0; i < 8; ++i) transform_jpeg_line(coefficients + i, 8, 11);
+  for (uint32_t i = 0; i < 8; ++i) transform_jpeg_line(coefficients + 8 * i, 1, 18);
+#if defined(__CUDA_ARCH__)
+  for (uint32_t i = 0; i < 64; i += 8) {
+    uint32_t words[2] = {0, 0};
+    for (uint32_t j = 0; j < 8; ++j) words[j / 4] |= clamp_jpeg_sample(coefficients[i + j] + 128) << (8 * (j % 4));
+    *reinterpret_cast<uint2*>(samples + i) = {words[0], words[1]};
+  }
+#else
+  for (uint32_t i = 0; i < 64; ++i) samples[i] = static_cast<uint8_t>(clamp_jpeg_sample(coefficients[i] + 128));
+#endif
+}
+
+/// Decodes a block of component `c` to 64 samples. False where the data are none; the samples are left alone then.
+SCREE_HD inline bool decode_jpeg_block_samples(const JpegPicture& picture, JpegCursor& cursor, uint32_t c,
+                                               uint8_t* samples) {
+  const uint32_t* const factors = picture.factors + 64 * picture.view.components[c].quant;
+  int32_t coefficients[64] = {};
+  const bool good = decode_jpeg_block(picture.view, cursor, c, [&](uint32_t k, int32_t value) {
+    coefficients[factors[k] >> 16] = value * static_cast<int32_t>(factors[k] & 0xffffu);
+  });
+  if (good) transform_jpeg_block(coefficients, samples);
+  return good;
+}
+
+/// Decodes the MCU at the cursor and moves it on: 64 * mcu_blocks bytes of samples. False where the data are none; the
+/// blocks not decoded are grey then.
+SCREE_HD inline bool decode_jpeg_samples(const JpegPicture& picture, JpegCursor& cursor, uint8_t* samples) {
+  uint8_t* const end = samples + 64 * picture.mcu_blocks;
+  bool good = cursor.mcu < picture.view.mcu_count;
+  if (good) begin_jpeg_mcu(picture.view, cursor);
+  for (uint32_t c = 0; good && c < picture.view.component_count; ++c) {
+    const uint32_t count = uint32_t{picture.view.components[c].h} * picture.view.components[c].v;
+    for (uint32_t i = 0; good && i < count; ++i) {
+      good = decode_jpeg_block_samples(picture, cursor, c, samples);
+      if (good) samples += 64;
+    }
+  }
+  while (samples < end) *samples++ = 128;
+  ++cursor.mcu;
+  return good;
+}
+
+/// The samples of a whole group, below ceil(mcu_count / group_mcus): 64 * mcu_blocks * group_mcus bytes, of which those
+/// of MCUs past the last are left alone. Grey from where the data are none; any bytes are safe.
+SCREE_HD inline void decode_jpeg_group(const JpegPicture& picture, uint32_t group, uint8_t* samples) {
+  JpegCursor cursor = jpeg_anchor(picture.view, group);
+  const uint32_t left = picture.view.mcu_count - cursor.mcu;
+  const uint32_t count = left < picture.view.group_mcus ? left : picture.view.group_mcus;
+  bool good = true;
+  for (uint32_t i = 0; i < count; ++i, samples += 64 * picture.mcu_blocks) {
+    if (!good) cursor.bit = picture.view.data_bits + 1;  // which no block begins at
+    good = decode_jpeg_samples(picture, cursor, samples);
+  }
+}
+
+/// Where a pixel lies: its group, and its MCU's first block in the group's samples; the rest is its place in the MCU.
+struct JpegPlace {
+  uint32_t group;
+  uint32_t first_block;
+  uint32_t x;  // below mcu_width
+  uint32_t y;
+};
+
+SCREE_HD inline JpegPlace jpeg_place(const JpegPicture& picture, uint32_t x, uint32_t y) {
+  const uint32_t column = divide_jpeg(x, picture.mcu_width_inverse);
+  const uint32_t row = divide_jpeg(y, picture.mcu_height_inverse);
+  const uint32_t mcu = row * picture.view.mcus_across + column;
+  const uint32_t group = divide_jpeg(mcu, picture.group_inverse);
+  return {group, (mcu - group * picture.view.group_mcus) * picture.mcu_blocks, x - column * picture.mcu_width,
+          y - row * picture.mcu_height};
+}
+
+/// The pixel's sample among those of component `c` in its MCU. A component of fewer samples is repeated, not
+/// interpolated: pixel x of the MCU has sample floor(x * h / h of the largest).
+SCREE_HD inline uint32_t jpeg_sample(const JpegPicture& picture, const JpegPlace& place, uint32_t c) {
+  const uint32_t x = place.x * picture.scales[c].x >> 16;
+  const uint32_t y = place.y * picture.scales[c].y >> 16;
+  return 64 * ((y >> 3) * picture.view.components[c].h + (x >> 3)) + 8 * (y & 7u) + (x & 7u);
+}
+
+/// A colour as coded, red in the low byte, of the samples of a pixel's components.
+SCREE_HD inline uint32_t jpeg_code(const JpegPicture& picture, const int32_t value[kJpegMaxComponents]) {
+  if (picture.view.component_count == 1) return static_cast<uint32_t>(value[0]) * 0x010101u;
+  if (picture.colour != static_cast<uint32_t>(JpegColour::kYcbcr))
+    return static_cast<uint32_t>(value[0] | value[1] << 8 | value[2] << 16);
+  // Constants are round(2^16 * c).
+  constexpr int32_t kHalf = 1 << 15;
+  const int32_t blue = value[1] - 128;
+  const int32_t red = value[2] - 128;
+  const uint32_t r = clamp_jpeg_sample(value[0] + ((91881 * red + kHalf) >> 16));                  // 1.40200
+  const uint32_t g = clamp_jpeg_sample(value[0] + ((-22554 * blue - 46802 * red + kHalf) >> 16));  // 0.34414, 0.71414
+  const uint32_t b = clamp_jpeg_sample(value[0] + ((116130 * blue + kHalf) >> 16));                // 1.77200
+  return r | g << 8 | b << 16;
+}
+
+/// A pixel's colour as coded, from its group's samples.
+SCREE_HD inline uint32_t jpeg_colour(const JpegPicture& picture, const JpegPlace& place, const uint8_t* samples) {
+  const uint8_t* block = samples + 64 * place.first_block;
+  int32_t value[kJpegMaxComponents] = {};
+  for (uint32_t c = 0; c < picture.view.component_count; ++c) {
+    value[c] = block[jpeg_sample(picture, place, c)];
+    block += 64 * picture.view.components[c].h * picture.view.components[c].v;
+  }
+  return jpeg_code(picture, value);
+}
+
+/// The colours of those of four pixels, all of group places[i].group, whose bit in `wanted` is set: as jpeg_colour()
+/// gives them, where there is no room for the group's samples. The group is decoded up to the last of them.
+SCREE_HD inline void decode_jpeg_colours(const JpegPicture& picture, const JpegPlace places[4], uint32_t wanted,
+                                         uint32_t colours[4]) {
+  int32_t values[4][kJpegMaxComponents];
+  uint32_t last_block = 0;
+  uint32_t group = 0;
+  for (uint32_t i = 0; i < 4; ++i) {
+    for (uint32_t c = 0; c < kJpegMaxComponents; ++c) values[i][c] = 128;  // where the data are none
+    if ((wanted >> i & 1u) == 0) continue;
+    group = places[i].group;
+    if (places[i].first_block > last_block) last_block = places[i].first_block;
+  }
+  JpegCursor cursor = jpeg_anchor(picture.view, group);
+  bool good = true;
+  for (uint32_t first = 0; good && first <= last_block && cursor.mcu < picture.view.mcu_count;
+       first += picture.mcu_blocks, ++cursor.mcu) {
+    begin_jpeg_mcu(picture.view, cursor);
+    for (uint32_t c = 0; good && c < picture.view.component_count; ++c) {
+      const uint32_t count = uint32_t{picture.view.components[c].h} * picture.view.components[c].v;
+      for (uint32_t block = 0; good && block < count; ++block) {
+        alignas(8) uint8_t samples[64];
+        good = decode_jpeg_block_samples(picture, cursor, c, samples);
+        for (uint32_t i = 0; good && i < 4; ++i) {
+          if ((wanted >> i & 1u) == 0 || places[i].first_block != first) continue;
+          const uint32_t sample = jpeg_sample(picture, places[i], c);
+          if (sample / 64 == block) values[i][c] = samples[sample % 64];
+        }
+      }
+    }
+  }
+  for (uint32_t i = 0; i < 4; ++i)
+    if ((wanted >> i & 1u) != 0) colours[i] = jpeg_code(picture, values[i]);
+}
+
+}  // namespace scree::format

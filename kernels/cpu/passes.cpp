@@ -1,0 +1,78 @@
+// Compiled once for each instruction set (CMakeLists.txt): SCREE_ISA names the namespace that all of it lies in.
+#include "kernels/cpu/passes.h"
+#include "kernels/cpu/team.h"
+#include "kernels/shade/ambient_occlusion.h"
+#include "kernels/shade/pixels.h"
+#include "kernels/shade/stored_colors.h"
+
+namespace scree::kernels {
+inline namespace SCREE_ISA {
+namespace {
+
+bool draw(ThreadPool& pool, const SceneView& scene, const View& view, uint64_t* samples, bool clear,
+          const QueueSizes& sizes, FrameStats& stats) {
+  CpuBackend backend(pool);
+  const FrameView frame = make_frame_view(view);
+  if (clear) clear_frame(backend, frame, samples);
+  return draw_frame(backend, scene, frame, samples, sizes, stats);
+}
+
+/// Calls visit(shader) with what the samples of the picture are shaded by.
+template <class Visit>
+void with_shader(CpuBackend& backend, const SceneView& scene, const View& view, const uint64_t* samples,
+                 const ShadeOptions& options, const SrgbTables& srgb, const Visit& visit) {
+  DepthRange range;
+  if (options.show == Show::kDepth) backend.for_each(view.height, FindDepthRange{samples, view.width, &range});
+  visit_shader<false>(make_shade_inputs(scene, view, options, nullptr, &srgb, &range), visit);
+}
+
+void shade(ThreadPool& pool, const SceneView& scene, const View& view, const uint64_t* samples,
+           const ShadeOptions& options, const SrgbTables& srgb, uint32_t first_row, uint32_t row_count, float* rgba) {
+  CpuBackend backend(pool);
+  with_shader(backend, scene, view, samples, options, srgb, [&]<class Shader>(const Shader& shader) {
+    backend.for_each(row_count, ShadeRows<Shader>{shader, samples, first_row, rgba});
+  });
+}
+
+void resolve(ThreadPool& pool, const SceneView& scene, const View& view, uint32_t side, const uint64_t* samples,
+             const ShadeOptions& options, const SrgbTables& srgb, const float* visibility, uint32_t channels,
+             uint8_t* pixels) {
+  CpuBackend backend(pool);
+  const PixelTiles tiles{view.width / side, 0, view.height / side};
+  with_shader(backend, scene, view, samples, options, srgb, [&]<class Shader>(const Shader& shader) {
+    backend.for_each(tiles.count(), Resolve<Shader>{shader, tiles, samples, side, visibility, channels, pixels});
+  });
+}
+
+void shade_part(ThreadPool& pool, const SceneView& scene, const View& view, const uint64_t* samples,
+                const ShadeOptions& options, const SrgbTables& srgb, float* colors) {
+  CpuBackend backend(pool);
+  const PixelTiles tiles{view.width, 0, view.height};
+  with_shader(backend, scene, view, samples, options, srgb, [&]<class Shader>(const Shader& shader) {
+    backend.for_each(tiles.count(), ShadePart<Shader>{shader, tiles, samples, colors});
+  });
+}
+
+void resolve_colors(ThreadPool& pool, const View& view, uint32_t side, const uint64_t* samples, const float* colors,
+                    const ShadeOptions& options, const SrgbTables& srgb, const float* visibility, uint32_t channels,
+                    uint8_t* pixels) {
+  CpuBackend backend(pool);
+  const PixelTiles tiles{view.width / side, 0, view.height / side};
+  const StoredColors shader{make_shade_inputs(SceneView{}, view, options, nullptr, &srgb, nullptr), colors};
+  backend.for_each(tiles.count(), Resolve<StoredColors>{shader, tiles, samples, side, visibility, channels, pixels});
+}
+
+void occlude(ThreadPool& pool, const View& view, uint32_t side, const uint64_t* samples, const ShadeOptions& options,
+             float* depth, float* open, float* visibility) {
+  CpuBackend backend(pool);
+  run_occlusion(view, side, samples, options, depth, open, visibility,
+                [&](const auto& pass, uint32_t count) { backend.for_each(count, pass); });
+}
+
+}  // namespace
+
+extern const CpuPasses kPasses;
+const CpuPasses kPasses = {draw, shade, resolve, shade_part, resolve_colors, occlude};
+
+}  // namespace SCREE_ISA
+}  // namespace scree::kernels

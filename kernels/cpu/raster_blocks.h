@@ -1,0 +1,179 @@
+// Stage 1 of a frame whose draw blocks lie in a queue, the CPU's: what of a block may show is drawn triangle by
+// triangle. Clusters that lie outside of the picture, between its pixel centres or behind what is drawn already are
+// left out, 32 at a time where their group does. Source: spec/rasterization.md, culling of clusters.
+#pragma once
+
+#include <algorithm>
+
+#include "kernels/cull/chunk_screen.h"
+#include "kernels/cull/cluster_bounds.h"
+#include "kernels/raster/small.h"
+
+namespace scree::kernels {
+inline namespace SCREE_ISA {
+
+/// The finest level of a depth pyramid that is asked: smaller boxes are looked up in the samples.
+inline constexpr uint32_t kPyramidFirstLevel = 2;
+
+/// What is asked of clusters, and of blocks. None of it shows in the picture.
+struct ClusterCulling {
+  CenterRange centers;
+  bool bounds;           // is it outside of the picture, or between pixel centres?
+  bool occlusion;        // and is it hidden behind what was drawn already?
+  DepthPyramid pyramid;  // from kPyramidFirstLevel on, for boxes of more than a few samples; or without codes
+};
+
+/// Of blocks that were drawn.
+struct ClusterCounts {
+  uint64_t groups_tested;  // of 32 clusters
+  uint64_t clusters_tested;
+  uint64_t clusters_drawn;
+};
+
+template <bool kOrthographic>
+struct RasterBlocks {
+  RasterSmall<kOrthographic> small;
+  ClusterCulling culling;
+  ClusterCounts* counts;
+  uint64_t first;  // block of item 0
+
+  using Context = typename RasterSmall<kOrthographic>::Context;
+
+  template <class Team>
+  void operator()(uint32_t item, Team team) const {
+    const SceneView& scene = small.scene;
+    const Queues& queues = small.queues;
+    const DrawBlock block = queues.blocks[first + item];
+    const format::InstanceRecord& instance = scene.instances[block.instance];
+    const format::MeshRecord& mesh = scene.meshes[instance.mesh];
+    const format::ChunkRecord& chunk = scene.chunks[block.chunk];
+    Transform transform = make_transform(small.view, scene.matrices[instance.matrix], mesh.lattice_exponent,
+                                         mesh.position_encoding == format::PositionEncoding::kFloat32);
+    const RelativeBox box = vertex_box(mesh, chunk, transform);
+    set_error(transform, box);
+    Context context{
+        nullptr, &transform,
+        mesh.material != format::kNone && (scene.materials[mesh.material].flags & format::kMaterialDoubleSided) != 0,
+        scene.instance_base[block.instance] + chunk.first_triangle};
+    // The box of float32 positions is known for whole meshes only.
+    if (!culling.bounds || block.triangle_count < kWorthAsking ||
+        mesh.position_encoding == format::PositionEncoding::kFloat32) {
+      draw_all(team, context, block, mesh, chunk);
+    } else if (chunk.encoding == format::ChunkEncoding::kClustered) {
+      draw_clusters(team, context, block, mesh, chunk, box);
+    } else {
+      ScreenBounds bounds;
+      if (find_screen_bounds(transform, small.view, box, bounds) && !hides(team, bounds))
+        draw_all(team, context, block, mesh, chunk);
+    }
+    team.add(&queues.counters->triangles_small, context.small);
+    if (context.clipped != 0) team.add(&queues.counters->triangles_clipped, context.clipped);
+    team.add(&queues.counters->triangles, block.triangle_count);
+  }
+
+ private:
+  /// Triangles of a block that take longer than the question whether it shows.
+  static constexpr uint32_t kWorthAsking = 64;
+
+  template <class Team>
+  void draw_all(Team team, Context& context, const DrawBlock& block, const format::MeshRecord& mesh,
+                const format::ChunkRecord& chunk) const {
+    const uint32_t end = block.first_triangle + block.triangle_count;
+    uint64_t clusters = 0;
+    for (uint32_t at = block.first_triangle; at < end;) {
+      // All there is of an indexed chunk, or of a clustered one its next cluster.
+      const ChunkReader reader = make_reader(mesh, chunk, small.scene.pages[chunk.page], *context.transform, at);
+      context.reader = &reader;
+      const uint32_t count = min_of(end, reader.end_triangle) - at;
+      small.draw_run(team, context, chunk, at, count);
+      at += count;
+      clusters += reader.clustered ? 1 : 0;
+    }
+    if (clusters != 0) team.add(&counts->clusters_drawn, clusters);
+  }
+
+  /// Of a clustered chunk, whose box that is, what may show.
+  template <class Team>
+  void draw_clusters(Team team, Context& context, const DrawBlock& block, const format::MeshRecord& mesh,
+                     const format::ChunkRecord& chunk, const RelativeBox& box) const {
+    const Transform& transform = *context.transform;
+    const SampleFilter filter = make_sample_filter(small.view, transform, error_of(transform, box), box, mesh, chunk);
+    const format::ChunkStreams streams = streams_of(mesh, chunk);
+    const std::byte* page = small.scene.pages[chunk.page];
+    const std::byte* payload = page + chunk.offset;
+    const auto* group_bounds = reinterpret_cast<const format::ClusterBounds*>(payload + streams.group_bounds.offset);
+    const auto* cluster_bounds =
+        reinterpret_cast<const format::ClusterBounds*>(payload + streams.cluster_bounds.offset);
+    const format::ClusterRecord* clusters = clusters_of(payload, streams);
+    const uint32_t end = block.first_triangle + block.triangle_count;
+    const uint64_t first_cluster = cluster_of_triangle(clusters, chunk.cluster_count, block.first_triangle);
+    const uint64_t last_cluster = cluster_of_triangle(clusters, chunk.cluster_count, end - 1);
+    ClusterCounts sums{};
+    const auto draw_group = [&](uint64_t group) {
+      const uint64_t begin = max_of(group * format::kGroupClusters, first_cluster);
+      const uint64_t stop = min_of((group + 1) * format::kGroupClusters, last_cluster + 1);
+      for (uint64_t cluster = begin; cluster < stop; ++cluster) {
+        ++sums.clusters_tested;
+        ScreenBounds bounds;
+        if (!shows(filter, offset_box(cluster_bounds[cluster]), bounds) || hides(team, bounds)) continue;
+        ++sums.clusters_drawn;
+        const ChunkReader reader = make_reader_of(mesh, chunk, page, transform, streams, cluster);
+        context.reader = &reader;
+        const uint32_t at = max_of(block.first_triangle, reader.cluster.first_triangle);
+        small.draw_run(team, context, chunk, at, min_of(end, reader.end_triangle) - at);
+      }
+    };
+    // Groups from near to far, so that they hide one another; their clusters in the order in which they lie in memory.
+    ShowingGroup showing[kMostShowing];
+    const uint64_t end_group = last_cluster / format::kGroupClusters + 1;
+    for (uint64_t group = first_cluster / format::kGroupClusters; group < end_group;) {
+      uint32_t count = 0;
+      for (; group < end_group && count < kMostShowing; ++group) {
+        ++sums.groups_tested;
+        showing[count].group = group;
+        if (shows(filter, offset_box(group_bounds[group]), showing[count].bounds)) ++count;
+      }
+      std::sort(showing, showing + count, [](const ShowingGroup& a, const ShowingGroup& b) {
+        return a.bounds.nearest_code < b.bounds.nearest_code;
+      });
+      for (uint32_t i = 0; i < count; ++i) {
+        if (!hides(team, showing[i].bounds)) draw_group(showing[i].group);
+      }
+    }
+    team.add(&counts->groups_tested, sums.groups_tested);
+    team.add(&counts->clusters_tested, sums.clusters_tested);
+    team.add(&counts->clusters_drawn, sums.clusters_drawn);
+  }
+
+  struct ShowingGroup {
+    ScreenBounds bounds;
+    uint64_t group;
+  };
+  static constexpr uint32_t kMostShowing = 64;  // four times as many as a block of full clusters has
+
+  /// Whether a triangle of vertices in the box may cover a pixel centre; then `bounds` is filled.
+  bool shows(const SampleFilter& filter, const OffsetBox& box, ScreenBounds& bounds) const {
+    return bound_on_screen<kOrthographic>(filter, small.view, culling.centers, box, bounds) == BoxShows::kCenters;
+  }
+
+  /// Whether what is drawn already hides all within `bounds`. Small boxes are looked up in the samples as they are now:
+  /// which clusters are left out depends on who draws first, the picture does not.
+  template <class Team>
+  bool hides(Team team, const ScreenBounds& bounds) const {
+    if (!culling.occlusion) return false;
+    const PixelBox& box = bounds.pixels;
+    constexpr int32_t kFewSamples = 8;
+    if (max_of(box.x1 - box.x0, box.y1 - box.y0) >= kFewSamples)
+      return culling.pyramid.codes != nullptr && is_behind(culling.pyramid, kPyramidFirstLevel, bounds);
+    for (int32_t y = box.y0; y <= box.y1; ++y) {
+      const uint64_t* const row = small.target.row(y);
+      for (int32_t x = box.x0; x <= box.x1; ++x) {
+        if (sample_depth_code(team.load(row + x)) >= bounds.nearest_code) return false;
+      }
+    }
+    return true;
+  }
+};
+
+}  // namespace SCREE_ISA
+}  // namespace scree::kernels

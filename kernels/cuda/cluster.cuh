@@ -1,0 +1,532 @@
+// Stage 1 of clusters on a GPU: a warp a cluster. The cluster's map (linear_filter.h) takes each vertex once and says
+// where on the screen it lies, or, where there is none, the filter (sample_filter.h) which pixel centres may lie to its
+// left and right; a triangle then looks at three of those. The few that may cover a centre wait until 32 are there,
+// from whatever clusters, and are projected and drawn exactly, as those of other chunks are.
+//
+// Up to 16 clusters are prepared at once, and the next one's data are copied to shared memory while one is looked at.
+// What needs clipping goes to a queue of its own: with a call in it, the loop would keep its values in memory.
+#pragma once
+
+#include <cuda_pipeline_primitives.h>
+
+#include "kernels/cuda/cluster_run.cuh"
+#include "kernels/cuda/small.cuh"
+#include "kernels/cull/linear_filter.h"
+
+namespace scree::kernels {
+
+/// Two whole numbers within +-2^15 as floats, as two 16-bit ones.
+__device__ inline uint32_t pack_centers(float x, float y) {
+  constexpr float kMagic = 12582912.0f;  // 1.5 * 2^23: a float of this size has the number in its lowest bits
+  return __byte_perm(__float_as_uint(x + kMagic), __float_as_uint(y + kMagic), 0x5410);
+}
+
+/// Pixel centres of the image, packed: all there are.
+struct PackedRange {
+  uint32_t first;
+  uint32_t last;
+};
+
+/// The filter's answer for a vertex, as ClusterShared::centers has it.
+template <bool kOrthographic>
+__device__ inline uint2 vertex_centers(const SampleFilter& filter, const PackedRange& all, float x, float y, float z) {
+  const FilteredVertex vertex = filter_vertex<kOrthographic>(filter, x, y, z);
+  float slack = filter.slack;
+  if (kOrthographic || filter.growth != 0.0f) {
+    // As may_cover_sample() has it; and what a place may be off has to fit 16 bits with it.
+    const float farthest = greatest(size_of(vertex.u), size_of(vertex.v));
+    slack = fused(farthest, filter.growth, slack);
+    bool held = !(farthest < 32700.0f) | !(slack < 16.0f) | !(vertex.w >= filter.w_lowest);
+    if constexpr (kOrthographic) held = held | !(vertex.w <= filter.w_end);
+    if (held) return {all.first, all.last};
+  }
+  // Adding 1.5 * 2^23 rounds to nearest: half less, and half more, round down and up. A hundredth is given away, so
+  // that ties do not matter.
+  const float reach = slack - 0.49f;
+  return {__vmaxs2(pack_centers(vertex.u - reach, vertex.v - reach), all.first),
+          __vmins2(pack_centers(vertex.u + reach, vertex.v + reach), all.last)};
+}
+
+/// Two 16-bit numbers: the high halves of two others.
+__device__ inline uint32_t pack_high(uint32_t a, uint32_t b) {
+  return __byte_perm(a, b, 0x7632);
+}
+
+/// Finds shared.places. `kLong`: a vertex takes more than 32 bits.
+template <bool kLong>
+__device__ inline void map_vertices(const RunCluster& cluster, const ClusterStage& stage) {
+  ClusterShared& shared = cluster_shared();
+  const uint32_t lane = threadIdx.x % kWarpLanes;
+  const uint32_t last_vertex = byte_of(cluster.shape, 1);
+  const uint32_t bits_x = byte_of(cluster.codes, 0);
+  const uint32_t bits_xy = byte_of(cluster.codes, 1);
+  const uint32_t stride = byte_of(cluster.codes, 2);
+  const uint32_t mask = (2u << ((stride - 1) & 31)) - 1;  // of the highest of the words that a vertex takes
+  const LinearFilter map = cluster.map;
+  // 32 vertices take as many words as a vertex takes bits, so each lane's vertices begin at the same bit of a word.
+  const uint32_t bit = lane * stride;
+  const uint32_t* from = stage.words() + byte_of(cluster.places, 2) + (bit >> 5);
+#pragma unroll 1
+  for (uint32_t vertex = lane; vertex <= last_vertex; vertex += kWarpLanes, from += stride) {
+    uint32_t codes[3];
+    codes[0] = __funnelshift_r(from[0], from[1], bit);
+    if constexpr (kLong) {
+      const uint32_t high = __funnelshift_r(from[1], from[2], bit) & mask;
+      const uint64_t window = uint64_t{high} << 32 | codes[0];
+      codes[1] = static_cast<uint32_t>(window >> bits_x);
+      codes[2] = static_cast<uint32_t>(window >> bits_xy);
+    } else {
+      codes[0] &= mask;
+      codes[1] = __funnelshift_rc(codes[0], 0, bits_x);
+      codes[2] = __funnelshift_rc(codes[0], 0, bits_xy);
+    }
+    const uint32_t u = map.u[0] * codes[0] + (map.u[1] * codes[1] + (map.u[2] * codes[2] + map.u[3]));
+    const uint32_t v = map.v[0] * codes[0] + (map.v[1] * codes[1] + (map.v[2] * codes[2] + map.v[3]));
+    shared.places[vertex] = pack_high(u, v);
+  }
+}
+
+/// Finds shared.centers by the chunk's filter.
+template <bool kOrthographic>
+__device__ inline void filter_vertices(const ClusterFrame& frame, const RunCluster& cluster,
+                                       const ClusterStage& stage) {
+  ClusterShared& shared = cluster_shared();
+  const uint32_t lane = threadIdx.x % kWarpLanes;
+  const uint32_t vertex_count = byte_of(cluster.shape, 1) + 1;
+  const CenterRange centers = center_range(frame.small.view);
+  const PackedRange all{pack_centers(centers.first[0], centers.first[1]),
+                        pack_centers(centers.last[0], centers.last[1])};
+  // Every triangle is looked at exactly; so are those of a length that hardly any cluster has.
+  if (!frame.small.filters || (cluster.places & RunCluster::kCut) != 0) {
+    for (uint32_t vertex = lane; vertex < vertex_count; vertex += kWarpLanes) {
+      shared.centers[vertex] = {all.first, all.last};
+    }
+    return;
+  }
+  const uint32_t bits_x = byte_of(cluster.codes, 0);
+  const uint32_t bits_xy = byte_of(cluster.codes, 1);
+  const uint32_t stride = byte_of(cluster.codes, 2);
+  const uint32_t mask[3] = {(1u << bits_x) - 1, (1u << (bits_xy - bits_x)) - 1, (1u << (stride - bits_xy)) - 1};
+  const uint32_t* const positions = stage.words() + byte_of(cluster.places, 2);
+  const uint32_t* const words = stage.words() + byte_of(cluster.places, 0) - 2;
+  const ClusterPrediction prediction(cluster.predicted_axis(), words);
+  const ClusterItem item = frame.list.items[cluster.item];
+  const ClusterDraw& draw = frame.list.draws[item.draw];
+  const format::ClusterBounds bounds = load_bounds(draw.cluster_bounds() + item.cluster);
+  const SampleFilter filter = draw.filter;
+#pragma unroll 1
+  for (uint32_t vertex = lane; vertex < vertex_count; vertex += kWarpLanes) {
+    const uint32_t bit = vertex * stride;
+    const uint32_t* const from = positions + (bit >> 5);
+    const uint32_t low = __funnelshift_r(from[0], from[1], bit);
+    const uint64_t window = (uint64_t{__funnelshift_r(from[1], from[2], bit)} << 32) | low;
+    uint32_t code[3] = {low & mask[0], static_cast<uint32_t>(window >> bits_x) & mask[1],
+                        static_cast<uint32_t>(window >> bits_xy) & mask[2]};
+    if (stride > 64) code[2] = unpack_bits(positions, bit + bits_xy, stride - bits_xy);  // past the window
+    prediction.apply(code);
+    shared.centers[vertex] =
+        vertex_centers<kOrthographic>(filter, all, static_cast<float>(format::bounds_min(bounds, 0) + code[0]),
+                                      static_cast<float>(format::bounds_min(bounds, 1) + code[1]),
+                                      static_cast<float>(format::bounds_min(bounds, 2) + code[2]));
+  }
+}
+
+/// Appends the triangles of a staged cluster that may cover a pixel centre to those that wait; returns how many do.
+/// `kMapped`: by shared.places. Else, of `parts` parts, it takes those of one: every parts-th 32. `kNarrow`: the
+/// cluster's steps have one bit. Not unrolled: a multiprocessor's cache of instructions holds little more of the kernel
+/// than what is run.
+template <bool kMapped, bool kNarrow>
+__device__ inline uint32_t filter_triangles(const RunCluster& cluster, const ClusterStage& stage, uint32_t waiting,
+                                            uint32_t part, uint32_t parts) {
+  ClusterShared& shared = cluster_shared();
+  const uint32_t lane = threadIdx.x % kWarpLanes;
+  const uint32_t before_lane = (1u << lane) - 1;
+  const uint32_t up_to_lane = 2 * before_lane + 1;
+  const uint32_t last_triangle = byte_of(cluster.shape, 0);
+  const uint32_t distance_bits = byte_of(cluster.shape, 2);
+  const uint32_t mask = (1u << distance_bits) - 1;
+  const uint32_t rounds = last_triangle / kWarpLanes + 1;
+  const bool wide_steps = !kNarrow && (cluster.places & RunCluster::kWideSteps) != 0;
+  const uint32_t item = cluster.item;
+  const uint32_t reach = cluster.map.reach;
+  const uint32_t fraction = cluster.map.fraction;
+  const uint32_t* steps = stage.words() + byte_of(cluster.places, 0);
+  // As with vertices, each lane's distances begin at the same bit of a word.
+  const uint32_t bit = lane * 2 * distance_bits;
+  const uint32_t* distances = stage.words() + byte_of(cluster.places, 1) + (bit >> 5);
+  uint32_t largest = 2;  // vertex of the triangles before
+#pragma unroll 1
+  for (uint32_t triangle = lane; triangle < rounds * kWarpLanes;
+       triangle += kWarpLanes, ++steps, distances += 2 * distance_bits) {
+    const uint32_t low = steps[0];
+    uint32_t a = largest + static_cast<uint32_t>(__popc(low & up_to_lane));
+    largest += static_cast<uint32_t>(__popc(low));
+    if (wide_steps) {
+      const uint32_t high = steps[rounds];
+      a += 2 * static_cast<uint32_t>(__popc(high & up_to_lane));
+      largest += 2 * static_cast<uint32_t>(__popc(high));
+    }
+    if (!kMapped && parts != 1 && triangle / kWarpLanes % parts != part) continue;
+    // Lanes past the last triangle read what follows it, and then look at the last.
+    uint32_t code = __funnelshift_r(distances[0], distances[1], bit);
+    bool survives = triangle <= last_triangle;
+    if (!survives) code = 0;
+    const uint32_t b = a - (code & mask);
+    const uint32_t c = a - (code >> distance_bits & mask);
+    if constexpr (kMapped) {
+      const uint32_t largest_place = __vimax3_u16x2(shared.places[a], shared.places[b], shared.places[c]);
+      const uint32_t smallest_place = __vimin3_u16x2(shared.places[a], shared.places[b], shared.places[c]);
+      survives = survives & LinearFilter::may_cover(largest_place, smallest_place, reach, fraction);
+    } else {
+      const uint2 first = shared.centers[a];
+      const uint2 second = shared.centers[b];
+      const uint2 third = shared.centers[c];
+      const uint32_t from = __vimin3_s16x2(first.x, second.x, third.x);
+      const uint32_t to = __vimax3_s16x2(first.y, second.y, third.y);
+      survives = survives & (__vmaxs2(from, to) == to);
+    }
+    const uint32_t lanes = __ballot_sync(~0u, survives);
+    if (lanes == 0) continue;
+    if (survives) {
+      shared.waiting[waiting + static_cast<uint32_t>(__popc(lanes & before_lane))] = {
+          item, triangle | a << 7 | b << 14 | c << 21};
+    }
+    waiting += static_cast<uint32_t>(__popc(lanes));
+  }
+  return waiting;
+}
+
+/// A triangle that waits, on its way to be drawn: its cluster, and what its corners are read by.
+struct WaitingReader {
+  const ClusterDraw& draw;
+  uint32_t number;  // of the triangle in its chunk
+  uint32_t corners;
+  format::ClusterLayout at;
+  format::ClusterBounds bounds;
+  const uint32_t* data;
+  ClusterPrediction prediction;
+
+  __device__ WaitingReader(const ClusterFrame& frame, const WaitingTriangle& waiting)
+      : WaitingReader(frame, waiting, frame.list.items[waiting.item]) {}
+
+  /// Of corner 0 to 2: lattice coordinates less the transform's reference. Not where the draw is far away.
+  __device__ void relative(uint32_t corner, int32_t out[3]) const {
+    const uint32_t stride = at.position_bits[0] + at.position_bits[1] + at.position_bits[2];
+    uint64_t bit = uint64_t{corners >> (7 * (corner + 1)) & 127} * stride;
+    uint32_t code[3];
+    for (int k = 0; k < 3; ++k) {
+      code[k] = unpack_bits(data + at.positions, bit, at.position_bits[k]);
+      bit += at.position_bits[k];
+    }
+    prediction.apply(code);
+    for (int k = 0; k < 3; ++k) out[k] = draw.base[k] + static_cast<int32_t>(format::bounds_min(bounds, k) + code[k]);
+  }
+
+  template <bool kOrthographic>
+  __device__ ProjectedPoint project(const int32_t place[3]) const {
+    return project_point<kOrthographic>(draw.x, draw.y, draw.w, static_cast<float>(place[0]),
+                                        static_cast<float>(place[1]), static_cast<float>(place[2]));
+  }
+
+  /// Of these corners.
+  __device__ bool set_up(const FrameView& view, const ScreenVertex& a, const ScreenVertex& b, const ScreenVertex& c,
+                         Triangle& triangle, PixelBox& box, int64_t& area) const {
+    return kernels::set_up(view, a, b, c, draw.first_id + number, (draw.flags & ClusterDraw::kMirrored) != 0,
+                           (draw.flags & ClusterDraw::kDoubleSided) != 0, triangle, box, area);
+  }
+
+ private:
+  __device__ WaitingReader(const ClusterFrame& frame, const WaitingTriangle& waiting, const ClusterItem& item)
+      : WaitingReader(frame.list.draws[item.draw], waiting, item.cluster,
+                      __ldg(reinterpret_cast<const uint4*>(frame.list.draws[item.draw].clusters() + item.cluster))) {}
+  __device__ WaitingReader(const ClusterDraw& of, const WaitingTriangle& waiting, uint32_t cluster, const uint4& record)
+      : draw(of),
+        number(record.y + (waiting.corners & 127)),
+        corners(waiting.corners),
+        at(format::cluster_layout({record.x, record.y, record.z, record.w})),
+        bounds(load_bounds(of.cluster_bounds() + cluster)),
+        data(of.data()),
+        prediction(at.predicted_axis, data + at.prediction) {}
+};
+
+/// Projects a triangle that waits. False where there is nothing to draw, or it was queued to be clipped.
+template <bool kOrthographic>
+__device__ inline bool project_waiting(const ClusterFrame& frame, const WaitingTriangle& waiting, Triangle& triangle,
+                                       PixelBox& box, int64_t& area) {
+  const FrameView& view = frame.small.view;
+  const WaitingReader reader(frame, waiting);
+  const ClusterDraw& draw = reader.draw;
+  ProjectedPoint points[3];
+  for (uint32_t i = 0; i < 3; ++i) {
+    int32_t place[3];
+    reader.relative(i, place);
+    points[i] = reader.project<kOrthographic>(place);
+  }
+  const bool in_range = points[0].in_range & points[1].in_range & points[2].in_range;
+  const bool far_away = (draw.flags & ClusterDraw::kFarAway) != 0;
+  if (!in_range || far_away) {
+    uint32_t outside = far_away ? 0u : uint32_t{kOutsideMask};
+    for (int i = 0; i < 3; ++i) {
+      outside &= plane_flags<kOrthographic>(points[i], view, draw.error[0], draw.error[1], draw.error[2]);
+    }
+    if (outside == 0)
+      push(WarpTeam{}, &frame.small.list.counters->to_clip, frame.list.to_clip, frame.list.clip_capacity,
+           ClipItem{waiting, draw.instance, draw.chunk, reader.number});
+    return false;
+  }
+  return reader.set_up(view, snap_point(points[0], view, 0), snap_point(points[1], view, 0),
+                       snap_point(points[2], view, 0), triangle, box, area);
+}
+
+/// One warp's way through the clusters to be drawn. `kParts`: of a cluster, where there are few; 1 is 2% faster where
+/// there are many, since nothing has to be known of parts then. `kAsksAgain`: of a pass with many clusters beside the
+/// first one, as after a jump of the camera, it leaves out those that are hidden by what was drawn since they were
+/// found; then kParts is 1.
+template <bool kOrthographic, uint32_t kParts, bool kAsksAgain>
+class ClusterWarp {
+  static_assert(!kAsksAgain || kParts == 1);
+
+ public:
+  __device__ explicit ClusterWarp(const ClusterFrame& frame) : frame_(frame), lane_(threadIdx.x % kWarpLanes) {}
+
+  __device__ void run() {
+    FrameCounters& counters = *frame_.small.list.counters;
+    const uint64_t first = clusters_before(counters, frame_.pass);
+    const uint64_t capacity = frame_.list.item_capacity;
+    const uint64_t total = min_of(first + counters.clusters[frame_.pass], capacity) - min_of(first, capacity);
+    if (total == 0) return;
+    const uint64_t warps = uint64_t{gridDim.x} * kClusterWarps;
+    // Where there are fewer clusters than warps, or hardly more parts than they draw in two turns, several share one.
+    if constexpr (kParts != 1) parts_ = 2 * total * kParts <= 5 * warps ? kParts : 1;
+    ClusterShared& shared = cluster_shared();
+    if (lane_ == 0) shared.end = total * parts();
+    if (kAsksAgain && lane_ == 0) {
+      shared.asks = counters.clusters[frame_.pass] > counters.clusters[0] / kManySeen ? 1 : 0;
+      shared.left_out = 0;
+    }
+    __syncwarp();
+    // The next run is asked for before this one is drawn: so nobody waits for the answer.
+    Run next = take_run(0, warps);
+    for (;;) {
+      const uint64_t start = __shfl_sync(~0u, next.start, 0);
+      const uint32_t share = __shfl_sync(~0u, next.share, 0);
+      if (start >= shared.end) break;
+      next = take_run(start, warps);
+      draw_run(static_cast<uint32_t>(first + start / parts()),
+               static_cast<uint32_t>(min_of<uint64_t>(share, shared.end - start)),
+               static_cast<uint32_t>(start % parts()));
+    }
+    if (waiting_ != 0) draw_waiting();
+    const uint64_t small = __reduce_add_sync(~0u, small_);
+    if (lane_ == 0 && small != 0) WarpTeam::add(&counters.queues.triangles_small, small);
+    if (kAsksAgain && lane_ == 0 && shared.left_out != 0)
+      WarpTeam::add(&counters.clusters_left_out, uint64_t{shared.left_out});
+  }
+
+ private:
+  static constexpr uint64_t kManySeen = 4;  // a quarter of the first pass's clusters: fewer are hardly ever hidden
+
+  /// Clusters, or where they are shared parts of them.
+  struct Run {
+    uint64_t start;
+    uint32_t share;
+  };
+
+  /// A part of what each warp would get of the rest (two are on their way to it), and one at the end; lane 0 knows.
+  /// `given`: how many were given away a while ago.
+  __device__ Run take_run(uint64_t given, uint64_t warps) const {
+    Run run{0, 0};
+    if (lane_ == 0) {
+      const uint64_t rest = cluster_shared().end - given;
+      run.share = static_cast<uint32_t>(min_of<uint64_t>(max_of<uint64_t>(rest / (6 * warps), 1), kRunClusters));
+      run.start = WarpTeam::add(&frame_.small.list.counters->next_cluster[frame_.pass], uint64_t{run.share});
+    }
+    return run;
+  }
+
+  /// Clusters `first` and on; where they are shared, one of them, and only a `part` of its triangles.
+  __device__ void draw_run(uint32_t first, uint32_t count, uint32_t part) {
+    ClusterShared& shared = cluster_shared();
+    if constexpr (kAsksAgain) count = find_shown(first, count);
+    if (kAsksAgain && count == 0) return;
+    prepare_run<kOrthographic, kAsksAgain>(frame_, first, count, parts() == 1 && frame_.small.filters);
+    __syncwarp();
+    stage_cluster(shared.run[0], shared.stages[0]);
+    __pipeline_commit();
+    for (uint32_t i = 0;; ++i) {
+      const RunCluster& cluster = shared.run[i];
+      const ClusterStage& stage = shared.stages[i % 2];
+      if ((cluster.places & RunCluster::kLast) == 0) stage_cluster(shared.run[i + 1], shared.stages[(i + 1) % 2]);
+      __pipeline_commit();
+      __pipeline_wait_prior(1);
+      __syncwarp();
+      if (cluster.map.reach != 0) {
+        if (byte_of(cluster.codes, 2) <= 32) {
+          map_vertices<false>(cluster, stage);
+        } else {
+          map_vertices<true>(cluster, stage);
+        }
+        __syncwarp();
+        waiting_ = (cluster.places & RunCluster::kWideSteps) == 0
+                       ? filter_triangles<true, true>(cluster, stage, waiting_, 0, 1)
+                       : filter_triangles<true, false>(cluster, stage, waiting_, 0, 1);
+      } else {
+        filter_vertices<kOrthographic>(frame_, cluster, stage);
+        __syncwarp();
+        waiting_ = filter_triangles<false, false>(cluster, stage, waiting_, part, parts());
+      }
+      __syncwarp();
+      // A part of a cluster is drawn at once: what a warp has at its end would otherwise be drawn by code of its own,
+      // which is not in the cache when its turn comes.
+      while (waiting_ >= (parts() == 1 ? kWarpLanes : 1)) draw_waiting();
+      if ((cluster.places & RunCluster::kLast) != 0) break;
+    }
+    __syncwarp();
+  }
+
+  /// Names in the run which of the items `first` and on are drawn; returns how many.
+  __device__ uint32_t find_shown(uint32_t first, uint32_t count) {
+    ClusterShared& shared = cluster_shared();
+    uint32_t shown = count;
+    if (shared.asks != 0) {
+      shown = list_shown<kOrthographic>(frame_, first, count);
+      if (lane_ == 0) shared.left_out += count - shown;
+    } else if (lane_ < count) {
+      shared.run[lane_].item = first + lane_;
+    }
+    __syncwarp();
+    return shown;
+  }
+
+  /// Draws the last up to 32 that wait, a lane each.
+  __device__ void draw_waiting() {
+    ClusterShared& shared = cluster_shared();
+    const uint32_t count = min_of(waiting_, kWarpLanes);
+    waiting_ -= count;
+    Triangle triangle{};
+    PixelBox box{};
+    int64_t area = 0;
+    int64_t pixels = 0;
+    if (lane_ < count &&
+        project_waiting<kOrthographic>(frame_, shared.waiting[waiting_ + lane_], triangle, box, area)) {
+      pixels = box.pixels();
+    }
+    if (draw_set_up<kOrthographic>(frame_.small.target, frame_.small.queues, shared.set_up, triangle, box, area,
+                                   pixels)) {
+      ++small_;
+    }
+    __syncwarp();
+  }
+
+  __device__ uint32_t parts() const { return kParts == 1 ? 1 : parts_; }
+
+  const ClusterFrame& frame_;
+  uint32_t lane_;
+  uint32_t parts_ = 1;
+  uint32_t waiting_ = 0;
+  uint32_t small_ = 0;
+};
+
+template <bool kOrthographic, uint32_t kParts, bool kAsksAgain>
+__global__ void __launch_bounds__(kClusterThreads, kClusterBlocks)
+    raster_clusters(const __grid_constant__ ClusterFrame frame) {
+  ClusterWarp<kOrthographic, kParts, kAsksAgain>(frame).run();
+}
+
+inline constexpr uint32_t kCutBlocks = 4;  // of a multiprocessor
+
+/// Cuts a triangle of a cluster at the near plane; false where that is not all that it needs, or its reference is too
+/// far away for int32.
+template <bool kOrthographic>
+__device__ inline bool cut_waiting(const ClusterFrame& frame, const WaitingReader& reader, NearPolygon& out) {
+  if (kOrthographic || (reader.draw.flags & ClusterDraw::kFarAway) != 0) return false;
+  const Transform& transform = frame.small.list.transforms[reader.draw.instance];
+  ClipVertex corners[3];
+  for (uint32_t i = 0; i < 3; ++i) {
+    int32_t place[3];
+    reader.relative(i, place);
+    const double exact[3] = {static_cast<double>(place[0]), static_cast<double>(place[1]),
+                             static_cast<double>(place[2])};
+    corners[i] = clip_vertex(transform, exact, snap_point(reader.project<kOrthographic>(place), frame.small.view, 0));
+  }
+  return clip_near(corners, frame.small.view, out);
+}
+
+/// Draws what is left of up to 32 triangles of clusters that need clipping, a lane each. Returns as
+/// draw_the_long_way() does.
+template <bool kOrthographic>
+__device__ inline uint32_t draw_cut(const ClusterFrame& frame, const ClipItem& item, bool has_one,
+                                    SetUpTriangles& set_up) {
+  const WaitingReader reader(frame, item.waiting);
+  NearPolygon polygon;
+  uint32_t drawn = 0;
+  if (has_one) {
+    if (cut_waiting<kOrthographic>(frame, reader, polygon)) {
+      drawn = 1u << 16;
+    } else {
+      polygon.count = 0;
+      drawn = draw_the_long_way<kOrthographic>(frame.small, item.instance, item.chunk, item.triangle);
+    }
+  }
+  // Of 4 corners two triangles are left.
+#pragma unroll 1
+  for (int i = 2; i < 4; ++i) {
+    Triangle triangle{};
+    PixelBox box{};
+    int64_t area = 0;
+    int64_t pixels = 0;
+    if (i < polygon.count &&
+        reader.set_up(frame.small.view, polygon.corner[0], polygon.corner[1], polygon.corner[2], triangle, box, area))
+      pixels = box.pixels();
+    if (draw_set_up<kOrthographic>(frame.small.target, frame.small.queues, set_up, triangle, box, area, pixels))
+      ++drawn;
+    polygon.corner[1] = polygon.corner[2];
+    polygon.corner[2] = polygon.corner[3];
+  }
+  return drawn;
+}
+
+/// Draws the triangles of clusters that need clipping, or whose reference is too far away for int32; a thread each, and
+/// where they are few each in a warp of its own, since no two go the same way.
+template <bool kOrthographic>
+__global__ void __launch_bounds__(kClusterThreads) raster_clipped(const __grid_constant__ ClusterFrame frame) {
+  FrameCounters& counters = *frame.small.list.counters;
+  const uint64_t count = min_of(counters.to_clip, frame.list.clip_capacity);
+  const uint64_t threads = uint64_t{gridDim.x} * kClusterThreads;
+  const uint64_t warp = uint64_t{blockIdx.x} * kClusterWarps + threadIdx.x / kWarpLanes;
+  const uint64_t first = counters.to_clip_drawn + threadIdx.x % kWarpLanes * (threads / kWarpLanes) + warp;
+  for (uint64_t i = first; i < count; i += threads) {
+    const ClipItem item = frame.list.to_clip[i];
+    const uint32_t drawn = draw_the_long_way<kOrthographic>(frame.small, item.instance, item.chunk, item.triangle);
+    WarpTeam::add(&counters.queues.triangles_small, drawn & 0xffffu);
+    WarpTeam::add(&counters.queues.triangles_clipped, drawn >> 16);
+  }
+}
+
+/// The same where they are many: neighbours side by side, and the short way where the near plane is all that cuts.
+template <bool kOrthographic>
+__global__ void __launch_bounds__(kClusterThreads, kCutBlocks) raster_cut(const __grid_constant__ ClusterFrame frame) {
+  __shared__ SetUpTriangles set_up[kClusterWarps];
+  FrameCounters& counters = *frame.small.list.counters;
+  const uint64_t end = min_of(counters.to_clip, frame.list.clip_capacity);
+  const uint64_t threads = uint64_t{gridDim.x} * kClusterThreads;
+  const uint32_t lane = threadIdx.x % kWarpLanes;
+  const uint32_t warp = threadIdx.x / kWarpLanes;
+  uint32_t small = 0;
+  uint32_t clipped = 0;
+  for (uint64_t first = counters.to_clip_drawn + uint64_t{blockIdx.x} * kClusterThreads + warp * kWarpLanes;
+       first < end; first += threads) {
+    const bool has_one = first + lane < end;
+    const uint32_t drawn =
+        draw_cut<kOrthographic>(frame, frame.list.to_clip[has_one ? first + lane : first], has_one, set_up[warp]);
+    small += drawn & 0xffffu;
+    clipped += drawn >> 16;
+  }
+  small = __reduce_add_sync(~0u, small);
+  clipped = __reduce_add_sync(~0u, clipped);
+  if (lane != 0) return;
+  if (small != 0) WarpTeam::add(&counters.queues.triangles_small, uint64_t{small});
+  if (clipped != 0) WarpTeam::add(&counters.queues.triangles_clipped, uint64_t{clipped});
+}
+
+}  // namespace scree::kernels

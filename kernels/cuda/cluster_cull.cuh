@@ -1,0 +1,356 @@
+// Culling of clustered chunks on a GPU: chunks of instances, groups of clusters, clusters. Each level is looked at only
+// where the one above is to be seen.
+#pragma once
+
+#include <bit>
+
+#include "kernels/cuda/cluster_list.h"
+#include "kernels/cuda/cull.cuh"
+#include "kernels/cull/cluster_bounds.h"
+
+namespace scree::kernels {
+
+/// Which bucket a chunk's nearest point is in: w is 1 on the near plane and grows with the distance; an orthographic
+/// camera's t is 1 there and 0 on the far plane. NaN is in any.
+__device__ inline uint32_t near_bucket(const FrameView& view, const Transform& transform, const RelativeBox& box) {
+  const double near = nearness(transform, view, box);
+  if (view.orthographic) {
+    const auto far = static_cast<float>(near * kNearBuckets);
+    return static_cast<uint32_t>(greatest(least(far, kNearBuckets - 1.0f), 0.0f));
+  }
+  const float nearest = greatest(static_cast<float>(near), 1.0f);
+  return min_of((float_bits(nearest) - float_bits(1.0f)) >> 18, kNearBuckets - 1);
+}
+
+/// What a thread of the two kernels below looks at: one of the kGroupInstances instances of a candidate.
+struct ClusterCandidate {
+  Candidate candidate;
+  uint32_t place;  // among the mesh's visible instances
+
+  __device__ ClusterCandidate(const ClusterList& clusters, uint64_t thread)
+      : candidate(clusters.candidates[thread / kGroupInstances]),
+        place(candidate.first + static_cast<uint32_t>(thread % kGroupInstances)) {}
+
+  __device__ uint32_t instance(const DrawList& list, uint32_t mesh) const {
+    return list.visible[list.mesh_first[mesh] + place];
+  }
+};
+
+/// Of a clustered chunk: an item and its units.
+__device__ inline uint64_t item_of(const format::ChunkRecord& chunk) {
+  return (uint64_t{1} << kUnitBits) + (chunk.cluster_count + format::kGroupClusters - 1) / format::kGroupClusters;
+}
+
+/// Sums of a block's items by bucket, in shared memory.
+__device__ inline void clear_buckets(uint64_t* buckets) {
+  for (uint32_t i = threadIdx.x; i < kNearBuckets; i += kCullThreads) buckets[i] = 0;
+  __syncthreads();
+}
+
+/// Finds the draws and counts them by their buckets; ClusterList::draw_bucket says which they are. Where not `sorts`
+/// all share one bucket.
+__global__ void __launch_bounds__(kCullThreads)
+    cull_clustered_chunks(const __grid_constant__ SceneView scene, const __grid_constant__ FrameView view,
+                          const __grid_constant__ DrawList list, const __grid_constant__ ClusterList clusters,
+                          bool sorts) {
+  __shared__ uint64_t in_bucket[kNearBuckets];
+  clear_buckets(in_bucket);
+  const uint32_t lane = threadIdx.x % kWarpLanes;
+  const uint64_t thread = uint64_t{blockIdx.x} * blockDim.x + threadIdx.x;
+  const bool inside = thread < uint64_t{clusters.candidate_count} * kGroupInstances;
+  uint32_t bucket = kNearBuckets;
+  uint64_t triangles = 0;
+  if (inside) {
+    const ClusterCandidate at(clusters, thread);
+    const format::ChunkRecord& chunk = scene.chunks[at.candidate.chunk];
+    const format::MeshRecord& mesh = scene.meshes[chunk.mesh];
+    if (at.place < list.visible_count[chunk.mesh] && scene.pages[chunk.page] != nullptr) {
+      const Transform& transform = list.transforms[at.instance(list, chunk.mesh)];
+      const RelativeBox box = chunk_box(mesh, chunk, transform);
+      if (mesh.chunk_count == 1 || may_be_seen(transform, view, box)) {
+        bucket = sorts ? near_bucket(view, transform, box) : 0;
+        triangles = chunk.triangle_count;
+        atomicAdd(reinterpret_cast<unsigned long long*>(in_bucket + bucket), item_of(chunk));
+      }
+    }
+    clusters.draw_bucket[thread] = static_cast<uint16_t>(bucket);
+  }
+  __syncthreads();
+  for (uint32_t i = threadIdx.x; i < kNearBuckets; i += kCullThreads) {
+    if (in_bucket[i] != 0) WarpTeam::add(list.counters->in_bucket + i, in_bucket[i]);
+  }
+  const auto seen = static_cast<uint32_t>(__popc(__ballot_sync(~0u, bucket != kNearBuckets)));
+  uint64_t all_triangles;
+  sum_before(triangles, lane, all_triangles);
+  if (lane == 0 && seen != 0) {
+    WarpTeam::add(&list.counters->queues.draws, uint64_t{seen});
+    WarpTeam::add(&list.counters->queues.triangles, all_triangles);
+  }
+}
+
+/// `box`: of the chunk's vertices.
+__device__ inline ClusterDraw make_cluster_draw(const SceneView& scene, const FrameView& view,
+                                                const ClusterList& clusters, const Transform& transform,
+                                                const RelativeBox& box, uint32_t chunk_number, uint32_t instance,
+                                                uint64_t first_unit) {
+  const format::ChunkRecord& chunk = scene.chunks[chunk_number];
+  const format::MeshRecord& mesh = scene.meshes[chunk.mesh];
+  const TransformError error = error_of(transform, box);
+  ClusterDraw draw{};
+  draw.filter = make_sample_filter(view, transform, error, box, mesh, chunk);
+  bool narrow = true;
+  for (int i = 0; i < 4; ++i) {
+    draw.x[i] = transform.x[i];
+    draw.y[i] = transform.y[i];
+    draw.w[i] = transform.w[i];
+  }
+  constexpr int64_t kNarrow = int64_t{1} << 30;
+  for (int i = 0; i < 3; ++i) {
+    const int64_t from = wrapping_sub(wrapping_add(mesh.lattice_min[i], static_cast<int64_t>(chunk.position_min[i])),
+                                      transform.reference[i]);
+    narrow = narrow && from < kNarrow && from > -kNarrow;
+    draw.base[i] = static_cast<int32_t>(from);
+  }
+  draw.flags = (transform.mirrored ? ClusterDraw::kMirrored : 0u) | (narrow ? 0u : ClusterDraw::kFarAway) |
+               (is_double_sided(scene, mesh) ? ClusterDraw::kDoubleSided : 0u);
+  draw.first_id = scene.instance_base[instance] + chunk.first_triangle;
+  draw.first_unit = first_unit;
+  draw.first_word = clusters.first_word[instance] + clusters.chunk_group[chunk_number];
+  draw.payload = scene.pages[chunk.page] + chunk.offset;
+  draw.chunk = chunk_number;
+  draw.instance = instance;
+  draw.cluster_count = chunk.cluster_count;
+  draw.error[0] = error.x;
+  draw.error[1] = error.y;
+  draw.error[2] = error.w;
+  return draw;
+}
+
+/// Writes the draws bucket by bucket, and their prefix sum; as many threads as for cull_clustered_chunks().
+__global__ void __launch_bounds__(kCullThreads)
+    place_cluster_draws(const __grid_constant__ SceneView scene, const __grid_constant__ FrameView view,
+                        const __grid_constant__ DrawList list, const __grid_constant__ ClusterList clusters) {
+  __shared__ uint64_t first_of_bucket[kNearBuckets];  // items and units of the buckets before
+  __shared__ uint64_t in_bucket[kNearBuckets];        // of this block; then where they begin
+  __shared__ uint64_t before_warp[kCullWarps];
+  clear_buckets(in_bucket);
+  const uint32_t lane = threadIdx.x % kWarpLanes;
+  const uint64_t thread = uint64_t{blockIdx.x} * blockDim.x + threadIdx.x;
+  const bool inside = thread < uint64_t{clusters.candidate_count} * kGroupInstances;
+  const uint32_t bucket = inside ? clusters.draw_bucket[thread] : kNearBuckets;
+  const ClusterCandidate at(clusters, inside ? thread : 0);
+  const format::ChunkRecord& chunk = scene.chunks[at.candidate.chunk];
+  const bool seen = bucket != kNearBuckets;
+  uint64_t place = 0;
+  if (seen) place = atomicAdd(reinterpret_cast<unsigned long long*>(in_bucket + bucket), item_of(chunk));
+
+  constexpr uint32_t kPerThread = kNearBuckets / kCullThreads;
+  const uint64_t* const mine = list.counters->in_bucket + threadIdx.x * kPerThread;
+  uint64_t sum = 0;
+  for (uint32_t i = 0; i < kPerThread; ++i) sum += mine[i];
+  uint64_t of_warp;
+  uint64_t before = sum_before(sum, lane, of_warp);
+  if (lane == 0) before_warp[threadIdx.x / kWarpLanes] = of_warp;
+  __syncthreads();
+  for (uint32_t i = 0; i < threadIdx.x / kWarpLanes; ++i) before += before_warp[i];
+  for (uint32_t i = 0; i < kPerThread; ++i) {
+    first_of_bucket[threadIdx.x * kPerThread + i] = before;
+    before += mine[i];
+  }
+  if (blockIdx.x == 0 && threadIdx.x == kCullThreads - 1) list.counters->draws = before;
+  for (uint32_t i = threadIdx.x; i < kNearBuckets; i += kCullThreads) {
+    if (in_bucket[i] != 0) in_bucket[i] = WarpTeam::add(list.counters->placed + i, in_bucket[i]);
+  }
+  __syncthreads();
+  if (!seen) return;
+
+  const uint64_t base = first_of_bucket[bucket] + in_bucket[bucket] + place;
+  const uint32_t instance = at.instance(list, chunk.mesh);
+  const format::MeshRecord& mesh = scene.meshes[chunk.mesh];
+  const Transform& transform = list.transforms[instance];
+  clusters.draws[base >> kUnitBits] =
+      make_cluster_draw(scene, view, clusters, transform, chunk_box(mesh, chunk, transform), at.candidate.chunk,
+                        instance, base & kUnitMask);
+}
+
+/// What the passes of culling ask.
+struct ClusterTests {
+  bool bounds;     // outside of the picture, or between pixel centres
+  bool occlusion;  // hidden behind the pyramid
+};
+
+struct ClusterCull {
+  FrameView view;
+  CenterRange centers;
+  ClusterList list;
+  FrameCounters* counters;
+  const uint64_t* samples;
+  ClusterTests tests;
+  uint32_t pass;    // of FrameCounters::clusters
+  uint32_t round;   // of the rounds of the second pass
+  uint32_t rounds;  // 1: all at once
+  uint32_t frame;   // any number that goes up
+  uint32_t period;  // frames in which every hint is asked anew once
+};
+
+/// Units.
+struct UnitRange {
+  uint64_t first;
+  uint64_t end;
+};
+
+/// The units of a round: up to the share ((round + 1) / rounds)^3 of all, from near to far.
+__device__ inline UnitRange units_of_round(uint64_t total, uint32_t round, uint32_t rounds) {
+  const auto end_of = [&](uint64_t round_count) {
+    return total * (round_count * round_count * round_count) / (uint64_t{rounds} * rounds * rounds);
+  };
+  return {end_of(round), end_of(round + 1)};
+}
+static_assert(kUnitBits + 3 * std::bit_width(kMostRounds) <= 64);
+
+/// How a pass takes the bits of the clusters seen before: it draws those, or tests the others and draws them, or there
+/// are none. The bits are hints, and wrong ones cost time alone, as long as none is set between a draw's first pass and
+/// its second, which leaves out what has one: a cluster that has one is asked anew every few frames whether it is
+/// hidden; and one that only lay between pixel centres has one too, so that no holes open in the first pass when the
+/// camera moves.
+enum class ClusterPass : uint32_t { kSeenBefore, kNewlySeen, kOnly };
+
+/// What of a box may show in the picture. What is hidden is as good as nothing.
+template <bool kOrthographic, bool kOcclusion>
+__device__ inline BoxShows may_show(const ClusterCull& cull, const SampleFilter& filter,
+                                    const format::ClusterBounds& bounds) {
+  if (!cull.tests.bounds) return BoxShows::kCenters;
+  ScreenBounds on_screen;
+  const BoxShows shows = bound_on_screen<kOrthographic>(filter, cull.view, cull.centers, offset_box(bounds), on_screen);
+  if constexpr (kOcclusion) {
+    if (shows != BoxShows::kNothing && cull.tests.occlusion &&
+        is_hidden(cull.list.pyramid, cull.samples, on_screen.pixels, on_screen.nearest_code))
+      return BoxShows::kNothing;
+  }
+  return shows;
+}
+
+__device__ inline format::ClusterBounds load_bounds(const format::ClusterBounds* from) {
+  const uint4 words = __ldg(reinterpret_cast<const uint4*>(from));
+  return {{words.x, words.y, words.z}, words.w};
+}
+
+/// A lane a group of clusters; of those that may show, a lane a cluster.
+template <bool kOrthographic, ClusterPass kPass>
+__global__ void __launch_bounds__(kCullThreads) cull_clusters(const __grid_constant__ ClusterCull cull) {
+  constexpr bool kOcclusion = kPass == ClusterPass::kNewlySeen;
+  const uint32_t lane = threadIdx.x % kWarpLanes;
+  const uint64_t warp = (uint64_t{blockIdx.x} * blockDim.x + threadIdx.x) / kWarpLanes;
+  const uint64_t warps = uint64_t{gridDim.x} * blockDim.x / kWarpLanes;
+  FrameCounters& counters = *cull.counters;
+  const auto draw_count = static_cast<uint32_t>(counters.draws >> kUnitBits);
+  // The items of a later pass follow those of the ones before.
+  const uint64_t first_item = clusters_before(counters, cull.pass);
+  const UnitRange units = units_of_round(counters.draws & kUnitMask, cull.round, cull.rounds);
+  const ClusterDraw* const draws = cull.list.draws;
+  uint32_t tested = 0;
+  uint32_t groups_tested = 0;
+  // Where there are few, a warp each: what one finds goes cluster by cluster, group after group.
+  const uint32_t most = units.end - units.first <= warps ? 1 : kWarpLanes;
+  for (uint64_t start = units.first + warp * most; start < units.end; start += warps * most) {
+    const uint64_t end = min_of(start + most, units.end);
+    // The draws of 32 consecutive units are at most 32 consecutive ones.
+    const uint32_t first_draw = find_item(draw_count, start, lane, [&](uint32_t i) { return draws[i].first_unit; });
+    const uint64_t first_unit = first_draw + lane < draw_count ? draws[first_draw + lane].first_unit : ~uint64_t{0};
+    const uint64_t unit = start + lane;
+    uint32_t ahead = 0;
+    for (uint32_t step = kWarpLanes / 2; step != 0; step /= 2) {
+      if (__shfl_sync(~0u, first_unit, static_cast<int>(ahead + step)) <= unit) ahead += step;
+    }
+    const uint32_t draw_number = first_draw + ahead;
+    const auto group = static_cast<uint32_t>(unit - __shfl_sync(~0u, first_unit, static_cast<int>(ahead)));
+    bool shows = unit < end;
+    const bool looked_at = shows;
+    uint32_t seen = 0;   // last time
+    uint32_t hints = 0;  // for the next frame
+    bool asks_anew = true;
+    uint64_t word = 0;
+    if (shows) {
+      const ClusterDraw& draw = draws[draw_number];
+      if constexpr (kPass != ClusterPass::kOnly) {
+        word = draw.first_word + group;
+        seen = cull.list.seen[word];
+      }
+      if constexpr (kPass == ClusterPass::kSeenBefore) {
+        shows = seen != 0;
+        if (shows) {
+          shows = may_show<kOrthographic, false>(cull, draw.filter, load_bounds(draw.group_bounds() + group)) ==
+                  BoxShows::kCenters;
+          ++groups_tested;
+        }
+      } else {
+        const uint32_t rest = draw.cluster_count - group * format::kGroupClusters;
+        const uint32_t whole_group = rest >= format::kGroupClusters ? ~0u : (1u << rest) - 1;
+        if constexpr (kOcclusion) asks_anew = (static_cast<uint32_t>(word) + cull.frame) % cull.period == 0;
+        if (!asks_anew && seen == whole_group) {
+          hints = whole_group;
+          shows = false;
+        } else {
+          const BoxShows in_group =
+              may_show<kOrthographic, kOcclusion>(cull, draw.filter, load_bounds(draw.group_bounds() + group));
+          if (in_group == BoxShows::kBetween) hints = whole_group;
+          shows = in_group == BoxShows::kCenters;
+          ++groups_tested;
+        }
+      }
+    }
+    uint32_t kept = 0;  // of this lane's group
+    for (uint32_t left = __ballot_sync(~0u, shows); left != 0; left &= left - 1) {
+      const int owner = __ffs(static_cast<int>(left)) - 1;
+      const ClusterDraw& draw = draws[__shfl_sync(~0u, draw_number, owner)];
+      const uint32_t cluster = __shfl_sync(~0u, group, owner) * format::kGroupClusters + lane;
+      const uint32_t seen_there = __shfl_sync(~0u, seen, owner);
+      bool keep = cluster < draw.cluster_count;
+      const bool was_seen = (seen_there >> lane & 1) != 0;
+      if constexpr (kPass == ClusterPass::kSeenBefore) keep = keep && was_seen;
+      bool hint = false;
+      if constexpr (kPass == ClusterPass::kNewlySeen) {
+        const bool asked = __shfl_sync(~0u, asks_anew ? 1 : 0, owner) != 0;
+        hint = keep && was_seen && !asked;
+        keep = keep && !hint;
+      }
+      if (keep) {
+        const BoxShows in_cluster =
+            may_show<kOrthographic, kOcclusion>(cull, draw.filter, load_bounds(draw.cluster_bounds() + cluster));
+        keep = in_cluster == BoxShows::kCenters;
+        hint = in_cluster != BoxShows::kNothing;
+        ++tested;
+      }
+      const uint32_t lanes = __ballot_sync(~0u, keep);
+      if (static_cast<int>(lane) == owner) kept = lanes;
+      if constexpr (kPass == ClusterPass::kNewlySeen) {
+        const uint32_t hinted = __ballot_sync(~0u, hint);
+        if (static_cast<int>(lane) == owner) hints = hinted;
+      }
+    }
+    if constexpr (kPass == ClusterPass::kNewlySeen) {
+      if (looked_at && hints != seen) cull.list.seen[word] = hints;
+      kept &= ~seen;
+    }
+    uint64_t all;
+    const uint64_t before = sum_before(static_cast<uint64_t>(__popc(kept)), lane, all);
+    if (all == 0) continue;
+    uint64_t place = 0;
+    if (lane == 0) place = WarpTeam::add(&counters.clusters[cull.pass], all);
+    place = first_item + __shfl_sync(~0u, place, 0) + before;
+    for (uint32_t left = __ballot_sync(~0u, kept != 0); left != 0; left &= left - 1) {
+      const int owner = __ffs(static_cast<int>(left)) - 1;
+      const uint32_t lanes = __shfl_sync(~0u, kept, owner);
+      const uint64_t slot = __shfl_sync(~0u, place, owner) + static_cast<uint32_t>(__popc(lanes & ((1u << lane) - 1)));
+      const uint32_t cluster = __shfl_sync(~0u, group, owner) * format::kGroupClusters + lane;
+      const uint32_t of_draw = __shfl_sync(~0u, draw_number, owner);
+      if ((lanes >> lane & 1) != 0 && slot < cull.list.item_capacity) cull.list.items[slot] = {of_draw, cluster};
+    }
+  }
+  tested = __reduce_add_sync(~0u, tested);
+  groups_tested = __reduce_add_sync(~0u, groups_tested);
+  if (lane == 0 && tested != 0) WarpTeam::add(&counters.clusters_tested, tested);
+  if (lane == 0 && groups_tested != 0) WarpTeam::add(&counters.groups_tested, groups_tested);
+}
+
+}  // namespace scree::kernels

@@ -1,0 +1,231 @@
+// Runs of clusters on a GPU, on their way to be drawn (cluster.cuh): what a warp keeps of them in shared memory,
+// which of them may show still, and what all lanes need of each.
+#pragma once
+
+#include <cuda_pipeline_primitives.h>
+
+#include "kernels/cuda/cluster_cull.cuh"
+#include "kernels/cuda/small.cuh"
+#include "kernels/cull/linear_filter.h"
+
+namespace scree::kernels {
+
+struct ClusterFrame {
+  SmallFrame small;
+  ClusterList list;
+  uint32_t pass;  // of FrameCounters::clusters: the items of this pass
+};
+
+inline constexpr uint32_t kClusterThreads = 128;
+inline constexpr uint32_t kClusterWarps = kClusterThreads / kWarpLanes;
+inline constexpr uint32_t kClusterBlocks = 7;  // of a multiprocessor
+inline constexpr uint32_t kClusterParts = 4;   // of a cluster, where there are few
+
+/// 16-byte pieces of a cluster's data that are staged: more than almost any takes, and than its triangles alone ever
+/// do.
+inline constexpr uint32_t kStagePieces = 64;
+
+/// Clusters that a warp takes at once, at most: two lanes prepare each.
+inline constexpr uint32_t kRunClusters = 16;
+
+/// Byte `i` of a word.
+__device__ inline uint32_t byte_of(uint32_t word, uint32_t i) {
+  return __byte_perm(word, 0, 0x4440 + i);
+}
+
+/// A cluster of a run: what all lanes need of it.
+struct alignas(16) RunCluster {
+  uint64_t data;    // address of its data, or of the multiple of 16 bytes before
+  uint32_t shape;   // bytes: triangles less one, vertices less one, bits of a distance, pieces to be staged
+  uint32_t places;  // bytes: words from `data` to the steps, the distances and the positions; kWideSteps, kCut, kLast;
+                    // the predicted axis from bit 27 on
+  LinearFilter map;
+  uint32_t codes;  // bytes: bits of x, of x and y, of all three
+  uint32_t item;   // of ClusterList::items
+
+  static constexpr uint32_t kWideSteps = 1u << 24;
+  static constexpr uint32_t kCut = 1u << 25;   // longer than a stage
+  static constexpr uint32_t kLast = 1u << 26;  // of the run
+
+  __device__ uint32_t predicted_axis() const { return places >> 27; }
+};
+static_assert(sizeof(RunCluster) == 64);
+
+/// A cluster's data on their way through shared memory; a vertex is read as three words.
+struct ClusterStage {
+  uint4 pieces[kStagePieces + 1];
+
+  __device__ const uint32_t* words() const { return reinterpret_cast<const uint32_t*>(pieces); }
+};
+
+/// A warp's shared memory.
+struct ClusterShared {
+  ClusterStage stages[2];
+  RunCluster run[kRunClusters];
+  WaitingTriangle waiting[kWarpLanes - 1 + format::kMaxClusterTriangles];
+  uint64_t end;       // how many clusters the pass has, or where they are shared parts of them
+  uint32_t asks;      // whether they are asked again (ClusterWarp::find_shown)
+  uint32_t left_out;  // of those
+  union {
+    // Of each vertex the first pixel centre at or after it and the last one at or before it, with the filter's slack;
+    // two 16-bit numbers each. The smallest `first` and the largest `last` of three corners hold the triangle's
+    // pixel_box().
+    uint2 centers[format::kMaxClusterVertices];
+    uint32_t places[format::kMaxClusterVertices];  // instead, where the cluster has a LinearFilter
+    SetUpTriangles set_up;
+  };
+
+  __device__ ClusterShared() {}
+};
+
+/// This warp's, by its name: through a pointer the compiler would not know that it is shared memory.
+__device__ inline ClusterShared& cluster_shared() {
+  extern __shared__ uint4 shared_memory[];
+  return reinterpret_cast<ClusterShared*>(shared_memory)[threadIdx.x / kWarpLanes];
+}
+
+/// format::ClusterPredictor with its axes sorted out once a cluster, not once a vertex: no branch is left in the loop.
+struct ClusterPrediction {
+  int32_t slope[3];  // of the predicted axis 0
+  uint32_t bias;
+  uint32_t axis;  // or kNotPredicted
+
+  /// `words`: the two of the cluster's data, where an axis is predicted.
+  __device__ ClusterPrediction(uint32_t predicted_axis, const uint32_t* words) : axis(predicted_axis) {
+    slope[0] = slope[1] = slope[2] = 0;
+    bias = 0;
+    if (axis == format::kNotPredicted) return;
+    const auto slopes = static_cast<int32_t>(words[0]);
+    const int32_t u = static_cast<int16_t>(slopes);
+    const int32_t v = slopes >> 16;
+    slope[0] = axis == 0 ? 0 : axis == 1 ? v : u;
+    slope[1] = axis == 0 ? u : axis == 1 ? 0 : v;
+    slope[2] = axis == 0 ? v : axis == 1 ? u : 0;
+    bias = words[1];
+  }
+
+  __device__ void apply(uint32_t code[3]) const {
+    const int32_t sloped = slope[0] * static_cast<int32_t>(code[0]) + slope[1] * static_cast<int32_t>(code[1]) +
+                           slope[2] * static_cast<int32_t>(code[2]);
+    const uint32_t sum = bias + static_cast<uint32_t>(sloped >> format::kPredictorShift);
+    for (uint32_t i = 0; i < 3; ++i) code[i] += axis == i ? sum : 0;
+  }
+};
+
+/// Whether the picture hides a box by now.
+__device__ inline bool is_hidden_by_now(const Target& target, const ScreenBounds& bounds) {
+  const PixelBox& box = bounds.pixels;
+  for (int32_t y = box.y0; y <= box.y1; ++y) {
+    const uint64_t* const row = target.samples + static_cast<uint64_t>(y) * static_cast<uint64_t>(target.width);
+    for (int32_t x = box.x0; x <= box.x1; ++x) {
+      if (bounds.nearest_code <= sample_depth_code(WarpTeam::look(row + x))) return false;
+    }
+  }
+  return true;
+}
+
+/// Names in the run which of the items `first` and on may show still, as the picture has become since they were found;
+/// returns how many. The others lose their bits (ClusterPass). Boxes of more than a few samples are not asked.
+template <bool kOrthographic>
+__device__ inline uint32_t list_shown(const ClusterFrame& frame, uint32_t first, uint32_t count) {
+  constexpr int32_t kMostSamples = 8;  // a side
+  ClusterShared& shared = cluster_shared();
+  const uint32_t lane = threadIdx.x % kWarpLanes;
+  bool shows = lane < count;
+  if (shows) {
+    const ClusterItem item = frame.list.items[first + lane];
+    const ClusterDraw& draw = frame.list.draws[item.draw];
+    const OffsetBox box = offset_box(load_bounds(draw.cluster_bounds() + item.cluster));
+    const FrameView& view = frame.small.view;
+    ScreenBounds on_screen;
+    shows = bound_on_screen<kOrthographic>(draw.filter, view, center_range(view), box, on_screen) == BoxShows::kCenters;
+    const PixelBox& pixels = on_screen.pixels;
+    if (shows && max_of(pixels.x1 - pixels.x0, pixels.y1 - pixels.y0) < kMostSamples)
+      shows = !is_hidden_by_now(frame.small.target, on_screen);
+    if (!shows) {  // nor is it to be drawn first in the next frame
+      atomicAnd(frame.list.seen + draw.first_word + item.cluster / format::kGroupClusters,
+                ~(1u << item.cluster % format::kGroupClusters));
+    }
+  }
+  const uint32_t shown = __ballot_sync(~0u, shows);
+  if (shows) shared.run[__popc(shown & ((1u << lane) - 1))].item = first + lane;
+  return static_cast<uint32_t>(__popc(shown));
+}
+
+/// Prepares a run: items `first` and on, or where `kListed` those that it names, of which there are `count`. A lane of
+/// the first half finds a cluster and the u axis of its map, the lane 16 further its v axis. `maps`: whether there are
+/// to be maps.
+template <bool kOrthographic, bool kListed>
+__device__ inline void prepare_run(const ClusterFrame& frame, uint32_t first, uint32_t count, bool maps) {
+  ClusterShared& shared = cluster_shared();
+  const uint32_t lane = threadIdx.x % kWarpLanes;
+  const uint32_t place = min_of(lane % kRunClusters, count - 1);
+  const bool second_axis = lane >= kRunClusters;
+  const uint32_t number = kListed ? shared.run[place].item : first + place;
+  const ClusterItem item = frame.list.items[number];
+  const ClusterDraw& draw = frame.list.draws[item.draw];
+  const uint4 record = __ldg(reinterpret_cast<const uint4*>(draw.clusters() + item.cluster));
+  const format::ClusterLayout at = format::cluster_layout({record.x, record.y, record.z, record.w});
+  const uint32_t* const data = draw.data() + at.prediction;
+  const auto address = reinterpret_cast<uint64_t>(data);
+  const auto skipped = static_cast<uint32_t>(address >> 2 & 3);
+  const uint32_t pieces = (at.end - at.prediction + skipped + 3) / 4;
+  const uint32_t bits_xy = at.position_bits[0] + at.position_bits[1];
+  const uint32_t bits_xyz = bits_xy + at.position_bits[2];
+  uint32_t factors[4] = {};
+  uint32_t reach = 0;
+  uint32_t fraction_bits = 0;
+  if constexpr (!kOrthographic) {
+    if (maps) {
+      const ClusterPrediction prediction(at.predicted_axis, data);
+      const ClusterCodes codes{{at.position_bits[0], at.position_bits[1], at.position_bits[2]},
+                               at.predicted_axis,
+                               {prediction.slope[0], prediction.slope[1], prediction.slope[2]},
+                               static_cast<int32_t>(prediction.bias)};
+      const LinearMiddle middle = make_linear_middle(draw.filter, load_bounds(draw.cluster_bounds() + item.cluster));
+      const float4 row4 = *reinterpret_cast<const float4*>(second_axis ? draw.filter.v : draw.filter.u);
+      const float row[4] = {row4.x, row4.y, row4.z, row4.w};
+      const LinearAxis axis = make_linear_axis(middle, draw.filter.w, row);
+      const float other_half = __shfl_xor_sync(~0u, axis.half, kRunClusters);
+      fraction_bits = linear_fraction_bits(greatest(axis.half, other_half));
+      bool known = middle.known & (bits_xyz <= 64) & (pieces <= kStagePieces) & (fraction_bits != 0);
+      known = known & finish_linear_axis(middle, axis, draw.filter.w, row, codes, fraction_bits & 15, factors, reach);
+      const uint32_t other_reach = __shfl_xor_sync(~0u, known ? reach : 0u, kRunClusters);
+      reach = known && other_reach != 0 ? reach | other_reach << 16 : 0;
+    }
+  }
+  if (lane % kRunClusters >= count) return;
+  RunCluster& out = shared.run[place];
+  if (second_axis) {
+    for (int i = 0; i < 4; ++i) out.map.v[i] = factors[i];
+    return;
+  }
+  for (int i = 0; i < 4; ++i) out.map.u[i] = factors[i];
+  out.map.reach = reach;
+  out.map.fraction = ((1u << fraction_bits) - 1) * 0x10001u;
+  out.data = address & ~uint64_t{15};
+  out.shape = (at.triangle_count - 1) | (at.vertex_count - 1) << 8 | at.distance_bits << 16 |
+              min_of(pieces, kStagePieces) << 24;
+  const uint32_t begin = at.prediction - skipped;
+  out.places = (at.steps - begin) | (at.distances - begin) << 8 | (at.positions - begin) << 16 |
+               (at.wide_steps ? RunCluster::kWideSteps : 0) | (pieces > kStagePieces ? RunCluster::kCut : 0) |
+               (place == count - 1 ? RunCluster::kLast : 0) | at.predicted_axis << 27;
+  out.codes = at.position_bits[0] | bits_xy << 8 | bits_xyz << 16;
+  if constexpr (!kListed) out.item = number;
+}
+static_assert(2 * kRunClusters == kWarpLanes);
+
+/// Starts copying a cluster's data to `stage`.
+__device__ inline void stage_cluster(const RunCluster& cluster, ClusterStage& stage) {
+  const uint32_t lane = threadIdx.x % kWarpLanes;
+  // The stream of clusters begins and ends on multiples of 16 bytes, so these pieces lie within it.
+  const auto* const from = reinterpret_cast<const uint4*>(cluster.data) + lane;
+  const uint32_t pieces = byte_of(cluster.shape, 3);
+  if (lane < pieces) __pipeline_memcpy_async(stage.pieces + lane, from, sizeof(uint4));
+  if (lane + kWarpLanes < pieces) {
+    __pipeline_memcpy_async(stage.pieces + lane + kWarpLanes, from + kWarpLanes, sizeof(uint4));
+  }
+}
+static_assert(kStagePieces == 2 * kWarpLanes);
+
+}  // namespace scree::kernels

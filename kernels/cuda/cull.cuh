@@ -1,0 +1,214 @@
+// Culling and the draw list on a GPU: instances, then their chunks.
+#pragma once
+
+#include "kernels/cuda/backend.cuh"
+#include "kernels/cuda/draw_list.h"
+#include "kernels/cull/cull.h"
+
+namespace scree::kernels {
+
+/// Sum over the lanes before this one of a full warp.
+__device__ inline uint64_t sum_before(uint64_t value, uint32_t lane, uint64_t& total) {
+  uint64_t sum = value;
+  for (uint32_t distance = 1; distance < kWarpLanes; distance *= 2) {
+    const uint64_t other = __shfl_up_sync(~0u, sum, distance);
+    if (lane >= distance) sum += other;
+  }
+  total = __shfl_sync(~0u, sum, kWarpLanes - 1);
+  return sum - value;
+}
+
+__device__ inline bool is_double_sided(const SceneView& scene, const format::MeshRecord& mesh) {
+  return mesh.material != format::kNone && (scene.materials[mesh.material].flags & format::kMaterialDoubleSided) != 0;
+}
+
+/// One warp a chunk: the bounds of float32 positions. A chunk without vertices has a box of zeros.
+__global__ void __launch_bounds__(128) find_bounds(const __grid_constant__ SceneView scene, ChunkBounds* bounds) {
+  const uint32_t lane = threadIdx.x % kWarpLanes;
+  const uint64_t warps = uint64_t{gridDim.x} * blockDim.x / kWarpLanes;
+  for (uint64_t i = (uint64_t{blockIdx.x} * blockDim.x + threadIdx.x) / kWarpLanes; i < scene.chunk_count; i += warps) {
+    const format::ChunkRecord& chunk = scene.chunks[i];
+    const format::MeshRecord& mesh = scene.meshes[chunk.mesh];
+    if (mesh.position_encoding != format::PositionEncoding::kFloat32 || scene.pages[chunk.page] == nullptr) continue;
+    const auto* positions = reinterpret_cast<const float*>(scene.pages[chunk.page] + chunk.offset +
+                                                           streams_of(mesh, chunk).positions.offset);
+    ChunkBounds box;
+    for (int axis = 0; axis < 3; ++axis) {
+      const uint64_t count = chunk.vertex_count;
+      float low = count != 0 ? positions[axis] : 0.0f;
+      float high = low;
+      for (uint64_t v = lane; v < count; v += kWarpLanes) {
+        low = fminf(low, positions[3 * v + static_cast<uint64_t>(axis)]);
+        high = fmaxf(high, positions[3 * v + static_cast<uint64_t>(axis)]);
+      }
+      for (uint32_t distance = kWarpLanes / 2; distance != 0; distance /= 2) {
+        low = fminf(low, __shfl_xor_sync(~0u, low, distance));
+        high = fmaxf(high, __shfl_xor_sync(~0u, high, distance));
+      }
+      box.min[axis] = low;
+      box.max[axis] = high;
+    }
+    if (lane == 0) bounds[i] = box;
+  }
+}
+
+/// The smallest box known of a chunk's vertices.
+__device__ inline RelativeBox drawn_box(const DrawList& list, const format::MeshRecord& mesh,
+                                        const format::ChunkRecord& chunk, uint32_t chunk_number,
+                                        const Transform& transform) {
+  if (mesh.position_encoding != format::PositionEncoding::kFloat32) return chunk_box(mesh, chunk, transform);
+  RelativeBox box;
+  const ChunkBounds& bounds = list.bounds[chunk_number];
+  for (int i = 0; i < 3; ++i) {
+    const auto low = static_cast<double>(bounds.min[i]);
+    const auto high = static_cast<double>(bounds.max[i]);
+    box.center[i] = 0.5 * (low + high) - static_cast<double>(transform.center[i]);
+    // A position is rounded once where the center is taken from it.
+    box.extent[i] = 0.5 * (high - low) + (abs_of(low) + abs_of(high)) * (1.0 / (1 << 22));
+  }
+  return box;
+}
+
+inline constexpr uint32_t kCullThreads = 128;
+inline constexpr uint32_t kCullWarps = kCullThreads / kWarpLanes;
+
+/// Samples to be cleared by blocks of their own of the kernel that culls first, which waits for memory more than it
+/// writes.
+struct SamplesToClear {
+  uint64_t* samples;
+  uint64_t count;
+  uint32_t blocks;
+};
+
+__device__ inline void clear_samples(const SamplesToClear& clear, uint32_t block) {
+  const uint64_t threads = uint64_t{clear.blocks} * kCullThreads;
+  for (uint64_t i = uint64_t{block} * kCullThreads + threadIdx.x; i < clear.count; i += threads) {
+    clear.samples[i] = kBackground;
+  }
+}
+
+/// One thread an instance, in the order of meshes: keeps the transforms and the list of those seen. The last blocks
+/// clear the picture.
+__global__ void __launch_bounds__(kCullThreads)
+    cull_instances(const __grid_constant__ SceneView scene, const __grid_constant__ FrameView view,
+                   const __grid_constant__ DrawList list, const __grid_constant__ SamplesToClear clear) {
+  __shared__ Transform staged[kCullThreads];
+  const uint32_t culling_blocks = gridDim.x - clear.blocks;
+  if (blockIdx.x >= culling_blocks) {
+    clear_samples(clear, blockIdx.x - culling_blocks);
+    return;
+  }
+  const uint32_t lane = threadIdx.x % kWarpLanes;
+  const uint64_t i = uint64_t{blockIdx.x} * blockDim.x + threadIdx.x;
+  bool seen = false;
+  uint32_t number = 0;
+  uint32_t mesh_number = 0;
+  if (i < list.instance_count) {
+    number = list.order[i];
+    const format::InstanceRecord& instance = scene.instances[number];
+    mesh_number = instance.mesh;
+    const format::MeshRecord& mesh = scene.meshes[mesh_number];
+    const Transform transform = make_transform(view, scene.matrices[instance.matrix], mesh.lattice_exponent,
+                                               mesh.position_encoding == format::PositionEncoding::kFloat32);
+    seen = may_be_seen(transform, view, mesh_box(mesh, transform));
+    if (seen) staged[threadIdx.x] = transform;
+  }
+  __syncwarp();
+  // The warp writes one transform after the other: each thread its own would touch 32 times the sectors.
+  constexpr uint32_t kWords = sizeof(Transform) / sizeof(uint32_t);
+  for (uint32_t left = __ballot_sync(~0u, seen); left != 0; left &= left - 1) {
+    const int owner = __ffs(static_cast<int>(left)) - 1;
+    const auto* from = reinterpret_cast<const uint32_t*>(staged + (threadIdx.x - lane) + owner);
+    auto* to = reinterpret_cast<uint32_t*>(list.transforms + __shfl_sync(~0u, number, owner));
+    for (uint32_t word = lane; word < kWords; word += kWarpLanes) to[word] = from[word];
+  }
+  // One addition a mesh and warp.
+  const uint32_t seen_lanes = __ballot_sync(~0u, seen);
+  if (!seen) return;
+  const uint32_t peers = __match_any_sync(seen_lanes, mesh_number);
+  const uint32_t leader = static_cast<uint32_t>(__ffs(static_cast<int>(peers))) - 1;
+  uint32_t base = 0;
+  if (lane == leader) base = atomicAdd(list.visible_count + mesh_number, static_cast<uint32_t>(__popc(peers)));
+  base = __shfl_sync(peers, base, static_cast<int>(leader));
+  const uint32_t rank = static_cast<uint32_t>(__popc(peers & ((1u << lane) - 1)));
+  list.visible[list.mesh_first[mesh_number] + base + rank] = number;
+  if (lane == static_cast<uint32_t>(__ffs(static_cast<int>(seen_lanes))) - 1) {
+    WarpTeam::add(&list.counters->queues.instances_drawn, static_cast<uint64_t>(__popc(seen_lanes)));
+  }
+}
+
+/// Bit k: the chunk may be seen for the k-th of `count` visible instances from `visible` on.
+__device__ inline uint32_t seen_instances(const SceneView& scene, const FrameView& view, const DrawList& list,
+                                          const format::ChunkRecord& chunk, uint32_t chunk_number,
+                                          const uint32_t* visible, uint32_t count) {
+  const uint32_t all = ~0u >> (32 - count);
+  const format::MeshRecord& mesh = scene.meshes[chunk.mesh];
+  if (mesh.chunk_count == 1) return all;  // tested already
+  uint32_t seen = 0;
+  for (uint32_t k = 0; k < count; ++k) {
+    const Transform& transform = list.transforms[visible[k]];
+    if (may_be_seen(transform, view, drawn_box(list, mesh, chunk, chunk_number, transform))) seen |= 1u << k;
+  }
+  return seen;
+}
+
+/// One thread a candidate: appends the groups to be drawn and their prefix sum.
+__global__ void __launch_bounds__(128)
+    cull_chunks(const __grid_constant__ SceneView scene, const __grid_constant__ FrameView view,
+                const __grid_constant__ DrawList list) {
+  const uint32_t lane = threadIdx.x % kWarpLanes;
+  const uint64_t i = uint64_t{blockIdx.x} * blockDim.x + threadIdx.x;
+  DrawGroup group{};
+  uint64_t triangles = 0;
+  if (i < list.candidate_count) {
+    const Candidate candidate = list.candidates[i];
+    const format::ChunkRecord& chunk = scene.chunks[candidate.chunk];
+    const uint32_t visible_count = list.visible_count[chunk.mesh];
+    if (candidate.first < visible_count && scene.pages[chunk.page] != nullptr) {
+      group.chunk = candidate.chunk;
+      group.first_visible = list.mesh_first[chunk.mesh] + candidate.first;
+      group.instances = seen_instances(scene, view, list, chunk, candidate.chunk, list.visible + group.first_visible,
+                                       min_of(visible_count - candidate.first, kGroupInstances));
+      triangles = chunk.triangle_count;
+    }
+  }
+  const auto draws = static_cast<uint64_t>(__popc(group.instances));
+  const uint64_t units = (triangles + kWarpLanes - 1) / kWarpLanes * draws;
+  uint64_t total;
+  const uint64_t item = units == 0 ? 0 : (uint64_t{1} << kUnitBits) + units;
+  const uint64_t before = sum_before(item, lane, total);
+  if (total == 0) return;
+  uint64_t base = 0;
+  if (lane == 0) base = WarpTeam::add(&list.counters->groups, total);
+  base = __shfl_sync(~0u, base, 0);
+  if (units != 0) {
+    group.first_unit = (base + before) & kUnitMask;
+    list.groups[(base + before) >> kUnitBits] = group;
+  }
+  uint64_t all_draws;
+  uint64_t all_triangles;
+  sum_before(draws, lane, all_draws);
+  sum_before(triangles * draws, lane, all_triangles);
+  if (lane == 0) {
+    WarpTeam::add(&list.counters->queues.draws, all_draws);
+    WarpTeam::add(&list.counters->queues.triangles, all_triangles);
+  }
+}
+
+/// The place of the last item whose first unit is <= unit, by a warp: 32 probes a step. `first` gives an item's first
+/// unit.
+template <class First>
+__device__ inline uint32_t find_item(uint32_t count, uint64_t unit, uint32_t lane, const First& first) {
+  uint32_t low = 0;
+  while (count > 1) {
+    const uint32_t step = (count + kWarpLanes - 1) / kWarpLanes;
+    const uint64_t probe = uint64_t{lane} * step;
+    const bool before = probe < count && first(low + static_cast<uint32_t>(probe)) <= unit;
+    const auto last = static_cast<uint32_t>(__popc(__ballot_sync(~0u, before))) - 1;
+    low += last * step;
+    count = min_of(step, count - last * step);
+  }
+  return low;
+}
+
+}  // namespace scree::kernels

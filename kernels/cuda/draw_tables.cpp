@@ -1,0 +1,134 @@
+#include "kernels/cuda/draw_tables.h"
+
+#include <string>
+
+#include "format/geometry/cluster_layout.h"
+
+namespace scree::kernels {
+namespace {
+
+/// Calls count(mesh, instances) for every mesh that is drawn.
+template <class Count>
+void for_each_drawn_mesh(const SceneView& scene, const std::vector<uint64_t>& instances, const Count& count) {
+  for (uint64_t m = 0; m < scene.mesh_count; ++m) {
+    if (instances[m] != 0) count(m, instances[m]);
+  }
+}
+
+std::vector<uint64_t> instances_by_mesh(const SceneView& scene) {
+  std::vector<uint64_t> count(scene.mesh_count);
+  for (uint64_t i = 0; i < scene.instance_count; ++i) {
+    const uint32_t mesh = scene.instances[i].mesh;
+    if (scene.meshes[mesh].triangle_count != 0) ++count[mesh];
+  }
+  return count;
+}
+
+bool is_clustered(const SceneView& scene, uint64_t chunk) {
+  return scene.chunks[chunk].encoding == format::ChunkEncoding::kClustered;
+}
+
+uint64_t cluster_group_count(const format::ChunkRecord& chunk) {
+  return (uint64_t{chunk.cluster_count} + format::kGroupClusters - 1) / format::kGroupClusters;
+}
+
+}  // namespace
+
+CandidateCounts count_candidates(const SceneView& scene) {
+  const std::vector<uint64_t> instances = instances_by_mesh(scene);
+  CandidateCounts counts;
+  for_each_drawn_mesh(scene, instances, [&](uint64_t m, uint64_t count) {
+    const uint64_t parts = (count + kGroupInstances - 1) / kGroupInstances;
+    const format::MeshRecord& mesh = scene.meshes[m];
+    for (uint64_t c = mesh.first_chunk; c < mesh.first_chunk + mesh.chunk_count; ++c) {
+      (is_clustered(scene, c) ? counts.clustered : counts.indexed) += parts;
+      if (!is_clustered(scene, c)) continue;
+      counts.cluster_draws += count;
+      counts.cluster_groups += count * cluster_group_count(scene.chunks[c]);
+    }
+  });
+  return counts;
+}
+
+namespace {
+
+/// Where each instance's bits of seen clusters are: tables.chunk_group and first_word.
+void place_seen_bits(const SceneView& scene, DrawTables& tables) {
+  tables.chunk_group.resize(scene.chunk_count);
+  std::vector<uint64_t> mesh_groups(scene.mesh_count);
+  for (uint64_t m = 0; m < scene.mesh_count; ++m) {
+    const format::MeshRecord& mesh = scene.meshes[m];
+    for (uint64_t c = mesh.first_chunk; c < mesh.first_chunk + mesh.chunk_count; ++c) {
+      tables.chunk_group[c] = static_cast<uint32_t>(mesh_groups[m]);
+      if (is_clustered(scene, c)) mesh_groups[m] += cluster_group_count(scene.chunks[c]);
+    }
+  }
+  uint64_t word = 0;
+  tables.first_word.reserve(scene.instance_count);
+  for (uint64_t i = 0; i < scene.instance_count; ++i) {
+    tables.first_word.push_back(word);
+    word += mesh_groups[scene.instances[i].mesh];
+  }
+}
+
+}  // namespace
+
+std::vector<ClusterGroup> list_cluster_groups(const SceneView& scene) {
+  std::vector<ClusterGroup> groups;
+  for (uint64_t i = 0; i < scene.instance_count; ++i) {
+    const format::MeshRecord& mesh = scene.meshes[scene.instances[i].mesh];
+    for (uint64_t c = mesh.first_chunk; c < mesh.first_chunk + mesh.chunk_count; ++c) {
+      const auto count = static_cast<uint32_t>(cluster_group_count(scene.chunks[c]));
+      for (uint32_t group = 0; group < count; ++group)
+        groups.push_back({static_cast<uint32_t>(i), static_cast<uint32_t>(c), group});
+    }
+  }
+  return groups;
+}
+
+Result<DrawTables> make_draw_tables(const SceneView& scene) {
+  const std::vector<uint64_t> instances = instances_by_mesh(scene);
+  const CandidateCounts candidates = count_candidates(scene);
+  // A clustered chunk's instances are items one by one; units of both lists fit, since triangles have 36-bit ids.
+  if (scene.instance_count >= UINT32_MAX || scene.chunk_count >= UINT32_MAX || candidates.indexed >= kMaxItems ||
+      candidates.cluster_draws >= kMaxItems) {
+    return Error{ErrorCode::kRange,
+                 "the scene has " + std::to_string(scene.instance_count) + " instances and " +
+                     std::to_string(candidates.indexed) + " groups of 16 instances of a chunk and " +
+                     std::to_string(candidates.cluster_draws) +
+                     " of a clustered chunk; a GPU draws fewer than 2^32 - 1, 2^28 and 2^28; use --backend cpu"};
+  }
+  DrawTables tables;
+  tables.mesh_first.resize(scene.mesh_count);
+  tables.candidates.reserve(candidates.indexed);
+  tables.cluster_candidates.reserve(candidates.clustered);
+  tables.cluster_draws = candidates.cluster_draws;
+  tables.cluster_groups = candidates.cluster_groups;
+  if (candidates.clustered != 0) place_seen_bits(scene, tables);
+  uint32_t place = 0;
+  for_each_drawn_mesh(scene, instances, [&](uint64_t m, uint64_t count) {
+    const format::MeshRecord& mesh = scene.meshes[m];
+    tables.mesh_first[m] = place;
+    place += static_cast<uint32_t>(count);
+    for (uint64_t c = mesh.first_chunk; c < mesh.first_chunk + mesh.chunk_count; ++c) {
+      const bool clustered = is_clustered(scene, c);
+      if (!clustered) {
+        (mesh.position_encoding == format::PositionEncoding::kFloat32 ? tables.has_float32 : tables.has_lattice) = true;
+        tables.has_instances = tables.has_instances || count > 1;
+      }
+      for (uint64_t first = 0; first < count; first += kGroupInstances) {
+        (clustered ? tables.cluster_candidates : tables.candidates)
+            .push_back({static_cast<uint32_t>(c), static_cast<uint32_t>(first)});
+      }
+    }
+  });
+  tables.order.resize(place);
+  std::vector<uint32_t> next = tables.mesh_first;
+  for (uint64_t i = 0; i < scene.instance_count; ++i) {
+    const uint32_t mesh = scene.instances[i].mesh;
+    if (scene.meshes[mesh].triangle_count != 0) tables.order[next[mesh]++] = static_cast<uint32_t>(i);
+  }
+  return tables;
+}
+
+}  // namespace scree::kernels

@@ -1,0 +1,43 @@
+// The tables that a GPU's draw list is made from: what follows from a scene's records alone, once for all frames.
+#pragma once
+
+#include <vector>
+
+#include "format/result.h"
+#include "kernels/cuda/cluster_list.h"
+#include "kernels/scene_view.h"
+
+namespace scree::kernels {
+
+/// What a scene's draw list is made from, and what the passes have to be able to draw.
+struct DrawTables {
+  std::vector<uint32_t> order;
+  std::vector<uint32_t> mesh_first;
+  std::vector<Candidate> candidates;
+  std::vector<Candidate> cluster_candidates;  // of clustered chunks
+  std::vector<uint32_t> chunk_group;          // as ClusterList has it; empty where no chunk is clustered
+  std::vector<uint64_t> first_word;
+  uint64_t cluster_draws = 0;   // clustered chunks of all instances
+  uint64_t cluster_groups = 0;  // their groups of clusters
+  bool has_lattice = false;
+  bool has_float32 = false;
+  bool has_instances = false;  // a mesh is drawn more than once
+};
+
+/// Candidates: chunks of drawn meshes with up to kGroupInstances instances each.
+struct CandidateCounts {
+  uint64_t indexed = 0;
+  uint64_t clustered = 0;
+  uint64_t cluster_draws = 0;  // as in DrawTables
+  uint64_t cluster_groups = 0;
+};
+
+CandidateCounts count_candidates(const SceneView& scene);
+
+/// Every group of clusters of every instance, where all chunks are clustered.
+std::vector<ClusterGroup> list_cluster_groups(const SceneView& scene);
+
+/// Errors kRange: 2^32 instances or chunks, or more candidates than a draw list holds.
+Result<DrawTables> make_draw_tables(const SceneView& scene);
+
+}  // namespace scree::kernels

@@ -1,0 +1,713 @@
+// Frames on a GPU: the draw list's tables, the queues, and the order of the passes.
+#include <algorithm>
+#include <bit>
+#include <cstring>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "kernels/cuda/check.h"
+#include "kernels/cuda/cluster.cuh"
+#include "kernels/cuda/draw_tables.h"
+#include "kernels/cuda/few_cull.cuh"
+#include "kernels/cuda/frame.h"
+#include "kernels/cuda/graph.h"
+#include "kernels/cuda/large.cuh"
+#include "kernels/cuda/pyramid.cuh"
+#include "kernels/cuda/queues.h"
+#include "kernels/cuda/small.cuh"
+
+#pragma nv_diag_suppress 2810  // nvcc 13 takes the assignment of a nodiscard class for an ignored result
+
+namespace scree::kernels {
+namespace {
+
+/// The first capacity of the queue of clusters.
+uint64_t first_items(uint64_t cluster_groups, const CudaQueueSizes& sizes) {
+  return min_of(cluster_groups * format::kGroupClusters, sizes.clusters);
+}
+
+/// Clusters that are drawn in one pass, and nothing else.
+bool are_few(uint64_t indexed_candidates, uint64_t cluster_groups, const CudaQueueSizes& sizes) {
+  return indexed_candidates == 0 && cluster_groups < sizes.two_pass_groups;
+}
+
+/// A kernel of stage 1, built for what a scene has.
+struct SmallVariant {
+  void (*kernel)(const SmallFrame);
+  size_t shared_bytes;
+  uint32_t blocks;  // that the GPU holds at once
+};
+
+template <bool kOrthographic, bool kLattice, bool kFloat32, bool kInstanced>
+SmallVariant small_variant() {
+  return {raster_small<kOrthographic, kLattice, kFloat32, kInstanced>, kSmallWarps * sizeof(SmallShared<kInstanced>),
+          0};
+}
+
+SmallVariant choose_small(const DrawTables& tables, bool orthographic) {
+  if (orthographic) return small_variant<true, true, true, true>();
+  if (tables.has_lattice && tables.has_float32) return small_variant<false, true, true, true>();
+  if (tables.has_float32) {
+    return tables.has_instances ? small_variant<false, false, true, true>()
+                                : small_variant<false, false, true, false>();
+  }
+  return tables.has_instances ? small_variant<false, true, false, true>() : small_variant<false, true, false, false>();
+}
+
+enum Mark {
+  kStart,
+  kCleared,
+  kCulled,
+  kClustersDone,
+  kClippedDone,
+  kSmallDone,
+  kMediumDone,
+  kLargeBegun,
+  kLargeDone,
+  kFirstDone,
+  kPyramidDone,
+  kSecondSmallDone,
+  kSecondMediumDone,
+  kSecondLargeBegun,
+  kSecondLargeDone,
+  kAllDone,
+  kCountersRead,
+  kMarkCount
+};
+
+struct FrameStreams {
+  cudaStream_t main = nullptr;
+  cudaStream_t side = nullptr;  // stage 3
+  cudaStream_t clip = nullptr;  // triangles of clusters that are clipped, through all stages
+};
+
+/// Of drawn triangles: frames of scenes of fewer are one submission each.
+constexpr uint64_t kMostGraphTriangles = uint64_t{1} << 23;
+
+/// Of one pass: stages 2 and 3 begin after `small_done`.
+struct StageMarks {
+  Mark small_done;
+  Mark medium_done;
+  Mark large_begun;
+  Mark large_done;
+};
+constexpr StageMarks kFirstStages{kSmallDone, kMediumDone, kLargeBegun, kLargeDone};
+constexpr StageMarks kSecondStages{kSecondSmallDone, kSecondMediumDone, kSecondLargeBegun, kSecondLargeDone};
+
+bool same_view(const FrameView& a, const FrameView& b) {
+  const auto same = [](const double(&x)[3], const double(&y)[3]) { return std::equal(x, x + 3, y); };
+  return same(a.eye, b.eye) && same(a.row_x, b.row_x) && same(a.row_y, b.row_y) && same(a.row_w, b.row_w) &&
+         a.offset_w == b.offset_w && a.width == b.width && a.height == b.height && a.orthographic == b.orthographic;
+}
+
+/// Frames in which every cluster that was seen is asked once more whether it is hidden.
+constexpr uint32_t kHintPeriod = 4;
+
+/// Threads of the kernels that walk a list of unknown length, a multiprocessor.
+constexpr uint32_t kCullBlocks = 16;
+
+}  // namespace
+
+struct CudaFrames::Impl {
+  Impl() = default;
+  Impl(const Impl&) = delete;
+  Impl& operator=(const Impl&) = delete;
+  ~Impl() {
+    if (streams.main != nullptr) (void)cudaStreamSynchronize(streams.main);
+    for (cudaEvent_t event : marks) {
+      if (event != nullptr) (void)cudaEventDestroy(event);
+    }
+    (void)cudaFreeHost(seen);
+    for (const FrameStreams& all : {streams, kept_streams})
+      for (cudaStream_t stream : {all.clip, all.side, all.main})
+        if (stream != nullptr) (void)cudaStreamDestroy(stream);
+  }
+
+  Result<void> open(const SceneView& host, const CudaQueueSizes& sizes);
+  Result<void> open_clusters(const SceneView& host, const CudaQueueSizes& sizes);
+  void submit_culling(const DrawList& list, const SamplesToClear& clear, bool draws_indexed, bool draws_clusters);
+  template <bool kOrthographic>
+  void submit_few_culling(const DrawList& list, const SamplesToClear& clear);
+  Result<void> find_all_bounds();
+  Result<void> forget();
+  Result<void> fit_pyramid(const FrameView& frame);
+  Result<void> submit();
+  Result<void> record();
+  Result<void> submit_passes() { return frame.orthographic ? submit_passes<true>() : submit_passes<false>(); }
+  template <bool kOrthographic>
+  Result<void> submit_passes();
+  template <bool kOrthographic, ClusterPass kPass>
+  void submit_clusters(const SmallFrame& small, uint32_t round, uint32_t rounds);
+  template <bool kOrthographic>
+  void submit_clipped(const ClusterFrame& clusters, cudaStream_t stream);
+  template <bool kOrthographic>
+  Result<void> submit_clipped_aside(const SmallFrame& small);
+  template <bool kOrthographic>
+  Result<void> submit_stages(const SmallFrame& small, const StageMarks& marks_of_pass);
+  ClusterList cluster_list() const;
+  ClusterCull cluster_cull(const DrawList& list, const ClusterTests& tests, uint32_t pass, uint32_t round,
+                           uint32_t rounds) const;
+  Result<void> prepare(SmallVariant& variant) const;
+  bool has_clusters() const { return cluster_candidates.count() != 0; }
+  /// A round more for every doubling: it is worth its pyramid where it saves enough clusters.
+  uint32_t rounds_when_moving() const {
+    return min_of(max_of(static_cast<uint32_t>(std::bit_width(tables.cluster_groups / round_groups)), 1u), kMostRounds);
+  }
+  bool in_two_passes() const { return tables.cluster_groups >= two_pass_groups; }
+  /// So few, and nothing else, that one kernel culls them.
+  bool has_few_clusters() const { return few_groups.count() != 0; }
+  /// As far as the frame before tells: the way of many is code that few would wait for.
+  bool cuts_many() const { return clipped_before > uint64_t{multiprocessors} * kClusterWarps; }
+  bool clips_aside() const { return has_clusters() && !in_two_passes(); }
+  /// For the next frame, while nobody waits.
+  Result<void> clear_counters() {
+    Result<void> done =
+        cuda_check(cudaMemsetAsync(zeroed.data(), 0, zeroed.count(), streams.main), "clearing the counters");
+    counters_cleared = static_cast<bool>(done);
+    return done;
+  }
+  /// Worth it where a frame takes a fraction of a millisecond; not in two passes, whose rounds change.
+  bool goes_as_graph() const {
+    return options.part == FramePart::kWhole && !two_passes && !options.stage_times &&
+           triangle_count < kMostGraphTriangles;
+  }
+  Result<void> mark(Mark place) {
+    return cuda_check(cudaEventRecord(marks[place], streams.main), "recording an event");
+  }
+  Result<void> read_times(FrameTimes& times) const;
+
+  SceneView scene{};
+  uint64_t triangle_count = 0;
+  DrawTables tables;  // the flags; the vectors are given up once they are on the device
+  uint32_t multiprocessors = 0;
+  SmallVariant variants[2] = {};  // perspective, orthographic
+  FrameStreams streams;           // that the frame is submitted to
+  // All are blocking streams: who works on the default stream (the resolver) is ordered with them. Those that a graph
+  // is captured from are not: a capture would be lost, and who works there meanwhile would fail.
+  FrameStreams kept_streams;
+  CudaGraph graph;
+  bool is_graph = false;  // the last frame
+  cudaEvent_t marks[kMarkCount] = {};
+  FrameCounters* seen = nullptr;  // pinned: the counters after a frame
+
+  DeviceArray<uint32_t> order;
+  DeviceArray<uint32_t> mesh_first;
+  DeviceArray<Candidate> candidates;
+  DeviceArray<ChunkBounds> bounds;
+  DeviceArray<std::byte> zeroed;  // the counters, then the visible instances of each mesh
+  DeviceArray<uint32_t> visible;
+  DeviceArray<Transform> transforms;
+  DeviceArray<DrawGroup> groups;
+  FrameQueues queues;
+  // Of clustered chunks:
+  DeviceArray<Candidate> cluster_candidates;
+  DeviceArray<uint32_t> chunk_group;
+  DeviceArray<uint64_t> first_word;
+  DeviceArray<uint32_t> seen_before;
+  DeviceArray<uint16_t> draw_bucket;
+  DeviceArray<ClusterDraw> draws;
+  DeviceArray<ClusterGroup> few_groups;  // of scenes that are drawn in one pass and have no other chunks
+  DeviceArray<uint32_t> pyramid_codes;
+  DepthPyramid pyramid{};
+  // The frame that was begun last:
+  FrameView frame{};
+  uint64_t* samples = nullptr;
+  DrawOptions options;
+  FrameView last_view{};
+  bool two_passes = false;  // the last frame
+  uint64_t two_pass_groups = 0;
+  uint64_t round_groups = 0;
+  uint32_t frame_number = 0;
+  uint64_t clipped_before = 0;  // triangles of clusters, in the last frame
+  bool counters_cleared = false;
+  uint32_t hint_period = kHintPeriod;  // of the next frame
+};
+
+Result<void> CudaFrames::Impl::open(const SceneView& host, const CudaQueueSizes& sizes) {
+  triangle_count = host.instance_base[host.instance_count];
+  two_pass_groups = sizes.two_pass_groups;
+  round_groups = max_of<uint64_t>(sizes.round_groups, 1);
+  Result<DrawTables> made = make_draw_tables(host);
+  if (!made) return made.error();
+  tables = std::move(*made);
+  int device = 0;
+  int count = 0;
+  Result<void> done = cuda_check(cudaGetDevice(&device), "asking for the device");
+  if (done) {
+    done = cuda_check(cudaDeviceGetAttribute(&count, cudaDevAttrMultiProcessorCount, device),
+                      "asking for multiprocessors");
+  }
+  multiprocessors = static_cast<uint32_t>(count);
+  for (const bool orthographic : {false, true}) {
+    variants[orthographic] = choose_small(tables, orthographic);
+    if (done) done = prepare(variants[orthographic]);
+  }
+  for (cudaStream_t* stream : {&streams.main, &streams.side, &streams.clip})
+    if (done) done = cuda_check(cudaStreamCreate(stream), "making a stream");
+  for (cudaStream_t* stream : {&kept_streams.main, &kept_streams.side, &kept_streams.clip})
+    if (done) done = cuda_check(cudaStreamCreateWithFlags(stream, cudaStreamNonBlocking), "making a stream");
+  for (cudaEvent_t& event : marks) {
+    if (done) done = cuda_check(cudaEventCreate(&event), "making an event");
+  }
+  if (done) {
+    done =
+        cuda_check(cudaMallocHost(reinterpret_cast<void**>(&seen), sizeof(FrameCounters)), "allocating pinned memory");
+  }
+  if (done) done = order.fill(tables.order, "allocating the draw list");
+  if (done) done = mesh_first.fill(tables.mesh_first, "allocating the draw list");
+  if (done) done = candidates.fill(tables.candidates, "allocating the draw list");
+  if (done && tables.has_float32) done = bounds.allocate(host.chunk_count, "allocating the chunks' bounds");
+  if (done && tables.has_float32) done = find_all_bounds();
+  if (done) {
+    done = zeroed.allocate(sizeof(FrameCounters) + host.mesh_count * sizeof(uint32_t), "allocating the draw list");
+  }
+  if (done) done = visible.allocate(tables.order.size(), "allocating the draw list");
+  if (done) done = transforms.allocate(host.instance_count, "allocating the frame's transforms");
+  if (done) done = groups.allocate(tables.candidates.size(), "allocating the draw list");
+  if (done) done = queues.triangles.tiles.allocate(sizes.tiles, "allocating the queues");
+  if (done) done = queues.grow({sizes.medium, sizes.large, 0, 0, 0, 0, 0, 0});
+  if (done && !tables.cluster_candidates.empty()) done = open_clusters(host, sizes);
+  if (done) done = cuda_check(cudaStreamSynchronize(streams.main), "preparing to draw");
+  tables.order = {};
+  tables.mesh_first = {};
+  tables.candidates = {};
+  tables.cluster_candidates = {};
+  tables.chunk_group = {};
+  tables.first_word = {};
+  return done;
+}
+
+/// Of the chunks whose pages are there.
+Result<void> CudaFrames::Impl::find_all_bounds() {
+  find_bounds<<<multiprocessors * 8, 128, 0, streams.main>>>(scene, bounds.data());
+  return cuda_check(cudaGetLastError(), "finding the chunks' bounds");
+}
+
+Result<void> CudaFrames::Impl::open_clusters(const SceneView& host, const CudaQueueSizes& sizes) {
+  Result<void> done = cluster_candidates.fill(tables.cluster_candidates, "allocating the draw list");
+  if (done) done = chunk_group.fill(tables.chunk_group, "allocating the draw list");
+  if (done) done = first_word.fill(tables.first_word, "allocating the draw list");
+  if (done) {
+    done = draw_bucket.allocate(tables.cluster_candidates.size() * kGroupInstances, "allocating the draw list");
+  }
+  if (done && are_few(tables.candidates.size(), tables.cluster_groups, sizes))
+    done = few_groups.fill(list_cluster_groups(host), "allocating the draw list");
+  if (done) done = draws.allocate(max_of(tables.cluster_draws, few_groups.count()), "allocating the draw list");
+  if (done && in_two_passes()) {
+    done = seen_before.allocate(tables.cluster_groups, "allocating a bit for each cluster");
+    if (done) done = forget();
+  }
+  if (done) done = queues.clipped.tiles.allocate(sizes.tiles, "allocating the queues");
+  if (done)
+    done = queues.grow({0, 0, 0, first_items(tables.cluster_groups, sizes), sizes.to_clip, sizes.clipped, 0, 0});
+  for (const auto kernel :
+       {raster_clusters<false, 1, false>, raster_clusters<false, 1, true>, raster_clusters<false, kClusterParts, false>,
+        raster_clusters<true, 1, false>, raster_clusters<true, 1, true>, raster_clusters<true, kClusterParts, false>}) {
+    if (!done) break;
+    done = cuda_check(
+        cudaFuncSetAttribute(reinterpret_cast<const void*>(kernel), cudaFuncAttributeMaxDynamicSharedMemorySize,
+                             static_cast<int>(kClusterWarps * sizeof(ClusterShared))),
+        "asking for shared memory");
+  }
+  return done;
+}
+
+/// As if nothing had been drawn before: no cluster is taken to be seen.
+Result<void> CudaFrames::Impl::forget() {
+  if (!in_two_passes()) return {};
+  last_view = {};
+  return cuda_check(cudaMemsetAsync(seen_before.data(), 0, tables.cluster_groups * sizeof(uint32_t), streams.main),
+                    "clearing a bit for each cluster");
+}
+
+/// Room for the pyramid of an image, made when its size changes.
+Result<void> CudaFrames::Impl::fit_pyramid(const FrameView& frame) {
+  if (!in_two_passes() || (pyramid.width == frame.width && pyramid.height == frame.height)) return {};
+  const uint64_t count = lay_out(pyramid, frame.width, frame.height);
+  if (count > pyramid_codes.count()) {
+    if (Result<void> done = pyramid_codes.allocate(count, "allocating the depth pyramid"); !done) {
+      pyramid.width = 0;
+      return done;
+    }
+  }
+  pyramid.codes = pyramid_codes.data();
+  return {};
+}
+
+Result<void> CudaFrames::Impl::prepare(SmallVariant& variant) const {
+  int resident = 0;
+  Result<void> done = cuda_check(cudaFuncSetAttribute(variant.kernel, cudaFuncAttributeMaxDynamicSharedMemorySize,
+                                                      static_cast<int>(variant.shared_bytes)),
+                                 "asking for shared memory");
+  if (done) {
+    done = cuda_check(
+        cudaOccupancyMaxActiveBlocksPerMultiprocessor(&resident, variant.kernel, kSmallThreads, variant.shared_bytes),
+        "asking for occupancy");
+  }
+  variant.blocks = multiprocessors * static_cast<uint32_t>(std::max(resident, 1));
+  return done;
+}
+
+ClusterList CudaFrames::Impl::cluster_list() const {
+  return {cluster_candidates.data(),
+          chunk_group.data(),
+          first_word.data(),
+          static_cast<uint32_t>(cluster_candidates.count()),
+          seen_before.data(),
+          draw_bucket.data(),
+          draws.data(),
+          queues.items.data(),
+          queues.items.count(),
+          queues.to_clip.data(),
+          queues.to_clip.count(),
+          pyramid};
+}
+
+ClusterCull CudaFrames::Impl::cluster_cull(const DrawList& list, const ClusterTests& tests, uint32_t pass,
+                                           uint32_t round, uint32_t rounds) const {
+  return {frame,  center_range(frame), cluster_list(), list.counters, samples, tests, pass, round,
+          rounds, frame_number,        hint_period};
+}
+
+/// Finds the chunks that are drawn, and clears the picture.
+void CudaFrames::Impl::submit_culling(const DrawList& list, const SamplesToClear& clear, bool draws_indexed,
+                                      bool draws_clusters) {
+  cull_instances<<<(list.instance_count - 1) / kCullThreads + 1 + clear.blocks, kCullThreads, 0, streams.main>>>(
+      scene, frame, list, clear);
+  if (draws_indexed) {
+    cull_chunks<<<(list.candidate_count - 1) / kCullThreads + 1, kCullThreads, 0, streams.main>>>(scene, frame, list);
+  }
+  if (draws_clusters) {
+    const uint64_t threads = cluster_candidates.count() * kGroupInstances;
+    const auto blocks = static_cast<uint32_t>((threads - 1) / kCullThreads + 1);
+    const ClusterList clusters = cluster_list();
+    cull_clustered_chunks<<<blocks, kCullThreads, 0, streams.main>>>(scene, frame, list, clusters, in_two_passes());
+    place_cluster_draws<<<blocks, kCullThreads, 0, streams.main>>>(scene, frame, list, clusters);
+  }
+}
+
+/// Finds the clusters that are drawn, and clears the picture.
+template <bool kOrthographic>
+void CudaFrames::Impl::submit_few_culling(const DrawList& list, const SamplesToClear& clear) {
+  const auto group_count = static_cast<uint32_t>(few_groups.count());
+  const uint32_t blocks = (group_count - 1) / kCullWarps + 1 + clear.blocks;
+  cull_few<kOrthographic><<<blocks, kCullThreads, 0, streams.main>>>(
+      {scene, list.transforms, cluster_cull(list, {options.cluster_bounds, false}, 0, 0, 1), few_groups.data(),
+       group_count, clear});
+}
+
+/// Finds the clusters that a pass draws, unless they are few and found, and draws them.
+template <bool kOrthographic, ClusterPass kPass>
+void CudaFrames::Impl::submit_clusters(const SmallFrame& small, uint32_t round, uint32_t rounds) {
+  const uint32_t pass = kPass == ClusterPass::kNewlySeen ? 1 + round : 0;
+  if (!has_few_clusters()) {
+    cull_clusters<kOrthographic, kPass><<<multiprocessors * kCullBlocks, kCullThreads, 0, streams.main>>>(
+        cluster_cull(small.list, {options.cluster_bounds, options.occlusion}, pass, round, rounds));
+  }
+  const ClusterFrame clusters{small, cluster_list(), pass};
+  // Not of parts of a frame: what the last of them draws has no first pass to compare with.
+  const bool asks_again = kPass == ClusterPass::kNewlySeen && options.part == FramePart::kWhole;
+  const auto kernel = !in_two_passes() ? raster_clusters<kOrthographic, kClusterParts, false>
+                      : asks_again     ? raster_clusters<kOrthographic, 1, true>
+                                       : raster_clusters<kOrthographic, 1, false>;
+  kernel<<<multiprocessors * kClusterBlocks, kClusterThreads, kClusterWarps * sizeof(ClusterShared), streams.main>>>(
+      clusters);
+  if (!clips_aside()) submit_clipped<kOrthographic>(clusters, streams.main);
+}
+
+/// Clips the triangles of clusters that need it.
+template <bool kOrthographic>
+void CudaFrames::Impl::submit_clipped(const ClusterFrame& clusters, cudaStream_t stream) {
+  if (cuts_many()) {
+    raster_cut<kOrthographic><<<multiprocessors * kCutBlocks, kClusterThreads, 0, stream>>>(clusters);
+  } else {
+    raster_clipped<kOrthographic><<<multiprocessors, kClusterThreads, 0, stream>>>(clusters);
+  }
+}
+
+/// Clips the triangles of clusters that need it and draws what is left of them, while all others go through stages 2
+/// and 3. Few as they are, each takes 20 us. Worth the kernels that it costs only where a frame is short: of scenes
+/// that are drawn in one pass.
+template <bool kOrthographic>
+Result<void> CudaFrames::Impl::submit_clipped_aside(const SmallFrame& small) {
+  SmallFrame clipped = small;
+  clipped.queues = queues.clipped.view(&small.list.counters->clipped);
+  const LargeFrame rest{small.view, small.target, clipped.queues, &small.list.counters->clipped_drawn};
+  Result<void> done = mark(kClustersDone);
+  if (done) done = cuda_check(cudaStreamWaitEvent(streams.clip, marks[kClustersDone]), "forking");
+  if (!done) return done;
+  submit_clipped<kOrthographic>({clipped, cluster_list(), 0}, streams.clip);
+  split_large<kOrthographic><<<multiprocessors, kLargeThreads, 0, streams.clip>>>(rest);
+  raster_large<kOrthographic><<<multiprocessors * kLargeBlocks, kLargeThreads, 0, streams.clip>>>(rest);
+  raster_medium<kOrthographic><<<multiprocessors, kLargeThreads, 0, streams.clip>>>(rest);
+  done = cuda_check(cudaGetLastError(), "starting to clip");
+  if (done) done = cuda_check(cudaEventRecord(marks[kClippedDone], streams.clip), "recording an event");
+  return done;
+}
+
+/// What stage 1 left, by stages 2 and 3 side by side: each alone is too little for the GPU.
+template <bool kOrthographic>
+Result<void> CudaFrames::Impl::submit_stages(const SmallFrame& small, const StageMarks& at) {
+  const LargeFrame rest{small.view, small.target, small.queues, &small.list.counters->drawn};
+  Result<void> done;
+  if (clips_aside()) done = submit_clipped_aside<kOrthographic>(small);
+  if (done) done = mark(at.small_done);
+  if (done) done = cuda_check(cudaStreamWaitEvent(streams.side, marks[at.small_done]), "forking");
+  if (done) done = cuda_check(cudaEventRecord(marks[at.large_begun], streams.side), "recording an event");
+  if (done) {
+    const uint32_t blocks = multiprocessors * kLargeBlocks;
+    split_large<kOrthographic><<<blocks, kLargeThreads, 0, streams.side>>>(rest);
+    raster_large<kOrthographic><<<blocks, kLargeThreads, 0, streams.side>>>(rest);
+    done = cuda_check(cudaGetLastError(), "starting stage 3");
+  }
+  if (done) done = cuda_check(cudaEventRecord(marks[at.large_done], streams.side), "recording an event");
+  if (done) {
+    raster_medium<kOrthographic><<<multiprocessors * kMediumBlocks, kLargeThreads, 0, streams.main>>>(rest);
+    done = cuda_check(cudaGetLastError(), "starting stage 2");
+  }
+  if (done) done = mark(at.medium_done);
+  if (done) done = cuda_check(cudaStreamWaitEvent(streams.main, marks[at.large_done]), "joining");
+  if (done && clips_aside()) done = cuda_check(cudaStreamWaitEvent(streams.main, marks[kClippedDone]), "joining");
+  return done;
+}
+
+/// Draws the frame.
+template <bool kOrthographic>
+Result<void> CudaFrames::Impl::submit_passes() {
+  auto* const counters = reinterpret_cast<FrameCounters*>(zeroed.data());
+  const DrawList list{order.data(),
+                      mesh_first.data(),
+                      candidates.data(),
+                      bounds.data(),
+                      static_cast<uint32_t>(order.count()),
+                      static_cast<uint32_t>(candidates.count()),
+                      reinterpret_cast<uint32_t*>(zeroed.data() + sizeof(FrameCounters)),
+                      visible.data(),
+                      transforms.data(),
+                      groups.data(),
+                      counters};
+  const Target target{samples, frame.width};
+  const uint64_t sample_count = static_cast<uint64_t>(frame.width) * static_cast<uint64_t>(frame.height);
+
+  Result<void> done;
+  static_assert(kBackground == ~uint64_t{0});
+  // Of frames in one pass nothing is known to have been seen.
+  const bool is_ahead = options.part == FramePart::kSeenBefore;
+  const bool draws_clusters = has_clusters() && (two_passes || !is_ahead);
+  const bool draws_indexed = list.candidate_count != 0 && !is_ahead;
+  if (done && options.part != FramePart::kWhole && draws_indexed && tables.has_float32) done = find_all_bounds();
+  const bool clears = options.part == FramePart::kWhole;
+  const bool culls = list.instance_count != 0 && (draws_indexed || draws_clusters);
+  if (done && clears && !culls) {
+    done = cuda_check(cudaMemsetAsync(samples, 0xff, sample_count * sizeof(uint64_t), streams.main), "clearing");
+  }
+  if (done) done = mark(kCleared);
+  if (done && culls) {
+    const SamplesToClear clear{samples, sample_count, clears ? multiprocessors * kCullBlocks : 0};
+    if (has_few_clusters()) {
+      submit_few_culling<kOrthographic>(list, clear);
+    } else {
+      submit_culling(list, clear, draws_indexed, draws_clusters);
+    }
+    done = cuda_check(cudaGetLastError(), "starting culling");
+  }
+  if (done) done = mark(kCulled);
+  const SmallFrame small{scene,
+                         frame,
+                         target,
+                         queues.triangles.view(&counters->queues),
+                         list,
+                         make_sample_limits(frame),
+                         options.sampleless_test};
+  if (done && draws_indexed) {
+    const SmallVariant& variant = variants[kOrthographic ? 1 : 0];
+    variant.kernel<<<variant.blocks, kSmallThreads, variant.shared_bytes, streams.main>>>(small);
+  }
+  if (done && draws_clusters) {
+    if (two_passes && options.part != FramePart::kRest) {
+      submit_clusters<kOrthographic, ClusterPass::kSeenBefore>(small, 0, 1);
+    } else if (!two_passes) {
+      submit_clusters<kOrthographic, ClusterPass::kOnly>(small, 0, 1);
+    }
+  }
+  if (done) done = cuda_check(cudaGetLastError(), "starting stage 1");
+  if (done) done = submit_stages<kOrthographic>(small, kFirstStages);
+  if (done) done = mark(kFirstDone);
+  if (done && two_passes && !is_ahead) {
+    const auto tiles_along = [](int32_t side) { return (static_cast<uint32_t>(side) - 1) / kPyramidTile + 1; };
+    const dim3 tiles_of_image(tiles_along(frame.width), tiles_along(frame.height));
+    // Where the camera stood still little is new, and one round is the least work.
+    const uint32_t rounds = same_view(frame, last_view) ? 1 : rounds_when_moving();
+    for (uint32_t round = 0; round < rounds && done; ++round) {
+      build_pyramid_tiles<<<tiles_of_image, kPyramidThreads, 0, streams.main>>>(pyramid, samples);
+      build_pyramid_top<<<1, 1024, 0, streams.main>>>(pyramid, counters);
+      if (round == 0) done = mark(kPyramidDone);
+      submit_clusters<kOrthographic, ClusterPass::kNewlySeen>(small, round, rounds);
+      if (done) done = cuda_check(cudaGetLastError(), "starting the second pass");
+      if (done) done = submit_stages<kOrthographic>(small, kSecondStages);
+    }
+  }
+  return done;
+}
+
+/// Keeps the frame in the graph. Its streams are the graph's meanwhile.
+Result<void> CudaFrames::Impl::record() {
+  if (Result<void> done = CudaGraph::begin(kept_streams.main); !done) return done;
+  std::swap(streams, kept_streams);
+  const Result<void> done = submit_passes();
+  std::swap(streams, kept_streams);
+  if (done) return graph.finish(kept_streams.main);
+  CudaGraph::abandon(kept_streams.main);
+  return done;
+}
+
+/// Begins the frame, or does it once more.
+Result<void> CudaFrames::Impl::submit() {
+  ++frame_number;
+  two_passes = has_clusters() && in_two_passes() && options.cluster_bounds && options.occlusion;
+  is_graph = goes_as_graph();
+  Result<void> done;
+  if (is_graph) done = record();
+  if (done) done = mark(kStart);
+  if (done && !counters_cleared) done = clear_counters();
+  counters_cleared = false;
+  if (done) done = is_graph ? graph.launch(streams.main) : submit_passes();
+  const auto* const counters = reinterpret_cast<const FrameCounters*>(zeroed.data());
+  if (done) done = mark(kAllDone);
+  if (done) {
+    done = cuda_check(cudaMemcpyAsync(seen, counters, sizeof *seen, cudaMemcpyDeviceToHost, streams.main),
+                      "reading the counters");
+  }
+  if (done) done = mark(kCountersRead);
+  if (done) done = clear_counters();
+  return done;
+}
+
+Result<void> CudaFrames::Impl::read_times(FrameTimes& times) const {
+  struct Span {
+    float* out;
+    Mark from;
+    Mark to;
+    bool is_there;
+  };
+  times.has_stages = !is_graph;
+  const bool has_second = two_passes && options.part != FramePart::kSeenBefore;
+  const Span spans[] = {{&times.clear_ms, kStart, kCleared, true},
+                        {&times.cull_ms, kCleared, kCulled, true},
+                        {&times.small_ms, kCulled, kSmallDone, true},
+                        {&times.medium_ms, kSmallDone, kMediumDone, true},
+                        {&times.large_ms, kLargeBegun, kLargeDone, true},
+                        {&times.pyramid_ms, kFirstDone, kPyramidDone, has_second},
+                        {&times.second_ms, kPyramidDone, kAllDone, has_second},
+                        {&times.raster_ms, kStart, kAllDone, true}};
+  for (const Span& span : spans) {
+    *span.out = 0;
+    if (!span.is_there || (!times.has_stages && span.out != &times.raster_ms)) continue;
+    Result<void> done = cuda_check(cudaEventElapsedTime(span.out, marks[span.from], marks[span.to]), "reading times");
+    if (!done) return done;
+  }
+  return {};
+}
+
+CudaFrames::CudaFrames(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
+CudaFrames::CudaFrames(CudaFrames&&) noexcept = default;
+CudaFrames& CudaFrames::operator=(CudaFrames&&) noexcept = default;
+CudaFrames::~CudaFrames() = default;
+
+uint64_t CudaFrames::device_bytes(const SceneView& host, const CudaQueueSizes& sizes) {
+  const CandidateCounts candidates = count_candidates(host);
+  uint64_t bytes = sizeof(FrameCounters) + 2 * host.mesh_count * sizeof(uint32_t) +
+                   host.instance_count * (2 * sizeof(uint32_t) + sizeof(Transform)) +
+                   host.chunk_count * sizeof(ChunkBounds) +
+                   candidates.indexed * (sizeof(Candidate) + sizeof(DrawGroup)) +
+                   (sizes.medium + sizes.large) * sizeof(Triangle) + sizes.tiles * sizeof(TileItem);
+  const bool has_few = are_few(candidates.indexed, candidates.cluster_groups, sizes);
+  const uint64_t few_groups = has_few ? candidates.cluster_groups : 0;
+  if (candidates.clustered != 0) {
+    bytes += candidates.clustered * (sizeof(Candidate) + kGroupInstances * sizeof(uint16_t)) +
+             max_of(candidates.cluster_draws, few_groups) * sizeof(ClusterDraw) + few_groups * sizeof(ClusterGroup) +
+             host.chunk_count * sizeof(uint32_t) + host.instance_count * sizeof(uint64_t) +
+             candidates.cluster_groups * sizeof(uint32_t) +
+             first_items(candidates.cluster_groups, sizes) * sizeof(ClusterItem) + sizes.to_clip * sizeof(ClipItem) +
+             2 * sizes.clipped * sizeof(Triangle) + sizes.tiles * sizeof(TileItem);
+  }
+  return bytes;
+}
+
+Result<CudaFrames> CudaFrames::create(const SceneView& host, const SceneView& device, const CudaQueueSizes& sizes) {
+  auto impl = std::make_unique<Impl>();
+  impl->scene = device;
+  if (Result<void> opened = impl->open(host, sizes); !opened) return opened.error();
+  return CudaFrames(std::move(impl));
+}
+
+Result<FrameStats> CudaFrames::draw(const View& view, uint64_t* samples, const DrawOptions& options,
+                                    FrameTimes* times) {
+  if (Result<void> started = start(view, samples, options); !started) return started.error();
+  const Result<Finished> finished = finish(times);
+  if (!finished) return finished.error();
+  return finished->stats;
+}
+
+Result<void> CudaFrames::start(const View& view, uint64_t* samples, const DrawOptions& options) {
+  if (Result<void> checked = check_frame(view, impl_->triangle_count); !checked) return checked;
+  impl_->frame = make_frame_view(view);
+  impl_->samples = samples;
+  impl_->options = options;
+  if (Result<void> done = impl_->fit_pyramid(impl_->frame); !done) return done;
+  return impl_->submit();
+}
+
+Result<CudaFrames::Finished> CudaFrames::finish(FrameTimes* times) {
+  bool is_drawn_again = false;
+  for (;;) {
+    if (Result<void> done = cuda_check(cudaEventSynchronize(impl_->marks[kCountersRead]), "drawing"); !done)
+      return done.error();
+    FrameQueues& queues = impl_->queues;
+    if (queues.had_room(*impl_->seen)) break;
+    // A little more than was asked for, since the camera moves; or just that where no more fits.
+    Result<void> grown = queues.grow(queues.asked(*impl_->seen, 4));
+    if (!grown) grown = queues.grow(queues.asked(*impl_->seen, 0));
+    // Clusters or triangles without room were not drawn, and hid nothing: what seemed to be seen is no guide.
+    if (grown) grown = impl_->forget();
+    if (!grown) return grown.error();
+    if (!queues.had_room(*impl_->seen))
+      return Error{ErrorCode::kRange, "a queue of the frame would need 2^32 places; use --backend cpu"};
+    is_drawn_again = true;
+    impl_->clipped_before = impl_->seen->to_clip;
+    if (Result<void> done = impl_->submit(); !done) return done.error();
+  }
+  impl_->last_view = impl_->frame;
+  impl_->clipped_before = impl_->seen->to_clip;
+  // What a jump of the camera found was mostly hidden in the end.
+  const uint64_t seen_before = impl_->seen->clusters[0];
+  const uint64_t newly_seen = clusters_before(*impl_->seen, kClusterPasses) - seen_before;
+  // What parts draw first is asked anew always: few of the chunks that it may hide behind were there.
+  const bool is_whole = impl_->options.part == FramePart::kWhole;
+  impl_->hint_period = !is_whole || newly_seen > seen_before ? 1 : kHintPeriod;
+  if (times != nullptr) {
+    if (Result<void> done = impl_->read_times(*times); !done) return done.error();
+  }
+  const Counters& seen = impl_->seen->queues;
+  FrameStats stats{};
+  if (impl_->options.part != FramePart::kSeenBefore) {  // else kRest counts them
+    stats.instances_drawn = seen.instances_drawn;
+    stats.draws = seen.draws;
+    stats.triangles = seen.triangles;
+  }
+  stats.triangles_small = seen.triangles_small;
+  stats.triangles_medium = seen.medium + impl_->seen->clipped.medium;
+  stats.triangles_large = seen.large + impl_->seen->clipped.large;
+  stats.triangles_clipped = seen.triangles_clipped;
+  stats.groups_tested = impl_->seen->groups_tested;
+  stats.clusters_tested = impl_->seen->clusters_tested;
+  stats.clusters_drawn = clusters_before(*impl_->seen, kClusterPasses) - impl_->seen->clusters_left_out;
+  return Finished{stats, is_drawn_again};
+}
+
+const Transform* CudaFrames::transforms() const {
+  return impl_->transforms.data();
+}
+
+}  // namespace scree::kernels

@@ -1,0 +1,65 @@
+// What is submitted to several streams, started as one: a short frame otherwise waits for its streams to fork and join.
+#pragma once
+
+#include <cuda_runtime.h>
+
+#include "format/result.h"
+#include "kernels/cuda/check.h"
+
+namespace scree::kernels {
+
+/// A CUDA graph that is captured anew for every frame: of the same shape it is the graph before with other arguments,
+/// which takes the host less than starting its kernels one by one. One thread at a time.
+class CudaGraph {
+ public:
+  CudaGraph() = default;
+  CudaGraph(const CudaGraph&) = delete;
+  CudaGraph& operator=(const CudaGraph&) = delete;
+  ~CudaGraph() {
+    if (exec_ != nullptr) (void)cudaGraphExecDestroy(exec_);
+  }
+
+  /// What `stream` gets from now on is kept, and what streams get that wait for an event of it. `stream` is not ordered
+  /// with the default stream, which other threads may use meanwhile; they may allocate, too, but no thread may wait for
+  /// the whole device.
+  static Result<void> begin(cudaStream_t stream) {
+    return cuda_check(cudaStreamBeginCapture(stream, cudaStreamCaptureModeThreadLocal), "recording a frame");
+  }
+
+  /// Ends that, after an error in between.
+  static void abandon(cudaStream_t stream) {
+    cudaGraph_t captured = nullptr;
+    (void)cudaStreamEndCapture(stream, &captured);
+    if (captured != nullptr) (void)cudaGraphDestroy(captured);
+    (void)cudaGetLastError();
+  }
+
+  /// Ends that; launch() starts what was kept.
+  Result<void> finish(cudaStream_t stream) {
+    cudaGraph_t captured = nullptr;
+    if (auto done = cuda_check(cudaStreamEndCapture(stream, &captured), "recording a frame"); !done) return done;
+    Result<void> updated = update(captured);
+    (void)cudaGraphDestroy(captured);
+    return updated;
+  }
+
+  Result<void> launch(cudaStream_t stream) { return cuda_check(cudaGraphLaunch(exec_, stream), "starting a frame"); }
+
+ private:
+  Result<void> update(cudaGraph_t captured) {
+    if (exec_ != nullptr) {
+      cudaGraphExecUpdateResultInfo info{};
+      if (cudaGraphExecUpdate(exec_, captured, &info) == cudaSuccess) return {};
+      // Of another shape.
+      (void)cudaGetLastError();
+      const cudaGraphExec_t old = exec_;
+      exec_ = nullptr;
+      if (auto done = cuda_check(cudaGraphExecDestroy(old), "recording a frame"); !done) return done;
+    }
+    return cuda_check(cudaGraphInstantiate(&exec_, captured, 0), "recording a frame");
+  }
+
+  cudaGraphExec_t exec_ = nullptr;
+};
+
+}  // namespace scree::kernels

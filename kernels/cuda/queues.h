@@ -1,0 +1,67 @@
+// The queues of a frame on a GPU, which grow when a frame asked for more than they held.
+#pragma once
+
+#include "kernels/cuda/cluster_list.h"
+#include "kernels/cuda/device_array.h"
+#include "kernels/cuda/frame.h"
+
+namespace scree::kernels {
+
+/// Triangles on their way from stage 1 to stages 2 and 3.
+struct TriangleQueues {
+  DeviceArray<Triangle> medium;
+  DeviceArray<Triangle> large;
+  DeviceArray<TileItem> tiles;  // never grow: tiles without room are drawn at once
+
+  Queues view(Counters* counters) const {
+    return {nullptr,        medium.data(), large.data(),  tiles.data(), 0,
+            medium.count(), large.count(), tiles.count(), counters};
+  }
+};
+
+struct FrameQueues {
+  TriangleQueues triangles;
+  // Of clustered chunks:
+  DeviceArray<ClusterItem> items;
+  DeviceArray<ClipItem> to_clip;
+  TriangleQueues clipped;  // where triangles are clipped aside
+
+  /// Queues of at least the sizes wanted, tiles left out. What was in one that grows is lost. Errors kDevice.
+  Result<void> grow(const CudaQueueSizes& wanted) {
+    constexpr const char* kWhat = "allocating the queues; --backend cpu draws without them";
+    // Their places are 32-bit numbers.
+    constexpr uint64_t kMost = UINT32_MAX;
+    Result<void> done = triangles.medium.grow(wanted.medium, kWhat);
+    if (done) done = triangles.large.grow(min_of(wanted.large, kMost), kWhat);
+    if (done) done = items.grow(min_of(wanted.clusters, kMost), kWhat);
+    if (done) done = to_clip.grow(wanted.to_clip, kWhat);
+    if (done) done = clipped.medium.grow(wanted.clipped, kWhat);
+    if (done) done = clipped.large.grow(min_of(wanted.clipped, kMost), kWhat);
+    return done;
+  }
+
+  /// What a frame asked for; where that was too much, 1 / `part` more of it.
+  CudaQueueSizes asked(const FrameCounters& seen, uint64_t part) const {
+    const auto more = [part](uint64_t count, uint64_t there) {
+      return count > there && part != 0 ? count + count / part : count;
+    };
+    return {
+        more(seen.queues.medium, triangles.medium.count()),
+        more(seen.queues.large, triangles.large.count()),
+        0,
+        more(clusters_before(seen, kClusterPasses), items.count()),
+        more(seen.to_clip, to_clip.count()),
+        more(max_of(seen.clipped.medium, seen.clipped.large), min_of(clipped.medium.count(), clipped.large.count())),
+        0,
+        0};
+  }
+
+  bool had_room(const FrameCounters& seen) const {
+    const CudaQueueSizes wanted = asked(seen, 0);
+    return wanted.medium <= triangles.medium.count() && wanted.large <= triangles.large.count() &&
+           wanted.clusters <= items.count() && wanted.to_clip <= to_clip.count() &&
+           wanted.clipped <= min_of(clipped.medium.count(), clipped.large.count());
+  }
+};
+
+}  // namespace scree::kernels

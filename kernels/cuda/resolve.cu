@@ -1,0 +1,233 @@
+// CudaResolver: the passes of pixels.h on a stream of the caller's, a warp a tile of 8 x 4 pixels.
+#include <cuda_runtime.h>
+
+#include <string>
+
+#include "kernels/cuda/check.h"
+#include "kernels/cuda/pixels.cuh"
+#include "kernels/cuda/resolve.h"
+#include "kernels/shade/ambient_occlusion.h"
+#include "kernels/shade/pixels.h"
+#include "kernels/shade/stored_colors.h"
+
+namespace scree::kernels {
+namespace {
+
+/// Blocks that a multiprocessor should hold: what bounds the registers of a pass.
+template <class Pass>
+inline constexpr uint32_t kResidentBlocks = 6;  // 80 registers a thread
+template <bool kOrthographic, ChunkKinds kKinds>
+inline constexpr uint32_t kResidentBlocks<Resolve<Shader<kOrthographic, Show::kColor, kKinds>>> = 8;  // 64
+template <bool kOrthographic, ChunkKinds kKinds>
+inline constexpr uint32_t kResidentBlocks<Resolve<Shader<kOrthographic, Show::kTexture, kKinds>>> = 5;  // 96
+template <bool kOrthographic>
+inline constexpr uint32_t kResidentBlocks<Resolve<Shader<kOrthographic, Show::kStage>>> = 4;  // 128, for the clipper
+
+template <class Shader>
+inline constexpr uint32_t kResidentBlocks<ShadePart<Shader>> = 4;
+
+template <class Pass>
+__global__ void __launch_bounds__(kPixelThreads, kResidentBlocks<Pass>)
+    run_pixels(const __grid_constant__ Pass pass, uint32_t count) {
+  const uint32_t item = (blockIdx.x * kPixelThreads + threadIdx.x) / 32;
+  if (item < count) pass(item, PixelTeam{});
+}
+
+/// The transform of an instance; an item is 32 of them.
+struct MakeTransforms {
+  SceneView scene;
+  FrameView view;
+  Transform* transforms;
+
+  template <class Team>
+  SCREE_HD void operator()(uint32_t item, Team team) const {
+    const uint64_t i = uint64_t{item} * Team::size() + team.rank();
+    if (i >= scene.instance_count) return;
+    const format::InstanceRecord& instance = scene.instances[i];
+    const format::MeshRecord& mesh = scene.meshes[instance.mesh];
+    transforms[i] = make_transform(view, scene.matrices[instance.matrix], mesh.lattice_exponent,
+                                   mesh.position_encoding == format::PositionEncoding::kFloat32);
+  }
+};
+
+__global__ void clear_depth_range(DepthRange* range) {
+  *range = DepthRange{};
+}
+
+}  // namespace
+
+struct CudaResolver::Impl {
+  enum Event { kStart, kShading, kEnd, kEventCount };
+
+  ~Impl() {
+    (void)cudaFree(tables);
+    for (cudaEvent_t event : events)
+      if (event != nullptr) (void)cudaEventDestroy(event);
+  }
+
+  bool check(cudaError_t status, const char* what) {
+    const Result<void> done = cuda_check(status, what);
+    if (!done) error = done.error();
+    return static_cast<bool>(done);
+  }
+
+  /// The stream's earlier work with what is too small is waited for, by cudaFree.
+  bool reserve(DeviceBuffer& buffer, uint64_t bytes, const char* what) {
+    const Result<void> done = buffer.reserve(bytes, what);
+    if (!done) error = done.error();
+    return static_cast<bool>(done);
+  }
+
+  /// The tables of the coding, and behind them the range of depths.
+  bool open() {
+    if (tables != nullptr) return true;
+    void* memory = nullptr;
+    if (!check(cudaMalloc(&memory, kRangeOffset + sizeof(DepthRange)), "allocating the tables of sRGB")) return false;
+    tables = static_cast<SrgbTables*>(memory);
+    const SrgbTables host = make_srgb_tables();
+    return check(cudaMemcpy(tables, &host, sizeof host, cudaMemcpyHostToDevice), "copying the tables of sRGB");
+  }
+  DepthRange* depth_range() {
+    return reinterpret_cast<DepthRange*>(reinterpret_cast<std::byte*>(tables) + kRangeOffset);
+  }
+
+  bool record(Event event, cudaStream_t stream) {
+    if (events[event] == nullptr && !check(cudaEventCreate(&events[event]), "making an event")) return false;
+    return check(cudaEventRecord(events[event], stream), "recording a time");
+  }
+
+  bool elapsed(Event from, Event to, float& ms) {
+    return check(cudaEventElapsedTime(&ms, events[from], events[to]), "reading a time");
+  }
+
+  template <class Pass>
+  bool run(const Pass& pass, uint32_t count, cudaStream_t stream) {
+    if (count == 0) return true;
+    constexpr uint32_t kItemsPerBlock = kPixelThreads / 32;
+    run_pixels<Pass><<<(count + kItemsPerBlock - 1) / kItemsPerBlock, kPixelThreads, 0, stream>>>(pass, count);
+    return check(cudaGetLastError(), "starting a pass of the resolve");
+  }
+
+  /// What comes before shading a picture of side * side samples a pixel. `visibility` stays null where `options` asks
+  /// for no occlusion.
+  Result<void> begin(const View& view, uint32_t side, const uint64_t* samples, const ShadeOptions& options,
+                     cudaStream_t stream, const ResolveTimes* times, const float*& visibility) {
+    if (Result<void> checked = check_resolve(view, side); !checked) return checked;
+    if (!open() || !find_occlusion(view, side, samples, options, stream, times, visibility)) return error;
+    return {};
+  }
+
+  bool find_occlusion(const View& view, uint32_t side, const uint64_t* samples, const ShadeOptions& options,
+                      cudaStream_t stream, const ResolveTimes* times, const float*& visibility) {
+    if (times != nullptr && !record(kStart, stream)) return false;
+    if (options.ssao || options.edl) {
+      const uint64_t count = uint64_t{view.width / side} * (view.height / side);
+      if (!reserve(occlusion, 3 * count * sizeof(float), "allocating the occlusion")) return false;
+      auto* const depth = reinterpret_cast<float*>(occlusion.data());
+      visibility = depth + 2 * count;
+      bool started = true;
+      run_occlusion(view, side, samples, options, depth, depth + count, depth + 2 * count,
+                    [&](const auto& pass, uint32_t items) { started = started && run(pass, items, stream); });
+      if (!started) return false;
+    }
+    return times == nullptr || record(kShading, stream);
+  }
+
+  bool end(cudaStream_t stream, ResolveTimes* times) {
+    if (times == nullptr) return true;
+    return record(kEnd, stream) && check(cudaEventSynchronize(events[kEnd]), "resolving") &&
+           elapsed(kStart, kShading, times->occlusion_ms) && elapsed(kShading, kEnd, times->resolve_ms);
+  }
+
+  static constexpr uint64_t kRangeOffset = (sizeof(SrgbTables) + 15) & ~uint64_t{15};
+
+  SrgbTables* tables = nullptr;
+  DeviceBuffer transforms;
+  DeviceBuffer occlusion;  // three floats a pixel: depth, obscurance, visibility
+  cudaEvent_t events[kEventCount] = {};
+  Error error{ErrorCode::kDevice, ""};
+};
+
+CudaResolver::CudaResolver() : impl_(std::make_unique<Impl>()) {}
+CudaResolver::CudaResolver(CudaResolver&&) noexcept = default;
+CudaResolver& CudaResolver::operator=(CudaResolver&&) noexcept = default;
+CudaResolver::~CudaResolver() = default;
+
+Result<void> CudaResolver::resolve(const SceneView& scene, const View& view, uint32_t samples_per_side,
+                                   const uint64_t* samples, const Transform* transforms, const ShadeOptions& options,
+                                   uint32_t* pixels, cudaStream_t stream, ResolveTimes* times,
+                                   CudaTextureCache* cache) {
+  Impl& impl = *impl_;
+  const float* visibility = nullptr;
+  if (Result<void> begun = impl.begin(view, samples_per_side, samples, options, stream, times, visibility); !begun)
+    return begun;
+  const PixelTiles tiles{view.width / samples_per_side, 0, view.height / samples_per_side};
+
+  if (transforms == nullptr) {
+    if (!impl.reserve(impl.transforms, scene.instance_count * sizeof(Transform), "allocating transforms"))
+      return impl.error;
+    auto* const made = reinterpret_cast<Transform*>(impl.transforms.data());
+    const auto groups = static_cast<uint32_t>((scene.instance_count + 31) / 32);
+    if (!impl.run(MakeTransforms{scene, make_frame_view(view), made}, groups, stream)) return impl.error;
+    transforms = made;
+  }
+  if (options.show == Show::kDepth) {
+    clear_depth_range<<<1, 1, 0, stream>>>(impl.depth_range());
+    if (!impl.check(cudaGetLastError(), "clearing the range of depths")) return impl.error;
+    if (!impl.run(FindDepthRange{samples, view.width, impl.depth_range()}, view.height, stream)) return impl.error;
+  }
+  const ShadeInputs inputs = make_shade_inputs(scene, view, options, transforms, impl.tables, impl.depth_range());
+  if (cache != nullptr && options.show == Show::kTexture) {
+    if (Result<void> resolved = cache->resolve(inputs, tiles, samples, samples_per_side, visibility, pixels, stream);
+        !resolved)
+      return resolved;
+  } else {
+    bool started = false;
+    visit_shader<true>(inputs, [&]<class Shader>(const Shader& shader) {
+      started = impl.run(
+          Resolve<Shader>{shader, tiles, samples, samples_per_side, visibility, 4, reinterpret_cast<uint8_t*>(pixels)},
+          tiles.count(), stream);
+    });
+    if (!started) return impl.error;
+  }
+
+  if (!impl.end(stream, times)) return impl.error;
+  return {};
+}
+
+Result<void> CudaResolver::shade_part(const SceneView& scene, const View& view, const uint64_t* samples,
+                                      const Transform* transforms, const ShadeOptions& options, float* colors,
+                                      cudaStream_t stream, CudaTextureCache* cache) {
+  if (Result<void> checked = check_frame(view, 0); !checked) return checked;
+  Impl& impl = *impl_;
+  if (!impl.open()) return impl.error;
+  const PixelTiles tiles{view.width, 0, view.height};
+  const ShadeInputs inputs = make_shade_inputs(scene, view, options, transforms, impl.tables, nullptr);
+  if (cache != nullptr && options.show == Show::kTexture)
+    return cache->shade_part(inputs, tiles, samples, colors, stream);
+  bool started = false;
+  visit_shader<true>(inputs, [&]<class Shader>(const Shader& shader) {
+    started = impl.run(ShadePart<Shader>{shader, tiles, samples, colors}, tiles.count(), stream);
+  });
+  if (!started) return impl.error;
+  return {};
+}
+
+Result<void> CudaResolver::resolve_colors(const View& view, uint32_t samples_per_side, const uint64_t* samples,
+                                          const float* colors, const ShadeOptions& options, uint32_t* pixels,
+                                          cudaStream_t stream, ResolveTimes* times) {
+  Impl& impl = *impl_;
+  const float* visibility = nullptr;
+  if (Result<void> begun = impl.begin(view, samples_per_side, samples, options, stream, times, visibility); !begun)
+    return begun;
+  const PixelTiles tiles{view.width / samples_per_side, 0, view.height / samples_per_side};
+  const StoredColors shader{make_shade_inputs(SceneView{}, view, options, nullptr, impl.tables, nullptr), colors};
+  if (!impl.run(Resolve<StoredColors>{shader, tiles, samples, samples_per_side, visibility, 4,
+                                      reinterpret_cast<uint8_t*>(pixels)},
+                tiles.count(), stream) ||
+      !impl.end(stream, times))
+    return impl.error;
+  return {};
+}
+
+}  // namespace scree::kernels

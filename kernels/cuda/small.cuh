@@ -1,0 +1,464 @@
+// Stage 1 on a GPU. Warps take runs of rows of the draw list: 32 triangles, one a lane, fetched once for all instances
+// of the group. The filter (sample_filter.h) lets few of them through; those wait in shared memory until 32 are there
+// and are then drawn exactly (raster/small.h), so that no lane idles while its neighbours draw.
+#pragma once
+
+#include <type_traits>
+
+#include "kernels/cuda/backend.cuh"
+#include "kernels/cuda/chunk.cuh"
+#include "kernels/cuda/cull.cuh"
+#include "kernels/cull/sample_filter.h"
+#include "kernels/raster/small.h"
+
+namespace scree::kernels {
+
+struct SmallFrame {
+  SceneView scene;
+  FrameView view;
+  Target target;
+  Queues queues;
+  DrawList list;
+  SampleLimits limits;
+  bool filters;  // off: every triangle is drawn exactly
+};
+
+inline constexpr uint32_t kSmallThreads = 128;
+inline constexpr uint32_t kSmallWarps = kSmallThreads / kWarpLanes;
+
+/// Blocks of a multiprocessor: without instances more warps hide the memory, with them more registers pay.
+constexpr uint32_t small_blocks(bool instanced) {
+  return instanced ? 6 : 8;
+}
+
+/// Small boxes of a warp's triangles with more pixels than this together are too much for one warp, and then those of
+/// more than kCrowdedBox pixels are left to stage 2.
+inline constexpr uint32_t kCrowdedPixels = 1024;
+inline constexpr int64_t kCrowdedBox = 48;
+
+/// Pieces of clipped triangles are drawn by one lane, and only so large: it waits for each pixel.
+inline constexpr int64_t kLaneBox = 4;
+
+/// The filter's constants cost about as much as it saves on so many rows.
+inline constexpr uint32_t kFilteredRows = 4;
+
+/// Calls `call` with the ways to read the chunk's indices and positions as types: only those that a scene may have are
+/// built, and a rare width of one makes both rare.
+template <bool kLattice, bool kFloat32, class Call>
+__device__ inline auto choose_fetch(const StoredChunk& stored, const Call& call) {
+  constexpr std::integral_constant<Fetch, Fetch::kWindow> kWindow;
+  constexpr std::integral_constant<Fetch, Fetch::kPlain> kPlain;
+  constexpr std::integral_constant<Fetch, Fetch::kAny> kAny;
+  if constexpr (kLattice) {
+    if (stored.index_fetch == Fetch::kWindow && stored.position_fetch == Fetch::kWindow) return call(kWindow, kWindow);
+  }
+  if constexpr (kFloat32) {
+    if (stored.position_fetch == Fetch::kPlain) {
+      if (stored.index_fetch == Fetch::kWindow) return call(kWindow, kPlain);
+      return stored.index_fetch == Fetch::kPlain ? call(kPlain, kPlain) : call(kAny, kPlain);
+    }
+  }
+  if constexpr (kLattice) {
+    return call(kAny, kAny);
+  } else {
+    return call(kAny, kPlain);  // there is no other
+  }
+}
+
+/// Draws a triangle the long way: corners to clip, or a reference too far away for int32. Returns how many pieces of it
+/// stage 1 drew, and from bit 16 on whether it was clipped. Out of line, since it is rare and takes many registers.
+template <bool kOrthographic>
+__device__ __noinline__ uint32_t draw_the_long_way(const SmallFrame& frame, uint32_t instance, uint32_t chunk_number,
+                                                   uint32_t number) {
+  const format::ChunkRecord& chunk = frame.scene.chunks[chunk_number];
+  const format::MeshRecord& mesh = frame.scene.meshes[chunk.mesh];
+  Transform transform = frame.list.transforms[instance];
+  set_error(transform, vertex_box(mesh, chunk, transform));
+  const ChunkReader reader = make_reader(mesh, chunk, frame.scene.pages[chunk.page], transform, number);
+  const RasterSmall<kOrthographic> pass{frame.scene, frame.view, frame.target, frame.queues};
+  typename RasterSmall<kOrthographic>::Context context{&reader, &transform, is_double_sided(frame.scene, mesh),
+                                                       frame.scene.instance_base[instance] + chunk.first_triangle,
+                                                       kLaneBox};
+  uint32_t v[3];
+  reader.triangle(number, v);
+  ScreenVertex corners[3];
+  for (int i = 0; i < 3; ++i) {
+    float d[3];
+    reader.relative(v[i], d);
+    corners[i] = project<kOrthographic>(transform, frame.view, d[0], d[1], d[2]);
+  }
+  pass.draw(WarpTeam{}, context, number, v, corners[0], corners[1], corners[2]);
+  return static_cast<uint32_t>(context.small) | static_cast<uint32_t>(context.clipped) << 16;
+}
+
+/// A small triangle while its pixels are drawn: five 16-byte words, so that lanes that look at eight different ones in
+/// a row find them in different banks.
+struct alignas(16) SetUpTriangle {
+  uint32_t value[3];   // of Edges, at the box's first pixel; all three modulo 2^32
+  uint32_t shape;      // bits 0 to 16: more than 2^16 / width of the box, by 1 at most; 17 and 18: exclusive of edges 1
+                       // and 2; from 19 on: the width
+  uint32_t step_x[3];  // of Edges
+  uint32_t start;      // pixels of the boxes before
+  uint32_t to_row[3];  // what a pixel in the next row has more than one a width further right would
+  uint32_t first;      // place in the picture of the box's first pixel
+  DepthPlane plane;
+  uint64_t id;
+};
+static_assert(sizeof(SetUpTriangle) == 80);
+
+/// Of up to 32 triangles those that have pixels.
+struct SetUpTriangles {
+  SetUpTriangle items[kWarpLanes];
+};
+
+/// A warp's shared memory.
+template <bool kInstanced>
+struct SmallShared {
+  SampleFilter filters[kInstanced ? kGroupInstances : 1];
+  ExactInstance exact[kInstanced ? kGroupInstances : 1];
+  SetUpTriangles set_up;
+  StoredChunk stored;
+  uint32_t waiting[2 * kWarpLanes];                      // triangles
+  uint8_t waiting_for[kInstanced ? 2 * kWarpLanes : 1];  // instance of the group
+  bool double_sided;
+};
+
+/// This warp's, by its name: through a pointer the compiler would not know that it is shared memory.
+template <bool kInstanced>
+__device__ inline SmallShared<kInstanced>& small_shared() {
+  extern __shared__ uint4 shared_memory[];
+  return reinterpret_cast<SmallShared<kInstanced>*>(shared_memory)[threadIdx.x / kWarpLanes];
+}
+
+/// Draws the boxes of the lanes' triangles, of `pixels` <= kSmallBox each (0: the lane has none), with narrow edges.
+/// Every lane takes every 32nd pixel of all of them, whosever it is: boxes of 1 and of 128 pixels leave no lane
+/// waiting.
+template <bool kOrthographic>
+__device__ inline void draw_pixels(const Target& target, SetUpTriangles& shared, const Triangle& triangle,
+                                   const PixelBox& box, int64_t area, uint32_t pixels) {
+  const uint32_t lane = threadIdx.x % kWarpLanes;
+  const uint32_t before_lane = (1u << lane) - 1;
+  const uint32_t up_to_lane = 2 * before_lane + 1;
+  uint32_t end = pixels;
+  for (uint32_t distance = 1; distance < kWarpLanes; distance *= 2) {
+    const uint32_t other = __shfl_up_sync(~0u, end, distance);
+    if (lane >= distance) end += other;
+  }
+  const uint32_t total = __shfl_sync(~0u, end, kWarpLanes - 1);
+  if (total == 0) return;
+  const uint32_t lanes = __ballot_sync(~0u, pixels != 0);
+  const uint32_t start = pixels != 0 ? end - pixels : ~0u;
+  if (pixels != 0) {
+    const Edges<int32_t> edges = make_edges<int32_t>(triangle, box.x0, box.y0);
+    const auto width = static_cast<uint32_t>(box.x1 - box.x0 + 1);
+    SetUpTriangle& out = shared.items[__popc(lanes & before_lane)];
+    for (int i = 0; i < 3; ++i) {
+      out.value[i] = static_cast<uint32_t>(edges.value[i]);
+      out.step_x[i] = static_cast<uint32_t>(edges.step_x[i]);
+      out.to_row[i] = static_cast<uint32_t>(edges.step_y[i]) - width * out.step_x[i];
+    }
+    out.shape = (static_cast<uint32_t>(__fdividef(65536.0f, static_cast<float>(width))) + 1) |
+                static_cast<uint32_t>(edges.exclusive[1] << 17 | edges.exclusive[2] << 18) | width << 19;
+    out.start = start;
+    out.first = static_cast<uint32_t>(box.y0 * target.width + box.x0);
+    out.plane = make_depth_plane(triangle, area);
+    out.id = triangle.id;
+  }
+  __syncwarp();
+  constexpr uint32_t kBatch = 4;  // samples that a lane looks at before it needs the first
+  uint32_t begun = ~0u;           // boxes that begin before this row of 32 pixels, less one
+  for (uint32_t base = 0; base < total; base += kBatch * kWarpLanes) {
+    uint32_t place[kBatch];
+    uint64_t drawn[kBatch];
+    uint64_t seen[kBatch];
+    for (uint32_t k = 0; k < kBatch; ++k) {
+      const uint32_t row = base + k * kWarpLanes;
+      const uint32_t pixel = row + lane;
+      const uint32_t begins = __reduce_or_sync(~0u, start - row < kWarpLanes ? 1u << (start - row) : 0u);
+      const uint32_t owner = begun + static_cast<uint32_t>(__popc(begins & up_to_lane));
+      begun += static_cast<uint32_t>(__popc(begins));
+      drawn[k] = kBackground;
+      if (pixel >= total) continue;
+      const SetUpTriangle& its = shared.items[owner];
+      const uint32_t shape = its.shape;
+      const uint32_t inside = pixel - its.start;
+      // Exact: inside < 128 and width <= 128, so the quotient is off by less than 2^-9 and a remainder by 2^-7 or more.
+      const uint32_t y = inside * (shape & 0x1ffffu) >> 16;
+      int32_t value[3];
+      for (int i = 0; i < 3; ++i) {
+        value[i] = static_cast<int32_t>(its.value[i] + inside * its.step_x[i] + y * its.to_row[i]);
+      }
+      if ((value[0] | value[1] | value[2]) < 0) continue;
+      const float depth = depth_at<int32_t>(its.plane, value[1] + static_cast<int32_t>(shape >> 17 & 1),
+                                            value[2] + static_cast<int32_t>(shape >> 18 & 1));
+      drawn[k] = pack_sample(depth_code<kOrthographic>(depth), its.id);
+      place[k] = its.first + inside + y * (static_cast<uint32_t>(target.width) - (shape >> 19));
+    }
+    for (uint32_t k = 0; k < kBatch; ++k) {
+      seen[k] = drawn[k] != kBackground ? WarpTeam::look(target.samples + place[k]) : 0;
+    }
+    for (uint32_t k = 0; k < kBatch; ++k) {
+      if (drawn[k] < seen[k]) WarpTeam::put_min(target.samples + place[k], drawn[k]);
+    }
+  }
+  __syncwarp();
+}
+
+/// Draws the lanes' triangles, whose boxes have `pixels` each (0: the lane has none), or leaves them to the other
+/// stages. Whether stage 1 drew the lane's.
+template <bool kOrthographic>
+__device__ inline bool draw_set_up(const Target& target, const Queues& queues, SetUpTriangles& shared,
+                                   const Triangle& triangle, const PixelBox& box, int64_t area, int64_t pixels) {
+  if (__ballot_sync(~0u, pixels != 0) == 0) return false;
+  bool small = pixels != 0 && pixels <= kSmallBox && fits_narrow_edges(triangle.x, triangle.y);
+  // 32 boxes of a hundred pixels would keep this warp long after all others are done: the larger go to stage 2.
+  if (__reduce_add_sync(~0u, small ? static_cast<uint32_t>(pixels) : 0) > kCrowdedPixels) {
+    small = small && pixels <= kCrowdedBox;
+  }
+  if (pixels >= kMediumBox) {
+    push(WarpTeam{}, &queues.counters->large, queues.large, queues.large_capacity, triangle);
+  } else if (pixels != 0 && !small) {
+    push(WarpTeam{}, &queues.counters->medium, queues.medium, queues.medium_capacity, triangle);
+  }
+  __syncwarp();
+  draw_pixels<kOrthographic>(target, shared, triangle, box, area, small ? static_cast<uint32_t>(pixels) : 0);
+  return small;
+}
+
+/// Projects a triangle that waits. False where there is nothing to draw, or it was drawn the long way (`drawn`).
+template <bool kOrthographic, Fetch kIndices, Fetch kPositions>
+__device__ inline bool project_survivor(const SmallFrame& frame, const StoredChunk& stored, const ExactInstance& exact,
+                                        bool double_sided, uint32_t number, uint32_t chunk, Triangle& triangle,
+                                        PixelBox& box, int64_t& area, uint32_t& drawn) {
+  uint32_t v[3];
+  stored.decode_indices<kIndices>(stored.load_indices<kIndices>(number), v);
+  ProjectedPoint points[3];
+  for (int i = 0; i < 3; ++i) {
+    float d[3];
+    stored.relative<kPositions>(v[i], exact, d);
+    points[i] = project_point<kOrthographic>(exact.x, exact.y, exact.w, d[0], d[1], d[2]);
+  }
+  const bool in_range = points[0].in_range & points[1].in_range & points[2].in_range;
+  if (!in_range || (exact.flags & ExactInstance::kFarAway) != 0) {
+    uint32_t outside = in_range || (exact.flags & ExactInstance::kFarAway) != 0 ? 0u : uint32_t{kOutsideMask};
+    for (int i = 0; i < 3; ++i) {
+      outside &= plane_flags<kOrthographic>(points[i], frame.view, exact.error[0], exact.error[1], exact.error[2]);
+    }
+    if (outside == 0) drawn = draw_the_long_way<kOrthographic>(frame, exact.instance, chunk, number);
+    return false;
+  }
+  return set_up(frame.view, snap_point(points[0], frame.view, 0), snap_point(points[1], frame.view, 0),
+                snap_point(points[2], frame.view, 0), exact.first_id + number,
+                (exact.flags & ExactInstance::kMirrored) != 0, double_sided, triangle, box, area);
+}
+
+/// Draws the triangles waiting[first] to [first + count - 1] with a whole warp, a lane each. Returns as
+/// draw_the_long_way() does.
+template <bool kOrthographic, bool kLattice, bool kFloat32, bool kInstanced>
+__device__ inline uint32_t draw_survivors(const SmallFrame& frame, uint32_t first, uint32_t count, uint32_t chunk) {
+  SmallShared<kInstanced>& shared = small_shared<kInstanced>();
+  const uint32_t lane = threadIdx.x % kWarpLanes;
+  Triangle triangle{};
+  PixelBox box{};
+  int64_t area = 0;
+  int64_t pixels = 0;  // none: nothing is left to draw
+  uint32_t drawn = 0;
+  if (lane < count) {
+    const uint32_t number = shared.waiting[first + lane];
+    const ExactInstance& exact = shared.exact[kInstanced ? shared.waiting_for[first + lane] : 0];
+    const auto project = [&](auto indices, auto positions) {
+      return project_survivor<kOrthographic, decltype(indices)::value, decltype(positions)::value>(
+          frame, shared.stored, exact, shared.double_sided, number, chunk, triangle, box, area, drawn);
+    };
+    if (choose_fetch<kLattice, kFloat32>(shared.stored, project)) pixels = box.pixels();
+  }
+  return drawn +
+         (draw_set_up<kOrthographic>(frame.target, frame.queues, shared.set_up, triangle, box, area, pixels) ? 1 : 0);
+}
+
+/// Fills shared memory with what the chunk and the instances of a group need, by a whole warp. Out of line as well.
+template <bool kInstanced>
+__device__ __noinline__ void prepare_group(const SmallFrame& frame, const DrawGroup& group, bool filters) {
+  SmallShared<kInstanced>& shared = small_shared<kInstanced>();
+  const uint32_t lane = threadIdx.x % kWarpLanes;
+  const format::ChunkRecord& chunk = frame.scene.chunks[group.chunk];
+  const format::MeshRecord& mesh = frame.scene.meshes[chunk.mesh];
+  if (lane == 0) {
+    shared.stored = StoredChunk(frame.scene, mesh, chunk);
+    shared.double_sided = is_double_sided(frame.scene, mesh);
+  }
+  if (lane < static_cast<uint32_t>(__popc(group.instances))) {
+    const uint32_t bit = __fns(group.instances, 0, static_cast<int>(lane) + 1);
+    const uint32_t instance = frame.list.visible[group.first_visible + bit];
+    const Transform& transform = frame.list.transforms[instance];
+    const RelativeBox box = drawn_box(frame.list, mesh, chunk, group.chunk, transform);
+    const TransformError error = error_of(transform, box);
+    if (filters) shared.filters[lane] = make_sample_filter(frame.view, transform, error, box, mesh, chunk);
+    shared.exact[lane] = ExactInstance(frame.scene, transform, error, mesh, chunk, instance);
+  }
+  __syncwarp();
+}
+
+/// Where a warp is in the rows of a group.
+struct RowCursor {
+  uint32_t row;
+  uint32_t instance;
+  uint32_t waiting;  // triangles in the queue
+};
+
+/// Goes on filtering until the rows end or a full warp waits. A leaf: with a call in it, the loop would keep its values
+/// in memory.
+template <bool kOrthographic, Fetch kIndices, Fetch kPositions, bool kInstanced>
+__device__ __noinline__ RowCursor filter_rows(const SmallFrame& frame, RowCursor at, uint32_t last_row,
+                                              uint32_t last_triangle, uint32_t count) {
+  SmallShared<kInstanced>& shared = small_shared<kInstanced>();
+  const uint32_t lane = threadIdx.x % kWarpLanes;
+  const StoredChunk stored = shared.stored;
+  const SampleLimits limits = frame.limits;
+  // A row's positions are loaded while the row before is looked at, its indices while the one before that is.
+  uint32_t triangle = at.row * kWarpLanes + lane;
+  StoredChunk::IndexWords words = stored.load_indices<kIndices>(min_of(triangle, last_triangle));
+  StoredChunk::PositionWords next[3];
+  uint32_t v[3];
+  stored.decode_indices<kIndices>(words, v);
+  for (int i = 0; i < 3; ++i) next[i] = stored.load_position<kPositions>(v[i]);
+  words = stored.load_indices<kIndices>(min_of(triangle + kWarpLanes, last_triangle));
+  do {
+    float p[3][3];
+    for (int i = 0; i < 3; ++i) stored.position<kPositions>(next[i], p[i]);
+    stored.decode_indices<kIndices>(words, v);
+    for (int i = 0; i < 3; ++i) next[i] = stored.load_position<kPositions>(v[i]);
+    words = stored.load_indices<kIndices>(min_of(triangle + 2 * kWarpLanes, last_triangle));
+    for (;;) {
+      const SampleFilter& filter = shared.filters[kInstanced ? at.instance : 0];
+      const FilteredVertex a = filter_vertex<kOrthographic>(filter, p[0][0], p[0][1], p[0][2]);
+      const FilteredVertex b = filter_vertex<kOrthographic>(filter, p[1][0], p[1][1], p[1][2]);
+      const FilteredVertex c = filter_vertex<kOrthographic>(filter, p[2][0], p[2][1], p[2][2]);
+      const bool survives = (triangle <= last_triangle) & may_cover_sample<kOrthographic>(filter, limits, a, b, c);
+      const uint32_t lanes = __ballot_sync(~0u, survives);
+      if (lanes != 0) {
+        if (survives) {
+          const uint32_t place = at.waiting + static_cast<uint32_t>(__popc(lanes & ((1u << lane) - 1)));
+          shared.waiting[place] = triangle;
+          if (kInstanced) shared.waiting_for[place] = static_cast<uint8_t>(at.instance);
+        }
+        at.waiting += static_cast<uint32_t>(__popc(lanes));
+      }
+      if constexpr (!kInstanced) break;
+      if (++at.instance == count) break;
+      if (at.waiting >= kWarpLanes) return at;
+    }
+    at.instance = 0;
+    ++at.row;
+    triangle += kWarpLanes;
+  } while (at.row < last_row && at.waiting < kWarpLanes);
+  return at;
+}
+
+/// One warp's way through the draw list.
+template <bool kOrthographic, bool kLattice, bool kFloat32, bool kInstanced>
+class SmallWarp {
+ public:
+  __device__ explicit SmallWarp(const SmallFrame& frame) : frame_(frame), lane_(threadIdx.x % kWarpLanes) {}
+
+  __device__ void run() {
+    const uint64_t packed = frame_.list.counters->groups;
+    const auto group_count = static_cast<uint32_t>(packed >> kUnitBits);
+    const uint64_t total = packed & kUnitMask;
+    const uint64_t warps = uint64_t{gridDim.x} * kSmallWarps;
+    const DrawGroup* const groups = frame_.list.groups;
+    for (;;) {
+      // A part of what each warp would get of the rest: a run's start costs a search and what a group needs, but the
+      // last runs must be short. With instances, some far and some near, rows differ in cost by a hundred.
+      constexpr uint32_t kPart = kInstanced ? 16 : 4;
+      uint64_t start = 0;
+      uint64_t share = 0;
+      if (lane_ == 0) {
+        const uint64_t given = *static_cast<const volatile uint64_t*>(&frame_.list.counters->next_unit);
+        share = max_of<uint64_t>((total - min_of(given, total)) / (kPart * warps), total < 256 * warps ? 1 : 64);
+        start = WarpTeam::add(&frame_.list.counters->next_unit, share);
+      }
+      start = __shfl_sync(~0u, start, 0);
+      share = __shfl_sync(~0u, share, 0);
+      if (start >= total) break;
+      const uint64_t end = min_of(start + share, total);
+      uint32_t place = find_item(group_count, start, lane_, [&](uint32_t i) { return groups[i].first_unit; });
+      for (; place < group_count && groups[place].first_unit < end; ++place) draw_group(groups[place], start, end);
+    }
+    report();
+  }
+
+ private:
+  __device__ void draw_group(const DrawGroup& group, uint64_t start, uint64_t end) {
+    const auto count = static_cast<uint32_t>(__popc(group.instances));
+    const uint32_t last_triangle = frame_.scene.chunks[group.chunk].triangle_count - 1;
+    const uint32_t rows = last_triangle / kWarpLanes + 1;
+    // A row belongs to the run that holds its first unit.
+    const uint64_t skipped = start > group.first_unit ? start - group.first_unit : 0;
+    const auto first = static_cast<uint32_t>((skipped + count - 1) / count);
+    const auto last = static_cast<uint32_t>(min_of<uint64_t>((end - group.first_unit + count - 1) / count, rows));
+    if (first >= last) return;
+    // For a few rows the filter would cost more than it saves.
+    const bool filters = frame_.filters && last - first >= kFilteredRows;
+    prepare_group<kInstanced>(frame_, group, filters);
+    RowCursor at{first, 0, 0};
+    while (at.row < last || at.waiting != 0) {
+      if (at.row < last) at = filters ? filter(at, last, last_triangle, count) : keep_row(at, last_triangle, count);
+      __syncwarp();
+      if (at.waiting >= kWarpLanes || at.row == last) draw_waiting(at, group.chunk);
+    }
+  }
+
+  __device__ RowCursor filter(RowCursor at, uint32_t last, uint32_t last_triangle, uint32_t count) {
+    return choose_fetch<kLattice, kFloat32>(small_shared<kInstanced>().stored, [&](auto indices, auto positions) {
+      return filter_rows<kOrthographic, decltype(indices)::value, decltype(positions)::value, kInstanced>(
+          frame_, at, last, last_triangle, count);
+    });
+  }
+
+  /// All triangles of a row wait.
+  __device__ RowCursor keep_row(RowCursor at, uint32_t last_triangle, uint32_t count) {
+    SmallShared<kInstanced>& shared = small_shared<kInstanced>();
+    const uint32_t triangle = at.row * kWarpLanes + lane_;
+    if (triangle <= last_triangle) {
+      shared.waiting[at.waiting + lane_] = triangle;
+      if (kInstanced) shared.waiting_for[at.waiting + lane_] = static_cast<uint8_t>(at.instance);
+    }
+    at.waiting += min_of(last_triangle - at.row * kWarpLanes + 1, kWarpLanes);
+    if (++at.instance == count) at = {at.row + 1, 0, at.waiting};
+    return at;
+  }
+
+  /// Draws the last up to 32 that wait.
+  __device__ void draw_waiting(RowCursor& at, uint32_t chunk) {
+    const uint32_t count = min_of(at.waiting, kWarpLanes);
+    if (count == 0) return;
+    at.waiting -= count;
+    const uint32_t drawn =
+        draw_survivors<kOrthographic, kLattice, kFloat32, kInstanced>(frame_, at.waiting, count, chunk);
+    small_ += drawn & 0xffffu;
+    clipped_ += drawn >> 16;
+    __syncwarp();
+  }
+
+  __device__ void report() {
+    const uint64_t small = __reduce_add_sync(~0u, small_);
+    const uint64_t clipped = __reduce_add_sync(~0u, clipped_);
+    if (lane_ != 0) return;
+    if (small != 0) WarpTeam::add(&frame_.list.counters->queues.triangles_small, small);
+    if (clipped != 0) WarpTeam::add(&frame_.list.counters->queues.triangles_clipped, clipped);
+  }
+
+  const SmallFrame& frame_;
+  uint32_t lane_;
+  uint32_t small_ = 0;
+  uint32_t clipped_ = 0;
+};
+
+template <bool kOrthographic, bool kLattice, bool kFloat32, bool kInstanced>
+__global__ void __launch_bounds__(kSmallThreads, small_blocks(kInstanced))
+    raster_small(const __grid_constant__ SmallFrame frame) {
+  SmallWarp<kOrthographic, kLattice, kFloat32, kInstanced>(frame).run();
+}
+
+}  // namespace scree::kernels

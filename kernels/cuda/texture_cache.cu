@@ -1,0 +1,261 @@
+// CudaTextureCache: rounds of shading and decoding, queued without looking at what they find.
+#include <cuda_runtime.h>
+
+#include <algorithm>
+#include <string>
+#include <utility>
+
+#include "kernels/cuda/check.h"
+#include "kernels/cuda/pixels.cuh"
+#include "kernels/cuda/texture_cache.h"
+#include "kernels/shade/resolve_rounds.h"
+#include "kernels/shade/stored_colors.h"
+
+#pragma nv_diag_suppress 2810  // nvcc 13 takes the assignment of a nodiscard class for an ignored result
+
+namespace scree::kernels {
+namespace {
+
+constexpr uint32_t kResidentBlocks = 4;  // a multiprocessor: 128 registers a thread
+constexpr uint32_t kDecodeThreads = 64;
+constexpr uint32_t kDecodeBlocks = 16;  // a multiprocessor
+
+/// `before`: what left the tiles, or null: all `tile_count`.
+template <class Pixels>
+__global__ void __launch_bounds__(kPixelThreads, kResidentBlocks)
+    shade_round(const __grid_constant__ ShadeRound<Pixels> pass, uint32_t tile_count, const RoundCounters* before) {
+  const uint32_t count = before != nullptr ? before->tiles : tile_count;
+  const uint32_t warps = gridDim.x * (kPixelThreads / 32);
+  for (uint32_t item = (blockIdx.x * kPixelThreads + threadIdx.x) / 32; item < count; item += warps)
+    pass(item, PixelTeam{});
+}
+
+__global__ void __launch_bounds__(kDecodeThreads) decode_round(const __grid_constant__ DecodeGroups pass) {
+  const uint32_t count = pass.count();
+  for (uint32_t item = blockIdx.x * kDecodeThreads + threadIdx.x; item < count; item += gridDim.x * kDecodeThreads)
+    pass(item);
+}
+
+__global__ void __launch_bounds__(kDecodeThreads)
+    decode_level(const JpegLevel* level, uint32_t group_count, uint8_t* out, uint32_t slot_bytes) {
+  const uint32_t group = blockIdx.x * kDecodeThreads + threadIdx.x;
+  if (group < group_count) format::decode_jpeg_group(level->picture, group, out + uint64_t{group} * slot_bytes);
+}
+
+/// Where the parts of the cache's memory lie.
+struct CacheLayout {
+  uint64_t stamps;
+  uint64_t samples;
+  uint64_t wanted;
+  uint64_t requests;
+  uint64_t counters;
+  uint64_t bytes;
+};
+
+CacheLayout lay_out(uint32_t slots, uint32_t slot_bytes) {
+  uint64_t at = 0;
+  const auto add = [&at](uint64_t count, uint64_t size) {
+    const uint64_t place = at;
+    at = (at + count * size + 255) & ~uint64_t{255};
+    return place;
+  };
+  const uint64_t ways = uint64_t{TextureCache::kWays} * TextureCache::sets_for(slots);
+  CacheLayout layout{};
+  add(ways, sizeof(uint64_t));  // the keys
+  layout.stamps = add(ways, sizeof(uint32_t));
+  layout.samples = add(slots, slot_bytes);
+  layout.wanted = add(TextureCache::wanted_for(slots), sizeof(uint64_t));
+  layout.requests = add(slots, sizeof(GroupRequest));
+  layout.counters = add(kDecodeRounds, sizeof(RoundCounters));
+  layout.bytes = at;
+  return layout;
+}
+
+}  // namespace
+
+struct CudaTextureCache::Impl {
+  template <class Pixels>
+  bool run(const ShadeRound<Pixels>& round, uint32_t tiles, const RoundCounters* before, cudaStream_t stream) {
+    constexpr uint32_t kTilesPerBlock = kPixelThreads / 32;
+    const uint32_t all = (tiles + kTilesPerBlock - 1) / kTilesPerBlock;
+    const uint32_t blocks = before == nullptr ? all : std::min(all, multiprocessors * kResidentBlocks);
+    shade_round<Pixels><<<blocks, kPixelThreads, 0, stream>>>(round, tiles, before);
+    return check(cudaGetLastError(), "starting a round of shading");
+  }
+
+  bool check(cudaError_t status, const char* what) {
+    const Result<void> done = cuda_check(status, what);
+    if (!done) error = done.error();
+    return static_cast<bool>(done);
+  }
+
+  /// Room for two lists of the tiles of a picture.
+  bool reserve(uint32_t tiles) {
+    const Result<void> done = lists.reserve(uint64_t{2} * tiles * sizeof(TileLeft), "allocating the lists of tiles");
+    if (!done) error = done.error();
+    return static_cast<bool>(done);
+  }
+
+  bool clear(cudaStream_t stream) {
+    constexpr const char* kWhat = "clearing the texture cache";
+    const uint64_t ways = uint64_t{TextureCache::kWays} * cache.set_count;
+    static_assert(TextureCache::kNoKey == ~uint64_t{0} && TextureCache::kNever == ~uint32_t{0});
+    now = 1;
+    is_clean = check(cudaMemsetAsync(cache.keys, 0xff, ways * sizeof(uint64_t), stream), kWhat) &&
+               check(cudaMemsetAsync(cache.stamps, 0xff, ways * sizeof(uint32_t), stream), kWhat) &&
+               check(cudaMemsetAsync(cache.stamps, 0, cache.slot_count * sizeof(uint32_t), stream), kWhat) &&
+               check(cudaMemsetAsync(cache.wanted, 0xff, cache.wanted_count * sizeof(uint64_t), stream), kWhat) &&
+               check(cudaMemsetAsync(counters, 0, kDecodeRounds * sizeof(RoundCounters), stream), kWhat);
+    return is_clean;
+  }
+
+  /// `pixels_of(shader)`: the Resolve or the ShadePart that finishes the pixels of `tiles`. `kApart`: as visit_kinds()
+  /// has it.
+  template <bool kApart, class PixelsOf>
+  bool shade(const ShadeInputs& in, const PixelTiles& tiles, const PixelsOf& pixels_of, cudaStream_t stream);
+
+  DeviceBuffer memory;
+  DeviceBuffer lists;
+  TextureCache cache{};
+  RoundCounters* counters = nullptr;  // of each round
+  uint32_t multiprocessors = 0;
+  uint32_t now = 1;       // the next picture's first round
+  bool is_clean = false;  // nothing was queued half
+  Error error{ErrorCode::kDevice, ""};
+};
+
+template <bool kApart, class PixelsOf>
+bool CudaTextureCache::Impl::shade(const ShadeInputs& in, const PixelTiles& tiles, const PixelsOf& pixels_of,
+                                   cudaStream_t stream) {
+  const uint32_t tile_count = tiles.count();
+  if (!reserve(tile_count)) return false;
+  if ((!is_clean || now > TextureCache::kNever - kDecodeRounds) && !clear(stream)) return false;
+  is_clean = false;
+  if (!check(cudaMemsetAsync(counters, 0, kDecodeRounds * sizeof(RoundCounters), stream),
+             "clearing the rounds' counters"))
+    return false;
+  auto* const first_list = reinterpret_cast<TileLeft*>(lists.data());
+  TileLeft* const list[2] = {first_list, first_list + tile_count};
+  bool started = true;
+  for (uint32_t round = 0; round < kDecodeRounds && started; ++round, ++now) {
+    const TileLeft* const from = round == 0 ? nullptr : list[(round - 1) % 2];
+    const RoundCounters* const before = round == 0 ? nullptr : counters + round - 1;
+    visit_textured<kApart>(in, CachedTexels{cache, counters + round, now}, [&](const auto& shader) {
+      const ShadeRound<decltype(pixels_of(shader))> pass{pixels_of(shader), from, list[round % 2], counters + round};
+      started = run(pass, tile_count, before, stream);
+    });
+    if (!started) return false;
+    // The last round decodes too: for the pixels that are left, and for the next picture.
+    decode_round<<<multiprocessors * kDecodeBlocks, kDecodeThreads, 0, stream>>>(
+        DecodeGroups{cache, counters + round, now});
+    started = check(cudaGetLastError(), "starting a round of decoding");
+  }
+  if (!started) return false;
+  visit_textured<false>(in, PatientTexels{cache, now - 1}, [&](const auto& shader) {
+    const ShadeRound<decltype(pixels_of(shader))> pass{pixels_of(shader), list[(kDecodeRounds - 1) % 2], nullptr,
+                                                       nullptr};
+    started = run(pass, tile_count, counters + kDecodeRounds - 1, stream);
+  });
+  is_clean = started;
+  return started;
+}
+
+CudaTextureCache::CudaTextureCache() : impl_(std::make_unique<Impl>()) {}
+CudaTextureCache::CudaTextureCache(CudaTextureCache&&) noexcept = default;
+CudaTextureCache& CudaTextureCache::operator=(CudaTextureCache&&) noexcept = default;
+CudaTextureCache::~CudaTextureCache() = default;
+
+uint64_t CudaTextureCache::device_bytes(uint64_t bytes, uint32_t slot_bytes) {
+  return lay_out(TextureCache::slots_for(bytes, slot_bytes), slot_bytes).bytes;
+}
+
+Result<CudaTextureCache> CudaTextureCache::create(const JpegLevel* levels, uint64_t bytes, uint32_t slot_bytes) {
+  CudaTextureCache made;
+  Impl& impl = *made.impl_;
+  const uint32_t slots = TextureCache::slots_for(bytes, slot_bytes);
+  const CacheLayout layout = lay_out(slots, slot_bytes);
+  Result<DeviceBuffer> memory = DeviceBuffer::allocate(layout.bytes, "allocating the texture cache");
+  if (!memory) return memory.error();
+  impl.memory = std::move(*memory);
+  std::byte* const base = impl.memory.data();
+  impl.cache = {reinterpret_cast<uint64_t*>(base),
+                reinterpret_cast<uint32_t*>(base + layout.stamps),
+                reinterpret_cast<uint8_t*>(base + layout.samples),
+                reinterpret_cast<uint64_t*>(base + layout.wanted),
+                reinterpret_cast<GroupRequest*>(base + layout.requests),
+                levels,
+                TextureCache::sets_for(slots),
+                slots,
+                slot_bytes,
+                TextureCache::wanted_for(slots)};
+  impl.counters = reinterpret_cast<RoundCounters*>(base + layout.counters);
+  int device = 0;
+  int count = 0;
+  if (!impl.check(cudaGetDevice(&device), "asking for the device") ||
+      !impl.check(cudaDeviceGetAttribute(&count, cudaDevAttrMultiProcessorCount, device), "asking for multiprocessors"))
+    return impl.error;
+  impl.multiprocessors = static_cast<uint32_t>(count);
+  if (!impl.clear(nullptr)) return impl.error;
+  if (!impl.check(cudaStreamSynchronize(nullptr), "clearing the texture cache")) return impl.error;
+  return Result<CudaTextureCache>(std::move(made));
+}
+
+uint64_t CudaTextureCache::slots() const {
+  return impl_->cache.slot_count;
+}
+
+uint64_t CudaTextureCache::bytes() const {
+  return slots() * impl_->cache.slot_bytes;
+}
+
+Result<void> CudaTextureCache::resolve(const ShadeInputs& in, const PixelTiles& tiles, const uint64_t* samples,
+                                       uint32_t samples_per_side, const float* visibility, uint32_t* pixels,
+                                       cudaStream_t stream) {
+  const auto pixels_of = [&]<class Shader>(const Shader& shader) {
+    auto* const out = reinterpret_cast<uint8_t*>(pixels);
+    return Resolve<Shader>{shader, tiles, samples, samples_per_side, visibility, 4, out};
+  };
+  if (!impl_->shade<true>(in, tiles, pixels_of, stream)) return impl_->error;
+  return {};
+}
+
+Result<void> CudaTextureCache::shade_part(const ShadeInputs& in, const PixelTiles& tiles, const uint64_t* samples,
+                                          float* colors, cudaStream_t stream) {
+  const auto pixels_of = [&]<class Shader>(const Shader& shader) {
+    return ShadePart<Shader>{shader, tiles, samples, colors};
+  };
+  // Not a kernel for each kind of chunks: that would take 10 s more to compile, and 0.7 MB.
+  if (!impl_->shade<false>(in, tiles, pixels_of, stream)) return impl_->error;
+  return {};
+}
+
+Result<TextureCacheCounts> CudaTextureCache::counts() const {
+  RoundCounters rounds[kDecodeRounds];
+  if (Result<void> done = cuda_check(cudaMemcpy(rounds, impl_->counters, sizeof rounds, cudaMemcpyDeviceToHost),
+                                     "reading the rounds' counters");
+      !done)
+    return done.error();
+  TextureCacheCounts counts;
+  for (const RoundCounters& round : rounds) {
+    counts.asked += round.requests;
+    counts.decoded += round.decoded;
+    counts.rounds += round.tiles != 0 ? 1 : 0;
+  }
+  counts.tiles = rounds[kDecodeRounds - 1].tiles;
+  return counts;
+}
+
+Result<void> CudaTextureCache::clear(cudaStream_t stream) {
+  if (!impl_->clear(stream)) return impl_->error;
+  return {};
+}
+
+Result<void> CudaTextureCache::decode(const JpegLevel* level, uint32_t group_count, uint8_t* out, uint32_t slot_bytes,
+                                      cudaStream_t stream) {
+  if (group_count == 0) return {};
+  decode_level<<<(group_count - 1) / kDecodeThreads + 1, kDecodeThreads, 0, stream>>>(level, group_count, out,
+                                                                                      slot_bytes);
+  return cuda_check(cudaGetLastError(), "starting to decode a level");
+}
+
+}  // namespace scree::kernels

@@ -1,0 +1,102 @@
+// Which chunks of which instances can be seen: bounds against the planes of the view, conservatively.
+// Source: spec/rasterization.md, culling.
+#pragma once
+
+#include "kernels/raster/queues.h"
+
+namespace scree::kernels {
+inline namespace SCREE_ISA {
+
+/// False only where no vertex in the box, nor any triangle of such vertices, can touch a pixel centre. The slack of
+/// 2^-20 of all terms exceeds what single-precision projection may be off (a few 2^-24), and the planes lie half a
+/// pixel outside the outermost centres, which is more than snapping moves a vertex. Boxes with NaN or infinity are
+/// kept.
+SCREE_HD inline bool may_be_seen(const Transform& transform, const FrameView& view, const RelativeBox& box) {
+  double at_center[3];
+  double reach[3][3];  // row, axis: how far the row's value goes along each axis of the box
+  double terms[3];
+  const double* rows[3] = {transform.exact_x, transform.exact_y, transform.exact_w};
+  for (int r = 0; r < 3; ++r) {
+    at_center[r] = rows[r][3];
+    terms[r] = abs_of(rows[r][3]);
+    for (int i = 0; i < 3; ++i) {
+      at_center[r] += rows[r][i] * box.center[i];
+      reach[r][i] = rows[r][i] * box.extent[i];
+      terms[r] += abs_of(rows[r][i]) * (abs_of(box.center[i]) + box.extent[i]);
+    }
+  }
+  constexpr double kSlack = 1.0 / (1 << 20);
+  const double half[2] = {static_cast<double>(view.half_width), static_cast<double>(view.half_height)};
+  for (int axis = 0; axis < 2; ++axis) {
+    for (int side = -1; side <= 1; side += 2) {
+      // Largest half * w + side * x over the box; orthographic: half + side * x.
+      const double weight = view.orthographic ? 0.0 : half[axis];
+      double largest = weight * at_center[2] + side * at_center[axis];
+      if (view.orthographic) largest += half[axis];
+      for (int i = 0; i < 3; ++i) largest += abs_of(weight * reach[2][i] + side * reach[axis][i]);
+      if (largest < -kSlack * (weight * terms[2] + terms[axis])) return false;
+    }
+  }
+  const double depth_reach = abs_of(reach[2][0]) + abs_of(reach[2][1]) + abs_of(reach[2][2]);
+  if (view.orthographic) {
+    if (at_center[2] - depth_reach > 1.0 + kSlack * terms[2] || at_center[2] + depth_reach < -kSlack * terms[2])
+      return false;
+  } else if (at_center[2] + depth_reach < 1.0 - kSlack * terms[2]) {
+    return false;
+  }
+  return true;
+}
+
+/// How far away the nearest point of a box is: w, which is 1 on the near plane; of an orthographic camera 0 on its near
+/// plane and 1 on its far one. Only good for an order.
+SCREE_HD inline double nearness(const Transform& transform, const FrameView& view, const RelativeBox& box) {
+  double at = transform.exact_w[3];
+  double reach = 0;
+  for (int i = 0; i < 3; ++i) {
+    at += transform.exact_w[i] * box.center[i];
+    reach += abs_of(transform.exact_w[i]) * box.extent[i];
+  }
+  return view.orthographic ? 1.0 - (at + reach) : at - reach;
+}
+
+/// One team an instance: culls it, then its chunks with the lanes, and appends the blocks of those that remain.
+struct Cull {
+  SceneView scene;
+  FrameView view;
+  Queues queues;
+  uint64_t first;            // instance of item 0
+  uint32_t block_triangles;  // the most of a draw block
+
+  template <class Team>
+  SCREE_HD void operator()(uint32_t item, Team team) const {
+    const uint64_t number = first + item;
+    const format::InstanceRecord& instance = scene.instances[number];
+    const format::MeshRecord& mesh = scene.meshes[instance.mesh];
+    if (mesh.triangle_count == 0) return;
+    const bool float32 = mesh.position_encoding == format::PositionEncoding::kFloat32;
+    const Transform transform = make_transform(view, scene.matrices[instance.matrix], mesh.lattice_exponent, float32);
+    if (!may_be_seen(transform, view, mesh_box(mesh, transform))) return;
+    uint64_t draws = 0;
+    for (uint64_t i = team.rank(); i < mesh.chunk_count; i += team.size()) {
+      const format::ChunkRecord& chunk = scene.chunks[mesh.first_chunk + i];
+      if (chunk.triangle_count == 0 || scene.pages[chunk.page] == nullptr) continue;
+      const RelativeBox box = vertex_box(mesh, chunk, transform);
+      // A mesh of one chunk has been tested already.
+      if (!float32 && mesh.chunk_count > 1 && !may_be_seen(transform, view, box)) continue;
+      const double near = nearness(transform, view, box);
+      const float nearest = near > 0 ? static_cast<float>(min_of(near, 1e38)) : 0.0f;  // NaN has no place in an order
+      ++draws;
+      for (uint64_t start = 0; start < chunk.triangle_count; start += block_triangles) {
+        const uint64_t left = chunk.triangle_count - start;
+        push(team, &queues.counters->blocks, queues.blocks, queues.block_capacity,
+             DrawBlock{number, mesh.first_chunk + i, static_cast<uint32_t>(start),
+                       static_cast<uint32_t>(min_of<uint64_t>(left, block_triangles)), nearest});
+      }
+    }
+    if (draws != 0) team.add(&queues.counters->draws, draws);
+    if (team.rank() == 0) team.add(&queues.counters->instances_drawn, 1);
+  }
+};
+
+}  // namespace SCREE_ISA
+}  // namespace scree::kernels

@@ -1,0 +1,221 @@
+// Whether a triangle can cover a pixel centre at all, decided with a third of the arithmetic that drawing it takes.
+// Most triangles of a dense mesh fall between the centres; the others are then projected exactly. Source:
+// spec/rasterization.md, early culling.
+//
+// The filter is conservative and nothing else: it answers "no" only where the exact projection (vertex.h) gives an
+// empty pixel_box(), of the triangle or of each piece that clipping leaves. It works on vertices as they are stored
+// (lattice codes or float32 positions), with the chunk's place folded into the matrix, and takes the difference to the
+// exact way from a bound of both errors.
+#pragma once
+
+#include "kernels/raster/vertex.h"
+
+namespace scree::kernels {
+inline namespace SCREE_ISA {
+
+/// One (instance, chunk): rows over (stored position, 1). With w = row w: u / w and v / w (orthographic: u and v) are
+/// pixels from the image's centre, shifted so that pixel centres are the integers.
+struct alignas(16) SampleFilter {
+  float u[4];
+  float v[4];
+  float w[4];
+  float slack;     // pixels that a corner may be off, snapping included: slack + growth * |largest coordinate|;
+  float growth;    // infinity where nothing can be said: every triangle stays
+  float w_lowest;  // in front of it a corner is as far off as slack says, and within kCutBefore of the near plane
+  float w_end;  // perspective: nothing of the chunk lies nearer, as far as slack goes; orthographic: no corner before
+                // it is clipped either
+};
+
+/// Of SampleFilter::slack: snapping, which is the same wherever a corner lies.
+inline constexpr double kSnapSlack = 0.625 / kSubpixels;
+
+/// How far before the near plane (w = 1) corners may lie, perspective: what is left of a triangle that is cut there
+/// lies between the places of its corners. They are off by the same as elsewhere over w, so at most by twice as much.
+inline constexpr float kCutBefore = 0.5f;
+
+/// The image's pixel centres in the filter's coordinates: a quarter of a pixel before the first and before the last.
+struct SampleLimits {
+  float first_u;
+  float last_u;
+  float first_v;
+  float last_v;
+};
+
+SCREE_HD inline SampleLimits make_sample_limits(const FrameView& view) {
+  const int32_t size[2] = {view.width, view.height};
+  float first[2];
+  float last[2];
+  for (int i = 0; i < 2; ++i) {
+    first[i] = static_cast<float>(-(size[i] / 2)) - 0.25f;
+    last[i] = static_cast<float>((size[i] - 1) / 2) - 0.25f;
+  }
+  return {first[0], last[0], first[1], last[1]};
+}
+
+/// The filter of one (instance, chunk). `error`: of the chunk's vertices. `box`: of those vertices, as the transform
+/// takes them.
+SCREE_HD inline SampleFilter make_sample_filter(const FrameView& view, const Transform& transform,
+                                                const TransformError& error, const RelativeBox& box,
+                                                const format::MeshRecord& mesh, const format::ChunkRecord& chunk) {
+  const bool float32 = mesh.position_encoding == format::PositionEncoding::kFloat32;
+  double origin[3];  // what the transform takes for a stored position of 0
+  double reach[3];   // the largest stored position
+  bool known = true;
+  for (int i = 0; i < 3; ++i) {
+    if (float32) {
+      origin[i] = -static_cast<double>(transform.center[i]);
+      reach[i] = abs_of(box.center[i] - origin[i]) + box.extent[i];
+    } else {
+      const int64_t base = wrapping_sub(wrapping_add(mesh.lattice_min[i], static_cast<int64_t>(chunk.position_min[i])),
+                                        transform.reference[i]);
+      origin[i] = static_cast<double>(base);
+      known = known && abs_of(origin[i]) < kReferenceLimit;
+      reach[i] = static_cast<double>((uint64_t{1} << (chunk.position_bits[i] & 31)) - 1);
+      known = known && chunk.position_bits[i] <= 24;  // codes are exact floats
+    }
+  }
+  // Centres of an even row of pixels lie half a pixel off the image's centre.
+  const double shift[3] = {view.width % 2 == 0 ? -0.5 : 0.0, view.height % 2 == 0 ? -0.5 : 0.0, 0.0};
+  const double* rows[3] = {transform.exact_x, transform.exact_y, transform.exact_w};
+  const double scale[3] = {1.0 / kSubpixels, 1.0 / kSubpixels, 1.0};
+  SampleFilter filter;
+  float* out[3] = {filter.u, filter.v, filter.w};
+  double terms[3];
+  double reach_uv = 0;  // the largest |u * w| and |v * w| in the box
+  for (int r = 0; r < 3; ++r) {
+    double row[4];
+    for (int j = 0; j < 4; ++j) {
+      row[j] = rows[r][j] * scale[r];
+      if (!view.orthographic) row[j] += shift[r] * transform.exact_w[j];
+    }
+    row[3] += row[0] * origin[0] + row[1] * origin[1] + row[2] * origin[2];
+    if (view.orthographic) row[3] += shift[r];
+    terms[r] = abs_of(row[3]);
+    for (int j = 0; j < 3; ++j) terms[r] += abs_of(row[j]) * reach[j];
+    if (r < 2) {
+      double middle = row[3];
+      double side = 0;
+      for (int j = 0; j < 3; ++j) {
+        middle += row[j] * (box.center[j] - origin[j]);
+        side += abs_of(row[j]) * box.extent[j];
+      }
+      reach_uv = max_of(reach_uv, abs_of(middle) + side);
+    }
+    for (int j = 0; j < 4; ++j) out[r][j] = static_cast<float>(row[j]);
+  }
+  // Rounding the rows and three fused steps: at most 2^-22 of all terms here; there, the transform's own bound.
+  constexpr double kHere = 1.0 / (1 << 22);
+  const double error_w = terms[2] * kHere + static_cast<double>(error.w);
+  const double error_x = terms[0] * kHere + static_cast<double>(error.x) / kSubpixels + 0.5 * error_w;
+  const double error_y = terms[1] * kHere + static_cast<double>(error.y) / kSubpixels + 0.5 * error_w;
+  const double error_uv = max_of(error_x, error_y);
+  known = known && terms[0] < 1e30 && terms[1] < 1e30 && terms[2] < 1e30 && error_uv < 1e30;
+  double w_least = transform.exact_w[3];
+  for (int j = 0; j < 3; ++j) {
+    w_least += transform.exact_w[j] * box.center[j] - abs_of(transform.exact_w[j]) * box.extent[j];
+  }
+  const double nearest = view.orthographic ? 1.0 : max_of(w_least - error_w, 1.0);
+  // Snapping moves a corner by half a sub-pixel. The reciprocal's ulp, the products' and the exact way's roundings:
+  // 2^-21.
+  double slack = error_uv / nearest + kSnapSlack;
+  double growth = (view.orthographic ? 0.0 : error_w / nearest) + 1.0 / (1 << 21);
+  if (!view.orthographic && !(w_least - error_w > 1.0)) {  // some of it may lie before the near plane
+    slack /= 1.0 - kCutBefore;
+    growth /= 1.0 - kCutBefore;
+  }
+  known = known && slack < 16.0;
+  // A chunk well in front of the camera and within the guard band has one slack for all its triangles.
+  const double farthest = reach_uv / nearest;
+  if (known && !view.orthographic && w_least - error_w > 1.0 && farthest < 32000.0) {
+    slack += growth * (farthest + slack);  // of the computed coordinate, which is off itself
+    growth = 0;
+  }
+  filter.slack = known ? static_cast<float>(slack) * 1.001f : bits_float(0x7f800000u);
+  filter.growth = known ? static_cast<float>(growth) * 1.001f : 1.0f;
+  filter.w_lowest = static_cast<float>((view.orthographic ? 0.0 : 1.0 - kCutBefore) + error_w) * 1.000001f;
+  filter.w_end = static_cast<float>(view.orthographic ? 1.0 - error_w : nearest) * 0.999999f;
+  return filter;
+}
+
+// Of numbers; one instruction each on a GPU, where min_of() takes two for the sake of NaN.
+SCREE_HD inline float least(float a, float b) {
+#if defined(__CUDA_ARCH__)
+  return fminf(a, b);
+#else
+  return min_of(a, b);
+#endif
+}
+SCREE_HD inline float greatest(float a, float b) {
+#if defined(__CUDA_ARCH__)
+  return fmaxf(a, b);
+#else
+  return max_of(a, b);
+#endif
+}
+
+SCREE_HD inline float size_of(float a) {
+#if defined(__CUDA_ARCH__)
+  return fabsf(a);
+#else
+  return abs_of(a);
+#endif
+}
+
+/// 1 / w to an ulp, for normal w.
+SCREE_HD inline float filter_reciprocal(float w) {
+#if defined(__CUDA_ARCH__) && defined(__CUDACC__)
+  float out;
+  asm("rcp.approx.ftz.f32 %0, %1;" : "=f"(out) : "f"(w));
+  return out;
+#else
+  return 1.0f / w;
+#endif
+}
+
+/// A corner as the filter sees it.
+struct FilteredVertex {
+  float u;
+  float v;
+  float w;
+};
+
+template <bool kOrthographic>
+SCREE_HD inline FilteredVertex filter_vertex(const SampleFilter& filter, float x, float y, float z) {
+  const float u = fused(filter.u[0], x, fused(filter.u[1], y, fused(filter.u[2], z, filter.u[3])));
+  const float v = fused(filter.v[0], x, fused(filter.v[1], y, fused(filter.v[2], z, filter.v[3])));
+  const float w = fused(filter.w[0], x, fused(filter.w[1], y, fused(filter.w[2], z, filter.w[3])));
+  if constexpr (kOrthographic) return {u, v, w};
+  const float scale = filter_reciprocal(w);
+  return {u * scale, v * scale, w};
+}
+
+/// False only where the triangle covers no pixel centre of the image.
+template <bool kOrthographic>
+SCREE_HD inline bool may_cover_sample(const SampleFilter& filter, const SampleLimits& limits, const FilteredVertex& a,
+                                      const FilteredVertex& b, const FilteredVertex& c) {
+  const float low_u = least(least(a.u, b.u), c.u);
+  const float high_u = greatest(greatest(a.u, b.u), c.u);
+  const float low_v = least(least(a.v, b.v), c.v);
+  const float high_v = greatest(greatest(a.v, b.v), c.v);
+  float slack = filter.slack;
+  bool held = false;
+  if (kOrthographic || filter.growth != 0.0f) {
+    // Near the guard band, or where a corner lies far before the near plane, the exact way decides.
+    const float farthest =
+        greatest(greatest(size_of(low_u), size_of(high_u)), greatest(size_of(low_v), size_of(high_v)));
+    slack = fused(farthest, filter.growth, slack);
+    held = !(farthest < 32700.0f) | !(least(least(a.w, b.w), c.w) >= filter.w_lowest);
+    if constexpr (kOrthographic) held = held | !(greatest(greatest(a.w, b.w), c.w) <= filter.w_end);
+  }
+  // The last pixel centre at or before the end of the range: adding 1.5 * 2^23 rounds to nearest, half less rounds
+  // down.
+  constexpr float kMagic = 12582912.0f;
+  const float less_half = slack - 0.5f;
+  const float last_u = (least(high_u + less_half, limits.last_u) + kMagic) - kMagic;
+  const float last_v = (least(high_v + less_half, limits.last_v) + kMagic) - kMagic;
+  return held |
+         ((last_u >= greatest(low_u - slack, limits.first_u)) & (last_v >= greatest(low_v - slack, limits.first_v)));
+}
+
+}  // namespace SCREE_ISA
+}  // namespace scree::kernels

@@ -1,0 +1,69 @@
+// What the passes hand each other. A counter may run past its queue's capacity: nothing is written there. On a
+// CPU the driver (passes.h) sees it, enlarges the queue or takes a smaller share, and runs the pass again; on a GPU
+// (cuda/frame.cu) the queue is enlarged and the frame drawn again, but tiles without room are drawn at once. Drawing
+// twice changes nothing.
+#pragma once
+
+#include "kernels/raster/setup.h"
+
+namespace scree::kernels {
+inline namespace SCREE_ISA {
+
+/// Up to QueueSizes::block_triangles triangles of one chunk, drawn for one instance: what one team takes at a time.
+struct DrawBlock {
+  uint64_t instance;
+  uint64_t chunk;
+  uint32_t first_triangle;  // of the chunk
+  uint32_t triangle_count;
+  float nearest;  // nearness(): of the chunk
+};
+
+/// One 64 x 64 tile of the image under one triangle of the large queue.
+struct TileItem {
+  uint32_t triangle;  // place in the large queue
+  uint16_t x;         // tiles
+  uint16_t y;
+};
+
+/// Queue counters (how many were asked for, which may be more than were kept) and statistics.
+struct Counters {
+  uint64_t blocks;
+  uint64_t medium;
+  uint64_t large;
+  uint64_t tiles;
+  uint64_t instances_drawn;
+  uint64_t draws;
+  uint64_t triangles;
+  uint64_t triangles_small;
+  uint64_t triangles_clipped;
+};
+
+struct Queues {
+  DrawBlock* blocks;
+  Triangle* medium;
+  Triangle* large;
+  TileItem* tiles;
+  uint64_t block_capacity;
+  uint64_t medium_capacity;
+  uint64_t large_capacity;  // at most 2^32
+  uint64_t tile_capacity;   // on a CPU at least the tiles of one image
+  Counters* counters;
+};
+
+/// Appends where there is room; counts in any case.
+template <class Team, class T>
+SCREE_HD inline void push(Team team, uint64_t* counter, T* items, uint64_t capacity, const T& item) {
+  const uint64_t slot = team.add(counter, 1);
+  if (slot < capacity) items[slot] = item;
+}
+
+/// The picture being drawn, row by row.
+struct Target {
+  uint64_t* samples;
+  int32_t width;
+
+  SCREE_HD uint64_t* row(int32_t y) const { return samples + static_cast<uint64_t>(y) * static_cast<uint64_t>(width); }
+};
+
+}  // namespace SCREE_ISA
+}  // namespace scree::kernels

@@ -1,0 +1,188 @@
+// From lattice coordinates to sub-pixels: the frame's constants and the matrix of one (world matrix, lattice exponent).
+// Source: spec/rasterization.md, vertices.
+#pragma once
+
+#include <cmath>
+
+#include "format/geometry/quantize.h"
+#include "format/layout.h"
+#include "kernels/frame.h"
+#include "kernels/math.h"
+
+namespace scree::kernels {
+inline namespace SCREE_ISA {
+
+inline constexpr int32_t kSubpixels = 256;                     // a pixel
+inline constexpr float kGuardBand = 32768.0f * kSubpixels;     // sub-pixels from the image's centre, 2^23
+inline constexpr double kReferenceLimit = 4503599627370496.0;  // 2^52: a reference is exact in a double
+
+/// What a frame's passes know of the camera. With p the vertex in world space minus the eye: x = row_x . p and y =
+/// row_y . p are sub-pixels from the image's centre (y downward), times w in perspective; depth = row_w . p + offset_w
+/// is w, 1 on the near plane, or with an orthographic camera t, 1 on the near plane and 0 on the far one.
+struct FrameView {
+  double eye[3];
+  double row_x[3];
+  double row_y[3];
+  double row_w[3];
+  double offset_w;
+  float half_width;  // of the image, sub-pixels
+  float half_height;
+  int32_t width;  // samples
+  int32_t height;
+  bool orthographic;
+};
+
+SCREE_HD inline FrameView make_frame_view(const View& view) {
+  FrameView frame{};
+  frame.width = static_cast<int32_t>(view.width);
+  frame.height = static_cast<int32_t>(view.height);
+  frame.half_width = static_cast<float>(view.width) * (kSubpixels / 2);
+  frame.half_height = static_cast<float>(view.height) * (kSubpixels / 2);
+  frame.orthographic = view.orthographic;
+  const double scale = view.orthographic ? 1.0 : 1.0 / view.z_near;
+  const double scale_x = static_cast<double>(frame.half_width) / view.half_width * scale;
+  const double scale_y = static_cast<double>(frame.half_height) / view.half_height * scale;
+  const double depth_scale = view.orthographic ? -1.0 / (view.z_far - view.z_near) : scale;
+  for (int i = 0; i < 3; ++i) {
+    frame.eye[i] = view.eye[i];
+    frame.row_x[i] = view.right[i] * scale_x;
+    frame.row_y[i] = view.up[i] * -scale_y;
+    frame.row_w[i] = view.forward[i] * depth_scale;
+  }
+  frame.offset_w = view.orthographic ? view.z_far / (view.z_far - view.z_near) : 0.0;
+  return frame;
+}
+
+/// One matrix a world matrix and lattice exponent: rows x, y and depth over (d, 1), where d is a lattice coordinate
+/// minus `reference`, or a float32 position minus `center`.
+struct Transform {
+  float x[4];
+  float y[4];
+  float w[4];
+  double exact_x[4];  // the same before rounding, for clipping and culling
+  double exact_y[4];
+  double exact_w[4];
+  int64_t reference[3];
+  float center[3];
+  bool mirrored;  // the world matrix has a negative determinant
+  // By how much x, y and w may be off for the vertices this transform is used for: set_error(). A vertex counts as
+  // outside a plane of the view only beyond that.
+  float error_x;
+  float error_y;
+  float error_w;
+};
+
+/// The eye in object space; 0 on all axes where the matrix has no finite inverse. Also whether the matrix mirrors.
+SCREE_HD inline bool object_space_eye(const FrameView& view, const format::MatrixRecord& matrix, double out[3]) {
+  // Scaled to a largest entry of 1, so that the determinant of a matrix of tiny or huge entries stays a normal number.
+  double largest = 0;
+  for (int i = 0; i < 3; ++i) {
+    for (int j = 0; j < 3; ++j) largest = max_of(largest, abs_of(matrix.rows[i][j]));
+  }
+  out[0] = out[1] = out[2] = 0;
+  if (!(largest > 0)) return false;
+  const double scale = 1.0 / largest;
+  double m[3][3];
+  double t[3];
+  for (int i = 0; i < 3; ++i) {
+    for (int j = 0; j < 3; ++j) m[i][j] = matrix.rows[i][j] * scale;
+    t[i] = (view.eye[i] - matrix.rows[i][3]) * scale;
+  }
+  const double c0 = m[1][1] * m[2][2] - m[1][2] * m[2][1];
+  const double c1 = m[1][2] * m[2][0] - m[1][0] * m[2][2];
+  const double c2 = m[1][0] * m[2][1] - m[1][1] * m[2][0];
+  const double determinant = m[0][0] * c0 + m[0][1] * c1 + m[0][2] * c2;
+  if (!(abs_of(determinant) > 0)) return false;
+  const double inverse = 1.0 / determinant;
+  const double eye[3] = {
+      (c0 * t[0] + (m[0][2] * m[2][1] - m[0][1] * m[2][2]) * t[1] + (m[0][1] * m[1][2] - m[0][2] * m[1][1]) * t[2]) *
+          inverse,
+      (c1 * t[0] + (m[0][0] * m[2][2] - m[0][2] * m[2][0]) * t[1] + (m[0][2] * m[1][0] - m[0][0] * m[1][2]) * t[2]) *
+          inverse,
+      (c2 * t[0] + (m[0][1] * m[2][0] - m[0][0] * m[2][1]) * t[1] + (m[0][0] * m[1][1] - m[0][1] * m[1][0]) * t[2]) *
+          inverse};
+  constexpr double kHuge = 1e300;
+  if (abs_of(eye[0]) < kHuge && abs_of(eye[1]) < kHuge && abs_of(eye[2]) < kHuge) {
+    for (int i = 0; i < 3; ++i) out[i] = eye[i];
+  }
+  return determinant < 0;
+}
+
+/// A box in the coordinates a Transform takes: d of lattice coordinates or float32 positions.
+struct RelativeBox {
+  double center[3];
+  double extent[3];  // half sides, >= 0
+};
+
+/// The transform of positions on the lattice of `exponent`, or of float32 positions.
+SCREE_HD inline Transform make_transform(const FrameView& view, const format::MatrixRecord& matrix, int32_t exponent,
+                                         bool float32) {
+  Transform out;
+  out.error_x = out.error_y = out.error_w = 0;
+  double eye[3];
+  out.mirrored = object_space_eye(view, matrix, eye);
+  const double step = float32 ? 1.0 : format::exp2i(exponent);
+  double origin[3];  // the point that d is relative to, object space
+  for (int i = 0; i < 3; ++i) {
+    out.reference[i] = 0;
+    out.center[i] = 0;
+    if (float32) {
+      out.center[i] = abs_of(eye[i]) < 3e38 ? static_cast<float>(eye[i]) : 0.0f;
+      origin[i] = static_cast<double>(out.center[i]);
+    } else {
+      const double nearest = std::floor(eye[i] / step + 0.5);
+      const double clamped = min_of(max_of(nearest, -kReferenceLimit), kReferenceLimit);
+      out.reference[i] = static_cast<int64_t>(clamped);
+      origin[i] = clamped * step;
+    }
+  }
+  // World-space offset of `origin` from the eye. The translation meets the eye first: for a scene far from the world's
+  // origin that difference is exact, and the picture is the one the same scene gives at the origin.
+  double offset[3];
+  for (int i = 0; i < 3; ++i) {
+    offset[i] = (matrix.rows[i][0] * origin[0] + matrix.rows[i][1] * origin[1] + matrix.rows[i][2] * origin[2]) +
+                (matrix.rows[i][3] - view.eye[i]);
+  }
+  const double* rows[3] = {view.row_x, view.row_y, view.row_w};
+  double* exact[3] = {out.exact_x, out.exact_y, out.exact_w};
+  float* rounded[3] = {out.x, out.y, out.w};
+  for (int r = 0; r < 3; ++r) {
+    for (int j = 0; j < 3; ++j) {
+      exact[r][j] =
+          (rows[r][0] * matrix.rows[0][j] + rows[r][1] * matrix.rows[1][j] + rows[r][2] * matrix.rows[2][j]) * step;
+    }
+    exact[r][3] = rows[r][0] * offset[0] + rows[r][1] * offset[1] + rows[r][2] * offset[2];
+    if (r == 2) exact[r][3] = exact[r][3] + view.offset_w;
+    for (int j = 0; j < 4; ++j) rounded[r][j] = static_cast<float>(exact[r][j]);
+  }
+  return out;
+}
+
+/// By how much x, y and w of single precision may be off.
+struct TransformError {
+  float x;
+  float y;
+  float w;
+};
+
+/// Of the vertices of a box: 2^-21 of the largest sum of terms, where five roundings of 2^-24 happen.
+SCREE_HD inline TransformError error_of(const Transform& transform, const RelativeBox& box) {
+  const double* rows[3] = {transform.exact_x, transform.exact_y, transform.exact_w};
+  float errors[3];
+  for (int r = 0; r < 3; ++r) {
+    double terms = abs_of(rows[r][3]);
+    for (int i = 0; i < 3; ++i) terms += abs_of(rows[r][i]) * (abs_of(box.center[i]) + box.extent[i]);
+    errors[r] = static_cast<float>(terms * (1.0 / (1 << 21)));
+  }
+  return {errors[0], errors[1], errors[2]};
+}
+
+SCREE_HD inline void set_error(Transform& transform, const RelativeBox& box) {
+  const TransformError error = error_of(transform, box);
+  transform.error_x = error.x;
+  transform.error_y = error.y;
+  transform.error_w = error.w;
+}
+
+}  // namespace SCREE_ISA
+}  // namespace scree::kernels

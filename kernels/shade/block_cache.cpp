@@ -1,0 +1,96 @@
+#include "kernels/shade/block_cache.h"
+
+#include <algorithm>
+#include <cassert>
+#include <cstring>
+#include <thread>
+
+namespace scree::kernels {
+namespace {
+
+/// An even spread of keys that differ in a few low bits.
+uint64_t spread(uint64_t key, uint64_t count) {
+  key = (key ^ (key >> 32)) * 0x9e3779b97f4a7c15u;
+  key = (key ^ (key >> 29)) * 0xbf58476d1ce4e5b9u;
+  return (key >> 20) % count;
+}
+
+}  // namespace
+
+BlockCache::BlockCache(uint64_t bytes, uint32_t slot_bytes) : slot_bytes_(slot_bytes) {
+  assert(slot_bytes >= 1 && slot_bytes <= 64 * format::kJpegMaxGroupBlocks);
+  const uint64_t slots = std::max<uint64_t>(1, bytes / slot_bytes);
+  ways_ = std::min(slots, kWays);
+  set_count_ = slots / ways_;
+  sets_ = std::make_unique<Set[]>(set_count_);
+  keys_.assign(ways_ * set_count_, kEmpty);
+  stamps_.assign(keys_.size(), 0);
+  samples_ = std::make_unique_for_overwrite<uint8_t[]>(keys_.size() * slot_bytes);
+}
+
+void BlockCache::lock(Set& set) {
+  while (set.is_held.exchange(true, std::memory_order_acquire))
+    while (set.is_held.load(std::memory_order_relaxed)) std::this_thread::yield();
+}
+
+/// Of a set that is held; null where the group is not there.
+const uint8_t* BlockCache::find(uint64_t set, uint64_t key) {
+  for (uint64_t slot = set * ways_; slot < (set + 1) * ways_; ++slot) {
+    if (keys_[slot] != key) continue;
+    stamps_[slot] = ++sets_[set].clock;
+    return samples_.get() + slot * slot_bytes_;
+  }
+  return nullptr;
+}
+
+const uint8_t* BlockCache::hold(const JpegLevel& level, uint32_t group, uint64_t& place) {
+  const uint64_t key = uint64_t{level.number} << 32 | group;
+  place = spread(key, set_count_);
+  Set& set = sets_[place];
+  lock(set);
+  if (const uint8_t* found = find(place, key)) return found;
+  // Others need not wait for the decoding; at worst they do the same.
+  release(place);
+  uint8_t samples[64 * format::kJpegMaxGroupBlocks];
+  format::decode_jpeg_group(level.picture, group, samples);
+  decoded_.fetch_add(1, std::memory_order_relaxed);
+  lock(set);
+  if (const uint8_t* found = find(place, key)) return found;
+  uint64_t oldest = place * ways_;
+  for (uint64_t slot = oldest; slot < (place + 1) * ways_; ++slot) {
+    if (keys_[slot] == kEmpty) {
+      oldest = slot;
+      break;
+    }
+    // Ages, so that a clock that went round does no harm.
+    if (set.clock - stamps_[slot] > set.clock - stamps_[oldest]) oldest = slot;
+  }
+  keys_[oldest] = key;
+  stamps_[oldest] = ++set.clock;
+  uint8_t* const out = samples_.get() + oldest * slot_bytes_;
+  std::memcpy(out, samples, size_t{64} * level.picture.mcu_blocks * level.picture.view.group_mcus);
+  return out;
+}
+
+void BlockCache::release(uint64_t place) {
+  sets_[place].is_held.store(false, std::memory_order_release);
+}
+
+void BlockCache::fetch(const JpegLevel& level, const uint32_t x[2], const uint32_t y[2], uint32_t colours[4]) {
+  format::JpegPlace places[4];
+  for (uint32_t i = 0; i < 4; ++i) places[i] = format::jpeg_place(level.picture, x[i % 2], y[i / 2]);
+  uint32_t missing = 15;
+  for (uint32_t i = 0; i < 4; ++i) {
+    if ((missing >> i & 1u) == 0) continue;
+    uint64_t place;
+    const uint8_t* const samples = hold(level, places[i].group, place);
+    for (uint32_t j = i; j < 4; ++j) {
+      if (places[j].group != places[i].group) continue;
+      colours[j] = format::jpeg_colour(level.picture, places[j], samples);
+      missing &= ~(1u << j);
+    }
+    release(place);
+  }
+}
+
+}  // namespace scree::kernels

@@ -1,0 +1,338 @@
+// From a global triangle id back to the triangle, and from a pixel to the point of it that the pixel's ray meets.
+// Source: spec/rasterization.md, resolve.
+#pragma once
+
+#include "kernels/raster/clip.h"
+
+namespace scree::kernels {
+inline namespace SCREE_ISA {
+
+/// Places of empty instances and chunks are passed over: of equal sums the last is taken.
+struct InstanceBases {
+  const uint64_t* base;
+  SCREE_HD uint64_t operator()(uint64_t i) const { return base[i]; }
+};
+struct ChunkBases {
+  const format::ChunkRecord* chunks;
+  SCREE_HD uint64_t operator()(uint64_t i) const { return chunks[i].first_triangle; }
+};
+
+SCREE_HD inline Hit locate_triangle(const SceneView& scene, uint64_t id) {
+  Hit hit;
+  hit.instance = last_not_above(scene.instance_count, id, InstanceBases{scene.instance_base});
+  const format::MeshRecord& mesh = scene.meshes[scene.instances[hit.instance].mesh];
+  const uint64_t triangle = id - scene.instance_base[hit.instance];
+  const format::ChunkRecord* chunks = scene.chunks + mesh.first_chunk;
+  const uint64_t chunk = last_not_above(mesh.chunk_count, triangle, ChunkBases{chunks});
+  hit.chunk = mesh.first_chunk + chunk;
+  hit.triangle = static_cast<uint32_t>(triangle - chunks[chunk].first_triangle);
+  return hit;
+}
+
+/// Where the ids of one (instance, chunk) lie; kept from sample to sample, for neighbours often fall into the same.
+struct Location {
+  uint64_t first_id = 0;
+  uint64_t instance = 0;
+  uint64_t chunk = 0;
+  uint32_t count = 0;  // of ids; 0: nothing was found yet
+
+  SCREE_HD bool holds(uint64_t id) const { return id - first_id < count; }
+};
+
+/// As last_not_above() with the lanes of a team for one key: each looks at one of team.size() parts.
+template <class Team, class Value>
+SCREE_HD inline uint64_t last_not_above_together(Team team, uint64_t count, uint64_t key, const Value& value) {
+  constexpr uint32_t kParts = Team::size() < 2 ? 2 : Team::size();
+  uint64_t low = 0;
+  uint64_t high = count;
+  while (high - low > 1) {
+    const uint64_t part = (high - low + kParts - 1) / kParts;
+    const uint64_t place = low + part * (team.rank() + 1);
+    const bool passed = place < high && value(place) <= key;
+    const uint64_t parts = count_bits(team.ballot(passed));
+    high = min_of(high, low + part * (parts + 1));
+    low = low + part * parts;
+  }
+  return low;
+}
+
+template <class Team>
+SCREE_HD inline Location locate_together(Team team, const SceneView& scene, uint64_t id) {
+  Location at;
+  at.instance = last_not_above_together(team, scene.instance_count, id, InstanceBases{scene.instance_base});
+  const format::MeshRecord& mesh = scene.meshes[scene.instances[at.instance].mesh];
+  const uint64_t base = scene.instance_base[at.instance];
+  const format::ChunkRecord* chunks = scene.chunks + mesh.first_chunk;
+  const uint64_t chunk = last_not_above_together(team, mesh.chunk_count, id - base, ChunkBases{chunks});
+  at.chunk = mesh.first_chunk + chunk;
+  at.first_id = base + chunks[chunk].first_triangle;
+  at.count = chunks[chunk].triangle_count;
+  return at;
+}
+
+/// Finds the (instance, chunk) of every lane's id; `wanted`: whether the lane has one. All lanes of the team call it.
+/// The lanes of a tile fall into few chunks, which they search for together, one after the other; where they are many,
+/// each lane goes on alone.
+template <class Team>
+SCREE_HD inline void locate(Team team, const SceneView& scene, uint64_t id, bool wanted, Location& at) {
+  constexpr int kRounds = 4;
+  for (int round = 0; round < kRounds; ++round) {
+    const uint32_t missing = team.ballot(wanted && !at.holds(id));
+    if (missing == 0) return;
+    const Location found = locate_together(team, scene, team.share(id, lowest_bit(missing)));
+    if (found.holds(id)) at = found;
+  }
+  if (wanted && !at.holds(id)) {
+    const Hit hit = locate_triangle(scene, id);
+    at.instance = hit.instance;
+    at.chunk = hit.chunk;
+    at.first_id = id - hit.triangle;
+    at.count = scene.chunks[hit.chunk].triangle_count;
+  }
+}
+
+/// A chunk under a transform: what shading a sample of it reads.
+struct PlacedChunk {
+  const format::MeshRecord& mesh;
+  const format::ChunkRecord& chunk;
+  const Transform& transform;
+  const std::byte* page;
+  uint32_t triangle;  // that the reader is for
+  ChunkReader reader;
+};
+
+template <ChunkKinds kKinds>
+SCREE_HD inline PlacedChunk place_chunk(const SceneView& scene, uint64_t number, uint32_t triangle,
+                                        const Transform& transform) {
+  const format::ChunkRecord& chunk = scene.chunks[number];
+  const format::MeshRecord& mesh = scene.meshes[chunk.mesh];
+  const std::byte* page = scene.pages[chunk.page];
+  return {mesh, chunk, transform, page, triangle, make_reader<kKinds>(mesh, chunk, page, transform, triangle)};
+}
+
+/// Corner 0 relative to the transform's reference or center, and the edges from it to corners 1 and 2. An edge is the
+/// difference of two codes, so it keeps its shape however far from the camera it stands.
+template <class Real>
+struct Corners {
+  Real first[3];
+  Real edge[2][3];
+};
+
+// Widest run of values that unpack_run() takes.
+inline constexpr uint32_t kRunBits = 57;
+
+/// The `bits` (1 to kRunBits) at a bit of a packed stream, for values that lie side by side.
+SCREE_HD inline uint64_t unpack_run(const std::byte* stream, uint64_t bit, uint32_t bits) {
+#if defined(__CUDA_ARCH__)
+  const uint32_t* word = reinterpret_cast<const uint32_t*>(stream) + (bit >> 5);
+  const uint32_t shift = static_cast<uint32_t>(bit) & 31u;
+  const uint32_t middle = word[1];
+  const uint32_t last = shift + bits > 64 ? word[2] : 0u;  // else it may lie past the stream
+  return uint64_t{__funnelshift_r(middle, last, shift)} << 32 | __funnelshift_r(word[0], middle, shift);
+#else
+  (void)bits;
+  uint64_t window;
+  std::memcpy(&window, stream + (bit >> 3), sizeof window);
+  return window >> (bit & 7u);
+#endif
+}
+
+SCREE_HD inline uint32_t low_bits(uint64_t run, uint32_t bits) {
+  return static_cast<uint32_t>(run) & ((1u << bits) - 1u);
+}
+
+/// As ChunkReader::triangle(), in fewer reads.
+SCREE_HD inline void fetch_triangle(const ChunkReader& reader, uint32_t number, uint32_t vertex[3]) {
+  const uint32_t bits = reader.index_bits;
+  if (bits - 1 >= kRunBits / 3) return reader.triangle(number, vertex);
+  const uint64_t run = unpack_run(reader.indices, uint64_t{number} * (3 * bits), 3 * bits);
+  for (uint32_t i = 0; i < 3; ++i) vertex[i] = reader.index_min + low_bits(run >> (i * bits), bits);
+}
+
+/// As ChunkReader::code(), likewise.
+SCREE_HD inline void fetch_code(const ChunkReader& reader, uint32_t vertex, uint32_t code[3]) {
+  if (reader.stride - 1 >= kRunBits) return reader.code(vertex, code);
+  uint64_t run = unpack_run(reader.positions, uint64_t{vertex - reader.first_vertex} * reader.stride, reader.stride);
+  for (int i = 0; i < 3; ++i) {
+    code[i] = low_bits(run, reader.bits[i]);
+    run >>= reader.bits[i];
+  }
+  if (reader.clustered) predict_code(reader.cluster.predictor, code);
+}
+
+template <class Real>
+SCREE_HD inline Corners<Real> fetch_corners(const ChunkReader& reader, const uint32_t vertex[3]) {
+  Corners<Real> out;
+  if (reader.float32) {
+    for (int axis = 0; axis < 3; ++axis) {
+      const Real first = static_cast<Real>(reader.float_position(vertex[0], axis));
+      out.first[axis] = first - static_cast<Real>(reader.center[axis]);
+      for (int n = 0; n < 2; ++n)
+        out.edge[n][axis] = static_cast<Real>(reader.float_position(vertex[n + 1], axis)) - first;
+    }
+    return out;
+  }
+  uint32_t first[3];
+  fetch_code(reader, vertex[0], first);
+  for (int axis = 0; axis < 3; ++axis)
+    out.first[axis] = static_cast<Real>(reader.base[axis] + static_cast<int64_t>(first[axis]));
+  for (int n = 0; n < 2; ++n) {
+    uint32_t code[3];
+    fetch_code(reader, vertex[n + 1], code);
+    for (int axis = 0; axis < 3; ++axis)
+      out.edge[n][axis] = static_cast<Real>(static_cast<int32_t>(code[axis]) - static_cast<int32_t>(first[axis]));
+  }
+  return out;
+}
+
+/// a * b + c, rounded once or twice: for shading, which is not held to the bit.
+SCREE_HD inline float multiply_add(float a, float b, float c) {
+#if defined(__CUDA_ARCH__)
+  return __fmaf_rn(a, b, c);
+#else
+  return a * b + c;
+#endif
+}
+SCREE_HD inline double multiply_add(double a, double b, double c) {
+#if defined(__CUDA_ARCH__)
+  return __fma_rn(a, b, c);
+#else
+  return a * b + c;
+#endif
+}
+
+/// 1 / value, on CUDA to 1 ulp for a float.
+SCREE_HD inline float reciprocal(float value) {
+#if defined(__CUDA_ARCH__)
+  return __fdividef(1.0f, value);
+#else
+  return 1.0f / value;
+#endif
+}
+SCREE_HD inline double reciprocal(double value) {
+  return 1.0 / value;
+}
+
+template <class Real>
+struct TransformRows {
+  const Real* x;
+  const Real* y;
+  const Real* w;
+};
+SCREE_HD inline TransformRows<float> rows_of(const Transform& transform, float) {
+  return {transform.x, transform.y, transform.w};
+}
+SCREE_HD inline TransformRows<double> rows_of(const Transform& transform, double) {
+  return {transform.exact_x, transform.exact_y, transform.exact_w};
+}
+
+/// A triangle as one sample's ray sees it: homogeneous, x and y in sub-pixels from the sample times w. With a
+/// perspective camera all is divided by the sum of the corners' |w|, which changes no ratio and keeps products within a
+/// float.
+template <class Real>
+struct Meeting {
+  Real x;  // corner 0
+  Real y;
+  Real w;  // 1 with an orthographic camera
+  Real edge_x[2];
+  Real edge_y[2];
+  Real edge_w[2];  // of the depth row in both kinds of camera
+  Real area;       // of the triangle, twice: 0 when seen edge-on
+};
+
+/// (x, y): the sample, sub-pixels from the image's centre.
+template <bool kOrthographic, class Real>
+SCREE_HD inline Meeting<Real> meet(const Transform& transform, const Corners<Real>& corners, Real x, Real y) {
+  const TransformRows<Real> rows = rows_of(transform, Real{});
+  Meeting<Real> out;
+  Real row_x[4];
+  Real row_y[4];
+  for (int i = 0; i < 4; ++i) {
+    row_x[i] = kOrthographic ? rows.x[i] : multiply_add(-x, rows.w[i], rows.x[i]);
+    row_y[i] = kOrthographic ? rows.y[i] : multiply_add(-y, rows.w[i], rows.y[i]);
+  }
+  const auto dot = [](const Real* row, const Real* d, Real start) {
+    return multiply_add(row[0], d[0], multiply_add(row[1], d[1], multiply_add(row[2], d[2], start)));
+  };
+  out.x = dot(row_x, corners.first, kOrthographic ? row_x[3] - x : row_x[3]);
+  out.y = dot(row_y, corners.first, kOrthographic ? row_y[3] - y : row_y[3]);
+  out.w = kOrthographic ? Real{1} : dot(rows.w, corners.first, rows.w[3]);
+  for (int n = 0; n < 2; ++n) {
+    out.edge_x[n] = dot(row_x, corners.edge[n], Real{0});
+    out.edge_y[n] = dot(row_y, corners.edge[n], Real{0});
+    out.edge_w[n] = dot(rows.w, corners.edge[n], Real{0});
+  }
+  if constexpr (!kOrthographic) {
+    const Real scale = reciprocal(abs_of(out.w) + abs_of(out.w + out.edge_w[0]) + abs_of(out.w + out.edge_w[1]));
+    out.x = out.x * scale;
+    out.y = out.y * scale;
+    out.w = out.w * scale;
+    for (int n = 0; n < 2; ++n) {
+      out.edge_x[n] = out.edge_x[n] * scale;
+      out.edge_y[n] = out.edge_y[n] * scale;
+      out.edge_w[n] = out.edge_w[n] * scale;
+    }
+  }
+  out.area = out.edge_x[0] * out.edge_y[1] - out.edge_y[0] * out.edge_x[1];
+  return out;
+}
+
+/// Weights of the corners, in object space, of the point where the ray meets the triangle's plane. They are brought
+/// into the triangle: snapping lets a sample's centre lie a little outside, edge-on triangles far outside.
+template <class Real>
+SCREE_HD inline void hit_weights(const Meeting<Real>& m, Real weights[3]) {
+  const Real inverse = reciprocal(m.area);
+  weights[1] = (m.edge_x[1] * m.y - m.edge_y[1] * m.x) * inverse;
+  weights[2] = (m.x * m.edge_y[0] - m.y * m.edge_x[0]) * inverse;
+  weights[0] = Real{1} - weights[1] - weights[2];
+  Real sum{0};
+  for (int i = 0; i < 3; ++i) {
+    weights[i] = weights[i] > 0 ? min_of(weights[i], Real{1}) : Real{0};  // NaN, of an area of 0, too
+    sum += weights[i];
+  }
+  const Real share = sum > 0 ? reciprocal(sum) : Real{0};
+  for (int i = 0; i < 3; ++i) weights[i] = sum > 0 ? weights[i] * share : Real{1} / Real{3};
+}
+
+/// Which stage (1, 2 or 3) drew this pixel of the triangle: that of the piece, where it was clipped, that covers the
+/// pixel.
+template <bool kOrthographic>
+SCREE_HD inline int stage_of(const PlacedChunk& chunk, const uint32_t vertex[3], const FrameView& view, int32_t x,
+                             int32_t y) {
+  ScreenVertex corners[3];
+  uint32_t flags = 0;
+  for (int i = 0; i < 3; ++i) {
+    float d[3];
+    chunk.reader.relative(vertex[i], d);
+    corners[i] = project<kOrthographic>(chunk.transform, view, d[0], d[1], d[2]);
+    flags |= corners[i].flags;
+  }
+  ScreenVertex polygon_corners[kMaxPolygon] = {corners[0], corners[1], corners[2]};
+  int count = 3;
+  if ((flags & kNeedsClip) != 0) {
+    ClipVertex polygon[kMaxPolygon];
+    for (int i = 0; i < 3; ++i) {
+      double d[3];
+      chunk.reader.exact_relative(vertex[i], d);
+      polygon[i] = clip_vertex(chunk.transform, d, corners[i]);
+    }
+    count = clip_polygon<kOrthographic>(polygon);
+    for (int i = 0; i < count; ++i) polygon_corners[i] = snap_clipped<kOrthographic>(polygon[i], view);
+  }
+  for (int i = 2; i < count; ++i) {
+    const ScreenVertex& a = polygon_corners[0];
+    const ScreenVertex& b = polygon_corners[i - 1];
+    const ScreenVertex& c = polygon_corners[i];
+    Triangle triangle{{a.x, b.x, c.x}, {a.y, b.y, c.y}, {0, 0, 0}, 0, 0};
+    int64_t area;
+    if (orient(triangle, area, false, true) == Facing::kCulled) continue;
+    const Edges<int64_t> edges = make_edges<int64_t>(triangle, x, y);
+    if ((edges.value[0] | edges.value[1] | edges.value[2]) < 0) continue;
+    const int64_t pixels = pixel_box(triangle.x, triangle.y, view).pixels();
+    return pixels <= kSmallBox ? 1 : pixels < kMediumBox ? 2 : 3;
+  }
+  return 0;
+}
+
+}  // namespace SCREE_ISA
+}  // namespace scree::kernels

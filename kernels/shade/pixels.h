@@ -1,0 +1,153 @@
+// From the visibility buffer to finished pixels: every sample of a pixel shaded, averaged in linear light, coded as
+// 8-bit sRGB. Source: spec/rasterization.md, pixels.
+#pragma once
+
+#include "kernels/shade/shade.h"
+
+namespace scree::kernels {
+inline namespace SCREE_ISA {
+
+// A warp takes a tile of pixels, so that its lanes look at the same few meshes, chunks and texels.
+inline constexpr uint32_t kPixelTileWidth = 8;
+inline constexpr uint32_t kPixelTileHeight = 4;
+inline constexpr uint32_t kPixelTileSize = kPixelTileWidth * kPixelTileHeight;
+
+/// A picture, or whole rows of one, cut into tiles: one item each.
+struct PixelTiles {
+  uint32_t width;  // pixels
+  uint32_t first_row;
+  uint32_t row_count;
+
+  SCREE_HD uint32_t across() const { return (width + kPixelTileWidth - 1) / kPixelTileWidth; }
+  SCREE_HD uint32_t count() const { return across() * ((row_count + kPixelTileHeight - 1) / kPixelTileHeight); }
+
+  /// Calls body(x, y, inside) for every pixel of a tile, inside the picture or not, so that all lanes of a team get
+  /// there.
+  template <class Team, class Body>
+  SCREE_HD void for_each(uint32_t item, Team team, const Body& body) const {
+    const uint32_t row = item / across();
+    const uint32_t x0 = (item - row * across()) * kPixelTileWidth;
+    const uint32_t y0 = row * kPixelTileHeight;
+    for (uint32_t i = team.rank(); i < kPixelTileSize; i += team.size()) {
+      const uint32_t x = x0 + i % kPixelTileWidth;
+      const uint32_t y = y0 + i / kPixelTileWidth;
+      body(x, first_row + y, x < width && y < row_count);
+    }
+  }
+};
+
+/// The range of the depth codes of one row of samples an item, into `range`.
+struct FindDepthRange {
+  const uint64_t* samples;
+  uint32_t width;
+  DepthRange* range;
+
+  template <class Team>
+  SCREE_HD void operator()(uint32_t item, Team team) const {
+    const uint64_t* row = samples + uint64_t{item} * width;
+    DepthRange own;
+    for (uint32_t x = team.rank(); x < width; x += team.size()) {
+      if (row[x] == kBackground) continue;
+      own.nearest = min_of(own.nearest, sample_depth_code(row[x]));
+      own.farthest = max_of(own.farthest, sample_depth_code(row[x]));
+    }
+    if (own.nearest > own.farthest) return;
+    team.keep_least(&range->nearest, own.nearest);
+    team.keep_most(&range->farthest, own.farthest);
+  }
+};
+
+/// Linear light of the samples of one row an item, 4 floats each, not premultiplied.
+template <class Shader>
+struct ShadeRows {
+  Shader shader;
+  const uint64_t* samples;  // of the whole picture
+  uint32_t first_row;
+  float* rgba;  // of row first_row
+
+  template <class Team>
+  SCREE_HD void operator()(uint32_t item, Team team) const {
+    const uint32_t width = static_cast<uint32_t>(shader.in.view.width);
+    const uint32_t y = first_row + item;
+    ShadeState<Team, Shader> state;
+    for (uint32_t start = 0; start < width; start += team.size()) {
+      const uint32_t x = start + team.rank();
+      const uint64_t sample = x < width ? samples[uint64_t{y} * width + x] : kBackground;
+      float color[4];
+      const bool covered = sample != kBackground;
+      shader(team, covered, sample, static_cast<int32_t>(x), static_cast<int32_t>(y), state, color);
+      color[3] = 1.0f;
+      for (uint32_t c = 0; x < width && c < 4; ++c)
+        rgba[4 * (uint64_t{item} * width + x) + c] = covered ? color[c] : shader.in.options.background[c];
+    }
+  }
+};
+
+/// Finished pixels, a tile an item. The light of a pixel is that of its samples weighted by their alpha, so that a
+/// transparent background does not bleed into an edge.
+template <class ShaderOfPixels>
+struct Resolve {
+  using Shader = ShaderOfPixels;
+
+  Shader shader;
+  PixelTiles tiles;
+  const uint64_t* samples;  // of the whole picture
+  uint32_t side;            // samples a pixel
+  const float* visibility;  // a factor a pixel of the whole picture for the light of its surfaces, or null
+  uint32_t channels;        // 3 or 4
+  uint8_t* pixels;          // of row tiles.first_row; 4-byte aligned with 4 channels
+
+  template <class Team>
+  SCREE_HD void operator()(uint32_t item, Team team) const {
+    ShadeState<Team, Shader> state;
+    tiles.for_each(item, team, [&](uint32_t x, uint32_t y, bool inside) { finish(team, x, y, inside, state); });
+  }
+
+  /// One pixel; all lanes of a team call it. `inside`: whether the lane has one. Where texels may miss and did,
+  /// state.texels says so and nothing is written.
+  template <class Team>
+  SCREE_HD void finish(Team team, uint32_t x, uint32_t y, bool inside, ShadeState<Team, Shader>& state) const {
+    const ShadeInputs& in = shader.in;
+    const uint64_t row_samples = static_cast<uint64_t>(in.view.width);
+    float light[3] = {0, 0, 0};
+    float background = 0;  // samples
+    float surface = 0;
+    for (uint32_t j = 0; j < side; ++j) {
+      for (uint32_t i = 0; i < side; ++i) {
+        const uint32_t sample_x = x * side + i;
+        const uint32_t sample_y = y * side + j;
+        const uint64_t sample = inside ? samples[sample_y * row_samples + sample_x] : kBackground;
+        const bool covered = sample != kBackground;
+        float color[3];
+        shader(team, covered, sample, static_cast<int32_t>(sample_x), static_cast<int32_t>(sample_y), state, color);
+        if (covered) {
+          surface += 1.0f;
+          for (int c = 0; c < 3; ++c) light[c] += color[c];
+        } else {
+          background += 1.0f;
+        }
+      }
+    }
+    if (!inside) return;
+    if constexpr (Shader::Texels::kMayMiss)
+      if (state.texels.missed) return;
+    const float factor = visibility != nullptr ? visibility[uint64_t{y} * tiles.width + x] : 1.0f;
+    const float behind = background * in.options.background[3];
+    const float alpha = surface + behind;
+    const float scale = alpha > 0 ? 1.0f / alpha : 0.0f;
+    uint32_t code[4];
+    for (int c = 0; c < 3; ++c)
+      code[c] = srgb_code(*in.srgb, (light[c] * factor + behind * in.options.background[c]) * scale);
+    const float share = alpha / static_cast<float>(side * side);
+    code[3] = static_cast<uint32_t>(round_even(min_of(max_of(share, 0.0f), 1.0f) * 255.0f));
+    uint8_t* out = pixels + (uint64_t{y - tiles.first_row} * tiles.width + x) * channels;
+#if defined(__CUDA_ARCH__)
+    *reinterpret_cast<uint32_t*>(out) = code[0] | code[1] << 8 | code[2] << 16 | code[3] << 24;
+#else
+    for (uint32_t c = 0; c < channels; ++c) out[c] = static_cast<uint8_t>(code[c]);
+#endif
+  }
+};
+
+}  // namespace SCREE_ISA
+}  // namespace scree::kernels

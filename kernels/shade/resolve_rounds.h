@@ -1,0 +1,63 @@
+// The resolve of pictures whose textures are decoded as they are looked at, round by round (texture_cache.h).
+#pragma once
+
+#include "kernels/shade/pixels.h"
+#include "kernels/shade/texture_cache.h"
+
+namespace scree::kernels {
+inline namespace SCREE_ISA {
+
+/// Rounds, each of shading the pixels that are left and decoding what they lacked: a picture whose texels lie in the
+/// cache takes one, one that the cache can hold two, a larger one more. Pixels that the last one leaves decode for
+/// themselves (PatientTexels).
+inline constexpr uint32_t kDecodeRounds = 4;
+
+/// A tile with pixels that are left: a bit each, row by row.
+struct TileLeft {
+  uint32_t tile;
+  uint32_t pixels;
+};
+
+/// Shades tiles of a picture whose pixels may lack texels, and lists those that did. `Pixels`: Resolve or ShadePart,
+/// whose pixels are samples.
+template <class Pixels>
+struct ShadeRound {
+  Pixels pixels;
+  const TileLeft* tiles;  // an item each; null: all tiles, all pixels
+  TileLeft* left;         // room for all tiles; null where nothing can be missing
+  RoundCounters* counters;
+
+  /// `tiles` has as many entries as the round before counted.
+  template <class Team>
+  SCREE_HD void operator()(uint32_t item, Team team) const {
+    using Shader = typename Pixels::Shader;
+    static_assert(Team::size() == 1 || Team::size() == kPixelTileSize);
+    const TileLeft own = tiles != nullptr ? tiles[item] : TileLeft{item, ~uint32_t{0}};
+    ShadeState<Team, Shader> state;
+    uint32_t missed = 0;  // of this lane's pixels
+    uint32_t bit = team.rank();
+    pixels.tiles.for_each(own.tile, team, [&](uint32_t x, uint32_t y, bool inside) {
+      const bool wanted = inside && (own.pixels >> bit & 1u) != 0;
+      if constexpr (Shader::Texels::kMayMiss) state.texels.missed = false;
+      pixels.finish(team, x, y, wanted, state);
+      if constexpr (Shader::Texels::kMayMiss)
+        if (wanted && state.texels.missed) missed |= 1u << bit;
+      bit += team.size();
+    });
+    if constexpr (Shader::Texels::kMayMiss) {
+      const uint32_t rest = Team::size() == 1 ? missed : team.ballot(missed != 0);
+      if (rest != 0 && team.rank() == 0) left[count_up(&counters->tiles)] = {own.tile, rest};
+    }
+  }
+};
+
+/// Calls visit(shader) with the shader of a textured picture, whose options.show is Show::kTexture. `kApart`: as
+/// visit_kinds() has it.
+template <bool kApart, class Texels, class Visit>
+inline void visit_textured(const ShadeInputs& in, const Texels& texels, const Visit& visit) {
+  in.view.orthographic ? visit_kinds<kApart, true, Show::kTexture>(in, texels, visit)
+                       : visit_kinds<kApart, false, Show::kTexture>(in, texels, visit);
+}
+
+}  // namespace SCREE_ISA
+}  // namespace scree::kernels

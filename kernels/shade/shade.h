@@ -1,0 +1,553 @@
+// The colour of a sample. Source: spec/rasterization.md, resolve.
+#pragma once
+
+#include <cmath>
+
+#include "format/geometry/attribute_codec.h"
+#include "kernels/shade/locate.h"
+#include "kernels/shade/srgb.h"
+#include "kernels/shade/texture.h"
+
+namespace scree::kernels {
+inline namespace SCREE_ISA {
+
+inline constexpr float kAmbient = 0.2f;  // what a surface seen edge-on still gets of the camera's light
+
+SCREE_HD inline float srgb_to_linear(float value) {
+  return value <= 0.04045f ? value / 12.92f : std::pow((value + 0.055f) / 1.055f, 2.4f);
+}
+
+SCREE_HD inline uint64_t mix_bits(uint64_t value) {
+  value += 0x9e3779b97f4a7c15u;
+  value = (value ^ (value >> 30)) * 0xbf58476d1ce4e5b9u;
+  value = (value ^ (value >> 27)) * 0x94d049bb133111ebu;
+  return value ^ (value >> 31);
+}
+
+SCREE_HD inline double dot3(const double a[3], const double b[3]) {
+  return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+}
+
+SCREE_HD inline void cross3(const double a[3], const double b[3], double out[3]) {
+  out[0] = a[1] * b[2] - a[2] * b[1];
+  out[1] = a[2] * b[0] - a[0] * b[2];
+  out[2] = a[0] * b[1] - a[1] * b[0];
+}
+
+/// Unit length, or all zero where there is no direction.
+SCREE_HD inline void normalize3(double v[3]) {
+  const double largest = max_of(abs_of(v[0]), max_of(abs_of(v[1]), abs_of(v[2])));
+  if (!(largest > 0) || !(largest < 1e300)) {
+    v[0] = v[1] = v[2] = 0;
+    return;
+  }
+  for (int i = 0; i < 3; ++i) v[i] = v[i] / largest;  // squares of tiny lengths would vanish
+  const double length = std::sqrt(dot3(v, v));
+  for (int i = 0; i < 3; ++i) v[i] = v[i] / length;
+}
+
+/// 1 / sqrt(x), on CUDA to 2 ulp; infinite for 0.
+SCREE_HD inline float inverse_root(float value) {
+#if defined(__CUDA_ARCH__)
+  return rsqrtf(value);
+#else
+  return 1.0f / std::sqrt(value);
+#endif
+}
+
+/// The nearest and the farthest depth code of a picture: what Show::kDepth spreads its greys over.
+struct DepthRange {
+  uint32_t nearest = kFarthestDepthCode;
+  uint32_t farthest = 0;
+};
+
+/// What every sample of a picture is shaded from, whatever is shown.
+struct ShadeInputs {
+  SceneView scene;
+  FrameView view;
+  ShadeOptions options;
+  const Transform* transforms;  // by instance; null where the team makes its own (Team::kMakesTransforms)
+  const SrgbTables* srgb;
+  const DepthRange* depth_range;  // Show::kDepth alone
+  // View space in sub-pixels: x as it is, y times `aspect`, the depth row times `focal`.
+  float aspect;
+  float focal;
+};
+
+inline ShadeInputs make_shade_inputs(const SceneView& scene, const View& view, const ShadeOptions& options,
+                                     const Transform* transforms, const SrgbTables* srgb,
+                                     const DepthRange* depth_range) {
+  ShadeInputs out{scene, make_frame_view(view), options, transforms, srgb, depth_range, 1.0f, 1.0f};
+  const double per_x = static_cast<double>(out.view.half_width) / view.half_width;
+  const double per_y = static_cast<double>(out.view.half_height) / view.half_height;
+  out.aspect = static_cast<float>(per_x / per_y);
+  out.focal = static_cast<float>(view.orthographic ? per_x * (view.z_far - view.z_near) : per_x);
+  return out;
+}
+
+/// Vertex normals between the corners, in object space, any length.
+SCREE_HD inline void vertex_normal(const PlacedChunk& at, const uint32_t vertex[3], const float weights[3],
+                                   float normal[3]) {
+  const std::byte* stream = at.page + at.chunk.offset + streams_of(at.mesh, at.chunk).normals.offset;
+  const uint32_t bits = at.chunk.normal_bits;
+  normal[0] = normal[1] = normal[2] = 0;
+  for (int i = 0; i < 3; ++i) {
+    const uint64_t bit = uint64_t{vertex[i]} * (2u * bits);
+    float unit[3];
+    format::decode_octahedral(unpack_bits(stream, bit, bits), unpack_bits(stream, bit + bits, bits), bits, unit);
+    for (int j = 0; j < 3; ++j) normal[j] = multiply_add(weights[i], unit[j], normal[j]);
+  }
+}
+
+SCREE_HD inline bool has_vertex_normals(const PlacedChunk& at) {
+  return (at.mesh.attributes & format::kHasNormal) != 0 && at.chunk.normal_bits >= 2;
+}
+
+/// The normal of a face in world space, outwards for glTF's counter-clockwise fronts, also under mirroring matrices; or
+/// the mesh's own normals between the corners.
+SCREE_HD inline void world_normal(const PlacedChunk& at, const format::MatrixRecord& matrix, const uint32_t vertex[3],
+                                  const Corners<double>& corners, const float weights[3], double normal[3]) {
+  const double(*m)[4] = matrix.rows;
+  if (has_vertex_normals(at)) {
+    float object[3];
+    vertex_normal(at, vertex, weights, object);
+    const double wide[3] = {object[0], object[1], object[2]};
+    // The inverse transpose is the cofactor matrix over the determinant, whose sign is all that matters here.
+    const double sign = at.transform.mirrored ? -1.0 : 1.0;
+    for (int i = 0; i < 3; ++i) {
+      const int a = (i + 1) % 3;
+      const int b = (i + 2) % 3;
+      double cofactors[3];
+      const double row_a[3] = {m[a][0], m[a][1], m[a][2]};
+      const double row_b[3] = {m[b][0], m[b][1], m[b][2]};
+      cross3(row_a, row_b, cofactors);
+      normal[i] = sign * dot3(cofactors, wide);
+    }
+    normalize3(normal);
+    if (dot3(normal, normal) > 0) return;
+  }
+  double edge[2][3];
+  for (int n = 0; n < 2; ++n) {
+    for (int j = 0; j < 3; ++j) edge[n][j] = dot3(m[j], corners.edge[n]);
+    normalize3(edge[n]);
+  }
+  cross3(edge[0], edge[1], normal);
+  if (at.transform.mirrored) {
+    for (int i = 0; i < 3; ++i) normal[i] = -normal[i];
+  }
+  normalize3(normal);
+}
+
+/// |n . l| of the face's normal and the sample's ray. In view space the edges less what they advance along the ray lie
+/// in the picture's plane, where their product is the area that meet() has.
+template <bool kOrthographic>
+SCREE_HD inline float face_cosine(const ShadeInputs& in, const Meeting<float>& m, float x, float y) {
+  float edge[2][3];
+  float product = abs_of(m.area) * in.aspect;
+  for (int n = 0; n < 2; ++n) {
+    float* e = edge[n];
+    e[0] = kOrthographic ? m.edge_x[n] : multiply_add(x, m.edge_w[n], m.edge_x[n]);
+    e[1] = (kOrthographic ? m.edge_y[n] : multiply_add(y, m.edge_w[n], m.edge_y[n])) * in.aspect;
+    e[2] = m.edge_w[n] * in.focal;
+    const float scale = inverse_root(e[0] * e[0] + e[1] * e[1] + e[2] * e[2]);
+    for (int i = 0; i < 3; ++i) e[i] = e[i] * scale;
+    product = product * scale;
+  }
+  const float nx = edge[0][1] * edge[1][2] - edge[0][2] * edge[1][1];
+  const float ny = edge[0][2] * edge[1][0] - edge[0][0] * edge[1][2];
+  const float nz = edge[0][0] * edge[1][1] - edge[0][1] * edge[1][0];
+  float squared = nx * nx + ny * ny + nz * nz;
+  if constexpr (!kOrthographic) {
+    const float ray_y = y * in.aspect;
+    product = product * in.focal;
+    squared = squared * (x * x + ray_y * ray_y + in.focal * in.focal);
+  }
+  return product * inverse_root(squared);
+}
+
+/// |n . l| of vertex normals; not a number where they have no direction.
+template <bool kOrthographic>
+SCREE_HD inline float vertex_cosine(const ShadeInputs& in, const PlacedChunk& at, const float object[3], float x,
+                                    float y) {
+  // The rows of the transform in view space; their cofactors are the inverse transpose but for a factor.
+  float rows[3][3];
+  float largest = 0;
+  for (int j = 0; j < 3; ++j) {
+    rows[0][j] = at.transform.x[j];
+    rows[1][j] = at.transform.y[j] * in.aspect;
+    rows[2][j] = at.transform.w[j] * in.focal;
+    for (int i = 0; i < 3; ++i) largest = max_of(largest, abs_of(rows[i][j]));
+  }
+  const float scale = reciprocal(largest);
+  for (int i = 0; i < 3; ++i) {
+    for (int j = 0; j < 3; ++j) rows[i][j] = rows[i][j] * scale;
+  }
+  const float ray[3] = {kOrthographic ? 0.0f : x, kOrthographic ? 0.0f : y * in.aspect,
+                        kOrthographic ? 1.0f : in.focal};
+  float product = 0;
+  float normal_squared = 0;
+  float ray_squared = 0;
+  for (int i = 0; i < 3; ++i) {
+    const float* a = rows[(i + 1) % 3];
+    const float* b = rows[(i + 2) % 3];
+    const float n = (a[1] * b[2] - a[2] * b[1]) * object[0] + (a[2] * b[0] - a[0] * b[2]) * object[1] +
+                    (a[0] * b[1] - a[1] * b[0]) * object[2];
+    product = multiply_add(n, ray[i], product);
+    normal_squared = multiply_add(n, n, normal_squared);
+    ray_squared = multiply_add(ray[i], ray[i], ray_squared);
+  }
+  return abs_of(product) * inverse_root(normal_squared) * inverse_root(ray_squared);
+}
+
+/// Of an angle in radians.
+SCREE_HD inline void cosine_sine(double angle, double& cosine, double& sine) {
+#if defined(__CUDA_ARCH__)
+  sincospi(angle * 0.31830988618379067154, &sine, &cosine);  // cos() would want a stack, for angles of any size
+#else
+  cosine = std::cos(angle);
+  sine = std::sin(angle);
+#endif
+}
+
+/// A place on a texture.
+struct TexturePlace {
+  double u;
+  double v;
+  float footprint;  // squared, texels of level 0; huge where a neighbour's ray misses the plane
+  bool exact;       // single precision was enough
+};
+
+/// Where the ray meets the triangle's plane in texture coordinates, and how far the rays of the samples to the right
+/// and below are from there. `material`: for KHR_texture_transform; null for plain coordinates.
+template <bool kOrthographic, class Real>
+SCREE_HD inline TexturePlace texture_place(const ShadeInputs& in, const PlacedChunk& at, const uint32_t vertex[3],
+                                           const format::MaterialRecord* material, float width, float height,
+                                           const Meeting<Real>& m, const Real weights[3]) {
+  const format::ChunkRecord& chunk = at.chunk;
+  const std::byte* stream = at.page + chunk.offset + streams_of(at.mesh, chunk).uvs.offset;
+  const uint32_t stride = uint32_t{chunk.uv_bits[0]} + chunk.uv_bits[1];
+  const double step = format::exp2i(chunk.uv_exponent);
+  TexturePlace place{};
+  Real edge[2][2];  // corner 0 to 1 and 2, u and v
+  double first[2];
+  uint32_t codes[2];
+  for (int n = 0; n < 3; ++n) {
+    // Two codes take at most 48 bits.
+    uint64_t run = stride == 0 ? 0u : unpack_run(stream, uint64_t{vertex[n]} * stride, stride);
+    for (int c = 0; c < 2; ++c) {
+      const uint32_t code = low_bits(run, chunk.uv_bits[c]);
+      run >>= chunk.uv_bits[c];
+      if (n == 0) {
+        codes[c] = code;
+        first[c] = static_cast<double>(wrapping_add(chunk.uv_min[c], static_cast<int64_t>(code))) * step;
+      } else {
+        edge[n - 1][c] =
+            static_cast<Real>(static_cast<int32_t>(code) - static_cast<int32_t>(codes[c])) * static_cast<Real>(step);
+      }
+    }
+  }
+  if (material != nullptr) {
+    // Scale, then rotation, then offset: affine, so that corner and edges can take it.
+    const float* scale = material->uv_scale;
+    for (int c = 0; c < 2; ++c) {
+      first[c] = first[c] * static_cast<double>(scale[c]);
+      for (int n = 0; n < 2; ++n) edge[n][c] = edge[n][c] * static_cast<Real>(scale[c]);
+    }
+    if (material->uv_rotation != 0) {
+      double cosine;
+      double sine;
+      cosine_sine(static_cast<double>(material->uv_rotation), cosine, sine);
+      const double turned[2] = {cosine * first[0] + sine * first[1], cosine * first[1] - sine * first[0]};
+      first[0] = turned[0];
+      first[1] = turned[1];
+      for (int n = 0; n < 2; ++n) {
+        const Real u = edge[n][0];
+        const Real v = edge[n][1];
+        edge[n][0] = static_cast<Real>(cosine) * u + static_cast<Real>(sine) * v;
+        edge[n][1] = static_cast<Real>(cosine) * v - static_cast<Real>(sine) * u;
+      }
+    }
+    for (int c = 0; c < 2; ++c) first[c] = first[c] + static_cast<double>(material->uv_offset[c]);
+  }
+  place.u = first[0] + static_cast<double>(weights[1] * edge[0][0] + weights[2] * edge[1][0]);
+  place.v = first[1] + static_cast<double>(weights[1] * edge[0][1] + weights[2] * edge[1][1]);
+
+  // One sample to the side, corner 0 moves by -256 w and the edges by -256 of theirs: what that does to areas and
+  // weights, written so that nothing large cancels.
+  const Real inverse = reciprocal(m.area);
+  const Real share[2] = {(m.edge_x[1] * m.y - m.edge_y[1] * m.x) * inverse,
+                         (m.x * m.edge_y[0] - m.y * m.edge_x[0]) * inverse};
+  for (int side = 0; side < 2; ++side) {
+    const Real* along = side == 0 ? m.edge_y : m.edge_x;
+    const Real start = side == 0 ? m.y : m.x;
+    const Real sign = static_cast<Real>(side == 0 ? -kSubpixels : kSubpixels);
+    const Real g0 = kOrthographic ? Real{0} : m.edge_w[0];
+    const Real g1 = kOrthographic ? Real{0} : m.edge_w[1];
+    const Real area = sign * (g0 * along[1] - g1 * along[0]);
+    const Real e1 = sign * (g1 * start - m.w * along[1]);
+    const Real e2 = sign * (m.w * along[0] - g0 * start);
+    const Real moved = m.area + area;
+    if ((moved > 0) != (m.area > 0)) {
+      place.footprint = 1e30f;
+      continue;
+    }
+    const Real scale = reciprocal(moved);
+    const Real t1 = (e1 - share[0] * area) * scale;
+    const Real t2 = (e2 - share[1] * area) * scale;
+    const float du = static_cast<float>(t1 * edge[0][0] + t2 * edge[1][0]) * width;
+    const float dv = static_cast<float>(t1 * edge[0][1] + t2 * edge[1][1]) * height;
+    place.footprint = max_of(place.footprint, min_of(du * du + dv * dv, 1e30f));
+  }
+  // Weights in single precision are off by 2^-22 or so: of a triangle's texels, and where corners are far more distant
+  // than the point that is seen, of their distance in pixels.
+  Real spread{0};
+  Real reach = static_cast<Real>(max_of(in.view.half_width, in.view.half_height));
+  for (int n = 0; n < 2; ++n) {
+    spread = max_of(spread, max_of(abs_of(edge[n][0]) * width, abs_of(edge[n][1]) * height));
+    reach = max_of(reach, max_of(abs_of(m.edge_x[n]), abs_of(m.edge_y[n])));
+  }
+  const Real w = kOrthographic ? m.w : m.w + weights[1] * m.edge_w[0] + weights[2] * m.edge_w[1];
+  place.exact = spread < Real{1 << 16} && reach < static_cast<Real>(1 << 23) * w;
+  return place;
+}
+
+/// Gives a sample's transform: the frame's array.
+template <bool kMakes>
+struct TransformSource {
+  SCREE_HD const Transform& get(const ShadeInputs& in, uint64_t instance) { return in.transforms[instance]; }
+};
+
+/// Where there may be no array, the transform is made when another instance comes.
+template <>
+struct TransformSource<true> {
+  Transform own;
+  uint64_t own_instance = ~uint64_t{0};
+
+  SCREE_HD const Transform& get(const ShadeInputs& in, uint64_t instance) {
+    if (in.transforms != nullptr) return in.transforms[instance];
+    if (own_instance != instance) {
+      const format::InstanceRecord& record = in.scene.instances[instance];
+      const format::MeshRecord& mesh = in.scene.meshes[record.mesh];
+      own = make_transform(in.view, in.scene.matrices[record.matrix], mesh.lattice_exponent,
+                           mesh.position_encoding == format::PositionEncoding::kFloat32);
+      own_instance = instance;
+    }
+    return own;
+  }
+};
+
+/// What a lane keeps from sample to sample.
+template <class Team, class Shader>
+struct ShadeState {
+  Location at;
+  TransformSource<Team::kMakesTransforms> source;
+  typename Shader::Texels::Lane texels;
+};
+
+/// The colour of a sample: one kind of picture, of camera, of scene and of textures, so that no kind pays for another's
+/// registers.
+template <bool kOrthographic, Show kShow, ChunkKinds kKinds = ChunkKinds::kMixed, class TexelSource = SceneTexels>
+struct Shader {
+  using Texels = TexelSource;
+
+  ShadeInputs in;
+  Texels texels;
+
+  /// All lanes of a team call it; `wanted`: whether the lane has a sample that is not background. Sample (x, y) of the
+  /// picture, linear light.
+  template <class Team>
+  SCREE_HD void operator()(Team team, bool wanted, uint64_t sample, int32_t x, int32_t y,
+                           ShadeState<Team, Shader>& state, float rgb[3]) const {
+    const uint64_t id = sample_id(sample);
+    // The pictures that are not of light are seen as 8-bit sRGB; they are given so that the code is the value.
+    if constexpr (kShow == Show::kTriangle) {
+      random_color(id, rgb);
+    } else if constexpr (kShow == Show::kDepth) {
+      rgb[0] = rgb[1] = rgb[2] = srgb_to_linear(depth_grey(sample_depth_code(sample)));
+    } else {
+      locate(team, in.scene, id, wanted, state.at);
+      if (!wanted) return;
+      if constexpr (kShow == Show::kMesh) {
+        random_color(in.scene.instances[state.at.instance].mesh, rgb);
+      } else {
+        const uint32_t triangle = static_cast<uint32_t>(id - state.at.first_id);
+        const PlacedChunk at =
+            place_chunk<kKinds>(in.scene, state.at.chunk, triangle, state.source.get(in, state.at.instance));
+        uint32_t vertex[3];
+        fetch_triangle(at.reader, triangle, vertex);
+        if constexpr (kShow == Show::kCluster) {
+          // An indexed chunk counts as one.
+          random_color(state.at.chunk << 32 | (at.reader.clustered ? at.reader.cluster.first_triangle : 0u), rgb);
+        } else if constexpr (kShow == Show::kStage) {
+          const int stage = stage_of<kOrthographic>(at, vertex, in.view, x, y);
+          for (int c = 0; c < 3; ++c) rgb[c] = stage == c + 1 ? 1.0f : 0.05f;
+        } else {
+          const float center_x = static_cast<float>(x * kSubpixels + kSubpixels / 2) - in.view.half_width;
+          const float center_y = static_cast<float>(y * kSubpixels + kSubpixels / 2) - in.view.half_height;
+          shade(at, state.at.instance, vertex, center_x, center_y, state.texels, rgb);
+        }
+      }
+    }
+  }
+
+ private:
+  static constexpr bool kLight = kShow == Show::kTexture || kShow == Show::kColor;
+
+  SCREE_HD void shade(const PlacedChunk& at, uint64_t instance, const uint32_t vertex[3], float x, float y,
+                      [[maybe_unused]] typename Texels::Lane& lane, float rgb[3]) const {
+    const Meeting<float> m = meet<kOrthographic>(at.transform, fetch_corners<float>(at.reader, vertex), x, y);
+    float weights[3];
+    hit_weights(m, weights);
+    if constexpr (kShow == Show::kNormal) {
+      double normal[3];
+      world_normal(at, in.scene.matrices[in.scene.instances[instance].matrix], vertex,
+                   fetch_corners<double>(at.reader, vertex), weights, normal);
+      for (int c = 0; c < 3; ++c) rgb[c] = srgb_to_linear(static_cast<float>(0.5 + 0.5 * normal[c]));
+    } else if constexpr (kShow == Show::kUv) {
+      rgb[0] = rgb[1] = rgb[2] = 0;
+      if ((at.mesh.attributes & format::kHasUv) == 0) return;
+      const TexturePlace place = find_place(at, vertex, nullptr, 1.0f, 1.0f, m, weights, x, y);
+      rgb[0] = srgb_to_linear(static_cast<float>(place.u - std::floor(place.u)));
+      rgb[1] = srgb_to_linear(static_cast<float>(place.v - std::floor(place.v)));
+    } else if constexpr (kLight) {
+      const format::MaterialRecord* material =
+          at.mesh.material != format::kNone ? in.scene.materials + at.mesh.material : nullptr;
+      const bool unlit = material != nullptr && (material->flags & format::kMaterialUnlit) != 0;
+      const float light = in.options.light && !unlit ? diffuse_light(at, vertex, m, weights, x, y) : 1.0f;
+      rgb[0] = rgb[1] = rgb[2] = 1.0f;
+      if (material != nullptr) {
+        if constexpr (kShow == Show::kTexture) {
+          if ((at.mesh.attributes & format::kHasUv) != 0 && material->texture != format::kNone) {
+            const TextureView& texture = in.scene.textures[material->texture];
+            if (texture.level_count != 0) {
+              const TexturePlace place = find_place(at, vertex, material, static_cast<float>(texture.width),
+                                                    static_cast<float>(texture.height), m, weights, x, y);
+              sample_texture(texels, lane, texture, in.srgb->linear, place.u, place.v, place.footprint, rgb);
+            }
+          }
+        }
+        for (int c = 0; c < 3; ++c) rgb[c] = rgb[c] * material->base_color[c];
+      }
+      if ((at.mesh.attributes & format::kHasColor) != 0) vertex_color(at, vertex, weights, rgb);
+      for (int c = 0; c < 3; ++c) rgb[c] = rgb[c] * light;
+    }
+  }
+
+  SCREE_HD float diffuse_light(const PlacedChunk& at, const uint32_t vertex[3], const Meeting<float>& m,
+                               const float weights[3], float x, float y) const {
+    float cosine = -1.0f;
+    if (has_vertex_normals(at)) {
+      float normal[3];
+      vertex_normal(at, vertex, weights, normal);
+      cosine = vertex_cosine<kOrthographic>(in, at, normal, x, y);
+    }
+    if (!(cosine >= 0)) cosine = face_cosine<kOrthographic>(in, m, x, y);
+    return kAmbient + (1.0f - kAmbient) * (cosine >= 0 ? min_of(cosine, 1.0f) : 0.0f);
+  }
+
+  SCREE_HD TexturePlace find_place(const PlacedChunk& at, const uint32_t vertex[3],
+                                   const format::MaterialRecord* material, float width, float height,
+                                   const Meeting<float>& m, const float weights[3], float x, float y) const {
+    const TexturePlace place = texture_place<kOrthographic>(in, at, vertex, material, width, height, m, weights);
+    if (place.exact) return place;
+    const uint64_t chunk = static_cast<uint64_t>(&at.chunk - in.scene.chunks);
+    return exact_place(in, chunk, at.triangle, &at.transform, vertex[0], vertex[1], vertex[2], material, width, height,
+                       x, y);
+  }
+
+  /// Rare and wide: a call that takes values alone, so that on a GPU the others keep what they have in registers.
+  [[gnu::noinline]] SCREE_HD static TexturePlace exact_place(const ShadeInputs& in, uint64_t chunk, uint32_t triangle,
+                                                             const Transform* transform, uint32_t vertex0,
+                                                             uint32_t vertex1, uint32_t vertex2,
+                                                             const format::MaterialRecord* material, float width,
+                                                             float height, float x, float y) {
+    const PlacedChunk at = place_chunk<kKinds>(in.scene, chunk, triangle, *transform);
+    const uint32_t vertex[3] = {vertex0, vertex1, vertex2};
+    const Meeting<double> m = meet<kOrthographic>(at.transform, fetch_corners<double>(at.reader, vertex),
+                                                  static_cast<double>(x), static_cast<double>(y));
+    double weights[3];
+    hit_weights(m, weights);
+    return texture_place<kOrthographic>(in, at, vertex, material, width, height, m, weights);
+  }
+
+  SCREE_HD static void vertex_color(const PlacedChunk& at, const uint32_t vertex[3], const float weights[3],
+                                    float rgb[3]) {
+    const std::byte* stream = at.page + at.chunk.offset + streams_of(at.mesh, at.chunk).colors.offset;
+    float color[3] = {0, 0, 0};
+    for (int i = 0; i < 3; ++i) {
+      const uint8_t* texel = reinterpret_cast<const uint8_t*>(stream) + 4 * uint64_t{vertex[i]};
+      for (int c = 0; c < 3; ++c) color[c] = multiply_add(weights[i], static_cast<float>(texel[c]), color[c]);
+    }
+    for (int c = 0; c < 3; ++c) rgb[c] = rgb[c] * (color[c] * (1.0f / 255.0f));
+  }
+
+  SCREE_HD static void random_color(uint64_t number, float rgb[3]) {
+    const uint64_t bits = mix_bits(number);
+    for (int c = 0; c < 3; ++c) {
+      rgb[c] = srgb_to_linear(0.2f + 0.8f * static_cast<float>((bits >> (8 * c)) & 255u) * (1.0f / 255.0f));
+    }
+  }
+
+  /// White for the nearest sample of the picture to nearly black for the farthest; perspective codes are logarithmic.
+  SCREE_HD float depth_grey(uint32_t code) const {
+    const float range = static_cast<float>(in.depth_range->farthest - in.depth_range->nearest);
+    const float place = range > 0 ? static_cast<float>(code - in.depth_range->nearest) / range : 0.0f;
+    return 1.0f - 0.95f * min_of(max_of(place, 0.0f), 1.0f);
+  }
+};
+
+/// Calls visit(shader) with the shader of the scene's kind of chunks, where `kApart`: pictures of light are not drawn
+/// by code for another kind then.
+template <bool kApart, bool kOrthographic, Show kShow, class Texels, class Visit>
+inline void visit_kinds(const ShadeInputs& in, const Texels& texels, const Visit& visit) {
+  if constexpr (kApart) {
+    switch (in.scene.chunk_kinds) {
+      case ChunkKinds::kMixed:
+        break;
+      case ChunkKinds::kFloat32:
+        return visit(Shader<kOrthographic, kShow, ChunkKinds::kFloat32, Texels>{in, texels});
+      case ChunkKinds::kPacked:
+        return visit(Shader<kOrthographic, kShow, ChunkKinds::kPacked, Texels>{in, texels});
+      case ChunkKinds::kClustered:
+        return visit(Shader<kOrthographic, kShow, ChunkKinds::kClustered, Texels>{in, texels});
+    }
+  }
+  visit(Shader<kOrthographic, kShow, ChunkKinds::kMixed, Texels>{in, texels});
+}
+
+/// Calls visit(shader) with the shader of a camera and a kind of picture, and as visit_kinds() does. A scene without
+/// textures does not pay for them.
+template <bool kApart, class Visit>
+inline void visit_shader(const ShadeInputs& in, const Visit& visit) {
+  const SceneTexels texels{in.scene.blocks};
+  const auto with_kinds = [&]<bool kOrthographic, Show kShow>() {
+    visit_kinds<kApart, kOrthographic, kShow>(in, texels, visit);
+  };
+  const auto with_camera = [&]<bool kOrthographic>() {
+    switch (in.options.show) {
+      case Show::kTexture:
+        if (in.scene.texture_count == 0) return with_kinds.template operator()<kOrthographic, Show::kColor>();
+        return with_kinds.template operator()<kOrthographic, Show::kTexture>();
+      case Show::kColor:
+        return with_kinds.template operator()<kOrthographic, Show::kColor>();
+      case Show::kUv:
+        return visit(Shader<kOrthographic, Show::kUv>{in, {in.scene.blocks}});
+      case Show::kNormal:
+        return visit(Shader<kOrthographic, Show::kNormal>{in, {in.scene.blocks}});
+      case Show::kTriangle:
+        return visit(Shader<kOrthographic, Show::kTriangle>{in, {in.scene.blocks}});
+      case Show::kCluster:
+        return visit(Shader<kOrthographic, Show::kCluster>{in, {in.scene.blocks}});
+      case Show::kMesh:
+        return visit(Shader<kOrthographic, Show::kMesh>{in, {in.scene.blocks}});
+      case Show::kStage:
+        return visit(Shader<kOrthographic, Show::kStage>{in, {in.scene.blocks}});
+      case Show::kDepth:
+        return visit(Shader<kOrthographic, Show::kDepth>{in, {in.scene.blocks}});
+    }
+  };
+  in.view.orthographic ? with_camera.template operator()<true>() : with_camera.template operator()<false>();
+}
+
+}  // namespace SCREE_ISA
+}  // namespace scree::kernels

@@ -1,0 +1,61 @@
+// Pictures of scenes whose chunks are not all there at once: samples are shaded when their chunk is, and their colours
+// kept until the picture is whole.
+#pragma once
+
+#include "kernels/shade/pixels.h"
+
+namespace scree::kernels {
+inline namespace SCREE_ISA {
+
+/// Shades the samples whose triangle's chunk has its page, a tile of samples an item; leaves the colours of others.
+template <class ShaderOfPart>
+struct ShadePart {
+  using Shader = ShaderOfPart;
+
+  Shader shader;
+  PixelTiles tiles;         // of samples
+  const uint64_t* samples;  // of the whole picture
+  float* colors;            // 3 a sample
+
+  template <class Team>
+  SCREE_HD void operator()(uint32_t item, Team team) const {
+    ShadeState<Team, Shader> state;
+    tiles.for_each(item, team, [&](uint32_t x, uint32_t y, bool inside) { finish(team, x, y, inside, state); });
+  }
+
+  /// One sample, as Resolve::finish has a pixel.
+  template <class Team>
+  SCREE_HD void finish(Team team, uint32_t x, uint32_t y, bool inside, ShadeState<Team, Shader>& state) const {
+    const SceneView& scene = shader.in.scene;
+    const uint64_t place = uint64_t{y} * tiles.width + x;
+    const uint64_t sample = inside ? samples[place] : kBackground;
+    const bool covered = sample != kBackground;
+    locate(team, scene, sample_id(sample), covered, state.at);
+    const bool there = covered && scene.pages[scene.chunks[state.at.chunk].page] != nullptr;
+    float color[3];
+    shader(team, there, sample, static_cast<int32_t>(x), static_cast<int32_t>(y), state, color);
+    if (!there) return;
+    if constexpr (Shader::Texels::kMayMiss)
+      if (state.texels.missed) return;
+    for (int c = 0; c < 3; ++c) colors[3 * place + static_cast<uint64_t>(c)] = color[c];
+  }
+};
+
+/// In a Shader's place: the colours that ShadePart kept.
+struct StoredColors {
+  using Texels = SceneTexels;
+
+  ShadeInputs in;
+  const float* colors;
+
+  template <class Team>
+  SCREE_HD void operator()(Team, bool wanted, uint64_t, int32_t x, int32_t y, ShadeState<Team, StoredColors>&,
+                           float rgb[3]) const {
+    if (!wanted) return;
+    const uint64_t place = static_cast<uint64_t>(y) * static_cast<uint64_t>(in.view.width) + static_cast<uint64_t>(x);
+    for (uint64_t c = 0; c < 3; ++c) rgb[c] = colors[3 * place + c];
+  }
+};
+
+}  // namespace SCREE_ISA
+}  // namespace scree::kernels

@@ -1,0 +1,132 @@
+// Sampling a texture: wrap modes, bilinear in linear light, between mip levels, decoded ones and JPEGs.
+#pragma once
+
+#include <cmath>
+
+#include "kernels/math.h"
+#include "kernels/scene_view.h"
+#include "kernels/shade/block_cache.h"
+
+namespace scree::kernels {
+inline namespace SCREE_ISA {
+
+/// A coordinate brought into [0, 1] by its wrap mode. In double, so that coordinates of thousands of repeats keep their
+/// texels.
+SCREE_HD inline double wrap_coordinate(double value, format::Wrap wrap) {
+  if (wrap == format::Wrap::kClamp) return min_of(max_of(value, 0.0), 1.0);
+  if (wrap == format::Wrap::kMirror) {
+    const double period = value - 2.0 * std::floor(value * 0.5);
+    return period > 1.0 ? 2.0 - period : period;
+  }
+  return value - std::floor(value);
+}
+
+/// The two texels around a wrapped coordinate and the weight of the second.
+struct TexelPair {
+  uint32_t first;
+  uint32_t second;
+  float weight;
+};
+
+SCREE_HD inline TexelPair texel_pair(double wrapped, uint32_t size, format::Wrap wrap) {
+  const double place = min_of(max_of(wrapped, 0.0), 1.0) * size - 0.5;
+  const double below = std::floor(place);
+  const int64_t first = static_cast<int64_t>(below);
+  TexelPair pair;
+  pair.weight = static_cast<float>(place - below);
+  const int64_t last = static_cast<int64_t>(size) - 1;
+  const int64_t second = first + 1;
+  if (wrap == format::Wrap::kRepeat) {
+    pair.first = static_cast<uint32_t>(first < 0 ? last : first);
+    pair.second = static_cast<uint32_t>(second > last ? 0 : second);
+  } else {  // mirrored neighbours are the edge texel itself
+    pair.first = static_cast<uint32_t>(first < 0 ? 0 : first);
+    pair.second = static_cast<uint32_t>(second > last ? last : second);
+  }
+  return pair;
+}
+
+/// The four texels of two columns and two rows, row by row, as coded, red in the low byte; the high byte is anything.
+/// Of a decoded level.
+SCREE_HD inline void decoded_texels(const TextureView& texture, uint32_t level, const TexelPair& column,
+                                    const TexelPair& row, uint32_t texels[4]) {
+  const uint32_t width = max_of(texture.width >> level, 1u);
+  const uint8_t* first = texture.texels + 4 * texture.level_offset[level];
+  for (uint32_t i = 0; i < 4; ++i) {
+    const uint64_t x = i % 2 == 0 ? column.first : column.second;
+    const uint64_t y = i < 2 ? row.first : row.second;
+    const uint8_t* texel = first + 4 * (y * width + x);
+    texels[i] = texel[0] | uint32_t{texel[1]} << 8 | uint32_t{texel[2]} << 16;
+  }
+}
+
+/// Where a sample finds its texels: the decoded levels, and on a CPU the scene's block cache. Never without them.
+struct SceneTexels {
+  static constexpr bool kMayMiss = false;
+  struct Lane {};  // what a lane keeps of its lookups
+
+  BlockCache* blocks;  // SceneView::blocks
+
+  SCREE_HD void fetch(Lane&, const TextureView& texture, uint32_t level, const TexelPair& column, const TexelPair& row,
+                      uint32_t texels[4]) const {
+#if !defined(__CUDA_ARCH__)
+    if (level < texture.jpeg_level_count) {
+      const uint32_t x[2] = {column.first, column.second};
+      const uint32_t y[2] = {row.first, row.second};
+      blocks->fetch(texture.jpeg[level], x, y, texels);
+      return;
+    }
+#endif
+    decoded_texels(texture, level, column, row, texels);
+  }
+};
+
+/// `table`: linear light of the 256 sRGB codes.
+template <class Texels>
+SCREE_HD inline void sample_level(const Texels& source, typename Texels::Lane& lane, const TextureView& texture,
+                                  const float* table, uint32_t level, double u, double v, bool nearest, float rgb[3]) {
+  const uint32_t width = max_of(texture.width >> level, 1u);
+  const uint32_t height = max_of(texture.height >> level, 1u);
+  TexelPair column = texel_pair(u, width, texture.wrap_s);
+  TexelPair row = texel_pair(v, height, texture.wrap_t);
+  if (nearest) {
+    column.weight = column.weight < 0.5f ? 0.0f : 1.0f;
+    row.weight = row.weight < 0.5f ? 0.0f : 1.0f;
+  }
+  uint32_t texels[4];
+  source.fetch(lane, texture, level, column, row, texels);
+  for (uint32_t c = 0; c < 3; ++c) {
+    const float a = table[texels[0] >> (8 * c) & 255u];
+    const float b = table[texels[1] >> (8 * c) & 255u];
+    const float e = table[texels[2] >> (8 * c) & 255u];
+    const float f = table[texels[3] >> (8 * c) & 255u];
+    const float above = a + (b - a) * column.weight;
+    const float below = e + (f - e) * column.weight;
+    rgb[c] = above + (below - above) * row.weight;
+  }
+}
+
+/// The colour at (u, v), any finite numbers. `footprint`: the square of the larger side of a pixel in texels of
+/// level 0; picks the mip levels.
+template <class Texels>
+SCREE_HD inline void sample_texture(const Texels& source, typename Texels::Lane& lane, const TextureView& texture,
+                                    const float* table, double u, double v, float footprint, float rgb[3]) {
+  rgb[0] = rgb[1] = rgb[2] = 1.0f;
+  if (texture.level_count == 0) return;
+  const double wrapped_u = wrap_coordinate(u, texture.wrap_s);
+  const double wrapped_v = wrap_coordinate(v, texture.wrap_t);
+  const float last = static_cast<float>(texture.level_count - 1);
+  // NaN and infinite footprints (a plane seen edge-on) take the last level.
+  const float level = footprint <= 1.0f ? 0.0f : footprint < 1e18f ? min_of(0.5f * std::log2(footprint), last) : last;
+  const uint32_t fine = static_cast<uint32_t>(level);
+  sample_level(source, lane, texture, table, fine, wrapped_u, wrapped_v, texture.nearest && footprint <= 1.0f, rgb);
+  const float between = level - static_cast<float>(fine);
+  if (between > 0) {
+    float coarse[3];
+    sample_level(source, lane, texture, table, fine + 1, wrapped_u, wrapped_v, false, coarse);
+    for (int c = 0; c < 3; ++c) rgb[c] = rgb[c] + (coarse[c] - rgb[c]) * between;
+  }
+}
+
+}  // namespace SCREE_ISA
+}  // namespace scree::kernels

@@ -1,0 +1,285 @@
+// Decoded groups of indexed JPEGs (format/jpeg/pixels.h) for threads that must not wait for each other: what a GPU has
+// for block_cache.h. Runs on a CPU too, where the tests try it.
+//
+// A picture goes in rounds. While pixels are shaded the cache's keys and samples stay as they are; a pixel that does
+// not find a group asks for it and is left for the next round. Between two rounds every group that was asked for takes
+// the place of one that this round did not see, and is decoded. After a few rounds the pixels that are still left,
+// because the cache is too small for them, decode what they lack themselves: the picture is the same for a cache of any
+// size.
+#pragma once
+
+#include <cstdint>
+
+#include "kernels/shade/texture.h"
+
+namespace scree::kernels {
+inline namespace SCREE_ISA {
+
+// Words that threads share. Whatever order is needed comes from the rounds.
+SCREE_HD inline uint64_t swap_if(uint64_t* place, uint64_t expected, uint64_t wanted) {
+#if defined(__CUDA_ARCH__)
+  return atomicCAS(reinterpret_cast<unsigned long long*>(place), static_cast<unsigned long long>(expected),
+                   static_cast<unsigned long long>(wanted));
+#else
+  __atomic_compare_exchange_n(place, &expected, wanted, false, __ATOMIC_RELAXED, __ATOMIC_RELAXED);
+  return expected;
+#endif
+}
+SCREE_HD inline uint32_t swap_if(uint32_t* place, uint32_t expected, uint32_t wanted) {
+#if defined(__CUDA_ARCH__)
+  return atomicCAS(place, expected, wanted);
+#else
+  __atomic_compare_exchange_n(place, &expected, wanted, false, __ATOMIC_RELAXED, __ATOMIC_RELAXED);
+  return expected;
+#endif
+}
+/// What was there before.
+SCREE_HD inline uint32_t count_up(uint32_t* counter) {
+#if defined(__CUDA_ARCH__)
+  return atomicAdd(counter, 1u);
+#else
+  return __atomic_fetch_add(counter, 1u, __ATOMIC_RELAXED);
+#endif
+}
+/// On a GPU perhaps what was there when the kernel began.
+template <class T>
+SCREE_HD inline T look_at(const T* place) {
+#if defined(__CUDA_ARCH__)
+  return *place;
+#else
+  return __atomic_load_n(place, __ATOMIC_RELAXED);
+#endif
+}
+/// What is there now.
+template <class T>
+SCREE_HD inline T look_again_at(const T* place) {
+#if defined(__CUDA_ARCH__)
+  return *static_cast<const volatile T*>(place);
+#else
+  return __atomic_load_n(place, __ATOMIC_RELAXED);
+#endif
+}
+template <class T>
+SCREE_HD inline void put_at(T* place, T value) {
+#if defined(__CUDA_ARCH__)
+  *static_cast<volatile T*>(place) = value;
+#else
+  __atomic_store_n(place, value, __ATOMIC_RELAXED);
+#endif
+}
+
+/// A group that pixels lack: its key, and where it stands in TextureCache::wanted.
+struct GroupRequest {
+  uint64_t key;
+  uint32_t place;
+  uint32_t zero;
+};
+
+/// What one round counts.
+struct RoundCounters {
+  uint32_t requests;  // groups asked for; may pass the capacity
+  uint32_t decoded;   // of them, by those that found a place
+  uint32_t tiles;     // with pixels that are left for the next round
+  uint32_t zero;
+};
+
+/// A view of the cache: keys in sets of kWays, each key in one of two sets. Owns nothing.
+struct TextureCache {
+  static constexpr uint32_t kWays = 8;
+  static constexpr uint32_t kProbes = 16;  // of the table of what is wanted
+  static constexpr uint64_t kNoKey = ~uint64_t{0};
+  static constexpr uint32_t kNoSlot = ~uint32_t{0};
+  static constexpr uint32_t kNever = ~uint32_t{0};  // the stamp of a way that is not there
+
+  uint64_t* keys;           // level number << 32 | group; kWays a set
+  uint32_t* stamps;         // the last round that saw the slot
+  uint8_t* samples;         // slot_bytes a slot
+  uint64_t* wanted;         // keys asked for in this round; all kNoKey between rounds
+  GroupRequest* requests;   // one for each slot
+  const JpegLevel* levels;  // by number
+  uint32_t set_count;
+  uint32_t slot_count;
+  uint32_t slot_bytes;  // of the largest group, a multiple of 64
+  uint32_t wanted_count;
+
+  SCREE_HD static uint64_t key_of(uint32_t level, uint32_t group) { return uint64_t{level} << 32 | group; }
+
+  SCREE_HD static uint64_t spread(uint64_t key) {
+    key = (key ^ (key >> 32)) * 0x9e3779b97f4a7c15u;
+    return (key ^ (key >> 29)) * 0xbf58476d1ce4e5b9u;
+  }
+  /// A number below `count` of 32 evenly spread bits.
+  SCREE_HD static uint32_t scale_to(uint32_t bits, uint32_t count) {
+    return static_cast<uint32_t>(uint64_t{bits} * count >> 32);
+  }
+  SCREE_HD uint32_t first_slot(uint64_t spread_key, uint32_t choice) const {
+    return kWays * scale_to(static_cast<uint32_t>(spread_key >> (choice == 0 ? 32 : 12)), set_count);
+  }
+
+  /// The slot of a key, or kNoSlot. Keys do not change while anybody looks.
+  SCREE_HD uint32_t find(uint64_t key) const {
+    const uint64_t spread_key = spread(key);
+    for (uint32_t choice = 0; choice < 2; ++choice) {
+      const uint32_t first = first_slot(spread_key, choice);
+      uint32_t found = kNoSlot;
+      for (uint32_t way = 0; way < kWays; ++way) found = keys[first + way] == key ? first + way : found;
+      if (found != kNoSlot) return found;
+    }
+    return kNoSlot;
+  }
+
+  /// The group's samples, seen in round `now`; null where it is not there.
+  SCREE_HD const uint8_t* see(uint64_t key, uint32_t now) const {
+    const uint32_t slot = find(key);
+    if (slot == kNoSlot) return nullptr;
+    if (look_at(stamps + slot) != now) put_at(stamps + slot, now);
+    return samples + uint64_t{slot} * slot_bytes;
+  }
+
+  /// Asks for a group that is not there; once, however many pixels do. Where there is no room it is forgotten.
+  SCREE_HD void ask_for(uint64_t key, RoundCounters* counters) const {
+    if (look_again_at(&counters->requests) > slot_count) return;  // else a small cache's misses would wrap the count
+    uint32_t place = scale_to(static_cast<uint32_t>(spread(key) >> 20), wanted_count);
+    for (uint32_t probe = 0; probe < kProbes; ++probe) {
+      uint64_t there = look_at(wanted + place);
+      if (there == kNoKey) there = swap_if(wanted + place, kNoKey, key);
+      if (there == key) return;
+      if (there == kNoKey) {
+        const uint32_t index = count_up(&counters->requests);
+        if (index < slot_count) {
+          requests[index] = {key, place, 0};
+        } else {
+          put_at(wanted + place, kNoKey);
+        }
+        return;
+      }
+      place = place + 1 == wanted_count ? 0 : place + 1;
+    }
+  }
+
+  /// A slot that round `now` did not see, the one seen longest ago, given to a request of that round; kNoSlot where
+  /// there is none. Several threads may claim at once: a slot that is lost to another has the stamp `now` for good, so
+  /// that a thread tries no more often than there are ways.
+  SCREE_HD uint32_t claim(const GroupRequest& request, uint32_t now) const {
+    put_at(wanted + request.place, kNoKey);
+    const uint64_t spread_key = spread(request.key);
+    for (;;) {
+      uint32_t oldest = kNoSlot;
+      uint32_t stamp = now;
+      for (uint32_t choice = 0; choice < 2; ++choice) {
+        const uint32_t first = first_slot(spread_key, choice);
+        for (uint32_t way = 0; way < kWays; ++way) {
+          const uint32_t seen = look_again_at(stamps + first + way);
+          if (seen >= stamp) continue;
+          stamp = seen;
+          oldest = first + way;
+        }
+      }
+      if (oldest == kNoSlot) return kNoSlot;
+      if (swap_if(stamps + oldest, stamp, now) != stamp) continue;
+      keys[oldest] = request.key;
+      return oldest;
+    }
+  }
+
+  /// How a cache of `bytes` of samples divides: never less than one slot, whole sets if there are several.
+  static uint32_t slots_for(uint64_t bytes, uint32_t slot_bytes) {
+    const uint64_t slots = bytes / slot_bytes;
+    constexpr uint64_t kMost = uint64_t{1} << 30;
+    if (slots < kWays) return slots == 0 ? 1 : static_cast<uint32_t>(slots);
+    return static_cast<uint32_t>((slots < kMost ? slots : kMost) / kWays * kWays);
+  }
+  static uint32_t sets_for(uint32_t slots) { return slots < kWays ? 1 : slots / kWays; }
+  /// Places in the table of what is wanted: twice as many as there can be requests.
+  static uint32_t wanted_for(uint32_t slots) { return 2 * slots < 4 * kProbes ? 4 * kProbes : 2 * slots; }
+};
+
+/// Texels of JPEG levels from the cache alone.
+struct CachedTexels {
+  static constexpr bool kMayMiss = true;
+  struct Lane {
+    bool missed = false;  // a group, in the pixel that is shaded
+  };
+
+  TextureCache cache;
+  RoundCounters* counters;
+  uint32_t now;
+
+  SCREE_HD void fetch(Lane& lane, const TextureView& texture, uint32_t level, const TexelPair& column,
+                      const TexelPair& row, uint32_t texels[4]) const {
+    if (level >= texture.jpeg_level_count) return decoded_texels(texture, level, column, row, texels);
+    const JpegLevel& jpeg = texture.jpeg[level];
+    const uint8_t* samples = nullptr;
+    uint32_t group = 0;
+    for (uint32_t i = 0; i < 4; ++i) {
+      const format::JpegPlace place =
+          format::jpeg_place(jpeg.picture, i % 2 == 0 ? column.first : column.second, i < 2 ? row.first : row.second);
+      if (i == 0 || place.group != group) {
+        group = place.group;
+        const uint64_t key = TextureCache::key_of(jpeg.number, group);
+        samples = cache.see(key, now);
+        if (samples == nullptr) {
+          lane.missed = true;
+          cache.ask_for(key, counters);
+        }
+      }
+      texels[i] = samples != nullptr ? format::jpeg_colour(jpeg.picture, place, samples) : 0;
+    }
+  }
+};
+
+/// Texels of JPEG levels from the cache, and where they are not there decoded on the spot: slow, but always right.
+struct PatientTexels {
+  static constexpr bool kMayMiss = false;
+  struct Lane {};
+
+  TextureCache cache;
+  uint32_t now;
+
+  SCREE_HD void fetch(Lane&, const TextureView& texture, uint32_t level, const TexelPair& column, const TexelPair& row,
+                      uint32_t texels[4]) const {
+    if (level >= texture.jpeg_level_count) return decoded_texels(texture, level, column, row, texels);
+    const JpegLevel& jpeg = texture.jpeg[level];
+    format::JpegPlace places[4];
+    for (uint32_t i = 0; i < 4; ++i)
+      places[i] =
+          format::jpeg_place(jpeg.picture, i % 2 == 0 ? column.first : column.second, i < 2 ? row.first : row.second);
+    uint32_t left = 15;
+    while (left != 0) {
+      const uint32_t group = places[lowest_bit(left)].group;
+      uint32_t mine = 0;
+      for (uint32_t i = 0; i < 4; ++i)
+        if (places[i].group == group) mine |= 1u << i;
+      const uint8_t* samples = cache.see(TextureCache::key_of(jpeg.number, group), now);
+      if (samples == nullptr) {
+        format::decode_jpeg_colours(jpeg.picture, places, mine, texels);
+      } else {
+        for (uint32_t i = 0; i < 4; ++i)
+          if ((mine >> i & 1u) != 0) texels[i] = format::jpeg_colour(jpeg.picture, places[i], samples);
+      }
+      left &= ~mine;
+    }
+  }
+};
+
+/// Decodes what a round asked for; an item is a request.
+struct DecodeGroups {
+  TextureCache cache;
+  RoundCounters* counters;
+  uint32_t now;  // the round's
+
+  SCREE_HD uint32_t count() const { return min_of(counters->requests, cache.slot_count); }
+
+  SCREE_HD void operator()(uint32_t item) const {
+    const GroupRequest& request = cache.requests[item];
+    const uint32_t slot = cache.claim(request, now);
+    if (slot == TextureCache::kNoSlot) return;
+    count_up(&counters->decoded);
+    const JpegLevel& level = cache.levels[request.key >> 32];
+    format::decode_jpeg_group(level.picture, static_cast<uint32_t>(request.key),
+                              cache.samples + uint64_t{slot} * cache.slot_bytes);
+  }
+};
+
+}  // namespace SCREE_ISA
+}  // namespace scree::kernels

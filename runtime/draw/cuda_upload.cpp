@@ -1,0 +1,263 @@
+#include "runtime/draw/cuda_upload.h"
+
+#include <algorithm>
+#include <chrono>
+#include <map>
+#include <span>
+#include <string>
+#include <utility>
+#include <vector>
+
+namespace scree::runtime {
+
+using kernels::cuda_check;
+using kernels::DeviceBuffer;
+
+namespace {
+
+/// The ring in pinned memory, one event a slot. Copies go out on a few streams: one copies while the next is set up.
+class PinnedRing final : public UploadTarget {
+ public:
+  PinnedRing() = default;
+  PinnedRing(const PinnedRing&) = delete;
+  PinnedRing& operator=(const PinnedRing&) = delete;
+  ~PinnedRing() {
+    for (cudaStream_t stream : streams_) {
+      if (stream != nullptr) (void)cudaStreamSynchronize(stream);
+    }
+    for (cudaEvent_t event : copied_)
+      if (event != nullptr) (void)cudaEventDestroy(event);
+    for (cudaStream_t stream : streams_)
+      if (stream != nullptr) (void)cudaStreamDestroy(stream);
+  }
+
+  Result<void> open(const StagingSizes& sizes, std::byte* arena) {
+    slot_bytes_ = sizes.slot_bytes;
+    arena_ = arena;
+    if (auto done = cuda_check(cudaGetDevice(&device_), "asking for the current GPU"); !done) return done;
+    if (auto done = memory_.allocate(sizes.bytes(), "allocating pinned memory"); !done) return done;
+    for (cudaStream_t& stream : streams_)
+      if (auto done = cuda_check(cudaStreamCreateWithFlags(&stream, cudaStreamNonBlocking), "making a stream"); !done)
+        return done;
+    copied_.resize(sizes.slots);
+    for (cudaEvent_t& event : copied_)
+      if (auto done = cuda_check(cudaEventCreateWithFlags(&event, cudaEventDisableTiming | cudaEventBlockingSync),
+                                 "making an event");
+          !done)
+        return done;
+    return {};
+  }
+
+  std::byte* slot(uint32_t slot) override { return memory_.data() + slot * slot_bytes_; }
+
+  Result<void> copy(uint32_t slot, uint64_t to, uint64_t bytes) override {
+    // The current device is each thread's own.
+    if (auto done = cuda_check(cudaSetDevice(device_), "choosing the GPU"); !done) return done;
+    const cudaStream_t stream = streams_[slot % kStreams];
+    if (auto done = cuda_check(cudaMemcpyAsync(arena_ + to, this->slot(slot), bytes, cudaMemcpyHostToDevice, stream),
+                               "copying to the device");
+        !done)
+      return done;
+    return cuda_check(cudaEventRecord(copied_[slot], stream), "recording a copy");
+  }
+
+  Result<void> wait(uint32_t slot) override {
+    return cuda_check(cudaEventSynchronize(copied_[slot]), "waiting for a copy");
+  }
+
+ private:
+  static constexpr uint32_t kStreams = 2;
+
+  kernels::PinnedBuffer memory_;
+  uint64_t slot_bytes_ = 0;
+  std::byte* arena_ = nullptr;
+  int device_ = 0;
+  cudaStream_t streams_[kStreams] = {};
+  std::vector<cudaEvent_t> copied_;
+};
+
+Result<void> check_budget(uint64_t needed, uint64_t budget_bytes) {
+  const Result<uint64_t> budget = device_budget(budget_bytes);
+  if (!budget) return budget.error();
+  if (needed <= *budget) return {};
+  return Error{ErrorCode::kDevice, "the scene takes " + std::to_string(needed) + " bytes of device memory, but " +
+                                       std::to_string(*budget) + " are " +
+                                       (*budget == budget_bytes ? "allowed" : "free") + "; use --backend cpu"};
+}
+
+uint64_t texel_bytes(const kernels::TextureView& texture) {
+  const uint32_t last = texture.level_count - 1;
+  return 4 * (texture.level_offset[last] +
+              uint64_t{std::max(texture.width >> last, 1u)} * std::max(texture.height >> last, 1u));
+}
+
+/// The scene's JPEG levels by number, on their way to the device.
+class JpegLevels {
+ public:
+  void add_to(UploadPlan& plan, const Scene& scene) {
+    for (const JpegTexture& jpeg : scene.jpeg_textures()) {
+      for (size_t l = 0; l < jpeg.jpeg_levels().size(); ++l) {
+        const std::span<const std::byte> bytes = jpeg.level_bytes(l);
+        const std::vector<format::JpegHuffmanTable>& tables = jpeg.index(l).tables;
+        levels_.push_back(jpeg.jpeg_levels()[l]);
+        places_.push_back({plan.add(bytes.data(), bytes.size()), plan.add_array(tables.data(), tables.size()),
+                           plan.add_array(jpeg.factors(l).data(), jpeg.factors(l).size())});
+      }
+    }
+    table_ = plan.add_array(levels_.data(), levels_.size());
+  }
+
+  /// Makes the levels' pointers, and those of `textures` to levels, ones into the arena at `base`.
+  void move_to(const std::byte* base, std::span<kernels::TextureView> textures) {
+    for (kernels::TextureView& texture : textures)
+      if (texture.jpeg_level_count != 0) texture.jpeg = table(base) + texture.jpeg[0].number;
+    for (size_t i = 0; i < levels_.size(); ++i) {
+      format::JpegView& view = levels_[i].picture.view;
+      const auto moved = [&](const void* part) {
+        return base + places_[i].bytes +
+               (static_cast<const std::byte*>(part) - static_cast<const std::byte*>(view.data));
+      };
+      view.blocks = moved(view.blocks);
+      view.anchors = moved(view.anchors);
+      view.data = base + places_[i].bytes;
+      view.tables = reinterpret_cast<const format::JpegHuffmanTable*>(base + places_[i].tables);
+      levels_[i].picture.factors = reinterpret_cast<const uint32_t*>(base + places_[i].factors);
+    }
+  }
+
+  const kernels::JpegLevel* table(const std::byte* base) const {
+    return reinterpret_cast<const kernels::JpegLevel*>(base + table_);
+  }
+
+ private:
+  struct Place {
+    uint64_t bytes;
+    uint64_t tables;
+    uint64_t factors;
+  };
+  std::vector<kernels::JpegLevel> levels_;
+  std::vector<Place> places_;
+  uint64_t table_ = 0;
+};
+
+/// Where everything of a scene lies in the arena. The tables of pointers are filled once its address is known.
+struct ArenaLayout {
+  /// `streamed`: as CudaScene::upload has it.
+  ArenaLayout(const Scene& scene, const kernels::SceneView* streamed) {
+    const kernels::SceneView& host = streamed != nullptr ? *streamed : scene.view();
+    pages.resize(streamed != nullptr ? host.chunk_count : scene.container().pages().size());
+    textures.assign(host.textures, host.textures + host.texture_count);
+    meshes = plan.add_array(host.meshes, host.mesh_count);
+    chunks = plan.add_array(host.chunks, host.chunk_count);
+    instances = plan.add_array(host.instances, host.instance_count);
+    instance_base = plan.add_array(host.instance_base, host.instance_count + 1);
+    matrices = plan.add_array(host.matrices, host.matrix_count);
+    materials = plan.add_array(host.materials, host.material_count);
+    texture_views = plan.add_array(textures.data(), textures.size());
+    page_table = plan.add_array(pages.data(), pages.size());
+    for (const kernels::TextureView& texture : textures) {
+      if (texture.texels == nullptr || texel_offset.contains(texture.texels)) continue;
+      texel_offset[texture.texels] = plan.add(texture.texels, texel_bytes(texture));
+    }
+    levels.add_to(plan, scene);
+    if (streamed != nullptr) return;
+    const DrawnPages& drawn = scene.drawn_pages();
+    page_offset.resize(pages.size());
+    if (!scene.has_pages()) plan.add_pages(drawn);
+    for (uint64_t i = 0; i < drawn.size(); ++i)
+      page_offset[drawn.page(i)] =
+          scene.has_pages() ? plan.add(host.pages[drawn.page(i)], drawn.record(i).raw_bytes) : plan.page_offset(i);
+  }
+  ArenaLayout(const ArenaLayout&) = delete;
+  ArenaLayout& operator=(const ArenaLayout&) = delete;
+
+  UploadPlan plan;
+  std::vector<const std::byte*> pages;
+  std::vector<kernels::TextureView> textures;
+  std::map<const uint8_t*, uint64_t> texel_offset;  // several textures may show one image
+  std::vector<uint64_t> page_offset;                // empty where pages are streamed
+  JpegLevels levels;
+  uint64_t meshes;
+  uint64_t chunks;
+  uint64_t instances;
+  uint64_t instance_base;
+  uint64_t matrices;
+  uint64_t materials;
+  uint64_t texture_views;
+  uint64_t page_table;
+};
+
+uint64_t cache_bytes_of(const Scene& scene, uint64_t texture_cache) {
+  const uint32_t slot_bytes = scene.jpeg_slot_bytes();
+  return slot_bytes != 0 ? kernels::CudaTextureCache::device_bytes(texture_cache, slot_bytes) : 0;
+}
+
+}  // namespace
+
+Result<uint64_t> device_budget(uint64_t budget_bytes) {
+  size_t free_bytes = 0;
+  size_t total_bytes = 0;
+  if (auto done = cuda_check(cudaMemGetInfo(&free_bytes, &total_bytes), "asking for free device memory"); !done)
+    return done.error();
+  return budget_bytes == 0 ? uint64_t{free_bytes} : std::min<uint64_t>(budget_bytes, free_bytes);
+}
+
+uint64_t CudaScene::device_bytes(const Scene& scene, const kernels::SceneView* streamed, uint64_t texture_cache) {
+  return ArenaLayout(scene, streamed).plan.bytes() + cache_bytes_of(scene, texture_cache);
+}
+
+Result<CudaScene> CudaScene::upload(const Scene& scene, uint64_t budget_bytes, uint64_t reserved_bytes,
+                                    uint32_t threads, Reading reading, uint64_t texture_cache,
+                                    const kernels::SceneView* streamed) {
+  const auto start = std::chrono::steady_clock::now();
+  ArenaLayout layout(scene, streamed);
+  const UploadPlan& plan = layout.plan;
+  const uint32_t slot_bytes = scene.jpeg_slot_bytes();
+  const uint64_t needed = plan.bytes() + cache_bytes_of(scene, texture_cache) + reserved_bytes;
+  if (Result<void> fits = check_budget(needed, budget_bytes); !fits) return fits.error();
+  Result<DeviceBuffer> arena = DeviceBuffer::allocate(std::max<uint64_t>(plan.bytes(), 1), "allocating the scene");
+  if (!arena) return arena.error();
+  std::byte* const base = arena->data();
+  const DrawnPages& drawn = scene.drawn_pages();
+  if (streamed == nullptr)
+    for (uint64_t i = 0; i < drawn.size(); ++i) layout.pages[drawn.page(i)] = base + layout.page_offset[drawn.page(i)];
+  for (kernels::TextureView& texture : layout.textures)
+    if (texture.texels != nullptr)
+      texture.texels = reinterpret_cast<const uint8_t*>(base + layout.texel_offset[texture.texels]);
+  layout.levels.move_to(base, layout.textures);
+
+  const MappedFile& map = scene.file().map();
+  const Reading chosen = choose_reading(plan, map, reading);
+  const StagingSizes sizes = staging_for(plan, chosen, threads);
+  PinnedRing ring;
+  if (Result<void> opened = ring.open(sizes, base); !opened) return opened.error();
+  const Result<UploadCounts> counts = run_upload(plan, map, ring, sizes, chosen, threads);
+  if (!counts && counts.error().code == ErrorCode::kDevice) return counts.error();
+  if (!counts) return at(scene.file().path(), counts.error());
+
+  CudaScene copy;
+  if (slot_bytes != 0) {
+    Result<kernels::CudaTextureCache> cache =
+        kernels::CudaTextureCache::create(layout.levels.table(base), texture_cache, slot_bytes);
+    if (!cache) return cache.error();
+    copy.cache_ = std::move(*cache);
+    copy.jpeg_levels_ = layout.levels.table(base);
+  }
+  copy.arena_ = std::move(*arena);
+  copy.view_ = scene.view();
+  copy.view_.blocks = nullptr;
+  copy.view_.meshes = reinterpret_cast<const format::MeshRecord*>(base + layout.meshes);
+  copy.view_.chunks = reinterpret_cast<const format::ChunkRecord*>(base + layout.chunks);
+  copy.view_.instances = reinterpret_cast<const format::InstanceRecord*>(base + layout.instances);
+  copy.view_.instance_base = reinterpret_cast<const uint64_t*>(base + layout.instance_base);
+  copy.view_.matrices = reinterpret_cast<const format::MatrixRecord*>(base + layout.matrices);
+  copy.view_.materials = reinterpret_cast<const format::MaterialRecord*>(base + layout.materials);
+  copy.view_.textures = reinterpret_cast<const kernels::TextureView*>(base + layout.texture_views);
+  copy.view_.pages = reinterpret_cast<const std::byte* const*>(base + layout.page_table);
+  copy.stats_.counts = *counts;
+  copy.stats_.device_bytes = needed;
+  copy.stats_.upload_ms = std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
+  return Result<CudaScene>(std::move(copy));
+}
+
+}  // namespace scree::runtime

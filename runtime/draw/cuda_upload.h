@@ -1,0 +1,54 @@
+// A scene in CUDA device memory: one arena, filled through a ring of pinned memory. Where the program is built with
+// CUDA.
+#pragma once
+
+#include <cstdint>
+#include <optional>
+
+#include "format/result.h"
+#include "kernels/cuda/check.h"
+#include "kernels/cuda/texture_cache.h"
+#include "kernels/scene_view.h"
+#include "runtime/scene/scene.h"
+#include "runtime/stream/upload.h"
+
+namespace scree::runtime {
+
+/// What a scene may take: `budget_bytes`, 0 for all, and no more than the device has free. Errors kDevice.
+Result<uint64_t> device_budget(uint64_t budget_bytes);
+
+class CudaScene {
+ public:
+  CudaScene() = default;
+
+  /// Brings records, pages and textures of `scene` to the current device; `scene` may go afterwards. JPEG levels go as
+  /// they are; decoded blocks of them are kept in `texture_cache` bytes. `budget_bytes`: what all that and
+  /// `reserved_bytes` may take together; 0: what the device has free. Errors kDevice (a CUDA call that failed, which
+  /// and for what; a scene that does not fit, both sizes named) and, with the file named, those of run_upload.
+  /// `streamed`: null, or Streamer::view() of the scene: no page goes, and view().pages are chunk_count nulls.
+  static Result<CudaScene> upload(const Scene& scene, uint64_t budget_bytes, uint64_t reserved_bytes, uint32_t threads,
+                                  Reading reading = Reading::kAuto, uint64_t texture_cache = kDeviceTextureCache,
+                                  const kernels::SceneView* streamed = nullptr);
+
+  /// What upload() takes without `reserved_bytes`.
+  static uint64_t device_bytes(const Scene& scene, const kernels::SceneView* streamed, uint64_t texture_cache);
+
+  /// As `scene`'s, every pointer one of the device.
+  const kernels::SceneView& view() const { return view_; }
+  /// Of the textures' JPEG levels; null where there are none.
+  kernels::CudaTextureCache* texture_cache() { return cache_ ? &*cache_ : nullptr; }
+  /// Of the device, by number, where there are any.
+  const kernels::JpegLevel* jpeg_level(uint32_t number) const { return jpeg_levels_ + number; }
+  /// device_bytes: of the arena, the texture cache and `reserved_bytes`.
+  const UploadStats& stats() const { return stats_; }
+  uint64_t arena_bytes() const { return arena_.bytes(); }
+
+ private:
+  kernels::DeviceBuffer arena_;
+  std::optional<kernels::CudaTextureCache> cache_;
+  const kernels::JpegLevel* jpeg_levels_ = nullptr;
+  kernels::SceneView view_{};
+  UploadStats stats_;
+};
+
+}  // namespace scree::runtime

@@ -1,0 +1,146 @@
+#include "runtime/draw/renderer.h"
+
+#include <algorithm>
+#include <cassert>
+#include <cmath>
+#include <cstddef>
+#include <new>
+#include <string>
+
+#include "format/bitpack.h"
+#include "format/geometry/chunk_layout.h"
+#include "runtime/threads/parallel.h"
+
+namespace scree::runtime {
+namespace {
+
+/// The number in the source primitive, where the file has it.
+Result<std::optional<uint64_t>> source_triangle(const Scene& scene, const kernels::Hit& hit) {
+  const format::ChunkRecord& chunk = scene.view().chunks[hit.chunk];
+  const format::MeshRecord& mesh = scene.view().meshes[chunk.mesh];
+  if (!(mesh.attributes & format::kHasSourceIds)) return std::optional<uint64_t>();
+  if (chunk.source_bits == 0) return std::optional<uint64_t>(chunk.source_min);
+  std::vector<std::byte> scratch;
+  const Result<std::span<const std::byte>> page = scene.page(chunk.page, scratch);
+  if (!page) return page.error();
+  const std::byte* const stream = page->data() + chunk.offset + format::chunk_streams(mesh, chunk).source_ids.offset;
+  return std::optional<uint64_t>(chunk.source_min +
+                                 format::unpack(stream, uint64_t{hit.triangle} * chunk.source_bits, chunk.source_bits));
+}
+
+}  // namespace
+
+Result<Frame> Frame::draw(const Scene& scene, const kernels::View& view, uint32_t samples_per_side, uint32_t threads,
+                          DeviceScene* device, const kernels::ShadeOptions* shade) {
+  assert(samples_per_side == 1 || samples_per_side == 2 || samples_per_side == 4);
+  assert(device != nullptr || scene.has_pages());
+  const uint64_t width = uint64_t{view.width} * samples_per_side;
+  const uint64_t height = uint64_t{view.height} * samples_per_side;
+  if (width == 0 || height == 0 || width > kernels::kMaxImageSide || height > kernels::kMaxImageSide)
+    return Error{ErrorCode::kRange, "a picture of " + std::to_string(width) + " x " + std::to_string(height) +
+                                        " samples, expected 1 to " + std::to_string(kernels::kMaxImageSide) +
+                                        " a side"};
+  Frame frame;
+  frame.scene_ = &scene;
+  frame.device_ = device;
+  frame.view_ = view;
+  frame.view_.width = static_cast<uint32_t>(width);
+  frame.view_.height = static_cast<uint32_t>(height);
+  frame.samples_per_side_ = samples_per_side;
+  if (device == nullptr)
+    if (const Result<void> done = frame.make_room(); !done) return done.error();
+  const Stopwatch watch;
+  Result<kernels::FrameStats> stats = device != nullptr
+                                          ? device->draw(frame.view_, nullptr, shade)
+                                          : kernels::draw_cpu(scene.view(), frame.view_, frame.samples_, threads);
+  if (!stats) return stats.error();
+  frame.stats_ = *stats;
+  frame.draw_time_ = watch.elapsed();
+  return frame;
+}
+
+Result<void> Frame::make_room() {
+  const uint64_t count = uint64_t{view_.width} * view_.height;
+  try {
+    samples_.resize(count);
+    return {};
+  } catch (const std::bad_alloc&) {
+    return Error{ErrorCode::kMemory, "no memory left for " + std::to_string(count) + " samples"};
+  }
+}
+
+Result<void> Frame::read_samples() {
+  if (device_ == nullptr || !samples_.empty()) return {};
+  if (Result<void> done = make_room(); !done) return done;
+  return device_->read_samples(samples_);
+}
+
+Result<Picture> Frame::shade(const kernels::ShadeOptions& options, uint32_t threads) const {
+  try {
+    Picture picture;
+    picture.width = width();
+    picture.height = height();
+    picture.channels = options.background[3] >= 1.0f ? 3 : 4;
+    picture.pixels.resize(uint64_t{picture.width} * picture.height * picture.channels);
+    if (device_ == nullptr) {
+      const Result<void> resolved = kernels::resolve_cpu(scene_->view(), view_, samples_per_side_, samples_, options,
+                                                         picture.channels, picture.pixels, threads);
+      if (!resolved) return resolved.error();
+      return picture;
+    }
+    std::vector<uint32_t> rgba(uint64_t{picture.width} * picture.height);
+    if (const Result<void> resolved = device_->resolve(view_, samples_per_side_, options, rgba); !resolved)
+      return resolved.error();
+    parallel_for(picture.height, threads, [&](uint64_t row) {
+      uint8_t* out = picture.pixels.data() + row * picture.width * picture.channels;
+      const uint32_t* in = rgba.data() + row * picture.width;
+      for (uint32_t x = 0; x < picture.width; ++x, ++in)
+        for (uint32_t c = 0; c < picture.channels; ++c) *out++ = static_cast<uint8_t>(*in >> (8 * c));
+    });
+    return picture;
+  } catch (const std::bad_alloc&) {
+    return Error{ErrorCode::kMemory, "no memory left for the picture"};
+  }
+}
+
+std::vector<float> Frame::depth() const {
+  assert(!samples_.empty());
+  std::vector<float> out(uint64_t{width()} * height());
+  for (uint64_t y = 0; y < height(); ++y) {
+    for (uint64_t x = 0; x < width(); ++x) {
+      uint64_t nearest = kernels::kBackground;  // the smallest code is the nearest
+      for (uint64_t j = 0; j < samples_per_side_; ++j)
+        for (uint64_t i = 0; i < samples_per_side_; ++i)
+          nearest = std::min(nearest, samples_[(y * samples_per_side_ + j) * view_.width + x * samples_per_side_ + i]);
+      out[y * width() + x] =
+          nearest == kernels::kBackground
+              ? INFINITY
+              : static_cast<float>(kernels::depth_of_code(view_, kernels::sample_depth_code(nearest)));
+    }
+  }
+  return out;
+}
+
+Result<std::optional<Pick>> Frame::pick(uint32_t x, uint32_t y) const {
+  assert(x < width() && y < height() && !samples_.empty());
+  const uint64_t column = uint64_t{x} * samples_per_side_ + samples_per_side_ / 2;
+  const uint64_t row = uint64_t{y} * samples_per_side_ + samples_per_side_ / 2;
+  const uint64_t sample = samples_[row * view_.width + column];
+  if (sample == kernels::kBackground) return std::optional<Pick>();
+  const kernels::SceneView& scene = scene_->view();
+  Pick pick{};
+  pick.id = kernels::sample_id(sample);
+  pick.hit = kernels::find_triangle(scene, pick.id);
+  const format::InstanceRecord& instance = scene.instances[pick.hit.instance];
+  pick.mesh = instance.mesh;
+  pick.node = instance.node;
+  pick.node_instance = instance.node_instance;
+  pick.mesh_triangle = scene.chunks[pick.hit.chunk].first_triangle + pick.hit.triangle;
+  const Result<std::optional<uint64_t>> source = source_triangle(*scene_, pick.hit);
+  if (!source) return source.error();
+  pick.source_triangle = *source;
+  pick.depth = kernels::depth_of_code(view_, kernels::sample_depth_code(sample));
+  return std::optional<Pick>(pick);
+}
+
+}  // namespace scree::runtime

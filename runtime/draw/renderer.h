@@ -1,0 +1,87 @@
+// A frame: from a scene and a view to a picture, a depth image and what lies under a pixel.
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <span>
+#include <vector>
+
+#include "format/result.h"
+#include "kernels/frame.h"
+#include "runtime/draw/device_scene.h"
+#include "runtime/scene/scene.h"
+#include "runtime/threads/stopwatch.h"
+
+namespace scree::runtime {
+
+/// 8-bit sRGB pixels, rows top to bottom.
+struct Picture {
+  uint32_t width = 0;
+  uint32_t height = 0;
+  uint32_t channels = 3;  // 3: RGB; 4: RGBA, alpha linear and not premultiplied
+  std::vector<uint8_t> pixels;
+};
+
+/// What lies under a pixel.
+struct Pick {
+  kernels::Hit hit;
+  uint32_t mesh;
+  uint32_t node;
+  uint32_t node_instance;
+  uint64_t mesh_triangle;                   // in the mesh as stored
+  std::optional<uint64_t> source_triangle;  // in the source primitive, where the file has source ids
+  uint64_t id;                              // global triangle id
+  double depth;                             // from the eye's plane, world units
+};
+
+/// The visibility buffer of one view of a scene, which outlives it.
+class Frame {
+ public:
+  /// Draws `view` at `samples_per_side` x `samples_per_side` samples a pixel (1, 2 or 4); view.width and view.height
+  /// are in pixels. Errors kRange (a side of more than kernels::kMaxImageSide samples), kMemory, those of
+  /// kernels::draw_cpu.
+  /// Without a device `scene` has its pages. With a `device` (a copy of `scene`, which also outlives the frame) the GPU
+  /// draws and shades; the samples are the same, and stay there until read_samples(). Only the frame that a device drew
+  /// last can be shaded or read.
+  /// `shade`: what shade() will be asked for, as DeviceScene::draw() wants it where the device streams.
+  static Result<Frame> draw(const Scene& scene, const kernels::View& view, uint32_t samples_per_side, uint32_t threads,
+                            DeviceScene* device = nullptr, const kernels::ShadeOptions* shade = nullptr);
+
+  /// Shades every sample and averages a pixel's in linear light, weighted by alpha. RGBA where the background is not
+  /// opaque. Errors kMemory, those of kernels::resolve_cpu and DeviceScene::resolve.
+  Result<Picture> shade(const kernels::ShadeOptions& options, uint32_t threads) const;
+
+  /// Brings the samples of a GPU to where samples(), depth() and pick() find them; nothing to do on a CPU. Errors
+  /// kMemory, kDevice.
+  Result<void> read_samples();
+
+  /// Distance from the eye's plane in world units, one float a pixel, rows top to bottom: of the nearest sample of a
+  /// pixel; infinity where all are background. Throws std::bad_alloc.
+  std::vector<float> depth() const;
+
+  /// The triangle at a pixel's centre (of its samples, the one below and to the right of the centre where their number
+  /// a side is even); nothing on the background. x < width, y < height in pixels. Where only a GPU has the pages, the
+  /// triangle's is read from the file: errors as Scene::page.
+  Result<std::optional<Pick>> pick(uint32_t x, uint32_t y) const;
+
+  /// Row by row, (samples per side * width) a row.
+  std::span<const uint64_t> samples() const { return samples_; }
+  uint32_t width() const { return view_.width / samples_per_side_; }
+  uint32_t height() const { return view_.height / samples_per_side_; }
+  const kernels::FrameStats& stats() const { return stats_; }
+  const Duration& draw_time() const { return draw_time_; }
+
+ private:
+  Frame() = default;
+  Result<void> make_room();  // for samples_
+
+  const Scene* scene_ = nullptr;
+  DeviceScene* device_ = nullptr;
+  kernels::View view_{};  // in samples
+  uint32_t samples_per_side_ = 1;
+  std::vector<uint64_t> samples_;
+  kernels::FrameStats stats_{};
+  Duration draw_time_;
+};
+
+}  // namespace scree::runtime

@@ -1,0 +1,78 @@
+// Streamed frames on the CPU: the pool is host memory of a fixed size, and a thread of its own fills it.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <deque>
+#include <future>
+#include <memory>
+#include <optional>
+#include <span>
+#include <vector>
+
+#include "format/result.h"
+#include "kernels/frame.h"
+#include "runtime/draw/renderer.h"
+#include "runtime/stream/chunk_source.h"
+#include "runtime/stream/streamer.h"
+#include "runtime/stream/visible_chunks.h"
+#include "runtime/threads/job_thread.h"
+
+namespace scree::runtime {
+
+class CpuStream final : public StreamTarget {
+ public:
+  /// `scene`: outlives this; its pages may be loaded or not (ChunkSource). `pool_bytes`: all the memory for chunks; the
+  /// pictures' own, 8 bytes a sample and 12 where they are shaded from chunks, is beside it. Errors as
+  /// Streamer::create.
+  static Result<std::unique_ptr<CpuStream>> create(const Scene& scene, uint64_t pool_bytes, uint32_t threads);
+
+  /// Draws `view` (its sides in samples) as kernels::draw_cpu() does. `shade`: what picture() will be asked for; null
+  /// where only the samples are wanted.
+  Result<StreamStats> draw_frame(const kernels::View& view, const kernels::ShadeOptions* shade);
+
+  /// Of the last frame, row by row.
+  std::span<const uint64_t> samples() const { return samples_; }
+  /// The picture of the last frame, as it was to be shaded, of samples_per_side^2 samples a pixel. Errors as
+  /// kernels::resolve_cpu().
+  Result<Picture> picture(uint32_t samples_per_side) const;
+
+  const Residency& residency() const { return streamer_.residency(); }
+
+  Result<void> begin(const kernels::View& view, const kernels::ShadeOptions* shade) override;
+  Result<std::span<const uint32_t>> list() override;
+  Result<void> start_loading(const Residency::Batch& batch) override;
+  Result<bool> is_loaded() override { return false; }  // so that frames repeat themselves
+  Result<double> finish_loading() override;
+  Result<void> start_drawing(std::span<const Residency::Place> places, PartOptions options) override;
+  Result<Drawn> finish_drawing() override;
+  uint32_t nearest_shown(uint32_t chunk) const override {
+    return has_depths_ ? visible_.nearest_shown(chunk, depths_) : visible_.nearest(chunk);
+  }
+  void stop() override;
+
+ private:
+  CpuStream(const Scene& scene, Streamer streamer, uint32_t threads);
+  void find_depths();
+
+  ChunkSource source_;
+  Streamer streamer_;
+  uint32_t threads_;
+  Workers workers_;  // that read
+  std::vector<std::byte> pool_;
+  std::vector<const std::byte*> pages_;  // of the chunks that are drawn, by chunk
+  kernels::SceneView scene_;
+  kernels::View view_{};
+  std::optional<kernels::ShadeOptions> shade_;
+  std::vector<uint64_t> samples_;
+  std::vector<float> colors_;
+  VisibleChunks visible_;
+  bool has_depths_ = false;
+  kernels::DepthPyramid depths_{};
+  std::vector<uint32_t> codes_;  // of the pyramid
+  Drawn drawn_{};
+  std::deque<std::future<Result<double>>> loading_;
+  JobThread<Result<double>> loader_;  // the last member: it uses others until it ends
+};
+
+}  // namespace scree::runtime

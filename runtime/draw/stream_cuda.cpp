@@ -1,0 +1,358 @@
+#include "runtime/draw/stream_cuda.h"
+
+#include <algorithm>
+#include <chrono>
+#include <utility>
+
+#include "format/bytes.h"
+#include "kernels/frame_parts.h"
+#include "runtime/stream/visible_chunks.h"
+
+namespace scree::runtime {
+
+using kernels::cuda_check;
+
+namespace {
+
+uint64_t room_of(uint64_t bytes) {
+  return format::align_up(bytes, Residency::kAlignment);
+}
+
+/// `use(first, bytes)` for every run that lies side by side both where it comes from and where it goes to.
+template <class Piece, class Use>
+Result<void> each_run(std::span<const Piece> pieces, const Use& use) {
+  for (size_t first = 0; first < pieces.size();) {
+    uint64_t bytes = pieces[first].bytes;
+    size_t next = first + 1;
+    for (; next < pieces.size(); ++next) {
+      const uint64_t step = room_of(bytes);
+      if (pieces[next].from != pieces[first].from + step || pieces[next].to != pieces[first].to + step) break;
+      bytes = step + pieces[next].bytes;
+    }
+    if (Result<void> done = use(pieces[first], bytes); !done) return done;
+    first = next;
+  }
+  return {};
+}
+
+}  // namespace
+
+CudaStream::CudaStream(const Scene& scene, Streamer streamer, uint64_t bounce_bytes, uint32_t threads)
+    : source_(scene), streamer_(std::move(streamer)), workers_(threads), bounce_bytes_(bounce_bytes) {}
+
+uint64_t CudaStream::bounce_bytes(uint64_t largest_chunk, uint64_t room) {
+  constexpr uint64_t kEnough = uint64_t{32} << 20;
+  constexpr uint64_t kUnit = Residency::kAlignment;
+  return std::max(room_of(largest_chunk), std::min(room / 32, kEnough) / kUnit * kUnit);
+}
+
+CudaStream::~CudaStream() {
+  stop();
+  const auto destroy = [](cudaEvent_t event) {
+    if (event != nullptr) (void)cudaEventDestroy(event);
+  };
+  for (const Events& events : events_) {
+    destroy(events.moved);
+    destroy(events.begun);
+    destroy(events.loaded);
+  }
+  for (cudaEvent_t event : staged_) destroy(event);
+  destroy(drawing_begun_);
+  destroy(drawing_ended_);
+  if (copies_ != nullptr) (void)cudaStreamDestroy(copies_);
+  if (moves_ != nullptr) (void)cudaStreamDestroy(moves_);
+}
+
+Result<void> CudaStream::open(const kernels::SceneView& device, kernels::CudaFrames& frames,
+                              kernels::CudaResolver& resolver, kernels::CudaTextureCache* cache, uint64_t host_bytes) {
+  scene_ = device;
+  frames_ = &frames;
+  resolver_ = &resolver;
+  cache_ = cache;
+  const Residency& residency = streamer_.residency();
+  Result<void> done = cuda_check(cudaGetDevice(&device_), "asking for the current GPU");
+  // Passes may read a few bytes past a chunk.
+  if (done) done = pool_.reserve(residency.pool_bytes() + Residency::kAlignment, "allocating the pool of chunks");
+  if (done) done = bounce_.reserve(bounce_bytes_, "allocating room to move chunks");
+  if (done) done = visible_.open(streamer_.view(), scene_);
+  if (done) done = pages_.open(scene_, scene_.chunk_count);
+  // Not ordered with the streams that draw: the host waits for a load before it has it drawn.
+  for (cudaStream_t* const stream : {&copies_, &moves_})
+    if (done) done = cuda_check(cudaStreamCreateWithFlags(stream, cudaStreamNonBlocking), "making a stream");
+  const auto make = [&](cudaEvent_t& event) {
+    if (done) done = cuda_check(cudaEventCreate(&event), "making an event");
+  };
+  for (Events& events : events_) {
+    make(events.moved);
+    make(events.begun);
+    make(events.loaded);
+  }
+  for (cudaEvent_t& event : staged_) make(event);
+  make(drawing_begun_);
+  make(drawing_ended_);
+  if (done) done = keep_in_host_memory(host_bytes);
+  const bool all_kept = std::find(kept_at_.begin(), kept_at_.end(), kNotPinned) == kept_at_.end();
+  for (kernels::PinnedBuffer& staging : staging_)
+    if (done && !all_kept) done = staging.allocate(streamer_.most_batch_bytes(), "allocating pinned memory");
+  if (done) done = draw_nothing();
+  return done;
+}
+
+/// A sample without chunks: what CUDA does when a kernel first runs (it loads its code, and makes room for its stacks)
+/// takes 10 ms for a frame's kernels, and is done here.
+Result<void> CudaStream::draw_nothing() {
+  const kernels::View view{.eye = {0, 0, 0},
+                           .right = {1, 0, 0},
+                           .up = {0, 1, 0},
+                           .forward = {0, 0, -1},
+                           .half_width = 1,
+                           .half_height = 1,
+                           .z_near = 1,
+                           .z_far = 2,
+                           .width = 1,
+                           .height = 1};
+  Result<kernels::DeviceBuffer> sample = kernels::DeviceBuffer::allocate(sizeof(uint64_t), "allocating a sample");
+  if (!sample) return sample.error();
+  samples_ = reinterpret_cast<uint64_t*>(sample->data());
+  const kernels::ShadeOptions shade;
+  if (Result<void> begun = begin(view, &shade); !begun) return begun;
+  if (const auto listed = list(); !listed) return listed.error();
+  if (Result<void> started = start_drawing({}, {Share::kAll, true}); !started) return started;
+  if (const Result<Drawn> drawn = finish_drawing(); !drawn) return drawn.error();
+  shades_ = false;
+  samples_ = nullptr;
+  return {};
+}
+
+Result<void> CudaStream::keep_in_host_memory(uint64_t host_bytes) {
+  const Residency& residency = streamer_.residency();
+  kept_at_.assign(scene_.chunk_count, kNotPinned);
+  std::vector<Residency::Place> places;
+  uint64_t end = 0;
+  for (uint64_t c = 0; c < scene_.chunk_count; ++c) {
+    const auto chunk = static_cast<uint32_t>(c);
+    const uint64_t bytes = residency.chunk_bytes(chunk);
+    if (end + room_of(bytes) > host_bytes) break;
+    kept_at_[c] = end;
+    if (bytes != 0) places.push_back({chunk, end, bytes});
+    end += room_of(bytes);
+  }
+  if (places.empty()) return {};
+  if (Result<void> done = kept_.allocate(end, "allocating pinned memory for chunks"); !done) return done;
+  return source_.read(places, kept_.data(), ChunkSource::Reader::kDevice, workers_);
+}
+
+Result<StreamStats> CudaStream::draw_frame(const kernels::View& view, const kernels::ShadeOptions* shade,
+                                           uint64_t* samples) {
+  samples_ = samples;
+  return streamer_.draw(view, shade, *this);
+}
+
+Result<void> CudaStream::begin(const kernels::View& view, const kernels::ShadeOptions* shade) {
+  const uint64_t count = uint64_t{view.width} * view.height;
+  view_ = view;
+  shades_ = shade != nullptr && kernels::shades_from_chunks(shade->show);
+  if (shades_) shade_ = *shade;
+  Result<void> done;
+  if (shades_) done = colors_.reserve(3 * count * sizeof(float), "allocating the samples' colours");
+  static_assert(kernels::kBackground == ~uint64_t{0});
+  if (done) done = cuda_check(cudaMemsetAsync(samples_, 0xff, count * sizeof(uint64_t), nullptr), "clearing");
+  return done;
+}
+
+/// Through memory apart, since they may overlap themselves and each other: as much as fits it is copied there, and from
+/// there to its places. What comes later lies behind all of those.
+Result<void> CudaStream::move(std::span<const Residency::Move> moves) {
+  std::vector<kernels::DeviceCopy> there;
+  std::vector<kernels::DeviceCopy> back;
+  uint64_t bounced = 0;
+  const auto bounce = [&]() -> Result<void> {
+    Result<void> done = kernels::copy_on_device(there, moves_, "moving chunks");
+    if (done) done = kernels::copy_on_device(back, moves_, "moving chunks");
+    there.clear();
+    back.clear();
+    bounced = 0;
+    return done;
+  };
+  const Result<void> done = each_run(moves, [&](const Residency::Move& run, uint64_t bytes) -> Result<void> {
+    for (uint64_t moved = 0; moved < bytes;) {
+      const uint64_t count = std::min(bounce_bytes_ - bounced, bytes - moved);
+      there.push_back({pool_.data() + run.from + moved, bounce_.data() + bounced, count});
+      back.push_back({bounce_.data() + bounced, pool_.data() + run.to + moved, count});
+      moved += count;
+      bounced += room_of(count);
+      if (bounced < bounce_bytes_) continue;
+      if (Result<void> full = bounce(); !full) return full;
+    }
+    return {};
+  });
+  return done ? bounce() : done;
+}
+
+/// None of them writes what another reads or writes.
+Result<void> CudaStream::copy(Copies& copies) {
+  const char* const what = "copying chunks to the device";
+  if (copies.bytes.empty()) return {};
+#if CUDART_VERSION >= 13000
+  // One call for all of them, and no order among them to keep.
+  cudaMemcpyAttributes attributes{};
+  attributes.srcAccessOrder = cudaMemcpySrcAccessOrderStream;
+  attributes.flags = cudaMemcpyFlagPreferOverlapWithCompute;
+  size_t first = 0;  // that has these
+  return cuda_check(cudaMemcpyBatchAsync(copies.to.data(), copies.from.data(), copies.bytes.data(), copies.to.size(),
+                                         &attributes, &first, 1, copies_),
+                    what);
+#else
+  for (size_t i = 0; i < copies.to.size(); ++i)
+    if (auto done = cuda_check(
+            cudaMemcpyAsync(copies.to[i], copies.from[i], copies.bytes[i], cudaMemcpyDefault, copies_), what);
+        !done)
+      return done;
+  return {};
+#endif
+}
+
+Result<void> CudaStream::start_loading(const Residency::Batch& batch) {
+  const uint32_t number = loads_++ % kMostLoads;
+  loading_.push_back({loader_.add([this, batch, number] { return load(batch, events_[number]); }), number});
+  return {};
+}
+
+/// On a thread of its own.
+Result<void> CudaStream::load(const Residency::Batch& batch, const Events& events) {
+  // The current device is each thread's own.
+  if (auto done = cuda_check(cudaSetDevice(device_), "choosing the GPU"); !done) return done;
+  // While the load before is copied, whose places they do not touch.
+  if (!batch.moves.empty()) {
+    Result<void> moved = move(batch.moves);
+    if (moved) moved = cuda_check(cudaEventRecord(events.moved, moves_), "recording a load");
+    if (moved) moved = cuda_check(cudaStreamWaitEvent(copies_, events.moved), "recording a load");
+    if (!moved) return moved;
+  }
+  // Neighbours in the pool go as one copy where they lie side by side in host memory too.
+  std::vector<Residency::Place> places = batch.loads;
+  std::sort(places.begin(), places.end(),
+            [](const Residency::Place& a, const Residency::Place& b) { return a.offset < b.offset; });
+  const bool is_kept = std::all_of(places.begin(), places.end(),
+                                   [&](const Residency::Place& place) { return kept_at_[place.chunk] != kNotPinned; });
+  const uint32_t number = stagings_ % kStagings;
+  if (!is_kept) {
+    ++stagings_;
+    if (auto done = cuda_check(cudaEventSynchronize(staged_[number]), "loading chunks"); !done) return done;
+  }
+  std::byte* const staging = staging_[number].data();
+  uint64_t staged_end = 0;
+  std::vector<Residency::Place> missing;
+  std::vector<Piece> pieces;
+  Copies copies;
+  for (size_t next = 0; next < places.size();) {
+    const size_t first = next;
+    const uint64_t staged_before = staged_end;
+    missing.clear();
+    pieces.clear();
+    copies.clear();
+    for (; next < places.size() && (pieces.empty() || staged_end - staged_before < kPieceBytes); ++next) {
+      const Residency::Place& place = places[next];
+      const bool kept = kept_at_[place.chunk] != kNotPinned;
+      pieces.push_back({kept ? kept_.data() + kept_at_[place.chunk] : staging + staged_end, place.offset, place.bytes});
+      if (kept) continue;
+      missing.push_back({place.chunk, staged_end, place.bytes});
+      staged_end += room_of(place.bytes);
+    }
+    if (!missing.empty())
+      if (Result<void> read = source_.read(missing, staging, ChunkSource::Reader::kDevice, workers_); !read)
+        return read;
+    if (first == 0)
+      if (auto done = cuda_check(cudaEventRecord(events.begun, copies_), "recording a load"); !done) return done;
+    Result<void> copied =
+        each_run(std::span<const Piece>(pieces), [&](const Piece& run, uint64_t bytes) -> Result<void> {
+          if (bytes != 0) copies.add(pool_.data() + run.to, run.from, bytes);
+          return {};
+        });
+    if (copied) copied = copy(copies);
+    if (!copied) return copied;
+  }
+  Result<void> done;
+  if (places.empty()) done = cuda_check(cudaEventRecord(events.begun, copies_), "recording a load");
+  if (done && !is_kept) done = cuda_check(cudaEventRecord(staged_[number], copies_), "recording a load");
+  if (done) done = cuda_check(cudaEventRecord(events.loaded, copies_), "recording a load");
+  return done;
+}
+
+Result<bool> CudaStream::is_loaded() {
+  const Load& oldest = loading_.front();
+  if (oldest.issued.wait_for(std::chrono::seconds(0)) != std::future_status::ready) return false;
+  const cudaError_t status = cudaEventQuery(events_[oldest.number].loaded);
+  const Result<void> done = cuda_check(status, "loading chunks");
+  if (!done && status != cudaErrorNotReady) return done.error();
+  return status == cudaSuccess;
+}
+
+Result<double> CudaStream::finish_loading() {
+  Load oldest = std::move(loading_.front());
+  loading_.pop_front();
+  if (Result<void> issued = oldest.issued.get(); !issued) return issued.error();
+  const Events& events = events_[oldest.number];
+  float ms = 0;
+  Result<void> done = cuda_check(cudaEventSynchronize(events.loaded), "loading chunks");
+  if (done) done = cuda_check(cudaEventElapsedTime(&ms, events.begun, events.loaded), "reading a time");
+  if (!done) return done.error();
+  return ms;
+}
+
+Result<void> CudaStream::start_drawing(std::span<const Residency::Place> places, PartOptions part) {
+  part_ = part;
+  entries_.clear();
+  for (const Residency::Place& place : places) entries_.push_back({place.chunk, pool_.data() + place.offset});
+  Result<void> done = cuda_check(cudaEventRecord(drawing_begun_, nullptr), "recording a time");
+  if (done) done = pages_.set(entries_);
+  kernels::DrawOptions options;
+  options.part = part.share == Share::kAll          ? kernels::FramePart::kPart
+                 : part.share == Share::kLikelySeen ? kernels::FramePart::kSeenBefore
+                                                    : kernels::FramePart::kRest;
+  if (done) done = frames_->start(view_, samples_, options);
+  if (done) done = use_drawn();
+  return done;
+}
+
+/// Queues what comes after drawing a part, while its pages are there.
+Result<void> CudaStream::use_drawn() {
+  Result<void> done;
+  if (shades_ && part_.share != Share::kLikelySeen)
+    done = resolver_->shade_part(scene_, view_, samples_, frames_->transforms(), shade_,
+                                 reinterpret_cast<float*>(colors_.data()), nullptr, cache_);
+  if (done && part_.finds_depths) done = visible_.start_finding_shown(samples_);
+  if (done) done = cuda_check(cudaEventRecord(drawing_ended_, nullptr), "recording a time");
+  return done;
+}
+
+Result<StreamTarget::Drawn> CudaStream::finish_drawing() {
+  const Result<kernels::CudaFrames::Finished> drawn = frames_->finish();
+  if (!drawn) return drawn.error();
+  Result<void> done;
+  if (drawn->is_drawn_again) done = use_drawn();
+  float ms = 0;
+  if (done) done = cuda_check(cudaEventSynchronize(drawing_ended_), "drawing a batch");
+  if (done) done = cuda_check(cudaEventElapsedTime(&ms, drawing_begun_, drawing_ended_), "reading a time");
+  if (!done) return done.error();
+  // A copy: the next part's may come while these are asked.
+  if (part_.finds_depths) shown_.assign(visible_.shown().begin(), visible_.shown().end());
+  return Drawn{drawn->stats, ms};
+}
+
+void CudaStream::stop() {
+  loading_.clear();
+  loader_.wait();
+  // All streams: what drew a part may have nothing behind it that could be waited for.
+  (void)cudaDeviceSynchronize();
+}
+
+Result<std::span<const uint32_t>> CudaStream::list() {
+  const Result<std::span<const uint32_t>> nearest = visible_.find_nearest(view_);
+  if (!nearest) return nearest.error();
+  shown_.assign(nearest->begin(), nearest->end());
+  near_to_far_ = order_by_depth(shown_);
+  return std::span<const uint32_t>(near_to_far_);
+}
+
+}  // namespace scree::runtime

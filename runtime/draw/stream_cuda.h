@@ -1,0 +1,157 @@
+// Streamed frames on a GPU: chunks go through pinned memory, or come from it, into a pool of device memory while others
+// are drawn. Where the program is built with CUDA.
+#pragma once
+
+#include <cuda_runtime_api.h>
+
+#include <cstddef>
+#include <cstdint>
+#include <deque>
+#include <future>
+#include <memory>
+#include <optional>
+#include <span>
+#include <vector>
+
+#include "format/result.h"
+#include "kernels/cuda/check.h"
+#include "kernels/cuda/device_copies.h"
+#include "kernels/cuda/frame.h"
+#include "kernels/cuda/page_table.h"
+#include "kernels/cuda/resolve.h"
+#include "kernels/cuda/visible_chunks.h"
+#include "runtime/stream/chunk_source.h"
+#include "runtime/stream/streamer.h"
+#include "runtime/threads/job_thread.h"
+
+namespace scree::runtime {
+
+/// Called by one thread; of the device that was current when it was made.
+class CudaStream final : public StreamTarget {
+ public:
+  /// `scene` outlives this; `streamer` is one of it. `bounce_bytes`: bounce_bytes(). Throws std::bad_alloc.
+  CudaStream(const Scene& scene, Streamer streamer, uint64_t bounce_bytes, uint32_t threads);
+  CudaStream(const CudaStream&) = delete;
+  CudaStream& operator=(const CudaStream&) = delete;
+  ~CudaStream();
+
+  /// What moving chunks takes of the device memory, `room`, that the pool and it have together.
+  static uint64_t bounce_bytes(uint64_t largest_chunk, uint64_t room);
+
+  /// What beside the pool, and that, goes to device memory with open().
+  static uint64_t device_bytes(const kernels::SceneView& scene) {
+    return kernels::CudaVisibleChunks::device_bytes(scene);
+  }
+
+  /// As the target has to see it: for CudaScene::upload.
+  const kernels::SceneView& view() const { return streamer_.view(); }
+
+  /// `device`: that scene on the device; with `frames` of it, and what resolves its pictures, it outlives this.
+  /// `cache`: of the scene's JPEG levels; null where it has none. `host_bytes`: chunks, in the order of the file, are
+  /// brought to so much pinned host memory once and copied from there; the others come through pinned batches from
+  /// where ChunkSource has them. Errors kDevice (no memory), those of ChunkSource::read.
+  Result<void> open(const kernels::SceneView& device, kernels::CudaFrames& frames, kernels::CudaResolver& resolver,
+                    kernels::CudaTextureCache* cache, uint64_t host_bytes);
+
+  /// Draws into `samples` (device memory, view.width * view.height); colors() are then those of `shade`.
+  Result<StreamStats> draw_frame(const kernels::View& view, const kernels::ShadeOptions* shade, uint64_t* samples);
+
+  /// Of the last frame, 3 floats a sample, in device memory; null where it was not shaded from chunks.
+  const float* colors() const { return shades_ ? reinterpret_cast<const float*>(colors_.data()) : nullptr; }
+
+  Result<void> begin(const kernels::View& view, const kernels::ShadeOptions* shade) override;
+  Result<std::span<const uint32_t>> list() override;
+  Result<void> start_loading(const Residency::Batch& batch) override;
+  Result<bool> is_loaded() override;
+  Result<double> finish_loading() override;
+  Result<void> start_drawing(std::span<const Residency::Place> places, PartOptions options) override;
+  Result<Drawn> finish_drawing() override;
+  uint32_t nearest_shown(uint32_t chunk) const override { return shown_[chunk]; }
+  void stop() override;
+
+ private:
+  static constexpr uint64_t kNotPinned = ~uint64_t{0};
+  static constexpr uint64_t kPieceBytes = uint64_t{256} << 20;  // read on all threads before their copies start
+  static constexpr uint32_t kStagings = 3;                      // one is read into, and the copies of two are under way
+
+  /// Of a load: the copies from the first on.
+  struct Events {
+    cudaEvent_t moved = nullptr;
+    cudaEvent_t begun = nullptr;
+    cudaEvent_t loaded = nullptr;
+  };
+  struct Load {
+    std::future<Result<void>> issued;  // all its copies
+    uint32_t number;                   // of its events
+  };
+
+  /// Of a chunk that is loaded.
+  struct Piece {
+    const std::byte* from;
+    uint64_t to;  // in the pool
+    uint64_t bytes;
+  };
+  struct Copies {
+    std::vector<void*> to;
+    std::vector<const void*> from;
+    std::vector<size_t> bytes;
+
+    void add(void* target, const void* source, size_t count) {
+      to.push_back(target);
+      from.push_back(source);
+      bytes.push_back(count);
+    }
+    void clear() {
+      to.clear();
+      from.clear();
+      bytes.clear();
+    }
+  };
+
+  Result<void> move(std::span<const Residency::Move> moves);
+  Result<void> copy(Copies& copies);
+  Result<void> keep_in_host_memory(uint64_t host_bytes);
+  Result<void> load(const Residency::Batch& batch, const Events& events);
+  Result<void> use_drawn();
+  Result<void> draw_nothing();
+
+  ChunkSource source_;
+  Streamer streamer_;
+  Workers workers_;  // that read
+  int device_ = 0;
+  kernels::SceneView scene_{};
+  kernels::CudaFrames* frames_ = nullptr;
+  kernels::CudaResolver* resolver_ = nullptr;
+  kernels::CudaTextureCache* cache_ = nullptr;
+  kernels::DeviceBuffer pool_;
+  uint64_t bounce_bytes_;
+  kernels::DeviceBuffer bounce_;  // for moves onto themselves
+  kernels::CudaPageTable pages_;
+  std::vector<kernels::CudaPageTable::Entry> entries_;  // of the part
+  kernels::PinnedBuffer kept_;
+  std::vector<uint64_t> kept_at_;  // by chunk, in kept_
+  kernels::PinnedBuffer staging_[kStagings];
+  cudaEvent_t staged_[kStagings] = {};  // when what was read into one was copied
+  uint32_t stagings_ = 0;
+  cudaStream_t copies_ = nullptr;
+  cudaStream_t moves_ = nullptr;
+  Events events_[kMostLoads];
+  uint32_t loads_ = 0;
+  std::deque<Load> loading_;
+  // Of the frame:
+  kernels::View view_{};
+  uint64_t* samples_ = nullptr;
+  bool shades_ = false;
+  kernels::ShadeOptions shade_;
+  kernels::DeviceBuffer colors_;
+  kernels::CudaVisibleChunks visible_;
+  std::vector<uint32_t> near_to_far_;
+  std::vector<uint32_t> shown_;  // nearest_shown(), by chunk
+  // Of the part that is drawn:
+  PartOptions part_{};
+  cudaEvent_t drawing_begun_ = nullptr;
+  cudaEvent_t drawing_ended_ = nullptr;
+  JobThread<Result<void>> loader_;  // the last member: it uses others until it ends
+};
+
+}  // namespace scree::runtime

@@ -1,0 +1,129 @@
+#include "runtime/images/image.h"
+
+#include <algorithm>
+#include <cassert>
+#include <cstdio>
+#include <new>
+#include <string>
+
+#include "format/container/part_file.h"
+#include "runtime/images/codecs.h"
+
+namespace scree::runtime {
+namespace {
+
+constexpr uint64_t kWindowBytes = 64 << 10;  // of a file that is read as it is needed
+
+std::string size_text(const ImageInfo& info) {
+  return std::to_string(info.width) + " x " + std::to_string(info.height) + " pixels";
+}
+
+Error out_of_memory(const ImageInfo& info) {
+  return {ErrorCode::kMemory, size_text(info) + ": out of memory"};
+}
+
+Result<ImageInfo> probe_by_signature(ImageFile& file) {
+  const auto byte = [&](uint64_t i) { return file.byte(i); };
+  if (byte(0) == 0xff && byte(1) == 0xd8) return probe_jpeg(file);
+  if (byte(0) == 0x89 && byte(1) == 'P' && byte(2) == 'N' && byte(3) == 'G') return probe_png(file);
+  if (file.size() == 0) return Error{ErrorCode::kTruncated, "image is empty, expected PNG or JPEG"};
+  char text[80];
+  std::snprintf(text, sizeof text, "neither PNG nor JPEG: begins with %02x %02x %02x %02x", byte(0), byte(1), byte(2),
+                byte(3));
+  return Error{ErrorCode::kFormat, text};
+}
+
+Result<ImageInfo> probe(ImageFile& file) {
+  Result<ImageInfo> info = probe_by_signature(file);
+  if (file.error()) return *file.error();
+  return info;
+}
+
+Result<ImageInfo> probe_within_limits(ImageFile& file) {
+  Result<ImageInfo> info = probe(file);
+  if (!info) return info;
+  if (info->width > kMaxDecodedSide || info->height > kMaxDecodedSide)
+    return Error{ErrorCode::kRange, size_text(*info) + ", but at most " + std::to_string(kMaxDecodedSide) + " a side"};
+  if (uint64_t{info->width} * info->height > kMaxImagePixels)
+    return Error{ErrorCode::kRange, size_text(*info) + ", but at most " + std::to_string(kMaxImagePixels) + " in all"};
+  if (!may_hold_pixels(uint64_t{info->width} * info->height, file.size()))
+    return Error{ErrorCode::kTruncated, size_text(*info) + " in " + std::to_string(file.size()) + " bytes"};
+  return info;
+}
+
+}  // namespace
+
+std::span<const std::byte> ImageFile::from(uint64_t offset) {
+  if (offset >= size_ || error_) return {};
+  if (read_ && (offset < first_ || offset - first_ >= window_.size())) {
+    buffer_.resize(static_cast<size_t>(std::min(kWindowBytes, size_ - offset)));
+    window_ = buffer_;
+    first_ = offset;
+    if (const Result<void> read = read_(offset, buffer_); !read) {
+      error_ = read.error();
+      return {};
+    }
+  }
+  return window_.subspan(static_cast<size_t>(offset - first_));
+}
+
+Result<ImageInfo> probe_image(ImageFile file) {
+  return probe(file);
+}
+
+Result<ImageInfo> probe_decodable(ImageFile file) {
+  return probe_within_limits(file);
+}
+
+Result<Image> decode_image(ImageFile file) {
+  const Result<ImageInfo> info = probe_within_limits(file);
+  if (!info) return info.error();
+  try {
+    return info->codec == format::ImageCodec::kPng ? decode_png(file, *info) : decode_jpeg(file, *info);
+  } catch (const std::bad_alloc&) {
+    return out_of_memory(*info);
+  }
+}
+
+Result<std::string> check_image(ImageFile file) {
+  const Result<ImageInfo> info = probe_within_limits(file);
+  if (!info) return info.error();
+  try {
+    return info->codec == format::ImageCodec::kPng ? check_png(file, *info) : check_jpeg(file, *info);
+  } catch (const std::bad_alloc&) {
+    return out_of_memory(*info);
+  }
+}
+
+uint64_t image_check_bytes(const ImageInfo& info) {
+  // A row of blocks is 16 bytes a sample, up to 12 of them are held, and as many rows of samples and of pixels.
+  const uint64_t rows = uint64_t{256} * info.width * info.channels;
+  if (info.codec == format::ImageCodec::kPng) return kWindowBytes + rows / 8;
+  return kWindowBytes + rows + uint64_t{info.width + 32} * (info.height + 32) * info.channels / 8;
+}
+
+Result<void> write_pfm(const std::string& path, uint32_t width, uint32_t height, std::span<const float> values) {
+  assert(values.size() == uint64_t{width} * height);
+  const std::string head = "Pf\n" + std::to_string(width) + " " + std::to_string(height) + "\n-1.0\n";
+  Result<format::PartFile> file = format::PartFile::create(path);
+  if (!file) return file.error();
+  Result<void> done = file->write_at(0, std::as_bytes(std::span(head)));
+  uint64_t end = head.size();
+  for (uint64_t row = height; row-- > 0 && done; end += sizeof(float) * width) {
+    done = file->write_at(end, std::as_bytes(values.subspan(row * width, width)));
+  }
+  if (done) done = file->close();
+  if (done) done = file->commit();
+  return done;
+}
+
+Result<void> write_visibility(const std::string& path, std::span<const uint64_t> samples) {
+  Result<format::PartFile> file = format::PartFile::create(path);
+  if (!file) return file.error();
+  Result<void> done = file->write_at(0, std::as_bytes(samples));
+  if (done) done = file->close();
+  if (done) done = file->commit();
+  return done;
+}
+
+}  // namespace scree::runtime

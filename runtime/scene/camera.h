@@ -1,0 +1,65 @@
+// From where a scene is seen: its own cameras, a given eye, or a view that shows all of it.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "format/container/container.h"
+#include "format/result.h"
+#include "kernels/frame.h"
+#include "kernels/scene_view.h"
+
+namespace scree::runtime {
+
+using Vec3 = std::array<double, 3>;
+
+/// An axis-aligned box in world space; empty where min > max.
+struct WorldBox {
+  Vec3 min;
+  Vec3 max;
+  bool is_empty() const { return !(min[0] <= max[0]); }
+};
+
+/// The box of everything that the scene's instances draw (of their meshes' boxes, so a little larger when turned).
+WorldBox scene_box(const kernels::SceneView& scene);
+
+/// A camera of the document, hung on a node of the chosen scene.
+struct PlacedCamera {
+  uint32_t camera;  // number in the document
+  uint32_t node;
+  std::array<std::array<double, 4>, 3> world;  // of the node, rows of (x, y, z, translation)
+};
+
+/// The cameras of a scene in the order of their nodes.
+std::vector<PlacedCamera> placed_cameras(const format::Container& container, uint32_t scene);
+
+/// What the caller chose. Nothing chosen: a default view that shows the whole scene, from the front, right and above
+/// (glTF models look along +z).
+struct CameraOptions {
+  std::string camera;                 // name of a camera or of its node, or the camera's number in the document
+  std::optional<Vec3> eye;            // excludes `camera`
+  std::optional<Vec3> target;         // default: the middle of the scene's box
+  std::optional<Vec3> up;             // default: y
+  std::optional<double> fov_degrees;  // vertical, above 0 and below 180; of a document's camera it replaces its own
+  uint32_t width = 1920;              // of the picture, in samples; its ratio is the picture's aspect
+  uint32_t height = 1080;
+};
+
+inline constexpr double kDefaultFovDegrees = 45;
+
+/// Whether make_view() looks at vertices, so that `drawn` must have its pages: the default view of at most 2^20 of
+/// them.
+bool view_reads_vertices(const kernels::SceneView& drawn, const CameraOptions& options);
+
+/// The view of `options`. The vertical field of view is kept whatever the picture's aspect; the default view fits the
+/// scene (its vertices, or the corners of the instances' boxes where there are millions) into both directions. The near
+/// plane is the camera's own, else a small part of the distance to the scene's box (of the box's size where the eye is
+/// inside). `drawn` has its pages loaded where view_reads_vertices(). Errors kUsage (no such camera: those there are
+/// are listed; an eye without a direction), kFormat (a camera node whose matrix has no direction), kMemory.
+Result<kernels::View> make_view(const format::Container& container, uint32_t scene, const kernels::SceneView& drawn,
+                                const CameraOptions& options);
+
+}  // namespace scree::runtime

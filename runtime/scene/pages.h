@@ -1,0 +1,61 @@
+// Which geometry pages a scene draws, loading them, and checking what they hold.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "format/container/container.h"
+#include "format/result.h"
+#include "runtime/files/mapped_file.h"
+
+namespace scree::runtime {
+
+/// Checks every stream of a chunk of `mesh` that lies in `page` (raw bytes): sizes, index range, coordinate range,
+/// finite floats, unit normals, zero slack. Errors kRange, kTruncated, kTrailing, kFormat, the stream named.
+Result<void> check_chunk(const format::MeshRecord& mesh, const format::ChunkRecord& chunk,
+                         std::span<const std::byte> page);
+
+/// The pages that hold chunks of drawn meshes, in the file's order, each with those chunks.
+class DrawnPages {
+ public:
+  DrawnPages() = default;
+  /// `container`: kept, its bytes outlive this. drawn[mesh]: whether a mesh is drawn. Throws std::bad_alloc.
+  DrawnPages(const format::Container& container, const std::vector<bool>& drawn);
+
+  uint64_t size() const { return first_chunk_.empty() ? 0 : first_chunk_.size() - 1; }
+  uint32_t page(uint64_t index) const { return chunks_[first_chunk_[index]].page; }
+  const format::PageRecord& record(uint64_t index) const { return container_.pages()[page(index)]; }
+  const format::Container& container() const { return container_; }
+
+  /// Checks the drawn chunks of the page of that index (not number), whose raw bytes are `raw`. Thread-safe. Errors as
+  /// check_chunk, mesh, chunk and page named.
+  Result<void> check(uint64_t index, std::span<const std::byte> raw) const;
+
+ private:
+  struct PageChunk {
+    uint32_t page;
+    uint64_t chunk;
+  };
+
+  format::Container container_;
+  std::vector<PageChunk> chunks_;      // page by page
+  std::vector<uint64_t> first_chunk_;  // of each page, in chunks_; one more ends the last
+};
+
+/// Raw bytes by page number; null where a page was not loaded.
+struct PageSet {
+  std::vector<const std::byte*> raw;
+  std::vector<std::vector<std::byte>> decoded;  // of compressed pages; `raw` points into it or into the map
+  uint64_t page_count = 0;
+  uint64_t stored_bytes = 0;
+  uint64_t decoded_bytes = 0;
+};
+
+/// Loads `pages` on `threads` threads and checks them. The error is that of the first bad page, whatever the number of
+/// threads: kChecksum and the others of Container::load_page and DrawnPages::check; kMemory. `map` is what the
+/// container was opened on.
+Result<PageSet> load_pages(const DrawnPages& pages, const MappedFile& map, uint32_t threads);
+
+}  // namespace scree::runtime

@@ -1,0 +1,267 @@
+#include "runtime/scene/scene.h"
+
+#include <algorithm>
+#include <charconv>
+#include <new>
+#include <span>
+#include <utility>
+
+#include "format/bytes.h"
+#include "kernels/visbuffer.h"
+#include "runtime/images/image.h"
+#include "runtime/textures/jpeg_image.h"
+#include "runtime/threads/parallel.h"
+
+namespace scree::runtime {
+namespace {
+
+std::string quoted_list(const format::Container& container) {
+  std::string text;
+  const auto scenes = container.scenes();
+  for (uint64_t i = 0; i < scenes.size() && i < 20; ++i) {
+    text += (i == 0 ? "" : ", ") + std::to_string(i);
+    const std::string_view name = container.string(scenes[i].name);
+    if (!name.empty()) text.append(" (").append(name).append(")");
+  }
+  return scenes.size() > 20 ? text + ", ..." : text;
+}
+
+/// Decodes an image page and checks it against its record.
+Result<MipChain> load_image(const format::Container& container, uint32_t index, std::string& warning) {
+  const format::ImageRecord& record = container.images()[index];
+  if (record.codec == format::ImageCodec::kIndexedJpeg) {
+    const Result<JpegImage> image = JpegImage::open(container, index);
+    if (!image) return image.error();
+    return image->decode();
+  }
+  std::vector<std::byte> scratch;
+  const Result<std::span<const std::byte>> file = container.load_page(record.page, scratch);
+  if (!file) return file.error();
+  Result<Image> image = decode_image(*file);
+  if (!image) return image.error();
+  if (image->width != record.width || image->height != record.height)
+    return Error{ErrorCode::kFormat, "the image is " + std::to_string(image->width) + " x " +
+                                         std::to_string(image->height) + ", but its record says " +
+                                         std::to_string(record.width) + " x " + std::to_string(record.height)};
+  warning = std::move(image->warning);
+  return make_mips(std::move(*image));
+}
+
+Result<JpegTexture> load_jpeg(const format::Container& container, uint32_t index) {
+  Result<JpegImage> image = JpegImage::open(container, index);
+  if (!image) return image.error();
+  return JpegTexture::make(std::move(*image));
+}
+
+std::string image_place(const format::Container& container, uint32_t index) {
+  std::string place = "image " + std::to_string(index);
+  const std::string_view name = container.string(container.images()[index].name);
+  if (!name.empty()) place.append(" (").append(name).append(")");
+  return place;
+}
+
+/// What a file loses of the page in which it then ends reads as zeros (MappedFile), and records say how far loops go: a
+/// table of up to so many bytes is drawn from a copy.
+constexpr uint64_t kMostCopiedBytes = uint64_t{16} << 20;
+
+}  // namespace
+
+Result<SceneFile> SceneFile::open(const std::string& path) {
+  SceneFile file;
+  Result<MappedFile> map = MappedFile::open(path);
+  if (!map) return map.error();
+  file.map_ = std::move(*map);
+  Result<format::Container> container = format::Container::open(file.map_.bytes());
+  if (!container) return at(path, container.error());
+  file.container_ = std::move(*container);
+  return file;
+}
+
+Result<uint32_t> SceneFile::find_scene(const std::string& name_or_index) const {
+  const auto scenes = container_.scenes();
+  if (scenes.empty()) return Error{ErrorCode::kUnsupported, path() + ": has no scene to draw"};
+  if (name_or_index.empty()) {
+    for (uint64_t i = 0; i < scenes.size(); ++i)
+      if (scenes[i].flags & 1) return static_cast<uint32_t>(i);
+    return 0u;
+  }
+  for (uint64_t i = 0; i < scenes.size(); ++i)
+    if (container_.string(scenes[i].name) == name_or_index) return static_cast<uint32_t>(i);
+  uint32_t index = 0;
+  const char* const end = name_or_index.data() + name_or_index.size();
+  const auto [rest, status] = std::from_chars(name_or_index.data(), end, index);
+  if (status == std::errc{} && rest == end && index < scenes.size()) return index;
+  return Error{ErrorCode::kUsage,
+               path() + ": no scene '" + name_or_index + "', expected one of " + quoted_list(container_)};
+}
+
+template <class Record>
+const Record* Scene::dense(const format::Table<Record>& table, std::vector<Record>& copy) {
+  if (table.empty()) return nullptr;
+  const bool is_dense = table.size() == 1 || &table[0] + 1 == &table[1];
+  if (is_dense && table.size() > kMostCopiedBytes / sizeof(Record)) return &table[0];
+  copy.reserve(table.size());
+  for (uint64_t i = 0; i < table.size(); ++i) copy.push_back(table[i]);
+  return copy.data();
+}
+
+Result<Scene> Scene::open(const std::string& path, const SceneOptions& options) {
+  Result<SceneFile> file = SceneFile::open(path);
+  if (!file) return file.error();
+  const Result<uint32_t> number = file->find_scene("");
+  if (!number) return number.error();
+  return load(std::move(*file), *number, options);
+}
+
+Result<Scene> Scene::load(SceneFile file, uint32_t scene_index, const SceneOptions& options) {
+  Scene scene(std::move(file));
+  const std::string& path = scene.file_.path();
+  const format::Container& container = scene.container();
+  scene.scene_ = scene_index;
+  try {
+    kernels::SceneView& view = scene.view_;
+    view.meshes = dense(container.meshes(), scene.meshes_);
+    view.mesh_count = container.meshes().size();
+    view.chunks = dense(container.chunks(), scene.chunks_);
+    view.chunk_count = container.chunks().size();
+    view.chunk_kinds = kernels::kinds_of({view.meshes, view.mesh_count}, {view.chunks, view.chunk_count});
+    view.matrices = dense(container.matrices(), scene.matrices_);
+    view.matrix_count = container.matrices().size();
+    view.materials = dense(container.materials(), scene.materials_);
+    view.material_count = container.materials().size();
+    const format::SceneRecord& record = container.scenes()[scene_index];
+    const format::InstanceRecord* const instances = dense(container.instances(), scene.instances_);
+    view.instances = record.instance_count == 0 ? nullptr : instances + record.first_instance;
+    view.instance_count = record.instance_count;
+
+    if (const Result<void> numbered = scene.number_instances(); !numbered) return at(path, numbered.error());
+    scene.drawn_pages_ = DrawnPages(container, scene.mesh_drawn_);
+    scene.pages_.raw.assign(container.pages().size(), nullptr);
+    view.pages = scene.pages_.raw.data();
+    if (options.pages)
+      if (const Result<void> loaded = scene.load_pages(options.threads); !loaded) return loaded.error();
+    const Stopwatch texture_watch;
+    if (const Result<void> loaded = scene.load_textures(options); !loaded) return at(path, loaded.error());
+    scene.stats_.textures = texture_watch.elapsed();
+  } catch (const std::bad_alloc&) {
+    return Error{ErrorCode::kMemory, path + ": no memory left to load it"};
+  }
+  return scene;
+}
+
+Result<void> Scene::number_instances() {
+  instance_base_.assign(view_.instance_count + 1, 0);
+  mesh_drawn_.assign(view_.mesh_count, false);
+  for (uint64_t i = 0; i < view_.instance_count; ++i) {
+    const uint32_t mesh = view_.instances[i].mesh;
+    mesh_drawn_[mesh] = true;
+    const auto sum = format::checked_add(instance_base_[i], view_.meshes[mesh].triangle_count);
+    // The last id is left to the background, so one triangle less than 2^36 can be told apart.
+    if (!sum || *sum > kernels::kIdMask)
+      return Error{ErrorCode::kRange, "scene " + std::to_string(scene_) + " draws more than " +
+                                          std::to_string(kernels::kIdMask) +
+                                          " triangles (2^36 - 1), the most that ids tell apart"};
+    instance_base_[i + 1] = *sum;
+  }
+  view_.instance_base = instance_base_.data();
+  return {};
+}
+
+Result<void> Scene::load_pages(uint32_t threads) {
+  if (has_pages_) return {};
+  const Stopwatch watch;
+  Result<PageSet> pages = runtime::load_pages(drawn_pages_, file_.map(), threads);
+  if (!pages) return at(file_.path(), pages.error());
+  pages_ = std::move(*pages);
+  view_.pages = pages_.raw.data();
+  has_pages_ = true;
+  stats_.pages = pages_.page_count;
+  stats_.stored_bytes = pages_.stored_bytes;
+  stats_.decoded_bytes = pages_.decoded_bytes;
+  stats_.geometry = watch.elapsed();
+  return {};
+}
+
+Result<std::span<const std::byte>> Scene::page(uint32_t page, std::vector<std::byte>& scratch) const {
+  if (view_.pages[page] != nullptr)
+    return std::span<const std::byte>(view_.pages[page], container().pages()[page].raw_bytes);
+  const Result<std::span<const std::byte>> read = container().load_page(page, scratch);
+  if (!read) return at(file_.path(), read.error());
+  return read;
+}
+
+Result<void> Scene::load_textures(const SceneOptions& options) {
+  const auto textures = container().textures();
+  const auto images = container().images();
+  textures_.resize(textures.size());
+  view_.textures = textures_.data();
+  view_.texture_count = textures_.size();
+  if (!options.textures) return {};
+
+  std::vector<bool> texture_drawn(textures.size(), false);
+  std::vector<bool> image_drawn(images.size(), false);
+  for (uint64_t m = 0; m < view_.mesh_count; ++m) {
+    const uint32_t material = view_.meshes[m].material;
+    if (!mesh_drawn_[m] || material == format::kNone) continue;
+    const uint32_t texture = view_.materials[material].texture;
+    if (texture == format::kNone || !(view_.meshes[m].attributes & format::kHasUv)) continue;
+    texture_drawn[texture] = true;
+    image_drawn[textures[texture].image] = true;
+  }
+  std::vector<uint32_t> wanted;
+  for (uint32_t i = 0; i < images.size(); ++i)
+    if (image_drawn[i]) wanted.push_back(i);
+
+  mips_.resize(images.size());
+  jpegs_.resize(images.size());
+  std::vector<Result<void>> results(wanted.size());
+  std::vector<std::string> warnings(wanted.size());
+  parallel_for(wanted.size(), options.threads, [&](uint64_t i) {
+    const uint32_t image = wanted[i];
+    if (options.texture_cache != 0 && images[image].codec == format::ImageCodec::kIndexedJpeg) {
+      Result<JpegTexture> jpeg = load_jpeg(container(), image);
+      if (jpeg) {
+        jpegs_[image] = std::move(*jpeg);
+      } else {
+        results[i] = jpeg.error();
+      }
+      return;
+    }
+    Result<MipChain> mips = load_image(container(), image, warnings[i]);
+    if (mips) {
+      mips_[wanted[i]] = std::move(*mips);
+    } else {
+      results[i] = mips.error();
+    }
+  });
+  for (size_t i = 0; i < wanted.size(); ++i) {
+    const std::string place = image_place(container(), wanted[i]);
+    if (!results[i]) return at(place, results[i].error());
+    if (!warnings[i].empty()) warnings_.push_back(place + ": " + warnings[i]);
+    stats_.texture_bytes += mips_[wanted[i]].texels.size() + jpegs_[wanted[i]].decoded_bytes();
+    stats_.jpeg_bytes += jpegs_[wanted[i]].jpeg_bytes();
+  }
+  number_jpeg_levels();
+  if (jpeg_slot_bytes_ != 0) blocks_ = std::make_unique<kernels::BlockCache>(options.texture_cache, jpeg_slot_bytes_);
+  view_.blocks = blocks_.get();
+  stats_.images = wanted.size();
+  for (uint64_t t = 0; t < textures.size(); ++t)
+    if (texture_drawn[t]) textures_[t] = view_of(textures[t]);
+  return {};
+}
+
+kernels::TextureView Scene::view_of(const format::TextureRecord& record) const {
+  const MipChain& mips = mips_[record.image];
+  return mips.level_count != 0 ? texture_view(mips, record) : jpegs_[record.image].view(record);
+}
+
+void Scene::number_jpeg_levels() {
+  uint32_t number = 0;
+  for (JpegTexture& jpeg : jpegs_) {
+    number = jpeg.number_levels(number);
+    for (const kernels::JpegLevel& level : jpeg.jpeg_levels())
+      jpeg_slot_bytes_ = std::max(jpeg_slot_bytes_, 64 * level.picture.mcu_blocks * level.picture.view.group_mcus);
+  }
+}
+
+}  // namespace scree::runtime

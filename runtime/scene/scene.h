@@ -1,0 +1,142 @@
+// One scene of a .scree file, ready to draw: pages loaded and checked, textures decoded.
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "format/container/container.h"
+#include "format/result.h"
+#include "kernels/scene_view.h"
+#include "kernels/shade/block_cache.h"
+#include "runtime/files/mapped_file.h"
+#include "runtime/scene/pages.h"
+#include "runtime/textures/jpeg_image.h"
+#include "runtime/textures/texture.h"
+#include "runtime/threads/stopwatch.h"
+
+namespace scree::runtime {
+
+/// A mapped and opened .scree file: what can be asked without loading a page.
+class SceneFile {
+ public:
+  /// Errors as MappedFile::open and Container::open, the file named.
+  static Result<SceneFile> open(const std::string& path);
+
+  const MappedFile& map() const { return map_; }
+  const format::Container& container() const { return container_; }
+  const std::string& path() const { return map_.path(); }
+
+  /// The scene of that name, else of that number, else (empty) the document's default scene, else its first. Errors
+  /// kUsage (no such scene; those there are are listed), kUnsupported (the file has none).
+  Result<uint32_t> find_scene(const std::string& name_or_index) const;
+
+ private:
+  MappedFile map_;
+  format::Container container_;
+};
+
+/// Bytes of decoded blocks of JPEG textures that a CPU and a GPU keep where nothing else is said.
+inline constexpr uint64_t kHostTextureCache = uint64_t{64} << 20;
+inline constexpr uint64_t kDeviceTextureCache = uint64_t{256} << 20;
+
+struct SceneOptions {
+  bool textures = true;  // false: texture views have no texels
+  uint32_t threads = 1;
+  // Most bytes of decoded blocks that a CPU keeps of JPEG textures, whose finer levels are decoded as they are looked
+  // at, memory that is taken as it fills; 0: all levels are decoded at once.
+  uint64_t texture_cache = 0;
+  bool pages = true;  // false: view().pages are null until load_pages(), for scenes that a GPU draws
+};
+
+struct LoadStats {
+  uint64_t pages = 0;          // geometry pages loaded and checked
+  uint64_t stored_bytes = 0;   // of them, in the file
+  uint64_t decoded_bytes = 0;  // of those that were compressed, in memory of their own
+  uint64_t images = 0;
+  uint64_t texture_bytes = 0;  // of their decoded levels
+  uint64_t jpeg_bytes = 0;     // of the levels that stay JPEGs, with their tables
+  Duration geometry;
+  Duration textures;
+};
+
+/// Owns what view() points to. Raw pages are used where they lie in the map; only compressed ones have a copy.
+class Scene {
+ public:
+  /// Numbers the instances of scene number `scene` (below the container's count), loads its pages unless the options
+  /// say not to, and loads the images of its materials, each once. Errors, with the file and the place named: those
+  /// of load_pages(); of an image kRange, kFormat, kTrailing, kTruncated; kRange (more than 2^36 - 1 drawn triangles);
+  /// kMemory.
+  static Result<Scene> load(SceneFile file, uint32_t scene, const SceneOptions& options);
+
+  /// The scene that `path` shows where none is named. Errors as SceneFile::open, find_scene and load.
+  static Result<Scene> open(const std::string& path, const SceneOptions& options);
+
+  Scene(Scene&&) = default;
+  Scene& operator=(Scene&&) = default;
+
+  /// Loads the pages that the scene's instances use and validates every chunk of theirs; nothing to do where that is
+  /// done. Errors, with the file and the place named: those of runtime::load_pages.
+  Result<void> load_pages(uint32_t threads);
+  /// Whether view().pages has what the scene draws, as the CPU needs it.
+  bool has_pages() const { return has_pages_; }
+  /// Which those are.
+  const DrawnPages& drawn_pages() const { return drawn_pages_; }
+
+  /// The raw bytes of a geometry page: as loaded, else read from the file into `scratch`. Errors as
+  /// Container::load_page, the file named.
+  Result<std::span<const std::byte>> page(uint32_t page, std::vector<std::byte>& scratch) const;
+
+  const SceneFile& file() const { return file_; }
+  const format::Container& container() const { return file_.container(); }
+  uint32_t scene_index() const { return scene_; }
+  const kernels::SceneView& view() const { return view_; }
+  const LoadStats& stats() const { return stats_; }
+  /// Of the JPEG textures; null where there are none.
+  const kernels::BlockCache* block_cache() const { return blocks_.get(); }
+  /// By image: those that stay JPEGs; the others have no levels.
+  std::span<const JpegTexture> jpeg_textures() const { return jpegs_; }
+  /// Of the largest group of their levels, decoded; 0 where there are none.
+  uint32_t jpeg_slot_bytes() const { return jpeg_slot_bytes_; }
+
+  /// Images that decoded with a complaint; one line each, without the file.
+  const std::vector<std::string>& warnings() const { return warnings_; }
+
+ private:
+  /// The records of a table side by side: the table itself, or a copy, of a small table and where a newer file has
+  /// longer records.
+  template <class Record>
+  static const Record* dense(const format::Table<Record>& table, std::vector<Record>& copy);
+
+  explicit Scene(SceneFile file) : file_(std::move(file)) {}
+  Result<void> number_instances();
+  Result<void> load_textures(const SceneOptions& options);
+  kernels::TextureView view_of(const format::TextureRecord& record) const;
+  void number_jpeg_levels();
+
+  SceneFile file_;
+  uint32_t scene_ = 0;
+  kernels::SceneView view_{};
+  std::vector<format::MeshRecord> meshes_;
+  std::vector<format::ChunkRecord> chunks_;
+  std::vector<format::InstanceRecord> instances_;
+  std::vector<format::MatrixRecord> matrices_;
+  std::vector<format::MaterialRecord> materials_;
+  std::vector<uint64_t> instance_base_;
+  std::vector<bool> mesh_drawn_;
+  DrawnPages drawn_pages_;
+  PageSet pages_;
+  bool has_pages_ = false;
+  std::vector<MipChain> mips_;      // by image; empty where no drawn material uses it,
+  std::vector<JpegTexture> jpegs_;  // or where it is here
+  uint32_t jpeg_slot_bytes_ = 0;
+  std::unique_ptr<kernels::BlockCache> blocks_;
+  std::vector<kernels::TextureView> textures_;
+  std::vector<std::string> warnings_;
+  LoadStats stats_;
+};
+
+}  // namespace scree::runtime

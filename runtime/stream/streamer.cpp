@@ -1,0 +1,388 @@
+#include "runtime/stream/streamer.h"
+
+#include <algorithm>
+#include <deque>
+#include <new>
+#include <string>
+#include <utility>
+
+#include "runtime/threads/stopwatch.h"
+
+namespace scree::runtime {
+namespace {
+
+void add(kernels::FrameStats& sum, const kernels::FrameStats& part) {
+  sum.instances_drawn += part.instances_drawn;
+  sum.draws += part.draws;
+  sum.triangles += part.triangles;
+  sum.triangles_small += part.triangles_small;
+  sum.triangles_medium += part.triangles_medium;
+  sum.triangles_large += part.triangles_large;
+  sum.triangles_clipped += part.triangles_clipped;
+  sum.groups_tested += part.groups_tested;
+  sum.clusters_tested += part.clusters_tested;
+  sum.clusters_drawn += part.clusters_drawn;
+}
+
+uint64_t wanted_batch_bytes(const Residency& residency) {
+  return std::min(residency.pool_bytes() / kBatchShare, kMostBatchBytes);
+}
+
+/// Adds to `ms` what passes until the end of its life.
+class Timed {
+ public:
+  explicit Timed(double& ms) : ms_(ms) {}
+  Timed(const Timed&) = delete;
+  Timed& operator=(const Timed&) = delete;
+  ~Timed() { ms_ += watch_.elapsed().wall_ms; }
+
+ private:
+  double& ms_;
+  Stopwatch watch_;
+};
+
+Error no_memory(const std::string& what) {
+  return {ErrorCode::kMemory, "no memory left " + what};
+}
+
+}  // namespace
+
+Streamer::Streamer(const Scene& scene, Residency residency) : residency_(std::move(residency)), view_(scene.view()) {
+  chunks_.assign(view_.chunks, view_.chunks + view_.chunk_count);
+  for (uint64_t c = 0; c < view_.chunk_count; ++c) {
+    chunks_[c].page = static_cast<uint32_t>(c);
+    chunks_[c].offset = 0;
+  }
+  known_.assign(view_.chunk_count, Known::kNothing);
+  view_.chunks = chunks_.data();
+  view_.pages = nullptr;
+}
+
+Result<Streamer> Streamer::create(const Scene& scene, uint64_t pool_bytes, std::vector<uint64_t> chunk_bytes) {
+  try {
+    Result<Residency> residency = Residency::create(pool_bytes, std::move(chunk_bytes));
+    if (!residency) return at(scene.file().path(), residency.error());
+    return Result<Streamer>(Streamer(scene, std::move(*residency)));
+  } catch (const std::bad_alloc&) {
+    return at(scene.file().path(), no_memory("to list its chunks"));
+  }
+}
+
+uint64_t Streamer::most_batch_bytes() const {
+  return std::max(wanted_batch_bytes(residency_), residency_.largest_room());
+}
+
+/// One frame, drawn in parts: what is in the pool when it begins, and each batch.
+class Streamer::Frame {
+ public:
+  Frame(Residency& residency, std::span<Known> known, StreamTarget& target)
+      : residency_(residency), known_(known), target_(target), batch_bytes_(wanted_batch_bytes(residency)) {}
+
+  Result<StreamStats> draw(const kernels::View& view, const kernels::ShadeOptions* shade);
+
+ private:
+  /// A missing chunk that may hide, and the nearest depth code that it was found to show.
+  struct Unsure {
+    uint32_t nearest;
+    uint32_t chunk;
+  };
+  struct Part {
+    std::vector<Residency::Place> places;  // none: a batch that only moves
+    bool is_load;
+    StreamTarget::Share share = StreamTarget::Share::kAll;
+  };
+
+  Result<void> list();
+  void split(std::vector<Residency::Place> there, uint64_t wanted);
+  bool is_hidden(uint32_t chunk);
+  void ask_for(std::span<const uint32_t> chunks);
+  void take_unsure(uint64_t most_bytes);
+  Result<void> load_ahead(size_t most_unsure);
+  Result<void> draw_part(Part part);
+  Result<void> finish_loading();
+  /// Whether chunks are left of which it is asked whether they hide before they are loaded.
+  bool has_unsure() const { return !unsure_.empty() || (!is_sure_ && !residency_.missing().empty()); }
+  /// For heaps with the nearest on top.
+  static bool is_farther(const Unsure& a, const Unsure& b) {
+    return a.nearest != b.nearest ? a.nearest > b.nearest : a.chunk > b.chunk;
+  }
+  bool has_parts() const {
+    return std::any_of(parts_.begin(), parts_.end(), [](const Part& part) { return !part.places.empty(); });
+  }
+  void look_at_picture();
+
+  Residency& residency_;
+  const std::span<Known> known_;
+  StreamTarget& target_;
+  const uint64_t batch_bytes_;
+  StreamStats stats_{};
+  std::vector<uint32_t> listed_;  // near ones first, those last that were hidden last time
+  // Of the missing: those that the residency does not know of yet.
+  std::vector<Unsure> unsure_;  // a heap
+  std::vector<uint32_t> hidden_;
+  bool is_sure_ = true;        // those that it knows of are needed, as they were last time
+  uint64_t unsure_bytes_ = 0;  // a batch of them
+  std::deque<Part> parts_;     // not drawn yet
+  size_t loads_ = 0;           // of them: under way
+  bool had_missing_ = false;
+  bool has_begun_ = false;       // to draw
+  bool has_depths_ = false;      // of some part
+  bool has_all_depths_ = false;  // and of all so far
+  std::vector<uint32_t> streamed_;
+};
+
+Result<StreamStats> Streamer::Frame::draw(const kernels::View& view, const kernels::ShadeOptions* shade) {
+  if (Result<void> begun = target_.begin(view, shade); !begun) return begun.error();
+  if (Result<void> listed = list(); !listed) return listed.error();
+  if (Result<void> started = load_ahead(1); !started) return started.error();
+  for (;;) {
+    while (!parts_.empty()) {
+      Part part = std::move(parts_.front());
+      parts_.pop_front();
+      if (Result<void> drawn = draw_part(std::move(part)); !drawn) return drawn.error();
+    }
+    // What was hidden last time most likely is again, by something that is drawn by now.
+    if (!has_unsure() && residency_.missing().empty()) {
+      if (hidden_.empty()) break;
+      ask_for(hidden_);
+      hidden_.clear();
+    }
+    if (Result<void> started = load_ahead(kLoadsAhead); !started) return started.error();
+  }
+  look_at_picture();
+  return stats_;
+}
+
+Result<void> Streamer::Frame::list() {
+  const Timed timed(stats_.list_ms);
+  const Result<std::span<const uint32_t>> listed = target_.list();
+  if (!listed) return listed.error();
+  // In this order they give way, from the end: a chunk that was hidden before all that are needed.
+  listed_.assign(listed->begin(), listed->end());
+  std::stable_partition(listed_.begin(), listed_.end(),
+                        [&](uint32_t chunk) { return known_[chunk] != Known::kHidden; });
+  stats_.seen_chunks = listed_.size();
+  for (const uint32_t chunk : listed_) stats_.seen_bytes += residency_.chunk_bytes(chunk);
+  std::vector<Residency::Place> there = residency_.begin_frame(listed_);
+  had_missing_ = !residency_.missing().empty();
+  for (const uint32_t chunk : residency_.missing()) stats_.missing_bytes += residency_.chunk_bytes(chunk);
+  std::vector<uint32_t> unknown;
+  uint64_t wanted = 0;
+  residency_.drop_missing([&](uint32_t chunk) {
+    if (known_[chunk] == Known::kNeeded) wanted += residency_.chunk_bytes(chunk);
+    if (known_[chunk] == Known::kNothing) unknown.push_back(chunk);
+    if (known_[chunk] == Known::kHidden) hidden_.push_back(chunk);
+    return known_[chunk] != Known::kNeeded;
+  });
+  ask_for(unknown);
+  split(std::move(there), wanted);
+  return {};
+}
+
+/// What is there is one part where nothing is wanted for sure. Otherwise the pool is full of it, most likely, and
+/// nothing can be loaded before something is drawn and gives way: stretches of the pool are, one batch, two, four...,
+/// each drawn while what the one before made room for is loaded. They are whole stretches, so that loads find room in
+/// one piece, and those with the farthest chunks: near ones stay, and hide what comes later.
+void Streamer::Frame::split(std::vector<Residency::Place> there, uint64_t wanted) {
+  struct Stretch {
+    std::vector<Residency::Place> places;
+    uint64_t bytes = 0;
+    uint64_t ranks = 0;  // of all places
+    uint64_t mean_rank() const { return ranks / places.size(); }
+  };
+  if (wanted != 0) {
+    std::vector<Stretch> stretches;
+    for (const Residency::Place& place : there) {
+      if (stretches.empty() || stretches.back().bytes + place.bytes > batch_bytes_) stretches.emplace_back();
+      Stretch& last = stretches.back();
+      last.places.push_back(place);
+      last.bytes += place.bytes;
+      last.ranks += residency_.rank(place.chunk);
+    }
+    std::stable_sort(stretches.begin(), stretches.end(),
+                     [](const Stretch& a, const Stretch& b) { return a.mean_rank() > b.mean_rank(); });
+    uint64_t freed = 0;
+    uint64_t in_part = 0;
+    uint64_t most_in_part = 1;
+    there.clear();
+    for (Stretch& stretch : stretches) {
+      // With room for a chunk more, that the last may find its place in one piece.
+      if (freed >= wanted + residency_.largest_room()) {
+        there.insert(there.end(), stretch.places.begin(), stretch.places.end());
+        continue;
+      }
+      residency_.give_way_next(stretch.places);
+      if (in_part == 0) parts_.push_back({{}, false});
+      parts_.back().places.insert(parts_.back().places.end(), stretch.places.begin(), stretch.places.end());
+      freed += stretch.bytes;
+      if (++in_part < most_in_part) continue;
+      in_part = 0;
+      most_in_part *= 2;
+    }
+  }
+  if (!there.empty()) parts_.push_back({std::move(there), false});
+  if (parts_.size() < 3) return;
+  // The farthest have nothing to hide behind but what is seen of the others: that comes first, but for the first part,
+  // since loads wait for it.
+  Part likely{{}, false, StreamTarget::Share::kLikelySeen};
+  for (auto part = parts_.begin() + 1; part != parts_.end(); ++part) {
+    part->share = StreamTarget::Share::kRest;
+    likely.places.insert(likely.places.end(), part->places.begin(), part->places.end());
+  }
+  parts_.insert(parts_.begin() + 1, std::move(likely));
+}
+
+bool Streamer::Frame::is_hidden(uint32_t chunk) {
+  if (target_.nearest_shown(chunk) != kNotInView) return false;
+  stats_.hidden_bytes += residency_.chunk_bytes(chunk);
+  return true;
+}
+
+void Streamer::Frame::ask_for(std::span<const uint32_t> chunks) {
+  for (const uint32_t chunk : chunks)
+    if (!is_hidden(chunk)) unsure_.push_back({target_.nearest_shown(chunk), chunk});
+  std::make_heap(unsure_.begin(), unsure_.end(), is_farther);
+}
+
+/// Has the residency know of as many as take so many bytes. A chunk may be drawn in many places: where the nearest is
+/// found to hide, its turn comes with the nearest that does not, and until then more is drawn that the others may hide
+/// behind.
+void Streamer::Frame::take_unsure(uint64_t most_bytes) {
+  std::vector<uint32_t> taken;
+  uint64_t bytes = 0;
+  for (const uint32_t chunk : residency_.missing()) bytes += residency_.chunk_bytes(chunk);
+  while (bytes < most_bytes && !unsure_.empty()) {
+    std::pop_heap(unsure_.begin(), unsure_.end(), is_farther);
+    Unsure& next = unsure_.back();
+    const uint32_t nearest = target_.nearest_shown(next.chunk);
+    if (nearest != kNotInView && nearest > next.nearest) {
+      next.nearest = nearest;
+      std::push_heap(unsure_.begin(), unsure_.end(), is_farther);
+      continue;
+    }
+    const uint32_t chunk = next.chunk;
+    unsure_.pop_back();
+    if (is_hidden(chunk)) continue;
+    taken.push_back(chunk);
+    bytes += residency_.chunk_bytes(chunk);
+  }
+  residency_.add_missing(taken);
+}
+
+/// Starts loads: as many as find room of those that are wanted for sure, and of others up to `most_unsure`.
+Result<void> Streamer::Frame::load_ahead(size_t most_unsure) {
+  const Timed timed(stats_.choose_ms);
+  // As little as possible before there is anything to hide behind. Not while the first part is drawn, which takes as
+  // long as two batches where near chunks are drawn in many places with nothing before them.
+  if (!has_depths_ && !has_begun_) most_unsure = 1;
+  for (;;) {
+    if (is_sure_ && residency_.missing().empty()) {
+      if (unsure_.empty()) return {};
+      unsure_bytes_ = batch_bytes_ / (has_depths_ || !parts_.empty() ? 1 : kFirstBatchShare);
+      is_sure_ = false;
+    }
+    if (loads_ >= (is_sure_ ? kMostLoads : most_unsure)) return {};
+    const uint64_t most_bytes = is_sure_ ? batch_bytes_ : unsure_bytes_;
+    // While others load, crumbs can wait until more gives way.
+    if (loads_ != 0 && has_parts() && residency_.room_left() < most_bytes / 2) return {};
+    if (!is_sure_) take_unsure(most_bytes);
+    Residency::Batch batch = residency_.next_batch(most_bytes, [&](uint32_t chunk) { return is_hidden(chunk); });
+    if (batch.loads.empty() && batch.moves.empty()) {
+      if (residency_.missing().empty() && !unsure_.empty()) continue;  // all that were asked for hide
+      return {};  // until what is drawn now may give way, or nothing is left
+    }
+    if (Result<void> started = target_.start_loading(batch); !started) return started;
+    ++loads_;
+    for (const Residency::Move& move : batch.moves) stats_.moved_bytes += move.bytes;
+    for (const Residency::Place& place : batch.loads) {
+      stats_.streamed_bytes += place.bytes;
+      streamed_.push_back(place.chunk);
+    }
+    const bool has_room = !batch.loads.empty();
+    stats_.batches += has_room ? 1 : 0;
+    parts_.push_back({std::move(batch.loads), true});
+    if (!has_room) return {};
+    if (!is_sure_) unsure_bytes_ = std::min(2 * unsure_bytes_, batch_bytes_);
+  }
+}
+
+Result<void> Streamer::Frame::draw_part(Part part) {
+  // While a load is waited for there is time to choose the next, by all that is drawn so far. Where one is there
+  // already, drawing is what takes long, and must not wait for that, unless nothing is loaded meanwhile.
+  bool waits = false;
+  if (part.is_load) {
+    const Result<bool> is_loaded = target_.is_loaded();
+    if (!is_loaded) return is_loaded.error();
+    waits = !*is_loaded;
+  }
+  if (waits || loads_ <= (part.is_load ? 1 : 0))
+    if (Result<void> started = load_ahead(kLoadsAhead); !started) return started;
+  if (part.is_load)
+    if (Result<void> loaded = finish_loading(); !loaded) return loaded;
+  // Others that are there by now are drawn with it: what a part costs beside its chunks is paid once.
+  for (size_t loads = 1; part.is_load && loads < kLoadsInPart && !parts_.empty() && parts_.front().is_load; ++loads) {
+    const Result<bool> is_loaded = target_.is_loaded();
+    if (!is_loaded) return is_loaded.error();
+    if (!*is_loaded) break;
+    if (Result<void> loaded = finish_loading(); !loaded) return loaded;
+    part.places.insert(part.places.end(), parts_.front().places.begin(), parts_.front().places.end());
+    parts_.pop_front();
+  }
+  if (part.places.empty()) return {};
+  const bool finds_depths =
+      had_missing_ && part.share != StreamTarget::Share::kLikelySeen && (has_unsure() || !has_parts());
+  {
+    const Timed timed(stats_.draw_ms);
+    if (Result<void> started = target_.start_drawing(part.places, {part.share, finds_depths}); !started) return started;
+  }
+  has_begun_ = true;
+  if (Result<void> started = load_ahead((waits && has_depths_) ? 1 : kLoadsAhead); !started) return started;
+  const Timed timed(stats_.draw_ms);
+  const Result<StreamTarget::Drawn> drawn = target_.finish_drawing();
+  if (!drawn) return drawn.error();
+  add(stats_.drawn, drawn->stats);
+  stats_.drawing_ms += drawn->ms;
+  ++stats_.parts;
+  has_depths_ = has_depths_ || finds_depths;
+  has_all_depths_ = finds_depths;
+  if (part.share != StreamTarget::Share::kLikelySeen) residency_.batch_drawn(part.places);
+  return {};
+}
+
+Result<void> Streamer::Frame::finish_loading() {
+  const Timed timed(stats_.load_ms);
+  const Result<double> loaded = target_.finish_loading();
+  if (!loaded) return loaded.error();
+  stats_.copying_ms += *loaded;
+  --loads_;
+  return {};
+}
+
+/// What the next frame begins with.
+void Streamer::Frame::look_at_picture() {
+  if (!has_all_depths_) return;
+  for (const uint32_t chunk : listed_)
+    known_[chunk] = target_.nearest_shown(chunk) == kNotInView ? Known::kHidden : Known::kNeeded;
+  for (const uint32_t chunk : streamed_)
+    if (known_[chunk] == Known::kNeeded) stats_.needed_bytes += residency_.chunk_bytes(chunk);
+}
+
+Result<StreamStats> Streamer::draw(const kernels::View& view, const kernels::ShadeOptions* shade,
+                                   StreamTarget& target) {
+  const uint64_t triangles = view_.instance_count == 0 ? 0 : view_.instance_base[view_.instance_count];
+  if (Result<void> checked = kernels::check_frame(view, triangles); !checked) return checked.error();
+  Result<StreamStats> drawn = [&]() -> Result<StreamStats> {
+    try {
+      return Frame(residency_, known_, target).draw(view, shade);
+    } catch (const std::bad_alloc&) {
+      return no_memory("for the frame's chunks");
+    }
+  }();
+  if (!drawn) {
+    target.stop();
+    residency_.forget();
+  }
+  return drawn;
+}
+
+}  // namespace scree::runtime

@@ -1,0 +1,82 @@
+// An image of a .scree file that is stored as indexed JPEGs: its base level and its mip levels.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <map>
+#include <span>
+#include <vector>
+
+#include "format/container/container.h"
+#include "format/jpeg/index.h"
+#include "format/result.h"
+#include "kernels/scene_view.h"
+#include "runtime/images/image.h"
+#include "runtime/textures/texture.h"
+
+namespace scree::runtime {
+
+/// The levels of one image, opened; they point into the container's file, or, of compressed pages, into this.
+class JpegImage {
+ public:
+  /// Image `image` of `container`, whose codec is kIndexedJpeg. Checks its pages' checksums, and each level against the
+  /// record. Errors those of Container::load_page and format::open_jpeg_index, kRange (another size or number of
+  /// components than the record says), each with the level.
+  static Result<JpegImage> open(const format::Container& container, uint32_t image);
+
+  /// Level 0 and the stored levels below it.
+  const std::vector<format::JpegIndex>& levels() const { return levels_; }
+
+  /// All levels decoded, those below the stored ones made from the last of them. Errors kFormat. Throws std::bad_alloc.
+  Result<MipChain> decode() const;
+
+  /// The levels below the stored ones alone: level 0 of the result is the last stored one. Errors and throws so.
+  Result<MipChain> decode_tail() const;
+
+ private:
+  struct Page {
+    std::vector<std::byte> unpacked;
+    std::span<const std::byte> bytes;
+  };
+
+  std::map<uint32_t, Page> pages_;
+  std::vector<format::JpegIndex> levels_;
+};
+
+/// An image as kernels see it: its finer levels stay JPEGs, the last stored one and those below are decoded.
+class JpegTexture {
+ public:
+  /// Errors and throws as JpegImage::decode_tail.
+  static Result<JpegTexture> make(JpegImage image);
+
+  /// Where a level's bytes lie: its data, anchor blocks and anchors, one behind the other as in the file, from
+  /// JpegView::data on.
+  std::span<const std::byte> level_bytes(size_t level) const;
+  const format::JpegIndex& index(size_t level) const { return image_.levels()[level]; }
+  std::span<const uint32_t> factors(size_t level) const { return factors_[level]; }
+
+  /// Numbers the JPEG levels from `first` on and returns the number behind the last.
+  uint32_t number_levels(uint32_t first);
+
+  /// Valid while this is; it may be moved.
+  kernels::TextureView view(const format::TextureRecord& record) const;
+
+  std::span<const kernels::JpegLevel> jpeg_levels() const { return levels_; }
+  uint64_t decoded_bytes() const { return tail_.texels.size(); }
+  uint64_t jpeg_bytes() const;  // of the levels that stay JPEGs: data, index and tables
+
+ private:
+  JpegImage image_;
+  std::vector<std::vector<uint32_t>> factors_;
+  std::vector<kernels::JpegLevel> levels_;
+  MipChain tail_;
+};
+
+/// Opens one level and checks it: `width` x `height` pixels, `channels` components. Errors as JpegImage::open.
+Result<format::JpegIndex> open_jpeg_level(std::span<const std::byte> bytes, uint32_t width, uint32_t height,
+                                          uint32_t channels);
+
+/// A level as a picture. Errors kFormat, kRange (more than kMaxImagePixels). Throws std::bad_alloc.
+Result<Image> decode_jpeg_level(const format::JpegIndex& level);
+
+}  // namespace scree::runtime

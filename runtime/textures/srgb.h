@@ -1,0 +1,35 @@
+// sRGB coding of 8-bit colour. Source: IEC 61966-2-1.
+#pragma once
+
+#include <cstdint>
+
+#include "kernels/shade/srgb.h"
+
+namespace scree::runtime {
+
+/// The coding as tables, for loops that keep a reference.
+class Srgb {
+ public:
+  static const Srgb& tables();
+
+  /// Linear light, 0 to 1, of a code.
+  float linear(uint8_t code) const { return tables_.linear[code]; }
+
+  /// The code nearest to linear light in code space, exactly: the rounding of the formula, without its pow(). Below 0
+  /// and NaN give 0, above 1 gives 255.
+  uint8_t code(float linear) const { return static_cast<uint8_t>(kernels::srgb_code(tables_, linear)); }
+
+ private:
+  Srgb() : tables_(kernels::make_srgb_tables()) {}
+
+  kernels::SrgbTables tables_;
+};
+
+inline float linear_of_srgb(uint8_t code) {
+  return Srgb::tables().linear(code);
+}
+inline uint8_t srgb_of_linear(float linear) {
+  return Srgb::tables().code(linear);
+}
+
+}  // namespace scree::runtime

@@ -1,0 +1,67 @@
+// For the tests of the container's rules: each breaks one, with checksums that fit.
+#pragma once
+
+#include <cstddef>
+
+#include "format/bytes.h"
+#include "format/container/container.h"
+#include "tests/catch.h"
+#include "tests/format/container/container_fixture.h"
+
+#define XXH_STATIC_LINKING_ONLY
+#include <xxhash.h>
+
+namespace scree::tests {
+
+/// Opens a file in which one thing was changed, and wants just that message.
+class Breaker {
+ public:
+  explicit Breaker(const Parts& parts) : file_(file_of(parts)) {
+    const auto error = verify_copy(file_);
+    if (error) FAIL(error->message);
+  }
+
+  template <class Record, class Change>
+  void record(format::TableKind kind, uint64_t index, Change change, const char* message,
+              ErrorCode code = ErrorCode::kRange) const {
+    expect(patched<Record>(file_, kind, index, change), message, code);
+  }
+
+  /// Changes the file's header and makes its own checksum fit, unless `seal` is false.
+  template <class Change>
+  void header(Change change, const char* message, ErrorCode code, bool seal = true) const {
+    Bytes file = file_;
+    auto header = format::load<format::FileHeader>(file.data());
+    change(header);
+    if (seal) header.checksum = XXH3_64bits(&header, offsetof(format::FileHeader, checksum));
+    format::store(file.data(), header);
+    expect(file, message, code);
+  }
+
+  template <class Change>
+  void toc(format::TableKind kind, Change change, const char* message, ErrorCode code = ErrorCode::kRange) const {
+    Bytes file = file_;
+    const size_t offset = toc_entry_offset(file, kind);
+    auto entry = format::load<format::TocEntry>(file.data() + offset);
+    change(entry);
+    format::store(file.data() + offset, entry);
+    reseal(file);
+    expect(file, message, code);
+  }
+
+  static void expect(const Bytes& file, const char* message, ErrorCode code) {
+    INFO("expected: " << message);
+    const auto error = verify_copy(file);
+    REQUIRE(error);
+    CHECK(error->message == message);
+    CHECK(error->code == code);
+    CHECK(error->message.find('\n') == std::string::npos);
+  }
+
+  const Bytes& file() const { return file_; }
+
+ private:
+  Bytes file_;
+};
+
+}  // namespace scree::tests

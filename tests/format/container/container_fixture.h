@@ -1,0 +1,135 @@
+// Small .scree files for the container's tests, and the means to change their bytes and make the checksums right again.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <cstring>
+#include <filesystem>
+#include <fstream>
+#include <functional>
+#include <new>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "format/container/container.h"
+#include "tests/format/container/reseal.h"
+
+namespace scree::tests {
+
+using Bytes = std::vector<std::byte>;
+
+/// A folder of its own, gone at the end.
+class TemporaryFolder {
+ public:
+  TemporaryFolder() {
+    std::string name = (std::filesystem::temp_directory_path() / "scree-container-XXXXXX").string();
+    if (!::mkdtemp(name.data())) std::abort();
+    path_ = name;
+  }
+  ~TemporaryFolder() { std::filesystem::remove_all(path_); }
+  TemporaryFolder(const TemporaryFolder&) = delete;
+  TemporaryFolder& operator=(const TemporaryFolder&) = delete;
+  std::string file(const char* name) const { return (path_ / name).string(); }
+  const std::filesystem::path& path() const { return path_; }
+
+ private:
+  std::filesystem::path path_;
+};
+
+inline Bytes read_file(const std::string& path) {
+  std::ifstream file(path, std::ios::binary);
+  const std::vector<char> chars((std::istreambuf_iterator<char>(file)), std::istreambuf_iterator<char>());
+  Bytes bytes(chars.size());
+  if (!chars.empty()) std::memcpy(bytes.data(), chars.data(), chars.size());
+  return bytes;
+}
+
+/// A copy in a heap block of exactly that size, aligned as a map is, so that ASan sees every byte read past its end.
+class ExactCopy {
+ public:
+  explicit ExactCopy(std::span<const std::byte> bytes)
+      : data_(static_cast<std::byte*>(::operator new(bytes.size(), kAlignment))), size_(bytes.size()) {
+    if (!bytes.empty()) std::memcpy(data_, bytes.data(), bytes.size());
+  }
+  ~ExactCopy() { ::operator delete(data_, kAlignment); }
+  ExactCopy(const ExactCopy&) = delete;
+  ExactCopy& operator=(const ExactCopy&) = delete;
+  std::span<const std::byte> bytes() const { return {data_, size_}; }
+  std::byte& operator[](size_t index) { return data_[index]; }
+
+ private:
+  static constexpr std::align_val_t kAlignment{64};
+  std::byte* data_;
+  size_t size_;
+};
+
+/// Checks everything: open() and every page.
+inline std::optional<Error> verify(std::span<const std::byte> file) {
+  const auto container = format::Container::open(file);
+  if (!container) return container.error();
+  Bytes scratch;
+  for (uint32_t i = 0; i < container->pages().size(); ++i) {
+    const auto page = container->load_page(i, scratch);
+    if (!page) return page.error();
+  }
+  return std::nullopt;
+}
+
+inline std::optional<Error> verify_copy(std::span<const std::byte> file) {
+  return verify(ExactCopy(file).bytes());
+}
+
+/// What a file is made from.
+struct Parts {
+  std::vector<format::SealedPage> pages;
+  format::TableSet tables;
+};
+
+/// The worked example of spec/container.md: one triangle, drawn once.
+Parts tiny_parts();
+
+/// Every table, both position encodings, all attributes, raw and zstd pages, an image, an empty mesh.
+Parts full_parts();
+
+/// The file's bytes. Fails the test where they cannot be written.
+Bytes file_of(const Parts& parts);
+
+/// Offset of a table's entry in the table of contents of a valid file; the table must be there.
+size_t toc_entry_offset(const Bytes& file, format::TableKind kind);
+
+/// Offset of record `index` of a table.
+size_t record_offset(const Bytes& file, format::TableKind kind, uint64_t index);
+
+/// `file` with one record changed and resealed.
+template <class Record>
+Bytes patched(Bytes file, format::TableKind kind, uint64_t index, const std::function<void(Record&)>& change) {
+  const size_t offset = record_offset(file, kind, index);
+  Record record;
+  std::memcpy(&record, file.data() + offset, sizeof record);
+  change(record);
+  std::memcpy(file.data() + offset, &record, sizeof record);
+  reseal(file);
+  return file;
+}
+
+/// Tables and pages of a file as they lie, to be laid out anew with a newer version's longer records, unknown kinds,
+/// ... by build(): no writer of this version makes such files.
+struct RawTable {
+  format::TableKind kind;
+  uint32_t record_bytes;
+  Bytes bytes;
+};
+struct RawFile {
+  uint16_t version_major = format::kVersionMajor;
+  uint16_t version_minor = format::kVersionMinor;
+  Bytes page_area;  // from kPageAlignment on
+  std::vector<RawTable> tables;
+
+  explicit RawFile(const Bytes& file);
+  Bytes build() const;
+  RawTable& table(format::TableKind kind);
+};
+
+}  // namespace scree::tests

@@ -1,0 +1,345 @@
+// Every rule of spec/container.md for the file as a whole (header, table of contents, pages) is broken once, and open()
+// must name the place; the records' rules are in test_record_rules.cpp.
+#include <zstd.h>
+
+#include "format/bytes.h"
+#include "format/container/container.h"
+#include "tests/catch.h"
+#include "tests/format/container/container_breaker.h"
+
+#define XXH_STATIC_LINKING_ONLY
+#include <xxhash.h>
+
+namespace scree::tests {
+namespace {
+
+using namespace scree::format;
+
+TEST_CASE("container rules: header", "[container]") {
+  const Breaker b(tiny_parts());
+  using H = FileHeader;
+  b.header([](H& h) { h.magic[0] = 'S'; }, "not a scree file", ErrorCode::kFormat);
+  b.header([](H& h) { h.version_major = 0; }, "the file has version 0.0, but this program reads version 1",
+           ErrorCode::kVersion);
+  b.header([](H& h) { h.file_bytes = 0; }, "header: the checksum differs", ErrorCode::kChecksum, false);
+  b.header([](H& h) { h.header_bytes = 72; }, "header: 72 bytes, expected 64", ErrorCode::kRange);
+  b.header([](H& h) { h.reserved = 1; }, "header: a reserved field is set", ErrorCode::kReserved);
+  b.header([](H& h) { h.reserved2 = uint64_t{1} << 63; }, "header: a reserved field is set", ErrorCode::kReserved);
+  b.header([](H& h) { h.toc_checksum ^= 1; }, "table of contents: the checksum differs", ErrorCode::kChecksum);
+  const std::string size = std::to_string(b.file().size());
+  b.header([](H& h) { h.file_bytes = UINT64_MAX; },
+           ("the file has " + size + " bytes, but its header says 18446744073709551615").c_str(),
+           ErrorCode::kTruncated);
+  b.header([](H& h) { h.file_bytes -= 1; },
+           ("the file has " + size + " bytes, but its header says " + std::to_string(b.file().size() - 1)).c_str(),
+           ErrorCode::kTrailing);
+  for (const uint64_t offset :
+       {uint64_t{0}, uint64_t{64}, uint64_t{4097}, uint64_t{b.file().size()}, UINT64_MAX - 63}) {
+    b.header(
+        [&](H& h) { h.toc_offset = offset; },
+        ("table of contents: 12 entries at byte " + std::to_string(offset) + ", but the file has " + size + " bytes")
+            .c_str(),
+        ErrorCode::kRange);
+  }
+  const uint64_t toc = load<FileHeader>(b.file().data()).toc_offset;
+  b.header(
+      [](H& h) { h.toc_count = UINT32_MAX; },
+      ("table of contents: 4294967295 entries at byte " + std::to_string(toc) + ", but the file has " + size + " bytes")
+          .c_str(),
+      ErrorCode::kRange);
+  b.header([](H& h) { h.toc_count -= 1; },
+           ("table of contents: ends at byte " + std::to_string(b.file().size() - 32) + ", but the file has " + size +
+            " bytes")
+               .c_str(),
+           ErrorCode::kTrailing);
+  Breaker::expect({}, "the file has 0 bytes, but its header takes 64", ErrorCode::kTruncated);
+  Breaker::expect(Bytes(10, std::byte{'x'}), "not a scree file", ErrorCode::kFormat);
+  Breaker::expect(Bytes(1000, std::byte{'x'}), "not a scree file", ErrorCode::kFormat);
+}
+
+TEST_CASE("container rules: table of contents", "[container]") {
+  const Breaker b(tiny_parts());
+  using T = TocEntry;
+  const auto start = std::to_string(load<FileHeader>(b.file().data()).toc_offset);
+  const auto entry = load<TocEntry>(b.file().data() + toc_entry_offset(b.file(), TableKind::kMeshes));
+  const auto at = std::to_string(entry.offset);
+  b.toc(
+      TableKind::kMeshes, [](T& t) { t.kind = TableKind{0}; }, "table 1: kind 0");
+  b.toc(
+      TableKind::kMeshes, [](T& t) { t.kind = TableKind::kPages; }, "table 1: a second page table", ErrorCode::kFormat);
+  b.toc(
+      TableKind::kMeshes, [](T& t) { t.record_bytes = 112; }, "mesh table: records of 112 bytes, expected 120");
+  b.toc(
+      TableKind::kMeshes, [](T& t) { t.record_bytes = 0; }, "mesh table: records of 0 bytes, expected 120");
+  b.toc(
+      TableKind::kMeshes, [](T& t) { t.record_count = 0; },
+      ("table 2: at byte " + std::to_string(entry.offset + 128) + ", expected " + at).c_str());
+  b.toc(
+      TableKind::kMeshes, [](T& t) { t.record_count = uint64_t{1} << 60; },
+      ("table 1: 1152921504606846976 records of 120 bytes at byte " + at +
+       ", but the table of contents starts at byte " + start)
+          .c_str());
+  b.toc(
+      TableKind::kMeshes, [](T& t) { t.offset = UINT64_MAX; },
+      ("table 1: 1 records of 120 bytes at byte 18446744073709551615, but the table of contents starts at byte " +
+       start)
+          .c_str());
+  b.toc(
+      TableKind::kMeshes, [](T& t) { t.offset += 8; },
+      ("table 1: at byte " + std::to_string(entry.offset + 8) + ", expected " + at).c_str());
+  b.toc(
+      TableKind::kPages, [](T& t) { t.offset = 64; }, "table 0: at byte 64, expected a multiple of 64 from 4096 on");
+  b.toc(
+      TableKind::kPages, [](T& t) { t.offset += 8; },
+      ("table 0: at byte " + std::to_string(entry.offset - 64 + 8) + ", expected a multiple of 64 from 4096 on")
+          .c_str());
+  b.toc(
+      TableKind::kStrings, [](T& t) { t.kind = TableKind{99}; }, "the file has no string table", ErrorCode::kFormat);
+  b.toc(
+      TableKind::kSource, [](T& t) { t.kind = TableKind{99}; }, "source table: 0 records, expected 1",
+      ErrorCode::kFormat);
+
+  // A table that lies at the end, shortened: the table of contents no longer follows it.
+  RawFile raw(b.file());
+  Bytes two = raw.build();
+  raw.table(TableKind::kSource).bytes.resize(128);
+  two = raw.build();
+  Breaker::expect(two, "source table: 2 records, expected 1", ErrorCode::kFormat);
+
+  // Wrong checksums and set padding are found without resealing.
+  Bytes flipped = b.file();
+  flipped[entry.offset] ^= std::byte{1};
+  Breaker::expect(flipped, "mesh table: the checksum differs", ErrorCode::kChecksum);
+  flipped = b.file();
+  flipped[entry.offset + 121] = std::byte{1};
+  Breaker::expect(flipped, ("byte " + std::to_string(entry.offset + 121) + " is padding, but not zero").c_str(),
+                  ErrorCode::kReserved);
+  flipped = b.file();
+  flipped[64] = std::byte{1};
+  Breaker::expect(flipped, "byte 64 is padding, but not zero", ErrorCode::kReserved);
+  flipped = b.file();
+  flipped[4096 + 32 + 5] = std::byte{1};
+  Breaker::expect(flipped, "byte 4133 is padding, but not zero", ErrorCode::kReserved);
+
+  // No table at all.
+  raw.tables.clear();
+  Breaker::expect(raw.build(), "the file has no string table", ErrorCode::kFormat);
+  raw = RawFile(b.file());
+  raw.table(TableKind::kStrings).bytes.back() = std::byte{'x'};
+  Breaker::expect(raw.build(), "string table: the last string has no end", ErrorCode::kFormat);
+  raw = RawFile(b.file());
+  raw.table(TableKind::kStrings).bytes.front() = std::byte{'x'};
+  Breaker::expect(raw.build(), "string table: the string at 0 is not empty", ErrorCode::kFormat);
+  raw.table(TableKind::kStrings).bytes.clear();
+  Breaker::expect(raw.build(), "the file has no string table", ErrorCode::kFormat);
+}
+
+TEST_CASE("container rules: pages", "[container]") {
+  const Breaker b(full_parts());
+  using P = PageRecord;
+  constexpr TableKind k = TableKind::kPages;
+  const auto first = load<PageRecord>(b.file().data() + record_offset(b.file(), k, 0));
+  const auto second = load<PageRecord>(b.file().data() + record_offset(b.file(), k, 1));
+  const auto tables = std::to_string(load<TocEntry>(b.file().data() + toc_entry_offset(b.file(), k)).offset);
+  b.record<P>(
+      k, 0, [](P& p) { p.offset = 0; }, "page 0: at byte 0, expected 4096");
+  b.record<P>(
+      k, 1, [](P& p) { p.offset += 4096; },
+      ("page 1: at byte " + std::to_string(second.offset + 4096) + ", expected " + std::to_string(second.offset))
+          .c_str());
+  b.record<P>(
+      k, 1, [](P& p) { p.offset -= 4096; },
+      ("page 1: at byte " + std::to_string(second.offset - 4096) + ", expected " + std::to_string(second.offset))
+          .c_str());
+  b.record<P>(
+      k, 0, [](P& p) { p.stored_bytes = UINT64_MAX; },
+      ("page 0: 18446744073709551615 bytes at byte 4096, but the tables start at byte " + tables).c_str());
+  b.record<P>(
+      k, 0, [](P& p) { p.raw_bytes += 16; },
+      ("page 0: " + std::to_string(first.raw_bytes + 16) + " raw bytes, but " + std::to_string(first.raw_bytes) +
+       " are stored raw")
+          .c_str());
+  b.record<P>(
+      k, 1, [](P& p) { p.raw_bytes = p.stored_bytes; },
+      ("page 1: " + std::to_string(second.stored_bytes) + " bytes compressed to " + std::to_string(second.stored_bytes))
+          .c_str());
+  b.record<P>(
+      k, 1, [](P& p) { p.raw_bytes = uint64_t{1} << 32; },
+      ("page 1: 4294967296 bytes compressed to " + std::to_string(second.stored_bytes) +
+       ", which is more than is allowed")
+          .c_str());
+  b.record<P>(
+      k, 1, [](P& p) { p.raw_bytes = UINT64_MAX; },
+      ("page 1: 18446744073709551615 bytes compressed to " + std::to_string(second.stored_bytes) +
+       ", which is more than is allowed")
+          .c_str());
+  b.record<P>(
+      k, 2, [](P& p) { p.codec = PageCodec{3}; }, "page 2: codec 3");
+  b.record<P>(
+      k, 2, [](P& p) { p.codec = PageCodec::kSplit; }, "page 2: split, but of kind 2");
+  b.record<P>(
+      k, 2, [](P& p) { p.stored_bytes = p.raw_bytes = 3; }, "page 2: the checksum differs", ErrorCode::kChecksum);
+  b.record<P>(
+      k, 2, [](P& p) { p.checksum ^= 1; }, "page 2: the checksum differs", ErrorCode::kChecksum);
+  b.record<P>(
+      k, 2, [](P& p) { p.kind = PageKind::kGeometry; }, "image 0: page 2 is of kind 1, which holds no image");
+  b.record<P>(
+      k, 1, [](P& p) { p.kind = PageKind::kImage; }, "chunk 2: page 1 is of kind 2, which holds no chunks");
+  b.record<P>(
+      k, 1, [](P& p) { p.raw_bytes += 1; },
+      ("page 1: the zstd frame holds " + std::to_string(second.raw_bytes) + " bytes, expected " +
+       std::to_string(second.raw_bytes + 1))
+          .c_str(),
+      ErrorCode::kFormat);
+
+  // The tables must start where the last page ends.
+  RawFile raw(b.file());
+  raw.page_area.resize(raw.page_area.size() + 64);
+  const Bytes gap = raw.build();
+  const auto third = load<PageRecord>(b.file().data() + record_offset(b.file(), k, 2));
+  Breaker::expect(gap,
+                  ("the pages end at byte " + std::to_string(third.offset + third.stored_bytes) +
+                   ", but the tables start at byte " + std::to_string(std::stoull(tables) + 64))
+                      .c_str(),
+                  ErrorCode::kRange);
+}
+
+/// A file whose second page holds these stored bytes in place of the zstd frame, checksum fitting.
+Bytes with_frame(Bytes frame, uint64_t raw_bytes, PageCodec codec = PageCodec::kZstd) {
+  Parts parts = full_parts();
+  parts.pages[1].record.codec = codec;
+  parts.pages[1].record.stored_bytes = frame.size();
+  parts.pages[1].record.raw_bytes = raw_bytes;
+  parts.pages[1].record.checksum = XXH3_64bits(frame.data(), frame.size());
+  parts.pages[1].stored = std::move(frame);
+  return file_of(parts);
+}
+
+TEST_CASE("container rules: a zstd page is one frame of its size", "[container]") {
+  const Parts parts = full_parts();
+  const Bytes frame = parts.pages[1].stored;
+  const uint64_t raw_bytes = parts.pages[1].record.raw_bytes;
+  REQUIRE(!verify_copy(with_frame(frame, raw_bytes)));
+
+  Bytes trailing = frame;
+  trailing.push_back(std::byte{0});
+  Breaker::expect(with_frame(trailing, raw_bytes),
+                  ("page 1: the zstd frame takes " + std::to_string(frame.size()) + " of " +
+                   std::to_string(frame.size() + 1) + " bytes")
+                      .c_str(),
+                  ErrorCode::kTrailing);
+  Bytes twice = frame;
+  twice.insert(twice.end(), frame.begin(), frame.end());
+  CHECK(verify_copy(with_frame(twice, raw_bytes))->code == ErrorCode::kTrailing);
+
+  // A skippable frame in front would be passed over by zstd.
+  Bytes skippable(12);
+  store<uint32_t>(skippable.data(), 0x184D2A50);
+  store<uint32_t>(skippable.data() + 4, 4);
+  skippable.insert(skippable.end(), frame.begin(), frame.end());
+  Breaker::expect(with_frame(skippable, raw_bytes), "page 1: not a zstd frame", ErrorCode::kFormat);
+  Breaker::expect(with_frame(Bytes(3), raw_bytes), "page 1: not a zstd frame", ErrorCode::kFormat);
+
+  for (size_t size = 4; size < frame.size(); ++size) {
+    const auto error =
+        verify_copy(with_frame(Bytes(frame.begin(), frame.begin() + static_cast<ptrdiff_t>(size)), raw_bytes));
+    REQUIRE(error);
+  }
+  // Any flipped bit gives an error or the right size; nothing else, and no crash.
+  for (size_t i = 0; i < frame.size(); ++i) {
+    Bytes flipped = frame;
+    flipped[i] ^= std::byte{1} << (i % 8);
+    (void)verify_copy(with_frame(flipped, raw_bytes));
+  }
+
+  // A frame that does not say its size.
+  Bytes unsized(ZSTD_compressBound(raw_bytes));
+  ZSTD_CCtx* const context = ZSTD_createCCtx();
+  ZSTD_CCtx_setParameter(context, ZSTD_c_contentSizeFlag, 0);
+  const Bytes raw(raw_bytes);
+  unsized.resize(ZSTD_compress2(context, unsized.data(), unsized.size(), raw.data(), raw.size()));
+  ZSTD_freeCCtx(context);
+  Breaker::expect(with_frame(unsized, raw_bytes), "page 1: the zstd frame does not say its size", ErrorCode::kFormat);
+}
+
+TEST_CASE("container rules: a split page holds at most twice its bytes, and makes them all", "[container]") {
+  const uint64_t raw_bytes = full_parts().pages[1].record.raw_bytes;
+  const auto zeros = [&](uint64_t bytes) {
+    const Bytes content(bytes);
+    Bytes frame(ZSTD_compressBound(bytes));
+    frame.resize(ZSTD_compress(frame.data(), frame.size(), content.data(), content.size(), 3));
+    return with_frame(frame, raw_bytes, PageCodec::kSplit);
+  };
+  Breaker::expect(zeros(2 * raw_bytes + 1),
+                  ("page 1: the zstd frame holds " + std::to_string(2 * raw_bytes + 1) + " bytes, expected at most " +
+                   std::to_string(2 * raw_bytes))
+                      .c_str(),
+                  ErrorCode::kFormat);
+  Breaker::expect(zeros(2 * raw_bytes), "page 1: split page: residuals of 0 bytes, expected 1 to 3", ErrorCode::kRange);
+  Breaker::expect(zeros(1), "page 1: split page: no header", ErrorCode::kTruncated);
+}
+
+TEST_CASE("container rules: what a compressed page may grow to", "[container]") {
+  // Zeros compress to almost nothing: kept raw where a reader would refuse them.
+  for (const auto& [bytes, codec] : {std::pair{size_t{kPageTargetBytes}, PageCodec::kZstd},
+                                     std::pair{size_t{kPageTargetBytes} + 1, PageCodec::kRaw}}) {
+    const SealedPage page = seal_page(PageKind::kImage, Bytes(bytes), 3);
+    CHECK(page.record.codec == codec);
+    Parts parts = full_parts();
+    parts.pages[2] = page;
+    CHECK(!verify_copy(file_of(parts)));
+  }
+  // The same page compressed by someone else.
+  const Bytes zeros(kPageTargetBytes + 1);
+  Bytes frame(ZSTD_compressBound(zeros.size()));
+  frame.resize(ZSTD_compress(frame.data(), frame.size(), zeros.data(), zeros.size(), 3));
+  Breaker::expect(
+      with_frame(frame, zeros.size()),
+      ("page 1: 1048577 bytes compressed to " + std::to_string(frame.size()) + ", which is more than is allowed")
+          .c_str(),
+      ErrorCode::kRange);
+  // Past 1 MiB, but not 16 to 1.
+  Bytes half(3 << 20);
+  uint32_t state = 1;
+  for (size_t i = 0; i < half.size() / 4; ++i)
+    half[i] = static_cast<std::byte>((state = state * 1664525 + 1013904223) >> 24);
+  const SealedPage page = seal_page(PageKind::kImage, half, 1);
+  CHECK(page.record.codec == PageCodec::kZstd);
+  Parts parts = full_parts();
+  parts.pages[2] = page;
+  CHECK(!verify_copy(file_of(parts)));
+  // A page whose chunks need no bytes.
+  const SealedPage empty = seal_page(PageKind::kGeometry, {}, 9);
+  CHECK(empty.record.codec == PageCodec::kRaw);
+  CHECK(empty.stored.empty());
+  parts.pages.push_back(empty);
+  parts.pages.push_back(empty);
+  CHECK(!verify_copy(file_of(parts)));
+}
+
+/// Any bytes in any record: an error or a file that opens; never a crash, a wrong read or a long wait.
+TEST_CASE("container rules: random damage with fitting checksums", "[container]") {
+  const Bytes file = file_of(full_parts());
+  const auto header = load<FileHeader>(file.data());
+  const auto first = load<TocEntry>(file.data() + header.toc_offset);
+  uint64_t state = 12345;
+  const auto random = [&state](uint64_t limit) {
+    state = state * 6364136223846793005u + 1442695040888963407u;
+    return (state >> 33) % limit;
+  };
+  size_t opened = 0;
+  for (int round = 0; round < 4000; ++round) {
+    Bytes damaged = file;
+    for (uint64_t n = 1 + random(3); n > 0; --n) {
+      const size_t at = first.offset + random(file.size() - first.offset);
+      constexpr unsigned kValues[] = {0, 1, 0x7f, 0x80, 0xff};
+      damaged[at] = random(2) ? static_cast<std::byte>(kValues[random(5)]) : static_cast<std::byte>(random(256));
+    }
+    reseal(damaged);
+    if (!verify_copy(damaged)) ++opened;
+  }
+  CHECK(opened < 4000);
+}
+
+}  // namespace
+}  // namespace scree::tests

@@ -1,0 +1,301 @@
+// The writer against the file system: what is there after success, failure, a crash and a second writer; the worked
+// examples of spec/container.md.
+#include <fcntl.h>
+#include <sys/file.h>
+#include <sys/resource.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <csignal>
+#include <sstream>
+
+#include "format/bytes.h"
+#include "format/container/container.h"
+#include "tests/catch.h"
+#include "tests/format/container/container_fixture.h"
+#include "tests/paths.h"
+
+namespace scree::tests {
+namespace {
+
+using namespace scree::format;
+namespace fs = std::filesystem;
+
+size_t file_count(const TemporaryFolder& folder) {
+  size_t count = 0;
+  for ([[maybe_unused]] const auto& entry : fs::directory_iterator(folder.path())) ++count;
+  return count;
+}
+
+void write_text(const std::string& path, const char* text) {
+  std::ofstream(path, std::ios::binary) << text;
+}
+
+SealedPage noise_page(size_t bytes) {
+  Bytes raw(bytes);
+  uint32_t state = 7;
+  for (std::byte& b : raw) b = static_cast<std::byte>((state = state * 1664525 + 1013904223) >> 24);
+  return seal_page(PageKind::kImage, std::move(raw), 0);
+}
+
+/// Lets files grow to `bytes` and no further while it lives, with an error in place of a signal.
+class FileSizeLimit {
+ public:
+  explicit FileSizeLimit(rlim_t bytes) : handler_(std::signal(SIGXFSZ, SIG_IGN)) {
+    ::getrlimit(RLIMIT_FSIZE, &before_);
+    rlimit limit = before_;
+    limit.rlim_cur = bytes;
+    limited_ = ::setrlimit(RLIMIT_FSIZE, &limit) == 0;
+  }
+  ~FileSizeLimit() {
+    ::setrlimit(RLIMIT_FSIZE, &before_);
+    std::signal(SIGXFSZ, handler_);
+  }
+  FileSizeLimit(const FileSizeLimit&) = delete;
+  FileSizeLimit& operator=(const FileSizeLimit&) = delete;
+  bool limited() const { return limited_; }
+
+ private:
+  rlimit before_{};
+  bool limited_ = false;
+  void (*handler_)(int);
+};
+
+TEST_CASE("container writer: a page that nobody holds is the page that was held", "[container]") {
+  const TemporaryFolder folder;
+  for (const size_t bytes : {size_t{1}, size_t{1} << 20, (size_t{1} << 20) + 1, size_t{3000000}}) {
+    const SealedPage page = noise_page(bytes);
+    auto held = ContainerWriter::create(folder.file("held"));
+    auto read = ContainerWriter::create(folder.file("read"));
+    REQUIRE(held);
+    REQUIRE(read);
+    uint64_t next = 0;
+    const auto give = [&](uint64_t offset, std::span<std::byte> out) -> Result<void> {
+      CHECK(offset == next);
+      std::copy_n(page.stored.data() + offset, out.size(), out.data());
+      next += out.size();
+      return {};
+    };
+    REQUIRE(held->append(page));
+    const auto number = read->append_raw(PageKind::kImage, bytes, give);
+    REQUIRE(number);
+    CHECK(*number == 0);
+    REQUIRE(held->finish({}));
+    REQUIRE(read->finish({}));
+    CHECK(read_file(folder.file("held")) == read_file(folder.file("read")));
+  }
+  auto writer = ContainerWriter::create(folder.file("failed"));
+  REQUIRE(writer);
+  const auto fail = [](uint64_t, std::span<std::byte>) { return Result<void>(Error{ErrorCode::kTruncated, "gone"}); };
+  const auto failed = writer->append_raw(PageKind::kImage, 10, fail);
+  REQUIRE(!failed);
+  CHECK(failed.error().message == "gone");
+}
+
+TEST_CASE("container writer: the name appears at the end, the .part goes", "[container]") {
+  const TemporaryFolder folder;
+  const std::string path = folder.file("a.scree");
+  write_text(path, "the earlier file");
+  {
+    auto writer = ContainerWriter::create(path);
+    REQUIRE(writer);
+    CHECK(fs::exists(path + ".part"));
+    REQUIRE(writer->append(noise_page(5000)));
+    CHECK(read_file(path).size() == 16);
+    const auto size = writer->finish({});
+    REQUIRE(size);
+    CHECK(writer->bytes() == *size);
+    CHECK(fs::file_size(path) == *size);
+    CHECK(!fs::exists(path + ".part"));
+    CHECK(file_count(folder) == 1);
+    const auto again = writer->finish({});
+    REQUIRE(!again);
+    CHECK(again.error().message == path + ".part: is not open any more");
+  }
+  CHECK(fs::exists(path));
+  CHECK(!verify_copy(read_file(path)));
+}
+
+TEST_CASE("container writer: pages that are dropped leave nothing", "[container]") {
+  const TemporaryFolder folder;
+  const auto bytes_of = [&](bool drops) {
+    auto writer = ContainerWriter::create(folder.file("a.scree"));
+    REQUIRE(writer);
+    REQUIRE(writer->append(noise_page(5000)));
+    if (drops) {
+      REQUIRE(writer->append(noise_page(60000)));
+      REQUIRE(writer->append(noise_page(20000)));
+      writer->drop_pages(1);
+      CHECK(writer->page_count() == 1);
+      CHECK(writer->bytes() == 4096 + 5000);
+    }
+    REQUIRE(writer->append(noise_page(100)));
+    REQUIRE(writer->append(noise_page(200)));
+    REQUIRE(writer->finish({}));
+    return read_file(folder.file("a.scree"));
+  };
+  CHECK((bytes_of(true) == bytes_of(false)));
+}
+
+TEST_CASE("container writer: destroyed before its end, it leaves nothing", "[container]") {
+  const TemporaryFolder folder;
+  const std::string path = folder.file("a.scree");
+  write_text(path, "the earlier file");
+  {
+    auto writer = ContainerWriter::create(path);
+    REQUIRE(writer);
+    REQUIRE(writer->append(noise_page(100)));
+    ContainerWriter moved = std::move(*writer);
+    REQUIRE(moved.append(noise_page(100)));
+    REQUIRE(*moved.append(noise_page(100)) == 2);
+  }
+  CHECK(file_count(folder) == 1);
+  CHECK(read_file(path).size() == 16);
+}
+
+TEST_CASE("container writer: a stale .part is taken over, a busy one is not", "[container]") {
+  const TemporaryFolder folder;
+  const std::string path = folder.file("a.scree");
+  // Longer than what will be written, so that anything left of it would show.
+  std::ofstream(path + ".part", std::ios::binary) << std::string(100000, 'x');
+  auto first = ContainerWriter::create(path);
+  REQUIRE(first);
+  const auto second = ContainerWriter::create(path);
+  REQUIRE(!second);
+  CHECK(second.error().code == ErrorCode::kFile);
+  CHECK(second.error().message == path + ".part: another program is writing it");
+  REQUIRE(first->append(noise_page(100)));
+  REQUIRE(first->finish({}));
+  CHECK(!verify_copy(read_file(path)));
+  auto third = ContainerWriter::create(path);
+  CHECK(third);
+}
+
+TEST_CASE("container writer: places that cannot be written", "[container]") {
+  const TemporaryFolder folder;
+  const auto error = [](const std::string& path) {
+    const auto writer = ContainerWriter::create(path);
+    REQUIRE(!writer);
+    CHECK(writer.error().code == ErrorCode::kFile);
+    return writer.error().message;
+  };
+  CHECK(error(folder.path().string()) == folder.path().string() + ": is a folder");
+  const std::string missing = folder.file("missing/a.scree");
+  CHECK(error(missing) == missing + ".part: open: No such file or directory");
+  CHECK(error("") == "a file without a name cannot be written");
+  CHECK(error("/dev/full") == "/dev/full: is not a regular file");
+  const std::string path = folder.file("a.scree");
+  fs::create_symlink("/dev/full", path + ".part");
+  CHECK(error(path) == path + ".part: open: Too many levels of symbolic links");
+  fs::remove(path + ".part");
+  REQUIRE(::mkfifo((path + ".part").c_str(), 0600) == 0);
+  CHECK(error(path) == path + ".part: is not a regular file");
+  fs::remove(path + ".part");
+  fs::create_directory(path + ".part");
+  CHECK(error(path) == path + ".part: open: Is a directory");
+}
+
+TEST_CASE("container writer: a full disk", "[container]") {
+  // Once while pages are written, once at the tables; the limit cuts a write short before it refuses one.
+  for (const rlim_t limit : {rlim_t{4096 + 3000}, rlim_t{4096 + 8192 + 10}}) {
+    const TemporaryFolder folder;
+    const std::string path = folder.file("a.scree");
+    write_text(path, "the earlier file");
+    auto writer = ContainerWriter::create(path);
+    REQUIRE(writer);
+    const SealedPage page = noise_page(8192);
+    std::string message;
+    {
+      const FileSizeLimit full(limit);
+      REQUIRE(full.limited());
+      const auto appended = writer->append(page);
+      if (!appended) {
+        CHECK(appended.error().code == ErrorCode::kFile);
+        message = appended.error().message;
+        const auto again = writer->append(page);
+        REQUIRE(!again);
+        CHECK(again.error().code == ErrorCode::kFile);
+      }
+      const auto finished = writer->finish({});
+      REQUIRE(!finished);
+      if (message.empty()) message = finished.error().message;
+    }
+    CHECK(message == path + ".part: write: File too large");
+    CHECK(file_count(folder) == 1);  // given up at once, not only when the writer goes
+    CHECK(read_file(path).size() == 16);
+  }
+}
+
+TEST_CASE("container writer: seal_page", "[container]") {
+  Bytes raw(50000);
+  for (size_t i = 0; i < raw.size(); ++i) raw[i] = static_cast<std::byte>(i / 100);
+  for (const int level : {1, 9, 22}) {
+    const SealedPage once = seal_page(PageKind::kGeometry, raw, level);
+    const SealedPage twice = seal_page(PageKind::kGeometry, raw, level);
+    CHECK(once.record.codec == PageCodec::kZstd);
+    CHECK(once.stored == twice.stored);
+    CHECK(std::memcmp(&once.record, &twice.record, sizeof once.record) == 0);
+    CHECK(once.record.stored_bytes == once.stored.size());
+    CHECK(once.record.raw_bytes == raw.size());
+    CHECK(once.record.offset == 0);
+  }
+  const SealedPage kept = seal_page(PageKind::kGeometry, raw, 0);
+  CHECK(kept.record.codec == PageCodec::kRaw);
+  CHECK(kept.stored == raw);
+  const SealedPage noise = seal_page(PageKind::kImage, noise_page(5000).stored, 22);
+  CHECK(noise.record.codec == PageCodec::kRaw);
+  for (const size_t bytes : {0, 1, 2})
+    CHECK(seal_page(PageKind::kImage, Bytes(bytes), 3).record.codec == PageCodec::kRaw);
+}
+
+TEST_CASE("container writer: strings", "[container]") {
+  StringTable strings;
+  CHECK(strings.add("") == 0);
+  CHECK(strings.add("slope") == 1);
+  CHECK(strings.add("scree") == 7);
+  CHECK(strings.add("slope") == 1);
+  CHECK(strings.add(std::string_view("scree\0slope", 11)) == 7);
+  CHECK(strings.add(std::string_view("\0x", 2)) == 0);
+  CHECK(std::string(strings.bytes().data(), strings.bytes().size()) == std::string("\0slope\0scree\0", 13));
+}
+
+/// A worked example: lines of "offset: bytes   # what they are"; bytes not shown are zero. The last offset is the size.
+Bytes read_vector(const char* name) {
+  std::ifstream file(fs::path(tests::kVectorsFolder) / name);
+  REQUIRE(file);
+  Bytes bytes;
+  for (std::string line; std::getline(file, line);) {
+    std::istringstream words(line.substr(0, line.find('#')));
+    std::string word;
+    if (!(words >> word)) continue;
+    REQUIRE(word.back() == ':');
+    const size_t offset = std::stoul(word, nullptr, 16);
+    REQUIRE(offset >= bytes.size());
+    bytes.resize(offset);
+    while (words >> word) bytes.push_back(static_cast<std::byte>(std::stoul(word, nullptr, 16)));
+  }
+  return bytes;
+}
+
+TEST_CASE("container writer: the worked examples of the specification", "[container]") {
+  const Bytes tiny = read_vector("container_tiny.hex");
+  CHECK(file_of(tiny_parts()) == tiny);
+  const ExactCopy copy(tiny);
+  const auto container = Container::open(copy.bytes());
+  REQUIRE(container);
+  CHECK(container->string(container->groups()[0].name) == "stone");
+  CHECK(container->meshes()[0].bounds_max[0] == 0.75f);
+
+  const Bytes header = read_vector("container_header.hex");
+  REQUIRE(header.size() == sizeof(FileHeader));
+  CHECK(std::equal(header.begin(), header.end(), tiny.begin()));
+  CHECK(load<FileHeader>(header.data()).toc_count == 12);
+
+  const Bytes entry = read_vector("container_toc_entry.hex");
+  REQUIRE(entry.size() == sizeof(TocEntry));
+  const size_t at = toc_entry_offset(tiny, TableKind::kPages);
+  CHECK(std::equal(entry.begin(), entry.end(), tiny.begin() + static_cast<ptrdiff_t>(at)));
+}
+
+}  // namespace
+}  // namespace scree::tests

@@ -1,0 +1,79 @@
+// The list every codec's stream goes through.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <span>
+#include <string>
+
+#include "format/result.h"
+#include "tests/catch.h"
+#include "tests/format/geometry/guarded_bytes.h"
+
+namespace scree::tests {
+
+/// An error's kind as a word for comparing.
+inline std::string word_of(ErrorCode code) {
+  switch (code) {
+    case ErrorCode::kTruncated:
+      return "truncated";
+    case ErrorCode::kTrailing:
+      return "trailing";
+    case ErrorCode::kRange:
+      return "range";
+    case ErrorCode::kFormat:
+      return "format";
+    case ErrorCode::kVersion:
+      return "version";
+    case ErrorCode::kReserved:
+      return "reserved";
+    case ErrorCode::kUnsupported:
+      return "unsupported";
+    default:
+      return "other";
+  }
+}
+
+/// What became of a call: "ok" or the kind of error.
+template <class T>
+std::string outcome(const Result<T>& result) {
+  return result ? "ok" : word_of(result.error().code);
+}
+
+/// `decode`: Result<void>(std::span<const std::byte>). `valid`: a stream it accepts, with `data_bits` of data. Checks
+/// that it stays inside the stream (guard page), takes it at any alignment, and refuses every prefix, a byte too many
+/// and every set bit after the data.
+template <class Decode>
+void check_stream_limits(std::span<const std::byte> valid, uint64_t data_bits, Decode&& decode) {
+  {
+    GuardedBytes guarded(valid);
+    CHECK(outcome(decode(guarded.bytes())) == "ok");
+  }
+  for (size_t shift = 1; shift < 4; ++shift) {
+    const auto moved = std::make_unique<std::byte[]>(valid.size() + shift);
+    std::copy(valid.begin(), valid.end(), moved.get() + shift);
+    CHECK(outcome(decode({moved.get() + shift, valid.size()})) == "ok");
+  }
+  for (size_t size = 0; size < valid.size(); ++size) {
+    const auto prefix = std::make_unique<std::byte[]>(size);  // exactly so large: ASan sees a read past it
+    std::copy_n(valid.begin(), size, prefix.get());
+    const std::string found = outcome(decode({prefix.get(), size}));
+    if (found != "truncated") FAIL("a prefix of " << size << " of " << valid.size() << " bytes: " << found);
+  }
+  {
+    const auto longer = std::make_unique<std::byte[]>(valid.size() + 1);
+    std::copy(valid.begin(), valid.end(), longer.get());
+    CHECK(outcome(decode({longer.get(), valid.size() + 1})) == "trailing");
+  }
+  const auto flipped = std::make_unique<std::byte[]>(valid.size());
+  std::copy(valid.begin(), valid.end(), flipped.get());
+  for (uint64_t bit = data_bits; bit < 8 * valid.size(); ++bit) {
+    flipped[bit / 8] ^= std::byte{1} << (bit % 8);
+    const std::string found = outcome(decode({flipped.get(), valid.size()}));
+    flipped[bit / 8] ^= std::byte{1} << (bit % 8);
+    if (found != "trailing") FAIL("bit " << bit << " set after " << data_bits << " bits of data: " << found);
+  }
+}
+
+}  // namespace scree::tests

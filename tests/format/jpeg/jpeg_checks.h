@@ -1,0 +1,93 @@
+// What the tests of indexed JPEGs share: encoding and rebuilding in buffers that end at a guard page.
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <filesystem>
+#include <fstream>
+#include <span>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "format/jpeg/index.h"
+#include "tests/catch.h"
+#include "tests/format/geometry/guarded_bytes.h"
+#include "tests/format/geometry/stream_checks.h"
+#include "tests/format/jpeg/jpeg_maker.h"
+
+// Not scree::tests itself: these names are short, and other tests have functions of theirs.
+namespace scree::tests::jpeg {
+
+using namespace scree::format;
+
+using Bytes = std::vector<std::byte>;
+
+/// Parses and encodes into a buffer of exactly the bound that ends at a guard page.
+inline Result<Bytes> encode(std::span<const std::byte> file, uint64_t* dropped_bytes = nullptr) {
+  const auto header = parse_jpeg(file);
+  if (!header) return header.error();
+  const auto bound = jpeg_index_bound(*header, file.size());
+  if (!bound) return bound.error();
+  GuardedBytes out(*bound);
+  std::fill(out.bytes().begin(), out.bytes().end(), std::byte{0xaa});  // the encoder clears what it leaves
+  const auto encoded = encode_jpeg_index(out.bytes(), *header, file);
+  if (!encoded) return encoded.error();
+  REQUIRE(encoded->bytes <= *bound);
+  if (dropped_bytes != nullptr) *dropped_bytes = encoded->dropped_bytes;
+  const auto used = out.bytes().first(encoded->bytes);
+  return Bytes(used.begin(), used.end());
+}
+
+inline Result<Bytes> rebuild(const JpegIndex& index) {
+  GuardedBytes out(jpeg_file_bound(index));
+  const auto size = decode_jpeg_index(out.bytes(), index);
+  if (!size) return size.error();
+  const auto used = out.bytes().first(*size);
+  return Bytes(used.begin(), used.end());
+}
+
+using Blocks = std::array<std::array<int16_t, 64>, kJpegMaxMcuBlocks>;  // row-major
+
+inline bool decode_mcu(const JpegView& view, uint32_t mcu, Blocks& blocks) {
+  for (auto& block : blocks) block.fill(0);
+  return decode_jpeg_mcu(view, mcu, [&](uint32_t block, uint32_t k, int32_t value) {
+    blocks.at(block).at(kJpegNaturalOrder.at(k)) = static_cast<int16_t>(value);
+  });
+}
+
+inline JpegRecipe recipe_of(int width, int height, std::vector<std::pair<int, int>> factors, int restart = 0) {
+  JpegRecipe recipe;
+  recipe.width = width;
+  recipe.height = height;
+  recipe.factors = std::move(factors);
+  recipe.restart = restart;
+  return recipe;
+}
+
+inline Bytes read_file(const std::filesystem::path& path) {
+  std::ifstream stream(path, std::ios::binary);
+  const std::string text((std::istreambuf_iterator<char>(stream)), {});
+  const auto* const bytes = reinterpret_cast<const std::byte*>(text.data());
+  return {bytes, bytes + text.size()};
+}
+
+inline std::vector<std::filesystem::path> jpeg_files(const std::filesystem::path& folder) {
+  std::vector<std::filesystem::path> paths;
+  for (const auto& entry : std::filesystem::recursive_directory_iterator(folder))
+    if (entry.is_regular_file()) paths.push_back(entry.path());
+  std::sort(paths.begin(), paths.end());
+  return paths;
+}
+
+/// Offset of the first segment of kind `marker`.
+inline size_t find_marker(const Bytes& file, uint32_t marker) {
+  for (size_t i = 2; i + 1 < file.size(); ++i)
+    if (file[i] == std::byte{0xff} && file[i + 1] == std::byte(marker)) return i;
+  FAIL("no marker " << marker);
+  return 0;
+}
+
+}  // namespace scree::tests::jpeg

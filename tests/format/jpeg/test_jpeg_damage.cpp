@@ -1,0 +1,279 @@
+// Damaged, cut and mutated files and indexed JPEGs.
+#include <algorithm>
+#include <random>
+
+#include "format/jpeg/index.h"
+#include "format/jpeg/picture.h"
+#include "tests/catch.h"
+#include "tests/format/geometry/guarded_bytes.h"
+#include "tests/format/jpeg/jpeg_checks.h"
+#include "tests/format/jpeg/jpeg_maker.h"
+#include "tests/models.h"
+
+using namespace scree;
+using namespace scree::tests;
+using namespace scree::tests::jpeg;
+
+namespace {
+
+/// Decodes groups into a buffer of their size that ends at a guard page, and pixels of them without: the same colours,
+/// whatever the data are.
+void decode_groups(const JpegIndex& index, uint32_t step) {
+  const std::vector<uint32_t> factors = jpeg_factors(index);
+  const JpegPicture picture = jpeg_picture(index, factors.data());
+  const uint32_t group_mcus = picture.view.group_mcus;
+  GuardedBytes buffer(size_t{64} * picture.mcu_blocks * group_mcus);
+  auto* const samples = reinterpret_cast<uint8_t*>(buffer.bytes().data());
+  for (uint32_t group = 0; group < index.layout.group_count; group += step) {
+    decode_jpeg_group(picture, group, samples);
+    JpegPlace places[4];
+    uint32_t expected[4];
+    for (uint32_t i = 0; i < 4; ++i) {
+      const uint32_t mcus = std::min(group_mcus, picture.view.mcu_count - group * group_mcus);
+      places[i] = {group, (group + i) % mcus * picture.mcu_blocks, (5 * i + group) % picture.mcu_width,
+                   (3 * i + group) % picture.mcu_height};
+      expected[i] = jpeg_colour(picture, places[i], samples);
+    }
+    for (const uint32_t wanted : {15u, 6u, 8u}) {
+      uint32_t colours[4] = {1, 2, 3, 4};
+      decode_jpeg_colours(picture, places, wanted, colours);
+      for (uint32_t i = 0; i < 4; ++i)
+        if (colours[i] != ((wanted >> i & 1u) != 0 ? expected[i] : i + 1)) FAIL("group " << group << ", pixel " << i);
+    }
+  }
+}
+
+/// Opens and, where that works, decodes every MCU both ways; nothing may be read or written out of place.
+void decode_all(std::span<const std::byte> bytes) {
+  const auto index = open_jpeg_index(bytes);
+  if (!index) return;
+  const JpegView view = index->view();
+  Blocks blocks;
+  const uint32_t step = std::max(1u, view.mcu_count / 64);
+  for (uint32_t mcu = 0; mcu < view.mcu_count; mcu += step) decode_mcu(view, mcu, blocks);
+  CHECK_FALSE(decode_mcu(view, view.mcu_count, blocks));
+  decode_groups(*index, std::max(1u, index->layout.group_count / 8));
+  (void)rebuild(*index);
+}
+
+}  // namespace
+TEST_CASE("a JPEG cut anywhere is refused, with the byte", "[jpeg_index]") {
+  for (const int restart : {0, 2}) {
+    const Bytes file = make_jpeg(recipe_of(50, 40, {{2, 2}, {1, 1}, {1, 1}}, restart));
+    for (size_t size = 0; size < file.size(); ++size) {
+      GuardedBytes guarded(std::span<const std::byte>(file).first(size));
+      const auto encoded = encode(guarded.bytes());
+      if (size >= file.size() - 2) {
+        if (!encoded) FAIL("without the end marker: " << encoded.error().message);  // the picture is whole
+        continue;
+      }
+      const std::string found = outcome(encoded);
+      if (found != "truncated" && !(size < 2 && found == "format")) FAIL(size << " bytes: " << found);
+      if (encoded.error().message.find(": byte ") == std::string::npos) FAIL(encoded.error().message);
+    }
+  }
+}
+
+TEST_CASE("damage in the data is named", "[jpeg_index]") {
+  const Bytes file = make_jpeg(recipe_of(64, 64, {{2, 2}, {1, 1}, {1, 1}}, 4));
+  const size_t first = find_marker(file, 0xd0);
+  Bytes swapped = file;
+  swapped[first + 1] = std::byte{0xd3};
+  auto encoded = encode(swapped);
+  REQUIRE_FALSE(encoded);
+  CHECK(encoded.error().message ==
+        "JPEG: byte " + std::to_string(first) + ": MCU 4 of 16: marker 211, expected restart marker 208");
+  // Two bytes more before a marker are left out, and so are fill bytes.
+  Bytes longer = file;
+  longer.insert(longer.begin() + static_cast<ptrdiff_t>(first), {std::byte{0x12}, std::byte{0x34}, std::byte{0xff}});
+  uint64_t dropped = 0;
+  const auto kept = encode(longer, &dropped);
+  REQUIRE(kept);
+  CHECK(dropped == 2);
+  CHECK(*kept == *encode(file));
+  // A code of ones alone is none.
+  const Bytes plain = make_jpeg(recipe_of(64, 64, {{1, 1}}));
+  const auto header = parse_jpeg(plain);
+  Bytes ones = plain;
+  for (size_t i = 0; i < 8; i += 2) {
+    ones[header->data_offset + 20 + i] = std::byte{0xff};
+    ones[header->data_offset + 21 + i] = std::byte{0};
+  }
+  encoded = encode(ones);
+  REQUIRE_FALSE(encoded);
+  CHECK(encoded.error().code == ErrorCode::kFormat);
+  CHECK(encoded.error().message.find("no Huffman code") != std::string::npos);
+  // A header that claims more than there is takes no memory.
+  Bytes huge = plain;
+  for (size_t i = 5; i < 9; ++i) huge[find_marker(huge, 0xc0) + i] = std::byte{0xff};
+  CHECK(outcome(encode(huge)) == "truncated");
+}
+
+TEST_CASE("damaged JPEG files are refused or indexed, and every MCU ends", "[jpeg_index]") {
+  if (scree::tests::models_path().empty()) {
+    WARN("no models: skipped");
+    return;
+  }
+  uint32_t refused = 0;
+  for (const auto& path : jpeg_files(scree::tests::models_path() / "bad" / "jpeg")) {
+    INFO(path.filename().string());
+    const Bytes file = read_file(path);
+    GuardedBytes guarded(file);
+    const auto bytes = encode(guarded.bytes());
+    if (!bytes) {
+      ++refused;
+      CHECK(bytes.error().message.find('\n') == std::string::npos);
+      continue;
+    }
+    const auto index = open_jpeg_index(*bytes);
+    REQUIRE(index);
+    CHECK(rebuild(*index));
+  }
+  CHECK(refused > 50);
+}
+
+TEST_CASE("an indexed JPEG keeps to its bytes", "[jpeg_index]") {
+  const auto bytes = encode(make_jpeg(recipe_of(150, 70, {{2, 1}, {1, 1}, {1, 1}}, 7)));
+  REQUIRE(bytes);
+  {
+    GuardedBytes guarded(*bytes);
+    const auto index = open_jpeg_index(guarded.bytes());
+    REQUIRE(index);
+    CHECK(rebuild(*index));
+    decode_all(guarded.bytes());
+  }
+  for (size_t size = 0; size < bytes->size(); ++size) {
+    GuardedBytes guarded(std::span<const std::byte>(*bytes).first(size));
+    const std::string found = outcome(open_jpeg_index(guarded.bytes()));
+    if (found != "truncated") FAIL(size << " of " << bytes->size() << " bytes: " << found);
+  }
+  Bytes longer = *bytes;
+  longer.push_back(std::byte{0});
+  CHECK(outcome(open_jpeg_index(longer)) == "trailing");
+  for (size_t shift = 1; shift < 4; ++shift) {
+    Bytes moved(bytes->size() + shift);
+    std::copy(bytes->begin(), bytes->end(), moved.begin() + static_cast<ptrdiff_t>(shift));
+    const auto index = open_jpeg_index(std::span(moved).subspan(shift));
+    REQUIRE(index);
+    CHECK(rebuild(*index));
+  }
+}
+
+TEST_CASE("a flipped bit of an indexed JPEG is refused or harmless", "[jpeg_index]") {
+  const auto bytes = encode(make_jpeg(recipe_of(50, 24, {{2, 2}, {1, 1}, {1, 1}}, 3)));
+  REQUIRE(bytes);
+  const auto original = open_jpeg_index(*bytes);
+  REQUIRE(original);
+  const auto data_at = static_cast<size_t>(original->data.data() - bytes->data());
+  const auto blocks_at = static_cast<size_t>(original->blocks.data() - bytes->data());
+  uint32_t accepted_header = 0;
+  GuardedBytes guarded(*bytes);
+  for (size_t bit = 0; bit < 8 * bytes->size(); ++bit) {
+    const size_t at = bit / 8;
+    const std::byte mask = std::byte{1} << (bit % 8);
+    guarded.bytes()[at] ^= mask;
+    decode_all(guarded.bytes());
+    const auto index = open_jpeg_index(guarded.bytes());
+    const bool is_whole = index && rebuild(*index);
+    guarded.bytes()[at] ^= mask;
+    // A quantisation table may hold anything, a component may take another, a Huffman table or the data may be another
+    // picture's. Else the index is told by the data, the header all but the colour and sizes that give the same MCUs.
+    const bool is_quant_number = at >= 24 && at < 48 && at % 8 == 2;
+    const bool is_told = at < 6 || (at >= 12 && at < 64 && !is_quant_number) || at >= blocks_at;
+    const bool is_slack = at >= data_at + original->data.size() && at < blocks_at;
+    if (is_slack && index) FAIL("bit " << bit << " of the slack");
+    if (is_told && is_whole) FAIL("bit " << bit % 8 << " of byte " << at << ", the blocks at " << blocks_at);
+    accepted_header += at < 64 && is_whole;
+  }
+  CHECK(accepted_header > 0);  // another width within the last MCU, RGB for YCbCr
+}
+
+TEST_CASE("mutated JPEG files and indexed JPEGs never take a decoder past its limits", "[jpeg_index][fuzz]") {
+  std::mt19937 random(11);
+  std::vector<Bytes> files;
+  for (const JpegRecipe& recipe : indexable_recipes())
+    if (recipe.width <= 160) files.push_back(make_jpeg(recipe));
+  const auto mutate = [&](Bytes& bytes, size_t first) {
+    for (auto i = 1 + random() % 4; i > 0; --i) {
+      const size_t at = random() % 4 == 0 ? first + random() % (bytes.size() - first) : random() % bytes.size();
+      switch (random() % 5) {
+        case 0:
+          bytes[at] = static_cast<std::byte>(random());
+          break;
+        case 1:
+          bytes[at] ^= std::byte{1} << random() % 8;
+          break;
+        case 2:
+          bytes[at] = std::byte{0xff};
+          break;
+        case 3:
+          bytes.erase(bytes.begin() + static_cast<ptrdiff_t>(at));
+          break;
+        default:
+          bytes.insert(bytes.begin() + static_cast<ptrdiff_t>(at), static_cast<std::byte>(random()));
+          break;
+      }
+      if (bytes.size() < 16) return;
+    }
+  };
+  uint32_t encoded_count = 0;
+  for (int round = 0; round < 3000; ++round) {
+    Bytes file = files[random() % files.size()];
+    mutate(file, file.size() / 2);
+    GuardedBytes guarded(file);
+    const auto encoded = encode(guarded.bytes());
+    if (!encoded) continue;
+    ++encoded_count;
+    const auto index = open_jpeg_index(*encoded);
+    if (!index) FAIL(index.error().message);
+    if (const auto back = rebuild(*index); !back) FAIL(back.error().message);
+  }
+  CHECK(encoded_count > 300);
+  std::vector<Bytes> indexed;
+  for (const Bytes& file : files) indexed.push_back(*encode(file));
+  uint32_t opened = 0;
+  for (int round = 0; round < 3000; ++round) {
+    Bytes bytes = indexed[random() % indexed.size()];
+    // Sizes mostly kept, so that more than the size is wrong.
+    const size_t size = bytes.size();
+    mutate(bytes, 64);
+    if (round % 8 != 0) bytes.resize(size);
+    GuardedBytes guarded(bytes);
+    opened += static_cast<bool>(open_jpeg_index(guarded.bytes()));
+    decode_all(guarded.bytes());
+  }
+  CHECK(opened > 300);
+}
+
+TEST_CASE("a group decoder handed any bytes stays inside its buffers and ends", "[jpeg_index]") {
+  std::mt19937 random(20261122);
+  for (const auto& factors :
+       {std::vector<std::pair<int, int>>{{2, 2}, {1, 1}, {1, 1}}, {{1, 1}}, {{4, 1}, {1, 1}, {2, 1}}}) {
+    for (const int restart : {0, 3}) {
+      const auto bytes = encode(make_jpeg(recipe_of(120, 90, factors, restart)));
+      REQUIRE(bytes);
+      const auto index = open_jpeg_index(*bytes);
+      REQUIRE(index);
+      decode_groups(*index, 1);
+      // What open_jpeg_index() looks at stays; the data and the anchors are anything.
+      const auto data_at = static_cast<size_t>(index->data.data() - bytes->data());
+      const auto anchors_at = static_cast<size_t>(index->anchors.data() - bytes->data());
+      GuardedBytes guarded(*bytes);
+      const auto fill = [&](size_t at, size_t size, uint32_t kind) {
+        for (size_t i = at; i < at + size; ++i)
+          guarded.bytes()[i] = static_cast<std::byte>(kind == 0 ? random() : kind == 1 ? 0xff : 0);
+      };
+      for (uint32_t kind = 0; kind < 3; ++kind) {
+        fill(data_at, index->data.size(), kind);
+        const auto damaged = open_jpeg_index(guarded.bytes());
+        REQUIRE(damaged);
+        decode_groups(*damaged, 1);
+        // Anchors that point anywhere: the checks of a file are passed by.
+        fill(anchors_at, index->anchors.size(), kind);
+        decode_groups(*damaged, 1);
+        std::copy_n(bytes->begin() + static_cast<ptrdiff_t>(anchors_at), index->anchors.size(),
+                    guarded.bytes().begin() + static_cast<ptrdiff_t>(anchors_at));
+      }
+    }
+  }
+}

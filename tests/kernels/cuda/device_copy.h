@@ -1,0 +1,145 @@
+// A scene of scene_builder.h in GPU memory, for tests.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <deque>
+#include <functional>
+#include <utility>
+#include <vector>
+
+#include "kernels/cuda/check.h"
+#include "kernels/cuda/frame.h"
+#include "tests/kernels/scene_builder.h"
+
+namespace scree::tests {
+
+class DeviceCopy {
+ public:
+  /// `host`: a builder's view(), of whose pages `pages` are; needed as long as this.
+  DeviceCopy(const kernels::SceneView& host, const std::deque<std::vector<std::byte>>& pages)
+      : host_(host), view_(host) {
+    copy(view_.meshes, host_.mesh_count);
+    copy(view_.chunks, host_.chunk_count);
+    copy(view_.instances, host_.instance_count);
+    copy(view_.instance_base, host_.instance_count + 1);
+    copy(view_.matrices, host_.matrix_count);
+    copy(view_.materials, host_.material_count);
+    copy(view_.textures, host_.texture_count);
+    std::vector<const std::byte*> table;
+    for (const std::vector<std::byte>& page : pages) {
+      const std::byte* bytes = page.data();
+      copy(bytes, page.size());
+      table.push_back(bytes);
+    }
+    view_.pages = table.data();
+    copy(view_.pages, table.size());
+    pages_ = std::move(table);
+  }
+
+  /// What the GPU draws of it, with queues of `sizes` at first.
+  std::vector<uint64_t> draw(const kernels::View& view, const kernels::CudaQueueSizes& sizes = {},
+                             const kernels::DrawOptions& options = {}) const {
+    return draw_in_turn({view}, sizes, options).front();
+  }
+
+  /// The same frame after frame, each of which may know what the one before saw.
+  std::vector<std::vector<uint64_t>> draw_in_turn(const std::vector<kernels::View>& views,
+                                                  const kernels::CudaQueueSizes& sizes = {},
+                                                  const kernels::DrawOptions& options = {}) const {
+    kernels::CudaFrames frames = make_frames(sizes);
+    std::vector<std::vector<uint64_t>> pictures;
+    for (const kernels::View& view : views) {
+      pictures.push_back(picture(view, [&](uint64_t* samples) { REQUIRE(frames.draw(view, samples, options)); }));
+    }
+    return pictures;
+  }
+
+  /// Of the first frame.
+  kernels::FrameStats stats(const kernels::View& view, const kernels::CudaQueueSizes& sizes,
+                            const kernels::DrawOptions& options) const {
+    kernels::CudaFrames frames = make_frames(sizes);
+    kernels::FrameStats stats{};
+    picture(view, [&](uint64_t* samples) {
+      const Result<kernels::FrameStats> drawn = frames.draw(view, samples, options);
+      REQUIRE(drawn);
+      stats = *drawn;
+    });
+    return stats;
+  }
+
+  /// A part of a frame: what is drawn of the pages for which `has_page` holds.
+  struct Part {
+    kernels::FramePart part;
+    std::function<bool(size_t page)> has_page;
+  };
+
+  /// As draw_in_turn(), each frame in these parts.
+  std::vector<std::vector<uint64_t>> draw_in_parts(const std::vector<kernels::View>& views,
+                                                   const std::vector<Part>& parts,
+                                                   const kernels::CudaQueueSizes& sizes) const {
+    kernels::CudaFrames frames = make_frames(sizes);
+    std::vector<std::vector<uint64_t>> pictures;
+    for (const kernels::View& view : views) {
+      pictures.push_back(picture(view, [&](uint64_t* samples) {
+        for (const Part& part : parts) {
+          show_pages(part.has_page);
+          kernels::DrawOptions options;
+          options.part = part.part;
+          REQUIRE(frames.draw(view, samples, options));
+        }
+      }));
+    }
+    show_pages([](size_t) { return true; });
+    return pictures;
+  }
+
+ private:
+  kernels::CudaFrames make_frames(const kernels::CudaQueueSizes& sizes) const {
+    Result<kernels::CudaFrames> frames = kernels::CudaFrames::create(host_, view_, sizes);
+    REQUIRE(frames);
+    return std::move(*frames);
+  }
+
+  /// What `draw` draws into samples on the device, which are background before.
+  template <class Draw>
+  std::vector<uint64_t> picture(const kernels::View& view, const Draw& draw) const {
+    std::vector<uint64_t> samples(size_t{view.width} * view.height);
+    Result<kernels::DeviceBuffer> buffer =
+        kernels::DeviceBuffer::allocate(samples.size() * sizeof(uint64_t), "allocating the picture");
+    REQUIRE(buffer);
+    REQUIRE(kernels::cuda_check(cudaMemset(buffer->data(), 0xff, buffer->bytes()), "clearing the picture"));
+    draw(reinterpret_cast<uint64_t*>(buffer->data()));
+    REQUIRE(kernels::cuda_check(cudaMemcpy(samples.data(), buffer->data(), buffer->bytes(), cudaMemcpyDeviceToHost),
+                                "reading the picture"));
+    return samples;
+  }
+
+  void show_pages(const std::function<bool(size_t page)>& has_page) const {
+    std::vector<const std::byte*> table = pages_;
+    for (size_t i = 0; i < table.size(); ++i)
+      if (!has_page(i)) table[i] = nullptr;
+    REQUIRE(kernels::cuda_check(cudaMemcpy(const_cast<const std::byte**>(view_.pages), table.data(),
+                                           table.size() * sizeof(table[0]), cudaMemcpyHostToDevice),
+                                "writing the page table"));
+  }
+
+  /// Makes a pointer to host memory one to a copy of it.
+  template <class T>
+  void copy(const T*& pointer, uint64_t count) {
+    if (count == 0) return;
+    Result<kernels::DeviceBuffer> buffer = kernels::DeviceBuffer::allocate(count * sizeof(T), "allocating the scene");
+    REQUIRE(buffer);
+    REQUIRE(kernels::cuda_check(cudaMemcpy(buffer->data(), pointer, count * sizeof(T), cudaMemcpyHostToDevice),
+                                "copying the scene"));
+    pointer = reinterpret_cast<const T*>(buffer->data());
+    buffers_.push_back(std::move(*buffer));
+  }
+
+  kernels::SceneView host_;
+  kernels::SceneView view_;
+  std::vector<const std::byte*> pages_;  // on the device
+  std::vector<kernels::DeviceBuffer> buffers_;
+};
+
+}  // namespace scree::tests

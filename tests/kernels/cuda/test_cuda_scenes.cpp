@@ -1,0 +1,416 @@
+// The GPU against the CPU on scenes made for it: encodings side by side, orthographic floats, widths of no bits. The
+// same visibility buffer, bit for bit, from queues that hold all and queues that have to grow.
+#include <algorithm>
+#include <cstdint>
+#include <random>
+#include <string>
+#include <vector>
+
+#include "tests/catch.h"
+#include "tests/gpu.h"
+#include "tests/kernels/cuda/crowd.h"
+#include "tests/kernels/cuda/device_copy.h"
+#include "tests/kernels/raster/hard_cases.h"
+#include "tests/kernels/scene_builder.h"
+
+using namespace scree;
+using namespace scree::tests;
+using kernels::View;
+
+namespace {
+
+/// `least`: pixels that the scene covers in each view, at least. That is looked at without a GPU, too. `first_id`: as
+/// SceneBuilder::view has it.
+void compare(SceneBuilder& builder, const std::vector<View>& views, uint64_t least, uint64_t first_id = 0) {
+  const kernels::SceneView scene = builder.view(first_id);
+  std::vector<std::vector<uint64_t>> expected;
+  for (const View& view : views) {
+    expected.push_back(draw(scene, view, 2));
+    INFO("view " << expected.size() - 1);
+    CHECK(covered(expected.back()) >= least);
+  }
+  if (!has_gpu()) return;
+  const DeviceCopy device(scene, builder.pages);
+  for (size_t i = 0; i < views.size(); ++i) {
+    INFO("view " << i);
+    CHECK((device.draw(views[i]) == expected[i]));  // a picture may be too large to be printed
+    CHECK((device.draw(views[i], {1, 1, 1, 1, 1, 1}) == expected[i]));
+    CHECK((device.draw(views[i], {}, {false}) == expected[i]));
+    kernels::DrawOptions by_kernel;
+    by_kernel.stage_times = true;
+    CHECK((device.draw(views[i], {}, by_kernel) == expected[i]));
+  }
+  CHECK((device.draw_in_turn(views) == expected));
+}
+
+/// Perspective and orthographic, the whole scene in view, parts of it, and from inside.
+std::vector<View> all_views() {
+  const View far = look_at({2.5, 2, 3}, {0, 0, 0}, 321, 203);
+  const View near = look_at({0.4, 0.7, 0.5}, {0, 0, 0}, 200, 333, 0.01);
+  const View above = look_at({0, 3, 0}, {0, 0, 0}, 256, 256);
+  return {far,
+          near,
+          above,
+          orthographic(far, 1.6, 0.1, 20),
+          orthographic(near, 0.3, 0.01, 9),
+          orthographic(above, 1, 0.1, 20)};
+}
+
+/// A mesh whose corners all lie on `values` along the first `flat` axes.
+Soup flat_soup(int flat) {
+  Soup soup;
+  for (uint32_t j = 0; j < 5; ++j)
+    for (uint32_t i = 0; i < 5; ++i)
+      soup.add(flat > 0 ? 0.25 : i * 0.25 - 0.5, flat > 1 ? 0.25 : j * 0.25 - 0.5, flat > 2 ? 0.25 : (i + 3 * j) * 0.1);
+  for (uint32_t j = 0; j < 4; ++j)
+    for (uint32_t i = 0; i < 4; ++i) {
+      soup.triangle(5 * j + i, 5 * j + i + 1, 5 * j + i + 6);
+      soup.triangle(5 * j + i, 5 * j + i + 6, 5 * j + i + 5);
+    }
+  return soup;
+}
+
+}  // namespace
+
+TEST_CASE("scenes that mix lattice and float32 meshes are drawn alike on the GPU", "[cuda]") {
+  SceneBuilder builder;
+  const uint32_t both_sides = builder.material(format::kMaterialDoubleSided);
+  Encoding lattice;
+  lattice.chunk_triangles = 500;
+  Encoding floats = float32();
+  floats.chunk_triangles = 333;
+  Encoding open_lattice = lattice;
+  open_lattice.material = both_sides;
+  open_lattice.exponent = -20;  // 22 bits an axis: the general way of reading
+  Encoding open_floats = floats;
+  open_floats.material = both_sides;
+  const uint32_t meshes[] = {builder.mesh(grid(40, 0.2), lattice), builder.mesh(sphere(30, 0.1), floats),
+                             builder.mesh(grid(31, 0.3), open_floats), builder.mesh(sphere(12, 0), open_lattice),
+                             builder.mesh(grid(3, 0.1), floats)};
+  const uint32_t matrices[] = {builder.identity(), builder.matrix({0.5, 0, 0.1, 0.6, 0, 0.5, 0, 0.3, 0, 0, 0.5, -0.2}),
+                               builder.matrix({-0.3, 0, 0, -0.6, 0, 0.3, 0, 0.1, 0, 0, 0.3, 0.4}),  // mirrored
+                               builder.matrix({0, 0.2, 0, -0.2, 0.2, 0, 0, 0.5, 0, 0.1, 0.2, 0.3})};
+  for (const uint32_t mesh : meshes)
+    for (const uint32_t matrix : matrices) builder.instance(mesh, matrix);
+  compare(builder, all_views(), 5000);
+}
+
+TEST_CASE("an orthographic camera sees float32 positions alike on the GPU", "[cuda]") {
+  SceneBuilder builder;
+  Encoding floats = float32();
+  floats.chunk_triangles = 256;
+  builder.mesh(sphere(50, 0.2), floats);
+  builder.mesh(grid(64, 0.3), floats);
+  builder.mesh(grid(1, 0), floats);  // large triangles
+  for (uint32_t mesh = 0; mesh < 3; ++mesh) {
+    builder.instance(mesh, builder.identity());
+    // Far from the origin, where float32 positions leave few bits to what the camera sees.
+    builder.instance(mesh, builder.matrix({1, 0, 0, 1e6, 0, 1, 0, 0, 0, 0, 1, 0}));
+  }
+  std::vector<View> views;
+  for (const View& view : all_views())
+    if (view.orthographic) views.push_back(view);
+  compare(builder, views, 5000);
+  const View distant = look_at({1e6 + 2, 2, 3}, {1e6, 0, 0}, 321, 203);
+  compare(builder, {orthographic(distant, 1.6, 0.1, 20), orthographic(distant, 0.01, 2, 5)}, 5000);
+}
+
+TEST_CASE("chunks with widths of no bits are drawn alike on the GPU", "[cuda]") {
+  SceneBuilder builder;
+  Encoding encoding;
+  encoding.material = builder.material(format::kMaterialDoubleSided);
+  for (const int flat : {0, 1, 2, 3}) {
+    const uint32_t mesh = builder.mesh(flat_soup(flat), encoding);
+    builder.instance(mesh, builder.identity());
+    builder.instance(mesh, builder.matrix({0, 0.5, 0.5, 0.1, 0.5, 0, 0.2, 0.2, 0, 0.5, 0, 0.3}));
+    const format::ChunkRecord& chunk = builder.chunks.back();
+    for (int axis = 0; axis < 3; ++axis) CHECK((chunk.position_bits[axis] == 0) == (axis < flat));
+  }
+  // All three corners of every triangle are the same vertex.
+  Soup points;
+  points.add(0.1, 0.2, 0.3);
+  for (int i = 0; i < 40; ++i) points.triangle(0, 0, 0);
+  for (const bool floats : {false, true}) {
+    Encoding of_points = encoding;
+    of_points.float32 = floats;
+    builder.instance(builder.mesh(points, of_points), builder.identity());
+    CHECK(builder.chunks.back().index_bits == 0);
+  }
+  // Indices of few bits in a mesh that is otherwise as any, cut so that some chunks are one triangle.
+  Encoding single = encoding;
+  single.chunk_triangles = 1;
+  builder.instance(builder.mesh(grid(4, 0.2), single), builder.identity());
+  compare(builder, all_views(), 2000);
+}
+
+namespace {
+
+/// Clustered and, unless it `is_clustered` alone, other chunks, in front of each other and behind, seen twice from each
+/// view, the second time with all known; then back again, in jumps.
+struct MixedScene {
+  explicit MixedScene(bool is_clustered) {
+    Encoding lattice;
+    lattice.chunk_triangles = 900;
+    Encoding clustered = lattice;
+    clustered.clusters = Clusters::kClustered;
+    Encoding open_clustered = clustered;
+    open_clustered.material = builder.material(format::kMaterialDoubleSided);
+    open_clustered.chunk_triangles = 65536;
+    const uint32_t meshes[] = {builder.mesh(grid(60, 0.2), clustered), builder.mesh(sphere(40, 0.1), open_clustered),
+                               builder.mesh(sphere(30, 0.2), is_clustered ? clustered : lattice),
+                               builder.mesh(grid(31, 0.3), is_clustered ? clustered : float32()),
+                               builder.mesh(grid(1, 0), clustered)};
+    const uint32_t matrices[] = {builder.identity(),
+                                 builder.matrix({0.5, 0, 0.1, 0.6, 0, 0.5, 0, 0.3, 0, 0, 0.5, -0.2}),
+                                 builder.matrix({-0.3, 0, 0, -0.6, 0, 0.3, 0, 0.1, 0, 0, 0.3, 0.4}),  // mirrored
+                                 builder.matrix({1, 0, 0, 0.2, 0, 1, 0, -1.5, 0, 0, 1, 0.3})};        // behind others
+    for (const uint32_t mesh : meshes)
+      for (const uint32_t matrix : matrices) builder.instance(mesh, matrix);
+    scene = builder.view();
+    CHECK((scene.chunk_kinds == kernels::ChunkKinds::kMixed) != is_clustered);
+    std::vector<View> once = all_views();
+    if (scree::tests::kEmulatesGpu) once.erase(once.begin() + 1, once.end() - 1);
+    for (const View& view : once) views.insert(views.end(), 2, view);
+    views.insert(views.end(), once.rbegin(), once.rend());
+    for (const View& view : views) {
+      expected.push_back(draw(scene, view, 2));
+      CHECK(covered(expected.back()) >= 5000);
+    }
+  }
+
+  SceneBuilder builder;
+  kernels::SceneView scene{};
+  std::vector<View> views;
+  std::vector<std::vector<uint64_t>> expected;
+};
+
+kernels::CudaQueueSizes in_two_passes() {
+  kernels::CudaQueueSizes sizes;
+  sizes.two_pass_groups = sizes.round_groups = 1;
+  return sizes;
+}
+
+constexpr kernels::CudaQueueSizes kNoRoom{1, 1, 1, 1, 1, 1, 1, 1};
+
+}  // namespace
+
+TEST_CASE("scenes of clustered and other chunks are drawn alike on the GPU, frame after frame", "[cuda][clusters]") {
+  const bool is_clustered = GENERATE(false, true);
+  const MixedScene mixed(is_clustered);
+  if (!has_gpu()) return;
+  const DeviceCopy device(mixed.scene, mixed.builder.pages);
+  for (const kernels::CudaQueueSizes& sizes : {kernels::CudaQueueSizes{}, in_two_passes(), kNoRoom}) {
+    for (const bool occlusion : {true, false}) {
+      if (scree::tests::kEmulatesGpu && !occlusion) continue;
+      kernels::DrawOptions options;
+      options.occlusion = occlusion;
+      const std::vector<std::vector<uint64_t>> pictures = device.draw_in_turn(mixed.views, sizes, options);
+      for (size_t i = 0; i < mixed.views.size(); ++i) {
+        INFO("frame " << i << " two passes from " << sizes.two_pass_groups << " groups, occlusion " << occlusion);
+        CHECK(pictures[i] == mixed.expected[i]);
+      }
+    }
+  }
+}
+
+TEST_CASE("frames in parts are drawn alike on the GPU, what was seen before first", "[cuda][clusters]") {
+  const bool is_clustered = GENERATE(false, true);
+  if (scree::tests::kEmulatesGpu && is_clustered) return;  // the other has clusters too
+  const MixedScene mixed(is_clustered);
+  const auto third = [](size_t which) { return [which](size_t page) { return page % 3 == which; }; };
+  const auto but_third = [](size_t which) { return [which](size_t page) { return page % 3 != which; }; };
+  using Part = DeviceCopy::Part;
+  using kernels::FramePart;
+  const std::vector<Part> ways[] = {
+      {{FramePart::kPart, third(0)}, {FramePart::kPart, third(1)}, {FramePart::kPart, third(2)}},
+      {{FramePart::kPart, third(0)},
+       {FramePart::kSeenBefore, but_third(0)},
+       {FramePart::kRest, third(1)},
+       {FramePart::kRest, third(2)}},
+      {{FramePart::kSeenBefore, but_third(2)},
+       {FramePart::kRest, third(1)},
+       {FramePart::kPart, third(2)},
+       {FramePart::kRest, third(0)}}};
+  if (!has_gpu()) return;
+  const DeviceCopy device(mixed.scene, mixed.builder.pages);
+  REQUIRE(mixed.builder.pages.size() >= 9);
+  for (const kernels::CudaQueueSizes& sizes : {kernels::CudaQueueSizes{}, in_two_passes(), kNoRoom}) {
+    if (scree::tests::kEmulatesGpu && sizes.two_pass_groups != 1) continue;
+    for (const std::vector<Part>& parts : ways) {
+      const std::vector<std::vector<uint64_t>> pictures = device.draw_in_parts(mixed.views, parts, sizes);
+      for (size_t i = 0; i < mixed.views.size(); ++i) {
+        INFO("frame " << i << ", way " << &parts - ways << ", two passes from " << sizes.two_pass_groups << " groups");
+        CHECK(pictures[i] == mixed.expected[i]);
+      }
+    }
+  }
+}
+
+TEST_CASE("one kernel finds the clusters that the kernels of larger scenes find", "[cuda][clusters]") {
+  const MixedScene mixed(true);
+  if (!has_gpu()) return;
+  const DeviceCopy device(mixed.scene, mixed.builder.pages);
+  kernels::DrawOptions in_one_pass;
+  in_one_pass.occlusion = false;
+  for (const View& view : all_views()) {
+    const kernels::FrameStats few = device.stats(view, {}, in_one_pass);
+    const kernels::FrameStats many = device.stats(view, in_two_passes(), in_one_pass);
+    CHECK(few.instances_drawn == many.instances_drawn);
+    CHECK(few.draws == many.draws);
+    CHECK(few.triangles == many.triangles);
+    CHECK(few.groups_tested == many.groups_tested);
+    CHECK(few.clusters_tested == many.clusters_tested);
+    CHECK(few.clusters_drawn == many.clusters_drawn);
+    CHECK(few.clusters_drawn > 0);
+  }
+}
+
+TEST_CASE("clusters that the near plane cuts everywhere are drawn alike on the GPU", "[cuda][clusters]") {
+  const Clusters clusters = GENERATE(Clusters::kClustered, Clusters::kNone);
+  SceneBuilder builder;
+  Encoding encoding;
+  encoding.exponent = -16;
+  encoding.clusters = clusters;
+  builder.instance(builder.mesh(rough_field(scree::tests::kEmulatesGpu ? 60 : 400, 0.01), encoding),
+                   builder.identity());
+  // From above, so that the field is at the near plane; slanting through it; close, where most is left of few; and from
+  // within, where some leave the guard band too. Each twice: what is cut is many only by the frame before.
+  std::vector<View> views;
+  for (const View& view :
+       {look_at({0, 1.6, 0}, {0, 0, 0}, 320, 180, 1.6), look_at({0.3, 0.5, 0.2}, {0, 0, 0}, 320, 180, 0.55),
+        look_at({0, 0.02, 0}, {0.2, 0, 0.1}, 320, 180, 0.019), look_at({0, 0.003, 0}, {0.2, 0, 0.1}, 320, 180, 1e-6)})
+    views.insert(views.end(), 2, view);
+  compare(builder, views, 5000);
+  if (!has_gpu()) return;
+  const DeviceCopy device(builder.view(), builder.pages);
+  CHECK(device.stats(views[0], {}, {}).triangles_clipped > (scree::tests::kEmulatesGpu ? 1000 : 50000));
+}
+
+TEST_CASE("a hundred thousand instances of clusters are drawn alike on the GPU, frame after frame",
+          "[cuda][clusters]") {
+  SceneBuilder builder;
+  build_crowd(builder);
+  const kernels::SceneView scene = builder.view();
+  const View above = look_at({0, -2.4, 1.5}, {0, 0, 0}, 320, 180);
+  const View within = look_at({0.2, 0.1, 0.3}, {0.1, 0.6, 0}, 320, 180);
+  std::vector<View> views = {above, above, within, within, above, look_at({0, -2.3, 1.5}, {0, 0, 0}, 320, 180)};
+  if (scree::tests::kEmulatesGpu) views.resize(3);
+  std::vector<std::vector<uint64_t>> expected;
+  for (const View& view : views) expected.push_back(draw(scene, view, 2));
+  if (!has_gpu()) return;
+  const DeviceCopy device(scene, builder.pages);
+  for (const bool occlusion : {true, false}) {
+    if (scree::tests::kEmulatesGpu && !occlusion) continue;
+    kernels::DrawOptions options;
+    options.occlusion = occlusion;
+    const std::vector<std::vector<uint64_t>> pictures = device.draw_in_turn(views, {}, options);
+    for (size_t i = 0; i < views.size(); ++i) {
+      INFO("frame " << i << ", occlusion " << occlusion);
+      CHECK(pictures[i] == expected[i]);
+    }
+  }
+}
+
+TEST_CASE("hard cases are drawn alike on the GPU", "[cuda][hard]") {
+  for (const NamedCase& named : hard_cases()) {
+    INFO(named.name);
+    HardCase hard = named.make();
+    compare(hard.builder, hard.views, 0);
+    HardCase clustered = in_clusters(hard, Clusters::kClustered);
+    compare(clustered.builder, clustered.views, 0);
+  }
+}
+
+TEST_CASE("hard: triangles side by side cover each pixel once on the GPU", "[cuda][hard]") {
+  if (!has_gpu()) return;
+  const auto on_gpu = [](const SceneBuilder& builder, const kernels::SceneView& scene, const View& view) {
+    return DeviceCopy(scene, builder.pages).draw(view);
+  };
+  for (const std::string name : {"sliver strip", "vertices at pixel centres", "fans"}) {
+    INFO(name);
+    HardCase hard = make_hard_case(name);
+    for (const View& view : hard.views) {
+      const CoverCount count = count_covers(hard.builder, view, on_gpu);
+      note(name + ", covers, GPU",
+           std::to_string(count.covered) + " pixels, " + std::to_string(count.twice) + " of them twice");
+      CHECK(count.covered > 500);
+      CHECK(count.twice == 0);
+    }
+  }
+  check_closed("closed mesh, covers, GPU", sphere(150, 0), sphere_view(160), 80 / 1.1, on_gpu);
+}
+
+TEST_CASE("hard: ids past 2^32, to the last, on the GPU", "[cuda][hard]") {
+  for (const Clusters clusters : {Clusters::kNone, Clusters::kClustered}) {
+    SceneBuilder builder;
+    Encoding encoding;
+    encoding.chunk_triangles = 10;
+    encoding.clusters = clusters;
+    const uint32_t mesh = builder.mesh(grid(5, 0.1), encoding);
+    builder.instance(mesh, builder.matrix({1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}));
+    builder.instance(mesh, builder.matrix({1, 0, 0, 0, 0, 1, 0, 0.3, 0, 0, 1, 0}));
+    const View view = look_at({0, 1, 2}, {0, 0, 0}, 120, 90);
+    for (const uint64_t first : {(uint64_t{1} << 32) - 30, (uint64_t{1} << 35) + 12345, kernels::kIdMask - 100}) {
+      CAPTURE(first);
+      compare(builder, {view}, 500, first);
+    }
+  }
+}
+
+namespace {
+
+/// Meshes of one chunk each, side by side, whose indices span `spans`.
+void compare_spans(const std::vector<uint32_t>& spans) {
+  std::mt19937 random(17);
+  std::uniform_real_distribution<double> unit(-1, 1);
+  SceneBuilder builder;
+  constexpr uint32_t kColumns = 8;
+  for (uint32_t i = 0; i < spans.size(); ++i) {
+    Soup soup;
+    double middle[3] = {};
+    for (uint32_t v = 0; v <= spans[i]; ++v) {
+      if (v % 3 == 0)
+        for (double& m : middle) m = 0.3 * unit(random);
+      soup.add(middle[0] + 0.1 * unit(random), middle[1] + 0.1 * unit(random), middle[2] + 0.1 * unit(random));
+    }
+    // Every vertex is used, and the last triangle ends with the last one. The first spans them all.
+    soup.triangle(0, spans[i] / 2, spans[i]);
+    for (uint32_t v = 0; v <= spans[i]; v += 3) soup.triangle(v, std::min(v + 1, spans[i]), std::min(v + 2, spans[i]));
+    Encoding whole;
+    whole.chunk_triangles = UINT32_MAX;
+    const double x = i % kColumns - 3.5, y = i / kColumns - 3.0;
+    builder.instance(builder.mesh(soup, whole), builder.matrix({1, 0, 0, x, 0, 1, 0, y, 0, 0, 1, 0}));
+    CHECK(builder.chunks.back().vertex_count == spans[i] + 1);
+  }
+  compare(builder, {look_at({0, 0, 9}, {0, 0, 0}, 640, 480)}, 10000);
+}
+
+std::vector<uint32_t> spans_about(uint32_t first_power, uint32_t last_power) {
+  std::vector<uint32_t> spans;
+  for (uint32_t k = first_power; k <= last_power; ++k)
+    for (const uint32_t span : {(1u << k) - 1, 1u << k, (1u << k) + 1}) spans.push_back(span);
+  return spans;
+}
+
+}  // namespace
+
+TEST_CASE("hard: index spans of 0, 1, 2^k - 1, 2^k and 2^k + 1 on the GPU", "[cuda][hard]") {
+  std::vector<uint32_t> spans = spans_about(1, 16);
+  spans.insert(spans.begin(), {0, 1});
+  compare_spans(spans);
+}
+
+TEST_CASE("hard: index spans about 2^17 to 2^22 on the GPU", "[cuda][.hard-long]") {
+  compare_spans(spans_about(17, 22));
+}
+
+TEST_CASE("hard: pictures of 16384 x 16384 and meshes of 10 M sub-pixel triangles on the GPU", "[cuda][.hard-long]") {
+  SceneBuilder builder;
+  const Soup fine = sphere(1582, 0);
+  REQUIRE(fine.indices.size() / 3 > 10000000);
+  builder.instance(builder.mesh(fine, Encoding{}), builder.identity());
+  const View view = orthographic(look_at({0, 0, 4}, {0, 0, 0}, 16384, 16384), 1.1, 0.1, 8);
+  View small = view;
+  small.width = small.height = 1024;
+  compare(builder, {small, view}, 500000);
+}

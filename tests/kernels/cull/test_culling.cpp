@@ -1,0 +1,204 @@
+// What the CPU leaves out of a frame never shows, and is most of what is hidden.
+#include <algorithm>
+#include <random>
+#include <utility>
+
+#include "kernels/frame_parts.h"
+#include "tests/kernels/cuda/crowd.h"
+#include "tests/kernels/draw_counted.h"
+#include "tests/sanitized.h"
+
+using namespace scree;
+using namespace scree::kernels;
+using namespace scree::tests;
+
+namespace {
+
+/// Rounds of few triangles: a pyramid before nearly each.
+QueueSizes many_rounds() {
+  QueueSizes sizes;
+  sizes.round_triangles = 64;
+  sizes.block_triangles = 500;
+  return sizes;
+}
+
+/// A wall of two triangles at z = 1, `half` units around the origin.
+Soup wall(double half) {
+  Soup soup;
+  for (const double y : {-half, half}) {
+    for (const double x : {-half, half}) soup.add(x, y, 1);
+  }
+  soup.triangle(0, 1, 2);
+  soup.triangle(2, 1, 3);
+  return soup;
+}
+
+/// A hundred spheres in four layers, and a wall before them. (A chunk's box is up to twice as large as what is in it.)
+void build_rows(SceneBuilder& builder, Clusters clusters) {
+  Encoding encoding;
+  encoding.clusters = clusters;
+  encoding.chunk_triangles = 1500;
+  encoding.material = builder.material(format::kMaterialDoubleSided);
+  const uint32_t screen = builder.mesh(wall(1.2), encoding);
+  const uint32_t ball = builder.mesh(sphere(40, 0.3), encoding);
+  builder.instance(screen, builder.identity());
+  for (int row = 0; row < 4; ++row) {
+    for (int i = 0; i < 25; ++i) {
+      builder.instance(ball, builder.matrix({row == 2 ? -0.35 : 0.35, 0, 0, 0.8 * (i % 5 - 2), 0, 0.35, 0,
+                                             0.8 * (i / 5 - 2), 0, 0, 0.35, -1 - 0.9 * row}));
+    }
+  }
+}
+
+}  // namespace
+
+TEST_CASE("culling: random cameras see what all triangles give, with all of it on and off", "[raster][clusters]") {
+  for (const Clusters clusters : {Clusters::kClustered, Clusters::kNone}) {
+    SceneBuilder builder;
+    build_rows(builder, clusters);
+    const SceneView scene = builder.view();
+    std::mt19937 random(31);
+    std::uniform_real_distribution<double> place(-1, 1);
+    uint64_t drawn = 0;
+    uint64_t within = 0;  // the picture, hidden or not
+    for (int i = 0; i < (kIsSanitized ? 60 : 200); ++i) {
+      // Around the scene and within it, near planes that cut through spheres, tall pictures and wide ones.
+      const double far = i % 4 == 0 ? 0.6 : 5;
+      View view =
+          look_at({far * place(random), far * place(random), far * place(random) + 1}, {0.3 * place(random), 0, 0},
+                  33 + static_cast<uint32_t>(random() % 90), 17 + static_cast<uint32_t>(random() % 70), 0.05);
+      if (i % 5 == 0) view = orthographic(view, 0.5 + std::abs(place(random)), 0.1, 12);
+      const Drawn expected = draw_counted(scene, view, nothing_left_out());
+      QueueSizes bounds_alone;
+      bounds_alone.occlusion = false;
+      for (const QueueSizes& sizes : {QueueSizes{}, many_rounds(), bounds_alone}) {
+        const Drawn found = draw_counted(scene, view, sizes);
+        CHECK(found.samples == expected.samples);
+        CHECK(found.stats.triangles == expected.stats.triangles);
+      }
+      CHECK(draw_with(scene, view, 3, InstructionSet::kBaseline, many_rounds()) == expected.samples);
+      drawn += draw_counted(scene, view, many_rounds()).stats.triangles_small;
+      within += draw_counted(scene, view, bounds_alone).stats.triangles_small;
+    }
+    CHECK(drawn < within);
+  }
+}
+
+TEST_CASE("culling: the bands of the depth pyramid are those made the plain way", "[raster][clusters]") {
+  std::mt19937_64 random(3);
+  for (const auto& [width, height] : {std::pair{1, 1},
+                                      {3, 5},
+                                      {255, 63},
+                                      {256, 64},
+                                      {257, 65},
+                                      {258, 3},
+                                      {513, 129},
+                                      {4097, 66},
+                                      {16384, 1},
+                                      {1, 16384}}) {
+    std::vector<uint64_t> samples(static_cast<size_t>(width) * static_cast<size_t>(height));
+    for (uint64_t& sample : samples) sample = random() % 50 == 0 ? kBackground : random();
+    DepthPyramid plain{};
+    std::vector<uint32_t> plain_codes(lay_out(plain, width, height));
+    plain.codes = plain_codes.data();
+    build_pyramid(plain, samples.data());
+    DepthPyramid banded{};
+    std::vector<uint32_t> codes(lay_out(banded, width, height, kPyramidFirstLevel), 77);
+    banded.codes = codes.data();
+    const PyramidBand band{banded, samples.data()};
+    for (int32_t item = 0; item < banded.down(PyramidBand::kBandLevels); ++item) band(static_cast<uint32_t>(item), 0);
+    for (uint32_t level = PyramidBand::kBandLevels + 1; level <= kPyramidLevels; ++level)
+      fill_level(banded, level, 0, 1);
+    for (uint32_t level = kPyramidFirstLevel; level <= kPyramidLevels; ++level) {
+      INFO(width << " x " << height << ", level " << level);
+      const size_t count = static_cast<size_t>(plain.across(level)) * static_cast<size_t>(plain.down(level));
+      CHECK(std::equal(plain.row(level, 0), plain.row(level, 0) + count, banded.row(level, 0)));
+    }
+  }
+}
+
+TEST_CASE("culling: a picture of many tiles is that of all triangles", "[raster][clusters]") {
+  SceneBuilder builder;
+  build_rows(builder, Clusters::kClustered);
+  const SceneView scene = builder.view();
+  const View view = look_at({1.7, 0.9, 1.1}, {0, 0, -2}, 1402, 611);
+  const Drawn all = draw_counted(scene, view, nothing_left_out());
+  QueueSizes sizes;
+  sizes.round_triangles = 20000;
+  const Drawn found = draw_counted(scene, view, sizes, 2);
+  CHECK(found.samples == all.samples);
+  CHECK(found.stats.clusters_drawn < all.stats.clusters_drawn);
+}
+
+TEST_CASE("culling: what a wall hides is not drawn", "[raster][clusters]") {
+  for (const Clusters clusters : {Clusters::kClustered, Clusters::kNone}) {
+    SceneBuilder builder;
+    build_rows(builder, clusters);
+    const SceneView scene = builder.view();
+    // The wall fills the picture, before 100 spheres.
+    const View view = look_at({0, 0, 2}, {0, 0, 0}, 64, 40);
+    const Drawn all = draw_counted(scene, view, nothing_left_out());
+    QueueSizes sizes;
+    sizes.round_triangles = 1;
+    const Drawn found = draw_counted(scene, view, sizes);
+    CHECK(found.samples == all.samples);
+    REQUIRE(all.stats.triangles_small > 2000);
+    CHECK(found.stats.triangles_small == 0);
+    CHECK(found.stats.triangles_medium + found.stats.triangles_large == 2);
+    if (clusters != Clusters::kClustered) continue;
+    CHECK(all.stats.clusters_drawn > 1000);
+    CHECK(all.stats.clusters_tested == 0);
+    CHECK(found.stats.clusters_drawn == 1);
+    CHECK(found.stats.groups_tested > 25);
+  }
+}
+
+TEST_CASE("culling: clusters of one object hide those behind them without a pyramid", "[raster][clusters]") {
+  SceneBuilder builder;
+  Encoding encoding;
+  encoding.clusters = Clusters::kClustered;
+  const uint32_t ball = builder.mesh(sphere(150, 1), encoding);
+  builder.instance(ball, builder.identity());
+  const SceneView scene = builder.view();
+  const View view = look_at({0, 0, 9}, {0, 0, 0}, 64, 64);
+  const Drawn all = draw_counted(scene, view, nothing_left_out());
+  const Drawn found = draw_counted(scene, view, QueueSizes{});
+  CHECK(found.samples == all.samples);
+  CHECK(found.stats.clusters_drawn < all.stats.clusters_drawn);
+}
+
+TEST_CASE("culling: of a hundred thousand instances those that show are drawn", "[raster][clusters]") {
+  SceneBuilder builder;
+  build_crowd(builder);
+  const SceneView scene = builder.view();
+  REQUIRE(scene.instance_count > 100000);
+  for (const View& view :
+       {look_at({0, -2.4, 1.5}, {0, 0, 0}, 160, 90), look_at({0.2, 0.1, 0.3}, {0.1, 0.6, 0}, 160, 90),
+        orthographic(look_at({0, 0, 2}, {0, 0, 0}, 90, 90), 1.1, 0.1, 5)}) {
+    const Drawn all = draw_counted(scene, view, nothing_left_out(), 2);
+    const Drawn found = draw_counted(scene, view, QueueSizes{}, 2);
+    CHECK(found.samples == all.samples);
+    CHECK(found.stats.instances_drawn == all.stats.instances_drawn);
+    CHECK(found.stats.clusters_drawn < all.stats.clusters_drawn);
+    CHECK(covered(found.samples) > 500);
+  }
+}
+
+TEST_CASE("culling: parts of a picture hide what comes in later ones", "[raster][clusters]") {
+  SceneBuilder builder;
+  build_rows(builder, Clusters::kClustered);
+  SceneView scene = builder.view();
+  const View view = look_at({0.3, 0.2, 4}, {0, 0, 0}, 200, 120);
+  const std::vector<uint64_t> expected = draw(scene, view);
+  std::vector<const std::byte*> pages(scene.pages, scene.pages + builder.pages.size());
+  scene.pages = pages.data();
+  std::vector<uint64_t> samples(expected.size(), kBackground);
+  // Page after page, from the last to the first.
+  for (size_t page = pages.size(); page-- > 0;) {
+    std::vector<const std::byte*> one(pages.size(), nullptr);
+    one[page] = pages[page];
+    scene.pages = one.data();
+    REQUIRE(draw_part_cpu(scene, view, samples, 2));
+  }
+  CHECK(samples == expected);
+}

@@ -1,0 +1,154 @@
+// The fixed-point map of a cluster never lets a triangle go that covers a pixel centre, keeps hardly more than the
+// filter it stands for, and is there for most clusters that are small on the screen.
+#include "kernels/cull/linear_filter.h"
+
+#include <algorithm>
+#include <cmath>
+#include <random>
+
+#include "tests/kernels/drawn_chunks.h"
+#include "tests/kernels/scene_builder.h"
+
+using namespace scree;
+using namespace scree::kernels;
+using namespace scree::tests;
+
+namespace {
+
+struct Tally {
+  uint64_t clusters = 0;
+  uint64_t linear = 0;
+  uint64_t predicted = 0;  // of the linear ones
+  uint64_t triangles = 0;  // of them
+  uint64_t covering = 0;
+  uint64_t kept = 0;
+  uint64_t kept_by_filter = 0;
+  uint64_t wrong = 0;
+};
+
+/// A vertex's place, as the kernel finds it. `words`: the first has the vertices' first bit.
+uint32_t place_of(const LinearFilter& map, const ClusterCodes& codes, const uint32_t* words, uint32_t vertex) {
+  const uint32_t stride = codes.bits[0] + codes.bits[1] + codes.bits[2];
+  uint64_t window = 0;
+  for (uint32_t i = 0; i < stride; ++i) {
+    const uint64_t bit = uint64_t{vertex} * stride + i;
+    window |= uint64_t{words[bit / 32] >> (bit % 32) & 1} << i;
+  }
+  const uint32_t part[3] = {static_cast<uint32_t>(window), static_cast<uint32_t>(window >> codes.bits[0]),
+                            static_cast<uint32_t>(window >> codes.bits[0] >> codes.bits[1])};
+  const auto sum = [&](const uint32_t* row) { return row[0] * part[0] + row[1] * part[1] + row[2] * part[2] + row[3]; };
+  return sum(map.u) >> 16 | (sum(map.v) & 0xffff0000u);
+}
+
+void tally_cluster(const FrameView& view, const SampleFilter& filter, const ChunkReader& reader,
+                   const Transform& transform, const format::ClusterRecord& record, const format::ClusterBounds& bounds,
+                   const uint32_t* data, Tally& tally) {
+  const format::ClusterLayout at = format::cluster_layout(record);
+  ClusterCodes codes{{at.position_bits[0], at.position_bits[1], at.position_bits[2]}, at.predicted_axis, {}, 0};
+  if (at.predicted_axis != format::kNotPredicted) {
+    const auto slopes = static_cast<int32_t>(data[at.prediction]);
+    codes.slope[(at.predicted_axis + 1) % 3] = static_cast<int16_t>(slopes);
+    codes.slope[(at.predicted_axis + 2) % 3] = slopes >> 16;
+    codes.bias = static_cast<int32_t>(data[at.prediction + 1]);
+  }
+  const LinearFilter map = make_linear_filter(filter, bounds, codes);
+  ++tally.clusters;
+  if (map.reach == 0) return;
+  ++tally.linear;
+  tally.predicted += at.predicted_axis != format::kNotPredicted;
+  const SampleLimits limits = make_sample_limits(view);
+  for (uint32_t t = record.first_triangle; t < record.first_triangle + at.triangle_count; ++t) {
+    uint32_t v[3];
+    reader.triangle(t, v);
+    int32_t x[3];
+    int32_t y[3];
+    uint32_t flags = 0;
+    FilteredVertex filtered[3];
+    uint32_t places[3];
+    uint32_t largest[2] = {0, 0};
+    uint32_t smallest[2] = {0xffff, 0xffff};
+    for (int i = 0; i < 3; ++i) {
+      float d[3];
+      reader.relative(v[i], d);
+      const ScreenVertex exact = project<false>(transform, view, d[0], d[1], d[2]);
+      x[i] = exact.x;
+      y[i] = exact.y;
+      flags |= exact.flags;
+      uint32_t code[3];
+      reader.code(v[i], code);
+      float stored[3];
+      for (int k = 0; k < 3; ++k) stored[k] = static_cast<float>(format::bounds_min(bounds, k) + code[k]);
+      filtered[i] = filter_vertex<false>(filter, stored[0], stored[1], stored[2]);
+      places[i] = place_of(map, codes, data + at.positions, v[i] - record.first_vertex);
+      for (uint32_t axis = 0; axis < 2; ++axis) {
+        largest[axis] = std::max(largest[axis], places[i] >> (16 * axis) & 0xffff);
+        smallest[axis] = std::min(smallest[axis], places[i] >> (16 * axis) & 0xffff);
+      }
+    }
+    const bool covers = !pixel_box(x, y, view).empty();
+    const bool kept = LinearFilter::may_cover(largest[0] | largest[1] << 16, smallest[0] | smallest[1] << 16, map.reach,
+                                              map.fraction);
+    ++tally.triangles;
+    tally.covering += covers;
+    tally.kept += kept;
+    tally.kept_by_filter += may_cover_sample<false>(filter, limits, filtered[0], filtered[1], filtered[2]);
+    tally.wrong += (flags & kNeedsClip) != 0 || (covers && !kept);
+  }
+}
+
+void tally_scene(const SceneView& scene, const View& camera, Tally& tally) {
+  const FrameView view = make_frame_view(camera);
+  for_each_drawn_chunk(scene, view, [&](const auto& mesh, const auto& chunk, const Transform& transform) {
+    const std::byte* const page = scene.pages[chunk.page] + chunk.offset;
+    const format::ChunkStreams streams = format::chunk_streams(mesh, chunk);
+    const RelativeBox box = chunk_box(mesh, chunk, transform);
+    const SampleFilter filter = make_sample_filter(view, transform, error_of(transform, box), box, mesh, chunk);
+    const auto* const bounds = reinterpret_cast<const format::ClusterBounds*>(page + streams.cluster_bounds.offset);
+    const auto* const records = reinterpret_cast<const format::ClusterRecord*>(page + streams.clusters.offset);
+    const auto* const data = reinterpret_cast<const uint32_t*>(page + streams.cluster_data.offset);
+    for (uint32_t i = 0; i < chunk.cluster_count; ++i) {
+      const ChunkReader reader =
+          make_reader(mesh, chunk, scene.pages[chunk.page], transform, records[i].first_triangle);
+      tally_cluster(view, filter, reader, transform, records[i], bounds[i], data, tally);
+    }
+  });
+}
+
+}  // namespace
+
+TEST_CASE("a cluster's linear filter holds every pixel centre that its triangles cover", "[sample_filter]") {
+  std::mt19937 random(1);
+  std::uniform_real_distribution<double> unit(-1, 1);
+  Tally sum;
+  for (int round = 0; round < 120; ++round) {
+    SceneBuilder scene;
+    const Soup soup = round % 2 == 0 ? sphere(60, 0.2) : grid(90, 0.3);
+    const uint32_t mesh =
+        scene.mesh(soup, {false, -6 - round % 17, round % 5 == 0 ? 500u : 65536u, format::kNone, Clusters::kClustered});
+    const double distance = std::pow(10.0, 1.3 + 1.2 * unit(random));
+    const double origin = round % 4 == 0 ? 1e6 * unit(random) : 0.0;
+    add_turned_instance(scene, mesh, round, origin, [&] { return unit(random); });
+    const uint32_t width = round % 6 == 0 ? 16384 : 60 + static_cast<uint32_t>(round);
+    const uint32_t height = round % 6 == 0 ? 9001 : 40 + static_cast<uint32_t>(round * 7 % 31);
+    const double around = unit(random) * 3;
+    const View camera = look_at({origin + distance * std::cos(around), -origin + 0.3 * distance * unit(random),
+                                 origin + distance * std::sin(around)},
+                                {origin + 0.2 * unit(random), -origin, origin}, width, height, distance * 1e-3);
+    Tally one;
+    tally_scene(scene.view(), camera, one);
+    INFO("round " << round);
+    CHECK(one.wrong == 0);
+    sum.clusters += one.clusters;
+    sum.linear += one.linear;
+    sum.predicted += one.predicted;
+    sum.triangles += one.triangles;
+    sum.covering += one.covering;
+    sum.kept += one.kept;
+    sum.kept_by_filter += one.kept_by_filter;
+  }
+  CAPTURE(sum.clusters, sum.linear, sum.predicted, sum.triangles, sum.covering, sum.kept, sum.kept_by_filter);
+  CHECK(sum.linear > sum.clusters / 3);
+  CHECK(sum.predicted > 100);
+  CHECK(sum.covering > sum.triangles / 20);
+  CHECK(sum.kept < sum.kept_by_filter + sum.kept_by_filter / 10);
+}

@@ -1,0 +1,96 @@
+// The short way of cutting triangles at the near plane gives what cutting them at all planes gives.
+#include "kernels/raster/clip.h"
+
+#include <cmath>
+#include <limits>
+#include <random>
+
+#include "tests/catch.h"
+
+using namespace scree::kernels;
+
+namespace {
+
+bool is_same(const ScreenVertex& a, const ScreenVertex& b) {
+  return a.x == b.x && a.y == b.y && a.depth == b.depth && a.flags == b.flags;
+}
+
+/// All planes: how many corners, and these as they are drawn.
+int cut_at_all(const ClipVertex v[3], const FrameView& view, ScreenVertex out[kMaxPolygon]) {
+  ClipVertex polygon[kMaxPolygon] = {v[0], v[1], v[2]};
+  const int count = clip_polygon<false>(polygon);
+  for (int i = 0; i < count; ++i) out[i] = snap_clipped<false>(polygon[i], view);
+  return count;
+}
+
+struct Tally {
+  uint64_t by_count[5] = {};  // triangles that the short way answers, by corners
+  uint64_t left = 0;          // to the long way
+  uint64_t wrong = 0;
+};
+
+void tally(const ClipVertex v[3], const FrameView& view, Tally& sums) {
+  NearPolygon near;
+  if (!clip_near(v, view, near)) {
+    ++sums.left;
+    return;
+  }
+  ScreenVertex expected[kMaxPolygon];
+  const int count = cut_at_all(v, view, expected);
+  ++sums.by_count[near.count];
+  bool same = near.count == count;
+  for (int i = 0; same && i < count; ++i) same = is_same(near.corner[i], expected[i]);
+  sums.wrong += same ? 0 : 1;
+}
+
+FrameView small_view() {
+  FrameView view{};
+  view.width = 640;
+  view.height = 360;
+  return view;
+}
+
+}  // namespace
+
+TEST_CASE("clip: triangles cut at the near plane alone have the corners that cutting at all planes gives", "[raster]") {
+  std::mt19937 random(7);
+  std::uniform_real_distribution<double> unit(-1, 1);
+  const FrameView view = small_view();
+  Tally sums;
+  for (int round = 0; round < 400000; ++round) {
+    ClipVertex v[3];
+    // Far less than a near distance across, about as much, and far more; some leave the guard band.
+    const double across = std::pow(10.0, 3 * unit(random));
+    const double wide = std::pow(10.0, 4 + 4 * unit(random));
+    const double middle = 1 + across * unit(random);
+    for (ClipVertex& corner : v) {
+      corner.w = round % 16 == 0 && unit(random) > 0 ? 1.0 : middle + across * unit(random);
+      corner.x = wide * unit(random);
+      corner.y = wide * unit(random);
+      const bool inside =
+          corner.w >= 1 && std::abs(corner.x) <= kGuardBand * corner.w && std::abs(corner.y) <= kGuardBand * corner.w;
+      // Single precision may see a corner at the plane on the other side of it.
+      corner.snapped = round % 32 == 0 ? unit(random) > 0 : inside;
+      corner.drawn = {round, -round, 0.25f, 0};
+    }
+    tally(v, view, sums);
+  }
+  CHECK(sums.wrong == 0);
+  CHECK(sums.by_count[0] > 10000);
+  CHECK(sums.by_count[3] > 10000);
+  CHECK(sums.by_count[4] > 10000);
+  CHECK(sums.left > 10000);
+  CHECK(sums.by_count[1] + sums.by_count[2] == 0);
+}
+
+TEST_CASE("clip: coordinates that are no sane numbers are left to the long way", "[raster]") {
+  const FrameView view = small_view();
+  for (const double bad : {std::numeric_limits<double>::quiet_NaN(), std::numeric_limits<double>::infinity(), -1e300}) {
+    for (int axis = 0; axis < 3; ++axis) {
+      ClipVertex v[3] = {{0, 0, 2, {}, true}, {10, 0, 0.5, {}, false}, {0, 10, 3, {}, true}};
+      (axis == 0 ? v[1].x : axis == 1 ? v[1].y : v[1].w) = bad;
+      NearPolygon near;
+      CHECK_FALSE(clip_near(v, view, near));
+    }
+  }
+}

@@ -1,0 +1,221 @@
+// The GPU against the CPU: the same visibility buffer, bit for bit, twice in a row, and the same picture to one level.
+#include "runtime/draw/device_scene.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdlib>
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "runtime/draw/renderer.h"
+#include "runtime/scene/camera.h"
+#include "tests/catch.h"
+#include "tests/gpu.h"
+#include "tests/models.h"
+#include "tests/paths.h"
+#include "tests/runtime/load_scene.h"
+#include "tests/runtime/paged_scene.h"
+#include "tests/tools/temp_folder.h"
+#include "tools/convert/convert.h"
+
+#ifdef SCREE_HAS_CUDA
+#include "kernels/cuda/check.h"
+#endif
+
+using scree::Result;
+using scree::kernels::Show;
+using scree::kernels::View;
+using scree::runtime::DeviceScene;
+using scree::runtime::Frame;
+using scree::runtime::Picture;
+using scree::runtime::Scene;
+using scree::tests::must_load;
+
+namespace {
+
+/// The textured cube of the tests' models, packed into `folder`.
+Scene load_cube(const scree::tests::TempFolder& folder) {
+  scree::convert::ConvertOptions convert;
+  convert.input = scree::tests::data_path("textured_cube.glb").string();
+  convert.output = folder.file("scene.scree");
+  REQUIRE(scree::convert::convert(convert));
+  return must_load(convert.output);
+}
+
+/// Pixels whose channels differ by more than one level.
+size_t differing(const Picture& a, const Picture& b) {
+  REQUIRE(a.pixels.size() == b.pixels.size());
+  size_t count = 0;
+  for (size_t i = 0; i < a.pixels.size(); ++i) count += std::abs(a.pixels[i] - b.pixels[i]) > 1 ? 1 : 0;
+  return count;
+}
+
+void compare_pictures(const Frame& cpu, const Frame& gpu, const scree::kernels::ShadeOptions& options) {
+  const Result<Picture> on_cpu = cpu.shade(options, 2);
+  const Result<Picture> on_gpu = gpu.shade(options, 2);
+  REQUIRE(on_cpu);
+  REQUIRE(on_gpu);
+  REQUIRE(on_cpu->channels == on_gpu->channels);
+  INFO("show " << static_cast<int>(options.show) << ", ssao " << options.ssao << ", edl " << options.edl);
+  CHECK(differing(*on_cpu, *on_gpu) <= on_cpu->pixels.size() / 10000);
+}
+
+void compare(const Scene& scene, DeviceScene& device, const View& view, uint32_t samples_per_side) {
+  Result<Frame> cpu = Frame::draw(scene, view, samples_per_side, 2);
+  Result<Frame> gpu = Frame::draw(scene, view, samples_per_side, 2, &device);
+  REQUIRE(cpu);
+  REQUIRE(gpu);
+  REQUIRE(gpu->read_samples());
+  Result<Frame> again = Frame::draw(scene, view, samples_per_side, 2, &device);
+  REQUIRE(again);
+  REQUIRE(again->read_samples());
+  CHECK(std::equal(cpu->samples().begin(), cpu->samples().end(), gpu->samples().begin(), gpu->samples().end()));
+  CHECK(std::equal(gpu->samples().begin(), gpu->samples().end(), again->samples().begin(), again->samples().end()));
+  scree::kernels::ShadeOptions options;
+  for (const Show show : {Show::kTexture, Show::kColor, Show::kUv, Show::kNormal, Show::kTriangle, Show::kCluster,
+                          Show::kMesh, Show::kStage, Show::kDepth}) {
+    if (scree::tests::kEmulatesGpu && (show == Show::kColor || show == Show::kCluster || show == Show::kMesh)) continue;
+    options.show = show;
+    compare_pictures(*cpu, *again, options);
+  }
+  options.show = Show::kTexture;
+  options.background[1] = 0.5f;
+  options.background[3] = 1;
+  for (const int occlusion : {1, 2, 3}) {
+    if (scree::tests::kEmulatesGpu && occlusion != 3) continue;
+    options.ssao = (occlusion & 1) != 0;
+    options.edl = (occlusion & 2) != 0;
+    compare_pictures(*cpu, *again, options);
+  }
+}
+
+}  // namespace
+
+TEST_CASE("the GPU draws what the CPU draws", "[cuda]") {
+  if (!scree::tests::has_gpu()) return;
+  using Encoding = scree::convert::Encoding;
+  for (const Encoding encoding : {Encoding::kIndexed, Encoding::kClustered})
+    for (const auto& entry : std::filesystem::directory_iterator(scree::tests::kDataFolder)) {
+      const std::filesystem::path source = entry.path();
+      if (source.extension() != ".glb" && source.extension() != ".gltf") continue;
+      INFO(source.filename().string());
+      const scree::tests::TempFolder folder;
+      scree::convert::ConvertOptions convert;
+      convert.input = source.string();
+      convert.output = folder.file("scene.scree");
+      convert.encoding = encoding;
+      if (!scree::convert::convert(convert)) continue;
+      const Scene scene = must_load(convert.output);
+      Result<DeviceScene> device = DeviceScene::upload(scene, 0, 2);
+      REQUIRE(device);
+      scree::runtime::CameraOptions camera;
+      camera.width = scree::tests::kEmulatesGpu ? 161 : 321;
+      camera.height = 123;
+      const Result<View> view = scree::runtime::make_view(scene.container(), 0, scene.view(), camera);
+      REQUIRE(view);
+      for (const uint32_t samples : {1u, 2u, 4u})
+        if (samples == 2 || !scree::tests::kEmulatesGpu) compare(scene, *device, *view, samples);
+      if (scree::tests::kEmulatesGpu && encoding == Encoding::kIndexed) continue;
+      View flat = *view;  // the same picture from an orthographic camera
+      flat.orthographic = true;
+      double height = 0;
+      for (size_t i = 0; i < 3; ++i) height = std::max(height, std::abs(flat.eye[i]));
+      flat.half_height = std::max(height, 1.0);
+      flat.half_width = flat.half_height * flat.width / flat.height;
+      flat.z_far = flat.z_near + 100 * flat.half_height;
+      compare(scene, *device, flat, 2);
+    }
+}
+
+TEST_CASE("pages that only the GPU has are drawn and picked alike", "[cuda]") {
+  if (!scree::tests::has_gpu()) return;
+  const scree::tests::TempFolder folder;
+  for (const int level : {0, 3}) {
+    scree::convert::ConvertOptions convert;
+    convert.input = scree::tests::data_path("textured_cube.glb").string();
+    convert.output = folder.file("scene.scree");
+    convert.source_ids = true;
+    convert.zstd_level = level;
+    REQUIRE(scree::convert::convert(convert));
+    scree::tests::Encoding floats;
+    floats.float32 = true;
+    const std::string paged = folder.file("paged.scree");
+    scree::tests::PagedScene{}.write(paged,
+                                     {{scree::tests::grid(90, 0.2), {}}, {scree::tests::sphere(40, 0.1), floats}});
+    for (const std::string& path : {convert.output, paged}) {
+      const Scene whole = must_load(path);
+      const Scene scene = must_load(path, {.threads = 2, .pages = false});
+      Result<DeviceScene> device = DeviceScene::upload(scene, 0, 3);
+      REQUIRE(device);
+      CHECK(device->stats().counts.pages == scene.drawn_pages().size());
+      scree::runtime::CameraOptions camera;
+      camera.width = 333;
+      camera.height = 222;
+      const Result<View> view = scree::runtime::make_view(whole.container(), 0, whole.view(), camera);
+      REQUIRE(view);
+      const Result<Frame> cpu = Frame::draw(whole, *view, 1, 2);
+      Result<Frame> gpu = Frame::draw(scene, *view, 1, 2, &*device);
+      REQUIRE(cpu);
+      REQUIRE(gpu);
+      REQUIRE(gpu->read_samples());
+      CHECK(std::equal(cpu->samples().begin(), cpu->samples().end(), gpu->samples().begin(), gpu->samples().end()));
+      const auto on_cpu = cpu->pick(166, 111);
+      const auto on_gpu = gpu->pick(166, 111);
+      REQUIRE(on_cpu);
+      REQUIRE(on_gpu);
+      REQUIRE(on_cpu->has_value());
+      REQUIRE(on_gpu->has_value());
+      CHECK((*on_cpu)->source_triangle == (*on_gpu)->source_triangle);
+      CHECK((*on_cpu)->mesh_triangle == (*on_gpu)->mesh_triangle);
+    }
+  }
+}
+
+TEST_CASE("a scene over the device's budget is refused with both sizes", "[cuda]") {
+  if (!scree::tests::has_gpu()) return;
+  const scree::tests::TempFolder folder;
+  const Scene scene = load_cube(folder);
+  const Result<DeviceScene> device = DeviceScene::upload(scene, 16, 1);
+  REQUIRE_FALSE(device);
+  CHECK(device.error().code == scree::ErrorCode::kDevice);
+  CHECK(device.error().message.find("16 are allowed") != std::string::npos);
+}
+
+#ifdef SCREE_HAS_CUDA
+TEST_CASE("queues that are too small grow, and the frame is drawn again", "[cuda]") {
+  if (!scree::tests::has_gpu()) return;
+  const scree::tests::TempFolder folder;
+  const Scene scene = load_cube(folder);
+  Result<DeviceScene> device = DeviceScene::upload(scene, 0, 2);
+  REQUIRE(device);
+  // A cube that fills the picture: large triangles, many tiles, and with the smaller picture medium ones.
+  for (const uint32_t width : {700u, 60u}) {
+    scree::runtime::CameraOptions camera;
+    camera.width = width;
+    camera.height = width;
+    const Result<View> view = scree::runtime::make_view(scene.container(), 0, scene.view(), camera);
+    REQUIRE(view);
+    const Result<Frame> cpu = Frame::draw(scene, *view, 1, 2);
+    REQUIRE(cpu);
+    Result<scree::kernels::CudaFrames> frames =
+        scree::kernels::CudaFrames::create(scene.view(), device->device_view(), {1, 1, 1});
+    REQUIRE(frames);
+    std::vector<uint64_t> samples(size_t{width} * width);
+    Result<scree::kernels::DeviceBuffer> buffer =
+        scree::kernels::DeviceBuffer::allocate(samples.size() * sizeof(uint64_t), "allocating the picture");
+    REQUIRE(buffer);
+    const auto stats = frames->draw(*view, reinterpret_cast<uint64_t*>(buffer->data()));
+    REQUIRE(stats);
+    CHECK(stats->triangles_medium + stats->triangles_large > 1);
+    REQUIRE(scree::kernels::cuda_check(
+        cudaMemcpy(samples.data(), buffer->data(), buffer->bytes(), cudaMemcpyDeviceToHost), "reading the picture"));
+    CHECK(std::equal(samples.begin(), samples.end(), cpu->samples().begin(), cpu->samples().end()));
+    // The same picture when no triangle is dropped before it is projected.
+    REQUIRE(frames->draw(*view, reinterpret_cast<uint64_t*>(buffer->data()), {false}));
+    REQUIRE(scree::kernels::cuda_check(
+        cudaMemcpy(samples.data(), buffer->data(), buffer->bytes(), cudaMemcpyDeviceToHost), "reading the picture"));
+    CHECK(std::equal(samples.begin(), samples.end(), cpu->samples().begin(), cpu->samples().end()));
+  }
+}
+#endif

@@ -1,0 +1,342 @@
+#include "runtime/draw/renderer.h"
+
+#include <array>
+#include <cmath>
+#include <fstream>
+#include <string>
+#include <vector>
+
+#include "kernels/visbuffer.h"
+#include "runtime/scene/camera.h"
+#include "tests/catch.h"
+#include "tests/models.h"
+#include "tests/runtime/load_scene.h"
+#include "tests/runtime/small_scene.h"
+#include "tools/convert/convert.h"
+
+using scree::Error;
+using scree::ErrorCode;
+using scree::Result;
+using scree::kernels::ShadeOptions;
+using scree::kernels::View;
+using scree::runtime::CameraOptions;
+using scree::runtime::Frame;
+using scree::runtime::Pick;
+using scree::runtime::Picture;
+using scree::runtime::Scene;
+using scree::runtime::SceneFile;
+using scree::runtime::Vec3;
+using scree::tests::must_load;
+using scree::tests::ScratchPath;
+using scree::tests::SmallScene;
+
+namespace format = scree::format;
+namespace kernels = scree::kernels;
+
+namespace {
+
+Result<Scene> load_file(const std::string& path, uint32_t threads = 2) {
+  return Scene::open(path, {true, threads});
+}
+
+/// The quad seen from the front, half the picture's height and (square pixels) a quarter to half of its width.
+View front_view(const Scene& scene, uint32_t width, uint32_t height) {
+  CameraOptions options;
+  options.eye = Vec3{0, 0, 2};
+  options.target = Vec3{0, 0, 0};
+  options.fov_degrees = 90;
+  options.width = width;
+  options.height = height;
+  Result<View> view = scree::runtime::make_view(scene.container(), scene.scene_index(), scene.view(), options);
+  REQUIRE(view);
+  return *view;
+}
+
+Frame draw(const Scene& scene, const View& view, uint32_t samples = 1, uint32_t threads = 2) {
+  Result<Frame> frame = Frame::draw(scene, view, samples, threads);
+  if (!frame) FAIL(frame.error().message);
+  return std::move(*frame);
+}
+
+Picture shade(const Frame& frame, const ShadeOptions& options = {}, uint32_t threads = 2) {
+  Result<Picture> picture = frame.shade(options, threads);
+  if (!picture) FAIL(picture.error().message);
+  return std::move(*picture);
+}
+
+std::array<uint8_t, 4> pixel(const Picture& picture, uint32_t x, uint32_t y) {
+  std::array<uint8_t, 4> out{0, 0, 0, 255};
+  for (size_t c = 0; c < picture.channels; ++c)
+    out[c] = picture.pixels[(size_t{y} * picture.width + x) * picture.channels + c];
+  return out;
+}
+
+using Rgba = std::array<uint8_t, 4>;
+
+}  // namespace
+
+TEST_CASE("a textured quad stands upright and unmirrored", "[renderer]") {
+  const Scene scene = must_load(SmallScene{});
+  CHECK(scene.stats().images == 1);
+  CHECK(scene.stats().pages == 1);
+  const Frame frame = draw(scene, front_view(scene, 80, 40));
+  const Picture picture = shade(frame);
+  REQUIRE(picture.channels == 4);
+  CHECK(pixel(picture, 35, 15) == Rgba{255, 0, 0, 255});
+  CHECK(pixel(picture, 45, 15) == Rgba{0, 255, 0, 255});
+  CHECK(pixel(picture, 35, 25) == Rgba{0, 0, 255, 255});
+  CHECK(pixel(picture, 45, 25) == Rgba{255, 255, 255, 255});
+  CHECK(pixel(picture, 5, 5) == Rgba{0, 0, 0, 0});
+  // 20 x 20 pixels exactly: the edges lie on pixel borders, the top-left rule takes one side.
+  CHECK(pixel(picture, 30, 10)[3] == 255);
+  CHECK(pixel(picture, 49, 29)[3] == 255);
+  CHECK(pixel(picture, 29, 10)[3] == 0);
+  CHECK(pixel(picture, 50, 29)[3] == 0);
+}
+
+TEST_CASE("an opaque background makes a picture without alpha", "[renderer]") {
+  const Scene scene = must_load(SmallScene{});
+  ShadeOptions options;
+  options.background[0] = 1;
+  options.background[3] = 1;
+  const Picture picture = shade(draw(scene, front_view(scene, 80, 40)), options);
+  CHECK(picture.channels == 3);
+  CHECK(pixel(picture, 5, 5) == Rgba{255, 0, 0, 255});
+}
+
+TEST_CASE("picking names node, mesh, triangle, source triangle and depth", "[renderer]") {
+  const Scene scene = must_load(SmallScene{});
+  for (const uint32_t samples : {1u, 2u, 4u}) {
+    const Frame frame = draw(scene, front_view(scene, 80, 40), samples);
+    const std::optional<Pick> low = *frame.pick(47, 27);  // below the diagonal: the first triangle
+    REQUIRE(low);
+    CHECK(low->node == 1);
+    CHECK(low->mesh == 0);
+    CHECK(low->mesh_triangle == 0);
+    CHECK(low->source_triangle == 70u);
+    CHECK(low->depth == Approx(2).epsilon(1e-5));
+    const std::optional<Pick> high = *frame.pick(33, 12);
+    REQUIRE(high);
+    CHECK(high->mesh_triangle == 1);
+    CHECK(high->source_triangle == 71u);
+    CHECK_FALSE(*frame.pick(2, 2));
+
+    const std::vector<float> depth = frame.depth();
+    REQUIRE(depth.size() == 3200);
+    CHECK(depth[20 * 80 + 40] == Approx(2).epsilon(1e-5));
+    CHECK(std::isinf(depth[0]));
+    CHECK(frame.samples().size() == size_t{3200} * samples * samples);
+  }
+}
+
+TEST_CASE("more samples come nearer to the area a shape covers", "[renderer]") {
+  SmallScene small;
+  small.change = [](format::TableSet& tables) {  // turned by 20 degrees about z
+    const double turn = 20 * 3.14159265358979 / 180;
+    tables.matrices[0].rows[0][0] = tables.matrices[0].rows[1][1] = std::cos(turn);
+    tables.matrices[0].rows[0][1] = -std::sin(turn);
+    tables.matrices[0].rows[1][0] = std::sin(turn);
+    tables.materials[0].texture = format::kNone;  // white
+  };
+  const Scene scene = must_load(small);
+  const double exact = 37.0 * 37.0 / 4;  // a quad of 2 at a distance of 2 takes half of the height of 37 pixels
+  std::array<double, 3> worst_error{};
+  for (const size_t i : {0u, 1u, 2u}) {
+    const Picture picture = shade(draw(scene, front_view(scene, 61, 37), 1u << i));
+    double area = 0;
+    int partial = 0;
+    for (uint32_t y = 0; y < picture.height; ++y) {
+      for (uint32_t x = 0; x < picture.width; ++x) {
+        const Rgba rgba = pixel(picture, x, y);
+        area += rgba[3] / 255.0;
+        partial += rgba[3] != 0 && rgba[3] != 255;
+        // The black of a transparent background must not darken an edge.
+        if (rgba[3] != 0) CHECK(rgba[1] == 255);
+      }
+    }
+    CHECK((partial == 0) == (i == 0));
+    worst_error[i] = std::abs(area - exact);
+  }
+  CHECK(worst_error[0] < 6);
+  CHECK(worst_error[2] < 1.5);
+}
+
+TEST_CASE("bands of rows shade as the whole picture does", "[renderer]") {
+  const Scene scene = must_load(SmallScene{});
+  const View view = front_view(scene, 53, 31);
+  const Frame frame = draw(scene, view);
+  for (const kernels::Show show : {kernels::Show::kTexture, kernels::Show::kDepth, kernels::Show::kStage}) {
+    ShadeOptions options;
+    options.show = show;
+    std::vector<float> whole(size_t{4} * 53 * 31);
+    REQUIRE(kernels::shade_cpu(scene.view(), view, frame.samples(), options, whole, 2));
+    std::vector<float> bands(whole.size());
+    for (uint32_t first = 0; first < 31; first += 7) {
+      const uint32_t rows = std::min(7u, 31 - first);
+      const std::span<float> band(bands.data() + size_t{4} * 53 * first, size_t{4} * 53 * rows);
+      REQUIRE(kernels::shade_cpu(scene.view(), view, frame.samples(), options, band, 2, first));
+    }
+    CHECK(whole == bands);
+    std::vector<float> odd(7);
+    CHECK_FALSE(kernels::shade_cpu(scene.view(), view, frame.samples(), options, odd, 1));
+    CHECK_FALSE(kernels::shade_cpu(scene.view(), view, frame.samples(), options, whole, 1, 1));
+  }
+}
+
+TEST_CASE("a picture past the largest side is refused", "[renderer]") {
+  const Scene scene = must_load(SmallScene{});
+  View view = front_view(scene, 80, 40);
+  view.width = 8193;
+  const Result<Frame> frame = Frame::draw(scene, view, 2, 1);
+  REQUIRE_FALSE(frame);
+  CHECK(frame.error().code == ErrorCode::kRange);
+  CHECK(frame.error().message.find("16386 x 80 samples") != std::string::npos);
+}
+
+TEST_CASE("compressed pages draw as raw ones do", "[renderer]") {
+  SmallScene packed;
+  packed.zstd_level = 19;
+  const Scene raw = must_load(SmallScene{});
+  const Scene decoded = must_load(packed);
+  const View view = front_view(raw, 80, 40);
+  const Frame a = draw(raw, view);
+  const Frame b = draw(decoded, view);
+  CHECK(std::equal(a.samples().begin(), a.samples().end(), b.samples().begin()));
+  CHECK(raw.stats().decoded_bytes == 0);
+}
+
+TEST_CASE("a flipped bit in any page is found when it is loaded", "[renderer]") {
+  const ScratchPath path("flipped.scree");
+  SmallScene{}.write(path.string());
+  const std::vector<std::byte> whole = scree::tests::file_bytes(path.path());
+  size_t refused = 0;
+  for (size_t at = 0; at < whole.size(); at += 61) {
+    std::vector<std::byte> file = whole;
+    file[at] ^= std::byte{4};
+    {
+      std::ofstream out(path.path(), std::ios::binary);
+      out.write(reinterpret_cast<const char*>(file.data()), static_cast<std::streamsize>(file.size()));
+    }
+    const Result<Scene> scene = load_file(path.string());
+    if (scene) continue;  // padding that belongs to no page the scene uses
+    ++refused;
+    CHECK(scene.error().message.find(path.string() + ": ") == 0);
+    CHECK(scree::exit_code(scene.error().code) == 3);
+  }
+  CHECK(refused > 20);
+}
+
+TEST_CASE("an image that is not what its record says is named", "[renderer]") {
+  SmallScene small;
+  small.change = [](format::TableSet& tables) {
+    tables.images[0].width = 4;
+    tables.images[0].name = tables.strings.add("wall");
+  };
+  const ScratchPath path("image.scree");
+  small.write(path.string());
+  const Result<Scene> scene = load_file(path.string());
+  REQUIRE_FALSE(scene);
+  CHECK(scene.error().code == ErrorCode::kFormat);
+  CHECK(scene.error().message == path.string() + ": image 0 (wall): the image is 2 x 2, but its record says 4 x 2");
+}
+
+TEST_CASE("scenes are found by name and number", "[renderer]") {
+  const ScratchPath path("scenes.scree");
+  SmallScene small;
+  small.change = [](format::TableSet& tables) {
+    tables.scenes[0].flags = 0;
+    tables.scenes.push_back({tables.strings.add("Empty"), 1, 1, 0, 1, 0, 0});
+  };
+  small.write(path.string());
+  const Result<SceneFile> file = SceneFile::open(path.string());
+  if (!file) FAIL(file.error().message);
+  CHECK(*file->find_scene("") == 1);  // the default
+  CHECK(*file->find_scene("Main") == 0);
+  CHECK(*file->find_scene("0") == 0);
+  const Result<uint32_t> missing = file->find_scene("2");
+  REQUIRE_FALSE(missing);
+  CHECK(missing.error().code == ErrorCode::kUsage);
+  CHECK(missing.error().message == path.string() + ": no scene '2', expected one of 0 (Main), 1 (Empty)");
+  const Result<Scene> empty = load_file(path.string());
+  REQUIRE(empty);
+  const Frame frame = draw(*empty, front_view(*empty, 8, 8));
+  CHECK(frame.samples()[0] == kernels::kBackground);
+  CHECK_FALSE(*frame.pick(4, 4));
+}
+
+TEST_CASE("a scene with more triangles than ids is refused", "[renderer]") {
+  SmallScene small;
+  small.change = [](format::TableSet& tables) {
+    // Triangles of one point take no bits: 1024 chunks of 65536 of them, drawn 1025 times.
+    format::MeshRecord& mesh = tables.meshes[0];
+    mesh.attributes = 0;
+    mesh.chunk_count = mesh.vertex_count = 1024;
+    mesh.triangle_count = uint64_t{1024} << 16;
+    format::ChunkRecord chunk{};
+    chunk.vertex_count = 1;
+    chunk.triangle_count = 1u << 16;
+    tables.chunks.assign(1024, chunk);
+    for (uint64_t i = 0; i < 1024; ++i) tables.chunks[i].first_triangle = i << 16;
+    for (uint32_t i = 0; i < 1024; ++i) {
+      tables.nodes.push_back(SmallScene::node(tables, "Again", 0, 0, format::kNone));
+      tables.instances.push_back({0, 2 + i, 0, 0});
+    }
+    tables.scenes[0].instance_count = 1025;
+    tables.scenes[0].triangle_count = uint64_t{1025} * mesh.triangle_count;
+  };
+  const ScratchPath path("many.scree");
+  small.write(path.string());
+  const Result<Scene> scene = load_file(path.string());
+  REQUIRE_FALSE(scene);
+  CHECK(scene.error().code == ErrorCode::kRange);
+  INFO(scene.error().message);
+  CHECK(scene.error().message.find("2^36 - 1") != std::string::npos);
+}
+
+TEST_CASE("real models are drawn alike by one thread and many, and fill what they should", "[renderer][models]") {
+  const auto models = scree::tests::models_path();
+  if (models.empty()) {
+    WARN("no models beside the checkout");
+    return;
+  }
+  struct Model {
+    const char* path;
+    double least, most;  // share of the picture that is not background, default view
+  };
+  for (const Model& model :
+       {Model{"scenes/Duck/Duck.glb", 0.2, 0.6}, Model{"scenes/DamagedHelmet/DamagedHelmet.glb", 0.15, 0.7},
+        Model{"scenes/VertexColorTest/VertexColorTest.gltf", 0.2, 0.8},
+        Model{"scenes/scans/nefertiti.glb", 0.1, 0.7}}) {
+    INFO(model.path);
+    if (!std::filesystem::exists(models / model.path)) continue;
+    const ScratchPath path("model.scree");
+    scree::convert::ConvertOptions convert;
+    convert.input = (models / model.path).string();
+    convert.output = path.string();
+    convert.threads = 2;
+    const auto report = scree::convert::convert(convert);
+    if (!report) FAIL(report.error().message);
+    const Result<Scene> scene = load_file(path.string());
+    if (!scene) FAIL(scene.error().message);
+    CameraOptions options;
+    options.width = 160;
+    options.height = 120;
+    const Result<View> view = scree::runtime::make_view(scene->container(), 0, scene->view(), options);
+    REQUIRE(view);
+    const Frame one = draw(*scene, *view, 2, 1);
+    const Frame many = draw(*scene, *view, 2, 7);
+    CHECK(std::equal(one.samples().begin(), one.samples().end(), many.samples().begin()));
+    const Picture picture = shade(one, {}, 1);
+    CHECK(picture.pixels == shade(many, {}, 5).pixels);
+    double covered = 0;
+    for (uint32_t y = 0; y < 120; ++y)
+      for (uint32_t x = 0; x < 160; ++x) covered += pixel(picture, x, y)[3] / 255.0;
+    covered /= 160 * 120;
+    CHECK(covered > model.least);
+    CHECK(covered < model.most);
+    const std::optional<Pick> pick = *one.pick(80, 60);
+    REQUIRE(pick);
+    CHECK(pick->mesh_triangle < scene->view().meshes[pick->mesh].triangle_count);
+    CHECK(pick->depth > view->z_near);
+  }
+}

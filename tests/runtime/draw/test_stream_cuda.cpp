@@ -1,0 +1,344 @@
+// Scenes that a GPU's budget does not hold, against the CPU's frames of the whole scene.
+#include <algorithm>
+#include <cstring>
+#include <iterator>
+#include <numeric>
+#include <optional>
+#include <random>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "kernels/cuda/device_copies.h"
+#include "kernels/cuda/frame.h"
+#include "runtime/draw/cuda_upload.h"
+#include "runtime/draw/device_scene.h"
+#include "runtime/draw/renderer.h"
+#include "runtime/draw/stream_cuda.h"
+#include "runtime/scene/camera.h"
+#include "runtime/stream/chunk_source.h"
+#include "runtime/stream/visible_chunks.h"
+#include "tests/catch.h"
+#include "tests/gpu.h"
+#include "tests/runtime/load_scene.h"
+#include "tests/runtime/paged_scene.h"
+#include "tests/tools/convert/convert_fixture.h"
+#include "tests/tools/jpeg_model.h"
+#include "tests/tools/temp_folder.h"
+
+using scree::Result;
+using scree::kernels::ShadeOptions;
+using scree::kernels::Show;
+using scree::kernels::View;
+using scree::runtime::CudaScene;
+using scree::runtime::DeviceScene;
+using scree::runtime::Frame;
+using scree::runtime::Picture;
+using scree::runtime::Reading;
+using scree::runtime::Scene;
+using scree::tests::Encoding;
+using scree::tests::must_load;
+using scree::tests::PagedScene;
+using scree::tests::Soup;
+using scree::tests::TempFolder;
+
+namespace kernels = scree::kernels;
+namespace runtime = scree::runtime;
+
+namespace {
+
+Soup triangles_around(uint32_t count, std::mt19937& random) {
+  std::uniform_real_distribution<double> unit(-1, 1);
+  Soup soup;
+  for (uint32_t i = 0; i < count; ++i) {
+    const double place[3] = {unit(random), unit(random), 3 * unit(random)};
+    uint32_t corner[3];
+    for (uint32_t& c : corner)
+      c = soup.add(place[0] + 0.2 * unit(random), place[1] + 0.2 * unit(random), place[2] + 0.2 * unit(random));
+    soup.triangle(corner[0], corner[1], corner[2]);
+  }
+  return soup;
+}
+
+/// Nine meshes drawn twice, of all encodings.
+void write_soup(const std::string& path) {
+  std::mt19937 random(11);
+  std::vector<std::pair<Soup, Encoding>> meshes;
+  for (int i = 0; i < 9; ++i) {
+    Encoding encoding;
+    encoding.float32 = i % 3 == 0;
+    if (i % 3 == 1) encoding.clusters = scree::tests::Clusters::kClustered;
+    meshes.emplace_back(triangles_around(1500, random), encoding);
+  }
+  PagedScene paged;
+  paged.drawn_twice = true;
+  paged.write(path, meshes);
+}
+
+}  // namespace
+
+TEST_CASE("a GPU lists and hides the chunks that the host does", "[cuda]") {
+  // A wall, and small clouds of triangles around and behind it.
+  std::mt19937 random(5);
+  std::uniform_real_distribution<double> unit(-1, 1);
+  std::vector<std::pair<Soup, Encoding>> meshes;
+  Soup wall;
+  const uint32_t corner[4] = {wall.add(-1, -1, 0), wall.add(1, -1, 0), wall.add(1, 1, 0), wall.add(-1, 1, 0)};
+  wall.triangle(corner[0], corner[1], corner[2]);
+  wall.triangle(corner[0], corner[2], corner[3]);
+  meshes.emplace_back(wall, Encoding{});
+  for (int i = 0; i < 40; ++i) {
+    const double middle[3] = {3 * unit(random), 3 * unit(random), 3 * unit(random)};
+    Soup cloud;
+    for (int t = 0; t < 20; ++t) {
+      uint32_t at[3];
+      for (uint32_t& c : at)
+        c = cloud.add(middle[0] + 0.1 * unit(random), middle[1] + 0.1 * unit(random), middle[2] + 0.1 * unit(random));
+      cloud.triangle(at[0], at[1], at[2]);
+    }
+    Encoding encoding;
+    encoding.float32 = i % 3 == 0;
+    if (i % 3 == 1) encoding.clusters = scree::tests::Clusters::kClustered;
+    meshes.emplace_back(cloud, encoding);
+  }
+  const TempFolder folder;
+  PagedScene paged;
+  paged.write(folder.file("wall.scree"), meshes);
+  const Scene scene = must_load(folder.file("wall.scree"));
+  const bool has_gpu = scree::tests::has_gpu();
+  std::optional<CudaScene> device;
+  kernels::CudaVisibleChunks on_device;
+  if (has_gpu) {
+    Result<CudaScene> uploaded = CudaScene::upload(scene, 0, 0, 2, Reading::kAuto, 0);
+    REQUIRE(uploaded);
+    device.emplace(std::move(*uploaded));
+    REQUIRE(on_device.open(scene.view(), device->view()));
+  } else {
+    WARN("skipped: no GPU; the host's part alone");
+  }
+
+  size_t hidden = 0;
+  size_t outside = 0;
+  for (int i = 0; i < 40; ++i) {
+    runtime::CameraOptions camera;
+    camera.width = 320;
+    camera.height = 200;
+    camera.eye = runtime::Vec3{0.4 * unit(random), 0.4 * unit(random), 1.6 + unit(random)};
+    camera.target = runtime::Vec3{0.4 * unit(random), 0.4 * unit(random), -1};
+    Result<View> view = runtime::make_view(scene.container(), 0, scene.view(), camera);
+    REQUIRE(view);
+    if (i % 4 == 3) {
+      view->orthographic = true;
+      view->half_width = 1.6;
+      view->half_height = 1;
+      view->z_far = view->z_near + 20;
+    }
+    const runtime::VisibleChunks on_host(scene.view(), *view, 2);
+    std::vector<uint64_t> samples(uint64_t{view->width} * view->height);
+    REQUIRE(kernels::draw_cpu(scene.view(), *view, samples, 2));
+    kernels::DepthPyramid pyramid;
+    std::vector<uint32_t> codes(
+        kernels::lay_out(pyramid, static_cast<int32_t>(view->width), static_cast<int32_t>(view->height)));
+    pyramid.codes = codes.data();
+    kernels::build_pyramid(pyramid, samples.data());
+    std::vector<uint32_t> expected(scene.view().chunk_count, runtime::kNotInView);
+    for (const uint32_t chunk : on_host.near_to_far()) {
+      expected[chunk] = on_host.nearest_shown(chunk, pyramid, kernels::CudaVisibleChunks::kFirstLevel);
+      REQUIRE(expected[chunk] >= on_host.nearest(chunk));
+      hidden += expected[chunk] == runtime::kNotInView ? 1 : 0;
+    }
+    outside += expected.size() - on_host.near_to_far().size();
+    if (!has_gpu) continue;
+
+    const Result<std::span<const uint32_t>> nearest = on_device.find_nearest(*view);
+    REQUIRE(nearest);
+    const std::vector<uint32_t> order = runtime::order_by_depth(*nearest);
+    REQUIRE(std::equal(order.begin(), order.end(), on_host.near_to_far().begin(), on_host.near_to_far().end()));
+    Result<kernels::DeviceBuffer> copy = kernels::DeviceBuffer::allocate(samples.size() * sizeof(uint64_t), "a test");
+    REQUIRE(copy);
+    REQUIRE(cudaMemcpy(copy->data(), samples.data(), copy->bytes(), cudaMemcpyHostToDevice) == cudaSuccess);
+    REQUIRE(on_device.start_finding_shown(reinterpret_cast<const uint64_t*>(copy->data())));
+    REQUIRE(cudaDeviceSynchronize() == cudaSuccess);
+    const std::span<const uint32_t> shown = on_device.shown();
+    REQUIRE(std::equal(shown.begin(), shown.end(), expected.begin(), expected.end()));
+  }
+  CHECK(hidden > 40);
+  CHECK(outside > 40);
+}
+
+TEST_CASE("pieces of any size are copied within a GPU's memory", "[cuda]") {
+  if (!scree::tests::has_gpu()) return;
+  std::mt19937 random(5);
+  constexpr uint64_t kUnit = 16;
+  const uint64_t sizes[] = {0, 1, kUnit, 1000, (1 << 20) - 1, 1 << 20, (1 << 20) + 1, 5 << 20};
+  std::vector<uint64_t> pieces;
+  uint64_t all = 0;
+  for (int i = 0; i < 600; ++i) {
+    pieces.push_back(i < 500 ? random() % 3000 : sizes[random() % std::size(sizes)]);
+    all += (pieces.back() + kUnit - 1) / kUnit * kUnit;
+  }
+  std::vector<std::byte> bytes(all);
+  for (std::byte& byte : bytes) byte = static_cast<std::byte>(random());
+  // From their order to a random one.
+  Result<kernels::DeviceBuffer> from = kernels::DeviceBuffer::allocate(all, "a test");
+  Result<kernels::DeviceBuffer> to = kernels::DeviceBuffer::allocate(all, "a test");
+  REQUIRE((from && to));
+  REQUIRE(cudaMemcpy(from->data(), bytes.data(), all, cudaMemcpyHostToDevice) == cudaSuccess);
+  std::vector<uint32_t> order(pieces.size());
+  std::iota(order.begin(), order.end(), 0u);
+  std::shuffle(order.begin(), order.end(), random);
+  std::vector<uint64_t> begins;
+  for (uint64_t at = 0; const uint64_t piece : pieces) {
+    begins.push_back(at);
+    at += (piece + kUnit - 1) / kUnit * kUnit;
+  }
+  std::vector<kernels::DeviceCopy> copies;
+  std::vector<std::byte> expected;
+  for (const uint32_t i : order) {
+    copies.push_back({from->data() + begins[i], to->data() + expected.size(), pieces[i]});
+    const auto begin = bytes.begin() + static_cast<ptrdiff_t>(begins[i]);
+    expected.insert(expected.end(), begin, begin + static_cast<ptrdiff_t>((pieces[i] + kUnit - 1) / kUnit * kUnit));
+  }
+  REQUIRE(kernels::copy_on_device(copies, nullptr, "a test"));
+  std::vector<std::byte> copied(all);
+  REQUIRE(cudaMemcpy(copied.data(), to->data(), all, cudaMemcpyDeviceToHost) == cudaSuccess);
+  REQUIRE(copied == expected);
+}
+
+TEST_CASE("a scene over the device's budget is streamed with the same samples", "[cuda]") {
+  if (!scree::tests::has_gpu()) return;
+  const TempFolder folder;
+  write_soup(folder.file("soup.scree"));
+  const Scene whole = must_load(folder.file("soup.scree"));
+  const Scene scene = must_load(folder.file("soup.scree"), {.threads = 2, .pages = false});
+
+  uint64_t all = 0;
+  uint64_t largest = 0;
+  for (const uint64_t bytes : runtime::ChunkSource(scene).chunk_bytes()) {
+    all += bytes;
+    largest = std::max(largest, bytes);
+  }
+  const uint64_t beside = CudaScene::device_bytes(scene, &scene.view(), 0) +
+                          kernels::CudaFrames::device_bytes(scene.view()) +
+                          runtime::CudaStream::device_bytes(scene.view());
+  for (const uint64_t pool : {3 * largest, all / 4 + largest, all / 2 + largest}) {
+    for (const uint64_t host_memory : {uint64_t{0}, all / 2, 2 * all}) {
+      CAPTURE(pool, host_memory);
+      if (scree::tests::kEmulatesGpu && (pool != 3 * largest || host_memory != all / 2)) continue;
+      Result<DeviceScene> device = DeviceScene::upload(scene, beside + pool, 2, Reading::kAuto, 0, host_memory);
+      if (!device) FAIL(device.error().message);
+      for (int i = 0; i < 6; ++i) {
+        runtime::CameraOptions camera;
+        camera.width = 211;
+        camera.height = 140;
+        const double turn = i / 2;  // every view twice
+        camera.eye = runtime::Vec3{4 - 3 * turn, 1 - turn, 6 - 2 * turn};
+        camera.target = runtime::Vec3{0, 0, 0};
+        Result<View> view = runtime::make_view(whole.container(), 0, whole.view(), camera);
+        REQUIRE(view);
+        ShadeOptions shade;
+        shade.show = i % 3 == 2 ? Show::kNormal : Show::kColor;
+        shade.ssao = i == 3;
+        const uint32_t side = i == 4 ? 2 : 1;
+        const Result<Frame> expected = Frame::draw(whole, *view, side, 2);
+        REQUIRE(expected);
+        Result<Frame> frame = Frame::draw(scene, *view, side, 2, &*device, &shade);
+        if (!frame) FAIL(frame.error().message);
+        REQUIRE(device->stream_stats());
+        const Result<Picture> picture = frame->shade(shade, 2);
+        const Result<Picture> reference = expected->shade(shade, 2);
+        REQUIRE(frame->read_samples());
+        REQUIRE(std::equal(frame->samples().begin(), frame->samples().end(), expected->samples().begin(),
+                           expected->samples().end()));
+        REQUIRE(picture);
+        REQUIRE(reference);
+        REQUIRE(picture->pixels.size() == reference->pixels.size());
+        // Shading's floats are not held to the bit between the two.
+        for (size_t p = 0; p < picture->pixels.size(); ++p)
+          REQUIRE(std::abs(picture->pixels[p] - reference->pixels[p]) <= 1);
+      }
+    }
+  }
+  // The same scene whole on the device: streamed pictures are its pictures, byte for byte.
+  Result<DeviceScene> resident = DeviceScene::upload(scene, 0, 2);
+  Result<DeviceScene> streamed = DeviceScene::upload(scene, beside + all / 4 + largest, 2, Reading::kAuto, 0);
+  REQUIRE(resident);
+  REQUIRE(streamed);
+  runtime::CameraOptions camera;
+  if (scree::tests::kEmulatesGpu) {
+    camera.width = 120;
+    camera.height = 80;
+  }
+  camera.eye = runtime::Vec3{3, 1, 5};
+  camera.target = runtime::Vec3{0, 0, 0};
+  const Result<View> view = runtime::make_view(whole.container(), 0, whole.view(), camera);
+  REQUIRE(view);
+  const ShadeOptions shade;
+  Result<Frame> a = Frame::draw(scene, *view, 2, 2, &*resident);
+  Result<Frame> b = Frame::draw(scene, *view, 2, 2, &*streamed, &shade);
+  REQUIRE(a);
+  REQUIRE(b);
+  const Result<Picture> from_resident = a->shade(shade, 2);
+  const Result<Picture> from_streamed = b->shade(shade, 2);
+  REQUIRE(from_resident);
+  REQUIRE(from_streamed);
+  CHECK_FALSE(resident->stream_stats());
+  CHECK(from_resident->pixels == from_streamed->pixels);
+}
+
+TEST_CASE("a GPU decodes JPEG textures as it looks at them while chunks are streamed", "[cuda][stream]") {
+  if (!scree::tests::has_gpu()) return;
+  const TempFolder folder;
+  scree::tests::make_jpeg_model(folder.file("in.glb"), 40);
+  scree::convert::ConvertOptions options = scree::tests::options_of(folder);
+  options.encoding = GENERATE(scree::convert::Encoding::kIndexed, scree::convert::Encoding::kClustered);
+  options.chunk_triangles = 256;
+  scree::tests::must_convert(options);
+  const Scene decoded = must_load(options.output, {.threads = 2});
+  const Scene scene = must_load(options.output, {.threads = 2, .texture_cache = 1, .pages = false});
+  const uint32_t slot_bytes = scene.jpeg_slot_bytes();
+  REQUIRE(slot_bytes > 0);
+  Result<DeviceScene> resident = DeviceScene::upload(decoded, 0, 2);
+  REQUIRE(resident);
+  const std::vector<uint64_t> chunks = runtime::ChunkSource(scene).chunk_bytes();
+  const uint64_t largest = *std::max_element(chunks.begin(), chunks.end());
+  for (const uint64_t cache : {uint64_t{1}, uint64_t{9} * slot_bytes, uint64_t{1} << 20}) {
+    if (scree::tests::kEmulatesGpu && cache == uint64_t{9} * slot_bytes) continue;
+    const uint64_t budget = CudaScene::device_bytes(scene, &scene.view(), cache) +
+                            kernels::CudaFrames::device_bytes(scene.view()) +
+                            runtime::CudaStream::device_bytes(scene.view()) + 6 * largest;
+    Result<DeviceScene> streamed = DeviceScene::upload(scene, budget, 2, Reading::kAuto, cache);
+    if (!streamed) FAIL(streamed.error().message);
+    for (int i = 0; i < 3; ++i) {
+      CAPTURE(cache, i);
+      runtime::CameraOptions camera;
+      camera.width = 60;
+      camera.height = 40;
+      if (i == 1) {
+        camera.eye = runtime::Vec3{0.3, 0.4, 0.2};
+        camera.target = runtime::Vec3{0.9, 0, 0.8};
+      }
+      const Result<View> view = runtime::make_view(decoded.container(), 0, decoded.view(), camera);
+      REQUIRE(view);
+      const uint32_t side = i == 0 ? 2 : 1;
+      const ShadeOptions shade;
+      const Result<Frame> expected = Frame::draw(decoded, *view, side, 2, &*resident);
+      const Result<Frame> found = Frame::draw(scene, *view, side, 2, &*streamed, &shade);
+      REQUIRE(expected);
+      if (!found) FAIL(found.error().message);
+      REQUIRE(streamed->stream_stats());
+      CHECK(streamed->stream_stats()->streamed_bytes > 0);
+      const Result<Picture> from_resident = expected->shade(shade, 2);
+      const Result<Picture> from_streamed = found->shade(shade, 2);
+      REQUIRE(from_resident);
+      if (!from_streamed) FAIL(from_streamed.error().message);
+      CHECK(from_streamed->pixels == from_resident->pixels);
+    }
+  }
+  // What a refusal says that it takes at least is enough, whatever cache was asked for.
+  const Result<DeviceScene> refused = DeviceScene::upload(scene, 1, 2, Reading::kAuto, uint64_t{1} << 20);
+  REQUIRE_FALSE(refused);
+  const uint64_t least = scree::tests::least_device_memory(refused.error().message);
+  CHECK(DeviceScene::upload(scene, least, 2, Reading::kAuto, uint64_t{1} << 20));
+  CHECK_FALSE(DeviceScene::upload(scene, least - 1, 2, Reading::kAuto, uint64_t{1} << 20));
+}

@@ -1,0 +1,310 @@
+// What a streamer asks of its target, whenever loads are done: a target that draws nothing and keeps account.
+#include <algorithm>
+#include <deque>
+#include <future>
+#include <new>
+#include <optional>
+#include <random>
+#include <set>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "runtime/scene/camera.h"
+#include "runtime/stream/streamer.h"
+#include "runtime/threads/job_thread.h"
+#include "tests/catch.h"
+#include "tests/runtime/paged_scene.h"
+#include "tests/tools/temp_folder.h"
+
+using scree::Error;
+using scree::ErrorCode;
+using scree::Result;
+using scree::kernels::ShadeOptions;
+using scree::kernels::View;
+using scree::runtime::kNotInView;
+using scree::runtime::Residency;
+using scree::runtime::Scene;
+using scree::runtime::Streamer;
+using scree::runtime::StreamStats;
+using scree::runtime::StreamTarget;
+using scree::tests::Encoding;
+using scree::tests::PagedScene;
+using scree::tests::Soup;
+using scree::tests::TempFolder;
+
+namespace runtime = scree::runtime;
+
+namespace {
+
+constexpr uint64_t kUnit = Residency::kAlignment;
+
+/// Its memory is the number of a chunk, and one, for every unit of the pool.
+class Account final : public StreamTarget {
+ public:
+  Account(uint64_t pool_bytes, uint32_t seed) : random_(seed), pool_(pool_bytes / kUnit) {}
+
+  /// Of the next frames, by chunk; kNotInView is not listed. Chunks with a code in `in_the_end` hide or show so once
+  /// something is drawn.
+  void set_view(std::vector<uint32_t> codes, std::vector<uint32_t> in_the_end) {
+    codes_ = std::move(codes);
+    in_the_end_ = std::move(in_the_end);
+  }
+  void fail_at(uint32_t call) { fails_at_ = call; }
+
+  const std::set<uint32_t>& loaded() const { return loaded_; }
+  /// Chunks that were drawn when the first and the fourth load were started.
+  size_t drawn_before_first() const { return drawn_before_.at(0); }
+  size_t drawn_before_fourth() const { return drawn_before_.at(3); }
+
+  /// After a frame.
+  void check_all_drawn() const {
+    REQUIRE(started_.empty());
+    for (const uint32_t chunk : likely_seen_) REQUIRE(drawn_.contains(chunk));
+    for (const uint32_t chunk : listed_)
+      if (!drawn_.contains(chunk)) REQUIRE(shown_[chunk] == kNotInView);
+  }
+
+  Result<void> begin(const View&, const ShadeOptions*) override {
+    loaded_.clear();
+    drawn_.clear();
+    likely_seen_.clear();
+    drawn_before_.clear();
+    return {};
+  }
+  Result<std::span<const uint32_t>> list() override {
+    shown_ = codes_;
+    listed_ = runtime::order_by_depth(codes_);
+    return std::span<const uint32_t>(listed_);
+  }
+  Result<void> start_loading(const Residency::Batch& batch) override {
+    REQUIRE(started_.size() < runtime::kMostLoads);
+    for (const Residency::Place& place : batch.loads) REQUIRE(loaded_.insert(place.chunk).second);
+    drawn_before_.push_back(drawn_.size());
+    started_.push_back(batch);
+    return call();
+  }
+  Result<bool> is_loaded() override {
+    REQUIRE_FALSE(started_.empty());
+    if (random_() % 2 == 0) carry_out();
+    return carried_out_ > 0;
+  }
+  Result<double> finish_loading() override {
+    REQUIRE_FALSE(started_.empty());
+    if (carried_out_ == 0) carry_out();
+    started_.pop_front();
+    --carried_out_;
+    if (auto done = call(); !done) return done.error();
+    return 1.0;
+  }
+  Result<void> start_drawing(std::span<const Residency::Place> places, PartOptions options) override {
+    REQUIRE(part_.empty());
+    REQUIRE_FALSE(places.empty());
+    part_.assign(places.begin(), places.end());
+    options_ = options;
+    for (const Residency::Place& place : places)
+      REQUIRE(likely_seen_.contains(place.chunk) == (options.share == Share::kRest));
+    check_part();
+    return call();
+  }
+  Result<Drawn> finish_drawing() override {
+    REQUIRE_FALSE(part_.empty());
+    // Whatever was moved and loaded meanwhile.
+    while (carried_out_ < started_.size() && random_() % 3 != 0) carry_out();
+    check_part();
+    std::set<uint32_t>& drawn = options_.share == Share::kLikelySeen ? likely_seen_ : drawn_;
+    for (const Residency::Place& place : part_) REQUIRE(drawn.insert(place.chunk).second);
+    part_.clear();
+    if (options_.finds_depths) shown_ = in_the_end_;
+    if (auto done = call(); !done) return done.error();
+    return Drawn{{}, 1.0};
+  }
+  uint32_t nearest_shown(uint32_t chunk) const override { return shown_[chunk]; }
+  void stop() override {
+    started_.clear();
+    carried_out_ = 0;
+    part_.clear();
+  }
+
+ private:
+  /// The oldest start that was not, in their order.
+  void carry_out() {
+    if (carried_out_ == started_.size()) return;
+    const Residency::Batch& batch = started_[carried_out_++];
+    for (const Residency::Move& move : batch.moves) {
+      const auto from = pool_.begin() + static_cast<ptrdiff_t>(move.from / kUnit);
+      std::copy(from, from + static_cast<ptrdiff_t>((move.bytes + kUnit - 1) / kUnit),
+                pool_.begin() + static_cast<ptrdiff_t>(move.to / kUnit));
+    }
+    for (const Residency::Place& place : batch.loads)
+      for (uint64_t u = 0; u * kUnit < place.bytes; ++u) pool_[place.offset / kUnit + u] = place.chunk + 1;
+  }
+  void check_part() const {
+    for (const Residency::Place& place : part_)
+      for (uint64_t u = 0; u * kUnit < place.bytes; ++u) REQUIRE(pool_[place.offset / kUnit + u] == place.chunk + 1);
+  }
+  Result<void> call() {
+    if (fails_at_ != 0 && --fails_at_ == 0) return Error{ErrorCode::kDevice, "told to fail"};
+    return {};
+  }
+
+  std::mt19937 random_;
+  std::vector<uint32_t> pool_;
+  std::vector<uint32_t> codes_;
+  std::vector<uint32_t> in_the_end_;
+  std::vector<uint32_t> shown_;
+  std::vector<uint32_t> listed_;
+  std::deque<Residency::Batch> started_;
+  size_t carried_out_ = 0;  // of those
+  std::vector<Residency::Place> part_;
+  PartOptions options_{};
+  std::set<uint32_t> loaded_;
+  std::set<uint32_t> drawn_;
+  std::set<uint32_t> likely_seen_;
+  std::vector<size_t> drawn_before_;  // by load
+  uint32_t fails_at_ = 0;
+};
+
+/// A scene of some hundred chunks; of their bytes any may be claimed.
+struct Chunks {
+  Chunks() {
+    std::mt19937 random(3);
+    std::uniform_real_distribution<double> unit(-1, 1);
+    Soup soup;
+    for (int i = 0; i < 2000; ++i) {
+      uint32_t corner[3];
+      for (uint32_t& c : corner) c = soup.add(unit(random), unit(random), unit(random));
+      soup.triangle(corner[0], corner[1], corner[2]);
+    }
+    PagedScene paged;
+    paged.chunk_triangles = 8;
+    paged.write(folder.file("chunks.scree"), {{soup, Encoding{}}});
+    Result<Scene> opened = Scene::open(folder.file("chunks.scree"), {.threads = 1, .pages = false});
+    REQUIRE(opened);
+    scene.emplace(std::move(*opened));
+    runtime::CameraOptions camera;
+    camera.width = camera.height = 16;
+    camera.eye = runtime::Vec3{0, 0, 5};
+    camera.target = runtime::Vec3{0, 0, 0};
+    Result<View> made = runtime::make_view(scene->container(), 0, scene->view(), camera);
+    REQUIRE(made);
+    view = *made;
+    for (uint64_t c = 0; c < scene->view().chunk_count; ++c) {
+      bytes.push_back(300 + random() % 3000);
+      all += bytes.back();
+    }
+  }
+
+  TempFolder folder;
+  std::optional<Scene> scene;
+  View view{};
+  std::vector<uint64_t> bytes;
+  uint64_t all = 0;
+};
+
+}  // namespace
+
+TEST_CASE("a streamer draws what shows once, from where it lies, whenever loads are done", "[streamer]") {
+  Chunks chunks;
+  const auto count = static_cast<uint32_t>(chunks.bytes.size());
+  REQUIRE(count > 200);
+  std::mt19937 random(4);
+  const auto below = [&](uint32_t most) { return static_cast<uint32_t>(random() % most); };
+  uint64_t moved = 0;
+  uint64_t merged = 0;
+  for (const uint64_t pool : {uint64_t{3500}, chunks.all / 10, chunks.all / 3, chunks.all / 2, 2 * chunks.all}) {
+    Account account(pool, static_cast<uint32_t>(pool));
+    Result<Streamer> streamer = Streamer::create(*chunks.scene, pool, chunks.bytes);
+    REQUIRE(streamer);
+    std::vector<uint32_t> codes(count);
+    std::vector<uint32_t> in_the_end(count);
+    for (int frame = 0; frame < 24; ++frame) {
+      if (frame % 3 == 0) {
+        for (uint32_t c = 0; c < count; ++c) {
+          codes[c] = below(4) == 0 ? kNotInView : below(1000);
+          in_the_end[c] = below(3) == 0 ? kNotInView : codes[c] == kNotInView ? kNotInView : codes[c] + below(9);
+        }
+        account.set_view(codes, in_the_end);
+      }
+      if (frame % 7 == 5) account.fail_at(1 + below(20));
+      const Result<StreamStats> stats = streamer->draw(chunks.view, nullptr, account);
+      account.fail_at(0);
+      if (!stats) {
+        CHECK(stats.error().code == ErrorCode::kDevice);
+        continue;
+      }
+      account.check_all_drawn();
+      REQUIRE(stats->streamed_bytes + stats->hidden_bytes == stats->missing_bytes);
+      uint64_t loaded = 0;
+      uint64_t needed = 0;
+      for (const uint32_t chunk : account.loaded()) {
+        loaded += chunks.bytes[chunk];
+        if (in_the_end[chunk] != kNotInView) needed += chunks.bytes[chunk];
+      }
+      REQUIRE(loaded == stats->streamed_bytes);
+      REQUIRE(needed == stats->needed_bytes);
+      moved += stats->moved_bytes;
+      merged += stats->parts < stats->batches ? 1 : 0;
+    }
+  }
+  CHECK(moved > 0);
+  CHECK(merged > 0);
+}
+
+TEST_CASE("what the last picture needed is loaded while what is there is drawn, what it hid is not", "[streamer]") {
+  Chunks chunks;
+  const auto count = static_cast<uint32_t>(chunks.bytes.size());
+  std::vector<uint32_t> codes(count);
+  std::vector<uint32_t> in_the_end(count);
+  uint64_t needed = 0;
+  for (uint32_t c = 0; c < count; ++c) {
+    codes[c] = c;
+    in_the_end[c] = c % 3 == 2 ? kNotInView : c;
+    if (c % 3 != 2) needed += chunks.bytes[c];
+  }
+  const uint64_t pool = needed * 2 / 3;
+  Account account(pool, 1);
+  account.set_view(codes, in_the_end);
+  Result<Streamer> streamer = Streamer::create(*chunks.scene, pool, chunks.bytes);
+  REQUIRE(streamer);
+  const Result<StreamStats> first = streamer->draw(chunks.view, nullptr, account);
+  REQUIRE(first);
+  CHECK(first->streamed_bytes >= needed);
+  // Nothing is known: one is loaded before there are depths, and two while they come.
+  CHECK(account.drawn_before_first() == 0);
+  CHECK(account.drawn_before_fourth() > 0);
+  for (int i = 0; i < 4; ++i) {
+    const Result<StreamStats> again = streamer->draw(chunks.view, nullptr, account);
+    REQUIRE(again);
+    account.check_all_drawn();
+    for (const uint32_t chunk : account.loaded()) REQUIRE(chunk % 3 != 2);
+    CHECK(again->streamed_bytes == again->needed_bytes);
+    CHECK(again->streamed_bytes < needed / 2);
+    // One part makes room for a batch.
+    CHECK(again->batches < 2 * runtime::kBatchShare);
+    CHECK(account.drawn_before_first() < count / 10);
+    CHECK(account.drawn_before_fourth() < count / 3);
+  }
+}
+
+TEST_CASE("a job thread does jobs in their order and hands on what they throw", "[streamer]") {
+  std::vector<int> done;
+  runtime::JobThread<int> thread;
+  std::vector<std::future<int>> results;
+  for (int i = 0; i < 100; ++i)
+    results.push_back(thread.add([&done, i] {
+      if (i == 50) throw std::bad_alloc();
+      done.push_back(i);
+      return 2 * i;
+    }));
+  thread.wait();
+  CHECK(done.size() == 99);
+  CHECK(std::is_sorted(done.begin(), done.end()));
+  for (int i = 0; i < 100; ++i) {
+    if (i == 50) {
+      CHECK_THROWS_AS(results[50].get(), std::bad_alloc);
+    } else {
+      CHECK(results[static_cast<size_t>(i)].get() == 2 * i);
+    }
+  }
+}

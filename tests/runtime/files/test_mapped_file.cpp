@@ -1,0 +1,144 @@
+#include "runtime/files/mapped_file.h"
+
+#include <algorithm>
+#include <cstring>
+#include <filesystem>
+#include <fstream>
+#include <span>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include "tests/catch.h"
+
+using scree::ErrorCode;
+using scree::Result;
+using scree::runtime::Access;
+using scree::runtime::MappedFile;
+
+namespace {
+
+std::filesystem::path scratch(const std::string& name) {
+  return std::filesystem::temp_directory_path() / ("scree_" + std::to_string(::getpid()) + "_" + name);
+}
+
+}  // namespace
+
+TEST_CASE("a mapped file shows the file's bytes and outlives moves", "[mapped_file]") {
+  const auto path = scratch("bytes");
+  std::string text(10000, 'a');
+  text[9999] = 'z';
+  std::ofstream(path) << text;
+  for (const Access access : {Access::kNormal, Access::kSequential, Access::kRandom}) {
+    Result<MappedFile> opened = MappedFile::open(path.string(), access);
+    REQUIRE(opened);
+    MappedFile file = std::move(*opened);
+    MappedFile other;
+    other = std::move(file);
+    REQUIRE(other.size() == text.size());
+    CHECK(file.bytes().empty());
+    CHECK(static_cast<char>(other.bytes()[9999]) == 'z');
+    other.will_need(0, ~uint64_t{0});
+    other.release(1, ~uint64_t{0} - 5);
+    other.release(20000, 5);
+    CHECK(static_cast<char>(other.bytes()[9998]) == 'a');  // released bytes come back from the file
+    CHECK(static_cast<char>(other.bytes()[9999]) == 'z');
+  }
+  std::filesystem::remove(path);
+}
+
+TEST_CASE("a mapped file is read without its map, and says where it ends now", "[mapped_file]") {
+  const auto path = scratch("read");
+  std::string text(10000, 'a');
+  for (size_t i = 0; i < text.size(); ++i) text[i] = static_cast<char>(i * 7 + i / 256);
+  std::ofstream(path, std::ios::binary) << text;
+  const Result<MappedFile> file = MappedFile::open(path.string());
+  REQUIRE(file);
+  std::filesystem::rename(path, path.string() + "_elsewhere");  // not by its name
+  const std::string elsewhere = path.string() + "_elsewhere";
+  std::vector<std::byte> out(10000, std::byte{'#'});
+  for (const auto& [offset, size] : {std::pair<uint64_t, size_t>{0, 10000}, {1, 4096}, {9999, 1}, {10000, 0}}) {
+    REQUIRE(file->read(offset, std::span(out).first(size)));
+    CHECK(std::memcmp(out.data(), text.data() + offset, size) == 0);
+  }
+  std::filesystem::resize_file(elsewhere, 5000);
+  CHECK(file->read(0, std::span(out).first(5000)));
+  for (const uint64_t offset : {4001u, 4999u, 5000u, 9000u}) {
+    const Result<void> read = file->read(offset, std::span(out).first(1000));
+    REQUIRE_FALSE(read);
+    CHECK(read.error().code == ErrorCode::kFile);
+    CHECK(read.error().message ==
+          "ends at byte " + std::to_string(std::max<uint64_t>(offset, 5000)) + ", but had 10000 when it was opened");
+  }
+  std::filesystem::remove(elsewhere);
+}
+
+TEST_CASE("an empty file maps to nothing", "[mapped_file]") {
+  const auto path = scratch("empty");
+  std::ofstream{path};
+  const Result<MappedFile> file = MappedFile::open(path.string());
+  REQUIRE(file);
+  CHECK(file->bytes().empty());
+  file->will_need(0, 1);
+  std::filesystem::remove(path);
+}
+
+TEST_CASE("a file past 4 GiB maps with 64-bit offsets", "[mapped_file]") {
+  const auto path = scratch("sparse");
+  const uint64_t size = (uint64_t{5} << 30) + 3;
+  {
+    std::ofstream file(path, std::ios::binary);
+    file.seekp(static_cast<std::streamoff>(size - 1));
+    file.put('!');
+    if (!file.flush()) {
+      WARN("no room for a sparse file here");
+      return;
+    }
+  }
+  const Result<MappedFile> file = MappedFile::open(path.string());
+  REQUIRE(file);
+  CHECK(file->size() == size);
+  CHECK(static_cast<char>(file->bytes()[size - 1]) == '!');
+  std::filesystem::remove(path);
+}
+
+TEST_CASE("what is cut off the last page reads as zeros, which only the file's size tells", "[mapped_file]") {
+  const auto path = scratch("cut");
+  std::ofstream(path, std::ios::binary) << std::string(10'000, 'x');
+  const Result<MappedFile> file = MappedFile::open(path.string());
+  REQUIRE(file);
+  CHECK(file->check_size());
+  std::filesystem::resize_file(path, 20'000);
+  CHECK(file->check_size());
+  std::filesystem::resize_file(path, 9'999);
+  CHECK(static_cast<char>(file->bytes()[9'998]) == 'x');
+  CHECK(static_cast<char>(file->bytes()[9'999]) == 0);
+  const Result<void> cut = file->check_size();
+  REQUIRE_FALSE(cut);
+  CHECK(cut.error().code == ErrorCode::kFile);
+  CHECK(cut.error().message == "ends at byte 9999, but had 10000 when it was opened");
+  std::filesystem::remove(path);
+  CHECK(MappedFile().check_size());
+}
+
+TEST_CASE("what cannot be mapped is named with its reason", "[mapped_file]") {
+  const auto missing = scratch("missing").string();
+  const Result<MappedFile> nothing = MappedFile::open(missing);
+  REQUIRE_FALSE(nothing);
+  CHECK(nothing.error().code == ErrorCode::kFile);
+  CHECK(nothing.error().message == missing + ": cannot open: No such file or directory");
+
+  const Result<MappedFile> folder = MappedFile::open(std::filesystem::temp_directory_path().string());
+  REQUIRE_FALSE(folder);
+  CHECK(folder.error().message.find("is a folder") != std::string::npos);
+
+  const auto pipe = scratch("pipe");
+  REQUIRE(::mkfifo(pipe.c_str(), 0600) == 0);
+  const Result<MappedFile> fifo = MappedFile::open(pipe.string());  // must not wait for a writer
+  REQUIRE_FALSE(fifo);
+  CHECK(fifo.error().message.find("not a regular file") != std::string::npos);
+  std::filesystem::remove(pipe);
+}

@@ -1,0 +1,402 @@
+#include "runtime/images/image.h"
+
+#include <sys/resource.h>
+
+#include <array>
+#include <cmath>
+#include <csignal>
+#include <cstdlib>
+#include <cstring>
+#include <filesystem>
+#include <fstream>
+#include <iterator>
+#include <limits>
+#include <random>
+#include <span>
+#include <string>
+#include <vector>
+
+#include <jpeglib.h>
+#include <unistd.h>
+
+#include "tests/catch.h"
+#include "tests/models.h"
+#include "tests/tools/flat_images.h"
+
+using scree::ErrorCode;
+using scree::Result;
+using scree::format::ImageCodec;
+using scree::runtime::check_image;
+using scree::runtime::decode_image;
+using scree::runtime::Image;
+using scree::runtime::ImageFile;
+using scree::runtime::ImageInfo;
+using scree::runtime::probe_image;
+
+namespace {
+
+std::filesystem::path scratch(const std::string& name) {
+  return std::filesystem::temp_directory_path() / ("scree_" + std::to_string(::getpid()) + "_" + name);
+}
+
+std::vector<std::byte> read_file(const std::filesystem::path& path) {
+  std::ifstream file(path, std::ios::binary);
+  const std::vector<char> text{std::istreambuf_iterator<char>(file), std::istreambuf_iterator<char>()};
+  std::vector<std::byte> bytes(text.size());
+  if (!text.empty()) std::memcpy(bytes.data(), text.data(), text.size());
+  return bytes;
+}
+
+std::vector<std::filesystem::path> files_below(const std::filesystem::path& folder) {
+  std::vector<std::filesystem::path> files;
+  for (const auto& entry : std::filesystem::recursive_directory_iterator(folder))
+    if (entry.is_regular_file()) files.push_back(entry.path());
+  return files;
+}
+
+std::vector<uint8_t> noise(size_t size) {
+  std::mt19937 random(7);
+  std::vector<uint8_t> bytes(size);
+  for (uint8_t& byte : bytes) byte = static_cast<uint8_t>(random());
+  return bytes;
+}
+
+/// Whether check_image says of a file what decode_image says, both where it lies in memory and where it is read.
+void check_agrees(const std::vector<std::byte>& file) {
+  const Result<Image> decoded = decode_image(file);
+  const auto read = [&](uint64_t offset, std::span<std::byte> out) -> Result<void> {
+    REQUIRE(offset + out.size() <= file.size());
+    std::memcpy(out.data(), file.data() + offset, out.size());
+    return {};
+  };
+  for (const bool is_read : {false, true}) {
+    const Result<std::string> checked = check_image(is_read ? ImageFile(file.size(), read) : ImageFile(file));
+    REQUIRE(static_cast<bool>(checked) == static_cast<bool>(decoded));
+    if (decoded) {
+      CHECK(*checked == decoded->warning);
+    } else {
+      CHECK(checked.error().code == decoded.error().code);
+      CHECK(checked.error().message == decoded.error().message);
+    }
+  }
+}
+
+/// A JPEG of smooth noise made by libjpeg.
+std::vector<std::byte> make_jpeg(uint32_t width, uint32_t height, int components, bool is_progressive) {
+  jpeg_compress_struct jpeg{};
+  jpeg_error_mgr errors{};
+  jpeg.err = jpeg_std_error(&errors);
+  jpeg_create_compress(&jpeg);
+  unsigned char* bytes = nullptr;
+  unsigned long size = 0;
+  jpeg_mem_dest(&jpeg, &bytes, &size);
+  jpeg.image_width = width;
+  jpeg.image_height = height;
+  jpeg.input_components = components;
+  jpeg.in_color_space = components == 1 ? JCS_GRAYSCALE : components == 3 ? JCS_RGB : JCS_CMYK;
+  jpeg_set_defaults(&jpeg);
+  jpeg_set_quality(&jpeg, 90, TRUE);
+  jpeg.restart_in_rows = 3;
+  if (is_progressive) jpeg_simple_progression(&jpeg);
+  jpeg_start_compress(&jpeg, TRUE);
+  std::vector<uint8_t> row = noise(size_t{width} * static_cast<size_t>(components));
+  for (uint32_t y = 0; y < height; ++y) {
+    for (uint8_t& value : row) value = static_cast<uint8_t>(value + y);
+    JSAMPROW first = row.data();
+    jpeg_write_scanlines(&jpeg, &first, 1);
+  }
+  jpeg_finish_compress(&jpeg);
+  const auto* const begin = reinterpret_cast<const std::byte*>(bytes);
+  std::vector<std::byte> file(begin, begin + size);
+  jpeg_destroy_compress(&jpeg);
+  std::free(bytes);
+  return file;
+}
+
+/// The file, cut ends of it and copies with flipped bits.
+void check_agrees_when_damaged(const std::vector<std::byte>& file, int times) {
+  check_agrees(file);
+  std::mt19937 random(11);
+  for (int i = 0; i < times; ++i) {
+    std::vector<std::byte> damaged(file.begin(), file.begin() + static_cast<std::ptrdiff_t>(file.size() * i / times));
+    check_agrees(damaged);
+    damaged = file;
+    for (int flips = 0; flips <= i % 4; ++flips)
+      damaged[random() % file.size()] ^= static_cast<std::byte>(1u << (random() % 8));
+    check_agrees(damaged);
+  }
+}
+
+}  // namespace
+
+TEST_CASE("a PNG comes back as it was written", "[image]") {
+  const auto path = scratch("round.png");
+  for (const uint32_t channels : {3u, 4u}) {
+    for (const auto& [width, height] : {std::array{1u, 1u}, std::array{7u, 5u}, std::array{300u, 2u}}) {
+      const std::vector<uint8_t> pixels = noise(size_t{width} * height * channels);
+      REQUIRE(scree::runtime::write_png(path.string(), width, height, channels, pixels));
+      const std::vector<std::byte> file = read_file(path);
+      const Result<ImageInfo> info = probe_image(file);
+      REQUIRE(info);
+      CHECK(info->codec == ImageCodec::kPng);
+      CHECK(info->width == width);
+      CHECK(info->height == height);
+      CHECK(info->channels == channels);
+      const Result<Image> image = decode_image(file);
+      REQUIRE(image);
+      REQUIRE(image->rgba.size() == size_t{4} * width * height);
+      bool same = true;
+      for (size_t i = 0; i < size_t{width} * height; ++i)
+        for (size_t c = 0; c < 4; ++c)
+          same &= image->rgba[4 * i + c] == (c < channels ? pixels[i * channels + c] : 255);
+      CHECK(same);
+
+      for (size_t size = 0; size < file.size();
+           size += 1 + file.size() / 50) {  // every prefix is an error, never a crash
+        const std::vector<std::byte> prefix(file.begin(), file.begin() + static_cast<std::ptrdiff_t>(size));
+        (void)decode_image(prefix);
+        if (size < file.size() - 40) CHECK_FALSE(decode_image(prefix));
+      }
+    }
+  }
+  CHECK_FALSE(std::filesystem::exists(path.string() + ".part"));
+  std::filesystem::remove(path);
+}
+
+TEST_CASE("a picture that cannot be written leaves nothing behind", "[image]") {
+  const std::vector<uint8_t> pixels(3, 0);
+  const auto path = scratch("no_such_folder") / "a.png";
+  const Result<void> written = scree::runtime::write_png(path.string(), 1, 1, 3, pixels);
+  REQUIRE_FALSE(written);
+  CHECK(written.error().code == ErrorCode::kFile);
+  CHECK(written.error().message.find("No such file") != std::string::npos);
+
+  const auto folder = scratch("folder.png");  // the rename fails
+  std::filesystem::create_directories(folder / "x");
+  CHECK_FALSE(scree::runtime::write_png(folder.string(), 1, 1, 3, pixels));
+  CHECK_FALSE(std::filesystem::exists(folder.string() + ".part"));
+  std::filesystem::remove_all(folder);
+
+  // Past the limit write() fails as on a full disk, where SIGXFSZ is ignored.
+  const auto full = scratch("full.pfm");
+  const std::vector<float> values(100, 1.0f);
+  const auto before = std::signal(SIGXFSZ, SIG_IGN);
+  rlimit limit{};
+  REQUIRE(getrlimit(RLIMIT_FSIZE, &limit) == 0);
+  rlimit low = limit;
+  low.rlim_cur = 100;
+  REQUIRE(setrlimit(RLIMIT_FSIZE, &low) == 0);
+  const Result<void> pfm = scree::runtime::write_pfm(full.string(), 10, 10, values);
+  low.rlim_cur = 10;
+  REQUIRE(setrlimit(RLIMIT_FSIZE, &low) == 0);
+  const Result<void> png = scree::runtime::write_png(full.string(), 10, 10, 3, std::vector<uint8_t>(300, 7));
+  setrlimit(RLIMIT_FSIZE, &limit);
+  std::signal(SIGXFSZ, before);
+  REQUIRE_FALSE(pfm);
+  CHECK(pfm.error().message.find("full.pfm.part: write: File too large") != std::string::npos);
+  REQUIRE_FALSE(png);
+  CHECK(png.error().message.find("File too large") != std::string::npos);
+  CHECK_FALSE(std::filesystem::exists(full));
+  CHECK_FALSE(std::filesystem::exists(full.string() + ".part"));
+}
+
+TEST_CASE("a PFM has its rows bottom to top, little-endian", "[image]") {
+  const auto path = scratch("depth.pfm");
+  const std::vector<float> values{1.0f, 2.0f, 3.0f, 4.0f, 5.0f, std::numeric_limits<float>::infinity()};
+  REQUIRE(scree::runtime::write_pfm(path.string(), 2, 3, values));
+  const std::vector<std::byte> file = read_file(path);
+  const std::string head = "Pf\n2 3\n-1.0\n";
+  REQUIRE(file.size() == head.size() + 24);
+  CHECK(std::memcmp(file.data(), head.data(), head.size()) == 0);
+  std::array<float, 6> rows{};
+  std::memcpy(rows.data(), file.data() + head.size(), 24);
+  CHECK(rows[0] == 5.0f);
+  CHECK(std::isinf(rows[1]));
+  CHECK(rows[2] == 3.0f);
+  CHECK(rows[4] == 1.0f);
+  CHECK(rows[5] == 2.0f);
+  std::filesystem::remove(path);
+}
+
+TEST_CASE("a visibility buffer is its words and nothing else", "[image]") {
+  const auto path = scratch("visibility.bin");
+  const std::vector<uint64_t> samples{0x0123456789abcdefu, ~uint64_t{0}};
+  REQUIRE(scree::runtime::write_visibility(path.string(), samples));
+  const std::vector<std::byte> file = read_file(path);
+  REQUIRE(file.size() == 16);
+  CHECK(std::memcmp(file.data(), samples.data(), 16) == 0);
+  std::filesystem::remove(path);
+}
+
+TEST_CASE("what is no image is named", "[image]") {
+  const std::vector<std::byte> empty;
+  REQUIRE_FALSE(probe_image(empty));
+  CHECK(probe_image(empty).error().code == ErrorCode::kTruncated);
+  const char riff[] = "RIFF....WEBPVP8 ";
+  std::vector<std::byte> webp(sizeof riff);
+  std::memcpy(webp.data(), riff, sizeof riff);
+  REQUIRE_FALSE(probe_image(webp));
+  CHECK(probe_image(webp).error().message == "neither PNG nor JPEG: begins with 52 49 46 46");
+}
+
+TEST_CASE("a huge picture in a few bytes is refused before its memory is taken", "[image]") {
+  const auto path = scratch("bomb.png");
+  REQUIRE(scree::runtime::write_png(path.string(), 2, 2, 3, noise(12)));
+  std::vector<std::byte> file = read_file(path);
+  file[16] = file[20] = std::byte{0};
+  file[17] = file[21] = std::byte{0};
+  file[18] = file[22] = std::byte{0x20};  // 8194 x 8194
+  Result<Image> image = decode_image(file);
+  REQUIRE_FALSE(image);
+  CHECK(image.error().code == ErrorCode::kTruncated);
+  file[17] = std::byte{1};  // 81920 wide
+  image = decode_image(file);
+  REQUIRE_FALSE(image);
+  CHECK(image.error().code == ErrorCode::kRange);
+  std::filesystem::remove(path);
+
+  // A JPEG may lack data, but not all of them.
+  const std::string flat = scree::tests::flat_jpeg(64, scree::tests::JpegKind::kBaseline);
+  file.assign(reinterpret_cast<const std::byte*>(flat.data()),
+              reinterpret_cast<const std::byte*>(flat.data() + flat.size()));
+  size_t frame = 2;  // SOF0
+  while (file[frame] != std::byte{0xff} || file[frame + 1] != std::byte{0xc0}) ++frame;
+  file[frame + 5] = file[frame + 7] = std::byte{0x3f};  // 16383 x 16383
+  file[frame + 6] = file[frame + 8] = std::byte{0xff};
+  REQUIRE(file.size() < 8192);
+  image = decode_image(file);
+  REQUIRE_FALSE(image);
+  CHECK(image.error().code == ErrorCode::kTruncated);
+  CHECK(image.error().message.find("pixels in " + std::to_string(file.size()) + " bytes") != std::string::npos);
+  const Result<std::string> checked = check_image(file);
+  REQUIRE_FALSE(checked);
+  CHECK(checked.error().message == image.error().message);
+}
+
+TEST_CASE("an image is accepted by its check just where it is decoded", "[image]") {
+  for (const int components : {1, 3, 4})
+    for (const bool is_progressive : {false, true})
+      check_agrees_when_damaged(make_jpeg(173, 91, components, is_progressive), 40);
+  const auto path = scratch("check.png");
+  REQUIRE(scree::runtime::write_png(path.string(), 301, 200, 4, noise(size_t{301} * 200 * 4)));
+  check_agrees_when_damaged(read_file(path), 40);
+  std::filesystem::remove(path);
+  scree::tests::write_flat_png(path.string(), 203, true);
+  check_agrees_when_damaged(read_file(path), 40);
+  std::filesystem::remove(path);
+  for (const auto kind : {scree::tests::JpegKind::kBaseline, scree::tests::JpegKind::kProgressive}) {
+    const std::string text = scree::tests::flat_jpeg(128, kind);
+    const auto* const bytes = reinterpret_cast<const std::byte*>(text.data());
+    const std::vector<std::byte> file(bytes, bytes + text.size());
+    const Result<Image> image = decode_image(file);
+    REQUIRE(image);
+    CHECK(image->warning.empty());
+    for (const size_t i : {size_t{0}, image->rgba.size() - 4}) CHECK(image->rgba[i] == 128);
+    check_agrees_when_damaged(file, 40);
+  }
+}
+
+TEST_CASE("an image file that cannot be read is an error of reading", "[image]") {
+  const std::vector<std::byte> file = make_jpeg(700, 400, 3, false);
+  REQUIRE(file.size() > 2 * 65536);
+  for (const uint64_t limit : {uint64_t{0}, uint64_t{65536}}) {
+    const auto read = [&](uint64_t offset, std::span<std::byte> out) -> Result<void> {
+      if (offset >= limit) return scree::Error{ErrorCode::kFile, "the disk has gone"};
+      std::memcpy(out.data(), file.data() + offset, out.size());
+      return {};
+    };
+    const Result<std::string> checked = check_image(ImageFile(file.size(), read));
+    REQUIRE_FALSE(checked);
+    CHECK(checked.error().code == ErrorCode::kFile);
+    CHECK(checked.error().message == "the disk has gone");
+  }
+}
+
+TEST_CASE("real JPEGs decode, or say why not", "[image][models]") {
+  const auto models = scree::tests::models_path();
+  if (models.empty()) {
+    WARN("no models beside the checkout");
+    return;
+  }
+  size_t decoded = 0;
+  size_t refused = 0;
+  for (const auto& path : files_below(models / "jpeg")) {
+    INFO(path.string());
+    const std::vector<std::byte> file = read_file(path);
+    const Result<Image> image = decode_image(file);
+    check_agrees(file);
+    if (!image) {
+      CHECK(image.error().message.find("JPEG: ") == 0);
+      CHECK(image.error().message.size() > 10);
+      ++refused;
+      continue;
+    }
+    const Result<ImageInfo> info = probe_image(file);
+    REQUIRE(info);
+    CHECK(info->width == image->width);
+    CHECK(info->height == image->height);
+    CHECK(image->rgba.size() == size_t{4} * image->width * image->height);
+    ++decoded;
+  }
+  CHECK(decoded >= 90);
+  CHECK(refused < 30);
+}
+
+TEST_CASE("one picture coded in many ways looks the same", "[image][models]") {
+  const auto models = scree::tests::models_path();
+  if (models.empty()) {
+    WARN("no models beside the checkout");
+    return;
+  }
+  // go-libjpeg's video-001 family holds one picture; CMYK goes through ink and back without a profile.
+  const auto folder = models / "jpeg" / "go-libjpeg";
+  const Result<Image> reference = decode_image(read_file(folder / "video-001.jpeg"));
+  REQUIRE(reference);
+  for (const char* name : {"video-001.progressive.jpeg", "video-001.q50.420.jpeg", "video-001.q50.444.jpeg",
+                           "video-001.rgb.jpeg", "video-001.cmyk.jpeg", "video-001.q50.410.jpeg"}) {
+    INFO(name);
+    const Result<Image> image = decode_image(read_file(folder / name));
+    REQUIRE(image);
+    REQUIRE(image->rgba.size() == reference->rgba.size());
+    double difference = 0;
+    for (size_t i = 0; i < image->rgba.size(); ++i) difference += std::abs(image->rgba[i] - reference->rgba[i]);
+    const bool is_cmyk = std::string(name).find("cmyk") != std::string::npos;
+    CHECK(difference / static_cast<double>(image->rgba.size()) < (is_cmyk ? 30.0 : 8.0));
+  }
+}
+
+TEST_CASE("malformed JPEGs never crash, nor do cut and bit-flipped ones", "[image][models]") {
+  const auto models = scree::tests::models_path();
+  if (models.empty()) {
+    WARN("no models beside the checkout");
+    return;
+  }
+  size_t files = 0;
+  for (const auto& path : files_below(models / "bad" / "jpeg")) {
+    INFO(path.string());
+    const std::vector<std::byte> bad = read_file(path);
+    const Result<Image> image = decode_image(bad);
+    if (!image) CHECK_FALSE(image.error().message.empty());
+    check_agrees(bad);
+    ++files;
+  }
+  CHECK(files > 200);
+
+  const std::vector<std::byte> whole = read_file(models / "jpeg" / "go-libjpeg" / "video-001.progressive.jpeg");
+  REQUIRE(whole.size() > 1000);
+  std::mt19937 random(3);
+  for (int i = 0; i < 60; ++i) {
+    std::vector<std::byte> file(whole.begin(), whole.begin() + static_cast<std::ptrdiff_t>(whole.size() * i / 60));
+    check_agrees(file);
+    file = whole;
+    file[random() % file.size()] ^= static_cast<std::byte>(1u << (random() % 8));
+    check_agrees(file);
+  }
+  const std::vector<std::byte> half(whole.begin(), whole.begin() + static_cast<std::ptrdiff_t>(whole.size() / 2));
+  const Result<Image> cut = decode_image(half);
+  if (cut) {
+    CHECK(cut->warning == "JPEG: Premature end of JPEG file");
+  } else {
+    CHECK_FALSE(cut.error().message.empty());
+  }
+}

@@ -1,0 +1,252 @@
+#include "runtime/scene/camera.h"
+
+#include <algorithm>
+#include <cmath>
+#include <string>
+#include <vector>
+
+#include "runtime/scene/scene.h"
+#include "tests/catch.h"
+#include "tests/runtime/load_scene.h"
+#include "tests/runtime/small_scene.h"
+
+using scree::ErrorCode;
+using scree::Result;
+using scree::kernels::View;
+using scree::runtime::CameraOptions;
+using scree::runtime::make_view;
+using scree::runtime::Scene;
+using scree::runtime::Vec3;
+using scree::tests::must_load;
+using scree::tests::SmallScene;
+
+namespace format = scree::format;
+
+namespace {
+
+Result<View> view_of(const Scene& scene, const CameraOptions& options) {
+  return make_view(scene.container(), scene.scene_index(), scene.view(), options);
+}
+
+/// Picture coordinates, -1 to 1 inside, and the distance from the eye's plane.
+Vec3 project(const View& view, const Vec3& point) {
+  double x = 0, y = 0, z = 0;
+  for (size_t i = 0; i < 3; ++i) {
+    const double d = point[i] - view.eye[i];
+    x += d * view.right[i];
+    y += d * view.up[i];
+    z += d * view.forward[i];
+  }
+  const double scale = view.orthographic ? 1 : z;
+  return {x / (scale * view.half_width), y / (scale * view.half_height), z};
+}
+
+void check_orthonormal(const View& view) {
+  const double* const axes[3] = {view.right, view.up, view.forward};
+  for (size_t a = 0; a < 3; ++a)
+    for (size_t b = 0; b < 3; ++b) {
+      const double product = axes[a][0] * axes[b][0] + axes[a][1] * axes[b][1] + axes[a][2] * axes[b][2];
+      CHECK(std::abs(product - (a == b ? 1 : 0)) < 1e-12);
+    }
+  // right x up = -forward: a right-handed frame that looks along its -z.
+  CHECK(view.right[0] * view.up[1] - view.right[1] * view.up[0] == Approx(-view.forward[2]).margin(1e-12));
+}
+
+/// Two cameras: perspective "Eye" on node 2, which is moved, turned about y and scaled; orthographic on node 3 "Flat".
+SmallScene with_cameras() {
+  SmallScene small;
+  small.change = [](format::TableSet& tables) {
+    tables.cameras.push_back({tables.strings.add("Eye"), format::CameraKind::kPerspective, 1.0, 0, 0.25, 0});
+    tables.cameras.push_back({0, format::CameraKind::kOrthographic, 3, 4, 0, 50});
+    format::NodeRecord eye = SmallScene::node(tables, "Eye node", 0, format::kNone, 0);
+    eye.local[0] = 10;
+    eye.local[1] = 2;
+    eye.local[4] = std::sqrt(0.5);  // 90 degrees about y: -z becomes -x
+    eye.local[6] = std::sqrt(0.5);
+    eye.local[7] = eye.local[8] = eye.local[9] = 7;
+    tables.nodes.push_back(eye);
+    tables.nodes.push_back(SmallScene::node(tables, "Flat", 0, format::kNone, 1));
+    tables.nodes[0].local[0] = -1;  // the parent moves both
+  };
+  return small;
+}
+
+}  // namespace
+
+TEST_CASE("a camera node is seen from, whatever its scale", "[camera]") {
+  const Scene scene = must_load(with_cameras());
+  CameraOptions options;
+  options.width = 200;
+  options.height = 100;
+  for (const char* name : {"Eye", "Eye node", "0"}) {
+    options.camera = name;
+    const Result<View> view = view_of(scene, options);
+    REQUIRE(view);
+    check_orthonormal(*view);
+    CHECK_FALSE(view->orthographic);
+    CHECK(view->eye[0] == Approx(9));
+    CHECK(view->eye[1] == Approx(2));
+    CHECK(view->half_height == Approx(std::tan(0.5)));
+    CHECK(view->half_width == Approx(2 * std::tan(0.5)));
+    CHECK(view->z_near == 0.25);
+    const Vec3 ahead = project(*view, {4, 2, 0});
+    CHECK(ahead[0] == Approx(0).margin(1e-12));
+    CHECK(ahead[2] == Approx(5));
+    // Looking along -x with y up, -z lies to the right.
+    CHECK(project(*view, {4, 2, -1})[0] == Approx(1 / (5 * 2 * std::tan(0.5))));
+    CHECK(project(*view, {4, 3, 0})[1] == Approx(1 / (5 * std::tan(0.5))));
+  }
+  options.fov_degrees = 90;
+  const Result<View> wide = view_of(scene, options);
+  REQUIRE(wide);
+  CHECK(wide->half_height == Approx(1));
+}
+
+TEST_CASE("an orthographic camera keeps its height", "[camera]") {
+  const Scene scene = must_load(with_cameras());
+  CameraOptions options;
+  options.camera = "Flat";
+  options.width = 300;
+  options.height = 100;
+  const Result<View> view = view_of(scene, options);
+  REQUIRE(view);
+  CHECK(view->orthographic);
+  CHECK(view->half_height == 3);
+  CHECK(view->half_width == 9);
+  CHECK(view->z_far == 50);
+  CHECK(view->forward[2] == -1);
+  CHECK(view->eye[0] == -1);
+  options.fov_degrees = 30;
+  CHECK_FALSE(view_of(scene, options));
+}
+
+TEST_CASE("a camera that is not there is named beside those that are", "[camera]") {
+  const Scene scene = must_load(with_cameras());
+  CameraOptions options;
+  options.camera = "7";
+  const Result<View> missing = view_of(scene, options);
+  REQUIRE_FALSE(missing);
+  CHECK(missing.error().code == ErrorCode::kUsage);
+  CHECK(missing.error().message == "no camera '7', expected one of 0 (Eye), 1 (Flat)");
+  options.camera = "x";
+  const Result<View> none = view_of(must_load(SmallScene{}), options);
+  REQUIRE_FALSE(none);
+  CHECK(none.error().message == "no camera 'x', but the scene has no cameras");
+}
+
+TEST_CASE("an eye looks at its target with up upwards", "[camera]") {
+  const Scene scene = must_load(SmallScene{});
+  CameraOptions options;
+  options.eye = Vec3{0, 0, 4};
+  Result<View> view = view_of(scene, options);
+  REQUIRE(view);
+  check_orthonormal(*view);
+  CHECK(view->forward[2] == -1);  // the middle of the quad
+  CHECK(view->half_height == Approx(std::tan(22.5 / 180 * 3.14159265358979)));
+  CHECK(view->z_near > 0);
+  CHECK(view->z_near < 0.5);
+
+  options.eye = Vec3{1, 2, 3};
+  options.target = Vec3{-4, 0, 2};
+  options.up = Vec3{0, 0, 5};
+  view = view_of(scene, options);
+  REQUIRE(view);
+  check_orthonormal(*view);
+  CHECK(view->up[2] > 0.9);
+  const Vec3 target = project(*view, {-4, 0, 2});
+  CHECK(target[0] == Approx(0).margin(1e-12));
+  CHECK(target[1] == Approx(0).margin(1e-12));
+
+  options = {};
+  options.eye = Vec3{0, 5, 0};  // straight down
+  view = view_of(scene, options);
+  REQUIRE(view);
+  check_orthonormal(*view);
+  CHECK(view->up[2] == -1);
+
+  options.up = Vec3{0, 1, 0};
+  CHECK_FALSE(view_of(scene, options));
+  options.up.reset();
+  options.target = options.eye;
+  CHECK_FALSE(view_of(scene, options));
+  options = {};
+  options.target = Vec3{};
+  CHECK_FALSE(view_of(scene, options));
+}
+
+TEST_CASE("inside the scene's box the near plane is tiny, far from it it is not", "[camera]") {
+  const Scene scene = must_load(SmallScene{});
+  CameraOptions options;
+  options.target = Vec3{0, 0, -1};
+  options.eye = Vec3{0.2, 0.2, 0};
+  const Result<View> inside = view_of(scene, options);
+  REQUIRE(inside);
+  CHECK(inside->z_near < 1e-5);
+  CHECK(inside->z_near > 0);
+  options.eye = Vec3{0, 0, 1000};
+  const Result<View> far = view_of(scene, options);
+  REQUIRE(far);
+  CHECK(far->z_near == Approx(10));
+}
+
+TEST_CASE("the default view holds all of the scene, tightly and in the middle", "[camera]") {
+  for (const double stretch : {1.0, 40.0, 0.01}) {
+    SmallScene small;
+    small.change = [&](format::TableSet& tables) {
+      tables.matrices[0].rows[0][0] = stretch;
+      tables.matrices[0].rows[2][3] = 123;
+      tables.matrices.push_back(SmallScene::identity());
+      tables.matrices[1].rows[1][3] = 5;
+      tables.nodes.push_back(SmallScene::node(tables, "Second", 0, 0, format::kNone));
+      tables.instances.push_back({0, 2, 1, 0});
+      tables.scenes[0].instance_count = 2;
+      tables.scenes[0].triangle_count = 4;
+    };
+    const Scene scene = must_load(small);
+    for (const auto& up : {Vec3{0, 1, 0}, Vec3{0, 0, 1}, Vec3{1, 0, 0}}) {
+      for (const uint32_t width : {100u, 400u}) {
+        CameraOptions options;
+        options.width = width;
+        options.height = 200;
+        options.up = up;
+        const Result<View> view = view_of(scene, options);
+        REQUIRE(view);
+        check_orthonormal(*view);
+        double x_min = 1, x_max = -1, y_min = 1, y_max = -1, nearest = 1e9;
+        for (uint64_t i = 0; i < 2; ++i) {
+          for (const double x : {-1.0, 1.0}) {
+            for (const double y : {-1.0, 1.0}) {
+              const format::MatrixRecord& m = scene.view().matrices[scene.view().instances[i].matrix];
+              const Vec3 p = project(*view, {m.rows[0][0] * x + m.rows[0][3], y + m.rows[1][3], m.rows[2][3]});
+              x_min = std::min(x_min, p[0]);
+              x_max = std::max(x_max, p[0]);
+              y_min = std::min(y_min, p[1]);
+              y_max = std::max(y_max, p[1]);
+              nearest = std::min(nearest, p[2]);
+            }
+          }
+        }
+        CHECK(nearest > view->z_near);
+        CHECK(x_min == Approx(-x_max).margin(1e-3));
+        CHECK(y_min == Approx(-y_max).margin(1e-3));
+        CHECK(std::max(x_max, y_max) == Approx(0.94).margin(1e-3));
+      }
+    }
+  }
+}
+
+TEST_CASE("an empty scene has a view", "[camera]") {
+  SmallScene small;
+  small.change = [](format::TableSet& tables) {
+    tables.instances.clear();
+    tables.scenes[0].instance_count = tables.scenes[0].triangle_count = 0;
+  };
+  const Scene scene = must_load(small);
+  const Result<View> view = view_of(scene, {});
+  REQUIRE(view);
+  check_orthonormal(*view);
+  CHECK(view->z_near > 0);
+  CameraOptions options;
+  options.eye = Vec3{1, 1, 1};
+  CHECK(view_of(scene, options));
+}

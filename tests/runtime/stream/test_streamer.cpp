@@ -1,0 +1,465 @@
+// Streamed frames against frames of the whole scene in memory: every sample and every byte of the picture.
+#include "runtime/stream/streamer.h"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+#include <random>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "runtime/draw/renderer.h"
+#include "runtime/draw/stream_cpu.h"
+#include "runtime/scene/camera.h"
+#include "tests/catch.h"
+#include "tests/models.h"
+#include "tests/runtime/load_scene.h"
+#include "tests/runtime/paged_scene.h"
+#include "tests/tools/convert/convert_fixture.h"
+#include "tests/tools/jpeg_model.h"
+#include "tests/tools/model_maker.h"
+
+using scree::Error;
+using scree::ErrorCode;
+using scree::Result;
+using scree::kernels::ShadeOptions;
+using scree::kernels::Show;
+using scree::kernels::View;
+using scree::runtime::CpuStream;
+using scree::runtime::Frame;
+using scree::runtime::Picture;
+using scree::runtime::Residency;
+using scree::runtime::Scene;
+using scree::runtime::StreamStats;
+using scree::tests::Encoding;
+using scree::tests::GridSpec;
+using scree::tests::ModelMaker;
+using scree::tests::must_load;
+using scree::tests::PagedScene;
+using scree::tests::Soup;
+using scree::tests::TempFolder;
+
+namespace convert = scree::convert;
+namespace format = scree::format;
+namespace runtime = scree::runtime;
+
+namespace {
+
+Scene open_scene(const std::string& path, bool pages) {
+  return must_load(path, {.threads = 2, .texture_cache = uint64_t{1} << 20, .pages = pages});
+}
+
+struct Pool {
+  uint64_t least = 0;  // room for the largest chunk
+  uint64_t all = 0;    // and for all of them
+};
+
+Pool pool_of(const Scene& scene) {
+  Pool pool;
+  for (const uint64_t bytes : runtime::ChunkSource(scene).chunk_bytes()) {
+    if (bytes == 0) continue;
+    const uint64_t room = (bytes + Residency::kAlignment - 1) / Residency::kAlignment * Residency::kAlignment;
+    pool.least = std::max(pool.least, room);
+    pool.all += room;
+  }
+  return pool;
+}
+
+/// From somewhere around or inside the scene to somewhere in it; every fourth is orthographic.
+View random_view(const Scene& scene, std::mt19937& random, uint32_t width, uint32_t height) {
+  const runtime::WorldBox box = runtime::scene_box(scene.view());
+  std::uniform_real_distribution<double> unit(0, 1);
+  const double reach = random() % 2 == 0 ? 1.2 : 0.2;  // outside, or close
+  runtime::CameraOptions options;
+  runtime::Vec3 eye;
+  runtime::Vec3 target;
+  for (size_t i = 0; i < 3; ++i) {
+    const double side = std::max(box.max[i] - box.min[i], 0.5);
+    eye[i] = box.min[i] + side * (unit(random) * (1 + 2 * reach) - reach);
+    target[i] = box.min[i] + side * unit(random);
+  }
+  options.eye = eye;
+  options.target = target;
+  options.fov_degrees = 25 + 90 * unit(random);
+  options.width = width;
+  options.height = height;
+  const Result<View> made = runtime::make_view(scene.container(), scene.scene_index(), scene.view(), options);
+  if (!made) FAIL(made.error().message);
+  View view = *made;
+  if (random() % 4 == 0) {
+    double size = 0;
+    for (size_t i = 0; i < 3; ++i) size = std::max(size, box.max[i] - box.min[i]);
+    view.orthographic = true;
+    view.half_width = size * (0.1 + unit(random) / 2);
+    view.half_height = view.half_width * height / width;
+    view.z_near = -size;
+    view.z_far = 3 * size;
+  }
+  return view;
+}
+
+/// Every kind of picture in turn.
+ShadeOptions shade_options(uint32_t number) {
+  constexpr Show kShows[] = {Show::kTexture, Show::kTexture,  Show::kColor, Show::kUv,   Show::kNormal,  Show::kTexture,
+                             Show::kCluster, Show::kTriangle, Show::kStage, Show::kMesh, Show::kTexture, Show::kDepth};
+  ShadeOptions options;
+  options.show = kShows[number % std::size(kShows)];
+  options.ssao = number % 3 == 1;
+  options.edl = number % 5 == 1;
+  options.light = number % 7 != 3;
+  options.background[3] = number % 2 == 0 ? 1.0f : 0.25f;
+  options.background[1] = 0.5f;
+  return options;
+}
+
+/// Two scenes of one file, one with all of its pages in memory.
+class Compared {
+ public:
+  explicit Compared(const std::string& path) : whole_(open_scene(path, true)), paged_(open_scene(path, false)) {}
+
+  const Scene& whole() const { return whole_; }
+  const Scene& paged() const { return paged_; }
+  Pool pool() const { return pool_of(paged_); }
+
+  std::unique_ptr<CpuStream> stream(uint64_t pool_bytes, uint32_t threads = 2) const {
+    Result<std::unique_ptr<CpuStream>> made = CpuStream::create(paged_, pool_bytes, threads);
+    if (!made) FAIL(made.error().message);
+    return std::move(*made);
+  }
+
+  /// Draws both and compares; `view` in pixels.
+  StreamStats draw(CpuStream& stream, const View& view, uint32_t samples_per_side, const ShadeOptions& shade) const {
+    const Result<Frame> expected = Frame::draw(whole_, view, samples_per_side, 2);
+    REQUIRE(expected);
+    View fine = view;
+    fine.width *= samples_per_side;
+    fine.height *= samples_per_side;
+    const Result<StreamStats> stats = stream.draw_frame(fine, &shade);
+    if (!stats) FAIL(stats.error().message);
+    REQUIRE(std::equal(stream.samples().begin(), stream.samples().end(), expected->samples().begin(),
+                       expected->samples().end()));
+    const Result<Picture> picture = stream.picture(samples_per_side);
+    const Result<Picture> whole = expected->shade(shade, 2);
+    REQUIRE(picture);
+    REQUIRE(whole);
+    REQUIRE(picture->channels == whole->channels);
+    REQUIRE(picture->pixels == whole->pixels);
+    REQUIRE(stats->streamed_bytes + stats->hidden_bytes == stats->missing_bytes);
+    REQUIRE(stats->missing_bytes <= stats->seen_bytes);
+    return *stats;
+  }
+
+ private:
+  Scene whole_;
+  Scene paged_;
+};
+
+struct Totals {
+  uint64_t frames = 0;
+  uint64_t streamed = 0;
+  uint64_t hidden = 0;
+  uint64_t moved = 0;
+};
+
+/// Paths of random cameras over pools from the least to one that holds everything, each view twice.
+Totals compare_paths(const Compared& scene, uint32_t seed, uint32_t views = 4) {
+  std::mt19937 random(seed);
+  const Pool pool = scene.pool();
+  Totals totals;
+  uint32_t number = seed;
+  for (const uint64_t bytes : {pool.least, 2 * pool.least + 300, pool.all / 4, pool.all / 2 + pool.least, pool.all}) {
+    const std::unique_ptr<CpuStream> stream = scene.stream(std::max(bytes, pool.least), 1 + seed % 3);
+    for (uint32_t i = 0; i < views; ++i) {
+      const uint32_t side = i == 1 ? 2 : i == 3 ? 4 : 1;
+      const View view = random_view(scene.whole(), random, 97, 61);
+      ++number;
+      const StreamStats first = scene.draw(*stream, view, side, shade_options(number));
+      const StreamStats again = scene.draw(*stream, view, side, shade_options(number + 6));
+      REQUIRE(again.seen_bytes == first.seen_bytes);
+      // Whatever is drawn stays where it all fits, and what was hidden is not asked for again.
+      if (bytes == pool.all) {
+        REQUIRE(first.hidden_bytes == again.hidden_bytes);
+        REQUIRE(again.streamed_bytes == 0);
+      }
+      totals.frames += 2;
+      for (const StreamStats& stats : {first, again}) {
+        totals.streamed += stats.streamed_bytes;
+        totals.hidden += stats.hidden_bytes;
+        totals.moved += stats.moved_bytes;
+      }
+    }
+  }
+  return totals;
+}
+
+/// Textured, coloured and plain grids, near and far, over and behind each other, some drawn many times.
+void make_layers(const std::string& path) {
+  ModelMaker maker(path);
+  GridSpec spec;
+  spec.columns = spec.rows = 30;
+  spec.uv = spec.color = spec.normal = true;
+  const uint32_t pictured = maker.textured("t", format::ImageCodec::kPng, scree::tests::four_colors_png());
+  const uint32_t hills = maker.mesh("hills", {maker.grid(spec, pictured)});
+  for (int i = 0; i < 9; ++i) maker.node("h" + std::to_string(i), hills, {1.0 * (i % 3), -0.02 * i, 1.0 * (i / 3)});
+  GridSpec ground;
+  ground.columns = ground.rows = 12;
+  ground.size = 6;
+  ground.flat = true;
+  ground.origin = {-1.5f, -1, -1.5f};
+  maker.node("ground", maker.mesh("ground", {maker.grid(ground)}));
+  GridSpec deep = ground;
+  deep.columns = deep.rows = 40;
+  deep.size = 4;
+  deep.origin = {-0.5f, -3, -0.5f};
+  deep.color = true;
+  maker.node("deep", maker.mesh("deep", {maker.grid(deep)}));
+  maker.finish();
+}
+
+void convert_layers(const TempFolder& folder, const convert::ConvertOptions& changes) {
+  make_layers(folder.file("in.glb"));
+  convert::ConvertOptions options = changes;
+  options.input = folder.file("in.glb");
+  options.output = folder.file("out.scree");
+  options.threads = 2;
+  scree::tests::must_convert(options);
+}
+
+Soup random_soup(uint32_t triangles, std::mt19937& random) {
+  std::uniform_real_distribution<double> unit(-1, 1);
+  Soup soup;
+  for (uint32_t i = 0; i < triangles; ++i) {
+    const double x = unit(random), y = unit(random), z = 3 * unit(random);
+    const auto corner = [&] {
+      return soup.add(x + 0.15 * unit(random), y + 0.15 * unit(random), z + 0.15 * unit(random));
+    };
+    const uint32_t a = corner();
+    const uint32_t b = corner();
+    const uint32_t c = corner();
+    soup.triangle(a, b, c);
+  }
+  return soup;
+}
+
+}  // namespace
+
+TEST_CASE("streamed pictures are those of the whole scene: indexed, clustered, float32, compressed", "[streamer]") {
+  convert::ConvertOptions options;
+  options.chunk_triangles = 150;
+  options.normals = true;
+  uint32_t seed = 1;
+  SECTION("indexed") {
+    options.encoding = convert::Encoding::kIndexed;
+  }
+  SECTION("clustered") {
+    options.encoding = convert::Encoding::kClustered;
+    options.chunk_triangles = 400;
+    seed = 2;
+  }
+  SECTION("float32") {
+    options.float32 = true;
+    seed = 3;
+  }
+  SECTION("compressed") {
+    options.zstd_level = 3;
+    seed = 4;
+  }
+  const TempFolder folder;
+  convert_layers(folder, options);
+  const Totals totals = compare_paths(Compared(folder.file("out.scree")), seed);
+  CHECK(totals.frames == 40);
+  CHECK(totals.streamed > 0);
+}
+
+TEST_CASE("streamed pictures are those of the whole scene: mixed encodings in pages of several chunks", "[streamer]") {
+  std::mt19937 random(5);
+  std::vector<std::pair<Soup, Encoding>> meshes;
+  for (int i = 0; i < 6; ++i) {
+    Encoding encoding;
+    encoding.float32 = i % 3 == 0;
+    if (i % 3 == 1) encoding.clusters = scree::tests::Clusters::kClustered;
+    meshes.emplace_back(random_soup(500, random), encoding);
+  }
+  const TempFolder folder;
+  PagedScene paged;
+  paged.drawn_twice = true;
+  paged.chunk_triangles = 120;
+  paged.write(folder.file("mixed.scree"), meshes);
+  CHECK(compare_paths(Compared(folder.file("mixed.scree")), 5).streamed > 0);
+}
+
+TEST_CASE("streamed pictures are those of the whole scene: JPEG textures decoded as they are looked at", "[streamer]") {
+  const TempFolder folder;
+  scree::tests::make_jpeg_model(folder.file("in.glb"));
+  convert::ConvertOptions options = scree::tests::options_of(folder);
+  options.encoding = GENERATE(convert::Encoding::kIndexed, convert::Encoding::kClustered);
+  options.chunk_triangles = 4;
+  scree::tests::must_convert(options);
+  CHECK(compare_paths(Compared(folder.file("out.scree")), 6, 3).streamed > 0);
+}
+
+TEST_CASE("streamed pictures are those of the whole scene: files of tests/data", "[streamer]") {
+  for (const char* name : {"gpu_instancing.glb", "two_instances.gltf", "textured_cube.glb", "materials.gltf"}) {
+    INFO(name);
+    const TempFolder folder;
+    convert::ConvertOptions options = scree::tests::options_of(folder);
+    options.input = scree::tests::data_path(name).string();
+    options.chunk_triangles = 1;
+    scree::tests::must_convert(options);
+    compare_paths(Compared(folder.file("out.scree")), 7, 2);
+  }
+}
+
+TEST_CASE("streamed pictures are those of the whole scene: real models", "[streamer][models]") {
+  const auto root = scree::tests::models_path();
+  if (root.empty()) {
+    WARN("the models are not there: skipped");
+    return;
+  }
+  for (const char* name : {"DamagedHelmet", "InstanceTest", "Fox"}) {
+    INFO(name);
+    std::filesystem::path input;
+    for (const auto& entry : std::filesystem::recursive_directory_iterator(root / "scenes" / name))
+      if (entry.path().extension() == ".gltf" || entry.path().extension() == ".glb") input = entry.path();
+    REQUIRE_FALSE(input.empty());
+    const TempFolder folder;
+    convert::ConvertOptions options = scree::tests::options_of(folder);
+    options.input = input.string();
+    options.chunk_triangles = 300;
+    scree::tests::must_convert(options);
+    compare_paths(Compared(folder.file("out.scree")), 8, 2);
+  }
+}
+
+TEST_CASE("what the view holds already is not streamed again along a path", "[streamer]") {
+  const TempFolder folder;
+  convert::ConvertOptions options;
+  options.chunk_triangles = 60;
+  convert_layers(folder, options);
+  const Compared scene(folder.file("out.scree"));
+  const Pool pool = scene.pool();
+  const std::unique_ptr<CpuStream> stream = scene.stream(pool.all / 2 + pool.least);
+  // A camera that goes round once sees about half of the scene at a time.
+  uint64_t streamed = 0;
+  uint64_t seen = 0;
+  runtime::CameraOptions camera;
+  camera.width = 120;
+  camera.height = 80;
+  camera.fov_degrees = 50;
+  constexpr int kSteps = 24;
+  for (int i = 0; i < kSteps; ++i) {
+    const double angle = 2 * std::numbers::pi * i / kSteps;
+    camera.eye = runtime::Vec3{1.5, 0.4, 1.5};
+    camera.target = runtime::Vec3{1.5 + std::cos(angle), 0, 1.5 + std::sin(angle)};
+    const Result<View> view = runtime::make_view(scene.whole().container(), 0, scene.whole().view(), camera);
+    REQUIRE(view);
+    const StreamStats stats = scene.draw(*stream, *view, 1, shade_options(0));
+    REQUIRE(stats.streamed_bytes <= stats.missing_bytes);
+    streamed += stats.streamed_bytes;
+    seen += stats.seen_bytes;
+  }
+  CAPTURE(streamed, seen, pool.all);
+  CHECK(streamed > 0);
+  // Where nothing stayed from frame to frame it would be all that was seen.
+  CHECK(streamed < seen / 3);
+}
+
+TEST_CASE("chunks behind what is drawn are not loaded, nor asked for again", "[streamer]") {
+  const TempFolder folder;
+  convert::ConvertOptions options;
+  options.chunk_triangles = 60;
+  convert_layers(folder, options);
+  const Compared scene(folder.file("out.scree"));
+  runtime::CameraOptions camera;
+  camera.width = 120;
+  camera.height = 80;
+  camera.eye = runtime::Vec3{1.5, 9, 1.5};
+  camera.target = runtime::Vec3{1.5, 0, 1.49};
+  const Result<View> view = runtime::make_view(scene.whole().container(), 0, scene.whole().view(), camera);
+  REQUIRE(view);
+  const std::unique_ptr<CpuStream> stream = scene.stream(scene.pool().all);
+  const StreamStats first = scene.draw(*stream, *view, 2, shade_options(0));
+  CHECK(first.missing_bytes == first.seen_bytes);
+  // From above the ground hides all of the mesh below it, which has the most triangles.
+  uint64_t below = 0;
+  const scree::kernels::SceneView& records = scene.paged().view();
+  for (uint64_t c = 0; c < records.chunk_count; ++c)
+    if (records.meshes[records.chunks[c].mesh].triangle_count == 3200) below += records.chunks[c].bytes;
+  // The first three batches of eight are chosen before the ground is drawn.
+  CHECK(first.hidden_bytes > below / 4);
+  const StreamStats again = scene.draw(*stream, *view, 2, shade_options(0));
+  CHECK(again.hidden_bytes == first.hidden_bytes);
+  CHECK(again.streamed_bytes == 0);
+  // Seen from below the ground, which has one side, hides nothing.
+  camera.eye = runtime::Vec3{1.5, -2, 1.5};
+  camera.target = runtime::Vec3{1.5, -3, 1.49};
+  const Result<View> under = runtime::make_view(scene.whole().container(), 0, scene.whole().view(), camera);
+  REQUIRE(under);
+  CHECK(scene.draw(*stream, *under, 1, shade_options(0)).streamed_bytes > 0);
+}
+
+TEST_CASE("a still camera over a pool that is too small streams what is missing, near chunks stay", "[streamer]") {
+  const TempFolder folder;
+  convert::ConvertOptions options;
+  options.chunk_triangles = 60;
+  convert_layers(folder, options);
+  const Compared scene(folder.file("out.scree"));
+  const Pool pool = scene.pool();
+  const std::unique_ptr<CpuStream> stream = scene.stream(pool.all / 3);
+  runtime::CameraOptions camera;
+  camera.width = 120;
+  camera.height = 80;
+  const Result<View> view = runtime::make_view(scene.whole().container(), 0, scene.whole().view(), camera);
+  REQUIRE(view);
+  const StreamStats first = scene.draw(*stream, *view, 1, shade_options(0));
+  CHECK(first.missing_bytes == first.seen_bytes);
+  for (int i = 0; i < 3; ++i) {
+    const StreamStats again = scene.draw(*stream, *view, 1, shade_options(0));
+    CHECK(again.missing_bytes + pool.all / 4 <= again.seen_bytes);  // most of the pool was of use
+    CHECK(again.streamed_bytes <= first.streamed_bytes - pool.all / 4);
+  }
+}
+
+TEST_CASE("pages that are not good end a streamed frame as they end loading", "[streamer]") {
+  std::mt19937 random(9);
+  const TempFolder folder;
+  PagedScene paged;
+  paged.chunk_triangles = 60;
+  paged.page_bytes = 2500;
+  paged.change = [](uint32_t number, format::SealedPage& page) {
+    if (number == 2) page.stored[17] ^= std::byte{1};
+  };
+  paged.write(folder.file("bad.scree"), {{random_soup(900, random), Encoding{}}});
+  Scene scene = open_scene(folder.file("bad.scree"), false);
+  runtime::CameraOptions camera;
+  camera.eye = runtime::Vec3{0, 0, 9};
+  camera.target = runtime::Vec3{0, 0, 0};
+  camera.width = 64;
+  camera.height = 64;
+  const Result<View> view = runtime::make_view(scene.container(), 0, scene.view(), camera);
+  REQUIRE(view);
+  Result<std::unique_ptr<CpuStream>> stream = CpuStream::create(scene, pool_of(scene).least * 3, 2);
+  REQUIRE(stream);
+  for (int i = 0; i < 2; ++i) {
+    const Result<StreamStats> drawn = (*stream)->draw_frame(*view, nullptr);
+    REQUIRE_FALSE(drawn);
+    const Result<void> loaded = scene.load_pages(2);
+    REQUIRE_FALSE(loaded);
+    CHECK(drawn.error().code == loaded.error().code);
+    CHECK(drawn.error().message == loaded.error().message);
+  }
+}
+
+TEST_CASE("a pool smaller than a chunk is told with the least that does", "[streamer]") {
+  std::mt19937 random(10);
+  const TempFolder folder;
+  PagedScene().write(folder.file("a.scree"), {{random_soup(200, random), Encoding{}}});
+  const Scene scene = open_scene(folder.file("a.scree"), false);
+  const uint64_t least = pool_of(scene).least;
+  const auto small = CpuStream::create(scene, least - 1, 1);
+  REQUIRE_FALSE(small);
+  CHECK(small.error().code == ErrorCode::kRange);
+  CHECK(small.error().message.find("at least " + std::to_string(least)) != std::string::npos);
+  CHECK(CpuStream::create(scene, least, 1));
+}

@@ -1,0 +1,63 @@
+// Threads that share loops one after another do each item of each loop once, and outlive what a loop throws.
+#include "runtime/threads/workers.h"
+
+#include <atomic>
+#include <set>
+#include <stdexcept>
+#include <vector>
+
+#include "tests/catch.h"
+
+using scree::runtime::Workers;
+
+TEST_CASE("workers do each item of each loop once") {
+  const uint32_t threads = GENERATE(1u, 2u, 5u);
+  Workers workers(threads);
+  CHECK(workers.count() == threads);
+  for (uint64_t loop = 0; loop < 500; ++loop) {
+    const uint64_t count = loop % 7 == 0 ? 0 : loop % 5 == 0 ? 1 : loop;
+    std::vector<std::atomic<uint32_t>> done(count);
+    workers.for_each(count, [&](uint64_t i) { ++done[i]; });
+    // All of them are done, by all threads, when it returns.
+    uint64_t once = 0;
+    for (const std::atomic<uint32_t>& times : done) once += times == 1;
+    REQUIRE(once == count);
+  }
+}
+
+TEST_CASE("workers share a loop, also after one of a single item") {
+  Workers workers(3);
+  std::mutex mutex;
+  std::set<std::thread::id> ids;
+  const std::thread::id caller = std::this_thread::get_id();
+  workers.for_each(1, [&](uint64_t) { CHECK(std::this_thread::get_id() == caller); });
+  // Each waits until all have begun: no thread can do the work of another.
+  std::atomic<uint32_t> begun{0};
+  workers.for_each(3, [&](uint64_t) {
+    ++begun;
+    while (begun < 3) std::this_thread::yield();
+    const std::lock_guard lock(mutex);
+    ids.insert(std::this_thread::get_id());
+  });
+  CHECK(ids.size() == 3);
+}
+
+TEST_CASE("what a loop throws ends it early and leaves the workers whole") {
+  Workers workers(4);
+  for (int round = 0; round < 50; ++round) {
+    std::atomic<uint64_t> done{0};
+    const auto body = [&](uint64_t i) {
+      ++done;
+      if (i == 10) throw std::runtime_error("ten");
+    };
+    CHECK_THROWS_AS(workers.for_each(1u << 30, body), std::runtime_error);
+    CHECK(done < 1u << 30);
+    std::atomic<uint64_t> then{0};
+    workers.for_each(100, [&](uint64_t) { ++then; });
+    CHECK(then == 100);
+  }
+}
+
+TEST_CASE("workers without a loop start nothing and end") {
+  for (int i = 0; i < 1000; ++i) const Workers workers(1000);
+}

@@ -1,0 +1,82 @@
+// Which stage of a conversion is said to limit the others.
+#include "tools/common/stage_rates.h"
+
+#include <atomic>
+#include <string>
+
+#include "tests/catch.h"
+
+namespace scree::convert {
+namespace {
+
+/// Made up: two threads, all stages at work for as long, each second of a thread worth twice what is done in it.
+StageRates even_rates() {
+  StageRates rates;
+  rates.read_bytes = uint64_t{4} << 30;
+  rates.measured_triangles = 300'000'000;
+  rates.encoded_triangles = 20'000'000;
+  rates.written_bytes = uint64_t{3} << 20;
+  rates.read_seconds = rates.measure_seconds = rates.encode_seconds = 4;
+  rates.write_seconds = 2;
+  rates.threads = 2;
+  return rates;
+}
+
+std::string limit(const StageRates& rates) {
+  const std::string text = describe(rates);
+  return text.substr(text.rfind(": ") + 2);
+}
+
+}  // namespace
+
+TEST_CASE("rates are of the time that a stage works, on all threads", "[stage_rates]") {
+  StageRates rates = even_rates();
+  CHECK(describe(rates) ==
+        "read 2.00 GiB/s, measure 150 M triangles/s, encode 10.0 M triangles/s, write 1.50 MiB/s: encoding limits");
+  rates.threads = 1;
+  CHECK(describe(rates) ==
+        "read 1.00 GiB/s, measure 75.0 M triangles/s, encode 5.00 M triangles/s, write 1.50 MiB/s: encoding limits");
+  CHECK(describe({}) ==
+        "read 0 bytes/s, measure 0 triangles/s, encode 0 triangles/s, write 0 bytes/s: encoding limits");
+}
+
+TEST_CASE("the stage that takes longest limits, by the threads' share of it", "[stage_rates]") {
+  StageRates rates = even_rates();
+  rates.read_seconds = 4.5;
+  CHECK(limit(rates) == "reading limits");
+  rates.measure_seconds = 5;
+  CHECK(limit(rates) == "measuring limits");
+  rates.encode_seconds = 5.5;
+  CHECK(limit(rates) == "encoding limits");
+  // One thread writes, beside all that the others do one after another: 15 s of two threads.
+  rates.write_seconds = 7.4;
+  CHECK(limit(rates) == "encoding limits");
+  rates.write_seconds = 7.6;
+  CHECK(limit(rates) == "writing limits");
+  // Of more threads the others have less to do.
+  rates.threads = 4;
+  rates.write_seconds = 3.8;
+  CHECK(limit(rates) == "writing limits");
+  rates.threads = 1;
+  CHECK(limit(rates) == "encoding limits");
+}
+
+TEST_CASE("time that a thread reads is not what it works", "[stage_rates]") {
+  std::atomic<uint64_t> working{0}, reading{0}, all{0};
+  const auto spin = [](double seconds) {
+    std::atomic<uint64_t> taken{0};
+    while (static_cast<double>(taken) < 1e9 * seconds) const Timed timed(taken);
+  };
+  {
+    const Timed timed(all);
+    const TimedWork work(working);
+    spin(0.002);
+    const TimedRead read(reading);
+    spin(0.003);
+  }
+  CHECK(reading >= 3'000'000);
+  CHECK(working >= 2'000'000);
+  CHECK(working + reading <= all);
+}
+
+}  // namespace scree::convert

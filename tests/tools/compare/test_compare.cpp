@@ -1,0 +1,495 @@
+// scree compare: hand-made differences with known counts, and real drawings that must agree.
+#include <cmath>
+#include <filesystem>
+#include <nlohmann/json.hpp>
+#include <numeric>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "kernels/visbuffer.h"
+#include "runtime/files/mapped_file.h"
+#include "runtime/images/image.h"
+#include "runtime/scene/camera.h"
+#include "tests/catch.h"
+#include "tests/models.h"
+#include "tests/paths.h"
+#include "tests/tools/model_maker.h"
+#include "tests/tools/packed_file.h"
+#include "tests/tools/run_program.h"
+#include "tests/tools/temp_folder.h"
+#include "tools/compare/against_source.h"
+#include "tools/compare/buffers.h"
+#include "tools/compare/geometry.h"
+#include "tools/compare/report.h"
+
+using namespace scree;
+using compare::PixelKind;
+using compare::PixelReport;
+
+namespace {
+
+using Points = std::vector<float>;
+
+/// Corners of a square of 8 units, counter-clockwise from below left.
+Points square(float x, float y, float z = 0) {
+  return {x, y, z, x + 8, y, z, x + 8, y + 8, z, x, y + 8, z};
+}
+
+Points joined(Points a, const Points& b) {
+  a.insert(a.end(), b.begin(), b.end());
+  return a;
+}
+
+const std::vector<uint32_t> kOneSquare{0, 1, 2, 0, 2, 3};
+const std::vector<uint32_t> kTwoSquares{0, 1, 2, 0, 2, 3, 4, 5, 6, 4, 6, 7};
+
+struct Part {
+  Points points;
+  std::vector<uint32_t> corners;
+  std::array<double, 3> place{0, 0, 0};
+};
+
+/// A node and a mesh for each part.
+void make(const std::string& path, const std::vector<Part>& parts) {
+  tests::ModelMaker maker(path);
+  for (const Part& part : parts)
+    maker.node("node", maker.mesh("mesh", {maker.primitive(part.points, part.corners)}), part.place);
+  maker.finish();
+}
+
+/// 32 x 16 pixels of one unit each, the middle of the picture at the origin, seen from z = 10.
+kernels::View pixel_view() {
+  kernels::View view{};
+  view.eye[2] = 10;
+  view.right[0] = view.up[1] = 1;
+  view.forward[2] = -1;
+  view.orthographic = true;
+  view.half_width = 16;
+  view.half_height = 8;
+  view.z_near = 1;
+  view.z_far = 100;
+  view.width = 32;
+  view.height = 16;
+  return view;
+}
+
+struct Case {
+  tests::TempFolder folder;
+
+  /// Converts `drawn` and opens it beside the glTF `source`.
+  Result<PixelReport> pixels(const std::vector<Part>& drawn, const std::vector<Part>& source) {
+    make(folder.file("drawn.gltf"), drawn);
+    make(folder.file("source.gltf"), source);
+    convert::ConvertOptions options;
+    options.float32 = true;
+    options.source_ids = true;
+    REQUIRE(tests::pack(folder.file("drawn.gltf"), folder.file("drawn.scree"), options));
+    auto report = against(folder.file("drawn.scree"), folder.file("source.gltf"), nullptr);
+    if (!report) return report.error();
+    return std::move(report->pixels);
+  }
+
+  /// `view`: null for the default view.
+  static Result<compare::SourceReport> against(const std::string& file, const std::string& source,
+                                               const kernels::View* given) {
+    const auto gltf = convert::import_gltf(source, {});
+    if (!gltf) return gltf.error();
+    auto opened = runtime::SceneFile::open(file);
+    if (!opened) return opened.error();
+    const auto number = opened->find_scene("");
+    if (!number) return number.error();
+    const auto scene = runtime::Scene::load(std::move(*opened), *number, {true, 2});  // textures must not show
+    if (!scene) return scene.error();
+    const auto model = compare::load_source_model(*gltf, scene->container(), *number);
+    if (!model) return model.error();
+    return compare::compare_with_source(*scene, *model, given != nullptr ? *given : pixel_view(),
+                                        compare::kPixelsPerDegree, 2);
+  }
+};
+
+uint64_t count(const PixelReport& report, PixelKind kind) {
+  return report.counts()[static_cast<size_t>(kind)];
+}
+
+}  // namespace
+
+TEST_CASE("a scene against its own source has no wrong pixel", "[compare]") {
+  Case test;
+  const std::vector<Part> parts{{square(-12, -4), kOneSquare, {}}, {square(0, 0), kOneSquare, {3, -4, 0}}};
+  const auto report = test.pixels(parts, parts);
+  REQUIRE(report);
+  CHECK(report->wrong() == 0);
+  CHECK(count(*report, PixelKind::kSame) == 128);
+  CHECK(count(*report, PixelKind::kBothBackground) == 512 - 128);
+  CHECK(report->same_depth.count() == 128);
+  CHECK(report->same_depth.max() <= 1e-6);
+}
+
+TEST_CASE("a square shifted by two pixels: its rims against the background, its diagonal to the neighbour",
+          "[compare]") {
+  Case test;
+  const auto report = test.pixels({{square(-4, -4), kOneSquare, {}}}, {{square(-2, -4), kOneSquare, {}}});
+  REQUIRE(report);
+  CHECK(count(*report, PixelKind::kBackground) == 2 * 2 * 8);
+  // Between the two diagonals lie two pixels a row; of the six columns that both squares cover that leaves 12.
+  CHECK(count(*report, PixelKind::kNeighbour) == 12);
+  CHECK(count(*report, PixelKind::kSame) == 6 * 8 - 12);
+  CHECK(report->wrong() == 32 + 12);
+}
+
+TEST_CASE("a square nearer by a unit: right pixels, wrong depth", "[compare]") {
+  Case test;
+  const auto report = test.pixels({{square(-4, -4, 0), kOneSquare, {}}}, {{square(-4, -4, 2), kOneSquare, {}}});
+  REQUIRE(report);
+  CHECK(report->wrong() == 0);
+  CHECK(report->same_depth.max() == Approx(0.25).epsilon(1e-5));  // 10 instead of 8
+  CHECK(report->same_depth.rms() == Approx(0.25).epsilon(1e-5));
+}
+
+TEST_CASE("swapped meshes are other meshes, swapped squares of one mesh share no vertex", "[compare]") {
+  Case test;
+  const Part left{square(0, -4), kOneSquare, {-12, 0, 0}}, right{square(0, -4), kOneSquare, {4, 0, 0}};
+  const auto meshes = test.pixels({left, right}, {right, left});
+  REQUIRE(meshes);
+  CHECK(count(*meshes, PixelKind::kOtherMesh) == 128);
+  CHECK(meshes->wrong() == 128);
+  CHECK(meshes->surface_depth.count() == 128);
+  CHECK(meshes->same_depth.count() == 0);
+  const Points a = square(-12, -4), b = square(4, -4);
+  const auto squares = test.pixels({{joined(a, b), kTwoSquares, {}}}, {{joined(b, a), kTwoSquares, {}}});
+  REQUIRE(squares);
+  CHECK(count(*squares, PixelKind::kApart) == 128);
+  CHECK(squares->wrong() == 128);
+}
+
+TEST_CASE("a missing triangle is background, and another number of triangles another source", "[compare]") {
+  Case test;
+  // The second triangle of the source has no area: the file's 28 pixels of it are too many.
+  const auto report = test.pixels({{square(-4, -4), kOneSquare, {}}}, {{square(-4, -4), {0, 1, 2, 0, 3, 3}, {}}});
+  REQUIRE(report);
+  CHECK(count(*report, PixelKind::kBackground) == 28);
+  CHECK(count(*report, PixelKind::kSame) == 36);
+  CHECK(report->wrong() == 28);
+  const auto fewer = test.pixels({{square(-4, -4), {0, 1, 2}, {}}}, {{square(-4, -4), kOneSquare, {}}});
+  REQUIRE_FALSE(fewer);
+  CHECK(fewer.error().code == ErrorCode::kFormat);
+  CHECK(fewer.error().message.find("1 triangles, but the source has 2") != std::string::npos);
+  const auto meshes = test.pixels({{square(-4, -4), kOneSquare, {}}},
+                                  {{square(-4, -4), kOneSquare, {}}, {square(-4, -4), kOneSquare, {}}});
+  REQUIRE_FALSE(meshes);
+  CHECK(meshes.error().code == ErrorCode::kFormat);
+}
+
+TEST_CASE("of triangles in one place either is right", "[compare]") {
+  Case test;
+  // In the source two squares coincide, of which the reference names the first; in the file that one lies behind.
+  const auto report = test.pixels({{joined(square(-4, -4, -2), square(-4, -4)), kTwoSquares, {}}},
+                                  {{joined(square(-4, -4), square(-4, -4)), kTwoSquares, {}}});
+  REQUIRE(report);
+  CHECK(report->wrong() == 0);
+  CHECK(count(*report, PixelKind::kCoincident) == 64);
+}
+
+TEST_CASE("two visibility buffers: kinds and depths", "[compare]") {
+  const tests::TempFolder folder;
+  const std::string gltf = folder.file("two.gltf"), file = folder.file("two.scree");
+  // Mesh 0: triangles 0 and 1 of one square, 2 and 3 of another. Mesh 1: 4 and 5.
+  make(gltf, {{joined(square(-12, -4), square(4, -4)), kTwoSquares, {}}, {square(0, 0), kOneSquare, {}}});
+  convert::ConvertOptions options;
+  options.order = convert::Order::kNone;
+  REQUIRE(tests::pack(gltf, file, options));
+  auto opened = runtime::SceneFile::open(file);
+  REQUIRE(opened);
+  const auto scene = runtime::Scene::load(std::move(*opened), 0, {false, 1});
+  REQUIRE(scene);
+
+  const compare::SceneMatch match(*scene);
+  const uint64_t none = kernels::kBackground;
+  const auto sample = [](uint64_t id, uint32_t octave = 0) { return kernels::pack_sample(1000 + (octave << 22), id); };
+  const std::vector<uint64_t> a{none, none, sample(0), sample(0), sample(0), sample(0), sample(1, 1), sample(2)};
+  const std::vector<uint64_t> b{none, sample(3), none, sample(0), sample(1), sample(2), sample(1), sample(5)};
+  const auto known = compare::compare_buffers(a, b, 4, 2, &match);
+  REQUIRE(known);
+  const std::vector<PixelKind> expected{PixelKind::kBothBackground, PixelKind::kBackground, PixelKind::kBackground,
+                                        PixelKind::kSame,           PixelKind::kNeighbour,  PixelKind::kApart,
+                                        PixelKind::kSame,           PixelKind::kOtherMesh};
+  CHECK(known->kinds == expected);
+  CHECK(known->wrong() == 5);
+  // An octave of depth codes is a factor of two.
+  CHECK(known->same_depth.max() == Approx(1.0).epsilon(1e-6));
+  CHECK(known->same_depth.rms() == Approx(std::sqrt(0.5)).epsilon(1e-6));
+  CHECK(known->surface_depth.count() == 5);
+
+  const auto unknown = compare::compare_buffers(a, b, 4, 2, nullptr);
+  REQUIRE(unknown);
+  CHECK(count(*unknown, PixelKind::kOtherTriangle) == 3);
+  CHECK(unknown->wrong() == 5);
+  CHECK_FALSE(unknown->tells(PixelKind::kNeighbour));
+
+  std::vector<uint64_t> past = a;
+  past[4] = sample(6);
+  const auto refused = compare::compare_buffers(past, b, 4, 2, &match);
+  REQUIRE_FALSE(refused);
+  CHECK(refused.error().code == ErrorCode::kRange);
+  CHECK(refused.error().message == "pixel 0,1 of the first buffer: triangle 6, but " + file + " draws 6");
+}
+
+TEST_CASE("geometry: a mesh that was moved and normals that were turned", "[compare]") {
+  const tests::TempFolder folder;
+  const auto write = [&](const std::string& path, float shift, double degrees) {
+    tests::ModelMaker maker(path);
+    Points points = square(shift, -4);
+    tools::GltfPrimitive primitive = maker.primitive(points, kOneSquare);
+    Points normals;
+    const double angle = degrees * 3.14159265358979323846 / 180;
+    for (int i = 0; i < 4; ++i)
+      normals.insert(normals.end(), {static_cast<float>(std::sin(angle)), 0.0f, static_cast<float>(std::cos(angle))});
+    primitive.attributes.emplace_back("NORMAL", maker.floats(normals, tools::GltfType::kVec3));
+    maker.node("node", maker.mesh("mesh", {primitive}));
+    maker.finish();
+  };
+  write(folder.file("file.gltf"), 0, 0);
+  write(folder.file("source.gltf"), 0.5f, 30);
+  convert::ConvertOptions options;
+  options.source_ids = true;
+  options.normals = true;
+  const auto packed = tests::pack(folder.file("file.gltf"), folder.file("file.scree"), options);
+  REQUIRE(packed);
+
+  const auto own = convert::import_gltf(folder.file("file.gltf"), {});
+  REQUIRE(own);
+  const auto same = compare::compare_geometry(*own, packed->file);
+  REQUIRE(same);
+  CHECK(same->stored.max() == 0);  // whole numbers lie on the lattice
+  CHECK(same->stored.count() == 4);
+  CHECK(same->triangles == 2);
+  CHECK(same->broken.empty());
+  CHECK(same->normals == 6);
+  CHECK(same->normal_degrees < 0.05);
+  CHECK(same->face_degrees == 0);
+
+  const auto other = convert::import_gltf(folder.file("source.gltf"), {});
+  REQUIRE(other);
+  const auto moved = compare::compare_geometry(*other, packed->file);
+  REQUIRE(moved);
+  for (const compare::Distances* distances : {&moved->stored, &moved->source}) {
+    CHECK(distances->count() == 4);
+    CHECK(distances->max() == 0.5);
+    CHECK(distances->rms() == 0.5);
+    CHECK(distances->relative_max() == Approx(0.5 / std::sqrt(128.0)));
+    CHECK(distances->relative_rms() == Approx(0.5 / std::sqrt(128.0)));
+  }
+  CHECK(moved->axis_error == 0.5);
+  REQUIRE(moved->broken.size() == 1);
+  CHECK(moved->broken[0].error == 0.5);
+  CHECK(moved->missing_triangles == 0);
+  CHECK(moved->normal_degrees == Approx(30).margin(0.05));
+
+  options.source_ids = false;
+  const auto without = tests::pack(folder.file("file.gltf"), folder.file("bare.scree"), options);
+  REQUIRE(without);
+  const auto refused = compare::compare_geometry(*own, without->file);
+  REQUIRE_FALSE(refused);
+  CHECK(refused.error().message.find("--source-ids") != std::string::npos);
+}
+
+TEST_CASE("the small models are drawn as the reference draws them", "[compare]") {
+  const tests::TempFolder folder;
+  const std::string file = folder.file("model.scree");
+  uint64_t compared = 0;
+  for (const std::filesystem::path& path : tests::gltf_files(tests::kDataFolder)) {
+    INFO(path.string());
+    convert::ConvertOptions options;
+    options.float32 = true;
+    options.source_ids = true;
+    options.drop_nonfinite = true;
+    const auto packed = tests::pack(path.string(), file, options);
+    if (!packed) continue;  // test_models.cpp says which may be refused
+    auto opened = runtime::SceneFile::open(file);
+    REQUIRE(opened);
+    const auto number = opened->find_scene("");
+    if (!number) continue;
+    const auto scene = runtime::Scene::load(std::move(*opened), *number, {false, 2});
+    REQUIRE(scene);
+    runtime::CameraOptions camera;
+    camera.width = 320;
+    camera.height = 240;
+    const auto view = runtime::make_view(scene->container(), *number, scene->view(), camera);
+    REQUIRE(view);
+    const auto report = Case::against(file, path.string(), &*view);
+    if (!report) FAIL(report.error().message);
+    // Snapping to 1/256 pixel moves an edge over the centre of one pixel in 256 at most along it.
+    const PixelReport& pixels = report->pixels;
+    CHECK(pixels.wrong() <= 320 * 240 / 200);
+    CHECK(pixels.same_depth.rms() < 1e-3);
+    // Where the triangle is right, so is the colour; none may come from a texture, which the reference has not.
+    CHECK(report->pictures.differing <= pixels.wrong() + 320 * 240 / 500);
+    compared += pixels.same_depth.count() > 0 ? 1 : 0;
+  }
+  CHECK(compared >= 6);
+}
+
+TEST_CASE("lit pictures against the source: identical ones say so", "[compare]") {
+  Case test;
+  const std::vector<Part> parts{{square(-4, -4), kOneSquare, {}}}, shifted{{square(-2, -4), kOneSquare, {}}};
+  make(test.folder.file("parts.gltf"), parts);
+  make(test.folder.file("shifted.gltf"), shifted);
+  convert::ConvertOptions options;
+  options.source_ids = true;
+  const std::string file = test.folder.file("parts.scree");
+  REQUIRE(tests::pack(test.folder.file("parts.gltf"), file, options));
+  const auto same = Case::against(file, test.folder.file("parts.gltf"), nullptr);
+  REQUIRE(same);
+  CHECK(same->pictures.differing == 0);
+  CHECK(std::isinf(same->pictures.psnr));
+  CHECK(same->pictures.flip_max == 0);
+  CHECK(compare::text_pictures(same->pictures, true).find("identical") != std::string::npos);
+  std::string text;
+  tools::JsonWriter json(text);
+  json.begin_object();
+  compare::json_pictures(json, same->pictures, true);
+  json.end_object();
+  CHECK_FALSE(json.met_non_finite());
+  const nlohmann::json read = nlohmann::json::parse(text)["pictures"];
+  CHECK(read["identical"] == true);
+  CHECK(read["textures_left_out"] == true);
+  CHECK_FALSE(read.contains("psnr_db"));
+
+  // Two rims of 2 x 8 pixels, black against a white that is seen head on.
+  const auto moved = Case::against(file, test.folder.file("shifted.gltf"), nullptr);
+  REQUIRE(moved);
+  CHECK(moved->pictures.differing == 32);
+  CHECK(moved->pictures.max_levels == 255);
+  CHECK(moved->pictures.psnr == Approx(10 * std::log10(512.0 / 32)));
+  CHECK(moved->pictures.flip_max > 0.9);
+}
+
+TEST_CASE("fewer bits of positions show in the lit picture", "[compare][cli]") {
+  const tests::TempFolder folder;
+  const auto run = [&](std::vector<std::string> words) { return tests::run_program(words, folder.file("log")); };
+  REQUIRE(run({"synth", "A", "--scale", "0.0001", "-o", folder.file("a.gltf")}).exit_code == 0);
+  double psnr = 0, flip = 1;
+  for (const char* positions : {"8", "12", "float32"}) {
+    INFO(positions);
+    REQUIRE(run({"convert", folder.file("a.gltf"), "-o", folder.file("a.scree"), "--source-ids", "--quiet",
+                 "--positions", positions})
+                .exit_code == 0);
+    const auto compared = run({"compare", folder.file("a.gltf"), folder.file("a.scree"), "--size", "160x120", "--json",
+                               "--flip", folder.file("flip.png")});
+    INFO(compared.output);
+    REQUIRE(compared.exit_code == 0);
+    const nlohmann::json pictures = nlohmann::json::parse(compared.output)["pictures"];
+    CHECK(pictures["psnr_db"].get<double>() > psnr + 5);
+    CHECK(pictures["flip_mean"].get<double>() < flip / 2);
+    psnr = pictures["psnr_db"].get<double>();
+    flip = pictures["flip_mean"].get<double>();
+    // The picture of the error is that of the numbers.
+    const auto map = runtime::MappedFile::open(folder.file("flip.png"));
+    REQUIRE(map);
+    const auto image = runtime::decode_image(map->bytes());
+    REQUIRE(image);
+    REQUIRE(image->rgba.size() == 4 * 160 * 120);
+    double sum = 0;
+    for (size_t i = 0; i < image->rgba.size(); i += 4) sum += image->rgba[i];
+    CHECK(sum / 255 / (160 * 120) == Approx(flip).margin(0.5 / 255));
+  }
+}
+
+TEST_CASE("compare prints what it found as JSON", "[compare][cli]") {
+  const tests::TempFolder folder;
+  tests::make_model(folder.file("grid.gltf"), {});
+  const auto run = [&](std::vector<std::string> words) { return tests::run_program(words, folder.file("log")); };
+  REQUIRE(run({"convert", folder.file("grid.gltf"), "-o", folder.file("grid.scree"), "--source-ids", "--quiet"})
+              .exit_code == 0);
+  const auto compared = run({"compare", folder.file("grid.scree"), folder.file("grid.gltf"), "--size", "64x48",
+                             "--json", "-o", folder.file("difference.png")});
+  INFO(compared.output);
+  REQUIRE(compared.exit_code == 0);
+  const nlohmann::json json = nlohmann::json::parse(compared.output);
+  uint64_t pixels = 0;
+  for (const char* kind : {"both_background", "same", "coincident", "background", "other_mesh", "apart", "neighbour"})
+    pixels += json["pixels"][kind].get<uint64_t>();
+  CHECK(pixels == 64 * 48);
+  CHECK(json["pixels"]["same"].get<uint64_t>() > 500);
+  CHECK(json["geometry"]["triangles"].get<uint64_t>() == 32);
+  CHECK(json["geometry"]["broken_bounds"].get<uint64_t>() == 0);
+  CHECK(json["geometry"]["max_axis_error"].get<double>() <= json["geometry"]["max_axis_bound"].get<double>());
+  CHECK(std::filesystem::exists(folder.file("difference.png")));
+}
+
+TEST_CASE("inspect --source fails where a file is farther from its source than it states", "[compare]") {
+  const tests::TempFolder folder;
+  make(folder.file("file.gltf"), {{square(0, 0), kOneSquare, {}}, {square(20, 0), kOneSquare, {}}});
+  make(folder.file("moved.gltf"), {{square(0, 0), kOneSquare, {}}, {square(20, 0.25f), kOneSquare, {}}});
+  convert::ConvertOptions options;
+  options.source_ids = true;
+  REQUIRE(tests::pack(folder.file("file.gltf"), folder.file("file.scree"), options));
+  const auto run = [&](const std::string& source) {
+    return tests::run_program({"inspect", folder.file("file.scree"), "--source", source}, folder.file("log"));
+  };
+  CHECK(run(folder.file("file.gltf")).exit_code == 0);
+  const auto moved = run(folder.file("moved.gltf"));
+  CHECK(moved.exit_code == 3);
+  INFO(moved.output);
+  CHECK(moved.output.find("mesh 1: position error 0.250 against") != std::string::npos);
+}
+
+namespace {
+
+/// Packs every model at hand with `widths(number)` bits an axis and measures it against its source, `least` times in
+/// all or more.
+template <class Widths>
+void check_stated_errors(const Widths& widths, uint64_t least) {
+  const std::filesystem::path models = tests::models_path();
+  if (models.empty()) {
+    WARN("the models are not there: skipped");
+    return;
+  }
+  const tests::TempFolder folder;
+  const std::string output = folder.file("model.scree");
+  uint64_t checked = 0, number = 0;
+  for (const std::filesystem::path& path : tests::gltf_files(models / "scenes")) {
+    const auto source = convert::import_gltf(path.string(), {});
+    if (!source) continue;  // test_models.cpp says which may be refused
+    for (const uint32_t bits : widths(number++)) {
+      INFO(path.string() << ", " << bits << " bits");
+      convert::ConvertOptions options;
+      options.position_bits = bits;
+      options.source_ids = true;
+      const auto packed = tests::pack(path.string(), output, options);
+      if (!packed) break;
+      const auto report = compare::compare_geometry(*source, packed->file);
+      if (!report) FAIL(report.error().message);
+      CHECK(report->broken.empty());
+      CHECK(report->missing_triangles == 0);
+      CHECK(report->unknown_triangles == 0);
+      CHECK(report->axis_error <= report->axis_bound);
+      // No distance is longer than three errors of a coordinate allow.
+      CHECK(report->stored.max() <= std::sqrt(3.0) * report->axis_error * (1 + 1e-12));
+      CHECK(report->source.max() == report->stored.max());
+      ++checked;
+    }
+  }
+  INFO(checked << " pairs of a model and a width");
+  CHECK(checked >= least);
+}
+
+}  // namespace
+
+TEST_CASE("the stated position error holds for every model, the widths in turn", "[compare][models]") {
+  // Every model with the narrowest, the default and the widest code, and with one of the others in turn.
+  const auto widths = [](uint64_t number) {
+    return std::vector<uint32_t>{8, 9 + static_cast<uint32_t>(number % 15), 16, 24};
+  };
+  check_stated_errors(widths, 400);
+}
+
+TEST_CASE("the stated position error holds for every model and every width", "[.][models-all]") {
+  const auto widths = [](uint64_t) {
+    std::vector<uint32_t> all(17);
+    std::iota(all.begin(), all.end(), 8u);
+    return all;
+  };
+  check_stated_errors(widths, 3200);
+}

@@ -1,0 +1,337 @@
+// Visibility buffers of files of one source that are encoded differently.
+#include <algorithm>
+#include <cmath>
+#include <functional>
+#include <memory>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "kernels/visbuffer.h"
+#include "runtime/draw/renderer.h"
+#include "runtime/scene/camera.h"
+#include "tests/catch.h"
+#include "tests/tools/model_maker.h"
+#include "tests/tools/packed_file.h"
+#include "tests/tools/temp_folder.h"
+#include "tools/common/chunk_decode.h"
+#include "tools/compare/buffers.h"
+
+using namespace scree;
+using compare::PixelKind;
+using compare::PixelReport;
+using compare::SceneMatch;
+
+namespace {
+
+using Options = convert::ConvertOptions;
+
+constexpr uint32_t kWidth = 160, kHeight = 120;
+
+/// A glTF, and what convert makes of it.
+struct Source {
+  tests::TempFolder folder;
+  std::string gltf;
+
+  explicit Source(const std::function<void(tests::ModelMaker&)>& fill) : gltf(folder.file("in.gltf")) {
+    tests::ModelMaker maker(gltf);
+    fill(maker);
+    maker.finish();
+  }
+
+  runtime::Scene scene(const std::string& name, const std::function<void(Options&)>& change = {}) const {
+    Options options;
+    options.encoding = convert::Encoding::kIndexed;
+    options.source_ids = true;
+    if (change) change(options);
+    const auto packed = tests::pack(gltf, folder.file(name + ".scree"), options);
+    if (!packed) FAIL(packed.error().message);
+    runtime::SceneOptions load;
+    load.threads = 2;
+    auto scene = runtime::Scene::open(folder.file(name + ".scree"), load);
+    if (!scene) FAIL(scene.error().message);
+    return std::move(*scene);
+  }
+};
+
+/// Two equal meshes, which --no-share keeps apart, between them one whose triangles share no vertex until it is welded,
+/// two primitives each.
+void fill_with_grids(tests::ModelMaker& maker) {
+  tests::GridSpec grid;
+  grid.columns = 40;
+  grid.rows = 30;
+  grid.normal = true;
+  tests::GridSpec loose = grid;
+  loose.indexed = false;
+  loose.origin = {1, 0.125f, 0};
+  const auto mesh = [&](const tests::GridSpec& spec) {
+    tests::GridSpec behind = spec;
+    behind.origin[2] += 1;
+    return maker.mesh("mesh", {maker.grid(spec), maker.grid(behind)});
+  };
+  const uint32_t first = mesh(grid), second = mesh(loose), third = mesh(grid);
+  maker.node("third", third, {0.5, 0.5, 0});
+  maker.node("second", second);
+  maker.node("first", first);
+}
+
+std::vector<uint64_t> draw(const runtime::Scene& scene) {
+  runtime::CameraOptions camera;
+  camera.width = kWidth;
+  camera.height = kHeight;
+  camera.eye = runtime::Vec3{-1.0, 2.0, 3.5};
+  camera.target = runtime::Vec3{1.0, 0.0, 1.0};
+  const auto view = runtime::make_view(scene.container(), scene.scene_index(), scene.view(), camera);
+  REQUIRE(view);
+  const auto frame = runtime::Frame::draw(scene, *view, 1, 2);
+  REQUIRE(frame);
+  return {frame->samples().begin(), frame->samples().end()};
+}
+
+PixelReport compared(const runtime::Scene& a, const runtime::Scene& b) {
+  const auto match = SceneMatch::match(a, b);
+  if (!match) FAIL(match.error().message);
+  const auto report = compare::compare_buffers(draw(a), draw(b), kWidth, kHeight, &*match);
+  if (!report) FAIL(report.error().message);
+  return *report;
+}
+
+PixelReport compared_by_id(const runtime::Scene& a, const runtime::Scene& b) {
+  const auto report = compare::compare_buffers(draw(a), draw(b), kWidth, kHeight, nullptr);
+  REQUIRE(report);
+  return *report;
+}
+
+uint64_t count(const PixelReport& report, PixelKind kind) {
+  return report.counts()[static_cast<size_t>(kind)];
+}
+
+/// Why two scenes, or these samples of theirs, do not go together.
+Error refused(const runtime::Scene& a, const runtime::Scene& b, const std::vector<uint64_t>& samples_a = {},
+              const std::vector<uint64_t>& samples_b = {}) {
+  const auto match = SceneMatch::match(a, b);
+  if (!match) return match.error();
+  const auto width = static_cast<uint32_t>(samples_a.size());
+  const auto report = compare::compare_buffers(samples_a, samples_b, width, 1, &*match);
+  REQUIRE_FALSE(report);
+  return report.error();
+}
+
+void check_refused(const Error& error, ErrorCode code, const std::string& words) {
+  INFO(error.message);
+  CHECK(error.code == code);
+  CHECK(error.message.find(words) != std::string::npos);
+  CHECK(error.message.find('\n') == std::string::npos);
+}
+
+/// The id of a source triangle of a node.
+uint64_t id_of(const runtime::Scene& scene, uint32_t node, uint64_t source) {
+  const kernels::SceneView& view = scene.view();
+  tools::ChunkReader reader(scene.container());
+  for (uint64_t i = 0; i < view.instance_count; ++i) {
+    if (view.instances[i].node != node) continue;
+    const format::MeshRecord& mesh = view.meshes[view.instances[i].mesh];
+    for (uint64_t c = mesh.first_chunk; c < mesh.first_chunk + mesh.chunk_count; ++c) {
+      const auto chunk = reader.read(c, tools::kPartSourceIds);
+      REQUIRE(chunk);
+      for (uint64_t t = 0; t < (*chunk)->source_ids.size(); ++t)
+        if ((*chunk)->source_ids[t] == source) return view.instance_base[i] + view.chunks[c].first_triangle + t;
+    }
+  }
+  FAIL("no triangle " << source << " of node " << node);
+  return 0;
+}
+
+using Points = std::vector<float>;
+
+/// Squares of side 1 from below left, side by side with a gap, two triangles each.
+tests::ModelMaker& add_squares(tests::ModelMaker& maker, uint32_t squares, std::array<double, 3> place = {0, 0, 0},
+                               float height = 1) {
+  Points points;
+  std::vector<uint32_t> corners;
+  for (uint32_t i = 0; i < squares; ++i) {
+    const float x = 2 * static_cast<float>(i);
+    points.insert(points.end(), {x, 0, 0, x + 1, 0, 0, x + 1, height, 0, x, height, 0});
+    for (const uint32_t corner : {0u, 1u, 2u, 0u, 2u, 3u}) corners.push_back(4 * i + corner);
+  }
+  maker.node("node", maker.mesh("mesh", {maker.primitive(points, corners)}), place);
+  return maker;
+}
+
+void clustered(Options& options) {
+  options.encoding = convert::Encoding::kClustered;
+}
+
+}  // namespace
+
+TEST_CASE("source numbers match triangles whose ids an encoding changes", "[compare]") {
+  const Source source(fill_with_grids);
+  const runtime::Scene indexed = source.scene("indexed");
+  const struct {
+    const char* name;
+    bool changes_ids;
+    std::function<void(Options&)> change;
+  } variants[] = {
+      {"clustered", true, clustered},
+      {"best", true,
+       [](Options& o) {
+         clustered(o);
+         o.clusters = tools::ClusterEffort::kBest;
+       }},
+      {"unwelded", true, [](Options& o) { o.weld = false; }},
+      {"unordered", true, [](Options& o) { o.order = convert::Order::kNone; }},
+      {"unshared", true, [](Options& o) { o.share = false; }},
+      {"chunks", false, [](Options& o) { o.chunk_triangles = 100; }},
+      {"zstd", false, [](Options& o) { o.zstd_level = 3; }},
+      {"clustered_unshared", true,
+       [](Options& o) {
+         clustered(o);
+         o.share = false;
+         o.chunk_triangles = 300;
+       }},
+  };
+  for (const auto& variant : variants) {
+    INFO(variant.name);
+    const runtime::Scene other = source.scene(variant.name, variant.change);
+    CHECK((compared_by_id(other, indexed).wrong() > 100) == variant.changes_ids);
+    for (const bool turned : {false, true}) {
+      const PixelReport report = turned ? compared(indexed, other) : compared(other, indexed);
+      CHECK(report.wrong() == 0);
+      CHECK(count(report, PixelKind::kCoincident) == 0);
+      CHECK(count(report, PixelKind::kSame) > 3500);
+      CHECK(report.same_depth.count() == count(report, PixelKind::kSame));
+      CHECK(report.same_depth.max() <= 0x1p-21);  // a code or two: clusters turn triangles
+    }
+  }
+}
+
+TEST_CASE("a width leaves ids as they are, and that is seen without source numbers", "[compare]") {
+  const Source source(fill_with_grids);
+  const auto bare = [](Options& o) { o.source_ids = false; };
+  const runtime::Scene wide = source.scene("wide", bare), numbered = source.scene("numbered");
+  for (const uint32_t bits : {8u, 12u, 24u, 0u}) {
+    INFO(bits);
+    const auto change = [&](Options& o) {
+      o.float32 = bits == 0;
+      if (bits != 0) o.position_bits = bits;
+    };
+    const runtime::Scene by_place = source.scene("by_place", [&](Options& o) {
+      bare(o);
+      change(o);
+    });
+    const runtime::Scene by_number = source.scene("by_number", change);
+    const PixelReport place = compared(by_place, wide), number = compared(by_number, numbered);
+    CHECK(place.kinds == number.kinds);
+    CHECK(place.same_depth.rms() == number.same_depth.rms());
+    CHECK((place.wrong() > 100) == (bits == 8));
+    // One of the two has none: places it is.
+    CHECK(compared(by_number, wide).kinds == number.kinds);
+  }
+  // What changes them is refused, and says what helps.
+  const std::function<void(Options&)> changes[] = {clustered, [](Options& o) { o.weld = false; },
+                                                   [](Options& o) { o.chunk_triangles = 100; }};
+  for (const auto& change : changes) {
+    const runtime::Scene other = source.scene("other", [&](Options& o) {
+      bare(o);
+      change(o);
+    });
+    check_refused(refused(other, wide, draw(other), draw(wide)), ErrorCode::kUnsupported,
+                  "do not store their triangles alike; convert both with --source-ids");
+    check_refused(refused(wide, other, draw(wide), draw(other)), ErrorCode::kUnsupported, "--source-ids");
+  }
+}
+
+TEST_CASE("buffers of two encodings: each kind of pixel", "[compare]") {
+  // Node 0: triangles 0 and 1 of one square, 2 and 3 of another. Node 1: the same places again, node 2: elsewhere.
+  const Source source([](tests::ModelMaker& maker) {
+    add_squares(maker, 2);
+    add_squares(maker, 2);
+    add_squares(maker, 1, {0, 3, 0});
+  });
+  const runtime::Scene first = source.scene("first", clustered), second = source.scene("second", [](Options&o) {
+    o.share = false;
+    o.position_bits = 12;
+  });
+  const uint64_t none = kernels::kBackground;
+  const auto a = [&](uint32_t node, uint64_t triangle) {
+    return kernels::pack_sample(1000, id_of(first, node, triangle));
+  };
+  const auto b = [&](uint32_t node, uint64_t triangle) {
+    return kernels::pack_sample(1000 + (1u << 22), id_of(second, node, triangle));
+  };
+  const std::vector<uint64_t> found{none, none, a(0, 1), a(0, 1), a(0, 1), a(0, 1), a(0, 1), a(2, 1), a(0, 3), a(1, 2)};
+  const std::vector<uint64_t> right{none, b(0, 0), none, b(0, 1), b(0, 0), b(0, 2), b(1, 0), b(2, 1), b(1, 3), b(2, 0)};
+  const auto match = SceneMatch::match(first, second);
+  REQUIRE(match);
+  const auto report = compare::compare_buffers(found, right, 5, 2, &*match);
+  if (!report) FAIL(report.error().message);
+  const std::vector<PixelKind> expected{PixelKind::kBothBackground, PixelKind::kBackground, PixelKind::kBackground,
+                                        PixelKind::kSame,           PixelKind::kNeighbour,  PixelKind::kApart,
+                                        PixelKind::kOtherMesh,      PixelKind::kSame,       PixelKind::kCoincident,
+                                        PixelKind::kOtherMesh};
+  CHECK(report->kinds == expected);
+  CHECK(report->wrong() == 6);
+  CHECK(report->same_depth.count() == 2);
+  CHECK(report->same_depth.max() == Approx(0.5).epsilon(1e-6));  // an octave of depth codes
+  CHECK(report->surface_depth.count() == 7);
+
+  const std::vector<uint64_t> past{kernels::pack_sample(1000, 10)}, one{b(0, 0)};
+  check_refused(refused(first, second, past, one), ErrorCode::kRange,
+                "pixel 0,0 of the first buffer: triangle 10, but " + first.file().path() + " draws 10");
+  check_refused(refused(first, second, {a(0, 0)}, past), ErrorCode::kRange,
+                "of the second buffer: triangle 10, but " + second.file().path() + " draws 10");
+}
+
+TEST_CASE("files of different sources are not matched", "[compare]") {
+  const Source one([](tests::ModelMaker& maker) { add_squares(maker, 2); });
+  const runtime::Scene scene = one.scene("scene");
+  const std::pair<std::function<void(tests::ModelMaker&)>, const char*> others[] = {
+      {[](tests::ModelMaker& maker) { add_squares(maker, 3); }, "node 0 draws 4 triangles, but 6"},
+      {[](tests::ModelMaker& maker) { add_squares(add_squares(maker, 2), 2); }, "1 instances, but 2"},
+      {[](tests::ModelMaker& maker) {
+         add_squares(maker, 2, {0, 0.001, 0});
+       },
+       "node 0 stands in another place"},
+      {[](tests::ModelMaker& maker) {
+         add_squares(maker, 2, {0, 0, 0}, 1.01f);
+       },
+       "node 0 draws meshes of other sizes"},
+  };
+  for (const auto& other : others) {
+    INFO(other.second);
+    const Source source(other.first);
+    const Error error = refused(scene, source.scene("scene", clustered));
+    check_refused(error, ErrorCode::kFormat, "are not made from one source: ");
+    check_refused(error, ErrorCode::kFormat, other.second);
+  }
+
+  // A node of two primitives, and two of one.
+  const Source together([](tests::ModelMaker& maker) {
+    const tests::GridSpec grid;
+    maker.node("both", maker.mesh("both", {maker.grid(grid), maker.grid(grid)}));
+  });
+  const Source apart([](tests::ModelMaker& maker) {
+    const uint32_t mesh = maker.mesh("one", {maker.grid({})});
+    maker.node("first", mesh);
+    maker.node("second", mesh);
+  });
+  check_refused(refused(together.scene("scene"), apart.scene("scene")), ErrorCode::kFormat,
+                "node 0 draws other meshes");
+
+  // As many triangles in the same box, but other ones: the first of one source is left out, the last of the other.
+  const auto with_hole = [](size_t hole) {
+    return [hole](tests::ModelMaker& maker) {
+      Points points{0, 0, 0, 1, 0, 0, 0, 1, 0, 1, 1, 0, 0, 2, 0, 0, 0, 0};
+      points[15] = NAN;
+      std::vector<uint32_t> corners{0, 1, 2, 1, 3, 2};
+      corners.insert(corners.begin() + static_cast<ptrdiff_t>(3 * hole), {0, 1, 5});
+      maker.node("node", maker.mesh("mesh", {maker.primitive(points, corners)}));
+    };
+  };
+  const auto drop = [](Options& o) { o.drop_nonfinite = true; };
+  const Source early(with_hole(0)), late(with_hole(2));
+  const runtime::Scene a = early.scene("scene", drop), b = late.scene("scene", drop);
+  const std::vector<uint64_t> last{kernels::pack_sample(1000, id_of(a, 0, 2))};
+  const std::vector<uint64_t> first{kernels::pack_sample(1000, id_of(b, 0, 1))};
+  check_refused(refused(a, b, last, first), ErrorCode::kFormat, "mesh 0 has no source triangle 2 in the second");
+}

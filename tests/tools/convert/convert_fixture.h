@@ -1,0 +1,79 @@
+// Converting, and comparing with the source, in the tests of convert().
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <string>
+#include <utility>
+
+#include "tests/catch.h"
+#include "tests/tools/compare/source_compare.h"
+#include "tests/tools/temp_folder.h"
+#include "tools/convert/convert.h"
+
+namespace scree::tests {
+
+inline convert::ConvertOptions options_of(const TempFolder& folder, const std::string& input = "in.glb") {
+  convert::ConvertOptions options;
+  options.input = folder.file(input);
+  options.output = folder.file("out.scree");
+  options.source_ids = true;
+  options.threads = 2;
+  return options;
+}
+
+inline convert::ConvertReport must_convert(const convert::ConvertOptions& options) {
+  const Result<convert::ConvertReport> report = convert::convert(options);
+  if (!report) FAIL(report.error().message);
+  return *report;
+}
+
+/// Converts with options.memory = `memory`, or the least that is enough where that is not: what is refused says it. The
+/// test program's own memory counts too, with what sanitizers keep of it (256 MiB of what earlier tests gave back), and
+/// may have grown when that much is tried.
+inline convert::ConvertReport must_convert_within(convert::ConvertOptions& options, uint64_t memory) {
+  for (int attempt = 0;; ++attempt) {
+    options.memory = memory;
+    const Result<convert::ConvertReport> made = convert::convert(options);
+    if (made) return *made;
+    INFO(made.error().message);
+    REQUIRE(attempt < 10);
+    CHECK(made.error().code == ErrorCode::kUsage);
+    const std::string words = " needs at least ";
+    const size_t at = made.error().message.find(words);
+    REQUIRE(at != std::string::npos);
+    const uint64_t least = std::stoull(made.error().message.substr(at + words.size())) << 20;
+    REQUIRE(least > memory);
+    memory = least;
+  }
+}
+
+/// Converts and compares with the source.
+inline convert::ConvertReport must_match(const convert::ConvertOptions& options) {
+  const convert::ConvertReport report = must_convert(options);
+  const Comparison comparison = compare_with_source(options.input, options.output, options.exclude);
+  REQUIRE(comparison.difference == "");
+  REQUIRE(comparison.triangles == report.triangles);
+  REQUIRE(comparison.position_error == report.position_error);
+  REQUIRE(report.position_error <= report.position_error_bound);
+  return report;
+}
+
+inline OpenFile must_open(const std::string& path) {
+  Result<OpenFile> file = OpenFile::open(path);
+  if (!file) FAIL(file.error().message);
+  return std::move(*file);
+}
+
+/// An error of `code` whose message holds `words`, and nothing at the output.
+inline void must_fail(const convert::ConvertOptions& options, ErrorCode code, const std::string& words) {
+  const Result<convert::ConvertReport> report = convert::convert(options);
+  REQUIRE_FALSE(report);
+  INFO(report.error().message);
+  CHECK(report.error().code == code);
+  CHECK(report.error().message.find(words) != std::string::npos);
+  CHECK_FALSE(std::filesystem::exists(options.output));
+  CHECK_FALSE(std::filesystem::exists(options.output + ".part"));
+}
+
+}  // namespace scree::tests

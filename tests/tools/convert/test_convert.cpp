@@ -1,0 +1,539 @@
+// convert(): what it writes is the source within the stated error, whatever the options and the number of threads. What
+// it refuses is in test_convert_errors.cpp.
+#include "tools/convert/convert.h"
+
+#include <array>
+#include <filesystem>
+#include <fstream>
+#include <limits>
+#include <map>
+#include <thread>
+
+#include "format/geometry/chunk_layout.h"
+#include "runtime/images/image.h"
+#include "tests/catch.h"
+#include "tests/tools/compare/source_compare.h"
+#include "tests/tools/convert/convert_fixture.h"
+#include "tests/tools/model_maker.h"
+#include "tests/tools/temp_folder.h"
+#include "tools/common/ordered_pool.h"
+
+using namespace scree;
+using tests::GridSpec;
+using tests::make_grids;
+using tests::ModelMaker;
+using tests::must_convert;
+using tests::must_convert_within;
+using tests::must_fail;
+using tests::must_match;
+using tests::must_open;
+using tests::options_of;
+using tests::TempFolder;
+
+namespace {
+
+constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
+constexpr float kInf = std::numeric_limits<float>::infinity();
+
+}  // namespace
+
+TEST_CASE("every option keeps the triangles and the stated error", "[convert]") {
+  const TempFolder folder;
+  make_grids(folder.file("in.glb"));
+  convert::ConvertOptions options = options_of(folder);
+
+  SECTION("defaults") {
+    CHECK(must_match(options).position_error > 0);
+  }
+  SECTION("8 bits") {
+    options.position_bits = 8;
+    CHECK(must_match(options).position_error > 1e-3);
+  }
+  SECTION("24 bits") {
+    options.position_bits = 24;
+    must_match(options);
+  }
+  SECTION("float32") {
+    options.float32 = true;
+    CHECK(must_match(options).position_error == 0);
+  }
+  SECTION("maximum error") {
+    options.max_error = 0.01;
+    const convert::ConvertReport report = must_match(options);
+    CHECK(report.position_error_bound <= 0.0101);
+    CHECK(report.position_error > 0.001);
+  }
+  SECTION("order none") {
+    options.order = convert::Order::kNone;
+    must_match(options);
+  }
+  SECTION("chunks of one triangle") {
+    options.chunk_triangles = 1;
+    CHECK(must_match(options).chunks == 2 * (60 * 40 + 31 * 40 + 16));
+  }
+  SECTION("chunks of seven, order none") {
+    options.chunk_triangles = 7;
+    options.order = convert::Order::kNone;
+    must_match(options);
+  }
+  SECTION("whole meshes") {
+    options.chunk_triangles = 0;
+    CHECK(must_match(options).chunks == 3);
+  }
+  SECTION("whole meshes, order none") {
+    options.chunk_triangles = 0;
+    options.order = convert::Order::kNone;
+    CHECK(must_match(options).chunks == 3);
+  }
+  SECTION("zstd") {
+    const uint64_t raw = must_match(options).output_bytes;
+    options.zstd_level = 9;
+    CHECK(must_match(options).output_bytes < raw);
+  }
+  SECTION("normals") {
+    options.normals = true;
+    must_match(options);
+  }
+  SECTION("everything") {
+    options.normals = true;
+    options.zstd_level = 3;
+    options.position_bits = 20;
+    options.chunk_triangles = 100;
+    must_match(options);
+  }
+  const tests::OpenFile opened = must_open(options.output);
+  CHECK(opened.file.meshes().size() == 3);
+  const uint32_t attributes = opened.file.meshes()[0].attributes;
+  CHECK((attributes & format::kHasColor) != 0);
+  CHECK(((attributes & format::kHasNormal) != 0) == options.normals);
+  CHECK((attributes & format::kHasUv) == 0);  // no texture: nobody needs them
+}
+
+TEST_CASE("source ids change nothing but themselves", "[convert]") {
+  const TempFolder folder;
+  GridSpec spec;
+  spec.columns = spec.rows = 200;
+  tests::make_model(folder.file("in.glb"), spec);
+  convert::ConvertOptions with = options_of(folder);
+  convert::ConvertOptions without = with;
+  without.source_ids = false;
+  without.output = folder.file("without.scree");
+  must_match(with);
+  must_convert(without);
+  const tests::OpenFile a = must_open(with.output);
+  const tests::OpenFile b = must_open(without.output);
+  REQUIRE(a.file.chunks().size() == b.file.chunks().size());
+  tools::ChunkReader read_a(a.file), read_b(b.file);
+  for (uint64_t i = 0; i < a.file.chunks().size(); ++i) {
+    const auto chunk_a = read_a.read(i);
+    const auto chunk_b = read_b.read(i);
+    REQUIRE(chunk_a);
+    REQUIRE(chunk_b);
+    CHECK((*chunk_a)->indices == (*chunk_b)->indices);
+    CHECK((*chunk_a)->positions == (*chunk_b)->positions);
+    CHECK((*chunk_b)->source_ids.empty());
+  }
+}
+
+TEST_CASE("neither the number of threads nor the memory shows in the bytes", "[convert]") {
+  const TempFolder folder;
+  {
+    ModelMaker maker(folder.file("in.glb"));
+    GridSpec large;  // three windows
+    large.columns = 700;
+    large.rows = 400;
+    large.color = true;
+    maker.node("large", maker.mesh("large", {maker.grid(large)}));
+    for (int i = 0; i < 300; ++i) {  // more than a batch of small ones
+      GridSpec small;
+      small.columns = 1 + static_cast<uint32_t>(i) % 7;
+      small.size = 1 + static_cast<float>(i);
+      maker.node("small " + std::to_string(i), maker.mesh("small", {maker.grid(small)}));
+    }
+    maker.finish();
+  }
+  convert::ConvertOptions options = options_of(folder);
+  options.zstd_level = GENERATE(0, 1);
+  options.threads = 1;
+  const convert::ConvertReport report = must_match(options);
+  CHECK(report.triangles > 2 * 700 * 400);
+  const std::string one = tests::read_whole(options.output);
+  REQUIRE(one.size() == report.output_bytes);
+  for (const uint32_t threads : {2u, 3u, 9u}) {
+    options.threads = threads;
+    must_convert(options);
+    CHECK((tests::read_whole(options.output) == one));
+  }
+  for (const bool is_least : {true, false}) {
+    const convert::ConvertReport bounded = must_convert_within(options, is_least ? 1 : 2 * options.memory);
+    CHECK(options.memory > 1);  // it was refused
+    CHECK(bounded.threads >= 1);
+    CHECK(bounded.threads_asked == 9);
+    CHECK((tests::read_whole(options.output) == one));
+  }
+}
+
+TEST_CASE("pages and chunks keep to their limits", "[convert]") {
+  const TempFolder folder;
+  GridSpec spec;
+  spec.columns = 300;
+  spec.rows = 500;
+  spec.indexed = false;  // three vertices a triangle
+  spec.color = spec.normal = true;
+  tests::make_model(folder.file("in.glb"), spec);
+  convert::ConvertOptions options = options_of(folder);
+  options.float32 = true;
+  options.normals = true;
+  options.weld = false;
+  must_match(options);
+  const tests::OpenFile opened = must_open(options.output);
+  CHECK(opened.file.pages().size() > 10);
+  for (uint64_t i = 0; i < opened.file.pages().size(); ++i)
+    CHECK(opened.file.pages()[i].raw_bytes <= format::kPageTargetBytes);
+  uint64_t smallest_end = format::kPageTargetBytes;
+  for (uint64_t i = 0; i < opened.file.chunks().size(); ++i) {
+    const format::ChunkRecord& chunk = opened.file.chunks()[i];
+    CHECK(chunk.triangle_count <= format::kMaxChunkTriangles);
+    CHECK(chunk.bytes == format::chunk_streams(opened.file.meshes()[chunk.mesh], chunk).bytes);
+    if (i + 1 < opened.file.chunks().size()) smallest_end = std::min(smallest_end, chunk.bytes);
+  }
+  CHECK(smallest_end > format::kPageTargetBytes / 4);  // but a window's last: cut no finer than needed
+}
+
+TEST_CASE("neighbours under --grid scene share their border points", "[convert]") {
+  const TempFolder folder;
+  {
+    ModelMaker maker(folder.file("in.glb"));
+    GridSpec wide;
+    wide.size = 100;
+    GridSpec fine;
+    fine.size = 3;
+    fine.origin = {100, 0, 0};
+    maker.node("wide", maker.mesh("wide", {maker.grid(wide)}));
+    maker.node("fine", maker.mesh("fine", {maker.grid(fine)}));
+    maker.node("elsewhere", maker.mesh("elsewhere", {maker.grid(wide)}), {0, 50, 0});
+    maker.finish();
+  }
+  convert::ConvertOptions options = options_of(folder);
+  must_match(options);
+  {
+    const tests::OpenFile opened = must_open(options.output);
+    CHECK(opened.file.meshes()[0].lattice_exponent > opened.file.meshes()[1].lattice_exponent);
+  }
+  options.grid = convert::Grid::kScene;
+  must_match(options);
+  const tests::OpenFile opened = must_open(options.output);
+  CHECK(opened.file.meshes()[0].lattice_exponent == opened.file.meshes()[1].lattice_exponent);
+  CHECK(opened.file.meshes()[0].lattice_bits[0] > 16);
+  CHECK(opened.file.meshes()[2].lattice_exponent > opened.file.meshes()[1].lattice_exponent);
+
+  {
+    ModelMaker maker(folder.file("in.glb"));
+    GridSpec wide;
+    wide.size = 1e6f;
+    GridSpec fine;
+    fine.size = 1;
+    maker.node("both", maker.mesh("both", {maker.grid(wide), maker.grid(fine)}));
+    maker.finish();
+  }
+  std::filesystem::remove(options.output);
+  must_fail(options, ErrorCode::kRange, "mesh 0 primitive 0");
+}
+
+TEST_CASE("positions that are not finite", "[convert]") {
+  const TempFolder folder;
+  // Of the values themselves Catch2 2.13 loses the last one when gcc optimises.
+  const float bad = std::array{kNan, kInf, -kInf}[GENERATE(size_t{0}, size_t{1}, size_t{2})];
+  {
+    ModelMaker maker(folder.file("in.glb"));
+    // Vertex 4 is bad and used by one triangle of three, vertex 5 is bad and used by none.
+    const std::vector<float> points{0, 0, 0, 1, 0, 0, 0, 1, 0, 1, 1, 0, 2, bad, 0, bad, bad, bad};
+    maker.node("good", maker.mesh("good", {maker.primitive({0, 0, 0, 1, 0, 0, 0, 1, 0}, {})}));
+    maker.node("bad", maker.mesh("bad", {maker.primitive(points, {0, 1, 2, 1, 3, 4, 2, 1, 3})}));
+    maker.node("worse", maker.mesh("worse", {maker.primitive({bad, 0, 0, 1, 0, 0, 0, 1, 0}, {})}));
+    maker.finish();
+  }
+  convert::ConvertOptions options = options_of(folder);
+  options.order = GENERATE(convert::Order::kFifo, convert::Order::kNone);
+  must_fail(options, ErrorCode::kRange, "mesh 1 primitive 0: vertex 4: position (2, ");
+
+  options.drop_nonfinite = true;
+  const convert::ConvertReport report = must_match(options);
+  CHECK(report.triangles == 3);
+  CHECK(report.dropped_nonfinite == 2);
+  CHECK(report.meshes == 2);
+  REQUIRE_FALSE(report.warnings.empty());
+  CHECK(report.warnings.back().find("2 triangles") != std::string::npos);
+}
+
+TEST_CASE("strips lose the triangles that join them and nothing else", "[convert]") {
+  const TempFolder folder;
+  // The writer writes triangle lists only: a strip is written by hand.
+  const float points[] = {0, 0, 0, 0, 1, 0, 1, 0, 0, 1, 1, 0, 5, 0, 0, 5, 1, 0, 6, 0, 0, 6, 1, 0};
+  const uint16_t strip[] = {0, 1, 2, 3, 3, 4, 4, 5, 6, 7};
+  std::ofstream bin(folder.file("in.bin"), std::ios::binary);
+  bin.write(reinterpret_cast<const char*>(points), sizeof points);
+  bin.write(reinterpret_cast<const char*>(strip), sizeof strip);
+  bin.close();
+  std::ofstream(folder.file("in.gltf")) << R"({"asset":{"version":"2.0"},"buffers":[{"uri":"in.bin","byteLength":116}],
+"bufferViews":[{"buffer":0,"byteLength":96},{"buffer":0,"byteOffset":96,"byteLength":20}],
+"accessors":[{"bufferView":0,"componentType":5126,"type":"VEC3","count":8,"min":[0,0,0],"max":[6,1,0]},
+{"bufferView":1,"componentType":5123,"type":"SCALAR","count":10}],
+"meshes":[{"primitives":[{"attributes":{"POSITION":0},"indices":1,"mode":5}]}],
+"nodes":[{"mesh":0}],"scenes":[{"nodes":[0]}]})";
+  convert::ConvertOptions options = options_of(folder, "in.gltf");
+  options.order = GENERATE(convert::Order::kFifo, convert::Order::kNone);
+  const convert::ConvertReport report = must_match(options);
+  CHECK(report.triangles == 4);
+  CHECK(report.dropped_degenerate == 4);
+}
+
+TEST_CASE("a list keeps its degenerate and its double triangles", "[convert]") {
+  const TempFolder folder;
+  {
+    ModelMaker maker(folder.file("in.glb"));
+    maker.node("a", maker.mesh("a", {maker.primitive({0, 0, 0, 1, 0, 0, 0, 1, 0},
+                                                     {0, 1, 2, 0, 1, 2, 2, 2, 2, 0, 1, 2, 1, 2, 0, 0, 0, 1})}));
+    // One point only: every stream of the chunk has 0 bytes.
+    maker.node("b", maker.mesh("b", {maker.primitive({7, 8, 9}, {0, 0, 0})}));
+    maker.node("c", maker.mesh("c", {maker.primitive({7, 8, 9, 1, 1, 1, 2, 2, 2}, {0, 1, 2})}));
+    maker.finish();
+  }
+  convert::ConvertOptions options = options_of(folder);
+  options.order = GENERATE(convert::Order::kFifo, convert::Order::kNone);
+  options.source_ids = true;
+  const convert::ConvertReport report = must_match(options);
+  CHECK(report.triangles == 8);
+  CHECK(report.dropped_degenerate == 0);
+}
+
+TEST_CASE("scattered vertices and wide index ranges", "[convert]") {
+  const TempFolder folder;
+  {
+    ModelMaker maker(folder.file("in.glb"));
+    std::vector<float> points;
+    for (uint32_t i = 0; i < 40000; ++i) {
+      const float x = static_cast<float>(i);
+      points.insert(points.end(), {std::sin(x), std::cos(x * 0.7f), x * 1e-3f});
+    }
+    std::vector<uint32_t> corners;
+    for (uint32_t i = 0; i < 300; ++i) corners.push_back(i * 7919 % 40000);
+    maker.node("a", maker.mesh("a", {maker.primitive(points, corners)}));
+    maker.finish();
+  }
+  convert::ConvertOptions options = options_of(folder);
+  options.order = GENERATE(convert::Order::kFifo, convert::Order::kNone);
+  CHECK(must_match(options).triangles == 100);
+  CHECK(must_open(options.output).file.meshes()[0].vertex_count == 300);
+}
+
+TEST_CASE("extents at the ends of float", "[convert]") {
+  const TempFolder folder;
+  const float size = GENERATE(1e-42f, 1e-30f, 1e30f, 3e38f);
+  {
+    ModelMaker maker(folder.file("in.glb"));
+    maker.node("a", maker.mesh("a", {maker.primitive({-size, 0, 0, size, size, 0, 0, size / 3, 0}, {0, 1, 2})}));
+    maker.finish();
+  }
+  must_match(options_of(folder));
+}
+
+TEST_CASE("attributes are kept only where they are needed", "[convert]") {
+  const TempFolder folder;
+  const std::vector<uint8_t> pixels(4 * 4 * 3, 200);
+  REQUIRE(runtime::write_png(folder.file("a.png"), 4, 4, 3, pixels));
+  const std::string png = tests::read_whole(folder.file("a.png"));
+  {
+    ModelMaker maker(folder.file("in.glb"));
+    const auto image = [&](const char* name) {
+      const Result<uint32_t> added =
+          maker.writer().add_image(name, format::ImageCodec::kPng, std::as_bytes(std::span(png)));
+      REQUIRE(added);
+      return *added;
+    };
+    tools::GltfTexture first, same, unused;
+    first.image = image("first");
+    same.image = image("same bytes");
+    unused.image = image("unused");
+    tools::GltfMaterial plain, textured, also, nobodys;
+    textured.name = "textured";
+    textured.texture = maker.writer().add_texture(first);
+    also.texture = maker.writer().add_texture(same);
+    nobodys.texture = maker.writer().add_texture(unused);
+    const uint32_t nobodys_number = maker.writer().add_material(nobodys);
+    CHECK(nobodys_number == 0);
+    const uint32_t plain_number = maker.writer().add_material(plain);
+    const uint32_t textured_number = maker.writer().add_material(textured);
+    const uint32_t also_number = maker.writer().add_material(also);
+    GridSpec spec;
+    spec.uv = spec.white = spec.normal = true;
+    maker.node("a", maker.mesh("a", {maker.grid(spec, plain_number), maker.grid(spec, textured_number),
+                                     maker.grid(spec, also_number)}));
+    maker.mesh("nobody draws this", {maker.grid(spec, nobodys_number)});
+    maker.finish();
+  }
+  const convert::ConvertOptions options = options_of(folder);
+  must_match(options);
+  const tests::OpenFile opened = must_open(options.output);
+  const format::Container& file = opened.file;
+  REQUIRE(file.meshes().size() == 3);
+  CHECK(file.meshes()[0].attributes == format::kHasSourceIds);
+  CHECK(file.meshes()[1].attributes == (format::kHasUv | format::kHasSourceIds));
+  CHECK(file.materials().size() == 3);
+  CHECK(file.textures().size() == 1);  // of equal files one
+  REQUIRE(file.images().size() == 1);
+  CHECK(file.images()[0].width == 4);
+  CHECK(file.images()[0].channels == 3);
+  CHECK(file.textures()[0].image == 0);
+  CHECK(file.materials()[2].texture == 0);
+  CHECK(file.string(file.materials()[file.meshes()[1].material].name) == "textured");
+  std::vector<std::byte> scratch;
+  const auto page = file.load_page(file.images()[0].page, scratch);
+  REQUIRE(page);
+  CHECK((std::string(reinterpret_cast<const char*>(page->data()), page->size()) == png));
+  std::map<std::string, uint64_t> left_out;
+  for (uint64_t i = 0; i < file.left_out().size(); ++i)
+    left_out[std::string(file.string(file.left_out()[i].what))] += file.left_out()[i].count;
+  CHECK(left_out["COLOR_0 (all white)"] == 3);
+  CHECK(left_out["NORMAL"] >= 3);
+}
+
+TEST_CASE("attributes that are not finite are repaired and counted", "[convert]") {
+  const TempFolder folder;
+  const std::vector<uint8_t> pixels(4 * 4 * 3, 200);
+  REQUIRE(runtime::write_png(folder.file("a.png"), 4, 4, 3, pixels));
+  const std::string png = tests::read_whole(folder.file("a.png"));
+  {
+    ModelMaker maker(folder.file("in.glb"));
+    tools::GltfPrimitive primitive = maker.primitive({0, 0, 0, 1, 0, 0, 0, 1, 0, 1, 1, 0}, {0, 1, 2, 1, 3, 2});
+    primitive.material = maker.textured("a", format::ImageCodec::kPng, std::as_bytes(std::span(png)));
+    primitive.attributes.emplace_back("TEXCOORD_0",
+                                      maker.floats({0, 0, kNan, 1, 0.5f, kInf, 3, 3}, tools::GltfType::kVec2));
+    primitive.attributes.emplace_back("COLOR_0",
+                                      maker.floats({kNan, 0, 0, 2, 0, -5, 0, 1, 1, 1, 1, 1}, tools::GltfType::kVec3));
+    primitive.attributes.emplace_back(
+        "NORMAL", maker.floats({0, 0, 0, kNan, 0, 0, 0, 1, 0, 0, 3e38f, 3e38f}, tools::GltfType::kVec3));
+    maker.node("a", maker.mesh("a", {primitive}));
+    maker.finish();
+  }
+  convert::ConvertOptions options = options_of(folder);
+  options.normals = true;
+  const convert::ConvertReport report = must_match(options);
+  std::string all;
+  for (const std::string& warning : report.warnings) all += warning + "\n";
+  INFO(all);
+  CHECK(all.find("2 texture coordinates") != std::string::npos);
+  CHECK(all.find("1 vertex colours") != std::string::npos);
+  CHECK(all.find(" normals are zero or not finite") != std::string::npos);
+}
+
+TEST_CASE("nodes, world matrices, instances and scenes", "[convert]") {
+  const TempFolder folder;
+  {
+    ModelMaker maker(folder.file("in.glb"));
+    GridSpec spec;
+    const uint32_t two = maker.mesh("two", {maker.grid(spec), maker.grid(spec)});
+    const uint32_t one = maker.mesh("one", {maker.grid(spec)});
+    tools::GltfNode child;
+    child.mesh = one;
+    child.local = {0, 2, 0, 0, 0, 0, 1, 3, 3, -3};
+    const uint32_t child_number = maker.writer().add_node(child);
+    const uint32_t root = maker.node("root", two, {1, 0, 0});
+    maker.writer().node(root).children.push_back(child_number);
+    maker.node("again", two, {1, 0, 0});  // the same world matrix
+    const std::vector<float> places{0, 0, 0, 0, 0, 9, 0, 0, 18};
+    const uint32_t many = maker.node("many", one, {0, 5, 0});
+    maker.writer().node(many).instancing.emplace_back("TRANSLATION", maker.floats(places, tools::GltfType::kVec3));
+    tools::GltfScene only_child;
+    only_child.name = "again";
+    only_child.nodes = {root + 1};
+    maker.finish();
+  }
+  const convert::ConvertOptions options = options_of(folder);
+  const convert::ConvertReport report = must_match(options);
+  const tests::OpenFile opened = must_open(options.output);
+  const format::Container& file = opened.file;
+  REQUIRE(file.instances().size() == 2 * 2 + 1 + 3);
+  CHECK(file.matrices().size() == 5);
+  REQUIRE(file.scenes().size() == 1);
+  CHECK(file.scenes()[0].triangle_count == 8 * 32);
+  CHECK(report.triangles_drawn == 8 * 32);
+  CHECK(report.triangles == 3 * 32);
+  for (uint64_t i = 1; i < file.instances().size(); ++i) {
+    const format::InstanceRecord& a = file.instances()[i - 1];
+    const format::InstanceRecord& b = file.instances()[i];
+    CHECK(std::tie(a.mesh, a.node, a.node_instance) < std::tie(b.mesh, b.node, b.node_instance));
+  }
+  bool found_child = false;
+  for (uint64_t i = 0; i < file.instances().size(); ++i) {
+    const format::InstanceRecord& instance = file.instances()[i];
+    const format::MatrixRecord& m = file.matrices()[instance.matrix];
+    const format::NodeRecord& node = file.nodes()[instance.node];
+    if (file.string(node.name) == "many") {
+      CHECK(m.rows[1][3] == 5);
+      CHECK(m.rows[2][3] == 9 * instance.node_instance);
+    }
+    if (node.parent == format::kNone) continue;
+    found_child = true;
+    CHECK(m.rows[0][0] == 3);
+    CHECK(m.rows[2][2] == -3);
+    CHECK(m.rows[0][3] == 1);
+    CHECK(m.rows[1][3] == 2);
+  }
+  CHECK(found_child);
+}
+
+TEST_CASE("a document without scenes draws all its roots", "[convert]") {
+  const TempFolder folder;
+  {
+    ModelMaker maker(folder.file("in.glb"));
+    maker.node("a", maker.mesh("a", {maker.grid({})}));
+    maker.node("b", 0, {1, 2, 3});
+    maker.finish(false);
+  }
+  const convert::ConvertOptions options = options_of(folder);
+  must_match(options);
+  const tests::OpenFile opened = must_open(options.output);
+  REQUIRE(opened.file.scenes().size() == 1);
+  CHECK(opened.file.scenes()[0].root_count == 2);
+  CHECK(opened.file.scenes()[0].instance_count == 2);
+}
+
+TEST_CASE("the option --exclude leaves out nodes and what only they need", "[convert]") {
+  const TempFolder folder;
+  {
+    ModelMaker maker(folder.file("in.glb"));
+    maker.node("FogCard 1", maker.mesh("fog", {maker.grid({})}));
+    maker.node("rock", maker.mesh("rock", {maker.grid({})}));
+    maker.finish();
+  }
+  convert::ConvertOptions options = options_of(folder);
+  options.exclude = "FogCard|Plane";
+  CHECK(must_match(options).meshes == 1);
+  options.exclude = "(";
+  std::filesystem::remove(options.output);
+  must_fail(options, ErrorCode::kUsage, "");
+}
+
+TEST_CASE("the report says what was made", "[convert]") {
+  const TempFolder folder;
+  GridSpec spec;
+  spec.columns = spec.rows = 50;
+  tests::make_model(folder.file("in.glb"), spec);
+  convert::ConvertOptions options = options_of(folder);
+  const convert::ConvertReport report = must_match(options);
+  CHECK(report.input_bytes > 51 * 51 * 12 + 5000 * 12);
+  CHECK(report.input_bytes == std::filesystem::file_size(options.input));
+  CHECK(report.output_bytes == std::filesystem::file_size(options.output));
+  CHECK(report.peak_bytes > 1000000);
+  CHECK(report.relative_position_error > 0);
+  CHECK(report.relative_position_error < 2e-5);  // half of 1 / 65536 an axis, at worst twice that
+  const std::string line = convert::describe(options, report);
+  CHECK(line.find('\n') == std::string::npos);
+  CHECK(line.find("bits/triangle") != std::string::npos);
+  const tests::OpenFile opened = must_open(options.output);
+  CHECK(opened.file.string(opened.file.source().name) == "in.glb");
+  CHECK(opened.file.source().position_bytes == 51 * 51 * 12);
+  CHECK(opened.file.source().index_bytes == 5000 * 12);
+  CHECK(opened.file.string(opened.file.source().options).find("--positions 16") != std::string_view::npos);
+}

@@ -1,0 +1,251 @@
+// Meshes are encoded while later ones are measured: the same bytes and the same errors as when all are measured first,
+// which --resume does.
+#include <cinttypes>
+#include <cstdio>
+#include <filesystem>
+#include <limits>
+#include <numeric>
+#include <string>
+#include <vector>
+
+#include "tests/catch.h"
+#include "tests/models.h"
+#include "tests/sanitized.h"
+#include "tests/tools/convert/convert_fixture.h"
+#include "tests/tools/model_maker.h"
+#include "tests/tools/run_program.h"
+#include "tests/tools/temp_folder.h"
+
+using namespace scree;
+using namespace scree::convert;
+using tests::GridSpec;
+using tests::ModelMaker;
+using tests::must_convert;
+using tests::options_of;
+using tests::TempFolder;
+
+namespace {
+
+constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
+
+GridSpec grid_of(uint32_t side, float size) {
+  GridSpec spec;
+  spec.columns = spec.rows = side;
+  spec.size = size;
+  spec.uv = spec.color = true;
+  return spec;
+}
+
+enum Kind { kPlain, kShuffled, kApart, kWide, kImages };
+
+/// Indexed triangles that share no vertex.
+tools::GltfPrimitive triangles_apart(ModelMaker& maker, uint32_t triangles) {
+  std::vector<float> points;
+  std::vector<uint32_t> corners(3 * size_t{triangles});
+  std::iota(corners.begin(), corners.end(), 0u);
+  for (uint32_t i = 0; i < triangles; ++i) {
+    const float x = static_cast<float>(i % 500), z = static_cast<float>(i / 500);
+    points.insert(points.end(), {x, 0, z, x, 0, z + 0.5f, x + 0.5f, 1, z});
+  }
+  return maker.primitive(points, corners);
+}
+
+/// Enough triangles for one thread to be made to encode before it has measured all; meshes that repeat, of several
+/// primitives, of more than one window, with white colours and with nothing in them.
+void make_scene(const std::string& path, Kind kind) {
+  ModelMaker maker(path);
+  const std::string png = tests::read_whole(tests::data_path("checker.png").string());
+  const uint32_t checker =
+      kind == kImages ? maker.textured("png", format::ImageCodec::kPng, std::as_bytes(std::span(png))) : format::kNone;
+  for (uint32_t i = 0; i < 6; ++i) {
+    const float size = static_cast<float>(1 + i / 2 * 2);  // the second of two repeats the first
+    maker.node("pair", maker.mesh("pair", {maker.grid(grid_of(150, size), checker), maker.grid(grid_of(20, size))}));
+    GridSpec white = grid_of(180, static_cast<float>(i + 1));
+    white.white = true;
+    maker.node("white", maker.mesh("white", {maker.grid(white)}));
+  }
+  maker.node("nothing", maker.mesh("nothing", {maker.primitive({0, 0, 0, 1, 0, 0}, {})}));
+  if (kind == kShuffled) maker.node("shuffled", maker.mesh("shuffled", {shuffled_squares(maker, 400)}));
+  if (kind == kApart) maker.node("apart", maker.mesh("apart", {triangles_apart(maker, 250000)}));
+  maker.node("two windows", maker.mesh("two windows", {maker.grid(grid_of(400, 2))}));
+  if (kind == kWide) {  // no lattice of 24 bits an axis holds it within a bound of 1e-5
+    maker.node("wide", maker.mesh("wide", {maker.grid(grid_of(3, 1e6f))}));
+    maker.node("last", maker.mesh("last", {maker.grid(grid_of(30, 1))}));
+  }
+  maker.finish();
+}
+
+/// Enough good triangles too, and a position of the last mesh that is none.
+void make_bad_scene(const std::string& path) {
+  ModelMaker maker(path);
+  for (uint32_t i = 0; i < 12; ++i)
+    maker.node("good", maker.mesh("good", {maker.grid(grid_of(200, static_cast<float>(i + 1)))}));
+  maker.node("wide", maker.mesh("wide", {maker.grid(grid_of(3, 1e6f))}));
+  GridSpec bad = grid_of(10, 1);
+  bad.origin[1] = kNan;
+  maker.node("bad", maker.mesh("bad", {maker.grid(bad)}));
+  maker.finish();
+}
+
+/// The bytes without and with measuring all first, and whether they are the same.
+ConvertReport must_be_same(ConvertOptions options) {
+  const ConvertReport ahead = must_convert(options);
+  const std::string bytes = tests::read_whole(options.output);
+  options.resume = true;
+  const ConvertReport first = must_convert(options);
+  CHECK(first.windows_ahead == 0);
+  CHECK((tests::read_whole(options.output) == bytes));
+  CHECK(first.triangles == ahead.triangles);
+  CHECK(first.chunks == ahead.chunks);
+  CHECK(first.position_error == ahead.position_error);
+  CHECK((first.warnings == ahead.warnings));
+  return ahead;
+}
+
+/// Of a run of the program, as its closing line says.
+uint64_t windows_ahead(const tests::ProgramRun& run) {
+  INFO(run.output);
+  REQUIRE(run.exit_code == 0);
+  const size_t end = run.output.find(" windows encoded before all were measured");
+  if (end == std::string::npos) return 0;
+  uint64_t ahead = 0, windows = 0;
+  REQUIRE(std::sscanf(run.output.c_str() + run.output.rfind(',', end), ", %" SCNu64 " of %" SCNu64, &ahead, &windows) ==
+          2);
+  CHECK(ahead < windows);
+  return ahead;
+}
+
+/// Conversions of a scene by one thread, so that it does not matter who comes first, in processes of their own, which
+/// have as much memory when they begin every time.
+class TightMemory {
+ public:
+  explicit TightMemory(Kind kind) { make_scene(folder_.file("in.glb"), kind); }
+
+  tests::ProgramRun convert_within(uint64_t mib) const {
+    return tests::run_program({"convert", folder_.file("in.glb"), "-o", folder_.file("out.scree"), "--threads", "1",
+                               "--memory", std::to_string(mib) + "MiB"},
+                              folder_.file("log"));
+  }
+
+  /// In MiB, as the refusal of less says.
+  uint64_t least() const {
+    const std::string refused = convert_within(1).output;
+    INFO(refused);
+    const size_t at = refused.find("needs at least ");
+    REQUIRE(at != std::string::npos);
+    return std::stoull(refused.substr(at + 15));
+  }
+
+  std::string bytes() const { return tests::read_whole(folder_.file("out.scree")); }
+
+ private:
+  TempFolder folder_;
+};
+
+constexpr uint64_t kPlentyMiB = 2048;  // the default
+
+}  // namespace
+
+TEST_CASE("convert: encodes while it measures, the same bytes", "[convert][ahead]") {
+  const TempFolder folder;
+  const Kind kind = GENERATE(kPlain, kImages);
+  make_scene(folder.file("in.glb"), kind);
+  ConvertOptions options = options_of(folder);
+  options.encoding = GENERATE(Encoding::kIndexed, Encoding::kClustered);
+  for (const uint32_t threads : {1u, 3u}) {
+    options.threads = threads;
+    const ConvertReport report = must_be_same(options);
+    // With one thread at most 400,000 triangles wait, of which there are 780,000.
+    if (threads == 1) CHECK(report.windows_ahead > 4);
+    CHECK(report.rates.measured_triangles >= report.triangles);
+    CHECK(report.windows_ahead <= report.windows);
+  }
+  tests::must_match(options);
+}
+
+TEST_CASE("convert: windows that are measured are not read again", "[convert][ahead]") {
+  const TempFolder folder;
+  make_scene(folder.file("in.glb"), kPlain);
+  ConvertOptions options = options_of(folder);
+  options.weld = options.share = false;
+  const ConvertReport report = must_convert(options);
+  // Positions, indices and texture coordinates once; colours, which measuring looks at, twice.
+  CHECK(report.rates.read_bytes < 3 * report.input_bytes / 2);
+  options.resume = true;
+  CHECK(must_convert(options).rates.read_bytes > 3 * report.input_bytes / 2);
+}
+
+// From the least memory on, in steps, to the first that lets it encode ahead.
+TEST_CASE("convert: under a tight --memory nothing is encoded ahead, and the bytes are the same",
+          "[convert][ahead][memory]") {
+  const TightMemory tight(kPlain);
+  CHECK(windows_ahead(tight.convert_within(kPlentyMiB)) > 4);
+  const std::string bytes = tight.bytes();
+  const uint64_t least = tight.least();
+  uint64_t ahead = 0, enough = least;
+  for (; ahead == 0 && enough < kPlentyMiB; enough += 4) {
+    ahead = windows_ahead(tight.convert_within(enough));
+    CHECK((tight.bytes() == bytes));
+    if (enough == least) CHECK(ahead == 0);
+  }
+  CHECK(ahead > 0);
+  CHECK(enough < least + 256);
+}
+
+TEST_CASE("convert: under a tight --memory a window with more vertices than most ends encoding ahead",
+          "[convert][ahead][memory]") {
+  const TightMemory tight(kApart);
+  const uint64_t plenty = windows_ahead(tight.convert_within(kPlentyMiB));
+  const std::string bytes = tight.bytes();
+  const uint64_t least = tight.least();
+  // Enough to measure any window, and to measure and encode one of a vertex a triangle.
+  const tests::ProgramRun run = tight.convert_within(least + 8);
+  const uint64_t few = windows_ahead(run);
+  CHECK(few > 0);
+  CHECK(few < plenty);
+  CHECK((tight.bytes() == bytes));
+  if (!tests::kIsSanitized) CHECK(tests::stated_peak(run.output) <= (least + 8) << 20);
+}
+
+TEST_CASE("convert: what needs all meshes measured ends encoding ahead", "[convert][ahead][sort]") {
+  const TempFolder folder;
+  make_scene(folder.file("in.glb"), kShuffled);
+  ConvertOptions options = options_of(folder);
+  options.threads = 1;
+  const ConvertReport report = must_be_same(options);
+  CHECK(report.sorted_triangles == 320000);
+  CHECK(report.windows_ahead > 0);
+  options.grid = Grid::kScene;
+  CHECK(must_be_same(options).windows_ahead == 0);
+}
+
+TEST_CASE("convert: a mesh that no lattice serves ends encoding ahead, a bad one at the end all", "[convert][ahead]") {
+  const TempFolder folder;
+  make_scene(folder.file("in.glb"), kWide);
+  ConvertOptions options = options_of(folder);
+  options.threads = 1;
+  options.max_error = 1e-5;
+  CHECK(must_be_same(options).windows_ahead > 0);
+  CHECK((folder.names() == std::vector<std::string>{"in.glb", "out.scree"}));
+  std::filesystem::remove(options.output);
+
+  make_bad_scene(folder.file("in.glb"));
+  tests::must_fail(options, ErrorCode::kRange, "in.glb: mesh 13 primitive 0: vertex 0: position (");
+  CHECK((folder.names() == std::vector<std::string>{"in.glb"}));
+}
+
+TEST_CASE("convert: the .part of an earlier run outlives a run whose source is bad", "[convert][ahead]") {
+  const TempFolder folder;
+  ConvertOptions options = options_of(folder);
+  options.threads = 1;
+  make_bad_scene(folder.file("in.glb"));
+  const std::string part = folder.write("out.scree.part", "what a run that was killed left");
+  REQUIRE_FALSE(convert::convert(options));
+  CHECK(tests::read_whole(part) == "what a run that was killed left");
+
+  // Where the source is good it makes room, once all is measured.
+  make_scene(folder.file("in.glb"), kWide);
+  CHECK(must_convert(options).windows_ahead == 0);
+  CHECK((folder.names() == std::vector<std::string>{"in.glb", "out.scree"}));
+  CHECK(must_convert(options).windows_ahead > 0);
+}

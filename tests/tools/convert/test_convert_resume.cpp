@@ -1,0 +1,235 @@
+// convert --resume: killed anywhere, gone on with, the same bytes; whatever does not fit is noticed.
+#include <fcntl.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <chrono>
+#include <csignal>
+#include <cstring>
+#include <filesystem>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "format/layout.h"
+#include "tests/catch.h"
+#include "tests/format/jpeg/jpeg_maker.h"
+#include "tests/models.h"
+#include "tests/sanitized.h"
+#include "tests/tools/model_maker.h"
+#include "tests/tools/run_program.h"
+#include "tests/tools/temp_folder.h"
+
+using namespace scree;
+using tests::GridSpec;
+using tests::ModelMaker;
+using tests::TempFolder;
+
+namespace {
+
+/// Two images, five windows in three meshes: 9 MB.
+void make_scene(const std::string& path) {
+  ModelMaker maker(path);
+  tests::JpegRecipe recipe;
+  recipe.width = recipe.height = 200;
+  recipe.factors = {{2, 2}, {1, 1}, {1, 1}};
+  const uint32_t jpeg = maker.textured("jpeg", format::ImageCodec::kJpeg, tests::make_jpeg(recipe));
+  const std::string png = tests::read_whole(tests::data_path("checker.png").string());
+  const uint32_t checker = maker.textured("png", format::ImageCodec::kPng, std::as_bytes(std::span(png)));
+  GridSpec large;
+  large.columns = 600;
+  large.rows = 500;
+  large.uv = true;
+  GridSpec small;
+  small.uv = small.color = true;
+  maker.node("a", maker.mesh("a", {maker.grid(large, jpeg), maker.grid(small, checker)}));
+  large.rows = 300;
+  large.color = true;
+  maker.node("b", maker.mesh("b", {maker.grid(large)}), {1.5, 0, 0});
+  maker.finish();
+}
+
+class Conversion {
+ public:
+  explicit Conversion(const std::string& encoding = "indexed") : encoding_(encoding) {
+    make_scene(in_);
+    run({"-o", reference_path()}, 0);
+    reference_ = tests::read_whole(reference_path());
+    REQUIRE(reference_.size() > (encoding == "indexed" ? 5000000 : 1000000));
+    std::filesystem::remove(reference_path());
+  }
+
+  const TempFolder& folder() const { return folder_; }
+  const std::string& input() const { return in_; }
+  std::string part() const { return out_ + ".part"; }
+  const std::string& reference() const { return reference_; }
+
+  /// Whether the .part has its header already: it was killed between the two short calls that end it, and there is
+  /// nothing to go on from any more.
+  bool has_header() const {
+    if (!std::filesystem::exists(part())) return false;
+    const std::string begin = tests::read_whole(part()).substr(0, sizeof format::kMagic);
+    return begin.size() == sizeof format::kMagic && std::memcmp(begin.data(), format::kMagic, begin.size()) == 0;
+  }
+
+  std::vector<std::string> words(std::vector<std::string> more) const {
+    more.insert(more.begin(), {"convert", in_, "--zstd", "9", "--threads", std::to_string(threads_), "--max-error",
+                               "1e-5", "--encoding", encoding_});
+    return more;
+  }
+
+  /// Of runs from now on.
+  void use_threads(uint32_t threads) { threads_ = threads; }
+
+  /// Runs it to its end and returns what it says.
+  std::string run(std::vector<std::string> more, int expected = 0) {
+    const tests::ProgramRun run = tests::run_program(words(std::move(more)), folder_.file("log"));
+    INFO(run.output);
+    REQUIRE(run.exit_code == expected);
+    return run.output;
+  }
+
+  /// Starts it, and sends it `signal` as soon as the .part takes `bytes` on the disk; it may have come to its end then.
+  void stop_at(uint64_t bytes, int signal, const std::string& option) {
+    std::vector<std::string> more{"-o", out_};
+    if (!option.empty()) more.push_back(option);
+    const pid_t child = tests::start_program(words(more), folder_.file("log"));
+    for (int i = 0; i < 200000; ++i) {
+      siginfo_t ended{};
+      REQUIRE(waitid(P_PID, static_cast<id_t>(child), &ended, WEXITED | WNOHANG | WNOWAIT) == 0);
+      if (ended.si_pid == child) break;
+      struct stat status {};
+      if (::stat(part().c_str(), &status) == 0 && static_cast<uint64_t>(status.st_blocks) * 512 >= bytes) break;
+      std::this_thread::sleep_for(std::chrono::microseconds(200));
+    }
+    kill(child, signal);
+    tests::wait_for(child);
+  }
+
+  /// Goes on, checks the bytes, and returns what is said.
+  std::string resume() {
+    const std::string said = run({"-o", out_, "--resume"});
+    CHECK((tests::read_whole(out_) == reference_));
+    CHECK_FALSE(std::filesystem::exists(part()));
+    std::filesystem::remove(out_);
+    return said;
+  }
+
+ private:
+  std::string reference_path() const { return folder_.file("reference.scree"); }
+
+  TempFolder folder_;
+  std::string in_ = folder_.file("in.glb");
+  std::string out_ = folder_.file("out.scree");
+  std::string reference_;
+  std::string encoding_;
+  uint32_t threads_ = 2;
+};
+
+bool says(const std::string& text, const char* words) {
+  return text.find(words) != std::string::npos;
+}
+
+/// Changes a byte, or cuts the file off there.
+void damage(const std::string& path, uint64_t offset, bool cut) {
+  if (cut) {
+    REQUIRE(::truncate(path.c_str(), static_cast<off_t>(offset)) == 0);
+    return;
+  }
+  const int file = ::open(path.c_str(), O_RDWR | O_CLOEXEC);
+  REQUIRE(file >= 0);
+  unsigned char byte = 0;
+  REQUIRE(::pread(file, &byte, 1, static_cast<off_t>(offset)) == 1);
+  byte ^= 0x5a;
+  REQUIRE(::pwrite(file, &byte, 1, static_cast<off_t>(offset)) == 1);
+  ::close(file);
+}
+
+}  // namespace
+
+TEST_CASE("convert --resume: killed at many points, the same bytes", "[convert][resume]") {
+  const std::string encoding = GENERATE("indexed", "clustered");
+  Conversion conversion(encoding);
+  int resumed = 0;
+  constexpr int kKills = tests::kIsSanitized ? 6 : 13;
+  // Gone on with by another number of threads than was killed; the reference is of two.
+  uint32_t threads = 0;
+  const uint64_t size = conversion.reference().size();
+  for (uint64_t bytes = 4096; bytes < size; bytes += size / kKills) {
+    conversion.use_threads(1 + threads % 3);
+    conversion.stop_at(bytes, SIGKILL, threads % 2 == 0 ? "--resume" : "");
+    const bool is_left = std::filesystem::exists(conversion.part());
+    const bool has_header = conversion.has_header();
+    conversion.use_threads(1 + ++threads % 3);
+    const std::string said = conversion.resume();
+    INFO(bytes << ": " << said);
+    if (bytes > 100000) CHECK(says(said, "starts afresh") == has_header);  // else there may be no page yet
+    if (is_left) resumed += says(said, "resumed after") ? 1 : 0;
+  }
+  CHECK(resumed >= kKills / 2 - 1);
+  // Killed again and again, it still comes to its end.
+  for (uint64_t i = 1; i < 6; ++i) {
+    conversion.use_threads(static_cast<uint32_t>(i));
+    conversion.stop_at(i * size / 9, SIGKILL, "--resume");
+  }
+  conversion.resume();
+  CHECK(conversion.folder().names() == std::vector<std::string>{"in.glb", "log"});
+}
+
+TEST_CASE("convert --resume: a signal leaves the .part, and without the option it does not", "[convert][resume]") {
+  Conversion conversion;
+  conversion.stop_at(2000000, SIGTERM, "");
+  CHECK_FALSE(std::filesystem::exists(conversion.part()));
+  conversion.stop_at(2000000, SIGINT, "--resume");
+  REQUIRE(std::filesystem::exists(conversion.part()));
+  CHECK(says(conversion.resume(), "resumed after"));
+  CHECK_FALSE(says(conversion.resume(), "resume"));  // there is nothing to go on with
+}
+
+TEST_CASE("convert --resume: a damaged .part is noticed", "[convert][resume]") {
+  Conversion conversion;
+  conversion.stop_at(4500000, SIGKILL, "");
+  const std::string kept = conversion.folder().file("kept");
+  REQUIRE(std::filesystem::exists(conversion.part()));
+  std::filesystem::rename(conversion.part(), kept);
+  const uint64_t size = std::filesystem::file_size(kept);
+  const auto check = [&](uint64_t offset, bool cut, const char* expected) {
+    std::filesystem::copy_file(kept, conversion.part(), std::filesystem::copy_options::overwrite_existing);
+    damage(conversion.part(), offset, cut);
+    const std::string said = conversion.resume();
+    INFO("byte " << offset << (cut ? " cut" : "") << ": " << said);
+    CHECK(says(said, expected));
+  };
+  check(8, false, "starts afresh");    // the mark
+  check(100, false, "resumed after");  // what becomes padding behind the header
+  check(4096, false, "");              // the first page
+  check(1000000, false, "resumed after");
+  check(2500000, false, "resumed after");
+  check(size - 10, false, "resumed after");  // the log
+  check(2500000, true, "");                  // pages and no log
+  check(size - 10, true, "resumed after");
+  check(30, true, "starts afresh");
+}
+
+TEST_CASE("convert --resume: another input or other options start afresh", "[convert][resume]") {
+  Conversion conversion;
+  conversion.stop_at(3000000, SIGKILL, "");
+  const std::string kept = conversion.folder().file("kept");
+  REQUIRE(std::filesystem::exists(conversion.part()));
+  std::filesystem::rename(conversion.part(), kept);
+  const auto take_kept = [&] {
+    std::filesystem::copy_file(kept, conversion.part(), std::filesystem::copy_options::overwrite_existing);
+  };
+  const std::string out = conversion.folder().file("out.scree");
+  take_kept();
+  const std::string other = conversion.run({"-o", out, "--resume", "--order", "none"});
+  CHECK(says(other, "starts afresh: it was made from another input or with other options"));
+  CHECK((tests::read_whole(out) != conversion.reference()));
+  take_kept();
+  CHECK(says(conversion.run({"-o", out, "--resume", "--memory", "4GiB"}), "resumed after"));
+  CHECK((tests::read_whole(out) == conversion.reference()));
+  take_kept();
+  std::filesystem::last_write_time(conversion.input(),
+                                   std::filesystem::last_write_time(conversion.input()) + std::chrono::seconds(1));
+  CHECK(says(conversion.resume(), "starts afresh"));
+}

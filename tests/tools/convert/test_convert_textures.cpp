@@ -1,0 +1,189 @@
+// convert --textures: what images become, and that they come back.
+#include <algorithm>
+#include <fstream>
+#include <map>
+
+#include "format/container/mip_levels.h"
+#include "format/jpeg/index.h"
+#include "runtime/images/image.h"
+#include "tests/catch.h"
+#include "tests/format/jpeg/jpeg_maker.h"
+#include "tests/tools/compare/compare_scenes.h"
+#include "tests/tools/convert/convert_fixture.h"
+#include "tests/tools/model_maker.h"
+#include "tests/tools/packed_file.h"
+#include "tests/tools/temp_folder.h"
+#include "tools/convert/convert.h"
+#include "tools/export/export.h"
+#include "tools/gltf/source.h"
+#include "tools/inspect/verify.h"
+
+using namespace scree;
+using tests::JpegRecipe;
+using tests::ModelMaker;
+using tests::must_convert;
+using tests::must_fail;
+using tests::must_open;
+using tests::options_of;
+using tests::TempFolder;
+
+namespace {
+
+using Bytes = std::vector<std::byte>;
+
+JpegRecipe recipe(std::vector<std::pair<int, int>> factors) {
+  JpegRecipe made;
+  made.width = 301;
+  made.height = 203;
+  made.factors = std::move(factors);
+  return made;
+}
+
+Bytes png_of(const TempFolder& folder, uint32_t channels) {
+  std::vector<uint8_t> pixels(size_t{160} * 90 * channels);
+  for (size_t i = 0; i < pixels.size(); ++i) pixels[i] = static_cast<uint8_t>(i * 7 % 251);
+  REQUIRE(runtime::write_png(folder.file("a.png"), 160, 90, channels, pixels));
+  const std::string text = tests::read_whole(folder.file("a.png"));
+  const auto bytes = std::as_bytes(std::span(text));
+  return {bytes.begin(), bytes.end()};
+}
+
+/// A grid for every image, each with a material that shows it.
+void make_model(const std::string& path, const std::vector<std::pair<format::ImageCodec, Bytes>>& images) {
+  ModelMaker maker(path);
+  std::vector<uint32_t> primitives;
+  for (size_t i = 0; i < images.size(); ++i) {
+    const uint32_t material = maker.textured("image" + std::to_string(i), images[i].first, images[i].second);
+    tests::GridSpec spec;
+    spec.uv = true;
+    maker.node("n" + std::to_string(i), maker.mesh("m" + std::to_string(i), {maker.grid(spec, material)}));
+  }
+  maker.finish();
+}
+
+void check_verified(const std::string& path) {
+  const tests::OpenFile opened = must_open(path);
+  const auto report = inspect::verify(opened.file, opened.map.bytes(), 2, {});
+  for (const auto& failure : report.failures) FAIL_CHECK(failure.error.message);
+  CHECK(report.images == opened.file.images().size());
+}
+
+}  // namespace
+
+TEST_CASE("JPEGs are indexed and come back with their coefficients", "[convert][jpeg]") {
+  const TempFolder folder;
+  JpegRecipe progressive = recipe({{2, 2}, {1, 1}, {1, 1}});
+  progressive.is_progressive = true;
+  JpegRecipe restarts = recipe({{1, 1}, {1, 1}, {1, 1}});
+  restarts.restart = 5;
+  restarts.has_segments = true;
+  JpegRecipe rgb = recipe({{1, 1}, {1, 1}, {1, 1}});
+  rgb.is_rgb = true;
+  const std::vector<Bytes> files = {tests::make_jpeg(recipe({{2, 2}, {1, 1}, {1, 1}})), tests::make_jpeg(progressive),
+                                    tests::make_jpeg(restarts), tests::make_jpeg(rgb),
+                                    tests::make_jpeg(recipe({{1, 1}}))};
+  std::vector<std::pair<format::ImageCodec, Bytes>> images;
+  for (const Bytes& file : files) images.emplace_back(format::ImageCodec::kJpeg, file);
+  images.emplace_back(format::ImageCodec::kPng, png_of(folder, 4));
+  make_model(folder.file("in.glb"), images);
+  const convert::ConvertOptions options = options_of(folder);
+  const convert::ConvertReport report = must_convert(options);
+  REQUIRE(report.warnings.size() == 1);
+  CHECK(report.warnings[0] == "in.glb: image 1 (image1): progressive, stored as baseline with the same coefficients");
+  check_verified(options.output);
+  {
+    const tests::OpenFile opened = must_open(options.output);
+    const format::Container& file = opened.file;
+    REQUIRE(file.images().size() == 6);
+    CHECK(file.mip_levels().size() == 5 * 2);  // 150 x 101 and 75 x 50
+    for (uint32_t i = 0; i < 5; ++i) {
+      CHECK(file.images()[i].codec == format::ImageCodec::kIndexedJpeg);
+      CHECK(file.images()[i].channels == (i == 4 ? 1 : 3));
+    }
+    CHECK(file.images()[5].codec == format::ImageCodec::kPng);
+  }
+  const Bytes once = [&] {
+    const std::string text = tests::read_whole(options.output);
+    const auto bytes = std::as_bytes(std::span(text));
+    return Bytes(bytes.begin(), bytes.end());
+  }();
+  convert::ConvertOptions alone = options;
+  alone.threads = 1;
+  must_convert(alone);
+  CHECK(tests::read_whole(options.output).size() == once.size());
+  CHECK(std::memcmp(tests::read_whole(options.output).data(), once.data(), once.size()) == 0);
+
+  // Out to glTF and in again: the same coefficients, and so the same file a second time.
+  const auto packed = tests::open_packed(options.output);
+  REQUIRE(packed);
+  tools::ExportOptions export_options;
+  export_options.threads = 1;
+  const auto exported = tools::export_gltf(packed->file, folder.file("back.glb"), export_options);
+  if (!exported) FAIL(exported.error().message);
+  const auto source = convert::import_gltf(options.input, {});
+  const auto back = convert::import_gltf(folder.file("back.glb"), {});
+  REQUIRE((source && back));
+  for (const std::string& difference : tests::compare_scenes(*source, packed->file, *back)) FAIL_CHECK(difference);
+}
+
+TEST_CASE("other images become JPEGs only where that is asked for", "[convert][jpeg]") {
+  const TempFolder folder;
+  const Bytes jpeg = tests::make_jpeg(recipe({{2, 1}, {1, 1}, {1, 1}}));
+  make_model(folder.file("in.glb"), {{format::ImageCodec::kPng, png_of(folder, 4)},
+                                     {format::ImageCodec::kPng, png_of(folder, 3)},
+                                     {format::ImageCodec::kJpeg, jpeg}});
+  convert::ConvertOptions options = options_of(folder);
+  SECTION("jpeg") {
+    options.images.textures = convert::Textures::kJpeg;
+    options.images.quality = 80;
+    const convert::ConvertReport report = must_convert(options);
+    REQUIRE(report.warnings.size() == 1);
+    CHECK(report.warnings[0] == "in.glb: image 0 (image0): alpha is left out");
+    check_verified(options.output);
+    const tests::OpenFile opened = must_open(options.output);
+    for (uint32_t i = 0; i < 3; ++i) {
+      CHECK(opened.file.images()[i].codec == format::ImageCodec::kIndexedJpeg);
+      std::vector<std::byte> scratch;
+      const auto page = opened.file.load_page(opened.file.images()[i].page, scratch);
+      REQUIRE(page);
+      const auto index = format::open_jpeg_index(*page);
+      REQUIRE(index);
+      if (i < 2) CHECK(index->layout.mcu_blocks == 3);  // 4:4:4
+    }
+    CHECK(opened.file.string(opened.file.source().options).find("--textures jpeg:80") != std::string_view::npos);
+  }
+  SECTION("raw") {
+    options.images.textures = convert::Textures::kRaw;
+    must_convert(options);
+    check_verified(options.output);
+    const tests::OpenFile opened = must_open(options.output);
+    CHECK(opened.file.images()[2].codec == format::ImageCodec::kJpeg);
+    CHECK(opened.file.mip_levels().empty());
+    std::vector<std::byte> scratch;
+    const auto page = opened.file.load_page(opened.file.images()[2].page, scratch);
+    REQUIRE(page);
+    CHECK(std::equal(page->begin(), page->end(), jpeg.begin(), jpeg.end()));
+  }
+  SECTION("a quality that is none") {
+    options.images.quality = 0;
+    must_fail(options, ErrorCode::kUsage, "--textures: quality 0");
+  }
+}
+
+TEST_CASE("a damaged JPEG is named, and grey where the rest is wanted", "[convert][jpeg]") {
+  const TempFolder folder;
+  Bytes cut = tests::make_jpeg(recipe({{2, 2}, {1, 1}, {1, 1}}));
+  cut.resize(cut.size() / 2);
+  const Bytes whole = tests::make_jpeg(recipe({{1, 1}}));
+  make_model(folder.file("in.glb"), {{format::ImageCodec::kJpeg, cut}, {format::ImageCodec::kJpeg, whole}});
+  convert::ConvertOptions options = options_of(folder);
+  must_fail(options, ErrorCode::kTruncated, "in.glb: image 0 (image0): JPEG: byte " + std::to_string(cut.size()));
+  options.images.keep_going = true;
+  const convert::ConvertReport report = must_convert(options);
+  REQUIRE(report.warnings.size() == 1);
+  CHECK(report.warnings[0].find("grey in its place") != std::string::npos);
+  check_verified(options.output);
+  const tests::OpenFile opened = must_open(options.output);
+  CHECK(opened.file.images()[0].width == 1);
+  CHECK(opened.file.images()[1].width == 301);
+}

@@ -1,0 +1,113 @@
+// EXT_mesh_gpu_instancing on the way into a file: instances that are held and compared, and those that are streamed.
+#include <array>
+#include <string>
+#include <string_view>
+#include <tuple>
+#include <vector>
+
+#include "tests/catch.h"
+#include "tests/tools/compare/source_compare.h"
+#include "tests/tools/model_maker.h"
+#include "tests/tools/temp_folder.h"
+#include "tools/convert/convert.h"
+#include "tools/convert/plan/scene_tables.h"
+
+using namespace scree;
+using tests::GridSpec;
+using tests::ModelMaker;
+using tests::TempFolder;
+
+namespace {
+
+/// Places along a line, the first `equal` of them the same.
+std::vector<float> places(uint64_t count, uint64_t equal) {
+  std::vector<float> values;
+  for (uint64_t i = 0; i < count; ++i) {
+    const float x = i < equal ? 0.0f : static_cast<float>(i);
+    values.insert(values.end(), {x, 2, 3});
+  }
+  return values;
+}
+
+/// Two nodes in the same place with the same instances, one whose world matrix is another, and a small one.
+void make_many(const std::string& path, uint64_t count, uint64_t equal) {
+  ModelMaker maker(path);
+  const uint32_t trunk = maker.mesh("trunk", {maker.grid({})});
+  const uint32_t leaves = maker.mesh("leaves", {maker.grid({}), maker.grid({.origin = {0, 1, 0}})});
+  const uint32_t large = maker.floats(places(count, equal), tools::GltfType::kVec3);
+  const uint32_t small = maker.floats(places(3, 1), tools::GltfType::kVec3);
+  const auto add = [&](const char* name, uint32_t mesh, std::array<double, 3> place, uint32_t instances) {
+    const uint32_t node = maker.node(name, mesh, place);
+    maker.writer().node(node).instancing.emplace_back("TRANSLATION", instances);
+  };
+  add("trunks", trunk, {0, 0, 0}, large);
+  add("leaves", leaves, {0, 0, 0}, large);
+  add("moved", trunk, {0, 7, 0}, large);
+  add("few", trunk, {0, 9, 0}, small);
+  maker.node("once", trunk, {0, 2, 3});
+  maker.finish();
+}
+
+tests::OpenFile converted(const TempFolder& folder, uint64_t count, uint64_t equal,
+                          convert::Grid grid = convert::Grid::kMesh) {
+  make_many(folder.file("in.glb"), count, equal);
+  convert::ConvertOptions options;
+  options.input = folder.file("in.glb");
+  options.output = folder.file("out.scree");
+  options.grid = grid;
+  const Result<convert::ConvertReport> report = convert::convert(options);
+  if (!report) FAIL(report.error().message);
+  Result<tests::OpenFile> opened = tests::OpenFile::open(options.output);
+  if (!opened) FAIL(opened.error().message);
+  return std::move(*opened);
+}
+
+/// Every instance must lie where its node and its place among the node's instances put it.
+void check_instances(const format::Container& file, uint64_t count, uint64_t equal) {
+  REQUIRE(file.node_instances().size() == 3 * count + 3);
+  REQUIRE(file.instances().size() == count * 4 + 3 + 1);
+  bool in_place = true;
+  bool is_sorted = true;
+  for (uint64_t i = 0; i < file.instances().size(); ++i) {
+    const format::InstanceRecord& instance = file.instances()[i];
+    const std::string_view name = file.string(file.nodes()[instance.node].name);
+    const format::MatrixRecord& m = file.matrices()[instance.matrix];
+    const uint64_t k = instance.node_instance;
+    const double x = name == "once" || (name != "few" && k < equal) ? 0 : static_cast<double>(k);
+    const double y = name == "moved" ? 9 : name == "few" ? 11 : 2;
+    in_place &= m.rows[0][0] == 1 && m.rows[0][3] == x && m.rows[1][3] == y && m.rows[2][3] == 3;
+    if (i == 0) continue;
+    const format::InstanceRecord& last = file.instances()[i - 1];
+    is_sorted &= std::tie(last.mesh, last.node, last.node_instance) <
+                 std::tie(instance.mesh, instance.node, instance.node_instance);
+  }
+  CHECK(in_place);
+  CHECK(is_sorted);
+  CHECK(file.scenes()[0].triangle_count == 32 * file.instances().size());
+}
+
+}  // namespace
+
+TEST_CASE("few instances have each world matrix once", "[convert]") {
+  const TempFolder folder;
+  const tests::OpenFile opened = converted(folder, 500, 100);
+  check_instances(opened.file, 500, 100);
+  CHECK(opened.file.matrices().size() == 401 + 401 + 3);
+}
+
+TEST_CASE("more instances than are held are written as they come", "[convert]") {
+  const TempFolder folder;
+  const uint64_t count = convert::kMaxHeldInstances + 1;
+  const tests::OpenFile opened = converted(folder, count, 100);
+  check_instances(opened.file, count, 100);
+  // Those of the first two nodes are written once for both; "few" and "once" are held.
+  CHECK(opened.file.matrices().size() == 2 * count + 3 + 1);
+}
+
+TEST_CASE("meshes share a step where their matrices may be equal", "[convert]") {
+  const TempFolder folder;
+  const tests::OpenFile opened = converted(folder, convert::kMaxHeldInstances + 1, 1, convert::Grid::kScene);
+  REQUIRE(opened.file.meshes().size() == 3);
+  for (uint64_t i = 1; i < 3; ++i)
+    CHECK(opened.file.meshes()[i].lattice_exponent == opened.file.meshes()[0].lattice_exponent);
+}

@@ -1,0 +1,204 @@
+#include "tools/convert/images/jpeg_transcode.h"
+
+#include <algorithm>
+#include <cstdlib>
+#include <filesystem>
+
+#include "format/jpeg/index.h"
+#include "runtime/images/image.h"
+#include "tests/catch.h"
+#include "tests/format/geometry/guarded_bytes.h"
+#include "tests/format/jpeg/jpeg_checks.h"
+#include "tests/format/jpeg/jpeg_maker.h"
+#include "tests/models.h"
+
+using namespace scree;
+using scree::format::JpegTreatment;
+using scree::tests::GuardedBytes;
+using scree::tests::JpegRecipe;
+using scree::tests::make_jpeg;
+using scree::tests::jpeg::Bytes;
+using scree::tests::jpeg::read_file;
+
+namespace {
+
+/// Whether the file can be indexed, and opened then.
+void check_indexable(const Bytes& file) {
+  const auto header = format::parse_jpeg(file);
+  if (!header) FAIL(header.error().message);
+  const auto bound = format::jpeg_index_bound(*header, file.size());
+  if (!bound) FAIL(bound.error().message);
+  Bytes out(*bound);
+  const auto encoded = format::encode_jpeg_index(out, *header, file);
+  if (!encoded) FAIL(encoded.error().message);
+  CHECK(encoded->dropped_bytes == 0);
+  const auto index = format::open_jpeg_index(std::span<const std::byte>(out).first(encoded->bytes));
+  if (!index) FAIL(index.error().message);
+}
+
+void check_transcode(const Bytes& file) {
+  GuardedBytes guarded(file);
+  const auto transcoded = runtime::transcode_jpeg(guarded.bytes());
+  if (!transcoded) FAIL(transcoded.error().message);
+  const auto before = scree::tests::read_coefficients(file);
+  const auto after = scree::tests::read_coefficients(transcoded->file);
+  REQUIRE(before.size() == after.size());
+  for (size_t c = 0; c < before.size(); ++c) {
+    CHECK(before[c].blocks_across == after[c].blocks_across);
+    CHECK(before[c].blocks_down == after[c].blocks_down);
+    CHECK(before[c].values == after[c].values);
+  }
+  CHECK(scree::tests::read_quant_tables(transcoded->file) == scree::tests::read_quant_tables(file));
+  CHECK(scree::tests::read_colour_space(transcoded->file) == scree::tests::read_colour_space(file));
+  check_indexable(transcoded->file);
+}
+
+JpegRecipe colour_recipe(std::vector<std::pair<int, int>> factors) {
+  JpegRecipe recipe;
+  recipe.width = 151;
+  recipe.height = 103;
+  recipe.factors = std::move(factors);
+  return recipe;
+}
+
+}  // namespace
+
+TEST_CASE("progressive, arithmetic and several-scan JPEGs keep their coefficients", "[jpeg_transcode]") {
+  for (const auto& factors : std::vector<std::vector<std::pair<int, int>>>{
+           {{1, 1}}, {{1, 1}, {1, 1}, {1, 1}}, {{2, 2}, {1, 1}, {1, 1}}, {{2, 1}, {1, 2}, {1, 1}}}) {
+    for (int kind = 0; kind < 8; ++kind) {
+      JpegRecipe recipe = colour_recipe(factors);
+      recipe.is_progressive = kind == 1 || kind == 3 || kind == 6;
+      recipe.is_arithmetic = kind == 2 || kind == 3;
+      recipe.has_scan_each = kind == 4 || kind == 7;
+      recipe.restart = kind >= 5 ? 4 : 0;
+      recipe.is_rgb = kind == 6 && factors.size() == 3;
+      recipe.has_wide_quant = kind == 7;
+      if (kind == 7) recipe.quality = 3;
+      INFO("kind " << kind << ", " << factors.size() << " components");
+      check_transcode(make_jpeg(recipe));
+    }
+  }
+  JpegRecipe recipe = colour_recipe({{2, 2}, {1, 1}, {1, 1}});
+  recipe.is_progressive = true;
+  CHECK(runtime::transcode_jpeg(make_jpeg(recipe))->note ==
+        "progressive, stored as baseline with the same coefficients");
+}
+
+TEST_CASE("a progressive JPEG cut anywhere is an error and never a picture", "[jpeg_transcode]") {
+  JpegRecipe recipe = colour_recipe({{2, 2}, {1, 1}, {1, 1}});
+  recipe.width = 40;
+  recipe.height = 24;
+  for (int kind = 0; kind < 2; ++kind) {
+    recipe.is_progressive = kind == 0;
+    recipe.has_scan_each = kind == 1;
+    const Bytes file = make_jpeg(recipe);
+    for (size_t size = 0; size + 2 < file.size(); ++size) {
+      GuardedBytes guarded(std::span<const std::byte>(file).first(size));
+      const auto transcoded = runtime::transcode_jpeg(guarded.bytes());
+      if (transcoded) FAIL("a prefix of " << size << " bytes is taken");
+      if (transcoded.error().message.rfind("JPEG: byte ", 0) != 0) FAIL(transcoded.error().message);
+    }
+  }
+}
+
+TEST_CASE("what cannot be transcoded is refused before memory is taken", "[jpeg_transcode]") {
+  const auto message = [](const Bytes& file) {
+    const auto transcoded = runtime::transcode_jpeg(file);
+    REQUIRE_FALSE(transcoded);
+    return transcoded.error().message;
+  };
+  JpegRecipe recipe = colour_recipe({{1, 1}, {1, 1}, {1, 1}});
+  recipe.is_progressive = true;
+  Bytes file = make_jpeg(recipe);
+  size_t frame = 2;  // SOF2
+  while (file[frame] != std::byte{0xff} || file[frame + 1] != std::byte{0xc2}) ++frame;
+  const auto set = [&](size_t at, uint32_t value) {
+    Bytes changed = file;
+    changed[frame + at] = static_cast<std::byte>(value);
+    return changed;
+  };
+  CHECK(message(set(4, 12)) == "JPEG: 12 bits a sample");
+  CHECK(message(set(1, 0xc3)) == "JPEG: lossless");
+  Bytes huge = file;
+  for (size_t i = 5; i < 9; ++i) huge[frame + i] = std::byte{0xff};
+  CHECK(message(huge) == "JPEG: 65535 x 65535 pixels, expected at most 2^28");
+  huge[frame + 5] = huge[frame + 7] = std::byte{0x3f};
+  CHECK(message(huge).find("expected a bit a block or more") != std::string::npos);
+  Bytes wide = set(11, 0x33);
+  CHECK(runtime::transcode_jpeg(wide).error().code == ErrorCode::kUnsupported);  // 11 blocks an MCU
+  CHECK(message(make_jpeg(colour_recipe({{1, 1}, {1, 1}, {1, 1}, {1, 1}}))) == "JPEG: 4 components (CMYK)");
+}
+
+TEST_CASE("CMYK is decoded and coded anew", "[jpeg_transcode]") {
+  JpegRecipe recipe = colour_recipe({{1, 1}, {1, 1}, {1, 1}, {1, 1}});
+  const Bytes file = make_jpeg(recipe);
+  const auto coded = runtime::reencode_jpeg(file, 95);
+  REQUIRE(coded);
+  CHECK(coded->note == "4 components (CMYK), decoded and coded anew with quality 95");
+  check_indexable(coded->file);
+  const auto before = runtime::decode_image(file);
+  const auto after = runtime::decode_image(coded->file);
+  REQUIRE((before && after));
+  REQUIRE(before->rgba.size() == after->rgba.size());
+  double sum = 0;
+  for (size_t i = 0; i < before->rgba.size(); ++i) sum += std::abs(int{before->rgba[i]} - int{after->rgba[i]});
+  CHECK(sum / static_cast<double>(before->rgba.size()) < 3);
+}
+
+TEST_CASE("real JPEG files are indexed as they are, transcoded, coded anew or refused", "[jpeg_transcode]") {
+  if (scree::tests::models_path().empty()) {
+    WARN("no models: skipped");
+    return;
+  }
+  uint32_t transcoded = 0;
+  uint32_t refused = 0;
+  uint32_t coded = 0;
+  for (const auto& entry : std::filesystem::recursive_directory_iterator(scree::tests::models_path() / "jpeg")) {
+    if (!entry.is_regular_file()) continue;
+    INFO(entry.path().filename().string());
+    const Bytes file = read_file(entry.path());
+    const auto header = format::parse_jpeg(file);
+    REQUIRE(header);
+    switch (format::judge_jpeg(*header).treatment) {
+      case JpegTreatment::kAsItIs:
+        break;
+      case JpegTreatment::kTranscode:
+        check_transcode(file);
+        ++transcoded;
+        break;
+      case JpegTreatment::kReencode: {
+        const auto result = runtime::reencode_jpeg(file, 90);
+        if (!result) FAIL(result.error().message);
+        check_indexable(result->file);
+        ++coded;
+        break;
+      }
+      case JpegTreatment::kRefuse:
+        CHECK(runtime::transcode_jpeg(file).error().code == ErrorCode::kUnsupported);
+        CHECK(runtime::reencode_jpeg(file, 90).error().code == ErrorCode::kUnsupported);
+        ++refused;
+        break;
+    }
+  }
+  CHECK(transcoded >= 25);
+  CHECK(coded >= 4);
+  CHECK(refused == 4);
+}
+
+TEST_CASE("damaged JPEG files never take the transcoder past its limits", "[jpeg_transcode]") {
+  if (scree::tests::models_path().empty()) {
+    WARN("no models: skipped");
+    return;
+  }
+  uint32_t refused = 0;
+  for (const auto& entry :
+       std::filesystem::recursive_directory_iterator(scree::tests::models_path() / "bad" / "jpeg")) {
+    if (!entry.is_regular_file()) continue;
+    INFO(entry.path().filename().string());
+    const auto transcoded = runtime::transcode_jpeg(read_file(entry.path()));
+    refused += !transcoded;
+    if (transcoded) check_indexable(transcoded->file);
+  }
+  CHECK(refused > 50);
+}

@@ -1,0 +1,95 @@
+// What a conversion is reckoned to take, of scenes too large to be converted here.
+#include <cstdint>
+#include <optional>
+#include <vector>
+
+#include "tests/catch.h"
+#include "tools/convert/passes/memory_plan.h"
+
+using namespace scree;
+using namespace scree::convert;
+
+namespace {
+
+constexpr uint64_t kPrimitives = 200;
+constexpr uint64_t kTriangles = uint64_t{1} << 31;  // of each
+
+/// Primitives of one glTF mesh, or each of its own; nobody reads what their accessors name.
+SourceScene make_scene(bool in_one_mesh) {
+  SourceScene scene;
+  scene.file_name = "huge.gltf";
+  for (uint32_t i = 0; i < kPrimitives; ++i) {
+    Primitive primitive;
+    primitive.group = in_one_mesh ? 0 : i;
+    primitive.positions.count = 1000;
+    primitive.indices.emplace().count = 3 * kTriangles;
+    scene.primitives.push_back(primitive);
+  }
+  return scene;
+}
+
+/// The least --memory, to a MiB, with which one thread may encode while it measures.
+uint64_t least_ahead(const SourceScene& scene) {
+  ConvertOptions options;
+  const std::vector<bool> wanted(scene.primitives.size(), true);
+  uint64_t too_little = 0, enough = uint64_t{1} << 40;
+  while (enough - too_little > uint64_t{1} << 20) {
+    options.memory = too_little + (enough - too_little) / 2;
+    const Result<MemoryPlan> plan = MemoryPlan::make(options, scene, wanted, 0, 1);
+    (plan && plan->ahead() ? enough : too_little) = options.memory;
+  }
+  return enough;
+}
+
+}  // namespace
+
+TEST_CASE("memory plan: windows of one glTF mesh wait for each other", "[convert][memory]") {
+  const uint64_t apart = least_ahead(make_scene(false)), together = least_ahead(make_scene(true));
+  CHECK(apart < uint64_t{1} << 40);
+  // Each is listed three times, in vectors that may be half empty; process memory comes and goes by some MiB.
+  const uint64_t windows = kPrimitives * (kTriangles / kWindowTriangles);
+  CHECK(together - apart > windows * 2 * sizeof(WindowPlan));
+  CHECK(together - apart < windows * 1024);
+}
+
+TEST_CASE("memory plan: windows of indexed triangles count with a vertex a triangle where no more has room",
+          "[convert][memory]") {
+  SourceScene scene = make_scene(false);
+  for (Primitive& primitive : scene.primitives) primitive.positions.count = uint64_t{1} << 30;
+  const auto largest = [&](uint64_t memory) {
+    ConvertOptions options;
+    options.memory = memory;
+    const Result<MemoryPlan> plan = MemoryPlan::make(options, scene, std::vector<bool>(kPrimitives, true), 0, 1);
+    REQUIRE(plan);
+    const std::optional<AheadLimits> limits = plan->ahead();
+    REQUIRE(limits);
+    return limits->window;
+  };
+  constexpr uint64_t kSlack = uint64_t{16} << 20;  // process memory comes and goes
+  const uint64_t least = least_ahead(scene);
+  CHECK(largest(least + kSlack).vertices == kWindowTriangles + 2);
+  CHECK(largest(least + kSlack).span == 4 * kWindowTriangles);
+  CHECK(largest(2 * least).vertices == 3 * kWindowTriangles);
+  CHECK(largest(2 * least).span == uint64_t{1} << 30);
+
+  // Of triangles without indices each has three of its own.
+  for (Primitive& primitive : scene.primitives) primitive.indices.reset();
+  CHECK(largest(least_ahead(scene) + kSlack).vertices == 3 * kWindowTriangles);
+}
+
+TEST_CASE("memory plan: compressed views take what their places, their readers and what is kept of them do",
+          "[convert][memory][meshopt]") {
+  SourceScene scene = make_scene(false);
+  const uint64_t plain = least_ahead(scene);
+  constexpr uint64_t kGiB = uint64_t{1} << 30;
+  constexpr uint64_t kSlack = uint64_t{16} << 20;  // process memory comes and goes
+  const auto more = [&](const PackedViewMemory& views) {
+    scene.view_memory = views;
+    return least_ahead(scene) - plain;
+  };
+  CHECK(more({0, kGiB, 0}) + kSlack > kGiB);
+  CHECK(more({kGiB, 0, 0}) + kSlack > 2 * kGiB);  // a thread holds one while another is kept
+  const uint64_t kept = more({0, 0, kGiB / 16});
+  CHECK(kept + kSlack > kGiB / 16);
+  CHECK(kept < kGiB / 16 + kSlack);
+}

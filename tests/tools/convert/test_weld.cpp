@@ -1,0 +1,214 @@
+// Equal vertices are stored once: the classes against brute force, and what convert makes of them.
+#include <bit>
+#include <cstdint>
+#include <cstring>
+#include <random>
+#include <vector>
+
+#include "tests/catch.h"
+#include "tests/tools/convert/convert_fixture.h"
+#include "tests/tools/model_maker.h"
+#include "tools/convert/encode/weld.h"
+
+using namespace scree;
+using namespace scree::convert;
+using tests::must_convert;
+using tests::must_match;
+using tests::must_open;
+using tests::options_of;
+using tests::TempFolder;
+
+namespace {
+
+uint64_t left_out_count(const format::Container& file, std::string_view what) {
+  for (uint64_t i = 0; i < file.left_out().size(); ++i)
+    if (file.string(file.left_out()[i].what) == what) return file.left_out()[i].count;
+  return 0;
+}
+
+uint64_t stored_vertices(const format::Container& file) {
+  uint64_t sum = 0;
+  for (uint64_t i = 0; i < file.meshes().size(); ++i) sum += file.meshes()[i].vertex_count;
+  return sum;
+}
+
+uint64_t payload_bytes(const format::Container& file) {
+  uint64_t sum = 0;
+  for (uint64_t i = 0; i < file.chunks().size(); ++i) sum += file.chunks()[i].bytes;
+  return sum;
+}
+
+/// One triangle list without indices: two triangles that share the edge of corners 1 and 2.
+std::vector<float> quad() {
+  return {0, 0, 0, 1, 0, 0, 0, 1, 0, 1, 0, 0, 1, 1, 0, 0, 1, 0};
+}
+
+}  // namespace
+
+TEST_CASE("weld: classes are those of brute force, whatever is parted by", "[weld]") {
+  std::mt19937 random(11);
+  const float choices[] = {0.0f, -0.0f, 1.0f, 1e-30f, std::numeric_limits<float>::quiet_NaN()};
+  for (const size_t count : {size_t{0}, size_t{1}, size_t{2}, size_t{63}, size_t{64}, size_t{65}, size_t{700}}) {
+    for (const Welder::Zeros zeros : {Welder::Zeros::kUnsigned, Welder::Zeros::kSigned}) {
+      CAPTURE(count, zeros == Welder::Zeros::kSigned);
+      std::vector<float> positions(3 * count), uvs(2 * count), colors(4 * count);
+      for (float& value : positions) value = choices[random() % 4];
+      for (float& value : uvs) value = choices[random() % 5];
+      for (float& value : colors) value = choices[random() % 2];
+      const auto same = [&](const std::vector<float>& values, size_t n, size_t a, size_t b, bool keeps_sign) {
+        for (size_t c = 0; c < n; ++c) {
+          uint32_t x = std::bit_cast<uint32_t>(values[n * a + c]), y = std::bit_cast<uint32_t>(values[n * b + c]);
+          if (!keeps_sign && x == 0x80000000u) x = 0;
+          if (!keeps_sign && y == 0x80000000u) y = 0;
+          if (x != y) return false;
+        }
+        return true;
+      };
+      const auto check = [&](Welder& welder, int attributes) {
+        uint64_t duplicates = 0;
+        std::vector<uint32_t> with_equal;
+        REQUIRE(welder.firsts().size() == count);
+        for (uint32_t i = 0; i < count; ++i) {
+          uint32_t first = i;
+          bool has_equal = false;
+          for (uint32_t j = 0; j < count; ++j) {
+            const bool equal = same(positions, 3, i, j, zeros == Welder::Zeros::kSigned) &&
+                               (attributes < 1 || same(uvs, 2, i, j, false)) &&
+                               (attributes < 2 || same(colors, 4, i, j, false));
+            if (equal && j < first) first = j;
+            has_equal = has_equal || (equal && j != i);
+          }
+          if (welder.firsts()[i] != first) FAIL("vertex " << i << ": " << welder.firsts()[i] << ", not " << first);
+          duplicates += first != i ? 1 : 0;
+          if (has_equal) with_equal.push_back(i);
+        }
+        CHECK(welder.duplicates() == duplicates);
+        const std::span<const uint32_t> found = welder.find_candidates();
+        CHECK(std::vector<uint32_t>(found.begin(), found.end()) == with_equal);
+      };
+      const auto pick = [](const std::vector<float>& values, size_t n, Welder& welder) {
+        std::vector<float> out;
+        for (const uint32_t place : welder.find_candidates())
+          out.insert(out.end(), &values[n * place], &values[n * place] + n);
+        return out;
+      };
+      Welder welder;
+      welder.start(positions, zeros);
+      check(welder, 0);
+      welder.part(pick(uvs, 2, welder), 2);
+      check(welder, 1);
+      welder.part(pick(colors, 4, welder), 4);
+      check(welder, 2);
+    }
+  }
+}
+
+TEST_CASE("weld: a mesh without indices takes the bytes of the same mesh with them", "[weld]") {
+  const TempFolder folder;
+  tests::GridSpec spec;
+  spec.columns = 512;
+  spec.rows = 300;  // 307,200 triangles: two windows
+  const auto encoding = GENERATE(Encoding::kIndexed, Encoding::kClustered);
+  const auto order = GENERATE(Order::kNone, Order::kFifo);
+  CAPTURE(encoding == Encoding::kClustered, order == Order::kFifo);
+  uint64_t bytes[2], vertices[2];
+  for (const bool indexed : {true, false}) {
+    spec.indexed = indexed;
+    tests::make_model(folder.file("in.glb"), spec);
+    ConvertOptions options = options_of(folder);
+    options.encoding = encoding;
+    options.order = order;
+    const ConvertReport report = must_match(options);
+    REQUIRE(report.triangles == 307200);
+    const tests::OpenFile packed = must_open(options.output);
+    bytes[indexed] = payload_bytes(packed.file);
+    vertices[indexed] = stored_vertices(packed.file);
+    // Of the six corners of a square all but one vertex are another square's: the windows' shared row counts twice.
+    CHECK(left_out_count(packed.file, "duplicate vertices") == (indexed ? 0u : 3u * 307200 - (513u * 301 + 513)));
+  }
+  INFO(bytes[1] << " bytes with indices, " << bytes[0] << " without");
+  // In the same order the bytes are as many; meshoptimizer's order depends on how vertices are numbered.
+  if (order == Order::kNone && encoding == Encoding::kIndexed) {
+    CHECK(bytes[0] == bytes[1]);
+    CHECK(vertices[0] == vertices[1]);
+  }
+  CHECK(static_cast<double>(bytes[0]) < 1.05 * static_cast<double>(bytes[1]));
+}
+
+TEST_CASE("weld: --no-weld keeps every vertex of the source, and any number of threads gives the same bytes",
+          "[weld]") {
+  const TempFolder folder;
+  tests::GridSpec spec;
+  spec.columns = spec.rows = 400;
+  spec.indexed = false;
+  tests::make_model(folder.file("in.glb"), spec);
+  ConvertOptions options = options_of(folder);
+  std::string first;
+  for (const uint32_t threads : {1u, 2u, 5u}) {
+    options.threads = threads;
+    must_convert(options);
+    const std::string bytes = tests::read_whole(options.output);
+    if (first.empty()) first = bytes;
+    CHECK(bytes == first);
+  }
+  options.weld = false;
+  must_match(options);
+  const tests::OpenFile packed = must_open(options.output);
+  CHECK(stored_vertices(packed.file) == 3 * 320000u);
+  CHECK(left_out_count(packed.file, "duplicate vertices") == 0);
+  CHECK(packed.file.string(packed.file.source().options).find("--no-weld") != std::string_view::npos);
+}
+
+TEST_CASE("weld: vertices part where an attribute that is stored does", "[weld]") {
+  const TempFolder folder;
+  tests::ModelMaker maker(folder.file("in.glb"));
+  const float nan = std::numeric_limits<float>::quiet_NaN();
+  const auto loose = [&](const std::vector<float>& colors, bool with_normals) {
+    tests::ModelMaker& m = maker;
+    tools::GltfPrimitive out = m.primitive(quad(), {});
+    if (!colors.empty()) out.attributes.emplace_back("COLOR_0", m.floats(colors, tools::GltfType::kVec3));
+    if (with_normals)
+      out.attributes.emplace_back(
+          "NORMAL", m.floats({0, 0, 1, 0, 0, 1, 0, 0, 1, 0, 1, 0, 0, 1, 0, 0, 1, 0}, tools::GltfType::kVec3));
+    return out;
+  };
+  const std::vector<float> equal{1, 0, 0, 0, 1, 0, 0, 0, 1, 0, 1, 0, 1, 1, 1, 0, -0.0f, 1};
+  const std::vector<float> one_differs{1, 0, 0, 0, 1, 0, 0, 0, 1, 0, 1, 0, 1, 1, 1, 0, 0.25f, 1};
+  const std::vector<float> not_numbers{1, 0, 0, nan, 1, 0, 0, 0, 1, nan, 1, 0, 1, 1, 1, 0, 0, 1};
+  maker.node("plain", maker.mesh("plain", {loose({}, false)}));
+  maker.node("equal", maker.mesh("equal", {loose(equal, false)}));
+  maker.node("differs", maker.mesh("differs", {loose(one_differs, false)}));
+  maker.node("nan", maker.mesh("nan", {loose(not_numbers, false)}));
+  maker.node("normals", maker.mesh("normals", {loose({}, true)}), {0, 0, 1});
+  maker.finish();
+  ConvertOptions options = options_of(folder);
+  must_match(options);
+  const auto counts = [&] {
+    const tests::OpenFile packed = must_open(options.output);
+    std::vector<uint64_t> out;
+    for (uint64_t i = 0; i < packed.file.meshes().size(); ++i) out.push_back(packed.file.meshes()[i].vertex_count);
+    return out;
+  };
+  const std::vector<uint64_t> without_normals = counts();
+  REQUIRE(without_normals.size() >= 4);
+  CHECK(std::vector<uint64_t>(without_normals.begin(), without_normals.begin() + 4) ==
+        std::vector<uint64_t>{4, 4, 5, 4});
+  options.normals = true;
+  must_match(options);
+  CHECK(counts().back() == 6);
+}
+
+TEST_CASE("weld: minus zero is zero on a lattice and itself as a float", "[weld]") {
+  const TempFolder folder;
+  tests::ModelMaker maker(folder.file("in.glb"));
+  std::vector<float> points = quad();
+  points[11] = -0.0f;  // z of the second triangle's first corner, which is the first's second one
+  maker.node("node", maker.mesh("mesh", {maker.primitive(points, {})}));
+  maker.finish();
+  ConvertOptions options = options_of(folder);
+  must_match(options);
+  CHECK(stored_vertices(must_open(options.output).file) == 4);
+  options.float32 = true;
+  must_match(options);
+  CHECK(stored_vertices(must_open(options.output).file) == 5);
+}

@@ -1,0 +1,288 @@
+#include <algorithm>
+#include <atomic>
+#include <cstring>
+#include <filesystem>
+#include <set>
+#include <string>
+#include <vector>
+
+#include "tests/catch.h"
+#include "tests/models.h"
+#include "tests/paths.h"
+#include "tests/tools/compare/compare_scenes.h"
+#include "tests/tools/packed_file.h"
+#include "tests/tools/validator.h"
+#include "tools/export/export.h"
+#include "tools/export/primitives.h"
+#include "tools/gltf/writer.h"
+#include "tools/inspect/verify.h"
+
+namespace scree {
+namespace {
+
+namespace fs = std::filesystem;
+
+/// The variants take turns, so that every encoding meets the real models.
+convert::ConvertOptions variant(size_t number) {
+  convert::ConvertOptions options;
+  options.source_ids = true;
+  options.normals = number % 2 == 0;
+  options.drop_nonfinite = true;
+  options.zstd_level = number % 3 == 0 ? 3 : 0;
+  options.chunk_triangles = number % 4 == 1 ? 100 : number % 4 == 3 ? 0 : format::kMaxChunkTriangles;
+  options.order = number % 5 == 4 ? convert::Order::kNone : convert::Order::kFifo;
+  options.float32 = number % 7 == 6;
+  if (number % 3 != 1) options.encoding = convert::Encoding::kClustered;
+  if (number % 6 == 2) options.clusters = tools::ClusterEffort::kBest;
+  if (number % 7 == 5) options.position_bits = 22;
+  if (number % 7 == 3) options.position_bits = 10;
+  return options;
+}
+
+tools::ExportOptions with_threads(uint32_t threads) {
+  tools::ExportOptions options;
+  options.threads = threads;
+  return options;
+}
+
+/// Converts, verifies, exports, imports again and compares. False where the source does not convert.
+bool round_trip(const fs::path& source_path, size_t number, const std::string& exported,
+                const tests::TempFolder& folder) {
+  INFO(source_path.string());
+  const auto packed = tests::pack(source_path.string(), folder.file("packed.scree"), variant(number));
+  if (!packed) {
+    INFO(packed.error().message);
+    // Refused input is refused with a reason; a reason of ours would be a bug.
+    CHECK(packed.error().code != ErrorCode::kMemory);
+    CHECK(packed.error().message.find("unexpected") == std::string::npos);
+    return false;
+  }
+  const inspect::VerifyReport verified = inspect::verify(packed->file, packed->map.bytes(), 2);
+  for (const inspect::Failure& failure : verified.failures) FAIL_CHECK(failure.error.message);
+  CHECK(verified.failure_count == 0);
+  CHECK(verified.chunks == packed->file.chunks().size());
+  CHECK(verified.images == packed->file.images().size());
+
+  const auto summary = tools::export_gltf(packed->file, exported, with_threads(2));
+  if (!summary) {
+    FAIL_CHECK(summary.error().message);
+    return true;
+  }
+  uint64_t triangles = 0;
+  for (uint64_t i = 0; i < packed->file.meshes().size(); ++i) triangles += packed->file.meshes()[i].triangle_count;
+  CHECK(summary->triangles == triangles);
+
+  const auto source = convert::import_gltf(source_path.string(), {});
+  const auto back = convert::import_gltf(exported, {});
+  REQUIRE(source);
+  if (!back) {
+    FAIL_CHECK(back.error().message);
+    return true;
+  }
+  for (const std::string& line : tests::compare_scenes(*source, packed->file, *back)) FAIL_CHECK(line);
+  return true;
+}
+
+/// At least `share` of the sources must convert.
+void round_trip_all(const std::vector<fs::path>& sources, double share) {
+  const tests::TempFolder folder, exports;
+  size_t converted = 0;
+  for (size_t i = 0; i < sources.size(); ++i) {
+    // The number keeps exports of models of one name apart; .gltf files get a folder for their images.
+    const std::string name = std::to_string(i) + "-" + sources[i].stem().string();
+    fs::create_directories(exports.path() / name);
+    const std::string exported = exports.file(name + "/" + sources[i].stem().string() + (i % 2 ? ".gltf" : ".glb"));
+    converted += round_trip(sources[i], i, exported, folder);
+  }
+  CHECK(static_cast<double>(converted) >= share * static_cast<double>(sources.size()));
+  const tests::ValidatorRun run = tests::run_validator(exports.path());
+  if (!tests::validator_result_is_there(run)) return;
+  INFO(run.output);
+  CHECK(run.exit_code == 0);
+  CHECK(run.output.find(std::to_string(converted) + " passed, 0 failed") != std::string::npos);
+}
+
+fs::path small_model() {
+  return tests::data_path("textured_cube.glb");
+}
+
+}  // namespace
+
+TEST_CASE("export: the models of tests/data come back as they were", "[export][roundtrip]") {
+  const auto sources = tests::gltf_files(tests::kDataFolder);
+  REQUIRE(sources.size() >= 2);
+  round_trip_all(sources, 0.5);
+}
+
+TEST_CASE("export: real models come back as they were and the validator accepts them", "[export][roundtrip][models]") {
+  if (tests::models_path().empty()) {
+    WARN("the real models are not there");
+    return;
+  }
+  // The others are compressed with Draco or meshoptimizer, or not valid.
+  round_trip_all(tests::gltf_files(tests::models_path() / "scenes"), 0.85);
+}
+
+TEST_CASE("export: a textured material on a primitive without texture coordinates", "[export]") {
+  // Not valid itself, but common; what is exported must be.
+  const tests::TempFolder folder, exports;
+  const float positions[9] = {0, 0, 0, 1, 0, 0, 0, 1, 0};
+  const float uvs[6] = {0, 0, 1, 0, 0, 1};
+  std::string bin(reinterpret_cast<const char*>(positions), sizeof positions);
+  bin.append(reinterpret_cast<const char*>(uvs), sizeof uvs);
+  tests::write_file(folder.path() / "a.bin", bin);
+  fs::copy_file(tests::data_path("checker.png"), folder.path() / "checker.png");
+  tests::write_file(folder.path() / "a.gltf", R"({"asset": {"version": "2.0"}, "scenes": [{"nodes": [0]}], "scene": 0,
+    "nodes": [{"mesh": 0}], "images": [{"uri": "checker.png"}], "textures": [{"source": 0}],
+    "materials": [{"name": "m", "pbrMetallicRoughness": {"baseColorTexture": {"index": 0}, "baseColorFactor": [1.0000001, 0.5, 0, 1]}}],
+    "meshes": [{"primitives": [{"attributes": {"POSITION": 0, "TEXCOORD_0": 1}, "material": 0},
+                               {"attributes": {"POSITION": 0}, "material": 0},
+                               {"attributes": {"POSITION": 0}, "material": 0}]}],
+    "accessors": [{"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3", "min": [0, 0, 0], "max": [1, 1, 0]},
+                  {"bufferView": 1, "componentType": 5126, "count": 3, "type": "VEC2"}],
+    "bufferViews": [{"buffer": 0, "byteLength": 36}, {"buffer": 0, "byteOffset": 36, "byteLength": 24}],
+    "buffers": [{"uri": "a.bin", "byteLength": 60}]})");
+  CHECK(round_trip(folder.path() / "a.gltf", 0, exports.file("a.glb"), folder));
+  const auto back = convert::import_gltf(exports.file("a.glb"), {});
+  REQUIRE(back);
+  REQUIRE(back->materials.size() == 2);  // one copy for both
+  CHECK(back->materials[0].record.texture != format::kNone);
+  CHECK(back->materials[1].record.texture == format::kNone);
+  CHECK(back->materials[1].record.base_color[0] == 1.0f);
+  CHECK(back->materials[1].record.base_color[1] == 0.5f);
+  const tests::ValidatorRun run = tests::run_validator(exports.path());
+  if (!tests::validator_result_is_there(run)) return;
+  INFO(run.output);
+  CHECK(run.exit_code == 0);
+}
+
+TEST_CASE("export: the validator check can fail", "[export]") {
+  const tests::TempFolder folder;
+  const auto packed = tests::pack(small_model().string(), folder.file("a.scree"));
+  REQUIRE(packed);
+  const std::string path = folder.file("a.glb");
+  REQUIRE(tools::export_gltf(packed->file, path, {}));
+  std::string bytes = tests::read_file(path);
+  const size_t place = bytes.find("\"POSITION\"");
+  REQUIRE(place != std::string::npos);
+  std::memcpy(&bytes[place + 1], "POSITIOM", 8);  // no such attribute
+  tests::write_file(path, bytes);
+  const tests::ValidatorRun run = tests::run_validator(folder.path());
+  if (!tests::validator_result_is_there(run)) return;
+  INFO(run.output);
+  CHECK(run.exit_code == 1);
+}
+
+TEST_CASE("export: the same bytes for any number of threads", "[export]") {
+  const tests::TempFolder folder;
+  convert::ConvertOptions options;
+  options.chunk_triangles = 3;
+  const auto packed = tests::pack(small_model().string(), folder.file("a.scree"), options);
+  REQUIRE(packed);
+  REQUIRE(tools::export_gltf(packed->file, folder.file("one.glb"), with_threads(1)));
+  REQUIRE(tools::export_gltf(packed->file, folder.file("many.glb"), with_threads(7)));
+  const std::string one = tests::read_file(folder.file("one.glb"));
+  CHECK(!one.empty());
+  CHECK(one == tests::read_file(folder.file("many.glb")));
+}
+
+TEST_CASE("export: a mesh with more vertices than an index can name is cut between chunks", "[export]") {
+  const tests::TempFolder folder;
+  convert::ConvertOptions options;
+  options.chunk_triangles = 2;
+  const auto packed = tests::pack(small_model().string(), folder.file("a.scree"), options);
+  REQUIRE(packed);
+  const format::MeshRecord& mesh = packed->file.meshes()[0];
+  REQUIRE(mesh.chunk_count >= 3);
+  auto writer = tools::GltfWriter::create(folder.file("cut.glb"));
+  REQUIRE(writer);
+  const uint64_t limit = mesh.vertex_count / 2 + 1;
+  const auto cut = tools::write_primitives(packed->file, *writer, with_threads(2), limit);
+  REQUIRE(cut);
+  CHECK(cut->size() > packed->file.meshes().size());
+  uint64_t triangles = 0, vertices = 0;
+  for (const tools::ExportedPrimitive& primitive : *cut) {
+    CHECK(primitive.vertices <= limit);
+    CHECK(primitive.primitive.indices != format::kNone);
+    triangles += primitive.triangles;
+    vertices += primitive.vertices;
+  }
+  uint64_t all_triangles = 0, all_vertices = 0;
+  for (uint64_t i = 0; i < packed->file.meshes().size(); ++i) {
+    all_triangles += packed->file.meshes()[i].triangle_count;
+    all_vertices += packed->file.meshes()[i].vertex_count;
+  }
+  CHECK(triangles == all_triangles);
+  CHECK(vertices == all_vertices);
+}
+
+TEST_CASE("export: progress is reported, the file let go, and a stop leaves nothing behind", "[export]") {
+  const tests::TempFolder folder;
+  convert::ConvertOptions options;
+  options.chunk_triangles = 2;
+  const auto packed = tests::pack(small_model().string(), folder.file("a.scree"), options);
+  REQUIRE(packed);
+  std::vector<uint64_t> done;
+  uint64_t released = 0;
+  tools::ExportOptions watched = with_threads(1);
+  uint64_t written = 0;
+  watched.progress = [&](uint64_t triangles, uint64_t bytes) {
+    done.push_back(triangles);
+    CHECK(bytes > written);
+    written = bytes;
+  };
+  watched.is_done_with = [&](uint64_t offset, uint64_t bytes) {
+    CHECK(offset + bytes <= packed->map.size());
+    ++released;
+  };
+  const auto summary = tools::export_gltf(packed->file, folder.file("a.glb"), watched);
+  REQUIRE(summary);
+  REQUIRE(!done.empty());
+  CHECK(std::is_sorted(done.begin(), done.end()));
+  CHECK(done.back() == summary->triangles);
+  CHECK(released == done.size());
+  CHECK(written < summary->bytes);
+
+  const std::atomic<bool> stop{true};
+  watched.stop = &stop;
+  const auto stopped = tools::export_gltf(packed->file, folder.file("b.glb"), watched);
+  REQUIRE(!stopped);
+  CHECK(stopped.error().message.find("interrupted") != std::string::npos);
+  size_t files = 0;
+  for (const auto& entry : fs::directory_iterator(folder.path())) files += entry.is_regular_file();
+  CHECK(files == 2);
+}
+
+TEST_CASE("export: what cannot be written is an error and leaves nothing behind", "[export]") {
+  const tests::TempFolder folder;
+  const std::string scree = folder.file("a.scree");
+  {
+    const auto packed = tests::pack(small_model().string(), scree);
+    REQUIRE(packed);
+    const auto wrong_name = tools::export_gltf(packed->file, folder.file("a.obj"), {});
+    REQUIRE(!wrong_name);
+    CHECK(wrong_name.error().code == ErrorCode::kUsage);
+    const auto no_folder = tools::export_gltf(packed->file, folder.file("missing/a.glb"), {});
+    REQUIRE(!no_folder);
+    CHECK(no_folder.error().code == ErrorCode::kFile);
+  }
+  std::string bytes = tests::read_file(scree);
+  const auto opened = tests::open_packed(scree);
+  REQUIRE(opened);
+  const uint64_t place = opened->file.pages()[0].offset;
+  bytes[place] = static_cast<char>(bytes[place] ^ 16);
+  tests::write_file(folder.file("bad.scree"), bytes);
+  const auto bad = tests::open_packed(folder.file("bad.scree"));
+  REQUIRE(bad);
+  for (const char* name : {"bad.glb", "bad.gltf"}) {
+    const auto broken = tools::export_gltf(bad->file, folder.file(name), {});
+    REQUIRE(!broken);
+    CHECK(broken.error().code == ErrorCode::kChecksum);
+    CHECK(broken.error().message.find("page 0") != std::string::npos);
+  }
+  std::set<std::string> left;
+  for (const auto& entry : fs::directory_iterator(folder.path())) left.insert(entry.path().filename().string());
+  CHECK(left == std::set<std::string>{"a.scree", "bad.scree"});
+}
+
+}  // namespace scree

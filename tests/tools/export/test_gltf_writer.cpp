@@ -1,0 +1,219 @@
+// The glTF writer: what it writes is valid JSON and says what it was told, nothing is left of a write that failed.
+#include "tools/gltf/writer.h"
+
+#include <sys/resource.h>
+
+#include <csignal>
+#include <cstring>
+#include <filesystem>
+#include <fstream>
+#include <limits>
+#include <nlohmann/json.hpp>
+
+#include "format/bytes.h"
+#include "tests/catch.h"
+#include "tests/tools/temp_folder.h"
+#include "tools/common/json_writer.h"
+
+using namespace scree;
+using namespace scree::tools;
+using nlohmann::json;
+using tests::read_whole;
+using tests::TempFolder;
+
+namespace {
+
+std::span<const std::byte> bytes_of(std::string_view text) {
+  return std::as_bytes(std::span(text));
+}
+
+/// Adds one of everything.
+void fill(GltfWriter& writer) {
+  const float positions[9] = {0, 0, 0, 0.1f, 0, 0, 0, 1e-7f, -0.0f};
+  const Result<uint64_t> offset = writer.append(std::as_bytes(std::span(positions)), 16);
+  REQUIRE(offset);
+  REQUIRE(writer.append(bytes_of("abc"), 1));  // leaves an odd end
+  const uint32_t view = writer.add_buffer_view({*offset, sizeof positions, 0, GltfTarget::kVertices});
+  GltfAccessor accessor;
+  accessor.buffer_view = view;
+  accessor.count = 3;
+  accessor.min = {0, 0, -0.0};
+  accessor.max = {0.1f, 1e-7f, 0};
+  const uint32_t position = writer.add_accessor(accessor);
+  const Result<uint32_t> image = writer.add_image("a/b ü", format::ImageCodec::kPng, bytes_of("PNG"));
+  REQUIRE(image);
+  REQUIRE(writer.add_image("A/B ü", format::ImageCodec::kPng, bytes_of("PNG2")));
+  GltfTexture texture;
+  texture.image = *image;
+  texture.wrap_t = format::Wrap::kClamp;
+  GltfMaterial material;
+  material.name = "quote \" back \\ bell \a \xff umlaut ü";
+  material.texture = writer.add_texture(texture);
+  material.transform.scale[0] = 0.5;
+  material.unlit = true;
+  GltfMesh mesh{"mesh", {{{{"POSITION", position}}, format::kNone, writer.add_material(material)}}};
+  const uint32_t mesh_index = writer.add_mesh(mesh);
+  GltfNode node;
+  node.name = "leaf";
+  node.mesh = mesh_index;
+  node.local[0] = 0.1f;
+  const uint32_t leaf = writer.add_node(node);
+  GltfNode root;
+  root.has_matrix = true;
+  root.local = {1, 0, 0, 0, 0, 0, -1, 0, 0, 1, 0, 0, 1e300, 0, 0, 1};
+  root.children = {leaf};
+  writer.add_camera({});
+  writer.add_scene({"scene", {writer.add_node(root)}});
+}
+
+void check_document(const json& document) {
+  CHECK(document["materials"][0]["name"] == "quote \" back \\ bell \a \xef\xbf\xbd umlaut ü");
+  CHECK(static_cast<float>(document["accessors"][0]["max"][0].get<double>()) == 0.1f);
+  CHECK(document["accessors"][0]["max"][0].get<double>() == double{0.1f});
+  CHECK(document["nodes"][0]["translation"][0].get<double>() == double{0.1f});
+  CHECK(!document["nodes"][0].contains("rotation"));
+  CHECK(document["nodes"][1]["matrix"][12] == 1e300);
+  CHECK(document["nodes"][1]["children"] == json{0});
+  CHECK(document["extensionsUsed"] == json{"KHR_materials_unlit", "KHR_texture_transform"});
+  CHECK(!document.contains("extensionsRequired"));
+  CHECK(document["samplers"] == json::parse(R"([{"wrapT":33071}])"));
+  CHECK(document["buffers"][0]["byteLength"].get<uint64_t>() >= 39);
+  CHECK(!document.contains("animations"));
+}
+
+}  // namespace
+
+TEST_CASE("a .gltf, its .bin and its images", "[gltf_writer]") {
+  const TempFolder folder;
+  Result<GltfWriter> writer = GltfWriter::create(folder.file("a b%.gltf"));
+  REQUIRE(writer);
+  fill(*writer);
+  for (const std::string& name : folder.names()) CHECK(std::filesystem::path(name).extension() == ".part");
+  REQUIRE(writer->finish());
+  CHECK(folder.names() == std::vector<std::string>{"a b%.bin", "a b%.gltf", "a b%_A_B____2.png", "a b%_a_b___.png"});
+  const json document = json::parse(read_whole(folder.file("a b%.gltf")));
+  check_document(document);
+  CHECK(document["buffers"][0]["uri"] == "a%20b%25.bin");
+  CHECK(document["images"][1]["uri"] == "a%20b%25_A_B____2.png");
+  CHECK(read_whole(folder.file("a b%_A_B____2.png")) == "PNG2");
+  CHECK(std::filesystem::file_size(folder.file("a b%.bin")) == document["buffers"][0]["byteLength"]);
+}
+
+TEST_CASE("a .glb", "[gltf_writer]") {
+  const TempFolder folder;
+  Result<GltfWriter> writer = GltfWriter::create(folder.file("x.glb"));
+  REQUIRE(writer);
+  fill(*writer);
+  REQUIRE(writer->finish());
+  CHECK(folder.names() == std::vector<std::string>{"x.glb"});
+  const std::string file = read_whole(folder.file("x.glb"));
+  CHECK(file.size() == writer->total_bytes());
+  const auto u32 = [&](size_t place) {
+    return format::load<uint32_t>(reinterpret_cast<const std::byte*>(&file[place]));
+  };
+  CHECK(file.substr(0, 4) == "glTF");
+  CHECK(u32(4) == 2);
+  CHECK(u32(8) == file.size());
+  const uint32_t json_bytes = u32(12);
+  CHECK(json_bytes % 4 == 0);
+  CHECK(file.substr(16, 4) == "JSON");
+  const json document = json::parse(file.substr(20, json_bytes));
+  check_document(document);
+  CHECK(u32(20 + json_bytes) == file.size() - 28 - json_bytes);
+  CHECK(file.substr(24 + json_bytes, 4) == std::string("BIN\0", 4));
+  const auto& view = document["bufferViews"][document["images"][1]["bufferView"].get<size_t>()];
+  CHECK(file.substr(28 + json_bytes + view["byteOffset"].get<size_t>(), view["byteLength"]) == "PNG2");
+}
+
+TEST_CASE("nothing is left of a glTF that was not finished", "[gltf_writer]") {
+  const TempFolder folder;
+  for (const char* name : {"x.gltf", "x.glb"}) {
+    Result<GltfWriter> writer = GltfWriter::create(folder.file(name));
+    REQUIRE(writer);
+    fill(*writer);
+  }
+  CHECK(folder.names().empty());
+}
+
+TEST_CASE("what the writer refuses", "[gltf_writer]") {
+  const TempFolder folder;
+  CHECK(GltfWriter::create(folder.file("x.obj")).error().code == ErrorCode::kUsage);
+  CHECK(GltfWriter::create(folder.file("missing/x.glb")).error().code == ErrorCode::kFile);
+  {
+    Result<GltfWriter> writer = GltfWriter::create(folder.file("x.glb"));
+    REQUIRE(writer);
+    REQUIRE(writer->reserve(0xfffffff0u));
+    const Result<uint64_t> past = writer->reserve(100);
+    REQUIRE(!past);
+    CHECK(past.error().code == ErrorCode::kRange);
+    CHECK(past.error().message.find("name the output .gltf") != std::string::npos);
+  }
+  {
+    Result<GltfWriter> writer = GltfWriter::create(folder.file("x.gltf"));
+    REQUIRE(writer);
+    GltfNode node;
+    node.local[1] = std::numeric_limits<double>::quiet_NaN();
+    writer->add_node(node);
+    CHECK(writer->finish().error().code == ErrorCode::kRange);
+  }
+  // The document cannot take its name any more: the buffer, renamed before it, goes again.
+  {
+    Result<GltfWriter> writer = GltfWriter::create(folder.file("dir.gltf"));
+    REQUIRE(writer);
+    fill(*writer);
+    std::filesystem::create_directory(folder.file("dir.gltf"));
+    CHECK(writer->finish().error().code == ErrorCode::kFile);
+  }
+  CHECK(folder.names() == std::vector<std::string>{"dir.gltf"});
+  CHECK(GltfWriter::create(folder.file("dir.gltf")).error().message.find("dir.gltf: is a folder") != std::string::npos);
+}
+
+TEST_CASE("a full disk leaves nothing behind", "[gltf_writer]") {
+  // A file-size limit makes writes fail as a full disk does.
+  const TempFolder folder;
+  rlimit before{};
+  REQUIRE(getrlimit(RLIMIT_FSIZE, &before) == 0);
+  const auto handler = std::signal(SIGXFSZ, SIG_IGN);
+  rlimit limited = before;
+  limited.rlim_cur = 64 << 10;
+  REQUIRE(setrlimit(RLIMIT_FSIZE, &limited) == 0);
+  Result<uint64_t> offset = uint64_t{0};
+  Result<void> finished;
+  {
+    Result<GltfWriter> writer = GltfWriter::create(folder.file("x.gltf"));
+    if (writer) offset = writer->append(std::vector<std::byte>(65 << 10));
+    Result<GltfWriter> glb = GltfWriter::create(folder.file("y.glb"));  // its two parts fit apart, not together
+    if (glb && glb->append(std::vector<std::byte>(64 << 10))) finished = glb->finish();
+  }
+  setrlimit(RLIMIT_FSIZE, &before);
+  std::signal(SIGXFSZ, handler);
+  REQUIRE(!offset);
+  CHECK(offset.error().code == ErrorCode::kFile);
+  REQUIRE(!finished);
+  CHECK(finished.error().code == ErrorCode::kFile);
+  CHECK(folder.names().empty());
+}
+
+TEST_CASE("JSON numbers and strings read back", "[gltf_writer]") {
+  std::string text;
+  JsonWriter writer(text);
+  writer.begin_array();
+  const double numbers[] = {0.1, 1.0 / 3.0, 5e-324, 1.7976931348623157e308, -0.0, 1e21, 123456789.0, double{0.1f}};
+  for (const double number : numbers) writer.value(number);
+  writer.begin_object();
+  writer.member("k\"", uint64_t{0xffffffffffffffff});
+  writer.member("t", true);
+  writer.end_object();
+  writer.begin_array();
+  writer.end_array();
+  writer.end_array();
+  CHECK(!writer.met_non_finite());
+  const json parsed = json::parse(text);
+  for (size_t i = 0; i < std::size(numbers); ++i) {
+    const double read = parsed[i].get<double>();
+    CHECK(read == numbers[i]);
+  }
+  CHECK(parsed[std::size(numbers)]["k\""] == 0xffffffffffffffff);
+  CHECK(json::parse("\"" + json_escaped("\xed\xa0\x80 \xc0\x80 \xf0\x9f\x98\x80 \xe2\x82") + "\"") ==
+        "\xef\xbf\xbd\xef\xbf\xbd\xef\xbf\xbd \xef\xbf\xbd\xef\xbf\xbd \xf0\x9f\x98\x80 \xef\xbf\xbd\xef\xbf\xbd");
+}

@@ -1,0 +1,518 @@
+// Hostile and broken documents: each must end in a clear error or a clean import, never in a crash, under ASan and
+// UBSan.
+#include <algorithm>
+#include <chrono>
+#include <filesystem>
+#include <map>
+#include <random>
+#include <string>
+#include <vector>
+
+#include "tests/catch.h"
+#include "tests/models.h"
+#include "tests/tools/temp_folder.h"
+#include "tools/gltf/source.h"
+
+namespace scree::convert {
+namespace {
+
+namespace fs = std::filesystem;
+
+// Reads every triangle and every attribute an import offers.
+Result<void> read_everything(const SourceScene& scene) {
+  constexpr uint64_t kBlock = 20000;
+  for (const Primitive& primitive : scene.primitives) {
+    std::vector<uint32_t> triangles;
+    for (uint64_t at = 0; at < primitive.triangle_count(); at += kBlock) {
+      const uint64_t n = std::min(kBlock, primitive.triangle_count() - at);
+      triangles.resize(n * 3);
+      if (auto read = read_triangles(primitive, at, n, triangles); !read) return read;
+    }
+    std::vector<float> values;
+    for (const Accessor* accessor :
+         {&primitive.positions, primitive.uv ? &*primitive.uv : nullptr, primitive.color ? &*primitive.color : nullptr,
+          primitive.normal ? &*primitive.normal : nullptr}) {
+      if (accessor == nullptr) continue;
+      for (uint64_t at = 0; at < accessor->count; at += kBlock) {
+        const uint64_t n = std::min(kBlock, accessor->count - at);
+        values.resize(n * accessor->components);
+        if (auto read = read_floats(*accessor, at, n, values); !read) return read;
+      }
+    }
+  }
+  return {};
+}
+
+// Checks what every import promises: indices in range and errors of one line that start with the file's name.
+void check_outcome(const std::string& path, const Result<SourceScene>& scene) {
+  INFO(path);
+  if (!scene) {
+    const std::string& message = scene.error().message;
+    INFO(message);
+    CHECK(message.compare(0, path.size() + 2, path + ": ") == 0);
+    CHECK(message.size() > path.size() + 8);
+    CHECK(message.find('\n') == std::string::npos);
+    CHECK(message.back() != '.');
+    return;
+  }
+  const auto in = [](uint32_t index, size_t count) { return index == format::kNone || index < count; };
+  bool right = true;
+  for (const Primitive& primitive : scene->primitives) {
+    right = right && primitive.group < scene->groups.size() && in(primitive.material, scene->materials.size()) &&
+            primitive.triangle_count() > 0;
+  }
+  for (size_t i = 0; i < scene->nodes.size(); ++i) {
+    const SourceNode& node = scene->nodes[i];
+    right =
+        right && in(node.parent, i) && in(node.group, scene->groups.size()) && in(node.camera, scene->cameras.size());
+  }
+  for (const NamedMaterial& material : scene->materials)
+    right = right && in(material.record.texture, scene->textures.size());
+  for (const NamedTexture& texture : scene->textures) right = right && texture.record.image < scene->images.size();
+  for (const SourceSceneRoots& roots : scene->scenes) {
+    for (const uint32_t root : roots.roots) right = right && root < scene->nodes.size();
+  }
+  CHECK(right);
+}
+
+const std::string& base_document() {
+  static const std::string text = tests::read_whole(tests::data_path("data_uri.gltf").string());
+  return text;
+}
+
+Error import_error(const std::string& path) {
+  const auto scene = import_gltf(path, {});
+  check_outcome(path, scene);
+  if (!scene) return scene.error();
+  if (auto read = read_everything(*scene); !read) return read.error();
+  FAIL("no error");
+  return {ErrorCode::kFormat, {}};
+}
+
+struct Change {
+  const char* from;
+  const char* to;
+  ErrorCode code;
+  const char* message;
+};
+
+// The document of tests/data/data_uri.gltf with one thing wrong.
+const Change kChanges[] = {
+    {R"("mesh":0})", R"("mesh":4294967296})", ErrorCode::kRange, "node 0: mesh is 4294967296, expected an index"},
+    {R"("mesh":0})", R"("mesh":2147483648})", ErrorCode::kRange, "node 0: mesh is 2147483648, expected an index"},
+    {R"("mesh":0})", R"("mesh":1})", ErrorCode::kRange, "node 0: mesh 1 is not there, the document has 1"},
+    {R"("mesh":0})", R"("mesh":-1})", ErrorCode::kRange, "node 0: mesh is -1, expected an index"},
+    {R"("mesh":0})", R"("mesh":0.0})", ErrorCode::kRange, "node 0: mesh is 0.0, expected an index"},
+    {R"("mesh":0})", R"("mesh":"0"})", ErrorCode::kFormat, "node 0: mesh is a string, expected an index"},
+    {R"("mesh":0})", R"("mesh":0,"mesh":0})", ErrorCode::kFormat, "node 0: mesh is there twice"},
+    {R"("mesh":0})", R"("mesh":0,"children":[0]})", ErrorCode::kRange, "node 0: is its own ancestor"},
+    {R"("mesh":0})", R"("mesh":0,"children":[1]})", ErrorCode::kRange, "node 0: child 1 is not there"},
+    {R"("mesh":0})", R"("mesh":0,"children":[1]},{"children":[2]},{"children":[1]})", ErrorCode::kRange, "two parents"},
+    {R"("mesh":0})", R"("mesh":0},{"children":[2]},{"children":[1]})", ErrorCode::kRange, "is its own ancestor"},
+    {R"("mesh":0})", R"("mesh":0,"matrix":[1,2,3]})", ErrorCode::kRange, "node 0: matrix has 3 numbers, expected 16"},
+    {R"("mesh":0})", R"("mesh":0,"scale":[1,null,3]})", ErrorCode::kFormat, "node 0: scale[1] is null"},
+    {R"("mesh":0})", R"("mesh":0,"scale":[1,1e999,3]})", ErrorCode::kFormat, "number overflow"},
+    {R"("mesh":0})", R"("mesh":0,"rotation":[0,0,0,0]})", ErrorCode::kRange, "node 0: rotation has no length"},
+    {R"("mesh":0})", R"("mesh":0,"camera":0})", ErrorCode::kRange, "node 0: camera 0 is not there"},
+    {R"("mesh":0})", R"("mesh":0,"skin":7})", ErrorCode::kRange, "node 0: skin 7 is not there"},
+    {R"("mesh":0})", R"("mesh":0,"extensions":{"EXT_mesh_gpu_instancing":{"attributes":{"TRANSLATION":9}}}})",
+     ErrorCode::kRange, "node 0: EXT_mesh_gpu_instancing: TRANSLATION: accessor 9 is not there"},
+    {R"("mesh":0})", R"("mesh":0,"extensions":{"EXT_mesh_gpu_instancing":{"attributes":{"TRANSLATION":4294967296}}}})",
+     ErrorCode::kRange, "TRANSLATION is 4294967296, expected an index"},
+    {R"("mesh":0})", R"("mesh":0,"extensions":{"EXT_mesh_gpu_instancing":{"attributes":{"TRANSLATION":1}}}})",
+     ErrorCode::kFormat, "TRANSLATION: accessor 1 is no VEC3 of float"},
+    {R"("mesh":0})", R"("mesh":0,"extensions":{"EXT_mesh_gpu_instancing":{"attributes":{}}}})", ErrorCode::kFormat,
+     "EXT_mesh_gpu_instancing: no instances"},
+    {R"([{"nodes":[0]}])", R"([{"nodes":[1]}])", ErrorCode::kRange, "scene 0: node 1 is not there"},
+    {R"([{"nodes":[0]}])", R"([{"nodes":[0,0]}])", ErrorCode::kRange, "scene 0: node 0 is there twice"},
+    {R"("scene":0)", R"("scene":1)", ErrorCode::kRange, "scene 1 is not there"},
+    {R"("scene":0)", R"("scene":4294967296)", ErrorCode::kRange, "scene is 4294967296"},
+    {R"("scene":0)", R"("scene":0,"scene":0)", ErrorCode::kFormat, "member \"scene\" is there twice"},
+    {R"("POSITION":0)", R"("POSITION":2)", ErrorCode::kRange, "mesh 0 primitive 0: POSITION: accessor 2 is not there"},
+    {R"("POSITION":0)", R"("POSITION":-1)", ErrorCode::kRange,
+     "mesh 0: primitives[0].attributes.POSITION is -1, expected an index"},
+    {R"("POSITION":0)", R"("POSITION":4294967296)", ErrorCode::kRange, "POSITION is 4294967296, expected an index"},
+    {R"("POSITION":0)", R"("POSITION":1)", ErrorCode::kFormat, "POSITION: accessor 1 has componentType 5121"},
+    {R"("POSITION":0)", R"("POSITION":0,"NORMAL":1)", ErrorCode::kFormat, "NORMAL: accessor 1"},
+    {R"("POSITION":0)", R"("POSITION":0,"POSITION":0)", ErrorCode::kFormat,
+     "mesh 0: primitives[0].attributes.POSITION is there twice"},
+    {R"("POSITION":0)", R"("POSITION":0,"_A\nB\u001b[31m":9)", ErrorCode::kRange, "_A?B?[31m: accessor 9 is not there"},
+    {R"("mesh":0})", R"("mesh":0,"extras":{"a":[1,2}})", ErrorCode::kFormat, "JSON byte"},
+    {R"("mesh":0})", R"("mesh":0,"extras":{"a":[1,b]}})", ErrorCode::kFormat, "extras are malformed"},
+    {R"("indices":1)", R"("indices":7)", ErrorCode::kRange, "mesh 0 primitive 0: indices: accessor 7 is not there"},
+    {R"("indices":1)", R"("indices":4294967297)", ErrorCode::kRange, "indices is 4294967297, expected an index"},
+    {R"("indices":1)", R"("indices":0)", ErrorCode::kFormat, "indices: accessor 0 has componentType 5126"},
+    {R"("indices":1)", R"("indices":1,"mode":7)", ErrorCode::kRange, "mode is 7, expected 0 to 6"},
+    {R"("indices":1)", R"("indices":1,"material":0)", ErrorCode::kRange, "material 0 is not there"},
+    {R"("primitives":)", R"("things":)", ErrorCode::kFormat, "mesh 0: primitives is missing"},
+    {R"({"attributes":{"POSITION":0},"indices":1})", R"({"indices":1})", ErrorCode::kFormat,
+     "mesh 0: primitives[0].attributes is missing"},
+    {R"({"attributes":{"POSITION":0},"indices":1})", R"(5)", ErrorCode::kRange, "mesh 0: primitives[0] is 5"},
+    {R"("count":4,)", R"("count":5,)", ErrorCode::kRange,
+     "accessor 0: 5 elements of 12 bytes at 0, stride 12, pass the end of buffer view 0 (48 bytes)"},
+    {R"("count":4,)", R"("count":9007199254740992,)", ErrorCode::kRange, "accessor 0: 9007199254740992 elements"},
+    {R"("count":4,)", R"("count":18446744073709551615,)", ErrorCode::kRange, "count is 18446744073709551615"},
+    {R"("count":4,)", R"("count":4.5,)", ErrorCode::kRange, "accessor 0: count is 4.5, expected a size"},
+    {R"("count":4,)", R"("count":-4,)", ErrorCode::kRange, "accessor 0: count is -4, expected a size"},
+    {R"("count":4,)", R"("count":3,)", ErrorCode::kRange,
+     "mesh 0 primitive 0: index 3 at place 5, but the mesh has 3 vertices"},
+    {R"("count":4,)", R"("byteOffset":1,"count":4,)", ErrorCode::kRange, "accessor 0: 4 elements of 12 bytes at 1"},
+    {R"("count":4,)", R"("byteOffset":9007199254740992,"count":4,)", ErrorCode::kRange, "at 9007199254740992"},
+    {R"({"bufferView":0,"componentType":5126)", R"({"bufferView":2,"componentType":5126)", ErrorCode::kRange,
+     "accessor 0: buffer view 2 is not there"},
+    {R"({"bufferView":0,"componentType":5126,"count":4)", R"({"componentType":5126,"count":99999999)",
+     ErrorCode::kRange, "accessor 0: 99999999 elements without a buffer view"},
+    {R"("componentType":5126)", R"("componentType":5124)", ErrorCode::kFormat, "accessor 0: componentType is 5124"},
+    {R"("componentType":5126)", R"("componentType":5130)", ErrorCode::kFormat, "accessor 0: componentType is 5130"},
+    {R"("componentType":5126)", R"("componentType":1)", ErrorCode::kFormat, "accessor 0"},
+    {R"("type":"VEC3")", R"("type":"VEC2")", ErrorCode::kFormat, "POSITION: accessor 0 has componentType 5126 and 2"},
+    {R"("type":"VEC3")", R"("type":"MAT2")", ErrorCode::kFormat, "accessor 0: a matrix"},
+    {R"("type":"VEC3")", R"("type":"VEC5")", ErrorCode::kFormat, "accessor 0"},
+    {R"("type":"VEC3")",
+     R"("sparse":{"count":5,"indices":{"bufferView":1,"componentType":5121},"values":{"bufferView":0}},
+     "type":"VEC3")",
+     ErrorCode::kRange, "accessor 0: sparse: 5 values, but the accessor has 4 elements"},
+    {R"("type":"VEC3")",
+     R"("sparse":{"count":2,"indices":{"bufferView":1,"componentType":5121},"values":{"bufferView":1}},
+     "type":"VEC3")",
+     ErrorCode::kRange, "accessor 0: sparse: 2 values pass the end of buffer view 1"},
+    {R"("type":"VEC3")",
+     R"("sparse":{"count":3,"indices":{"bufferView":1,"componentType":5121},"values":{"bufferView":0}},
+     "type":"VEC3")",
+     ErrorCode::kRange, "accessor 0 sparse: index 1 at place 2, expected ascending indices"},
+    {R"("type":"VEC3")", R"("sparse":{"count":1,"indices":{"bufferView":1,"componentType":5121,"byteOffset":12},
+     "values":{"bufferView":0}},"type":"VEC3")",
+     ErrorCode::kRange, "1 indices pass the end"},
+    {R"("type":"VEC3")",
+     R"("sparse":{"count":1,"indices":{"bufferView":1,"componentType":5126},"values":{"bufferView":0}},
+     "type":"VEC3")",
+     ErrorCode::kFormat, "sparse: indices componentType is 5126"},
+    {R"("type":"VEC3")", R"("sparse":{"count":1},"type":"VEC3")", ErrorCode::kFormat, "sparse.indices is missing"},
+    {R"({"buffer":0,"byteOffset":0,"byteLength":48})", R"({"buffer":1,"byteOffset":0,"byteLength":48})",
+     ErrorCode::kRange, "buffer view 0: buffer 1 is not there"},
+    {R"({"buffer":0,"byteOffset":0,"byteLength":48})", R"({"buffer":0,"byteOffset":13,"byteLength":48})",
+     ErrorCode::kRange, "buffer view 0: 48 bytes at 13, but buffer 0 has 60"},
+    {R"({"buffer":0,"byteOffset":0,"byteLength":48})", R"({"buffer":0,"byteOffset":9007199254740992,"byteLength":48})",
+     ErrorCode::kRange, "buffer view 0: 48 bytes at 9007199254740992"},
+    {R"({"buffer":0,"byteOffset":0,"byteLength":48})", R"({"buffer":0,"byteOffset":0,"byteLength":48,"byteStride":8})",
+     ErrorCode::kRange, "accessor 0: elements of 12 bytes overlap, byteStride is 8"},
+    {R"({"buffer":0,"byteOffset":0,"byteLength":48})",
+     R"({"buffer":0,"byteOffset":0,"byteLength":48,"byteStride":253})", ErrorCode::kFormat, "buffer view 0"},
+    {R"("byteLength":60)", R"("byteLength":61)", ErrorCode::kTruncated, "buffer 0: byteLength is 61, but there are 60"},
+    {R"("byteLength":60)", R"("byteLength":59)", ErrorCode::kRange,
+     "buffer view 1: 12 bytes at 48, but buffer 0 has 59"},
+    {R"("byteLength":60)", R"("byteLength":"60")", ErrorCode::kFormat, "buffer 0: byteLength is a string"},
+    {R"("byteLength":60,)", "", ErrorCode::kFormat, "buffer 0: byteLength is missing"},
+    {";base64,AAAA", ";base64,A*AA", ErrorCode::kFormat, "buffer 0: data: URI: not a base64 digit at place 1"},
+    {";base64,AAAA", ";base64,AAA", ErrorCode::kTruncated, "buffer 0: byteLength is 60, but there are 59 bytes"},
+    {";base64,AAAA", ";base64,AA", ErrorCode::kTruncated, "buffer 0"},
+    {";base64,AAAA", ";base64,A", ErrorCode::kFormat, "buffer 0: data: URI: base64 of 77 digits"},
+    {";base64,AAAA", ",%zz", ErrorCode::kFormat, "buffer 0"},
+    {";base64,AAAA", ";base64", ErrorCode::kFormat, "buffer 0: data: URI without a comma"},
+    {R"({"asset":{"version":"2.0",)", R"({"asset":{"version":"1.0",)", ErrorCode::kVersion,
+     "asset: version is \"1.0\""},
+    {R"({"asset":{"version":"2.0",)", R"({"asset":{"version":"3.0",)", ErrorCode::kVersion,
+     "asset: version is \"3.0\""},
+    {R"({"asset":{"version":"2.0",)", R"({"asset":{"version":2,)", ErrorCode::kRange, "asset: version is 2"},
+    {R"({"asset":{"version":"2.0",)", R"({"asset":{"minVersion":"2.1","version":"2.1",)", ErrorCode::kVersion,
+     "asset: minVersion is \"2.1\""},
+    {R"({"asset":)", R"({"aset":)", ErrorCode::kFormat, "asset is missing"},
+    {R"({"asset":)", R"({"extensionsRequired":["VENDOR_all_new"],"asset":)", ErrorCode::kUnsupported,
+     "required extension VENDOR_all_new is not read"},
+    {R"({"asset":)", R"({"extensionsRequired":["KHR_draco_mesh_compression"],"asset":)", ErrorCode::kUnsupported,
+     "required extension KHR_draco_mesh_compression is not read: decode it first"},
+    {R"({"asset":)", R"({"extensionsRequired":[5],"asset":)", ErrorCode::kRange, "extensionsRequired 0 is 5"},
+    {R"({"asset":)", R"({"extensionsRequired":"X","asset":)", ErrorCode::kFormat, "extensionsRequired is not an array"},
+    {R"("nodes":[{)", R"("nodes":{"a":{)", ErrorCode::kFormat, "JSON byte"},
+    {R"("nodes":[{)", R"("nodes":[,{)", ErrorCode::kFormat, "JSON byte"},
+    {R"("nodes":[{)", R"("nodes":[{}{)", ErrorCode::kFormat, "JSON byte"},
+    {R"("nodes":[{)", R"("nodes":[{},,{)", ErrorCode::kFormat, "JSON byte"},
+    {R"("name":"tetrahedron")", R"("name":"tetra\qhedron")", ErrorCode::kFormat, "JSON byte"},
+    {R"("name":"tetrahedron")", "\"name\":\"tetra\xff\xfehedron\"", ErrorCode::kFormat, "JSON byte"},
+    {R"("name":"tetrahedron")", "\"name\":\"tetra\nhedron\"", ErrorCode::kFormat, "JSON byte"},
+    {R"("name":"tetrahedron")", R"("name":tetrahedron)", ErrorCode::kFormat, "JSON byte"},
+    {R"("name":"tetrahedron")", R"("name":NaN)", ErrorCode::kFormat, "JSON byte"},
+    {R"("name":"tetrahedron")", R"("name":7)", ErrorCode::kRange, "node 0: name is 7, expected a string"},
+    {R"(,"scene":0)", R"(,"scene":0,)", ErrorCode::kFormat, "JSON byte"},
+    {R"(,"scene":0)", R"(,"scene":0,"animations":[{bad}])", ErrorCode::kFormat, "JSON byte"},
+    {R"(,"scene":0)", R"(,"scene":0,"unknown":{bad})", ErrorCode::kFormat, "JSON byte"},
+    {R"(,"scene":0)", R"(,"scene":0,"cameras":[{"type":"fisheye"}])", ErrorCode::kFormat, "camera 0"},
+    {R"(,"scene":0)", R"(,"scene":0,"cameras":[{"type":"perspective","perspective":{"yfov":0,"znear":1}}])",
+     ErrorCode::kRange, "camera 0: yfov is not between 0 and pi"},
+    {R"(,"scene":0)",
+     R"(,"scene":0,"cameras":[{"type":"orthographic","orthographic":{"xmag":1,"ymag":1,"znear":2,"zfar":1}}])",
+     ErrorCode::kRange, "camera 0: zfar is not past znear"},
+    {R"(,"scene":0)", R"(,"scene":0,"textures":[{"source":3}])", ErrorCode::kRange, "texture 0: image 3 is not there"},
+    {R"(,"scene":0)", R"(,"scene":0,"textures":[{"sampler":3}])", ErrorCode::kRange,
+     "texture 0: sampler 3 is not there"},
+    {R"(,"scene":0)", R"(,"scene":0,"images":[{"bufferView":8}])", ErrorCode::kRange, "image 0: buffer view 8"},
+    {R"(,"scene":0)", R"(,"scene":0,"materials":[{"pbrMetallicRoughness":{"baseColorTexture":{"index":0}}}])",
+     ErrorCode::kRange, "material 0: texture 0 is not there"},
+    {R"(,"scene":0)", R"(,"scene":0,"materials":[{"pbrMetallicRoughness":{"baseColorFactor":[1,1,1]}}])",
+     ErrorCode::kRange, "material 0: pbrMetallicRoughness.baseColorFactor has 3 numbers, expected 4"},
+};
+
+TEST_CASE("a document with one thing wrong is refused with its place", "[import][bad]") {
+  const tests::TempFolder folder;
+  for (const Change& change : kChanges) {
+    INFO(change.from << " -> " << change.to);
+    const Error error =
+        import_error(folder.write("changed.gltf", tests::replaced(base_document(), change.from, change.to)));
+    INFO(error.message);
+    CHECK(error.message.find(change.message) != std::string::npos);
+    CHECK(error.code == change.code);
+  }
+}
+
+TEST_CASE("textures with broken images are refused or left out", "[import][bad]") {
+  const tests::TempFolder folder;
+  const auto with_image = [&](const std::string& image, const std::string& texture) {
+    std::string text = tests::replaced(base_document(), R"("indices":1)", R"("indices":1,"material":0)");
+    text = tests::replaced(text, R"(,"scene":0)",
+                           R"(,"scene":0,"materials":[{"pbrMetallicRoughness":{"baseColorTexture":{"index":0}}}],
+                           "textures":[{)" +
+                               texture + R"(}],"images":[)" + image + "]");
+    return folder.write("image.gltf", text);
+  };
+  const auto expect = [&](const std::string& path, ErrorCode code, const char* message) {
+    const Error error = import_error(path);
+    INFO(error.message);
+    CHECK(error.code == code);
+    CHECK(error.message.find(message) != std::string::npos);
+  };
+  const std::string source = R"("source":0)";
+  expect(with_image(R"({"uri":"data:image/png;base64,AAAA"})", source), ErrorCode::kFormat,
+         "image 0: is no image file of a known kind");
+  expect(with_image(R"({"uri":"data:image/png;base64,"})", source), ErrorCode::kFormat, "image 0: is empty");
+  expect(with_image(R"({"uri":"missing.png"})", source), ErrorCode::kFile, "missing.png");
+  expect(with_image(R"({"uri":"https://example.org/a.png"})", source), ErrorCode::kUnsupported, "scheme \"https:\"");
+  expect(with_image(R"({})", source), ErrorCode::kFormat, "image 0: has neither uri nor bufferView");
+  expect(with_image(R"({"uri":"a.png","bufferView":0})", source), ErrorCode::kFormat, "image 0: has both");
+  expect(with_image("", R"("source":0)"), ErrorCode::kRange, "texture 0: image 0 is not there");
+
+  // Formats that are known and not drawn cost the texture, not the scene.
+  folder.write("a.webp", std::string("RIFF\0\0\0\0WEBPVP8 ", 16));
+  folder.write("a.ktx2", "\xabKTX 20\xbb\r\n\x1a\n");
+  folder.write("b.png", tests::read_whole(tests::data_path("checker.png").string()));
+  const auto import_image = [&](const std::string& path) {
+    auto scene = import_gltf(path, {});
+    if (!scene) FAIL(scene.error().message);
+    return std::move(scene).value();
+  };
+  for (const char* name : {"a.webp", "a.ktx2"}) {
+    const SourceScene scene = import_image(with_image(std::string(R"({"uri":")") + name + "\"}", source));
+    CHECK(scene.textures.empty());
+    CHECK(scene.images.empty());
+    CHECK(scene.materials.at(0).record.texture == format::kNone);
+    CHECK(scene.warnings.size() == 1);
+  }
+  // With a fallback of a known format the fallback is drawn, whichever comes first.
+  const std::string both = R"({"uri":"a.webp"},{"uri":"b.png","mimeType":"image/jpeg"})";
+  const SourceScene fallback =
+      import_image(with_image(both, R"("source":1,"extensions":{"EXT_texture_webp":{"source":0}})"));
+  REQUIRE(fallback.images.size() == 1);
+  CHECK(fallback.images[0].codec == format::ImageCodec::kPng);
+  for (const std::string& line : fallback.warnings) CHECK(line.find("WebP") == std::string::npos);
+  const SourceScene none = import_image(with_image(both, R"("extensions":{"EXT_texture_webp":{"source":0}})"));
+  CHECK(none.textures.empty());
+}
+
+TEST_CASE("Draco geometry is read where there is a plain copy and refused where not", "[import][bad]") {
+  const tests::TempFolder folder;
+  const auto with_draco = [&](const std::string& text) {
+    return folder.write("draco.gltf",
+                        tests::replaced(text, R"("indices":1)",
+                                        R"("indices":1,"extensions":{"KHR_draco_mesh_compression":{"bufferView":0}})"));
+  };
+  CHECK(import_gltf(with_draco(base_document()), {}));
+  const Error error = import_error(with_draco(tests::replaced(base_document(), R"({"bufferView":0,)", "{")));
+  CHECK(error.code == ErrorCode::kUnsupported);
+  CHECK(error.message.ends_with(
+      "has only Draco-compressed data, which scree does not read: decode it first, for example with gltf-transform"));
+}
+
+TEST_CASE("deep nesting is refused before any parser sees it", "[import][bad]") {
+  const tests::TempFolder folder;
+  for (const auto& [open, close] : {std::pair{"[", "]"}, std::pair{"{\"a\":", "}"}}) {
+    std::string deep;
+    for (int i = 0; i < 200000; ++i) deep += open;
+    const std::string start = R"({"asset":{"version":"2.0"},"extras":)";
+    CHECK(import_error(folder.write("deep.gltf", start + deep)).message.find("nested deeper than 128") !=
+          std::string::npos);
+    std::string closed = deep + "1";
+    for (int i = 0; i < 200000; ++i) closed += close;
+    CHECK(import_error(folder.write("deep.gltf", start + closed + "}")).code == ErrorCode::kFormat);
+    CHECK(import_error(folder.write("deep.gltf", deep)).code == ErrorCode::kFormat);
+  }
+  // 120 levels are fine, and cost nothing where nobody reads them.
+  std::string nested = "1";
+  for (int i = 0; i < 120; ++i) nested = "[" + nested + "]";
+  CHECK(import_gltf(folder.write("nested.gltf", R"({"asset":{"version":"2.0","extras":)" + nested + "}}"), {}));
+}
+
+TEST_CASE("long documents keep their numbers over batches", "[import]") {
+  // Batches are cut at 256 KiB: some 20,000 nodes and meshes fill a dozen.
+  constexpr uint32_t kCount = 20000;
+  std::string meshes;
+  std::string nodes;
+  std::string roots;
+  for (uint32_t i = 0; i < kCount; ++i) {
+    const std::string comma = i == 0 ? "" : ",";
+    // Every third has no indices, so that one lost would shift all that follow.
+    meshes += comma + R"({"name":"m)" + std::to_string(i) + R"(","primitives":[{"attributes":{"POSITION":0})" +
+              (i % 3 == 0 ? "" : R"(,"indices":1)") + R"(,"extras":{"indices":[1,2,{"indices":"x"}]}}]})";
+    nodes += comma + R"({"mesh":)" + std::to_string(i) + R"(,"name":"indices"})";
+    roots += comma + std::to_string(i);
+  }
+  std::string text = tests::replaced(base_document(), R"([{"primitives":[{"attributes":{"POSITION":0},"indices":1}]}])",
+                                     "[" + meshes + "]");
+  text = tests::replaced(text, R"([{"name":"tetrahedron","mesh":0}])", "[" + nodes + "]");
+  text = tests::replaced(text, R"({"nodes":[0]})", R"({"nodes":[)" + roots + "]}");
+  const tests::TempFolder folder;
+  const std::string path = folder.write("long.gltf", text);
+  const auto scene = import_gltf(path, {});
+  if (!scene) FAIL(scene.error().message);
+  REQUIRE(scene->primitives.size() == kCount);
+  REQUIRE(scene->nodes.size() == kCount);
+  bool right = true;
+  for (uint32_t i = 0; i < kCount; ++i) {
+    const Primitive& primitive = scene->primitives[i];
+    right = right && primitive.indices.has_value() == (i % 3 != 0) && primitive.mesh == i &&
+            scene->groups[i].name == "m" + std::to_string(i) && scene->nodes[i].group == i &&
+            scene->nodes[i].name == "indices";
+  }
+  CHECK(right);
+
+  const std::string last = std::to_string(kCount - 1);
+  const Error error = import_error(
+      folder.write("long.gltf", tests::replaced(text, R"({"mesh":)" + last, R"({"mesh":)" + last + R"(,"skin":-2)")));
+  CHECK(error.message.find("node " + last + ": skin is -2") != std::string::npos);
+}
+
+TEST_CASE("a long chain of nodes and many scenes take time in proportion", "[import][bad]") {
+  constexpr uint32_t kCount = 100000;
+  std::string nodes;
+  for (uint32_t i = 0; i + 1 < kCount; ++i) nodes += R"({"children":[)" + std::to_string(i + 1) + "]},";
+  std::string scenes;
+  for (uint32_t i = 0; i < 2000; ++i)
+    scenes += std::string(i == 0 ? "" : ",") + R"({"nodes":[)" + std::to_string(kCount - 1) + "]}";
+  const tests::TempFolder folder;
+  const auto start = std::chrono::steady_clock::now();
+  const auto scene = import_gltf(folder.write("chain.gltf", R"({"asset":{"version":"2.0"},"nodes":[)" + nodes +
+                                                                R"({"name":"last"}],"scenes":[)" + scenes + "]}"),
+                                 {});
+  if (!scene) FAIL(scene.error().message);
+  CHECK(scene->nodes.size() == kCount);
+  CHECK(scene->nodes.back().name == "last");
+  CHECK(scene->scenes.size() == 2000);
+  CHECK(std::chrono::steady_clock::now() - start < std::chrono::seconds(60));
+}
+
+TEST_CASE("every prefix of a file is refused", "[import][bad]") {
+  const tests::TempFolder folder;
+  for (const char* name : {"data_uri.gltf", "interleaved.glb"}) {
+    std::string bytes = tests::read_whole(tests::data_path(name).string());
+    while (bytes.back() == '\n') bytes.pop_back();
+    for (size_t length = 0; length < bytes.size(); ++length) {
+      const std::string path = folder.write(std::string("prefix-") + name, std::string_view(bytes).substr(0, length));
+      const auto scene = import_gltf(path, {});
+      INFO(name << " cut to " << length);
+      REQUIRE_FALSE(scene);
+    }
+  }
+}
+
+TEST_CASE("a changed byte never crashes an import", "[import][bad]") {
+  std::mt19937 random(2);
+  const auto below = [&](size_t n) { return static_cast<size_t>(random() % n); };
+  const tests::TempFolder folder;
+  for (const char* name : {"data_uri.gltf", "interleaved.glb", "gpu_instancing.glb", "sparse.gltf", "materials.gltf"}) {
+    const std::string bytes = tests::read_whole(tests::data_path(name).string());
+    if (std::string(name) == "sparse.gltf")
+      folder.write("sparse.bin", tests::read_whole(tests::data_path("sparse.bin").string()));
+    for (int i = 0; i < 700; ++i) {
+      std::string changed = bytes;
+      constexpr std::string_view kLikely = "0123456789-.eE,:[]{}\"\\ \xff";
+      for (size_t n = 1 + below(3); n > 0; --n) {
+        const size_t at = below(changed.size());
+        changed[at] = below(2) == 0 ? static_cast<char>(below(256)) : kLikely[below(kLikely.size())];
+      }
+      const std::string path = folder.write(std::string("changed-") + name, changed);
+      const auto scene = import_gltf(path, {});
+      check_outcome(path, scene);
+      if (scene) (void)read_everything(*scene);
+    }
+  }
+}
+
+TEST_CASE("the malformed real files end in an error or a clean import", "[import][bad][models]") {
+  const fs::path folder = tests::models_path() / "bad" / "gltf";
+  if (tests::models_path().empty() || !fs::exists(folder)) {
+    WARN("no folder of real models");
+    return;
+  }
+  size_t files = 0;
+  size_t refused = 0;
+  for (const auto& entry : fs::recursive_directory_iterator(folder)) {
+    const std::string extension = entry.path().extension().string();
+    if (!entry.is_regular_file() || (extension != ".gltf" && extension != ".glb")) continue;
+    ++files;
+    const std::string path = entry.path().string();
+    const auto scene = import_gltf(path, {});
+    check_outcome(path, scene);
+    bool failed = !scene;
+    if (scene) failed = !read_everything(*scene);
+    refused += failed ? 1 : 0;
+  }
+  CHECK(files > 300);
+  CHECK(refused > 100);
+}
+
+// Why scenes of the folder of real models are refused; all others must import.
+const std::map<std::string, std::string> kRefusedScenes = {
+    {"2CylinderEngine-draco/2CylinderEngine.gltf", "KHR_draco_mesh_compression"},
+    {"BoxDraco-fallback/BoxDraco.gltf", "only Draco-compressed data"},
+    {"Box_Draco/Box_Draco.glb", "KHR_draco_mesh_compression"},
+    {"CesiumBalloonKTX2/CesiumBalloonKTX2.glb", "KHR_texture_basisu"},
+    {"CubeScaledInstances/cube_att.gltf", "node 5: has two parents"},
+    {"DenseSphere/DenseSphere.glb", "KHR_draco_mesh_compression"},
+    {"DracoSparseMesh/DracoSparseMesh.gltf", "KHR_draco_mesh_compression"},
+    {"batched-CESIUM_RTC/batched.glb", "CESIUM_RTC"},
+    {"carbon-sphere/carbon-sphere.glb", "KHR_draco_mesh_compression"},
+    {"cave/cave.glb", "KHR_draco_mesh_compression"},
+    {"frankfurt-474_5548/474_5548_-1_lv5_group_0.osgb_3.glb", "KHR_draco_mesh_compression"},
+    {"habitat-batch-multiple-meshes/batch-multiple-meshes.gltf", "KHR_texture_ktx"},
+    {"heart_draco/heart_draco.glb", "KHR_draco_mesh_compression"},
+};
+
+TEST_CASE("real scenes import, but for those that need what scree does not do", "[import][models]") {
+  const fs::path folder = tests::models_path() / "scenes";
+  if (tests::models_path().empty() || !fs::exists(folder)) {
+    WARN("no folder of real models");
+    return;
+  }
+  size_t files = 0;
+  for (const auto& entry : fs::recursive_directory_iterator(folder)) {
+    const std::string extension = entry.path().extension().string();
+    if (!entry.is_regular_file() || (extension != ".gltf" && extension != ".glb")) continue;
+    ++files;
+    const std::string name = entry.path().lexically_relative(folder).generic_string();
+    INFO(name);
+    const auto scene = import_gltf(entry.path().string(), {});
+    check_outcome(entry.path().string(), scene);
+    const auto reason = kRefusedScenes.find(name);
+    if (reason == kRefusedScenes.end()) {
+      if (!scene) FAIL(scene.error().message);
+      const auto read = read_everything(*scene);
+      if (!read) FAIL(read.error().message);
+    } else {
+      REQUIRE_FALSE(scene);
+      INFO(scene.error().message);
+      CHECK(scene.error().message.find(reason->second) != std::string::npos);
+    }
+  }
+  CHECK(files >= kRefusedScenes.size());
+}
+
+}  // namespace
+}  // namespace scree::convert

@@ -1,0 +1,51 @@
+// What a frame that is streamed loads beside what its picture needs, where most of a scene hides: C, as convert packs
+// it, at a share of its triangles but in as many chunks as the whole has.
+#include <cstdint>
+#include <vector>
+
+#include "format/bytes.h"
+#include "runtime/draw/stream_cpu.h"
+#include "runtime/stream/chunk_source.h"
+#include "runtime/stream/residency.h"
+#include "tests/catch.h"
+#include "tests/runtime/load_scene.h"
+#include "tests/tools/convert/convert_fixture.h"
+#include "tools/bench/setup/views.h"
+#include "tools/synth/scenes.h"
+#include "tools/synth/synth.h"
+
+using namespace scree;
+
+TEST_CASE("a streamed frame loads little beside what its picture needs, a still one nothing", "[streamer]") {
+  constexpr double kScale = 0.001;
+  const tests::TempFolder folder;
+  synth::SynthOptions written;
+  written.scene = "C";
+  written.scale = kScale;
+  written.output = folder.file("in.gltf");
+  REQUIRE(synth::synthesize(written));
+  convert::ConvertOptions options = tests::options_of(folder, "in.gltf");
+  options.chunk_triangles = static_cast<uint64_t>(format::kMaxChunkTriangles * kScale);
+  tests::must_convert(options);
+  const runtime::Scene scene = tests::must_load(options.output);
+
+  uint64_t bytes = 0;
+  for (const uint64_t chunk : runtime::ChunkSource(scene).chunk_bytes())
+    bytes += format::align_up(chunk, runtime::Residency::kAlignment);
+  const synth::Scene made = synth::zorahlike_scene(synth::MeshOrder::kRow, kScale);
+  for (const synth::SceneCamera& camera : made.cameras) {
+    auto stream = runtime::CpuStream::create(scene, bytes / 4, 2);
+    REQUIRE(stream);
+    for (int frame = 0; frame < 3; ++frame) {
+      const auto stats = (*stream)->draw_frame(bench::scene_view(camera, 960, 540), nullptr);
+      REQUIRE(stats);
+      INFO("frame " << frame << ": " << stats->needed_bytes << " of " << stats->streamed_bytes << " bytes were needed, "
+                    << stats->seen_bytes << " in the view, " << bytes << " in all");
+      // Of all of C in 3840 x 2160 a first frame loads 1.05 of what it needs; here 1.08 and 1.18, and 2.2 and 3.8 were
+      // it to load whatever is in the view.
+      CHECK(stats->streamed_bytes <= stats->needed_bytes / 4 * 5);
+      if (frame > 0) CHECK(stats->streamed_bytes == stats->needed_bytes);
+      CHECK(stats->streamed_bytes > 0);
+    }
+  }
+}

@@ -1,0 +1,425 @@
+// The rounds in which a GPU decodes JPEG textures: tried on the CPU with caches of every size, and then on the GPU. The
+// picture is that of textures decoded whole, pixel for pixel.
+#include <algorithm>
+#include <array>
+#include <set>
+#include <vector>
+
+#include "format/jpeg/picture.h"
+#include "kernels/shade/resolve_rounds.h"
+#include "runtime/draw/device_scene.h"
+#include "runtime/draw/renderer.h"
+#include "runtime/scene/camera.h"
+#include "runtime/threads/parallel.h"
+#include "tests/catch.h"
+#include "tests/gpu.h"
+#include "tests/models.h"
+#include "tests/tools/convert/convert_fixture.h"
+#include "tests/tools/jpeg_model.h"
+#include "tools/convert/images/jpeg_file.h"
+
+#ifdef SCREE_HAS_CUDA
+#include "kernels/cuda/check.h"
+#include "kernels/cuda/texture_cache.h"
+#endif
+
+using namespace scree;
+using kernels::JpegLevel;
+using kernels::RoundCounters;
+using kernels::TextureCache;
+using tests::load_cached;
+using tests::TempFolder;
+
+namespace {
+
+/// As pixels are shaded on a CPU.
+struct OneLane {
+  static constexpr bool kMakesTransforms = true;
+
+  static constexpr uint32_t rank() { return 0; }
+  static constexpr uint32_t size() { return 1; }
+  static uint32_t ballot(bool value) { return value ? 1 : 0; }
+  static uint64_t share(uint64_t value, uint32_t) { return value; }
+};
+
+std::vector<JpegLevel> levels_of(const runtime::Scene& scene) {
+  std::vector<JpegLevel> levels;
+  for (const runtime::JpegTexture& jpeg : scene.jpeg_textures())
+    levels.insert(levels.end(), jpeg.jpeg_levels().begin(), jpeg.jpeg_levels().end());
+  for (uint32_t i = 0; i < levels.size(); ++i) REQUIRE(levels[i].number == i);
+  return levels;
+}
+
+/// A texture cache in host memory, and what kernels/cuda/texture_cache.cu does with one.
+class HostCache {
+ public:
+  HostCache(std::vector<JpegLevel> levels, uint64_t bytes, uint32_t slot_bytes) : levels_(std::move(levels)) {
+    const uint32_t slots = TextureCache::slots_for(bytes, slot_bytes);
+    const uint32_t sets = TextureCache::sets_for(slots);
+    keys_.assign(size_t{TextureCache::kWays} * sets, TextureCache::kNoKey);
+    stamps_.assign(keys_.size(), TextureCache::kNever);
+    std::fill_n(stamps_.begin(), slots, 0);
+    samples_.resize(size_t{slots} * slot_bytes);
+    wanted_.assign(TextureCache::wanted_for(slots), TextureCache::kNoKey);
+    requests_.resize(slots);
+    cache_ = {keys_.data(),   stamps_.data(), samples_.data(), wanted_.data(), requests_.data(),
+              levels_.data(), sets,           slots,           slot_bytes,     TextureCache::wanted_for(slots)};
+  }
+
+  const TextureCache& view() const { return cache_; }
+  const std::array<RoundCounters, kernels::kDecodeRounds + 1>& counters() const { return counters_; }
+
+  std::vector<uint8_t> resolve(const kernels::ShadeInputs& in, uint32_t side, const std::vector<uint64_t>& samples,
+                               uint32_t threads) {
+    const auto width = static_cast<uint32_t>(in.view.width) / side;
+    const kernels::PixelTiles tiles{width, 0, static_cast<uint32_t>(in.view.height) / side};
+    std::vector<uint8_t> pixels(size_t{4} * width * tiles.row_count, 0xcd);
+    const auto resolve_of = [&]<class Shader>(const Shader& shader) {
+      return kernels::Resolve<Shader>{shader, tiles, samples.data(), side, nullptr, 4, pixels.data()};
+    };
+    std::vector<kernels::TileLeft> lists[2];
+    for (auto& list : lists) list.resize(tiles.count());
+    counters_ = {};
+    for (uint32_t round = 0; round < counters_.size(); ++round, ++now_) {
+      RoundCounters* const own = &counters_[round];
+      const uint32_t count = round == 0 ? tiles.count() : counters_[round - 1].tiles;
+      kernels::visit_textured<false>(
+          in, kernels::CachedTexels{cache_, own, now_}, [&]<class Shader>(const Shader& shader) {
+            const kernels::ShadeRound<kernels::Resolve<Shader>> pass{
+                resolve_of(shader), round == 0 ? nullptr : lists[(round - 1) % 2].data(), lists[round % 2].data(), own};
+            runtime::parallel_for(count, threads, [&](uint64_t i) { pass(static_cast<uint32_t>(i), OneLane{}); });
+          });
+      const kernels::DecodeGroups decode{cache_, own, now_};
+      runtime::parallel_for(decode.count(), threads, [&](uint64_t i) { decode(static_cast<uint32_t>(i)); });
+      check();
+    }
+    kernels::visit_textured<false>(
+        in, kernels::PatientTexels{cache_, now_ - 1}, [&]<class Shader>(const Shader& shader) {
+          const kernels::ShadeRound<kernels::Resolve<Shader>> pass{
+              resolve_of(shader), lists[kernels::kDecodeRounds % 2].data(), nullptr, nullptr};
+          runtime::parallel_for(counters_.back().tiles, threads,
+                                [&](uint64_t i) { pass(static_cast<uint32_t>(i), OneLane{}); });
+        });
+    return pixels;
+  }
+
+ private:
+  /// Between rounds nothing is asked for, and the samples under every key are its group's.
+  void check() const {
+    CHECK(std::all_of(wanted_.begin(), wanted_.end(), [](uint64_t key) { return key == TextureCache::kNoKey; }));
+    std::vector<uint8_t> expected(cache_.slot_bytes);
+    uint64_t wrong = 0;
+    // A prime step: some of a large cache, all of a small one.
+    const size_t step = keys_.size() > 64 ? 37 : 1;
+    for (size_t slot = 0; slot < keys_.size(); slot += step) {
+      if (keys_[slot] == TextureCache::kNoKey) continue;
+      const format::JpegPicture& picture = levels_.at(keys_[slot] >> 32).picture;
+      const auto group = static_cast<uint32_t>(keys_[slot]);
+      format::decode_jpeg_group(picture, group, expected.data());
+      const uint32_t mcus = std::min(picture.view.group_mcus, picture.view.mcu_count - group * picture.view.group_mcus);
+      const uint8_t* const found = samples_.data() + slot * cache_.slot_bytes;
+      wrong += !std::equal(found, found + size_t{64} * picture.mcu_blocks * mcus, expected.begin());
+    }
+    CHECK(wrong == 0);
+  }
+
+  std::vector<JpegLevel> levels_;
+  std::vector<uint64_t> keys_;
+  std::vector<uint32_t> stamps_;
+  std::vector<uint8_t> samples_;
+  std::vector<uint64_t> wanted_;
+  std::vector<kernels::GroupRequest> requests_;
+  std::array<RoundCounters, kernels::kDecodeRounds + 1> counters_{};
+  TextureCache cache_{};
+  uint32_t now_ = 1;
+};
+
+runtime::CameraOptions camera_of(uint32_t width) {
+  runtime::CameraOptions camera;
+  camera.width = width;
+  camera.height = width * 2 / 3;
+  return camera;
+}
+
+/// From afar, near, and a jump to close above one corner and back.
+std::vector<kernels::View> views_of(const runtime::Scene& scene) {
+  std::vector<kernels::View> views;
+  const auto add = [&](const runtime::CameraOptions& camera) {
+    const auto view = runtime::make_view(scene.container(), 0, scene.view(), camera);
+    if (!view) FAIL(view.error().message);
+    views.push_back(*view);
+  };
+  add(camera_of(60));
+  add(camera_of(240));
+  runtime::CameraOptions close = camera_of(150);
+  close.eye = {0.3, 0.4, 0.2};
+  close.target = {0.9, 0, 0.8};
+  add(close);
+  add(camera_of(240));
+  kernels::View flat = views[1];
+  flat.orthographic = true;
+  flat.half_height = 1.2;
+  flat.half_width = 1.8;
+  flat.z_far = flat.z_near + 100;
+  views.push_back(flat);
+  return views;
+}
+
+std::vector<uint64_t> draw(const runtime::Scene& scene, const kernels::View& view) {
+  std::vector<uint64_t> samples(size_t{view.width} * view.height);
+  REQUIRE(kernels::draw_cpu(scene.view(), view, samples, 2));
+  return samples;
+}
+
+/// With textures decoded whole.
+std::vector<uint8_t> resolve_whole(const kernels::ShadeInputs& in, uint32_t side,
+                                   const std::vector<uint64_t>& samples) {
+  const kernels::PixelTiles tiles{static_cast<uint32_t>(in.view.width) / side, 0,
+                                  static_cast<uint32_t>(in.view.height) / side};
+  std::vector<uint8_t> pixels(size_t{4} * tiles.width * tiles.row_count);
+  kernels::visit_shader<false>(in, [&]<class Shader>(const Shader& shader) {
+    const kernels::Resolve<Shader> pass{shader, tiles, samples.data(), side, nullptr, 4, pixels.data()};
+    for (uint32_t tile = 0; tile < tiles.count(); ++tile) pass(tile, OneLane{});
+  });
+  return pixels;
+}
+
+}  // namespace
+
+TEST_CASE("rounds of decoding give the picture of whole textures, in caches of any size", "[texture_cache]") {
+  const TempFolder folder;
+  tests::make_jpeg_model(folder.file("in.glb"));
+  convert::ConvertOptions options = tests::options_of(folder);
+  options.encoding = GENERATE(convert::Encoding::kIndexed, convert::Encoding::kClustered);
+  tests::must_convert(options);
+  const runtime::Scene whole = load_cached(folder.file("out.scree"), 0);
+  const runtime::Scene scene = load_cached(folder.file("out.scree"), 1);
+  const kernels::SrgbTables srgb = kernels::make_srgb_tables();
+  const std::vector<kernels::View> views = views_of(whole);
+  std::vector<std::vector<uint64_t>> samples;
+  std::vector<std::vector<uint8_t>> expected;
+  for (const kernels::View& view : views) {
+    samples.push_back(draw(whole, view));
+    expected.push_back(
+        resolve_whole(make_shade_inputs(whole.view(), view, {}, nullptr, &srgb, nullptr), 1, samples.back()));
+  }
+  const uint32_t slot_bytes = scene.jpeg_slot_bytes();
+  REQUIRE(slot_bytes > 0);
+  for (const uint64_t slots : {1u, 2u, 7u, 8u, 9u, 40u, 300u, 100000u}) {
+    for (const uint32_t threads : {1u, 4u}) {
+      HostCache cache(levels_of(scene), slots * slot_bytes, slot_bytes);
+      CHECK(cache.view().slot_count <= slots);
+      CHECK(cache.view().slot_count + TextureCache::kWays > slots);
+      uint64_t left = 0;  // tiles whose pixels decoded for themselves
+      for (size_t i = 0; i < views.size(); ++i) {
+        INFO(slots << " slots, " << threads << " threads, view " << i);
+        const kernels::ShadeInputs in = make_shade_inputs(scene.view(), views[i], {}, nullptr, &srgb, nullptr);
+        CHECK(cache.resolve(in, 1, samples[i], threads) == expected[i]);
+        left += cache.counters().back().tiles;
+        if (slots < 100000) continue;
+        // All of it fits: one round of decoding, and none when it was seen before.
+        CHECK(cache.counters()[1].tiles == 0);
+        CHECK(cache.counters()[0].decoded == cache.counters()[0].requests);
+        CHECK(cache.resolve(in, 1, samples[i], threads) == expected[i]);
+        CHECK(cache.counters()[0].requests == 0);
+      }
+      if (slots < 10) CHECK(left > 0);
+      if (slots == 100000) CHECK(left == 0);
+      if (views[0].width % 2 == 0 && threads == 4) {  // four samples a pixel
+        const kernels::ShadeInputs in = make_shade_inputs(scene.view(), views[0], {}, nullptr, &srgb, nullptr);
+        const kernels::ShadeInputs of_whole = make_shade_inputs(whole.view(), views[0], {}, nullptr, &srgb, nullptr);
+        CHECK(cache.resolve(in, 2, samples[0], threads) == resolve_whole(of_whole, 2, samples[0]));
+      }
+    }
+  }
+}
+
+TEST_CASE("a texture cache keeps what was seen, and gives up what was seen longest ago", "[texture_cache]") {
+  constexpr uint32_t kSlots = 64;
+  std::vector<uint64_t> keys(kSlots, TextureCache::kNoKey);
+  std::vector<uint32_t> stamps(kSlots, 0);
+  std::vector<uint8_t> samples(kSlots * 64);
+  std::vector<uint64_t> wanted(TextureCache::wanted_for(kSlots), TextureCache::kNoKey);
+  std::vector<kernels::GroupRequest> requests(kSlots);
+  const TextureCache cache{keys.data(),
+                           stamps.data(),
+                           samples.data(),
+                           wanted.data(),
+                           requests.data(),
+                           nullptr,
+                           8,
+                           kSlots,
+                           64,
+                           TextureCache::wanted_for(kSlots)};
+  const auto claim = [&](uint64_t key, uint32_t now) { return cache.claim({key, 0, 0}, now); };
+  uint32_t placed = 0;
+  // Level numbers and groups of more than 20 bits stay apart.
+  const auto key_of = [](uint32_t i) { return TextureCache::key_of(0xfff00000u + i % 3, 0xffffff00u - i / 3); };
+  for (uint32_t i = 0; i < kSlots; ++i) {
+    const uint32_t slot = claim(key_of(i), 1);
+    if (slot == TextureCache::kNoSlot) continue;
+    ++placed;
+    CHECK(cache.find(key_of(i)) == slot);
+  }
+  CHECK(placed > kSlots * 3 / 4);  // of two sets of eight each
+  std::set<uint64_t> kept;
+  for (uint32_t i = 0; i < kSlots; i += 2)
+    if (cache.see(key_of(i), 2) != nullptr) kept.insert(key_of(i));
+  // Round 2 asks for twice as much as there is room: what it saw stays.
+  for (uint32_t i = 1000; i < 1000 + 2 * kSlots; ++i) (void)claim(key_of(i), 2);
+  for (const uint64_t key : kept) CHECK(cache.find(key) != TextureCache::kNoSlot);
+  CHECK(claim(key_of(5000), 2) == TextureCache::kNoSlot);
+  for (uint32_t i = 1; i < kSlots; i += 2) CHECK(cache.find(key_of(i)) == TextureCache::kNoSlot);
+  // Of two stamps in a set the older one goes.
+  const uint64_t key = key_of(6000);
+  const uint64_t spread_key = TextureCache::spread(key);
+  for (uint32_t slot = 0; slot < kSlots; ++slot) stamps[slot] = 7;
+  const uint32_t oldest = cache.first_slot(spread_key, 1) + 5;
+  stamps[oldest] = 6;
+  CHECK(claim(key, 9) == oldest);
+}
+
+TEST_CASE("a group is asked for once, and one too many is forgotten", "[texture_cache]") {
+  for (const uint32_t slots : {1u, 8u, 1024u}) {
+    std::vector<uint64_t> keys(std::max(slots, TextureCache::kWays), TextureCache::kNoKey);
+    std::vector<uint32_t> stamps(keys.size(), TextureCache::kNever);
+    std::vector<uint64_t> wanted(TextureCache::wanted_for(slots), TextureCache::kNoKey);
+    std::vector<kernels::GroupRequest> requests(slots);
+    const TextureCache cache{keys.data(),
+                             stamps.data(),
+                             nullptr,
+                             wanted.data(),
+                             requests.data(),
+                             nullptr,
+                             TextureCache::sets_for(slots),
+                             slots,
+                             64,
+                             TextureCache::wanted_for(slots)};
+    RoundCounters counters{};
+    runtime::parallel_for(8, 8, [&](uint64_t thread) {
+      for (uint32_t i = 0; i < 20000; ++i) cache.ask_for((i * 7 + thread) % (slots / 2 + 1), &counters);
+    });
+    CHECK(counters.requests == slots / 2 + 1);
+    std::set<uint64_t> asked;
+    for (uint32_t i = 0; i < counters.requests; ++i) asked.insert(requests[i].key);
+    CHECK(asked.size() == counters.requests);
+    for (uint64_t key = 0; key < 4 * uint64_t{slots} + 8; ++key) cache.ask_for(key, &counters);
+    CHECK(counters.requests > slots);
+    const auto there = static_cast<uint64_t>(
+        std::count_if(wanted.begin(), wanted.end(), [](uint64_t key) { return key != TextureCache::kNoKey; }));
+    CHECK(there == slots);
+    for (uint32_t i = 0; i < slots; ++i) {
+      CHECK(wanted[requests[i].place] == requests[i].key);
+      (void)cache.claim(requests[i], 1);
+    }
+    CHECK(std::all_of(wanted.begin(), wanted.end(), [](uint64_t key) { return key == TextureCache::kNoKey; }));
+  }
+}
+
+TEST_CASE("the GPU draws JPEG textures as if they were decoded whole, with caches of any size", "[cuda]") {
+  if (!tests::has_gpu()) return;
+  const TempFolder folder;
+  tests::make_jpeg_model(folder.file("in.glb"));
+  std::vector<std::string> inputs = {folder.file("in.glb")};
+  if (!tests::models_path().empty() && !tests::kEmulatesGpu) {
+    const auto helmet = tests::models_path() / "scenes" / "DamagedHelmet" / "DamagedHelmet.glb";
+    if (std::filesystem::exists(helmet)) inputs.push_back(helmet.string());
+  }
+  const auto encoding = GENERATE(convert::Encoding::kIndexed, convert::Encoding::kClustered);
+  for (const std::string& input : inputs) {
+    convert::ConvertOptions options = tests::options_of(folder);
+    options.encoding = encoding;
+    options.input = input;
+    tests::must_convert(options);
+    const runtime::Scene whole = load_cached(options.output, 0);
+    const runtime::Scene scene = load_cached(options.output, 1);
+    const uint32_t slot_bytes = scene.jpeg_slot_bytes();
+    REQUIRE(slot_bytes > 0);
+    auto of_whole = runtime::DeviceScene::upload(whole, 0, 2);
+    REQUIRE(of_whole);
+    REQUIRE_FALSE(of_whole->texture_counts()->has_value());
+    const std::vector<kernels::View> views = views_of(whole);
+    for (const uint64_t bytes : {uint64_t{1}, uint64_t{7} * slot_bytes, uint64_t{8} * slot_bytes, uint64_t{100000},
+                                 uint64_t{1} << 20, runtime::kDeviceTextureCache}) {
+      if (tests::kEmulatesGpu && bytes != 8 * slot_bytes && bytes != runtime::kDeviceTextureCache) continue;
+      auto device = runtime::DeviceScene::upload(scene, 0, 2, runtime::Reading::kAuto, bytes);
+      if (!device) FAIL(device.error().message);
+      uint64_t most_left = 0;  // tiles that decoded for themselves
+      for (uint32_t frame = 0; frame < 2 * views.size(); ++frame) {
+        INFO(input << ", " << bytes << " bytes, frame " << frame);
+        const kernels::View& view = views[frame % views.size()];
+        for (const uint32_t side : {1u, 2u}) {
+          const auto draw_on = [&](runtime::DeviceScene& on, const runtime::Scene& from) {
+            const auto drawn = runtime::Frame::draw(from, view, side, 2, &on);
+            REQUIRE(drawn);
+            const auto picture = drawn->shade({}, 2);
+            if (!picture) FAIL(picture.error().message);
+            return picture->pixels;
+          };
+          const std::vector<uint8_t> expected = draw_on(*of_whole, whole);
+          const std::vector<uint8_t> found = draw_on(*device, scene);
+          CHECK(found == expected);
+          const auto counts = device->texture_counts();
+          REQUIRE(counts);
+          REQUIRE(counts->has_value());
+          most_left = std::max<uint64_t>(most_left, (*counts)->tiles);
+          if (bytes == runtime::kDeviceTextureCache) CHECK((*counts)->tiles == 0);
+        }
+        if (bytes != runtime::kDeviceTextureCache) continue;
+        // What was looked at twice is there: nothing is decoded.
+        const auto again = runtime::Frame::draw(scene, view, 1, 2, &*device);
+        REQUIRE(again);
+        REQUIRE(again->shade({}, 2));
+        CHECK((*device->texture_counts())->asked == 0);
+        // And it is the CPU's picture, to a level.
+        const auto on_cpu = runtime::Frame::draw(scene, view, 1, 2);
+        REQUIRE(on_cpu);
+        const auto cpu_pixels = on_cpu->shade({}, 2)->pixels;
+        const auto gpu_pixels = again->shade({}, 2)->pixels;
+        uint64_t off = 0;
+        for (size_t i = 0; i < cpu_pixels.size(); ++i) off += std::abs(int{cpu_pixels[i]} - int{gpu_pixels[i]}) > 1;
+        CHECK(off <= cpu_pixels.size() / 10000);
+      }
+      if (bytes == 1) CHECK(most_left > 0);
+    }
+  }
+}
+
+#ifdef SCREE_HAS_CUDA
+TEST_CASE("the GPU decodes every group of a JPEG to the CPU's samples", "[cuda]") {
+  if (!tests::has_gpu()) return;
+  const TempFolder folder;
+  tests::make_jpeg_model(folder.file("in.glb"));
+  tests::must_convert(tests::options_of(folder));
+  const runtime::Scene scene = load_cached(folder.file("out.scree"), 1);
+  auto device = runtime::DeviceScene::upload(scene, 0, 2);
+  REQUIRE(device);
+  const uint32_t slot_bytes = scene.jpeg_slot_bytes();
+  const std::vector<JpegLevel> levels = levels_of(scene);
+  std::vector<kernels::TextureView> textures(scene.view().texture_count);
+  REQUIRE(kernels::cuda_check(cudaMemcpy(textures.data(), device->device_view().textures,
+                                         textures.size() * sizeof textures[0], cudaMemcpyDeviceToHost),
+                              "reading the textures"));
+  uint64_t looked = 0;
+  for (size_t t = 0; t < textures.size(); ++t) {
+    for (uint32_t l = 0; l < textures[t].jpeg_level_count; ++l, ++looked) {
+      const format::JpegPicture& picture = scene.view().textures[t].jpeg[l].picture;
+      const uint32_t groups = (picture.view.mcu_count - 1) / picture.view.group_mcus + 1;
+      std::vector<uint8_t> expected(size_t{groups} * slot_bytes, 0);
+      for (uint32_t group = 0; group < groups; ++group)
+        format::decode_jpeg_group(picture, group, expected.data() + size_t{group} * slot_bytes);
+      auto out = kernels::DeviceBuffer::allocate(expected.size(), "allocating samples");
+      REQUIRE(out);
+      REQUIRE(kernels::cuda_check(cudaMemset(out->data(), 0, expected.size()), "clearing samples"));
+      REQUIRE(kernels::CudaTextureCache::decode(textures[t].jpeg + l, groups, reinterpret_cast<uint8_t*>(out->data()),
+                                                slot_bytes, nullptr));
+      std::vector<uint8_t> found(expected.size());
+      REQUIRE(kernels::cuda_check(cudaMemcpy(found.data(), out->data(), found.size(), cudaMemcpyDeviceToHost),
+                                  "reading samples"));
+      INFO("texture " << t << ", level " << l);
+      CHECK(found == expected);
+    }
+  }
+  CHECK(looked > 6);
+}
+#endif

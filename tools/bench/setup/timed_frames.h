@@ -1,0 +1,35 @@
+// How long frames take: a loop that stops by the clock.
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "format/result.h"
+#include "runtime/threads/stopwatch.h"
+
+namespace scree::bench {
+
+inline constexpr double kTimeBudgetMs = 2000;
+
+/// Draws up to `warmup` frames and up to `frames` (at least 1) more: fewer where they take longer than a quarter of
+/// kTimeBudgetMs, or all of it. `draw_one`: draws once more and gives a Result<float> of the ms it took. Returns those
+/// of the second part. Errors: those of `draw_one`.
+template <class DrawOne>
+Result<std::vector<float>> timed_frames(uint32_t frames, uint32_t warmup, const DrawOne& draw_one) {
+  std::vector<float> times;
+  const auto draw_many = [&](uint32_t count, double budget_ms) -> Result<void> {
+    const runtime::Stopwatch watch;
+    times.clear();
+    while (times.size() < count && (times.empty() || watch.elapsed().wall_ms < budget_ms)) {
+      const Result<float> ms = draw_one();
+      if (!ms) return ms.error();
+      times.push_back(*ms);
+    }
+    return {};
+  };
+  if (Result<void> done = draw_many(warmup, kTimeBudgetMs / 4); !done) return done.error();
+  if (Result<void> done = draw_many(frames, kTimeBudgetMs); !done) return done.error();
+  return times;
+}
+
+}  // namespace scree::bench

@@ -1,0 +1,65 @@
+#include "tools/common/stage_rates.h"
+
+#include <algorithm>
+#include <chrono>
+
+#include "tools/common/options.h"
+
+namespace scree::convert {
+namespace {
+
+uint64_t now() {
+  const auto since = std::chrono::steady_clock::now().time_since_epoch();
+  return static_cast<uint64_t>(std::chrono::duration_cast<std::chrono::nanoseconds>(since).count());
+}
+
+// Of this thread, in TimedRead.
+thread_local uint64_t thread_read = 0;
+
+double rate(uint64_t amount, double seconds) {
+  return static_cast<double>(amount) / std::max(seconds, 1e-9);
+}
+
+std::string bytes_a_second(uint64_t bytes, double seconds) {
+  return tools::format_bytes(static_cast<uint64_t>(rate(bytes, seconds))) + "/s";
+}
+
+}  // namespace
+
+std::string describe(const StageRates& rates) {
+  const double read = rates.read_seconds / rates.threads;
+  const double measure = rates.measure_seconds / rates.threads;
+  const double encode = rates.encode_seconds / rates.threads;
+  const double write = rates.write_seconds;
+  const std::string text = "read " + bytes_a_second(rates.read_bytes, read) + ", measure " +
+                           tools::format_count(rate(rates.measured_triangles, measure)) + " triangles/s, encode " +
+                           tools::format_count(rate(rates.encoded_triangles, encode)) + " triangles/s, write " +
+                           bytes_a_second(rates.written_bytes, write);
+  // Those that share the threads wait for each other; writing goes on beside them.
+  if (write > read + measure + encode) return text + ": writing limits";
+  if (read > std::max(measure, encode)) return text + ": reading limits";
+  return text + (measure > encode ? ": measuring limits" : ": encoding limits");
+}
+
+Timed::Timed(std::atomic<uint64_t>& nanoseconds) : nanoseconds_(nanoseconds), start_(now()) {}
+
+Timed::~Timed() {
+  nanoseconds_.fetch_add(now() - start_, std::memory_order_relaxed);
+}
+
+TimedRead::TimedRead(std::atomic<uint64_t>& nanoseconds) : nanoseconds_(nanoseconds), start_(now()) {}
+
+TimedRead::~TimedRead() {
+  const uint64_t taken = now() - start_;
+  nanoseconds_.fetch_add(taken, std::memory_order_relaxed);
+  thread_read += taken;
+}
+
+TimedWork::TimedWork(std::atomic<uint64_t>& nanoseconds)
+    : nanoseconds_(nanoseconds), start_(now()), read_before_(thread_read) {}
+
+TimedWork::~TimedWork() {
+  nanoseconds_.fetch_add(now() - start_ - (thread_read - read_before_), std::memory_order_relaxed);
+}
+
+}  // namespace scree::convert

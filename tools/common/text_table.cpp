@@ -1,0 +1,82 @@
+#include "tools/common/text_table.h"
+
+#include <algorithm>
+#include <cstdint>
+
+namespace scree::inspect {
+namespace {
+
+constexpr size_t kGap = 2;  // columns between columns
+
+size_t letters(std::string_view text) {
+  return static_cast<size_t>(std::count_if(text.begin(), text.end(), [](char c) { return (c & 0xc0) != 0x80; }));
+}
+
+/// Bytes of the UTF-8 letter at the front of `text`, or 0.
+size_t letter_bytes(std::string_view text) {
+  const auto byte = [&](size_t i) { return static_cast<uint8_t>(text[i]); };
+  const size_t length = byte(0) < 0x80                      ? 1
+                        : byte(0) >= 0xc2 && byte(0) < 0xe0 ? 2
+                        : byte(0) >= 0xe0 && byte(0) < 0xf0 ? 3
+                        : byte(0) >= 0xf0 && byte(0) < 0xf5 ? 4
+                                                            : 0;
+  if (length == 0 || length > text.size()) return 0;
+  for (size_t i = 1; i < length; ++i) {
+    if ((byte(i) & 0xc0) != 0x80) return 0;
+  }
+  return length;
+}
+
+}  // namespace
+
+std::string TextTable::text() const {
+  std::vector<size_t> widths;
+  for (const Row& row : rows_) {
+    widths.resize(std::max(widths.size(), row.cells.size()));
+    for (size_t i = 0; i < row.cells.size(); ++i) widths[i] = std::max(widths[i], letters(row.cells[i]));
+  }
+  size_t total = 0;
+  for (size_t i = 0; i < widths.size(); ++i) total += widths[i] + (i == 0 ? 0 : kGap);
+  std::string text;
+  for (const Row& row : rows_) {
+    std::string line(indent_, ' ');
+    if (row.is_rule) line.append(total, '-');
+    for (size_t i = 0; i < row.cells.size(); ++i) {
+      const std::string fill(widths[i] - letters(row.cells[i]), ' ');
+      if (i > 0) line.append(kGap, ' ');
+      line += i < left_ ? row.cells[i] + fill : fill + row.cells[i];
+    }
+    line.erase(line.find_last_not_of(' ') + 1);
+    text += line + '\n';
+  }
+  return text;
+}
+
+std::string printable(std::string_view name, size_t width) {
+  std::string text;
+  size_t count = 0;
+  while (!name.empty()) {
+    if (count++ == width) {
+      // Three letters make room for the dots.
+      for (int i = 0; i < 3 && !text.empty(); ++i) {
+        while ((text.back() & 0xc0) == 0x80) text.pop_back();
+        text.pop_back();
+      }
+      return text + "...";
+    }
+    const size_t length = letter_bytes(name);
+    const auto first = static_cast<uint8_t>(name[0]);
+    // U+0080 to U+009F are control characters too.
+    const bool is_control =
+        first < 0x20 || first == 0x7f || (length == 2 && first == 0xc2 && static_cast<uint8_t>(name[1]) < 0xa0);
+    if (length == 0 || is_control) {
+      text += '?';
+    } else {
+      text.append(name.substr(0, length));
+    }
+    name.remove_prefix(std::max<size_t>(length, 1));
+  }
+  return text;
+}
+
+}  // namespace scree::inspect

@@ -1,0 +1,49 @@
+// Where a chunk ends: before the triangle with which its streams might pass a page.
+#pragma once
+
+#include <bit>
+#include <cstdint>
+
+#include "format/bitpack.h"
+#include "format/layout.h"
+#include "tools/convert/encode/encode.h"
+#include "tools/convert/windows/measure.h"
+
+namespace scree::convert {
+
+/// Most bits that the attributes of a vertex take in this mesh, whatever its chunk.
+uint64_t attribute_bits_bound(const MeshPlan& mesh);
+
+/// The same with its position.
+uint64_t vertex_bits_bound(const MeshPlan& mesh);
+
+/// Most bits that the source's number of a triangle takes, less the smallest of its chunk.
+uint32_t source_id_bits(const MeshPlan& mesh, const WindowPlan& plan);
+
+class ChunkLimit {
+ public:
+  /// `most_triangles`: 0: no limit, not even a page.
+  ChunkLimit(const MeshPlan& mesh, const WindowPlan& plan, uint64_t most_triangles);
+
+  /// Whether a chunk may have so much.
+  bool fits(uint64_t triangles, uint64_t vertices) const {
+    if (most_triangles_ == 0) return true;
+    if (triangles > most_triangles_) return false;
+    const uint64_t index_bits = static_cast<uint64_t>(std::bit_width(vertices - 1));
+    return triangles * (3 * index_bits + triangle_bits_) + vertices * vertex_bits_ <= kBudgetBits;
+  }
+
+  /// The same for a chunk of clusters with so many words of data.
+  bool clusters_fit(uint64_t triangles, uint64_t vertices, uint64_t clusters, uint64_t words) const;
+
+ private:
+  // Six streams, each with its slack and rounded up to 16 bytes, always fit beside this.
+  static constexpr uint64_t kBudgetBits = 8 * (format::kPageTargetBytes - 6 * (format::kPackedSlackBytes + 16));
+
+  uint64_t most_triangles_;
+  uint64_t vertex_bits_;
+  uint64_t attribute_bits_;
+  uint64_t triangle_bits_;
+};
+
+}  // namespace scree::convert

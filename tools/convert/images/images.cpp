@@ -1,0 +1,329 @@
+#include "tools/convert/images/images.h"
+
+#include <algorithm>
+#include <map>
+#include <span>
+#include <tuple>
+#include <utility>
+
+#include "format/jpeg/index.h"
+#include "runtime/images/image.h"
+#include "tools/convert/images/jpeg_file.h"
+#include "tools/convert/images/jpeg_levels.h"
+#include "tools/convert/images/jpeg_transcode.h"
+
+namespace scree::convert {
+namespace {
+
+constexpr uint64_t kMaxImageBytes = uint64_t{1} << 30;
+constexpr uint64_t kCheckedBytes = uint64_t{128} << 20;  // memory of the checks in flight
+constexpr size_t kBlockBytes = size_t{1} << 20;
+
+struct CheckedImage {
+  runtime::ImageInfo info{};
+  ContentHash hash{};
+  std::string warning;
+  std::string broken;  // ImagePlan::broken
+};
+
+Result<void> read_image(const SourceImage& image, uint64_t offset, std::span<std::byte> out) {
+  return image.source->read(image.offset + offset, out);
+}
+
+runtime::ImageFile image_file(const SourceImage& image) {
+  return {image.bytes, [&image](uint64_t offset, std::span<std::byte> out) { return read_image(image, offset, out); }};
+}
+
+Result<ContentHash> hash_image(const SourceImage& image) {
+  ContentHasher hash;
+  std::vector<std::byte> block(static_cast<size_t>(std::min<uint64_t>(kBlockBytes, image.bytes)));
+  for (uint64_t done = 0; done < image.bytes; done += block.size()) {
+    block.resize(static_cast<size_t>(std::min<uint64_t>(block.size(), image.bytes - done)));
+    if (const Result<void> read = read_image(image, done, block); !read) return read.error();
+    hash.add(block);
+  }
+  return hash.value();
+}
+
+/// Whether the image is stored as an indexed JPEG.
+bool is_indexed(const ImageOptions& options, format::ImageCodec codec) {
+  return options.textures == Textures::kJpeg ||
+         (options.textures == Textures::kKeep && codec == format::ImageCodec::kJpeg);
+}
+
+Result<CheckedImage> check_source(const SourceImage& image, const ImageOptions& options) {
+  if (image.bytes > kMaxImageBytes)
+    return Error{ErrorCode::kUnsupported, std::to_string(image.bytes) + " bytes, but images of at most " +
+                                              std::to_string(kMaxImageBytes) + " are read"};
+  CheckedImage checked;
+  const Result<runtime::ImageInfo> info = runtime::probe_image(image_file(image));
+  Result<std::string> warning = std::string();
+  if (info && !is_indexed(options, info->codec)) warning = runtime::check_image(image_file(image));  // indexing decodes
+  if (info && warning) {
+    checked.info = *info;
+    checked.warning = std::move(*warning);
+  } else {
+    const Error& error = info ? warning.error() : info.error();
+    if (!options.keep_going || error.code == ErrorCode::kFile || error.code == ErrorCode::kMemory) return error;
+    checked.info.codec = format::ImageCodec::kIndexedJpeg;
+    checked.broken = error.message;
+  }
+  const Result<ContentHash> hash = hash_image(image);
+  if (!hash) return hash.error();
+  checked.hash = *hash;
+  return checked;
+}
+
+/// What checking an image takes; the check itself says what is wrong with those that are no images.
+uint64_t check_cost(const SourceImage& image) {
+  const Result<runtime::ImageInfo> info = runtime::probe_image(image_file(image));
+  return kBlockBytes + (info ? runtime::image_check_bytes(*info) : 0);
+}
+
+/// What is stored in place of an image that stays no file.
+struct StoredImage {
+  std::vector<std::byte> base;  // an indexed JPEG; empty: the file as it came
+  std::vector<std::vector<std::byte>> levels;
+  uint32_t width = 0;
+  uint32_t height = 0;
+  uint32_t channels = 0;
+  std::string warning;
+};
+
+Result<std::vector<std::byte>> read_file(const SourceImage& image, const ContentHash& hash) {
+  std::vector<std::byte> file(static_cast<size_t>(image.bytes));
+  if (const Result<void> read = read_image(image, 0, file); !read) return read.error();
+  ContentHasher found;
+  found.add(file);
+  if (found.value() != hash) return Error{ErrorCode::kFile, "was changed while it was converted"};
+  return file;
+}
+
+/// A picture in the place of one that is none.
+Result<std::vector<std::byte>> grey_jpeg() {
+  runtime::Image image;
+  image.width = image.height = 1;
+  image.rgba = {128, 128, 128, 255};
+  return runtime::encode_jpeg(image, 90, true);
+}
+
+/// A file that is no JPEG, coded as one.
+Result<std::vector<std::byte>> code_jpeg(std::span<const std::byte> file, uint32_t channels, int quality,
+                                         std::string& warning) {
+  const Result<runtime::Image> image = runtime::decode_image(file);
+  if (!image) return image.error();
+  warning = image->warning;
+  for (size_t i = 3; i < image->rgba.size(); i += 4) {
+    if (image->rgba[i] == 255) continue;
+    warning += (warning.empty() ? "" : "; ") + std::string("alpha is left out");
+    break;
+  }
+  return runtime::encode_jpeg(*image, quality, channels <= 2);
+}
+
+Result<StoredImage> index_image(std::span<const std::byte> file, std::string warning) {
+  Result<runtime::IndexedJpeg> indexed = runtime::index_jpeg(file);
+  if (!indexed) return indexed.error();
+  const Result<format::JpegIndex> index = format::open_jpeg_index(indexed->bytes);
+  if (!index) return index.error();
+  StoredImage stored;
+  stored.width = index->width;
+  stored.height = index->height;
+  stored.channels = index->component_count;
+  stored.warning = std::move(warning);
+  if (!indexed->note.empty()) stored.warning += (stored.warning.empty() ? "" : "; ") + indexed->note;
+  Result<std::vector<std::vector<std::byte>>> levels = runtime::make_jpeg_levels(*index);
+  if (!levels) return levels.error();
+  stored.levels = std::move(*levels);
+  stored.base = std::move(indexed->bytes);
+  return stored;
+}
+
+Result<StoredImage> grey_image(const std::string& why) {
+  const auto file = grey_jpeg();
+  if (!file) return file.error();
+  return index_image(*file, why + "; grey in its place");
+}
+
+/// What an image is to be stored as.
+Result<StoredImage> store_image(const SourceImage& source, const format::ImageRecord& record, const ContentHash& hash,
+                                const ImageOptions& options) {
+  const auto file = read_file(source, hash);
+  if (!file) return file.error();
+  Result<StoredImage> stored = StoredImage{};
+  if (record.codec == format::ImageCodec::kJpeg) {
+    stored = index_image(*file, {});
+  } else {
+    std::string warning;
+    const auto coded = code_jpeg(*file, record.channels, options.quality, warning);
+    stored = coded ? index_image(*coded, std::move(warning)) : coded.error();
+  }
+  if (stored || !options.keep_going || stored.error().code == ErrorCode::kMemory) return stored;
+  return grey_image(stored.error().message);
+}
+
+uint64_t store_cost(const SourceImage& source, const runtime::ImageInfo& info, const ImageOptions& options) {
+  if (!is_indexed(options, info.codec)) return kBlockBytes;
+  const uint64_t pixels = uint64_t{info.width} * info.height;
+  uint64_t bytes = 4 * source.bytes;
+  if (info.codec != format::ImageCodec::kJpeg) bytes += 10 * pixels;
+  if (info.is_coded_anew) bytes += 2 * info.channels * pixels;
+  return bytes;
+}
+
+/// The pages of an indexed image: one of its base level, and one of the others together.
+Result<void> append_indexed(StoredImage stored, uint32_t number, StoredImageRecord& written,
+                            format::ContainerWriter& writer) {
+  format::ImageRecord& record = written.record;
+  record.codec = format::ImageCodec::kIndexedJpeg;
+  record.width = stored.width;
+  record.height = stored.height;
+  record.channels = stored.channels;
+  const Result<uint32_t> page = writer.append(format::seal_page(format::PageKind::kImage, std::move(stored.base), 0));
+  if (!page) return page.error();
+  record.page = *page;
+  ++written.page_count;
+  if (stored.levels.empty()) return {};
+  record.level_count = static_cast<uint32_t>(stored.levels.size());
+  std::vector<std::byte> together;
+  for (const std::vector<std::byte>& level : stored.levels) {
+    written.levels.push_back({together.size(), level.size(), 0, number});
+    together.insert(together.end(), level.begin(), level.end());
+  }
+  const Result<uint32_t> levels = writer.append(format::seal_page(format::PageKind::kImage, std::move(together), 0));
+  if (!levels) return levels.error();
+  ++written.page_count;
+  for (format::MipLevelRecord& level : written.levels) level.page = *levels;
+  return {};
+}
+
+/// The page of an image that stays the file it is.
+Result<void> append_file(const SourceImage& image, const ContentHash& expected, StoredImageRecord& written,
+                         format::ContainerWriter& writer) {
+  ContentHasher hash;
+  // JPEG and PNG are compressed already; a raw page can be decoded where it is mapped.
+  const Result<uint32_t> page =
+      writer.append_raw(format::PageKind::kImage, image.bytes, [&](uint64_t offset, std::span<std::byte> out) {
+        Result<void> read = read_image(image, offset, out);
+        hash.add(out);
+        return read;
+      });
+  if (!page) return page.error();
+  if (hash.value() != expected) return Error{ErrorCode::kFile, "was changed while it was converted"};
+  written.record.page = *page;
+  ++written.page_count;
+  return {};
+}
+
+/// Completes the plan by an image that is written.
+void add_stored(const SourceScene& scene, uint64_t number, const StoredImageRecord& stored, ImagePlan& plan) {
+  format::ImageRecord& record = plan.records[number];
+  record = stored.record;
+  if (!stored.levels.empty()) record.first_level = static_cast<uint32_t>(plan.levels.size());
+  plan.levels.insert(plan.levels.end(), stored.levels.begin(), stored.levels.end());
+  plan.page_count += stored.page_count;
+  if (!stored.warning.empty())
+    plan.warnings.push_back(image_place(scene, plan.sources[number]) + ": " + stored.warning);
+}
+
+}  // namespace
+
+uint64_t largest_image_bytes(const SourceScene& scene, const ImageOptions& options) {
+  uint64_t largest = 0;
+  for (const SourceImage& image : scene.images) {
+    if (image.bytes > kMaxImageBytes) continue;  // refused later, as pictures are that claim too many pixels
+    const Result<runtime::ImageInfo> info = runtime::probe_decodable(image_file(image));
+    if (info) largest = std::max({largest, check_cost(image), store_cost(image, *info, options)});
+  }
+  return largest;
+}
+
+std::string image_place(const SourceScene& scene, uint32_t image) {
+  std::string place = scene.file_name + ": image " + std::to_string(image);
+  if (!scene.images[image].name.empty()) place += " (" + scene.images[image].name + ")";
+  return place;
+}
+
+Result<ImagePlan> check_images(const SourceScene& scene, const std::vector<bool>& wanted, const ImageOptions& options,
+                               WorkerPool& pool, const std::function<void(uint64_t images, uint64_t bytes)>& progress) {
+  ImagePlan plan;
+  uint64_t bytes_done = 0;
+  plan.places.assign(scene.images.size(), format::kNone);
+  std::vector<uint32_t> images;
+  for (uint32_t i = 0; i < wanted.size(); ++i)
+    if (wanted[i]) images.push_back(i);
+  std::map<std::tuple<uint64_t, uint64_t, uint64_t>, uint32_t> known;  // hash and size -> record
+  std::vector<uint64_t> costs;
+  for (const uint32_t image : images) costs.push_back(check_cost(scene.images[image]));
+  const auto work = [&](uint64_t i, uint32_t) -> Result<CheckedImage> {
+    Result<CheckedImage> checked = check_source(scene.images[images[i]], options);
+    if (!checked) return at(image_place(scene, images[i]), checked.error());
+    return checked;
+  };
+  const auto cost = [&](uint64_t i) { return costs[i]; };
+  const auto take = [&](uint64_t i, CheckedImage checked) -> Result<void> {
+    const uint64_t bytes = scene.images[images[i]].bytes;
+    bytes_done += bytes;
+    progress(i + 1, bytes_done);
+    const auto [entry, is_new] =
+        known.try_emplace({checked.hash[0], checked.hash[1], bytes}, static_cast<uint32_t>(plan.records.size()));
+    plan.places[images[i]] = entry->second;
+    if (!is_new) return {};
+    format::ImageRecord record{};
+    record.page = format::kNone;
+    record.first_level = format::kNone;
+    record.codec = checked.info.codec;
+    record.width = checked.info.width;
+    record.height = checked.info.height;
+    record.channels = checked.info.channels;
+    plan.records.push_back(record);
+    plan.hashes.push_back(checked.hash);
+    plan.costs.push_back(store_cost(scene.images[images[i]], checked.info, options));
+    plan.sources.push_back(images[i]);
+    plan.broken.push_back(checked.broken);
+    if (!checked.warning.empty()) plan.warnings.push_back(image_place(scene, images[i]) + ": " + checked.warning);
+    return {};
+  };
+  const Result<void> run = run_ordered<CheckedImage>(
+      pool, images.size(), {2 * uint64_t{pool.threads()}, std::min(kCheckedBytes, options.memory)}, work, cost, take);
+  if (!run) return run.error();
+  return plan;
+}
+
+Result<void> write_images(const SourceScene& scene, const ImageOptions& options, ImagePlan& plan, WorkerPool& pool,
+                          format::ContainerWriter& writer, const std::vector<StoredImageRecord>& stored_before,
+                          const std::function<void(uint64_t number, const StoredImageRecord&)>& note) {
+  const uint64_t first = stored_before.size();
+  for (uint64_t i = 0; i < first; ++i) add_stored(scene, i, stored_before[i], plan);
+  const auto source = [&](uint64_t i) -> const SourceImage& { return scene.images[plan.sources[i]]; };
+  // take() changes the records that work() and cost() read.
+  const std::vector<format::ImageRecord> records = plan.records;
+  const auto work = [&](uint64_t place, uint32_t) -> Result<StoredImage> {
+    const uint64_t i = first + place;
+    if (!plan.broken[i].empty()) return grey_image(plan.broken[i]);
+    if (!is_indexed(options, records[i].codec)) return StoredImage{};
+    Result<StoredImage> stored = store_image(source(i), records[i], plan.hashes[i], options);
+    if (!stored) return at(image_place(scene, plan.sources[i]), stored.error());
+    return stored;
+  };
+  const auto cost = [&](uint64_t place) { return plan.costs[first + place]; };
+  const auto take = [&](uint64_t place, StoredImage stored) -> Result<void> {
+    const uint64_t i = first + place;
+    StoredImageRecord written;
+    written.record = records[i];
+    written.warning = stored.warning;
+    if (!stored.base.empty()) {
+      const Result<void> appended = append_indexed(std::move(stored), static_cast<uint32_t>(i), written, writer);
+      if (!appended) return appended;
+    } else if (const Result<void> appended = append_file(source(i), plan.hashes[i], written, writer); !appended) {
+      return at(image_place(scene, plan.sources[i]), appended.error());
+    }
+    add_stored(scene, i, written, plan);
+    note(i, written);
+    return {};
+  };
+  return run_ordered<StoredImage>(pool, records.size() - first, {2 * uint64_t{pool.threads()}, options.memory}, work,
+                                  cost, take);
+}
+
+}  // namespace scree::convert

@@ -1,0 +1,56 @@
+#include "tools/convert/images/jpeg_file.h"
+
+#include <new>
+#include <utility>
+
+#include "format/jpeg/index.h"
+#include "tools/convert/images/jpeg_transcode.h"
+
+namespace scree::runtime {
+namespace {
+
+using format::JpegTreatment;
+
+Result<std::vector<std::byte>> encode(const format::JpegHeader& header, std::span<const std::byte> file) {
+  const auto bound = format::jpeg_index_bound(header, file.size());
+  if (!bound) return bound.error();
+  std::vector<std::byte> bytes(*bound);
+  const auto encoded = format::encode_jpeg_index(bytes, header, file);
+  if (!encoded) return encoded.error();
+  bytes.resize(encoded->bytes);
+  bytes.shrink_to_fit();
+  return bytes;
+}
+
+Result<IndexedJpeg> index_or_throw(std::span<const std::byte> file) {
+  const auto header = format::parse_jpeg(file);
+  if (!header) return header.error();
+  const format::JpegVerdict verdict = format::judge_jpeg(*header);
+  if (verdict.treatment == JpegTreatment::kRefuse) return Error{ErrorCode::kUnsupported, "JPEG: " + verdict.reason};
+  if (verdict.treatment == JpegTreatment::kAsItIs) {
+    Result<std::vector<std::byte>> bytes = encode(*header, file);
+    if (bytes) return IndexedJpeg{std::move(*bytes), {}};
+    // Scans that repeat a component show only behind the first; the coefficients of all together can be had.
+    if (bytes.error().code != ErrorCode::kUnsupported) return bytes.error();
+  }
+  Result<TranscodedJpeg> other =
+      verdict.treatment == JpegTreatment::kReencode ? reencode_jpeg(file, kReencodeQuality) : transcode_jpeg(file);
+  if (!other) return other.error();
+  const auto other_header = format::parse_jpeg(other->file);
+  if (!other_header) return other_header.error();
+  Result<std::vector<std::byte>> bytes = encode(*other_header, other->file);
+  if (!bytes) return bytes.error();
+  return IndexedJpeg{std::move(*bytes), std::move(other->note)};
+}
+
+}  // namespace
+
+Result<IndexedJpeg> index_jpeg(std::span<const std::byte> file) {
+  try {
+    return index_or_throw(file);
+  } catch (const std::bad_alloc&) {
+    return Error{ErrorCode::kMemory, "JPEG: out of memory"};
+  }
+}
+
+}  // namespace scree::runtime

@@ -1,0 +1,99 @@
+#include "tools/convert/images/jpeg_levels.h"
+
+#include <algorithm>
+#include <new>
+#include <optional>
+#include <utility>
+
+#include "format/container/mip_levels.h"
+#include "format/jpeg/picture.h"
+#include "runtime/images/jpeg_writer.h"
+#include "runtime/textures/mip_rows.h"
+#include "runtime/textures/srgb.h"
+#include "tools/convert/images/jpeg_file.h"
+
+namespace scree::runtime {
+namespace {
+
+/// A level's quantisation step, one and a half times the base level's: small pictures hold more detail a pixel, and
+/// with equal steps the levels would take half of what the base level takes, not a third.
+uint16_t coarser(uint16_t step) {
+  const uint32_t most = step <= 255 ? 255 : 32767;  // a table stays one of bytes; libjpeg writes no larger ones
+  return static_cast<uint16_t>(std::min((3 * uint32_t{step} + 1) / 2, most));
+}
+
+/// The base level's way of coding, for a level of it.
+JpegCoding coding_of(const format::JpegIndex& base, uint32_t level) {
+  JpegCoding coding;
+  coding.width = std::max(1u, uint32_t{base.width} >> level);
+  coding.height = std::max(1u, uint32_t{base.height} >> level);
+  coding.colour = base.colour;
+  coding.components = base.components;
+  coding.quant = base.quant;
+  for (auto& table : coding.quant)
+    for (uint16_t& value : table) value = coarser(value);
+  uint32_t h = 1;
+  uint32_t v = 1;
+  for (const format::JpegComponent& component : coding.components) {
+    h = std::max<uint32_t>(h, component.h);
+    v = std::max<uint32_t>(v, component.v);
+  }
+  // libjpeg shrinks by whole factors alone.
+  for (format::JpegComponent& component : coding.components)
+    if (h % component.h != 0 || v % component.v != 0) component.h = component.v = 0;
+  if (std::any_of(coding.components.begin(), coding.components.end(), [](const auto& c) { return c.h == 0; }))
+    for (format::JpegComponent& component : coding.components) component.h = component.v = 1;
+  return coding;
+}
+
+Result<std::vector<std::vector<std::byte>>> make_or_throw(const format::JpegIndex& base) {
+  const uint32_t count = format::stored_level_count(base.width, base.height);
+  if (count == 0) return std::vector<std::vector<std::byte>>{};
+  const Srgb& srgb = Srgb::tables();
+  const bool is_grey = base.colour == format::JpegColour::kGrey;
+  std::vector<JpegWriter> writers;
+  for (uint32_t level = 1; level <= count; ++level) {
+    Result<JpegWriter> writer = JpegWriter::create(coding_of(base, level));
+    if (!writer) return writer.error();
+    writers.push_back(std::move(*writer));
+  }
+  std::optional<Error> failure;
+  std::vector<uint8_t> codes;
+  MipRows levels(base.width, base.height, count, [&](uint32_t level, uint32_t, std::span<const Texel> row) {
+    codes.clear();
+    for (const Texel& texel : row)
+      for (size_t c = 0; c < (is_grey ? 1 : 3); ++c) codes.push_back(srgb.code(texel[c]));
+    if (failure) return;
+    if (const Result<void> written = writers[level - 1].row(codes); !written) failure = written.error();
+  });
+  std::vector<Texel> texels(base.width, Texel{0, 0, 0, 1});
+  const auto decoded = format::decode_jpeg_rows(base, [&](uint32_t, std::span<const uint8_t> rgb) {
+    for (size_t x = 0; x < texels.size(); ++x)
+      for (size_t c = 0; c < 3; ++c) texels[x][c] = srgb.linear(rgb[3 * x + c]);
+    levels.push(texels);
+  });
+  if (!decoded) return decoded.error();
+  if (failure) return *failure;
+
+  std::vector<std::vector<std::byte>> indexed;
+  for (JpegWriter& writer : writers) {
+    const auto file = writer.finish();
+    if (!file) return file.error();
+    auto level = index_jpeg(*file);
+    if (!level) return level.error();
+    indexed.push_back(std::move(level->bytes));
+  }
+  return indexed;
+}
+
+}  // namespace
+
+Result<std::vector<std::vector<std::byte>>> make_jpeg_levels(const format::JpegIndex& base) {
+  try {
+    return make_or_throw(base);
+  } catch (const std::bad_alloc&) {
+    return Error{ErrorCode::kMemory, "JPEG: out of memory"};
+  }
+}
+
+}  // namespace scree::runtime

@@ -1,0 +1,244 @@
+#include "tools/convert/passes/encode_ahead.h"
+
+#include <algorithm>
+#include <utility>
+
+#include "tools/convert/passes/guessed_mesh.h"
+#include "tools/convert/plan/lattices.h"
+
+namespace scree::convert {
+namespace {
+
+constexpr uint64_t kJobsPerThread = 2;
+
+// Measured triangles that wait for a thread: beside the jobs in flight enough that no thread is without work where
+// meshes become ready together.
+constexpr uint64_t kWaitingPerThread = kWindowTriangles;
+
+// A window counts as so many triangles at least, so that a million small meshes do not wait.
+constexpr uint64_t kLeastWeight = 1024;
+
+// Triangles of a mesh for one that was encoded in vain before: so what is lost is at most a quarter more than the
+// largest mesh, whatever sources state.
+constexpr uint64_t kDiscardedShare = 4;
+
+uint64_t weight_of(const EncodeItem& item) {
+  return std::max(item.window.count, kLeastWeight);
+}
+
+}  // namespace
+
+EncodeAhead::EncodeAhead(const ConvertOptions& options, const SourceScene& scene, WorkerPool& pool,
+                         format::ContainerWriter& writer, const AheadLimits& limits, StageTimes& times,
+                         std::function<void(uint64_t)> progress)
+    : options_(options),
+      scene_(scene),
+      pool_(pool),
+      writer_(writer),
+      in_flight_{kJobsPerThread * pool.threads(), limits.flight_bytes},
+      times_(times),
+      progress_(std::move(progress)),
+      most_waiting_(kWaitingPerThread * pool.threads()),
+      largest_(limits.window),
+      held_(limits.held_bytes) {
+  start_pass({});
+}
+
+Result<void> EncodeAhead::take_one() {
+  Result<std::vector<EncodedWindow>> encoded = pass_->next();
+  if (!encoded) {  // it is said when all before it is known to be good
+    has_failed_ = true;
+    waiting_.clear();
+    open_batch_.clear();
+    if (guess_ && !guess_->mark) guess_.reset();  // nothing of it is placed
+    return stop();
+  }
+  Result<std::vector<WindowOutcome>> placed = pass_->place(std::move(*encoded));
+  if (!placed) return placed.error();
+  for (WindowOutcome& outcome : *placed) {
+    for (const format::ChunkRecord& chunk : outcome.chunks) done_ += chunk.triangle_count;
+    outcomes_.push_back(std::move(outcome));
+  }
+  if (guess_ && !guess_->mark && --guess_->batches_before == 0) mark_guess();
+  if (!is_stopped_) progress_(done_);
+  submit();
+  return {};
+}
+
+Result<void> EncodeAhead::take_window(const std::vector<Measured>& primitives, const WindowPlan& window,
+                                      std::unique_ptr<HeldWindow>& held) {
+  if (is_stopped_) return {};
+  if (!fits(window)) return stop();
+  const Measured& measured = primitives[window.primitive];
+  if (window.first == 0) begin_guess(window, measured);
+  if (!guess_) return {};
+  if (!may_be_of(meshes_.back(), window, measured.white)) return drop_guess();
+  add(window, std::move(held));
+  ++guess_->windows;
+  return make_room();
+}
+
+Result<void> EncodeAhead::take_measured(const std::vector<Measured>& primitives, std::span<const WindowPlan> windows,
+                                        std::span<std::unique_ptr<HeldWindow>> held) {
+  if (is_stopped_ || windows.empty()) return {};
+  if (!std::ranges::all_of(windows, [&](const WindowPlan& window) { return fits(window); })) return stop();
+  const bool is_again = is_repeat(primitives, windows.front().primitive);
+  const Result<uint64_t> first = settle_guess(primitives, windows, is_again);
+  if (!first) return first.error();
+  if (is_stopped_) return {};
+  if (is_again) {
+    for (const WindowPlan& window : windows) done_ += window.kept;
+    return {};
+  }
+  for (size_t i = *first; i < windows.size(); ++i) {
+    const uint32_t primitive = windows[i].primitive;
+    if (i == 0 || windows[i - 1].primitive != primitive) {
+      PlannedMesh mesh = plan_mesh(options_, scene_, primitive, primitives[primitive], false);
+      if (!choose_lattice(options_, scene_, mesh.plan, mesh.record)) return stop();
+      meshes_.push_back(std::move(mesh));
+    }
+    add(windows[i], std::move(held[i]));
+  }
+  return make_room();
+}
+
+Result<void> EncodeAhead::stop() {
+  is_stopped_ = true;
+  held_.close();
+  return drop_guess();
+}
+
+Result<EncodeAhead::Written> EncodeAhead::finish() {
+  const uint64_t before = outcomes_.size();
+  if (!has_failed_) close_batch();
+  submit();
+  while (pass_->in_flight() > 0 && !has_failed_)
+    if (const Result<void> taken = take_one(); !taken) return taken.error();
+  Result<GeometryWriter::OpenPage> page = pass_->release();
+  if (!page) return page.error();
+  return Written{std::move(outcomes_), before, guessed_windows_, discarded_windows_, std::move(*page)};
+}
+
+void EncodeAhead::start_pass(EncodeStart start) {
+  pass_.emplace(options_, scene_, pool_, writer_, in_flight_, times_, std::move(start));
+}
+
+/// Takes the primitive that a first window is of for what its source states, where little enough was lost so far by
+/// that, and it does not begin as one did that it may repeat.
+void EncodeAhead::begin_guess(const WindowPlan& window, const Measured& measured) {
+  const uint64_t triangles = scene_.primitives[window.primitive].triangle_count();
+  if (window.count == triangles || discarded_triangles_ > triangles / kDiscardedShare) return;
+  if (measured.content && (!is_group_alone(window.primitive) || !first_windows_.insert(*measured.content).second))
+    return;
+  std::optional<PlannedMesh> mesh = guess_mesh(options_, scene_, window.primitive, measured.white);
+  if (!mesh || !may_be_of(*mesh, window, measured.white)) return;  // taking it back would wait for all before it
+  close_batch();
+  submit();
+  meshes_.push_back(std::move(*mesh));
+  guess_ = Guess{0, waiting_.size() + pass_->in_flight(), std::nullopt, 0, 0};
+  if (guess_->batches_before == 0) mark_guess();
+}
+
+void EncodeAhead::mark_guess() {
+  guess_->mark = pass_->mark();
+  guess_->outcomes = outcomes_.size();
+  guess_->done = done_;
+}
+
+/// How many of the windows that are measured now are taken already, as a guess that has come true.
+Result<uint64_t> EncodeAhead::settle_guess(const std::vector<Measured>& primitives, std::span<const WindowPlan> windows,
+                                           bool is_again) {
+  if (!guess_) return uint64_t{0};
+  const uint32_t primitive = windows.front().primitive;
+  PlannedMesh mesh = plan_mesh(options_, scene_, primitive, primitives[primitive], false);
+  if (!is_again && may_be_of(meshes_.back(), windows.back(), primitives[primitive].white) &&
+      choose_lattice(options_, scene_, mesh.plan, mesh.record) && is_same(meshes_.back(), mesh)) {
+    guessed_windows_ += guess_->windows;
+    return std::exchange(guess_, std::nullopt)->windows;
+  }
+  if (const Result<void> dropped = drop_guess(); !dropped) return dropped.error();
+  return uint64_t{0};
+}
+
+/// Takes what was placed of a guess out of the file again, as if it had not been.
+Result<void> EncodeAhead::drop_guess() {
+  if (!guess_) return {};
+  open_batch_.clear();
+  open_counts_ = {};
+  const uint64_t before = guess_->batches_before - std::min(guess_->batches_before, pass_->in_flight());
+  while (waiting_.size() > before) waiting_.pop_back();
+  while (guess_ && !guess_->mark)
+    if (const Result<void> taken = take_one(); !taken) return taken;
+  if (!guess_) return {};  // a mesh before it failed
+  waiting_triangles_ = 0;
+  Guess guess = std::move(*guess_);
+  guess_.reset();
+  if (const Result<GeometryWriter::OpenPage> page = pass_->release(); !page) return page.error();
+  pass_.reset();  // its jobs refer to the mesh
+  meshes_.pop_back();
+  const uint64_t bytes = writer_.bytes();
+  writer_.drop_pages(guess.mark->pages);
+  times_.discarded_bytes += bytes - writer_.bytes();
+  log_windows(writer_, guess.mark->start.window, {});  // those that were noted from there on are none
+  start_pass(std::move(guess.mark->start));
+  outcomes_.erase(outcomes_.begin() + static_cast<ptrdiff_t>(guess.outcomes), outcomes_.end());
+  done_ = guess.done;
+  discarded_windows_ += guess.windows;
+  discarded_triangles_ += guess.windows * kWindowTriangles;
+  return {};
+}
+
+/// Whether the memory that threads have is reckoned for it.
+bool EncodeAhead::fits(const WindowPlan& window) const {
+  return window.vertices <= largest_.vertices && window.span <= largest_.span;
+}
+
+bool EncodeAhead::is_group_alone(uint32_t primitive) const {
+  const auto is_of_group = [&](size_t other) {
+    return other < scene_.primitives.size() && scene_.primitives[other].group == scene_.primitives[primitive].group;
+  };
+  return !is_of_group(size_t{primitive} - 1) && !is_of_group(size_t{primitive} + 1);
+}
+
+bool EncodeAhead::is_repeat(const std::vector<Measured>& primitives, uint32_t primitive) {
+  if (!primitives[primitive].content) return false;
+  const uint32_t group = scene_.primitives[primitive].group;
+  size_t first = primitive;
+  while (first > 0 && scene_.primitives[first - 1].group == group) --first;
+  return equal_.find_first(scene_, primitives, group, first) != group;
+}
+
+/// A window of the last mesh.
+void EncodeAhead::add(const WindowPlan& window, std::unique_ptr<HeldWindow> held) {
+  const PlannedMesh& mesh = meshes_.back();
+  EncodeItem item{window,       &scene_.primitives[window.primitive],      &mesh.plan,
+                  &mesh.record, static_cast<uint32_t>(meshes_.size() - 1), std::move(held)};
+  if (!open_batch_.empty() && !may_join(open_counts_, item.window)) close_batch();
+  ++open_counts_.count;
+  open_counts_.triangles += item.window.count;
+  waiting_triangles_ += weight_of(item);
+  open_batch_.push_back(std::move(item));
+}
+
+/// Waits while too much does.
+Result<void> EncodeAhead::make_room() {
+  submit();
+  while (waiting_triangles_ > most_waiting_ && pass_->in_flight() > 0 && !has_failed_)
+    if (const Result<void> taken = take_one(); !taken) return taken;
+  return {};
+}
+
+void EncodeAhead::close_batch() {
+  if (!open_batch_.empty()) waiting_.push_back(std::exchange(open_batch_, {}));
+  open_counts_ = {};
+}
+
+void EncodeAhead::submit() {
+  while (!waiting_.empty() && pass_->has_room(waiting_.front())) {
+    for (const EncodeItem& item : waiting_.front()) waiting_triangles_ -= weight_of(item);
+    pass_->submit(std::move(waiting_.front()));
+    waiting_.pop_front();
+  }
+}
+
+}  // namespace scree::convert

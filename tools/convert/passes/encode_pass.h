@@ -1,0 +1,98 @@
+// Windows into the file, in order: encoded on a pool, their chunks placed in pages, and noted for --resume.
+#pragma once
+
+#include <cstdint>
+#include <deque>
+#include <memory>
+#include <vector>
+
+#include "format/container/container.h"
+#include "format/result.h"
+#include "tools/common/ordered_pool.h"
+#include "tools/common/stage_rates.h"
+#include "tools/convert/encode/encode.h"
+#include "tools/convert/encode/geometry_writer.h"
+#include "tools/convert/passes/resume.h"
+#include "tools/convert/plan/convert_options.h"
+#include "tools/convert/windows/held_windows.h"
+#include "tools/convert/windows/measure.h"
+#include "tools/gltf/source.h"
+
+namespace scree::convert {
+
+/// A window to be encoded; what is pointed to stays where it is until the window is placed.
+struct EncodeItem {
+  WindowPlan window;
+  const Primitive* primitive = nullptr;  // the source's, or its sorted copy
+  const MeshPlan* plan = nullptr;
+  const format::MeshRecord* record = nullptr;
+  uint32_t mesh = 0;
+  std::unique_ptr<HeldWindow> held;  // or null: it is read
+};
+
+/// Where a pass begins.
+struct EncodeStart {
+  GeometryWriter::OpenPage page;
+  uint64_t window = 0;                      // number of the first
+  uint32_t mesh = format::kNone;            // of the chunk before, if there is one
+  uint64_t triangle = 0;                    // of that mesh, that comes next
+  std::vector<format::ChunkRecord> placed;  // chunks of the first window that are in the file already
+};
+
+/// Used by one thread, but for ready_locked(). Destroy it before the pool.
+class EncodePass {
+ public:
+  /// `limit`: of batches and of bytes that they become.
+  EncodePass(const ConvertOptions& options, const SourceScene& scene, WorkerPool& pool, format::ContainerWriter& writer,
+             InFlight limit, StageTimes& times, EncodeStart start);
+
+  /// Whether a batch may be submitted now; where none is in flight, any may.
+  bool has_room(const std::vector<EncodeItem>& batch) const;
+  void submit(std::vector<EncodeItem> batch);
+
+  /// Batches that have not been placed.
+  uint64_t in_flight() const { return batches_.size(); }
+
+  /// Whether next() would not wait; called with the pool's lock held.
+  bool ready_locked() const { return results_.ready_locked(); }
+
+  /// The windows of the oldest batch in flight. Errors of encode_window.
+  Result<std::vector<EncodedWindow>> next();
+
+  /// Places what next() gave last, and says what it adds to the tables. Errors of GeometryWriter::add.
+  Result<std::vector<WindowOutcome>> place(std::vector<EncodedWindow> windows);
+
+  /// Where another pass may begin instead, once this one is released and the file has no more than these pages.
+  struct Mark {
+    uint32_t pages = 0;
+    EncodeStart start;
+  };
+  /// Behind what place() placed last.
+  Mark mark() const;
+
+  /// Writes what is left.
+  Result<void> finish() { return geometry_.finish(); }
+  /// The same but for the last page, for another pass to go on with.
+  Result<GeometryWriter::OpenPage> release() { return geometry_.release(); }
+
+ private:
+  using Items = std::vector<EncodeItem>;
+
+  Result<WindowOutcome> place_window(EncodedWindow& window, const EncodeItem& item);
+
+  const SourceScene& scene_;
+  format::ContainerWriter& writer_;
+  EncodeOptions options_;
+  InFlight limit_;
+  StageTimes& times_;
+  uint64_t window_;
+  uint32_t mesh_;
+  uint64_t triangle_;
+  std::vector<format::ChunkRecord> placed_;
+  std::vector<EncodeScratch> scratch_;
+  GeometryWriter geometry_;
+  std::deque<std::shared_ptr<Items>> batches_;
+  OrderedResults<std::vector<EncodedWindow>> results_;
+};
+
+}  // namespace scree::convert

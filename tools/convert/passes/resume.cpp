@@ -1,0 +1,208 @@
+#include "tools/convert/passes/resume.h"
+
+#include <sys/stat.h>
+
+#include <algorithm>
+#include <cstring>
+#include <span>
+#include <type_traits>
+
+#include "tools/common/content_hash.h"
+
+namespace scree::convert {
+namespace {
+
+// A change of what is noted, or of how a scene is cut and packed, needs another number.
+constexpr uint64_t kLogFormat = 5;
+
+enum EntryKind : uint32_t { kImageEntry = 16, kWindowsEntry = 17 };
+
+/// Values of fixed size one after the other.
+class Writer {
+ public:
+  template <class T>
+  void add(const T& value) {
+    static_assert(std::is_trivially_copyable_v<T>);
+    const auto bytes = std::as_bytes(std::span(&value, 1));
+    bytes_.insert(bytes_.end(), bytes.begin(), bytes.end());
+  }
+  template <class T>
+  void add_list(const std::vector<T>& values) {
+    add(uint64_t{values.size()});
+    const auto bytes = std::as_bytes(std::span(values));
+    bytes_.insert(bytes_.end(), bytes.begin(), bytes.end());
+  }
+  std::span<const std::byte> bytes() const { return bytes_; }
+
+ private:
+  std::vector<std::byte> bytes_;
+};
+
+class Reader {
+ public:
+  explicit Reader(std::span<const std::byte> bytes) : bytes_(bytes) {}
+
+  template <class T>
+  void take(T& value) {
+    if (bytes_.size() < sizeof value) {
+      failed_ = true;
+      return;
+    }
+    std::memcpy(&value, bytes_.data(), sizeof value);
+    bytes_ = bytes_.subspan(sizeof value);
+  }
+  template <class T>
+  void take_list(std::vector<T>& values) {
+    uint64_t count = 0;
+    take(count);
+    if (failed_ || count > bytes_.size() / sizeof(T)) {
+      failed_ = true;
+      return;
+    }
+    values.resize(count);
+    if (count > 0) std::memcpy(values.data(), bytes_.data(), count * sizeof(T));
+    bytes_ = bytes_.subspan(count * sizeof(T));
+  }
+  bool more() const { return !failed_ && !bytes_.empty(); }
+  bool failed() const { return failed_; }
+
+ private:
+  std::span<const std::byte> bytes_;
+  bool failed_ = false;
+};
+
+template <class Stream, class Outcome>
+void visit_numbers(Stream&& stream, Outcome& window) {
+  stream(window.made_from);
+  stream(window.position_error);
+  stream(window.uv_error);
+  stream(window.welded.vertices);
+  stream(window.welded.source_bytes);
+  stream(window.welded.cost_bits);
+  stream(window.repaired_uvs);
+  stream(window.repaired_colors);
+  stream(window.repaired_normals);
+}
+
+}  // namespace
+
+format::PartId part_id(const std::string& options, const std::set<std::string>& files, const ImagePlan& images) {
+  ContentHasher hasher;
+  const auto add = [&](const auto& value) { hasher.add(std::as_bytes(std::span(&value, 1))); };
+  const auto add_text = [&](const std::string& text) {
+    add(uint64_t{text.size()});
+    hasher.add(std::as_bytes(std::span(text)));
+  };
+  add(kLogFormat);
+  add_text("scree " SCREE_VERSION);
+  add_text(options);
+  for (const std::string& file : files) {
+    struct stat status {};
+    add_text(file);
+    if (::stat(file.c_str(), &status) != 0) continue;  // it vanished: whoever reads it says so
+    add(uint64_t{static_cast<uint64_t>(status.st_size)});
+    add(int64_t{status.st_mtim.tv_sec});
+    add(int64_t{status.st_mtim.tv_nsec});
+  }
+  hasher.add(std::as_bytes(std::span(images.hashes)));
+  return hasher.value();
+}
+
+ContentHash window_id(const WindowPlan& window, uint32_t mesh, const format::MeshRecord& record) {
+  ContentHasher hasher;
+  const auto add = [&](const auto& value) { hasher.add(std::as_bytes(std::span(&value, 1))); };
+  add(window.primitive);
+  add(window.vertices);
+  add(window.first);
+  add(window.count);
+  add(window.kept);
+  add(window.box.lo);
+  add(window.box.hi);
+  add(mesh);
+  add(record.triangle_count);
+  add(record.position_encoding);
+  add(record.attributes);
+  add(record.bounds_min);
+  add(record.bounds_max);
+  add(record.lattice_min);
+  add(record.lattice_bits);
+  add(record.lattice_exponent);
+  return hasher.value();
+}
+
+void log_image(format::ContainerWriter& writer, uint64_t number, const StoredImageRecord& image) {
+  Writer entry;
+  entry.add(number);
+  entry.add(image.record);
+  entry.add(image.page_count);
+  entry.add_list(image.levels);
+  entry.add_list(std::vector<char>(image.warning.begin(), image.warning.end()));
+  writer.log(kImageEntry, entry.bytes());
+}
+
+void log_windows(format::ContainerWriter& writer, uint64_t number, const std::vector<WindowOutcome>& windows) {
+  Writer entry;
+  entry.add(number);
+  for (const WindowOutcome& window : windows) {
+    visit_numbers([&](const auto& value) { entry.add(value); }, window);
+    entry.add_list(window.chunks);
+    entry.add_list(window.saved);
+  }
+  writer.log(kWindowsEntry, entry.bytes());
+}
+
+void read_entry(uint32_t kind, std::span<const std::byte> entry, Resumed& resumed) {
+  Reader reader(entry);
+  uint64_t number = 0;
+  reader.take(number);
+  if (kind == kImageEntry && number <= resumed.images.size()) {
+    resumed.images.resize(number);
+    StoredImageRecord image;
+    std::vector<char> warning;
+    reader.take(image.record);
+    reader.take(image.page_count);
+    reader.take_list(image.levels);
+    reader.take_list(warning);
+    image.warning.assign(warning.begin(), warning.end());
+    if (!reader.failed()) resumed.images.push_back(std::move(image));
+  }
+  if (kind != kWindowsEntry || number > resumed.windows.size()) return;
+  resumed.windows.resize(number);
+  while (reader.more()) {
+    WindowOutcome window;
+    visit_numbers([&](auto& value) { reader.take(value); }, window);
+    reader.take_list(window.chunks);
+    reader.take_list(window.saved);
+    if (!reader.failed()) resumed.windows.push_back(std::move(window));
+  }
+}
+
+void settle(Resumed& resumed, uint32_t pages, size_t image_count, size_t window_count) {
+  resumed.pages = 0;
+  resumed.whole_windows = resumed.chunks_of_next = 0;
+  size_t images = 0;
+  while (images < std::min(resumed.images.size(), image_count) &&
+         pages - resumed.pages >= resumed.images[images].page_count)
+    resumed.pages += resumed.images[images++].page_count;
+  resumed.images.resize(images);
+  if (images < image_count) resumed.windows.clear();
+  if (resumed.windows.size() > window_count) resumed.windows.resize(window_count);
+  if (resumed.windows.empty() || resumed.windows.back().chunks.empty()) {
+    resumed.windows.clear();
+    return;
+  }
+  // The page of the last chunk may hold chunks of windows that were not noted any more.
+  resumed.pages = std::max(resumed.pages, std::min(pages, resumed.windows.back().chunks.back().page));
+  const auto is_kept = [&](const format::ChunkRecord& chunk) { return chunk.page < resumed.pages; };
+  while (resumed.whole_windows < resumed.windows.size()) {
+    const std::vector<format::ChunkRecord>& chunks = resumed.windows[resumed.whole_windows].chunks;
+    if (!std::all_of(chunks.begin(), chunks.end(), is_kept)) {
+      resumed.chunks_of_next = static_cast<size_t>(std::count_if(chunks.begin(), chunks.end(), is_kept));
+      break;
+    }
+    ++resumed.whole_windows;
+  }
+  resumed.windows.resize(std::min(resumed.windows.size(), resumed.whole_windows + 1));
+}
+
+}  // namespace scree::convert

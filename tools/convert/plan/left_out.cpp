@@ -1,0 +1,139 @@
+#include "tools/convert/plan/left_out.h"
+
+#include <string>
+
+#include "format/geometry/attribute_codec.h"
+#include "format/geometry/chunk_layout.h"
+
+namespace scree::convert {
+namespace {
+
+using format::kNone;
+
+/// Texture coordinates of the range 0 to 1 take about 16 bits an axis; a colour takes 32.
+constexpr uint64_t kSetBytes = 4;
+
+/// What an entry of the import would have taken, as near as that can be said: attributes of `elements` vertices, else
+/// `count` records, to which pages or instances may come.
+uint64_t cost_of(const LeftOut& entry) {
+  const auto starts_with = [&](std::string_view prefix) { return entry.what.rfind(prefix, 0) == 0; };
+  if (starts_with("TEXCOORD_") || starts_with("COLOR_")) return kSetBytes * entry.elements;
+  if (starts_with("images")) return entry.source_bytes + sizeof(format::ImageRecord) * entry.count;
+  if (entry.what == "unused materials") return sizeof(format::MaterialRecord) * entry.count;
+  if (entry.what == "unused textures") return sizeof(format::TextureRecord) * entry.count;
+  if (entry.what == "excluded nodes" || entry.what == "nodes outside every scene")
+    return sizeof(format::NodeRecord) * entry.count;
+  return 0;  // not known without encoding it, or nothing that the format has
+}
+
+uint64_t weld_cost(const Welded& welded) {
+  return welded.cost_bits == Welded::kNotKnown ? 0 : welded.cost_bits / 8;
+}
+
+/// The sum of `bytes(chunk)` over a mesh's chunks.
+template <class Bytes>
+uint64_t sum_of_chunks(const format::TableSet& tables, uint32_t mesh, const Bytes& bytes) {
+  const format::MeshRecord& record = tables.meshes[mesh];
+  uint64_t sum = 0;
+  for (uint64_t c = record.first_chunk; c < record.first_chunk + record.chunk_count; ++c)
+    sum += bytes(tables.chunks[c]);
+  return sum;
+}
+
+}  // namespace
+
+void AccessorBytes::add(const Primitive& primitive) {
+  add(primitive.positions);
+  for (const std::optional<Accessor>* accessor :
+       {&primitive.indices, &primitive.uv, &primitive.color, &primitive.normal})
+    if (*accessor) add(**accessor);
+}
+
+void add_source_bytes(const SourceScene& scene, const std::vector<uint32_t>& mesh_of, format::SourceRecord& source) {
+  AccessorBytes indices, positions, attributes;
+  for (size_t i = 0; i < scene.primitives.size(); ++i) {
+    if (mesh_of[i] == format::kNone) continue;
+    const Primitive& primitive = scene.primitives[i];
+    if (primitive.indices) indices.add(*primitive.indices);
+    positions.add(primitive.positions);
+    for (const std::optional<Accessor>* attribute : {&primitive.uv, &primitive.color, &primitive.normal})
+      if (*attribute) attributes.add(**attribute);
+  }
+  source.index_bytes = indices.bytes();
+  source.position_bytes = positions.bytes();
+  source.attribute_bytes = attributes.bytes();
+}
+
+void add_left_out(const LeftOutFacts& facts, format::TableSet& tables) {
+  const auto add = [&](std::string_view what, uint64_t count, uint64_t bytes, uint64_t cost) {
+    if (count == 0) return;
+    format::LeftOutRecord record{};
+    record.what = tables.strings.add(what);
+    record.count = count;
+    record.source_bytes = bytes;
+    tables.left_out.push_back(record);
+    tables.left_out_costs.push_back(cost);
+  };
+  const SourceScene& scene = facts.scene;
+  AccessorBytes kept, normals, white, repeats;
+  uint64_t normal_cost = 0, white_cost = 0, repeat_count = 0, repeat_cost = 0;
+  std::vector<uint32_t> place(scene.groups.size());  // of the next primitive that keeps a triangle
+  for (size_t i = 0; i < scene.primitives.size(); ++i) {
+    if (facts.mesh_of[i] == kNone) continue;
+    kept.add(scene.primitives[i]);
+  }
+  repeats.leave(kept);
+  for (size_t i = 0; i < scene.primitives.size(); ++i) {
+    const Primitive& primitive = scene.primitives[i];
+    const uint32_t stored_group = facts.stored_group[primitive.group];
+    if (facts.measured[i].triangles == 0) continue;
+    if (stored_group != primitive.group) {
+      const uint32_t mesh = tables.groups[stored_group].first_mesh + place[primitive.group]++;
+      repeats.add(primitive);
+      ++repeat_count;
+      repeat_cost += sizeof(format::MeshRecord) + sum_of_chunks(tables, mesh, [](const format::ChunkRecord& chunk) {
+                       return sizeof(format::ChunkRecord) + chunk.bytes;
+                     });
+      continue;
+    }
+    const uint32_t mesh = facts.mesh_of[i];
+    const uint32_t stored = facts.plans[mesh].attributes;
+    if (primitive.normal && !(stored & format::kHasNormal)) {
+      normals.add(*primitive.normal);
+      normal_cost += sum_of_chunks(tables, mesh, [](const format::ChunkRecord& chunk) {
+        return format::normal_stream_bytes(chunk.vertex_count, kNormalBits);
+      });
+    }
+    if (primitive.color && !(stored & format::kHasColor)) {
+      white.add(*primitive.color);
+      white_cost += sum_of_chunks(tables, mesh, [](const format::ChunkRecord& chunk) {
+        return format::color_stream_bytes(chunk.vertex_count);
+      });
+    }
+  }
+  uint64_t image_count = 0, image_bytes = 0;
+  for (size_t i = 0; i < facts.images.places.size(); ++i) {
+    const uint32_t record = facts.images.places[i];
+    if (record == kNone || facts.images.sources[record] == i) continue;
+    ++image_count;
+    image_bytes += scene.images[i].bytes;
+  }
+
+  for (const LeftOut& entry : scene.left_out)
+    if (entry.what != "NORMAL") add(entry.what, entry.count, entry.source_bytes, cost_of(entry));
+  add("NORMAL", normals.count(), normals.bytes(), normal_cost);
+  add("COLOR_0 (all white)", white.count(), white.bytes(), white_cost);
+  add("primitives no node draws", facts.undrawn, 0, 0);
+  add("duplicate meshes", repeat_count, repeats.bytes(), repeat_cost);
+  add("duplicate images", image_count, image_bytes, image_bytes + sizeof(format::ImageRecord) * image_count);
+  add("duplicate textures", facts.merged.textures, 0, sizeof(format::TextureRecord) * facts.merged.textures);
+  add("duplicate materials", facts.merged.materials, 0, sizeof(format::MaterialRecord) * facts.merged.materials);
+  add("duplicate vertices", facts.welded.vertices, facts.welded.source_bytes, weld_cost(facts.welded));
+  add("degenerate triangles of strips and fans", facts.dropped_degenerate, 0, 0);
+  add("triangles with positions that are not finite", facts.dropped_nonfinite, 0, 0);
+  add("texture coordinates that are not finite", facts.repaired_uvs, 0, 0);
+  add("colours that are not finite", facts.repaired_colors, 0, 0);
+  add("normals that are not finite or zero", facts.repaired_normals, 0, 0);
+}
+
+}  // namespace scree::convert

@@ -1,0 +1,64 @@
+// What convert leaves out of a source, by name, with what it takes there and would have taken in the file.
+#pragma once
+
+#include <cstdint>
+#include <set>
+#include <span>
+#include <string_view>
+#include <vector>
+
+#include "format/container/container.h"
+#include "tools/convert/encode/encode.h"
+#include "tools/convert/images/images.h"
+#include "tools/convert/windows/duplicates.h"
+#include "tools/gltf/source.h"
+
+namespace scree::convert {
+
+/// Sums the bytes of accessors, each counted once.
+class AccessorBytes {
+ public:
+  void add(const Accessor& accessor) {
+    if (!seen_.insert(accessor.index).second) return;
+    bytes_ += accessor.count * accessor.element_bytes();
+    ++count_;
+  }
+  /// All accessors of a primitive.
+  void add(const Primitive& primitive);
+  /// Accessors that count nowhere.
+  void leave(const AccessorBytes& others) { seen_.insert(others.seen_.begin(), others.seen_.end()); }
+  uint64_t bytes() const { return bytes_; }
+  uint64_t count() const { return count_; }
+
+ private:
+  std::set<uint32_t> seen_;
+  uint64_t bytes_ = 0;
+  uint64_t count_ = 0;
+};
+
+/// Fills in what indices, positions and attributes of the primitives that are stored take in the source. `mesh_of`: the
+/// mesh of each of SourceScene::primitives, or kNone.
+void add_source_bytes(const SourceScene& scene, const std::vector<uint32_t>& mesh_of, format::SourceRecord& source);
+
+/// What a conversion knows when its geometry is written.
+struct LeftOutFacts {
+  const SourceScene& scene;
+  std::span<const MeshPlan> plans;         // as the meshes of the tables
+  std::span<const uint32_t> mesh_of;       // of each primitive, or kNone
+  std::span<const Measured> measured;      // of each primitive
+  std::span<const uint32_t> stored_group;  // of each group
+  const ImagePlan& images;
+  MergedMaterials merged;
+  Welded welded;
+  uint64_t undrawn = 0;  // primitives
+  uint64_t dropped_degenerate = 0;
+  uint64_t dropped_nonfinite = 0;
+  uint64_t repaired_uvs = 0;
+  uint64_t repaired_colors = 0;
+  uint64_t repaired_normals = 0;
+};
+
+/// Fills left_out and left_out_costs of `tables`, whose meshes and chunks are complete.
+void add_left_out(const LeftOutFacts& facts, format::TableSet& tables);
+
+}  // namespace scree::convert

@@ -1,0 +1,23 @@
+// What a measured primitive becomes: a mesh of the output, before its lattice is chosen.
+#pragma once
+
+#include <cstdint>
+
+#include "format/layout.h"
+#include "tools/convert/encode/encode.h"
+#include "tools/convert/plan/convert_options.h"
+#include "tools/convert/windows/measure.h"
+#include "tools/gltf/source.h"
+
+namespace scree::convert {
+
+struct PlannedMesh {
+  MeshPlan plan;
+  format::MeshRecord record{};  // its material and group as in SourceScene
+};
+
+/// `is_sorted`: its windows are of a sorted copy.
+PlannedMesh plan_mesh(const ConvertOptions& options, const SourceScene& scene, uint32_t primitive,
+                      const Measured& measured, bool is_sorted);
+
+}  // namespace scree::convert

@@ -1,0 +1,49 @@
+// What a conversion did, in figures and in words.
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "tools/common/stage_rates.h"
+#include "tools/convert/plan/convert_options.h"
+#include "tools/convert/plan/position_table.h"
+
+namespace scree::convert {
+
+struct ConvertReport {
+  std::string output;
+  uint64_t input_bytes = 0;  // of the input and the buffer and image files it names
+  uint64_t output_bytes = 0;
+  uint64_t meshes = 0;
+  uint64_t chunks = 0;
+  uint64_t triangles = 0;              // stored
+  uint64_t triangles_drawn = 0;        // over all instances of all scenes
+  PositionTable positions;             // where an error was asked for
+  double position_error = 0;           // largest found, model units, per axis
+  double position_error_bound = 0;     // largest stated in a mesh record
+  double relative_position_error = 0;  // largest found / diagonal of the mesh's box
+  double seconds = 0;
+  uint64_t peak_bytes = 0;  // resident and not of a file, of the whole process: RssAnon + RssShmem
+  uint32_t threads = 0;     // that encoded
+  uint32_t threads_asked = 0;
+  uint32_t resumed_pages = 0;       // of an earlier run, that were not made again
+  uint64_t dropped_degenerate = 0;  // triangles of strips and fans with two equal indices
+  uint64_t dropped_nonfinite = 0;
+  uint64_t sorted_triangles = 0;   // of primitives without locality
+  uint64_t sort_file_bytes = 0;    // that the temporary file for them takes at most
+  uint64_t windows = 0;            // of the meshes that are stored
+  uint64_t windows_ahead = 0;      // of them, that were encoded before all were measured
+  uint64_t windows_guessed = 0;    // given to be encoded before their own mesh was measured whole
+  uint64_t windows_discarded = 0;  // that were encoded in vain: their mesh became another than the source states
+  StageRates rates;
+  std::vector<std::string> warnings;  // one line each
+};
+
+/// "read 2.30 GiB/s, measure 493 M triangles/s, ...: encoding limits, 15 of 16 threads (--memory), ...".
+std::string describe_work(const ConvertReport& report);
+
+/// "a.glb -> a.scree: 1.41 MiB -> 283 KiB, ratio 5.10, ..." in one line.
+std::string describe(const ConvertOptions& options, const ConvertReport& report);
+
+}  // namespace scree::convert

@@ -1,0 +1,334 @@
+#include "tools/convert/windows/measure.h"
+
+#include <algorithm>
+#include <iterator>
+#include <map>
+#include <optional>
+#include <set>
+#include <span>
+#include <utility>
+
+#include "tools/convert/windows/locality.h"
+#include "tools/convert/windows/read_ahead.h"
+
+namespace scree::convert {
+namespace {
+
+constexpr uint64_t kBatchTriangles = 65536;
+constexpr uint64_t kBatchWindows = 256;
+constexpr uint64_t kJobsPerThread = 3;
+
+struct WindowFacts {
+  uint64_t kept = 0;
+  uint64_t dropped_degenerate = 0;
+  uint64_t dropped_nonfinite = 0;
+  uint32_t vertices = 0;
+  uint32_t span = 0;
+  Box box = empty_box();
+  bool white = true;
+  ContentHash content{};
+  bool waits = false;  // not measured: its vertices lie too far apart
+  VertexUse use;
+  std::unique_ptr<HeldWindow> held;
+};
+
+struct Scratch {
+  Window window;
+  std::vector<float> colors;
+  std::vector<float> floats;
+  std::vector<uint32_t> numbers;
+};
+
+template <class T>
+void add_values(ContentHasher& hasher, std::span<const T> values) {
+  const uint64_t count = values.size();
+  hasher.add(std::as_bytes(std::span(&count, 1)));
+  hasher.add(std::as_bytes(values));
+}
+
+/// The triangles, whatever number their first vertex has in the source, and the vertices they use.
+Result<ContentHash> hash_window(const Primitive& primitive, bool normals, Scratch& scratch) {
+  const Window& window = scratch.window;
+  ContentHasher hasher;
+  add_values(hasher, window.kept());
+  if (primitive.numbers) add_values(hasher, window.numbers());
+  scratch.numbers.assign(window.indices().begin(), window.indices().end());
+  const std::span<const uint32_t> vertices = window.vertices();
+  const uint32_t first = vertices.empty() ? 0 : vertices.front();
+  for (uint32_t& number : scratch.numbers) number = (window.is_renumbered() ? vertices[number] : number) - first;
+  add_values(hasher, std::span<const uint32_t>(scratch.numbers));
+  add_values(hasher, window.positions());
+  const std::optional<Accessor> none;
+  for (const std::optional<Accessor>* accessor :
+       {&primitive.uv, &primitive.color, normals ? &primitive.normal : &none}) {
+    scratch.floats.clear();
+    if (*accessor) {
+      const Result<void> read = read_vertices(**accessor, window.vertices(), scratch.floats);
+      if (!read) return read.error();
+    }
+    add_values(hasher, std::span<const float>(scratch.floats));  // of none 0: its count is hashed too
+  }
+  return hasher.value();
+}
+
+/// What of all windows of a primitive in their order.
+ContentHash joined(const ContentHash& before, const ContentHash& window) {
+  ContentHasher hasher;
+  hasher.add(std::as_bytes(std::span(before)));
+  hasher.add(std::as_bytes(std::span(window)));
+  return hasher.value();
+}
+
+/// Memory for a window, or null where the budget has no more.
+std::unique_ptr<HeldWindow> reserve(HeldBudget* budget, const Primitive& primitive, const WindowPlan& plan) {
+  constexpr uint64_t kOverhead = 512;  // of a window of few triangles
+  const uint64_t bytes = kOverhead + 20 * plan.count + 16 * std::min(3 * plan.count, primitive.vertex_count());
+  if (budget == nullptr || !budget->take(bytes)) return nullptr;
+  return std::make_unique<HeldWindow>(*budget, bytes);
+}
+
+/// `may_wait`: vertices that lie too far apart are left unread. `budget`: for windows that are held; may be null.
+Result<WindowFacts> measure_window(const Primitive& primitive, const WindowPlan& plan, const MeasureOptions& options,
+                                   bool may_wait, HeldBudget* budget, Scratch& scratch) {
+  Window& window = scratch.window;
+  std::unique_ptr<HeldWindow> held = reserve(budget, primitive, plan);
+  const Window::Find find = held ? Window::Find::kTriangles : Window::Find::kVertices;
+  if (const Result<void> loaded = window.load_triangles(primitive, plan.first, plan.count, find); !loaded)
+    return loaded.error();
+  WindowFacts facts;
+  facts.dropped_degenerate = window.dropped_degenerate();
+  if (may_wait) {
+    const uint64_t read =
+        window.span() > kManyVerticesRead * plan.count ? vertices_read(window.vertices()) : window.span();
+    const bool is_far = read > kMostVerticesRead * plan.count;
+    facts.use.add(plan.count, window.vertices(), is_far);
+    facts.waits = is_far || (read > kManyVerticesRead * plan.count && window.vertices().size() > plan.count);
+    if (facts.waits) return facts;
+  }
+  if (const Result<void> loaded = window.load_positions(primitive, options.drop_nonfinite); !loaded)
+    return loaded.error();
+  facts.kept = window.triangle_count();
+  facts.dropped_nonfinite = window.dropped_nonfinite();
+  facts.vertices = static_cast<uint32_t>(window.vertices().size());
+  facts.span = static_cast<uint32_t>(window.span());
+  facts.box = box_of(window.positions());
+  if (primitive.color) {
+    if (const Result<void> read = read_vertices(*primitive.color, window.vertices(), scratch.colors); !read)
+      return read.error();
+    facts.white = std::all_of(scratch.colors.begin(), scratch.colors.end(), [](float value) { return value == 1.0f; });
+  }
+  if (!options.hashed.empty() && options.hashed[plan.primitive]) {
+    const Result<ContentHash> content = hash_window(primitive, options.normals, scratch);
+    if (!content) return content.error();
+    facts.content = *content;
+  }
+  if (held && facts.kept > 0) {
+    held->keep(window);
+    facts.held = std::move(held);
+  }
+  return facts;
+}
+
+class Measurer {
+ public:
+  Measurer(const SourceScene& scene, const MeasureOptions& options, const MeasureRun& run)
+      : scene_(scene), options_(options), run_(run), listener_(run.listener), scratch_(run.pool.threads()) {
+    out_.primitives.resize(scene.primitives.size());
+  }
+
+  Result<Measurement> run(const std::vector<bool>& wanted) {
+    for (uint32_t i = 0; i < scene_.primitives.size(); ++i) {
+      if (!wanted[i]) continue;
+      if (const Result<void> done = add_windows(i); !done) return done.error();
+    }
+    if (const Result<void> done = measure(out_.windows); !done) return done.error();
+    if (const Result<void> done = settle_scattered(); !done) return done.error();
+    std::erase_if(out_.windows, [](const WindowPlan& window) { return window.kept == 0; });
+    return std::move(out_);
+  }
+
+ private:
+  Result<void> add_windows(uint32_t primitive) {
+    const uint64_t triangles = scene_.primitives[primitive].triangle_count();
+    // meshoptimizer and ChunkRecord count the corners of a chunk in 32 bits.
+    if (options_.whole_meshes && triangles > UINT32_MAX / 3)
+      return Error{ErrorCode::kUnsupported, primitive_place(scene_, primitive) + ": " + std::to_string(triangles) +
+                                                " triangles, but one chunk holds at most " +
+                                                std::to_string(UINT32_MAX / 3) + " (--chunk-triangles)"};
+    const uint64_t step = options_.whole_meshes ? std::max<uint64_t>(triangles, 1) : kWindowTriangles;
+    for (uint64_t first = 0; first < triangles; first += step) {
+      WindowPlan window;
+      window.primitive = primitive;
+      window.first = first;
+      window.count = std::min(step, triangles - first);
+      out_.windows.push_back(window);
+    }
+    // A window is put in order whatever it is; and chunks number source triangles in 32 bits.
+    if (options_.may_sort && triangles > step && triangles <= uint64_t{1} << 32) uses_[primitive] = {};
+    return {};
+  }
+
+  /// Measures `windows`, and adds them to their primitives.
+  Result<void> measure(std::vector<WindowPlan>& windows) {
+    const std::vector<Batch> batches = make_batches(windows);
+    const bool is_any_hashed = std::find(options_.hashed.begin(), options_.hashed.end(), true) != options_.hashed.end();
+    std::optional<ReadAhead> ahead;
+    if (run_.ahead_bytes > 0)
+      ahead.emplace(scene_, windows, run_.ahead_bytes, listener_ != nullptr || is_any_hashed, options_.normals);
+    HeldBudget* const budget = listener_ == nullptr ? nullptr : &listener_->budget();
+    const auto work = [&](uint64_t batch, uint32_t worker) -> Result<std::vector<WindowFacts>> {
+      const TimedWork timed(run_.times.measuring);
+      std::vector<WindowFacts> facts;
+      for (uint64_t i = batches[batch].first; i < batches[batch].first + batches[batch].count; ++i) {
+        const uint32_t primitive = windows[i].primitive;
+        Result<WindowFacts> measured = measure_window(scene_.primitives[primitive], windows[i], options_,
+                                                      uses_.contains(primitive), budget, scratch_[worker]);
+        if (!measured) return at(scene_.file_name, measured.error());
+        facts.push_back(std::move(*measured));
+      }
+      return facts;
+    };
+    const auto take = [&](uint64_t batch, std::vector<WindowFacts> facts) -> Result<void> {
+      for (uint64_t i = 0; i < facts.size(); ++i) {
+        note(windows[batches[batch].first + i], facts[i]);
+        if (listener_ == nullptr) continue;
+        held_.push_back(std::move(facts[i].held));
+        if (const Result<void> given = give(windows, batches[batch].first + i + 1); !given) return given;
+      }
+      if (ahead) ahead->reached(batches[batch].first + batches[batch].count);
+      done_ += batches[batch].triangles;
+      run_.times.measured_triangles += batches[batch].triangles;
+      run_.progress(done_);
+      return {};
+    };
+    const auto no_cost = [](uint64_t) { return uint64_t{0}; };
+    const uint64_t most_jobs = kJobsPerThread * run_.pool.threads();
+    return run_ordered<std::vector<WindowFacts>>(run_.pool, batches.size(), {most_jobs, UINT64_MAX}, work, no_cost,
+                                                 take, run_.listener);
+  }
+
+  /// Hands on what is measured up to window `end`: the window, or where they are whole with it all that belong
+  /// together.
+  Result<void> give(const std::vector<WindowPlan>& windows, uint64_t end) {
+    if (waiting_.contains(windows[end - 1].primitive)) return stop_giving();
+    if (!is_whole(windows, end)) return listener_->take_window(out_.primitives, windows[end - 1], held_.back());
+    const uint64_t begin = end - held_.size();
+    std::vector<WindowPlan> kept;
+    for (uint64_t i = begin; i < end; ++i) {
+      const auto use = uses_.find(windows[i].primitive);
+      if (use != uses_.end() && use->second.has_no_locality()) return stop_giving();
+      if (windows[i].kept == 0) continue;
+      held_[kept.size()] = std::move(held_[i - begin]);
+      kept.push_back(windows[i]);
+    }
+    std::vector<std::unique_ptr<HeldWindow>> held = std::exchange(held_, {});
+    held.resize(kept.size());
+    return listener_->take_measured(out_.primitives, kept, held);
+  }
+
+  /// Whether with window `end` - 1 a primitive ends, and a group where they are hashed.
+  bool is_whole(const std::vector<WindowPlan>& windows, uint64_t end) const {
+    if (end == windows.size()) return true;
+    const uint32_t primitive = windows[end - 1].primitive, next = windows[end].primitive;
+    const bool is_hashed = !options_.hashed.empty() && options_.hashed[primitive];
+    return next != primitive && !(is_hashed && scene_.primitives[next].group == scene_.primitives[primitive].group);
+  }
+
+  Result<void> stop_giving() {
+    held_.clear();
+    return std::exchange(listener_, nullptr)->stop();
+  }
+
+  void note(WindowPlan& plan, const WindowFacts& facts) {
+    plan.kept = facts.kept;
+    plan.vertices = facts.vertices;
+    plan.span = facts.span;
+    plan.box = facts.box;
+    Measured& total = out_.primitives[plan.primitive];
+    total.triangles += facts.kept;
+    total.dropped_degenerate += facts.dropped_degenerate;
+    total.dropped_nonfinite += facts.dropped_nonfinite;
+    total.white = total.white && facts.white;
+    if (!options_.hashed.empty() && options_.hashed[plan.primitive])
+      total.content = joined(total.content.value_or(ContentHash{}), facts.content);
+    grow(total.box, facts.box);
+    if (const auto use = uses_.find(plan.primitive); use != uses_.end()) use->second.add(facts.use);
+    if (facts.waits) waiting_.insert(plan.primitive);
+  }
+
+  /// Primitives without locality are taken out; of the others, those with windows that waited are measured again.
+  Result<void> settle_scattered() {
+    std::vector<bool> again(scene_.primitives.size());
+    for (const auto& [primitive, use] : uses_) {
+      if (use.has_no_locality()) {
+        out_.scattered.push_back({primitive, use.first, use.span()});
+        Measured kept;
+        kept.dropped_degenerate = out_.primitives[primitive].dropped_degenerate;
+        out_.primitives[primitive] = kept;
+      } else if (waiting_.contains(primitive)) {
+        again[primitive] = true;
+        out_.primitives[primitive] = {};
+      }
+    }
+    const auto is_settled = [&](const WindowPlan& window) {
+      const auto use = uses_.find(window.primitive);
+      return use == uses_.end() || !(use->second.has_no_locality() || again[window.primitive]);
+    };
+    std::vector<WindowPlan> windows;
+    std::copy_if(out_.windows.begin(), out_.windows.end(), std::back_inserter(windows),
+                 [&](const WindowPlan& window) { return again[window.primitive]; });
+    std::erase_if(out_.windows, [&](const WindowPlan& window) { return !is_settled(window); });
+    uses_.clear();
+    if (windows.empty()) return {};
+    for (const WindowPlan& window : windows) done_ -= window.count;
+    if (const Result<void> done = measure(windows); !done) return done;
+    out_.windows.insert(out_.windows.end(), windows.begin(), windows.end());
+    sort_windows(out_.windows);
+    return {};
+  }
+
+  const SourceScene& scene_;
+  const MeasureOptions& options_;
+  const MeasureRun& run_;
+  MeasureListener* listener_;  // null once it was stopped
+  Measurement out_;
+  std::map<uint32_t, VertexUse> uses_;  // of primitives that may be scattered
+  std::set<uint32_t> waiting_;          // primitives of windows that waited
+  uint64_t done_ = 0;
+  std::vector<std::unique_ptr<HeldWindow>> held_;  // of the windows that the listener has not got
+  std::vector<Scratch> scratch_;
+};
+
+}  // namespace
+
+void sort_windows(std::vector<WindowPlan>& windows) {
+  std::sort(windows.begin(), windows.end(), [](const WindowPlan& a, const WindowPlan& b) {
+    return a.primitive != b.primitive ? a.primitive < b.primitive : a.first < b.first;
+  });
+}
+
+bool may_join(const Batch& batch, const WindowPlan& window) {
+  return batch.count < kBatchWindows && batch.triangles + window.count <= kBatchTriangles;
+}
+
+std::vector<Batch> make_batches(const std::vector<WindowPlan>& windows, uint64_t first) {
+  std::vector<Batch> batches;
+  for (uint64_t i = first; i < windows.size(); ++i) {
+    if (batches.empty() || !may_join(batches.back(), windows[i])) batches.push_back({i, 0, 0});
+    ++batches.back().count;
+    batches.back().triangles += windows[i].count;
+  }
+  return batches;
+}
+
+std::string primitive_place(const SourceScene& scene, uint32_t primitive) {
+  const Primitive& p = scene.primitives[primitive];
+  return scene.file_name + ": mesh " + std::to_string(p.mesh) + " primitive " + std::to_string(p.place);
+}
+
+Result<Measurement> measure(const SourceScene& scene, const std::vector<bool>& wanted, const MeasureOptions& options,
+                            const MeasureRun& run) {
+  return Measurer(scene, options, run).run(wanted);
+}
+
+}  // namespace scree::convert

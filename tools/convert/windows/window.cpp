@@ -1,0 +1,236 @@
+#include "tools/convert/windows/window.h"
+
+#include <algorithm>
+#include <bit>
+#include <cmath>
+#include <cstdio>
+#include <limits>
+
+#include "tools/convert/windows/radix_sort.h"
+
+namespace scree::convert {
+namespace {
+
+/// A table with a place for every vertex number between the smallest and the largest is used up to this many numbers a
+/// corner. Windows whose vertices are scattered wider have a bit a number, up to a span of kBitmapSpan (12 MiB with the
+/// ranks), and are sorted beyond that: 3 times as slow.
+constexpr uint64_t kTableSpanPerCorner = 4;
+constexpr uint64_t kBitmapSpan = uint64_t{1} << 26;
+
+/// The number in the source of a primitive's vertex.
+Result<uint32_t> source_vertex(const Primitive& primitive, uint32_t vertex) {
+  if (!primitive.numbers) return vertex;
+  uint32_t number = 0;
+  const auto bytes = std::as_writable_bytes(std::span(&number, 1));
+  if (const Result<void> read = read_elements(primitive.numbers->vertices, vertex, 1, bytes); !read)
+    return read.error();
+  return primitive.numbers->first_vertex + number;
+}
+
+}  // namespace
+
+Result<void> read_vertices(const Accessor& accessor, std::span<const uint32_t> ascending, std::vector<float>& out) {
+  out.resize(ascending.size() * accessor.components);
+  if (ascending.empty()) return {};
+  const uint64_t span = uint64_t{ascending.back()} - ascending.front() + 1;
+  if (span == ascending.size()) return read_floats(accessor, ascending.front(), span, out);
+  return gather_floats(accessor, ascending, out);
+}
+
+Result<void> Window::load(const Primitive& primitive, uint64_t first, uint64_t count, bool drop_nonfinite, Find find) {
+  if (const Result<void> loaded = load_triangles(primitive, first, count, find); !loaded) return loaded;
+  return load_positions(primitive, drop_nonfinite);
+}
+
+Result<void> Window::load_triangles(const Primitive& primitive, uint64_t first, uint64_t count, Find find) {
+  first_ = first;
+  renumber_ = find == Find::kTriangles;
+  dropped_degenerate_ = 0;
+  dropped_nonfinite_ = 0;
+  kept_.clear();
+  span_ = 0;
+  indices_.resize(3 * count);
+  if (const Result<void> read = read_triangles(primitive, first, count, indices_); !read) return read;
+  numbers_.resize(primitive.numbers ? count : 0);
+  if (primitive.numbers) {
+    const auto bytes = std::as_writable_bytes(std::span(numbers_));
+    if (const Result<void> read = read_elements(primitive.numbers->triangles, first, count, bytes); !read) return read;
+  }
+  if (primitive.mode != PrimitiveMode::kTriangles) drop_degenerate();
+  find_vertices(renumber_);
+  return {};
+}
+
+Result<void> Window::load_positions(const Primitive& primitive, bool drop_nonfinite) {
+  if (const Result<void> read = read_positions(primitive); !read) return read;
+  return check_positions(primitive, drop_nonfinite);
+}
+
+uint64_t WindowContent::bytes() const {
+  return 4 *
+         (indices_.capacity() + kept_.capacity() + numbers_.capacity() + vertices_.capacity() + positions_.capacity());
+}
+
+WindowContent Window::release() {
+  // Vertices had a place for every one between the first and the last; and any may have been of a larger window.
+  const auto shrink = [](auto& values) {
+    if (values.capacity() > values.size() + values.size() / 8) values.shrink_to_fit();
+  };
+  shrink(indices_);
+  shrink(kept_);
+  shrink(numbers_);
+  shrink(vertices_);
+  shrink(positions_);
+  return std::exchange(static_cast<WindowContent&>(*this), WindowContent());
+}
+
+void Window::merge(std::span<const uint32_t> firsts) {
+  places_.resize(firsts.size());
+  uint32_t count = 0;
+  for (size_t i = 0; i < firsts.size(); ++i) {
+    if (firsts[i] != i) {
+      places_[i] = places_[firsts[i]];  // it comes before
+      continue;
+    }
+    vertices_[count] = vertices_[i];
+    std::copy_n(&positions_[3 * i], 3, &positions_[3 * size_t{count}]);
+    places_[i] = count++;
+  }
+  vertices_.resize(count);
+  positions_.resize(3 * size_t{count});
+  for (uint32_t& index : indices_) index = places_[index];
+}
+
+Result<void> Window::read_positions(const Primitive& primitive) {
+  return read_vertices(primitive.positions, vertices_, positions_);
+}
+
+void Window::drop_degenerate() {
+  std::vector<bool> keep(triangle_count());
+  for (size_t i = 0; i < keep.size(); ++i) {
+    const uint32_t* corner = &indices_[3 * i];
+    keep[i] = corner[0] != corner[1] && corner[1] != corner[2] && corner[2] != corner[0];
+  }
+  const uint64_t before = triangle_count();
+  keep_triangles(keep);
+  dropped_degenerate_ = before - triangle_count();
+}
+
+void Window::keep_triangles(const std::vector<bool>& keep) {
+  const size_t before = keep.size();
+  if (std::find(keep.begin(), keep.end(), false) == keep.end()) return;
+  std::vector<uint32_t> kept;
+  size_t count = 0;
+  for (size_t i = 0; i < before; ++i) {
+    if (!keep[i]) continue;
+    kept.push_back(kept_.empty() ? static_cast<uint32_t>(i) : kept_[i]);
+    for (size_t corner = 0; corner < 3; ++corner) indices_[3 * count + corner] = indices_[3 * i + corner];
+    ++count;
+  }
+  indices_.resize(3 * count);
+  kept_ = std::move(kept);
+}
+
+void Window::find_by_bitmap(uint32_t lo, uint64_t span, bool renumber) {
+  used_.assign((span + 63) / 64, 0);
+  ranks_.resize(used_.size());
+  for (const uint32_t index : indices_) used_[(index - lo) / 64] |= uint64_t{1} << ((index - lo) % 64);
+  vertices_.resize(std::min<uint64_t>(span, indices_.size()));  // at most
+  uint32_t count = 0;
+  for (size_t word = 0; word < used_.size(); ++word) {
+    ranks_[word] = count;
+    for (uint64_t bits = used_[word]; bits != 0; bits &= bits - 1)
+      vertices_[count++] = lo + static_cast<uint32_t>(64 * word) + static_cast<uint32_t>(std::countr_zero(bits));
+  }
+  vertices_.resize(count);
+  if (!renumber) return;
+  for (uint32_t& index : indices_) {
+    const size_t word = (index - lo) / 64;
+    const uint64_t before = (uint64_t{1} << ((index - lo) % 64)) - 1;
+    index = ranks_[word] + static_cast<uint32_t>(std::popcount(used_[word] & before));
+  }
+}
+
+void Window::find_vertices(bool renumber) {
+  is_scattered_ = false;
+  vertices_.clear();
+  if (indices_.empty()) return;
+  uint32_t lo = indices_[0];
+  uint32_t hi = indices_[0];
+  for (const uint32_t index : indices_) {
+    lo = std::min(lo, index);
+    hi = std::max(hi, index);
+  }
+  const uint64_t span = uint64_t{hi} - lo + 1;
+  span_ = std::max(span_, span);
+  if (span <= kTableSpanPerCorner * indices_.size() + 1024) {
+    places_.assign(span, 0);
+    for (const uint32_t index : indices_) places_[index - lo] = 1;
+    vertices_.resize(span);
+    uint32_t count = 0;
+    for (uint64_t i = 0; i < span; ++i) {
+      vertices_[count] = lo + static_cast<uint32_t>(i);
+      const uint32_t used = places_[i];
+      places_[i] = count;
+      count += used;
+    }
+    vertices_.resize(count);
+    if (renumber)
+      for (uint32_t& index : indices_) index = places_[index - lo];
+    return;
+  }
+  is_scattered_ = true;
+  if (span <= kBitmapSpan) {
+    find_by_bitmap(lo, span, renumber);
+    return;
+  }
+  pairs_.resize(indices_.size());
+  for (size_t i = 0; i < indices_.size(); ++i) pairs_[i] = uint64_t{indices_[i]} << 32 | i;
+  sort_by_upper_half(pairs_, sorted_);
+  for (const uint64_t pair : pairs_) {
+    const uint32_t vertex = static_cast<uint32_t>(pair >> 32);
+    if (vertices_.empty() || vertices_.back() != vertex) vertices_.push_back(vertex);
+    if (renumber) indices_[pair & 0xffffffffu] = static_cast<uint32_t>(vertices_.size() - 1);
+  }
+}
+
+Result<void> Window::check_positions(const Primitive& primitive, bool drop_nonfinite) {
+  // NaN and infinity have all exponent bits set; a loop without branches, since there is mostly nothing to find.
+  constexpr uint32_t kExponent = 0x7f800000u;
+  uint32_t found = 0;
+  for (const float value : positions_) found |= (std::bit_cast<uint32_t>(value) & kExponent) == kExponent ? 1u : 0u;
+  if (found == 0) return {};
+
+  std::vector<bool> bad(vertices_.size());
+  for (size_t i = 0; i < bad.size(); ++i) {
+    const float* p = &positions_[3 * i];
+    bad[i] = !std::isfinite(p[0]) || !std::isfinite(p[1]) || !std::isfinite(p[2]);
+    if (!bad[i] || drop_nonfinite) continue;
+    const Result<uint32_t> number = source_vertex(primitive, vertices_[i]);
+    if (!number) return number.error();
+    char text[256];
+    std::snprintf(text, sizeof text,
+                  "mesh %u primitive %u: vertex %u: position (%g, %g, %g) is not finite "
+                  "(--drop-nonfinite leaves its triangles out)",
+                  primitive.mesh, primitive.place, *number, static_cast<double>(p[0]), static_cast<double>(p[1]),
+                  static_cast<double>(p[2]));
+    return Error{ErrorCode::kRange, text};
+  }
+  std::vector<bool> keep(triangle_count(), true);
+  for (size_t i = 0; i < indices_.size(); ++i) {
+    size_t place = indices_[i];
+    if (!renumber_)
+      place =
+          static_cast<size_t>(std::lower_bound(vertices_.begin(), vertices_.end(), indices_[i]) - vertices_.begin());
+    if (bad[place]) keep[i / 3] = false;
+  }
+  if (renumber_)
+    for (uint32_t& index : indices_) index = vertices_[index];
+  const uint64_t before = triangle_count();
+  keep_triangles(keep);
+  dropped_nonfinite_ = before - triangle_count();
+  find_vertices(renumber_);
+  return read_positions(primitive);
+}
+
+}  // namespace scree::convert

@@ -1,0 +1,319 @@
+#include <algorithm>
+#include <array>
+#include <cassert>
+#include <cstring>
+#include <limits>
+#include <memory>
+#include <type_traits>
+
+#include "format/bytes.h"
+#include "tools/gltf/source.h"
+
+namespace scree::convert {
+namespace {
+
+constexpr uint64_t kStackWindowBytes = 64 << 10;
+constexpr uint64_t kGatherWindowBytes = 1 << 20;
+constexpr uint64_t kGatherGapBytes = 4096;  // reading a page too much costs less than another system call
+
+uint64_t component_bytes(ComponentType type) {
+  switch (type) {
+    case ComponentType::kInt8:
+    case ComponentType::kUint8:
+      return 1;
+    case ComponentType::kInt16:
+    case ComponentType::kUint16:
+      return 2;
+    case ComponentType::kUint32:
+    case ComponentType::kFloat32:
+      break;
+  }
+  return 4;
+}
+
+// Elements that fit a window of `bytes`: the last one needs no full stride.
+uint64_t elements_in(uint64_t bytes, const Accessor& accessor) {
+  return (bytes - accessor.element_bytes()) / accessor.stride + 1;
+}
+
+uint64_t window_bytes(const Accessor& accessor, uint64_t count) {
+  return (count - 1) * accessor.stride + accessor.element_bytes();
+}
+
+uint32_t load_index(ComponentType type, const std::byte* at) {
+  if (type == ComponentType::kUint8) return format::load<uint8_t>(at);
+  if (type == ComponentType::kUint16) return format::load<uint16_t>(at);
+  return format::load<uint32_t>(at);
+}
+
+// Puts the sparse values of elements [first, first + count) over a window of them.
+Result<void> overlay_sparse(const Accessor& accessor, uint64_t first, uint64_t count, std::span<std::byte> window) {
+  const Accessor::Sparse& sparse = *accessor.sparse;
+  const uint64_t index_bytes = component_bytes(sparse.index_type);
+  const uint64_t value_bytes = accessor.element_bytes();
+
+  // The first sparse index at or past `first`: they ascend.
+  uint64_t low = 0;
+  uint64_t high = sparse.count;
+  while (low < high) {
+    const uint64_t middle = low + (high - low) / 2;
+    std::array<std::byte, 4> bytes;
+    if (auto read =
+            sparse.index_source->read(sparse.index_offset + middle * index_bytes, std::span(bytes).first(index_bytes));
+        !read)
+      return read;
+    if (load_index(sparse.index_type, bytes.data()) < first) {
+      low = middle + 1;
+    } else {
+      high = middle;
+    }
+  }
+
+  std::array<std::byte, 2048> indices;
+  std::array<std::byte, 8192> values;
+  const uint64_t block = std::min(indices.size() / index_bytes, values.size() / value_bytes);
+  for (uint64_t at = low; at < sparse.count; at += block) {
+    const uint64_t n = std::min(block, sparse.count - at);
+    if (auto read = sparse.index_source->read(sparse.index_offset + at * index_bytes,
+                                              std::span(indices).first(n * index_bytes));
+        !read)
+      return read;
+    uint64_t inside = 0;
+    while (inside < n && load_index(sparse.index_type, indices.data() + inside * index_bytes) < first + count) ++inside;
+    if (inside == 0) return {};
+    if (auto read = sparse.value_source->read(sparse.value_offset + at * value_bytes,
+                                              std::span(values).first(inside * value_bytes));
+        !read)
+      return read;
+    for (uint64_t i = 0; i < inside; ++i) {
+      const uint64_t element = load_index(sparse.index_type, indices.data() + i * index_bytes);
+      if (element < first) continue;  // only if the file changed since it was checked
+      std::memcpy(window.data() + (element - first) * accessor.stride, values.data() + i * value_bytes, value_bytes);
+    }
+    if (inside < n) return {};
+  }
+  return {};
+}
+
+// Reads elements [first, first + count) as they lie, accessor.stride bytes apart; `window` has window_bytes(count).
+Result<void> load_window(const Accessor& accessor, uint64_t first, uint64_t count, std::span<std::byte> window) {
+  if (accessor.source == nullptr) {
+    std::fill(window.begin(), window.end(), std::byte{0});
+  } else if (auto read = accessor.source->read(accessor.offset + first * accessor.stride, window); !read) {
+    return read;
+  }
+  if (accessor.sparse) return overlay_sparse(accessor, first, count, window);
+  return {};
+}
+
+// Reads elements [first, first + count) in windows of the stack; `use(done, window, n)` gets n of them, as
+// load_window() leaves them, after the first `done`.
+template <class Use>
+Result<void> each_window(const Accessor& accessor, uint64_t first, uint64_t count, const Use& use) {
+  std::array<std::byte, kStackWindowBytes> window;
+  const uint64_t step = elements_in(window.size(), accessor);
+  for (uint64_t done = 0; done < count; done += step) {
+    const uint64_t n = std::min(step, count - done);
+    if (auto read = load_window(accessor, first + done, n, std::span(window).first(window_bytes(accessor, n))); !read)
+      return read;
+    use(done, window.data(), n);
+  }
+  return {};
+}
+
+// glTF 2.0, 3.11 and KHR_mesh_quantization: c / 127 with -128 held at -1, c / 255, and so on.
+float normalized_float(float value, float largest) {
+  return std::max(value / largest, -1.0f);
+}
+
+template <class T>
+float to_float(T value, bool normalized) {
+  if constexpr (std::is_floating_point_v<T>) {
+    return value;
+  } else {
+    const float scaled = static_cast<float>(value);
+    return normalized ? normalized_float(scaled, static_cast<float>(std::numeric_limits<T>::max())) : scaled;
+  }
+}
+
+// Converts `count` elements of a window; number i lies at place(i) elements from its start.
+template <class T, class Place>
+void convert_elements(const Accessor& accessor, const std::byte* window, uint64_t count, Place place, float* out) {
+  const uint32_t components = accessor.components;
+  for (uint64_t i = 0; i < count; ++i) {
+    const std::byte* element = window + place(i) * accessor.stride;
+    for (uint32_t c = 0; c < components; ++c)
+      *out++ = to_float(format::load<T>(element + c * sizeof(T)), accessor.normalized);
+  }
+}
+
+template <class Place>
+void convert_window(const Accessor& accessor, const std::byte* window, uint64_t count, Place place, float* out) {
+  switch (accessor.type) {
+    case ComponentType::kInt8:
+      return convert_elements<int8_t>(accessor, window, count, place, out);
+    case ComponentType::kUint8:
+      return convert_elements<uint8_t>(accessor, window, count, place, out);
+    case ComponentType::kInt16:
+      return convert_elements<int16_t>(accessor, window, count, place, out);
+    case ComponentType::kUint16:
+      return convert_elements<uint16_t>(accessor, window, count, place, out);
+    case ComponentType::kUint32:
+      return convert_elements<uint32_t>(accessor, window, count, place, out);
+    case ComponentType::kFloat32:
+      return convert_elements<float>(accessor, window, count, place, out);
+  }
+}
+
+bool lies_as_floats(const Accessor& accessor) {
+  return accessor.type == ComponentType::kFloat32 && accessor.stride == accessor.element_bytes();
+}
+
+Error range_error(const Primitive& primitive, uint32_t index, uint64_t place) {
+  return {ErrorCode::kRange, "mesh " + std::to_string(primitive.mesh) + " primitive " +
+                                 std::to_string(primitive.place) + ": index " + std::to_string(index) + " at place " +
+                                 std::to_string(place) + ", but the mesh has " +
+                                 std::to_string(primitive.vertex_count()) + " vertices"};
+}
+
+// Reads `out.size()` vertex numbers from place `first` of the index accessor (or counts, where there is none) and
+// checks them.
+Result<void> read_indices(const Primitive& primitive, uint64_t first, std::span<uint32_t> out) {
+  if (!primitive.indices) {
+    for (size_t i = 0; i < out.size(); ++i) out[i] = static_cast<uint32_t>(first + i);
+    return {};
+  }
+  const Accessor& accessor = *primitive.indices;
+  if (accessor.type == ComponentType::kUint32 && accessor.stride == sizeof(uint32_t)) {
+    if (!out.empty()) {
+      if (auto read = load_window(accessor, first, out.size(), std::as_writable_bytes(out)); !read) return read;
+    }
+  } else {
+    const auto use = [&](uint64_t done, const std::byte* window, uint64_t n) {
+      uint32_t* to = out.data() + done;
+      if (accessor.type == ComponentType::kUint16 && accessor.stride == sizeof(uint16_t)) {
+        for (uint64_t i = 0; i < n; ++i) to[i] = format::load<uint16_t>(window + i * sizeof(uint16_t));
+      } else {
+        for (uint64_t i = 0; i < n; ++i) to[i] = load_index(accessor.type, window + i * accessor.stride);
+      }
+    };
+    if (auto read = each_window(accessor, first, out.size(), use); !read) return read;
+  }
+  uint32_t highest = 0;
+  for (const uint32_t index : out) highest = std::max(highest, index);
+  if (highest < primitive.vertex_count()) return {};
+  for (size_t i = 0; i < out.size(); ++i) {
+    if (out[i] >= primitive.vertex_count()) return range_error(primitive, out[i], first + i);
+  }
+  return {};
+}
+
+// Strips and fans: every triangle shares two vertices with the one before.
+Result<void> read_joined_triangles(const Primitive& primitive, uint64_t first, std::span<uint32_t> out) {
+  constexpr uint64_t kBlock = 4096;
+  std::array<uint32_t, kBlock + 2> indices;
+  const bool fan = primitive.mode == PrimitiveMode::kFan;
+  uint32_t hub = 0;
+  if (fan) {
+    if (auto read = read_indices(primitive, 0, std::span(&hub, 1)); !read) return read;
+  }
+  const uint64_t count = out.size() / 3;
+  for (uint64_t done = 0; done < count; done += kBlock) {
+    const uint64_t n = std::min(kBlock, count - done);
+    const uint64_t place = first + done;
+    if (auto read = read_indices(primitive, place + (fan ? 1 : 0), std::span(indices).first(n + (fan ? 1 : 2))); !read)
+      return read;
+    uint32_t* to = out.data() + done * 3;
+    for (uint64_t i = 0; i < n; ++i, to += 3) {
+      // glTF 2.0, 3.7.2.1: strip {v(i), v(i + 1 + i % 2), v(i + 2 - i % 2)}, fan {v(i + 1), v(i + 2), v(0)}.
+      const uint64_t odd = (place + i) % 2;
+      to[0] = indices[i];
+      to[1] = fan ? indices[i + 1] : indices[i + 1 + odd];
+      to[2] = fan ? hub : indices[i + 2 - odd];
+    }
+  }
+  return {};
+}
+
+}  // namespace
+
+float float_of(const Accessor& accessor, float component) {
+  if (!accessor.normalized || accessor.type == ComponentType::kFloat32) return component;
+  const bool is_signed = accessor.type == ComponentType::kInt8 || accessor.type == ComponentType::kInt16;
+  const uint64_t bits = 8 * component_bytes(accessor.type) - (is_signed ? 1 : 0);
+  return normalized_float(component, static_cast<float>((uint64_t{1} << bits) - 1));
+}
+
+uint64_t Accessor::element_bytes() const {
+  return component_bytes(type) * components;
+}
+
+uint64_t Primitive::triangle_count() const {
+  const uint64_t places = indices ? indices->count : positions.count;
+  if (mode == PrimitiveMode::kTriangles) return places / 3;
+  return places < 3 ? 0 : places - 2;
+}
+
+Result<void> read_floats(const Accessor& accessor, uint64_t first, uint64_t count, std::span<float> out) {
+  assert(first <= accessor.count && count <= accessor.count - first);
+  assert(out.size() == count * accessor.components);
+  if (count == 0) return {};
+  if (lies_as_floats(accessor)) return load_window(accessor, first, count, std::as_writable_bytes(out));
+  return each_window(accessor, first, count, [&](uint64_t done, const std::byte* window, uint64_t n) {
+    convert_window(
+        accessor, window, n, [](uint64_t i) { return i; }, out.data() + done * accessor.components);
+  });
+}
+
+Result<void> read_elements(const Accessor& accessor, uint64_t first, uint64_t count, std::span<std::byte> out) {
+  const uint64_t bytes = accessor.element_bytes();
+  assert(first <= accessor.count && count <= accessor.count - first);
+  assert(out.size() == count * bytes);
+  if (count == 0) return {};
+  if (accessor.stride == bytes) return load_window(accessor, first, count, out);
+  return each_window(accessor, first, count, [&](uint64_t done, const std::byte* window, uint64_t n) {
+    for (uint64_t i = 0; i < n; ++i) std::memcpy(out.data() + (done + i) * bytes, window + i * accessor.stride, bytes);
+  });
+}
+
+Result<void> gather_floats(const Accessor& accessor, std::span<const uint32_t> ascending, std::span<float> out) {
+  assert(out.size() == ascending.size() * accessor.components);
+  thread_local std::unique_ptr<std::byte[]> window;
+  const uint64_t most = elements_in(kGatherWindowBytes, accessor);
+  const uint64_t gap = kGatherGapBytes / accessor.stride + 1;
+  for (size_t i = 0; i < ascending.size();) {
+    const uint32_t first = ascending[i];
+    size_t end = i + 1;
+    bool dense = true;
+    while (end < ascending.size() && ascending[end] - first < most && ascending[end] - ascending[end - 1] <= gap) {
+      dense = dense && ascending[end] - ascending[end - 1] == 1;
+      ++end;
+    }
+    const uint64_t count = uint64_t{ascending[end - 1]} - first + 1;
+    assert(ascending[end - 1] >= first && ascending[end - 1] < accessor.count);
+    float* to = out.data() + i * accessor.components;
+    if (dense && lies_as_floats(accessor)) {
+      const std::span<float> target(to, count * accessor.components);
+      if (auto read = load_window(accessor, first, count, std::as_writable_bytes(target)); !read) return read;
+    } else {
+      if (window == nullptr) window.reset(new std::byte[kGatherWindowBytes]);
+      if (auto read = load_window(accessor, first, count, {window.get(), window_bytes(accessor, count)}); !read)
+        return read;
+      const uint32_t* numbers = ascending.data() + i;
+      convert_window(
+          accessor, window.get(), end - i, [&](uint64_t k) { return numbers[k] - first; }, to);
+    }
+    i = end;
+  }
+  return {};
+}
+
+Result<void> read_triangles(const Primitive& primitive, uint64_t first, [[maybe_unused]] uint64_t count,
+                            std::span<uint32_t> out) {
+  assert(first <= primitive.triangle_count() && count <= primitive.triangle_count() - first);
+  assert(out.size() == count * 3);
+  if (primitive.mode == PrimitiveMode::kTriangles) return read_indices(primitive, first * 3, out);
+  return read_joined_triangles(primitive, first, out);
+}
+
+}  // namespace scree::convert

@@ -1,0 +1,204 @@
+#include "tools/gltf/buffers.h"
+
+#include <algorithm>
+#include <array>
+#include <utility>
+
+#include "format/bytes.h"
+#include "tools/gltf/byte_source.h"
+#include "tools/gltf/check.h"
+#include "tools/gltf/uri.h"
+
+namespace scree::convert {
+namespace {
+
+std::string number(uint64_t value) {
+  return std::to_string(value);
+}
+
+// Sparse indices: strictly ascending, each below the accessor's count.
+Result<void> check_ascending(const Accessor::Sparse& sparse, uint64_t count) {
+  const uint64_t index_bytes = component_bytes(static_cast<int32_t>(sparse.index_type));
+  std::array<std::byte, 16 << 10> window;
+  const uint64_t step = window.size() / index_bytes;
+  uint64_t next = 0;  // the smallest index that may follow
+  for (uint64_t done = 0; done < sparse.count; done += step) {
+    const uint64_t n = std::min(step, sparse.count - done);
+    if (auto read = sparse.index_source->read(sparse.index_offset + done * index_bytes,
+                                              std::span(window).first(n * index_bytes));
+        !read)
+      return read;
+    for (uint64_t i = 0; i < n; ++i) {
+      const std::byte* from = window.data() + i * index_bytes;
+      const uint64_t value = index_bytes == 1   ? format::load<uint8_t>(from)
+                             : index_bytes == 2 ? format::load<uint16_t>(from)
+                                                : uint64_t{format::load<uint32_t>(from)};
+      if (value >= count || value < next) {
+        return Error{ErrorCode::kRange, "index " + number(value) + " at place " + number(done + i) +
+                                            (value < next ? std::string(", expected ascending indices")
+                                                          : ", but there are " + number(count) + " elements")};
+      }
+      next = value + 1;
+    }
+  }
+  return {};
+}
+
+}  // namespace
+
+GltfBuffers::GltfBuffers(const GltfDocument& document, std::string folder, std::shared_ptr<const ByteSource> bin,
+                         uint64_t kept_bytes)
+    : document_(document),
+      folder_(std::move(folder)),
+      bin_(std::move(bin)),
+      buffers_(document.buffers.size()),
+      meshopt_(kept_bytes),
+      unpacked_(document.meshopt.size()),
+      sparse_checked_(document.sparse.size()) {}
+
+Result<std::shared_ptr<const ByteSource>> GltfBuffers::open_buffer(int32_t index) {
+  const DocBuffer& buffer = document_.buffers[static_cast<size_t>(index)];
+  if (buffer.is_data) {
+    auto bytes = data_uri(document_, buffer.json);
+    if (!bytes) return bytes.error();
+    return memory_source(std::move(bytes).value());
+  }
+  if (!buffer.uri.empty()) {
+    auto path = resolve_uri(folder_, buffer.uri);
+    if (!path) return path.error();
+    return open_file_source(*path);
+  }
+  if (buffer.meshopt_fallback) {
+    return Error{ErrorCode::kUnsupported, "a fallback buffer without data, but a buffer view of it is not compressed"};
+  }
+  if (index == 0 && bin_ != nullptr) return bin_;
+  return Error{ErrorCode::kFormat, bin_ == nullptr ? "uri is missing, and the file has no binary chunk"
+                                                   : "uri is missing, only buffer 0 is the binary chunk"};
+}
+
+Result<std::shared_ptr<const ByteSource>> GltfBuffers::buffer(int32_t index) {
+  auto& slot = buffers_[static_cast<size_t>(index)];
+  if (slot != nullptr) return slot;
+  const std::string place = "buffer " + std::to_string(index);
+  auto opened = open_buffer(index);
+  if (!opened) return at(place, opened.error());
+  const uint64_t stated = document_.buffers[static_cast<size_t>(index)].bytes;
+  if ((*opened)->size() < stated) {
+    return Error{ErrorCode::kTruncated, place + ": byteLength is " + number(stated) + ", but there are " +
+                                            number((*opened)->size()) + " bytes"};
+  }
+  slot = *opened;
+  return slot;
+}
+
+Result<GltfBuffers::View> GltfBuffers::view(int32_t index) {
+  const DocBufferView& stated = document_.views[static_cast<size_t>(index)];
+  if (stated.meshopt != kAbsent) {
+    // Also where the view's own buffer has the data unpacked: that buffer is a fallback and often was left behind.
+    auto& unpacked = unpacked_[static_cast<size_t>(stated.meshopt)];
+    if (unpacked == nullptr) {
+      const DocMeshopt& meshopt = document_.meshopt[static_cast<size_t>(stated.meshopt)];
+      if (meshopt.unknown_filter) {
+        return Error{ErrorCode::kUnsupported, "buffer view " + number(meshopt.view) + ": " + meshopt.extension() +
+                                                  ": filter is \"" + *meshopt.unknown_filter +
+                                                  "\", expected NONE, OCTAHEDRAL, QUATERNION or EXPONENTIAL"};
+      }
+      auto stream = buffer(meshopt.buffer);
+      if (!stream) return stream.error();
+      const auto made = meshopt_.view(meshopt, *stream);
+      const PackedViewMemory memory = made->memory();
+      view_memory_.reader_bytes = std::max(view_memory_.reader_bytes, memory.reader_bytes);
+      view_memory_.place_bytes += memory.place_bytes;
+      view_memory_.kept_bytes += memory.kept_bytes;
+      unpacked = made;
+    }
+    return View{unpacked, 0, stated.bytes};
+  }
+  auto source = buffer(stated.buffer);
+  if (!source) return source.error();
+  return View{*source, stated.offset, stated.bytes};
+}
+
+Result<Accessor> GltfBuffers::accessor(int32_t index) {
+  const DocAccessor& stated = document_.accessors[static_cast<size_t>(index)];
+  const std::string place = "accessor " + std::to_string(index);
+  if (stated.components == 0 || stated.components > 4)
+    return Error{ErrorCode::kFormat, place + ": a matrix, expected a scalar or vector"};
+
+  Accessor accessor;
+  accessor.index = static_cast<uint32_t>(index);
+  accessor.type = static_cast<ComponentType>(stated.type);
+  accessor.components = stated.components;
+  accessor.normalized = stated.normalized;
+  accessor.count = stated.count;
+  accessor.stride = accessor.element_bytes();
+  if (stated.view != kAbsent) {
+    auto held = view(stated.view);
+    if (!held) return held.error();
+    const uint64_t stride = document_.views[static_cast<size_t>(stated.view)].stride;
+    if (stride != 0) accessor.stride = stride;
+    accessor.source = held->source;
+    accessor.offset = held->offset + stated.offset;
+  }
+  if (stated.sparse != kAbsent) {
+    if (auto read = read_sparse(static_cast<size_t>(stated.sparse), accessor); !read)
+      return at(place + " sparse", read.error());
+  }
+  return accessor;
+}
+
+Result<void> GltfBuffers::read_sparse(size_t slot, Accessor& accessor) {
+  const DocSparse& stated = document_.sparse[slot];
+  if (stated.count == 0) return {};
+  auto indices = view(stated.index_view);
+  if (!indices) return at("indices", indices.error());
+  auto values = view(stated.value_view);
+  if (!values) return at("values", values.error());
+
+  Accessor::Sparse sparse;
+  sparse.count = stated.count;
+  sparse.index_type = static_cast<ComponentType>(stated.index_type);
+  sparse.index_source = indices->source;
+  sparse.index_offset = indices->offset + stated.index_offset;
+  sparse.value_source = values->source;
+  sparse.value_offset = values->offset + stated.value_offset;
+
+  if (!sparse_checked_[slot]) {
+    if (auto ascend = check_ascending(sparse, accessor.count); !ascend) return ascend;
+    sparse_checked_[slot] = true;
+  }
+  accessor.sparse = std::move(sparse);
+  return {};
+}
+
+Result<GltfBuffers::View> GltfBuffers::image(const DocImage& image) {
+  if (image.view != kAbsent) return view(image.view);
+  if (image.is_data) {
+    auto bytes = data_uri(document_, image.json);
+    if (!bytes) return bytes.error();
+    auto source = memory_source(std::move(bytes).value());
+    const uint64_t size = source->size();
+    return View{std::move(source), 0, size};
+  }
+  if (image.uri.empty()) return Error{ErrorCode::kFormat, "has neither uri nor bufferView"};
+  auto path = resolve_uri(folder_, image.uri);
+  if (!path) return path.error();
+  auto source = open_file_source(*path);
+  if (!source) return source.error();
+  const uint64_t size = (*source)->size();
+  return View{std::move(source).value(), 0, size};
+}
+
+uint64_t GltfBuffers::stated_count(int32_t index) const {
+  return index < 0 || static_cast<size_t>(index) >= document_.accessors.size()
+             ? 0
+             : document_.accessors[static_cast<size_t>(index)].count;
+}
+
+uint64_t GltfBuffers::stated_bytes(int32_t index) const {
+  if (index < 0 || static_cast<size_t>(index) >= document_.accessors.size()) return 0;
+  const DocAccessor& stated = document_.accessors[static_cast<size_t>(index)];
+  return format::checked_mul(stated.count, uint64_t{component_bytes(stated.type)} * stated.components).value_or(0);
+}
+
+}  // namespace scree::convert

@@ -1,0 +1,66 @@
+// From the numbers of a document to bytes that are there: buffers, buffer views and accessors, checked when they are
+// asked for. What a scene does not use is never opened.
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "format/result.h"
+#include "tools/gltf/document.h"
+#include "tools/gltf/meshopt_source.h"
+#include "tools/gltf/source.h"
+
+namespace scree::convert {
+
+class GltfBuffers {
+ public:
+  /// `folder`: of the scene. `bin`: the binary chunk of a .glb, or null. `document` has passed check_document() and
+  /// outlives this. Indices given to the functions below are in range.
+  /// `kept_bytes`: of unpacked buffer views that are kept, see MeshoptCache.
+  GltfBuffers(const GltfDocument& document, std::string folder, std::shared_ptr<const ByteSource> bin,
+              uint64_t kept_bytes);
+
+  /// Of the compressed buffer views that were asked for.
+  const PackedViewMemory& view_memory() const { return view_memory_; }
+
+  struct View {
+    std::shared_ptr<const ByteSource> source;
+    uint64_t offset = 0;
+    uint64_t bytes = 0;
+  };
+
+  /// A buffer view, its buffer no shorter than the document says; one that is compressed is unpacked when its source is
+  /// read. Errors kTruncated, kFile, kUnsupported, kFormat.
+  Result<View> view(int32_t index);
+
+  /// An accessor of scalars or vectors, its sparse indices read and checked. Errors as view(), and kRange.
+  Result<Accessor> accessor(int32_t index);
+
+  /// The bytes of an image: its view, file or data: URI. Errors as view().
+  Result<View> image(const DocImage& image);
+
+  /// Bytes of an accessor's elements (sparse ones not counted twice) as the document states them; 0 where it is
+  /// nonsense.
+  uint64_t stated_bytes(int32_t accessor) const;
+
+  /// And its elements.
+  uint64_t stated_count(int32_t accessor) const;
+
+ private:
+  Result<std::shared_ptr<const ByteSource>> buffer(int32_t index);
+  Result<std::shared_ptr<const ByteSource>> open_buffer(int32_t index);
+  Result<void> read_sparse(size_t slot, Accessor& accessor);
+
+  const GltfDocument& document_;
+  std::string folder_;
+  std::shared_ptr<const ByteSource> bin_;
+  std::vector<std::shared_ptr<const ByteSource>> buffers_;
+  MeshoptCache meshopt_;
+  std::vector<std::shared_ptr<const ByteSource>> unpacked_;  // by number in GltfDocument::meshopt
+  std::vector<bool> sparse_checked_;
+  PackedViewMemory view_memory_;
+};
+
+}  // namespace scree::convert

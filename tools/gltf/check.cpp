@@ -1,0 +1,191 @@
+#include "tools/gltf/check.h"
+
+#include <optional>
+#include <string>
+
+#include "format/bytes.h"
+#include "tools/gltf/meshopt_source.h"
+
+namespace scree::convert {
+namespace {
+
+using format::checked_add;
+using format::checked_mul;
+using format::range_within;
+
+// An accessor without a buffer view is all zeros and costs a file nothing, so its count could say anything. Real ones
+// are bases of sparse accessors.
+constexpr uint64_t kMaxZeroElements = uint64_t{1} << 24;
+
+std::string number(uint64_t value) {
+  return std::to_string(value);
+}
+
+Result<void> check_present(const char* what, int32_t index, size_t count) {
+  if (index == kAbsent || (index >= 0 && static_cast<size_t>(index) < count)) return {};
+  return Error{ErrorCode::kRange,
+               std::string(what) + " " + std::to_string(index) + " is not there, the document has " + number(count)};
+}
+
+Result<void> check_in_buffer(const GltfDocument& document, int32_t buffer, uint64_t offset, uint64_t bytes) {
+  if (auto present = check_present("buffer", buffer, document.buffers.size()); !present) return present;
+  const uint64_t limit = document.buffers[static_cast<size_t>(buffer)].bytes;
+  if (range_within(offset, bytes, limit)) return {};
+  return Error{ErrorCode::kRange, number(bytes) + " bytes at " + number(offset) + ", but buffer " +
+                                      std::to_string(buffer) + " has " + number(limit)};
+}
+
+Result<void> check_view(const GltfDocument& document, const DocBufferView& view) {
+  if (auto checked = check_in_buffer(document, view.buffer, view.offset, view.bytes); !checked) return checked;
+  if (view.meshopt == kAbsent) return {};
+  const DocMeshopt& stated = document.meshopt[static_cast<size_t>(view.meshopt)];
+  auto checked = check_in_buffer(document, stated.buffer, stated.offset, stated.bytes);
+  if (checked) checked = check_meshopt(stated, view.bytes, view.stride);
+  return checked ? checked : Result<void>(at(stated.extension(), checked.error()));
+}
+
+Result<void> check_sparse(const GltfDocument& document, const DocSparse& sparse, uint64_t count, uint64_t element) {
+  if (sparse.index_type != 5121 && sparse.index_type != 5123 && sparse.index_type != 5125) {
+    return Error{ErrorCode::kFormat,
+                 "indices componentType is " + std::to_string(sparse.index_type) + ", expected 5121, 5123 or 5125"};
+  }
+  if (sparse.count > count)
+    return Error{ErrorCode::kRange,
+                 number(sparse.count) + " values, but the accessor has " + number(count) + " elements"};
+  for (const int32_t view : {sparse.index_view, sparse.value_view}) {
+    if (auto present = check_present("buffer view", view, document.views.size()); !present) return present;
+  }
+  // Below 2^31 elements of at most 64 bytes: nothing overflows.
+  const uint64_t index_limit = document.views[static_cast<size_t>(sparse.index_view)].bytes;
+  const uint64_t value_limit = document.views[static_cast<size_t>(sparse.value_view)].bytes;
+  if (!range_within(sparse.index_offset, uint64_t{sparse.count} * component_bytes(sparse.index_type), index_limit)) {
+    return Error{ErrorCode::kRange, number(sparse.count) + " indices pass the end of buffer view " +
+                                        std::to_string(sparse.index_view) + " (" + number(index_limit) + " bytes)"};
+  }
+  if (!range_within(sparse.value_offset, sparse.count * element, value_limit)) {
+    return Error{ErrorCode::kRange, number(sparse.count) + " values pass the end of buffer view " +
+                                        std::to_string(sparse.value_view) + " (" + number(value_limit) + " bytes)"};
+  }
+  return {};
+}
+
+Result<void> check_accessor(const GltfDocument& document, const DocAccessor& accessor) {
+  if (component_bytes(accessor.type) == 0) {
+    return Error{ErrorCode::kFormat,
+                 "componentType is " + std::to_string(accessor.type) + ", expected 5120 to 5123, 5125 or 5126"};
+  }
+  if (auto present = check_present("buffer view", accessor.view, document.views.size()); !present) return present;
+  // Matrices pad their columns; nothing that is drawn is made of them.
+  if (accessor.components == 0 || accessor.components > 4) return {};
+  const uint64_t element = uint64_t{component_bytes(accessor.type)} * accessor.components;
+  if (accessor.view == kAbsent) {
+    if (accessor.count > kMaxZeroElements) {
+      return Error{ErrorCode::kRange, number(accessor.count) + " elements without a buffer view, at most " +
+                                          number(kMaxZeroElements) + " are read"};
+    }
+  } else {
+    const DocBufferView& view = document.views[static_cast<size_t>(accessor.view)];
+    const uint64_t stride = view.stride == 0 ? element : view.stride;
+    if (stride < element) {
+      return Error{ErrorCode::kRange,
+                   "elements of " + number(element) + " bytes overlap, byteStride is " + number(stride)};
+    }
+    const auto last = accessor.count == 0 ? std::optional<uint64_t>(0) : checked_mul(accessor.count - 1, stride);
+    const auto bytes = last ? checked_add(*last, accessor.count == 0 ? 0 : element) : std::nullopt;
+    if (!bytes || !range_within(accessor.offset, *bytes, view.bytes)) {
+      return Error{ErrorCode::kRange, number(accessor.count) + " elements of " + number(element) + " bytes at " +
+                                          number(accessor.offset) + ", stride " + number(stride) +
+                                          ", pass the end of buffer view " + std::to_string(accessor.view) + " (" +
+                                          number(view.bytes) + " bytes)"};
+    }
+  }
+  if (accessor.sparse == kAbsent) return {};
+  auto checked = check_sparse(document, document.sparse[static_cast<size_t>(accessor.sparse)], accessor.count, element);
+  return checked ? checked : Result<void>(at("sparse", checked.error()));
+}
+
+Result<void> check_primitive(const GltfDocument& document, const DocPrimitive& primitive) {
+  if (primitive.mode < 0 || primitive.mode > 6)
+    return Error{ErrorCode::kRange, "mode is " + std::to_string(primitive.mode) + ", expected 0 to 6"};
+  if (auto present = check_present("material", primitive.material, document.materials.size()); !present) return present;
+  if (auto present = check_present("indices: accessor", primitive.indices, document.accessors.size()); !present)
+    return present;
+  for (const auto& [name, accessor] : primitive.attributes) {
+    if (auto present = check_present("accessor", accessor, document.accessors.size()); !present)
+      return at(name.substr(0, 40), present.error());
+  }
+  for (const int32_t accessor : primitive.target_accessors) {
+    if (auto present = check_present("accessor", accessor, document.accessors.size()); !present)
+      return at("morph target", present.error());
+  }
+  return {};
+}
+
+Result<void> check_texture(const GltfDocument& document, const DocTexture& texture) {
+  if (auto present = check_present("sampler", texture.sampler, document.samplers.size()); !present) return present;
+  if (auto present = check_present("image", texture.source, document.images.size()); !present) return present;
+  return check_present("image", texture.other_source, document.images.size());
+}
+
+Result<void> check_image(const GltfDocument& document, const DocImage& image) {
+  const bool has_uri = image.is_data || !image.uri.empty();
+  if (has_uri && image.view != kAbsent) return Error{ErrorCode::kFormat, "has both a uri and a bufferView"};
+  return check_present("buffer view", image.view, document.views.size());
+}
+
+Result<void> check_node(const GltfDocument& document, const DocNode& node) {
+  for (const auto& [name, accessor] : node.instancing) {
+    if (auto present = check_present("accessor", accessor, document.accessors.size()); !present)
+      return at("EXT_mesh_gpu_instancing: " + name.substr(0, 40), present.error());
+  }
+  return {};
+}
+
+// Runs a check over all records of a kind and names the one that fails.
+template <class Record, class Check>
+Result<void> check_all(const char* kind, const GltfDocument& document, const std::vector<Record>& records,
+                       Check check) {
+  for (size_t i = 0; i < records.size(); ++i) {
+    if (auto checked = check(document, records[i]); !checked)
+      return at(std::string(kind) + " " + number(i), checked.error());
+  }
+  return {};
+}
+
+}  // namespace
+
+uint32_t component_bytes(int32_t type) {
+  switch (type) {
+    case 5120:
+    case 5121:
+      return 1;
+    case 5122:
+    case 5123:
+      return 2;
+    case 5125:
+    case 5126:
+      return 4;
+    default:
+      return 0;
+  }
+}
+
+Result<void> check_document(const GltfDocument& document) {
+  if (auto checked = check_all("buffer view", document, document.views, check_view); !checked) return checked;
+  if (auto checked = check_all("accessor", document, document.accessors, check_accessor); !checked) return checked;
+  for (size_t m = 0; m < document.meshes.size(); ++m) {
+    const std::string kind = "mesh " + number(m) + " primitive";
+    if (auto checked = check_all(kind.c_str(), document, document.meshes[m].primitives, check_primitive); !checked)
+      return checked;
+  }
+  for (size_t i = 0; i < document.materials.size(); ++i) {
+    const int32_t texture = document.materials[i].base_texture.texture;
+    if (auto present = check_present("texture", texture, document.textures.size()); !present)
+      return at("material " + number(i), present.error());
+  }
+  if (auto checked = check_all("texture", document, document.textures, check_texture); !checked) return checked;
+  if (auto checked = check_all("image", document, document.images, check_image); !checked) return checked;
+  return check_all("node", document, document.nodes, check_node);
+}
+
+}  // namespace scree::convert

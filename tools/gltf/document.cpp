@@ -1,0 +1,540 @@
+#include "tools/gltf/document.h"
+
+#include <algorithm>
+#include <cmath>
+#include <exception>
+#include <functional>
+#include <limits>
+#include <new>
+#include <nlohmann/json.hpp>
+#include <span>
+#include <string_view>
+
+#include "tools/common/memory_use.h"
+#include "tools/common/options.h"
+#include "tools/gltf/schema.h"
+#include "tools/gltf/uri.h"
+
+// The one translation unit that holds tinygltf. Images are never decoded by it, files never read.
+#define TINYGLTF_IMPLEMENTATION
+#define TINYGLTF_NO_STB_IMAGE
+#define TINYGLTF_NO_STB_IMAGE_WRITE
+#define TINYGLTF_NO_EXTERNAL_IMAGE
+#define TINYGLTF_NO_INCLUDE_JSON
+#include <tiny_gltf.h>
+
+namespace scree::convert {
+namespace {
+
+// Text handed to tinygltf at once. Large enough that a batch's fixed cost does not show, small enough that its DOM
+// (about 12.6 bytes a byte) and model stay in a few MiB.
+constexpr uint64_t kBatchBytes = 256 << 10;
+
+// tinygltf's messages are lists of lines; ours are one.
+std::string one_line(std::string text) {
+  for (char& c : text) c = static_cast<unsigned char>(c) < 0x20 ? ' ' : c;
+  while (!text.empty() && (text.back() == ' ' || text.back() == '.')) text.pop_back();
+  return text.substr(0, 300);
+}
+
+// Parses one batch document; reading is in pieces because tinygltf keeps everything it reads in memory twice.
+Result<tinygltf::Model> parse(const std::string& batch) {
+  tinygltf::TinyGLTF loader;
+  tinygltf::Model model;
+  std::string error;
+  std::string warning;
+  bool loaded = false;
+  try {
+    loaded = loader.LoadASCIIFromString(&model, &error, &warning, batch.data(), static_cast<unsigned int>(batch.size()),
+                                        "", tinygltf::NO_REQUIRE);
+  } catch (const std::bad_alloc&) {
+    throw;
+  } catch (const std::exception& exception) {
+    error = exception.what();
+  }
+  // The parser catches this one too and keeps its name alone. It is no fault of the document's.
+  if (!loaded && error.find(std::bad_alloc().what()) != std::string::npos) throw std::bad_alloc();
+  if (!loaded) return Error{ErrorCode::kFormat, one_line(error.empty() ? "refused by the parser" : error)};
+  return model;
+}
+
+const tinygltf::Value* member(const tinygltf::Value& value, const char* key) {
+  if (!value.IsObject() || !value.Has(key)) return nullptr;
+  return &value.Get(key);
+}
+
+const tinygltf::Value* member(const tinygltf::ExtensionMap& extensions, const char* key) {
+  const auto found = extensions.find(key);
+  return found == extensions.end() ? nullptr : &found->second;
+}
+
+int32_t index_member(const tinygltf::Value* value, const char* key) {
+  const tinygltf::Value* found = value == nullptr ? nullptr : member(*value, key);
+  return found == nullptr || !found->IsInt() ? kAbsent : found->GetNumberAsInt();
+}
+
+void read_numbers(const tinygltf::Value* value, const char* key, std::span<double> out) {
+  const tinygltf::Value* found = value == nullptr ? nullptr : member(*value, key);
+  if (found == nullptr || !found->IsArray() || found->ArrayLen() != out.size()) return;
+  for (size_t i = 0; i < out.size(); ++i) out[i] = found->Get(static_cast<int>(i)).GetNumberAsDouble();
+}
+
+uint32_t component_count(int type) {
+  switch (type) {
+    case TINYGLTF_TYPE_SCALAR:
+      return 1;
+    case TINYGLTF_TYPE_VEC2:
+      return 2;
+    case TINYGLTF_TYPE_VEC3:
+      return 3;
+    case TINYGLTF_TYPE_VEC4:
+      return 4;
+    case TINYGLTF_TYPE_MAT3:
+      return 9;
+    case TINYGLTF_TYPE_MAT4:
+      return 16;
+    default:
+      return 0;  // MAT2: nothing that is read here may be one
+  }
+}
+
+DocTextureUse texture_use(int index, int uv_set, const tinygltf::Value* transform) {
+  DocTextureUse use;
+  use.texture = index;
+  use.uv_set = static_cast<uint32_t>(std::max(uv_set, 0));
+  if (transform == nullptr) return use;
+  read_numbers(transform, "offset", use.offset);
+  read_numbers(transform, "scale", use.scale);
+  if (const tinygltf::Value* rotation = member(*transform, "rotation")) use.rotation = rotation->GetNumberAsDouble();
+  if (const int32_t set = index_member(transform, "texCoord"); set != kAbsent) use.uv_set = static_cast<uint32_t>(set);
+  return use;
+}
+
+DocMaterial read_material(const tinygltf::Material& source) {
+  DocMaterial material;
+  material.name = source.name;
+  const tinygltf::PbrMetallicRoughness& pbr = source.pbrMetallicRoughness;
+  if (pbr.baseColorFactor.size() == 4) std::copy_n(pbr.baseColorFactor.begin(), 4, material.base_color.begin());
+  material.base_texture = texture_use(pbr.baseColorTexture.index, pbr.baseColorTexture.texCoord,
+                                      member(pbr.baseColorTexture.extensions, "KHR_texture_transform"));
+  // The older workflow keeps its base colour as the diffuse colour.
+  if (const tinygltf::Value* older = member(source.extensions, "KHR_materials_pbrSpecularGlossiness")) {
+    material.base_color = {1, 1, 1, 1};
+    read_numbers(older, "diffuseFactor", material.base_color);
+    const tinygltf::Value* texture = member(*older, "diffuseTexture");
+    const tinygltf::Value* extensions = texture == nullptr ? nullptr : member(*texture, "extensions");
+    material.base_texture = texture_use(index_member(texture, "index"), index_member(texture, "texCoord"),
+                                        extensions == nullptr ? nullptr : member(*extensions, "KHR_texture_transform"));
+  }
+  material.alpha_cutoff = source.alphaCutoff;
+  material.alpha_mask = source.alphaMode == "MASK";
+  material.alpha_blend = source.alphaMode == "BLEND";
+  material.double_sided = source.doubleSided;
+  material.unlit = source.extensions.count("KHR_materials_unlit") != 0;
+  return material;
+}
+
+DocTexture read_texture(const tinygltf::Texture& source) {
+  DocTexture texture;
+  texture.name = source.name;
+  texture.sampler = source.sampler;
+  texture.source = source.source;
+  for (const char* extension : {"EXT_texture_webp", "KHR_texture_basisu", "MSFT_texture_dds"}) {
+    const int32_t other = index_member(member(source.extensions, extension), "source");
+    if (other == kAbsent) continue;
+    texture.other_source = other;
+    texture.other_format = extension;
+  }
+  return texture;
+}
+
+DocNode read_node(const tinygltf::Node& source) {
+  DocNode node;
+  node.name = source.name;
+  node.mesh = source.mesh;
+  node.camera = source.camera;
+  node.skin = source.skin;
+  node.has_matrix = source.matrix.size() == 16;
+  if (node.has_matrix || !source.translation.empty() || !source.rotation.empty() || !source.scale.empty()) {
+    LocalTransform::Values local{};
+    if (node.has_matrix) {
+      std::copy_n(source.matrix.begin(), 16, local.begin());
+    } else {
+      local = LocalTransform().values();
+      if (source.translation.size() == 3) std::copy_n(source.translation.begin(), 3, local.begin());
+      if (source.rotation.size() == 4) std::copy_n(source.rotation.begin(), 4, local.begin() + 3);
+      if (source.scale.size() == 3) std::copy_n(source.scale.begin(), 3, local.begin() + 7);
+    }
+    node.local = LocalTransform(local);
+  }
+  node.children.assign(source.children.begin(), source.children.end());
+  if (const tinygltf::Value* instancing = member(source.extensions, "EXT_mesh_gpu_instancing")) {
+    node.has_instancing = true;
+    if (const tinygltf::Value* attributes = member(*instancing, "attributes")) {
+      for (const std::string& key : attributes->Keys())
+        node.instancing.emplace_back(key, index_member(attributes, key.c_str()));
+    }
+  }
+  return node;
+}
+
+DocMesh read_mesh(const tinygltf::Mesh& source, std::span<const int32_t> indices) {
+  DocMesh mesh;
+  mesh.name = source.name;
+  for (size_t i = 0; i < source.primitives.size(); ++i) {
+    const tinygltf::Primitive& from = source.primitives[i];
+    DocPrimitive primitive;
+    primitive.mode = from.mode;
+    primitive.indices = indices[i];
+    primitive.material = from.material;
+    primitive.draco = from.extensions.count("KHR_draco_mesh_compression") != 0;
+    primitive.attributes.assign(from.attributes.begin(), from.attributes.end());
+    primitive.targets = static_cast<uint32_t>(from.targets.size());
+    for (const auto& target : from.targets) {
+      for (const auto& [name, accessor] : target) primitive.target_accessors.push_back(accessor);
+    }
+    mesh.primitives.push_back(std::move(primitive));
+  }
+  return mesh;
+}
+
+void read_bounds(const tinygltf::Accessor& source, GltfDocument& document) {
+  if (source.count < kLeastBounded || source.minValues.size() != 3 || source.maxValues.size() != 3) return;
+  DocBounds bounds;
+  bounds.accessor = static_cast<uint32_t>(document.accessors.size());
+  for (size_t axis = 0; axis < 3; ++axis) {
+    for (const double value : {source.minValues[axis], source.maxValues[axis]})
+      if (!(std::abs(value) <= static_cast<double>(std::numeric_limits<float>::max()))) return;
+    bounds.min[axis] = static_cast<float>(source.minValues[axis]);
+    bounds.max[axis] = static_cast<float>(source.maxValues[axis]);
+  }
+  document.bounds.push_back(bounds);
+}
+
+void read_accessor(const tinygltf::Accessor& source, GltfDocument& document) {
+  read_bounds(source, document);
+  DocAccessor accessor;
+  accessor.view = source.bufferView;
+  accessor.type = source.componentType;
+  accessor.components = component_count(source.type);
+  accessor.normalized = source.normalized;
+  accessor.offset = source.byteOffset;
+  accessor.count = source.count;
+  if (source.sparse.isSparse) {
+    accessor.sparse = static_cast<int32_t>(document.sparse.size());
+    DocSparse sparse;
+    sparse.accessor = static_cast<uint32_t>(document.accessors.size());
+    sparse.count = static_cast<uint32_t>(source.sparse.count);
+    sparse.index_view = source.sparse.indices.bufferView;
+    sparse.index_offset = static_cast<uint32_t>(source.sparse.indices.byteOffset);
+    sparse.index_type = source.sparse.indices.componentType;
+    sparse.value_view = source.sparse.values.bufferView;
+    sparse.value_offset = static_cast<uint32_t>(source.sparse.values.byteOffset);
+    document.sparse.push_back(sparse);
+  }
+  document.accessors.push_back(accessor);
+}
+
+DocCamera read_camera(const tinygltf::Camera& source) {
+  DocCamera camera;
+  camera.name = source.name;
+  camera.orthographic = source.type == "orthographic";
+  camera.y = camera.orthographic ? source.orthographic.ymag : source.perspective.yfov;
+  camera.x = camera.orthographic ? source.orthographic.xmag : source.perspective.aspectRatio;
+  camera.z_near = camera.orthographic ? source.orthographic.znear : source.perspective.znear;
+  camera.z_far = camera.orthographic ? source.orthographic.zfar : source.perspective.zfar;
+  return camera;
+}
+
+void sort_unique(std::vector<int32_t>& numbers) {
+  std::sort(numbers.begin(), numbers.end());
+  numbers.erase(std::unique(numbers.begin(), numbers.end()), numbers.end());
+}
+
+void take_model(const tinygltf::Model& model, std::span<const int32_t> primitive_indices, GltfDocument& document) {
+  for (const auto& view : model.bufferViews)
+    document.views.push_back({view.buffer, kAbsent, view.byteOffset, view.byteLength, view.byteStride});
+  for (const auto& accessor : model.accessors) read_accessor(accessor, document);
+  for (const auto& mesh : model.meshes) {
+    document.meshes.push_back(read_mesh(mesh, primitive_indices));
+    primitive_indices = primitive_indices.subspan(mesh.primitives.size());
+  }
+  for (const auto& node : model.nodes) document.nodes.push_back(read_node(node));
+  for (const auto& scene : model.scenes)
+    document.scenes.push_back({scene.name, {scene.nodes.begin(), scene.nodes.end()}});
+  for (const auto& material : model.materials) document.materials.push_back(read_material(material));
+  for (const auto& texture : model.textures) document.textures.push_back(read_texture(texture));
+  for (const auto& sampler : model.samplers) {
+    document.samplers.push_back(
+        {std::max(sampler.magFilter, 0), std::max(sampler.minFilter, 0), sampler.wrapS, sampler.wrapT});
+  }
+  for (const auto& camera : model.cameras) document.cameras.push_back(read_camera(camera));
+  for (const auto& skin : model.skins) {
+    ++document.skins;
+    if (skin.inverseBindMatrices != kAbsent) document.skin_accessors.push_back(skin.inverseBindMatrices);
+  }
+  for (const auto& animation : model.animations) {
+    ++document.animations;
+    for (const auto& sampler : animation.samplers) {
+      document.animation_accessors.push_back(sampler.input);
+      document.animation_accessors.push_back(sampler.output);
+    }
+  }
+  for (const auto& name : model.extensionsUsed) document.extensions_used.push_back(name);
+  for (const auto& name : model.extensionsRequired) document.extensions_required.push_back(name);
+}
+
+DocMeshopt read_meshopt(const nlohmann::json& source) {
+  const auto size = [&](const char* key) {
+    const auto found = source.find(key);
+    return found == source.end() ? uint64_t{0} : found->get<uint64_t>();
+  };
+  DocMeshopt meshopt;
+  meshopt.buffer = source.at("buffer").get<int32_t>();
+  meshopt.offset = size("byteOffset");
+  meshopt.bytes = size("byteLength");
+  meshopt.stride = size("byteStride");
+  meshopt.count = size("count");
+  const std::string mode = source.at("mode").get<std::string>();
+  if (mode == "TRIANGLES") {
+    meshopt.mode = DocMeshopt::Mode::kTriangles;
+  } else if (mode == "INDICES") {
+    meshopt.mode = DocMeshopt::Mode::kIndices;
+  } else if (mode != "ATTRIBUTES") {
+    meshopt.unknown_mode = one_line(mode.substr(0, 20));
+  }
+  const std::string filter = source.value("filter", "NONE");
+  if (filter == "OCTAHEDRAL") {
+    meshopt.filter = DocMeshopt::Filter::kOctahedral;
+  } else if (filter == "QUATERNION") {
+    meshopt.filter = DocMeshopt::Filter::kQuaternion;
+  } else if (filter == "EXPONENTIAL") {
+    meshopt.filter = DocMeshopt::Filter::kExponential;
+  } else if (filter != "NONE") {
+    meshopt.unknown_filter = one_line(filter.substr(0, 20));
+  }
+  return meshopt;
+}
+
+// The compression of the views of a batch, checked by the schema: not from tinygltf, which keeps the integers of
+// extensions in 32 bits.
+void take_meshopt(const std::string& batch, uint64_t first, GltfDocument& document) {
+  if (batch.find("_meshopt_compression") == std::string::npos) return;
+  const auto json = nlohmann::json::parse(batch, nullptr, false);
+  uint64_t view = first;
+  for (const auto& element : json.at("bufferViews")) {
+    const auto extensions = element.find("extensions");
+    if (extensions != element.end()) {
+      for (const bool is_khr : {false, true}) {
+        const auto found = extensions->find(is_khr ? "KHR_meshopt_compression" : "EXT_meshopt_compression");
+        if (found == extensions->end() || document.views[view].meshopt != kAbsent) continue;
+        DocMeshopt meshopt = read_meshopt(*found);
+        meshopt.view = view;
+        meshopt.is_khr = is_khr;
+        document.views[view].meshopt = static_cast<int32_t>(document.meshopt.size());
+        document.meshopt.push_back(std::move(meshopt));
+      }
+    }
+    ++view;
+  }
+}
+
+/// Holds what the process takes while it reads against what it may take. How much records take of their text differs by
+/// more than three times from one kind to another, so they are not foretold but measured as they come.
+class MemoryLimit {
+ public:
+  MemoryLimit(uint64_t memory, uint64_t text_bytes)
+      : memory_(memory),
+        text_bytes_(text_bytes),
+        before_(text_bytes < kLargeDocument ? 0 : tools::memory_use().anonymous) {}
+
+  /// So much more of the text was read. The error's estimate is that the rest takes as much for its size.
+  Result<void> read(uint64_t bytes) {
+    read_ += bytes;
+    if (read_ < next_) return {};
+    next_ = read_ + kLargeDocument;
+    const uint64_t now = tools::memory_use().anonymous;
+    if (now <= memory_) return {};
+    const double share = static_cast<double>(read_) / static_cast<double>(text_bytes_);
+    const double in_the_end = static_cast<double>(before_) + static_cast<double>(now - std::min(now, before_)) / share;
+    return document_too_large(memory_, text_bytes_, "about", static_cast<uint64_t>(in_the_end));
+  }
+
+ private:
+  uint64_t memory_;
+  uint64_t text_bytes_;
+  uint64_t before_;  // of the process, with the text
+  uint64_t read_ = 0;
+  uint64_t next_ = kLargeDocument;
+};
+
+// Reads the elements of a top-level array through tinygltf, a batch at a time.
+Result<void> read_section(GltfDocument& document, const std::string& section, JsonRange array, MemoryLimit& limit) {
+  const std::span<const char> text = document.text;
+  JsonElements elements(text, array);
+  while (true) {
+    auto batch = elements.next(kBatchBytes);
+    if (!batch) return batch.error();
+    if (batch->count == 0) return {};
+    std::string json = "{\"" + section + "\":[";
+    json.append(text.data() + batch->elements.begin, batch->elements.end - batch->elements.begin);
+    json += "]}";
+    auto checked = check_schema(section, json, batch->first, batch->elements.begin);
+    if (!checked) return checked.error();
+    // tinygltf looks up the accessor of every primitive's "indices" at once, and the accessors are in other batches. So
+    // it does not get to see the member; the schema check, which reads it on the way, hands it over.
+    if (section == "meshes") hide_primitive_indices(json);
+    const std::string place = std::string(singular(section)) + " " + std::to_string(batch->first) +
+                              (batch->count > 1 ? " to " + std::to_string(batch->first + batch->count - 1) : "");
+    auto model = parse(json);
+    if (!model) return at(place, model.error());
+    size_t primitives = 0;
+    for (const auto& mesh : model->meshes) primitives += mesh.primitives.size();
+    if (section == "meshes" && primitives != checked->primitive_indices.size())
+      return Error{ErrorCode::kFormat, place + ": the parser read " + std::to_string(primitives) + " primitives of " +
+                                           std::to_string(checked->primitive_indices.size())};
+    take_model(*model, checked->primitive_indices, document);
+    if (section == "bufferViews") take_meshopt(json, batch->first, document);
+    if (auto fits = limit.read(batch->elements.end - batch->elements.begin); !fits) return fits;
+  }
+}
+
+// Buffers and images are kept from tinygltf, which would read their files. One element at a time: a data: URI can be
+// large.
+Result<void> read_uris(GltfDocument& document, const std::string& section, JsonRange array) {
+  const std::span<const char> text = document.text;
+  JsonElements elements(text, array);
+  while (true) {
+    auto batch = elements.next(1);
+    if (!batch) return batch.error();
+    if (batch->count == 0) return {};
+    const std::string_view element(text.data() + batch->elements.begin, batch->elements.end - batch->elements.begin);
+    auto checked = check_schema(section, "{\"" + section + "\":[" + std::string(element) + "]}", batch->first,
+                                batch->elements.begin);
+    if (!checked) return checked.error();
+    const auto json = nlohmann::json::parse(element.begin(), element.end(), nullptr, false);
+    const auto text_member = [&](const char* key) {
+      const auto found = json.find(key);
+      return found != json.end() && found->is_string() ? found->get<std::string>() : std::string();
+    };
+    std::string uri = text_member("uri");
+    const bool is_data = is_data_uri(uri);
+    if (is_data) uri.clear();
+    if (section == "images") {
+      DocImage image;
+      image.name = text_member("name");
+      image.uri = std::move(uri);
+      image.is_data = is_data;
+      image.json = batch->elements;
+      if (const auto view = json.find("bufferView"); view != json.end() && view->is_number())
+        image.view = view->get<int32_t>();
+      document.images.push_back(std::move(image));
+    } else {
+      DocBuffer buffer;
+      buffer.uri = std::move(uri);
+      buffer.is_data = is_data;
+      buffer.bytes = json.at("byteLength").get<uint64_t>();
+      buffer.json = batch->elements;
+      if (const auto extensions = json.find("extensions"); extensions != json.end() && extensions->is_object())
+        buffer.meshopt_fallback =
+            extensions->contains("EXT_meshopt_compression") || extensions->contains("KHR_meshopt_compression");
+      document.buffers.push_back(std::move(buffer));
+    }
+  }
+}
+
+Result<void> read_asset(GltfDocument& document, JsonRange range) {
+  const std::span<const char> text = document.text;
+  const std::string json =
+      "{\"asset\":" + std::string(text.data() + range.begin, static_cast<size_t>(range.end - range.begin)) + "}";
+  if (auto checked = check_schema("asset", json, 0, range.begin); !checked) return checked.error();
+  auto model = parse(json);
+  if (!model) return at("asset", model.error());
+  const std::string& version = model->asset.version;
+  if (version.substr(0, 2) != "2.")
+    return Error{ErrorCode::kVersion, "asset: version is \"" + one_line(version.substr(0, 20)) + "\", expected 2.0"};
+  if (!model->asset.minVersion.empty() && model->asset.minVersion != "2.0")
+    return Error{ErrorCode::kVersion,
+                 "asset: minVersion is \"" + one_line(model->asset.minVersion.substr(0, 20)) + "\", expected 2.0"};
+  document.copyright = model->asset.copyright;
+  return {};
+}
+
+Result<void> read_default_scene(GltfDocument& document, std::string_view value, uint64_t byte) {
+  const auto json = nlohmann::json::parse(value.begin(), value.end(), nullptr, false);
+  if (json.is_null()) return {};
+  if (!json.is_number_unsigned() || json.get<uint64_t>() > 0x7fffffffu)
+    return Error{ErrorCode::kRange, "JSON byte " + std::to_string(byte) + ": scene is " +
+                                        std::string(value.substr(0, 40)) + ", expected an index"};
+  document.scene = static_cast<int32_t>(json.get<uint64_t>());
+  return {};
+}
+
+}  // namespace
+
+bool GltfDocument::uses(const std::string& extension) const {
+  return std::find(extensions_used.begin(), extensions_used.end(), extension) != extensions_used.end() ||
+         std::find(extensions_required.begin(), extensions_required.end(), extension) != extensions_required.end();
+}
+
+const DocBounds* GltfDocument::bounds_of(uint32_t accessor) const {
+  const auto found = std::lower_bound(bounds.begin(), bounds.end(), accessor,
+                                      [](const DocBounds& a, uint32_t b) { return a.accessor < b; });
+  return found == bounds.end() || found->accessor != accessor ? nullptr : &*found;
+}
+
+Error document_too_large(uint64_t memory, uint64_t json_bytes, const char* estimate, uint64_t needed_bytes) {
+  return {ErrorCode::kUsage, "--memory: " + tools::format_bytes(memory) + ", but its document of " +
+                                 tools::format_bytes(json_bytes) + " of JSON needs " + estimate + " " +
+                                 std::to_string(needed_bytes >> 20) + " MiB"};
+}
+
+Result<GltfDocument> read_document(std::vector<char> json, uint64_t memory) {
+  GltfDocument document;
+  document.text = std::move(json);
+  const std::span<char> text = document.text;
+  auto members = split_document(text);
+  if (!members) return members.error();
+
+  // Asset first: a document of another version need not follow this version's rules.
+  const auto asset = std::find_if(members->begin(), members->end(), [](const auto& m) { return m.key == "asset"; });
+  if (asset == members->end()) return Error{ErrorCode::kFormat, "asset is missing: not a glTF 2.0 document"};
+  if (text[asset->value.begin] != '{') return Error{ErrorCode::kFormat, "asset is not an object"};
+  if (auto read = read_asset(document, asset->value); !read) return read.error();
+
+  constexpr std::string_view kRead[] = {
+      "extensionsUsed", "extensionsRequired", "bufferViews", "accessors", "meshes", "nodes",      "scenes",
+      "materials",      "textures",           "samplers",    "cameras",   "skins",  "animations", "buffers",
+      "images"};
+  MemoryLimit limit(memory, text.size());
+  for (const JsonMember& member : *members) {
+    const std::string_view value(text.data() + member.value.begin, member.value.end - member.value.begin);
+    if (member.key == "asset") continue;
+    Result<void> read;
+    if (member.key == "scene") {
+      read = read_default_scene(document, value, member.value.begin);
+    } else if (std::find(std::begin(kRead), std::end(kRead), member.key) == std::end(kRead) || value == "null") {
+      read = check_json(value, member.value.begin);
+    } else if (value.front() != '[') {
+      read = Error{ErrorCode::kFormat, member.key + " is not an array"};
+    } else if (member.key == "buffers" || member.key == "images") {
+      read = read_uris(document, member.key, member.value);
+    } else {
+      read = read_section(document, member.key, member.value, limit);
+    }
+    if (!read) return read.error();
+  }
+  sort_unique(document.skin_accessors);
+  sort_unique(document.animation_accessors);
+  return document;
+}
+
+Result<std::vector<std::byte>> data_uri(const GltfDocument& document, JsonRange range) {
+  const std::span<const char> text = document.text;
+  const auto json = nlohmann::json::parse(text.data() + range.begin, text.data() + range.end, nullptr, false);
+  const auto uri = json.find("uri");
+  if (uri == json.end() || !uri->is_string()) return Error{ErrorCode::kFormat, "uri is missing"};
+  return decode_data_uri(uri->get_ref<const std::string&>());
+}
+
+}  // namespace scree::convert

@@ -1,0 +1,217 @@
+// A glTF document as plain records: what tinygltf read of it, types and number ranges checked (schema.h),
+// references between records not yet.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "format/result.h"
+#include "tools/gltf/json.h"
+#include "tools/gltf/source.h"
+
+namespace scree::convert {
+
+inline constexpr int32_t kAbsent = -1;  // no such reference
+
+struct DocBuffer {
+  std::string uri;       // empty: none, or a data: URI, which stays in the text
+  bool is_data = false;  // the URI is data:; data_uri() decodes it
+  bool meshopt_fallback = false;
+  uint64_t bytes = 0;
+  JsonRange json;
+};
+
+/// EXT_meshopt_compression or KHR_meshopt_compression of a buffer view.
+struct DocMeshopt {
+  enum class Mode : uint8_t { kAttributes, kTriangles, kIndices };
+  enum class Filter : uint8_t { kNone, kOctahedral, kQuaternion, kExponential };
+
+  uint64_t view = 0;  // whose this is
+  bool is_khr = false;
+  Mode mode = Mode::kAttributes;
+  Filter filter = Filter::kNone;
+  std::optional<std::string> unknown_mode;  // as the document has it
+  std::optional<std::string> unknown_filter;
+  int32_t buffer = kAbsent;
+  uint64_t offset = 0;  // of the stream
+  uint64_t bytes = 0;
+  uint64_t stride = 0;  // of the unpacked elements
+  uint64_t count = 0;
+
+  const char* extension() const { return is_khr ? "KHR_meshopt_compression" : "EXT_meshopt_compression"; }
+};
+
+struct DocBufferView {
+  int32_t buffer = kAbsent;
+  int32_t meshopt = kAbsent;  // in GltfDocument::meshopt
+  uint64_t offset = 0;
+  uint64_t bytes = 0;
+  uint64_t stride = 0;  // 0: tightly packed
+};
+
+struct DocSparse {
+  uint32_t accessor = 0;
+  uint32_t count = 0;
+  int32_t index_view = kAbsent;
+  int32_t value_view = kAbsent;
+  uint32_t index_offset = 0;
+  uint32_t value_offset = 0;
+  int32_t index_type = 0;
+};
+
+struct DocAccessor {
+  int32_t view = kAbsent;
+  int32_t type = 0;          // component type, glTF's number
+  uint32_t components = 0;   // 1 to 4; 9 and 16 (and 0 for MAT2, 4 being taken) for matrices
+  int32_t sparse = kAbsent;  // in GltfDocument::sparse
+  bool normalized = false;
+  uint64_t offset = 0;
+  uint64_t count = 0;
+};
+
+/// "min" and "max" of an accessor of three components, which nothing holds it to.
+struct DocBounds {
+  uint32_t accessor = 0;
+  std::array<float, 3> min{};
+  std::array<float, 3> max{};
+};
+
+/// Elements that an accessor has at least whose bounds are kept: a million small ones need no memory for theirs.
+inline constexpr uint64_t kLeastBounded = 65536;
+
+using DocAttribute = std::pair<std::string, int32_t>;  // name, accessor
+
+struct DocPrimitive {
+  int32_t mode = 4;
+  int32_t indices = kAbsent;
+  int32_t material = kAbsent;
+  bool draco = false;
+  std::vector<DocAttribute> attributes;   // sorted by name
+  std::vector<int32_t> target_accessors;  // of morph targets
+  uint32_t targets = 0;
+};
+
+struct DocMesh {
+  std::string name;
+  std::vector<DocPrimitive> primitives;
+};
+
+struct DocNode {
+  std::string name;
+  int32_t mesh = kAbsent;
+  int32_t camera = kAbsent;
+  int32_t skin = kAbsent;
+  bool has_matrix = false;
+  bool has_instancing = false;
+  LocalTransform local;
+  std::vector<uint32_t> children;
+  std::vector<DocAttribute> instancing;  // EXT_mesh_gpu_instancing
+};
+
+struct DocTextureUse {
+  int32_t texture = kAbsent;
+  uint32_t uv_set = 0;
+  std::array<double, 2> offset{0, 0};
+  std::array<double, 2> scale{1, 1};
+  double rotation = 0;
+};
+
+struct DocMaterial {
+  std::string name;
+  std::array<double, 4> base_color{1, 1, 1, 1};
+  DocTextureUse base_texture;
+  double alpha_cutoff = 0.5;
+  bool alpha_mask = false;
+  bool alpha_blend = false;
+  bool double_sided = false;
+  bool unlit = false;
+};
+
+struct DocTexture {
+  std::string name;
+  int32_t sampler = kAbsent;
+  int32_t source = kAbsent;
+  int32_t other_source = kAbsent;  // of an extension for another image format
+  std::string other_format;        // that extension
+};
+
+struct DocSampler {
+  int32_t mag_filter = 0;
+  int32_t min_filter = 0;
+  int32_t wrap_s = 10497;
+  int32_t wrap_t = 10497;
+};
+
+struct DocImage {
+  std::string name;
+  std::string uri;  // as DocBuffer::uri
+  bool is_data = false;
+  int32_t view = kAbsent;
+  JsonRange json;
+};
+
+struct DocCamera {
+  std::string name;
+  bool orthographic = false;
+  double y = 0;  // yfov, ymag
+  double x = 0;  // aspectRatio, xmag
+  double z_near = 0;
+  double z_far = 0;
+};
+
+struct DocScene {
+  std::string name;
+  std::vector<uint32_t> roots;
+};
+
+struct GltfDocument {
+  std::vector<char> text;
+  std::string copyright;
+  int32_t scene = kAbsent;
+  std::vector<std::string> extensions_used;
+  std::vector<std::string> extensions_required;
+  std::vector<DocBuffer> buffers;
+  std::vector<DocBufferView> views;
+  std::vector<DocMeshopt> meshopt;
+  std::vector<DocAccessor> accessors;
+  std::vector<DocSparse> sparse;
+  std::vector<DocBounds> bounds;  // by accessor, ascending
+  std::vector<DocMesh> meshes;
+  std::vector<DocNode> nodes;
+  std::vector<DocMaterial> materials;
+  std::vector<DocTexture> textures;
+  std::vector<DocSampler> samplers;
+  std::vector<DocImage> images;
+  std::vector<DocCamera> cameras;
+  std::vector<DocScene> scenes;
+  uint64_t skins = 0;
+  uint64_t animations = 0;
+  std::vector<int32_t> skin_accessors;       // ascending, each once
+  std::vector<int32_t> animation_accessors;  // likewise
+
+  bool uses(const std::string& extension) const;
+
+  /// What is kept of an accessor's "min" and "max", or null.
+  const DocBounds* bounds_of(uint32_t accessor) const;
+};
+
+/// Text of which the memory that a document takes is looked at.
+inline constexpr uint64_t kLargeDocument = 1 << 20;
+
+/// kUsage: a document of so much JSON does not fit into `memory`. `estimate`: what `needed_bytes` are of what it needs,
+/// such as "about".
+Error document_too_large(uint64_t memory, uint64_t json_bytes, const char* estimate, uint64_t needed_bytes);
+
+/// Reads a document. Memory: the records plus a few MiB, however long the text is. Errors kFormat, kRange, kVersion
+/// (not glTF 2.x), each with its place in the document; kUsage once the process takes more than `memory` bytes, with
+/// about what it would take in the end: looked at every kLargeDocument bytes of text.
+Result<GltfDocument> read_document(std::vector<char> text, uint64_t memory = UINT64_MAX);
+
+/// The bytes of the data: URI of a buffer or image, `json` being its element. Errors kFormat.
+Result<std::vector<std::byte>> data_uri(const GltfDocument& document, JsonRange json);
+
+}  // namespace scree::convert

@@ -1,0 +1,112 @@
+#include "tools/gltf/glb.h"
+
+#include <algorithm>
+#include <array>
+#include <string>
+#include <vector>
+
+#include "format/bytes.h"
+
+namespace scree::convert {
+namespace {
+
+constexpr uint32_t kMagic = 0x46546c67;      // "glTF"
+constexpr uint32_t kJsonChunk = 0x4e4f534a;  // "JSON"
+constexpr uint32_t kBinChunk = 0x004e4942;   // "BIN\0"
+constexpr uint64_t kHeaderBytes = 12;
+constexpr uint64_t kChunkHeaderBytes = 8;
+constexpr uint64_t kWrap = uint64_t{1} << 32;
+// glTF has two chunks and extensions may add a few; 4 GiB of zeros would read as half a billion empty ones.
+constexpr uint32_t kMaxChunks = 64;
+constexpr uint64_t kMaxPadding = 4096;  // of bytes after the end, all zero or blank: writers that pad to a sector
+
+struct ChunkHeader {
+  uint64_t bytes;
+  uint32_t type;
+};
+
+Result<ChunkHeader> read_chunk_header(const ByteSource& file, uint64_t offset) {
+  std::array<std::byte, kChunkHeaderBytes> bytes;
+  if (auto read = file.read(offset, bytes); !read) return read.error();
+  return ChunkHeader{format::load<uint32_t>(bytes.data()), format::load<uint32_t>(bytes.data() + 4)};
+}
+
+Result<void> check_padding(const ByteSource& file, uint64_t from) {
+  const uint64_t rest = file.size() - from;
+  std::vector<std::byte> bytes(std::min(rest, kMaxPadding));
+  if (auto read = file.read(from, bytes); !read) return read.error();
+  const bool blank =
+      std::all_of(bytes.begin(), bytes.end(), [](std::byte b) { return b == std::byte{0} || b == std::byte{0x20}; });
+  if (rest <= kMaxPadding && blank) return {};
+  return Error{ErrorCode::kTrailing, "GLB header: length is " + std::to_string(from) + ", but the file has " +
+                                         std::to_string(file.size()) + " bytes"};
+}
+
+}  // namespace
+
+Result<GlbLayout> read_glb_layout(const ByteSource& file) {
+  GlbLayout layout;
+  std::array<std::byte, kHeaderBytes> header{};
+  const uint64_t head = std::min<uint64_t>(file.size(), kHeaderBytes);
+  if (auto read = file.read(0, std::span(header).first(head)); !read) return read.error();
+  if (head < 4 || format::load<uint32_t>(header.data()) != kMagic) {
+    layout.json_bytes = file.size();
+    return layout;
+  }
+  layout.is_glb = true;
+  if (head < kHeaderBytes)
+    return Error{ErrorCode::kTruncated, "GLB header: the file ends after " + std::to_string(head) + " bytes"};
+  const uint32_t version = format::load<uint32_t>(header.data() + 4);
+  if (version != 2)
+    return Error{ErrorCode::kVersion, "GLB header: version is " + std::to_string(version) + ", expected 2"};
+
+  // Past 4 GiB the length is modulo 2^32; then it runs to the end of the file or it means nothing.
+  uint64_t length = format::load<uint32_t>(header.data() + 8);
+  const bool wrapped = file.size() >= kWrap && file.size() % kWrap == length;
+  if (wrapped) length = file.size();
+  if (length > file.size())
+    return Error{ErrorCode::kTruncated, "GLB header: length is " + std::to_string(length) + ", but the file has " +
+                                            std::to_string(file.size()) + " bytes"};
+  if (length < kHeaderBytes + kChunkHeaderBytes)
+    return Error{ErrorCode::kFormat, "GLB header: length is " + std::to_string(length) + ", too short for a chunk"};
+  if (length < file.size()) {
+    if (auto padding = check_padding(file, length); !padding) return padding.error();
+  }
+
+  uint64_t at = kHeaderBytes;
+  for (uint32_t number = 0; at < length; ++number) {
+    const std::string place = "GLB chunk " + std::to_string(number);
+    if (number == kMaxChunks)
+      return Error{ErrorCode::kFormat, place + ": at most " + std::to_string(kMaxChunks) + " are read"};
+    if (length - at < kChunkHeaderBytes) {
+      if (number > 0 && length - at < 4) break;  // padding counted into the length
+      return Error{ErrorCode::kTruncated, place + ": " + std::to_string(length - at) + " bytes left for its header"};
+    }
+    auto chunk = read_chunk_header(file, at);
+    if (!chunk) return scree::at(place, chunk.error());
+    at += kChunkHeaderBytes;
+    if (wrapped && chunk->type == kBinChunk && number == 1 && (length - at) % kWrap == chunk->bytes)
+      chunk->bytes = length - at;
+    if (chunk->bytes > length - at)
+      return Error{ErrorCode::kTruncated, place + ": length is " + std::to_string(chunk->bytes) + ", but " +
+                                              std::to_string(length - at) + " bytes are left"};
+    // Lengths should be multiples of 4. Writers that forget it (trimesh once did) put the next chunk right behind.
+    if (number == 0) {
+      if (chunk->type != kJsonChunk) return Error{ErrorCode::kFormat, place + ": expected the JSON chunk first"};
+      if (chunk->bytes == 0) return Error{ErrorCode::kFormat, place + ": the JSON chunk is empty"};
+      layout.json_offset = at;
+      layout.json_bytes = chunk->bytes;
+    } else if (chunk->type == kJsonChunk) {
+      return Error{ErrorCode::kFormat, place + ": a second JSON chunk"};
+    } else if (chunk->type == kBinChunk) {
+      if (number != 1) return Error{ErrorCode::kFormat, place + ": the BIN chunk, expected as chunk 1"};
+      layout.has_bin = true;
+      layout.bin_offset = at;
+      layout.bin_bytes = chunk->bytes;
+    }
+    at += chunk->bytes;
+  }
+  return layout;
+}
+
+}  // namespace scree::convert

@@ -1,0 +1,69 @@
+// The JSON text of a glTF file before any parser has seen it: cut at its top-level members and array elements.
+//
+// tinygltf is handed pieces of the document, never all of it: its DOM costs about 12.6 bytes per byte of JSON and its
+// model as much again, it would read every buffer and image into memory, and its recursion overflows the stack on deep
+// nesting. The scanner here allocates nothing that grows with the text, is iterative, and knows just enough of JSON:
+// strings, brackets, commas. What lies between is left to the parsers (schema.h, tinygltf).
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "format/result.h"
+#include "tools/gltf/source.h"
+
+namespace scree::convert {
+
+inline constexpr uint32_t kMaxJsonDepth = 128;  // brackets inside brackets; real documents stay below 20
+
+/// Bytes [offset, offset + bytes) of a source, to be changed in place. Read and not mapped: a file that shrinks under a
+/// map ends the program with a signal, one that is read ends in an error. Errors kTruncated, kFile, kMemory.
+Result<std::vector<char>> read_json_text(const ByteSource& source, uint64_t offset, uint64_t bytes);
+
+/// A piece of the text: bytes [begin, end).
+struct JsonRange {
+  uint64_t begin = 0;
+  uint64_t end = 0;
+};
+
+struct JsonMember {
+  std::string key;  // escapes decoded
+  JsonRange value;
+};
+
+/// Splits the document into its top-level members. Also empties every object or array called "extras" in place: nothing
+/// here reads them, and tinygltf turns each value into some 150 bytes. Errors kFormat: not an object, unbalanced,
+/// nested deeper than kMaxJsonDepth, a member twice, text after the end; each with its byte.
+Result<std::vector<JsonMember>> split_document(std::span<char> text);
+
+/// Whole elements of a JSON array, a batch at a time.
+class JsonElements {
+ public:
+  /// `array`: the value of a member, starting with '['.
+  JsonElements(std::span<const char> text, JsonRange array) : text_(text), at_(array.begin + 1), end_(array.end - 1) {}
+
+  struct Batch {
+    JsonRange elements;  // separated by commas
+    uint64_t first = 0;  // number of the first element
+    uint64_t count = 0;  // 0: no more
+  };
+
+  /// The next elements: as many as fit `max_bytes`, at least one. Errors kFormat: a missing element.
+  Result<Batch> next(uint64_t max_bytes);
+
+ private:
+  std::span<const char> text_;
+  uint64_t at_;
+  uint64_t end_;
+  uint64_t index_ = 0;
+};
+
+/// Renames the key "indices" of every glTF mesh primitive to "Indices" in a batch document {"meshes": [...]}
+/// (document.cpp says why).
+void hide_primitive_indices(std::string& batch);
+
+}  // namespace scree::convert

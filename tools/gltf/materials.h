@@ -1,0 +1,28 @@
+// Materials, textures and images that the kept primitives use.
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "format/result.h"
+#include "tools/gltf/buffers.h"
+#include "tools/gltf/document.h"
+#include "tools/gltf/source.h"
+
+namespace scree::convert {
+
+/// By document number of a material.
+struct MaterialPlan {
+  std::vector<uint32_t> place;  // in SourceScene::materials, or format::kNone
+  std::vector<bool> textured;   // has a base colour texture that can be drawn
+};
+
+/// Adds the materials marked in `used` (by document number), in the document's order, with their textures and images,
+/// to `scene`, which also gets the warnings and what was left out. Only images of base colours are opened; formats
+/// other than PNG and JPEG are told by their first bytes and left out with a warning. Errors kRange, kFormat and those
+/// of GltfBuffers.
+Result<MaterialPlan> make_materials(const GltfDocument& document, const std::vector<bool>& used, GltfBuffers& buffers,
+                                    SourceScene& scene);
+
+}  // namespace scree::convert

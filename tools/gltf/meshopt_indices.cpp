@@ -1,0 +1,245 @@
+// Modes TRIANGLES and INDICES, versions 0 and 1. The library unpacks such streams only whole; these decoders can stop
+// behind any triangle or index, and take and refuse the same streams.
+#include <algorithm>
+#include <array>
+#include <cstring>
+
+#include "format/bytes.h"
+#include "tools/gltf/meshopt_stream.h"
+
+namespace scree::convert {
+namespace {
+
+uint32_t take_byte(const std::byte*& data) {
+  return std::to_integer<uint32_t>(*data++);
+}
+
+/// Seven bits a byte, the lowest first, in at most five bytes; the eighth says that more follow.
+uint32_t take_varint(const std::byte*& data) {
+  const uint32_t lowest = take_byte(data);
+  if (lowest < 128) return lowest;
+  uint32_t value = lowest & 127;
+  for (uint32_t shift = 7; shift <= 28; shift += 7) {
+    const uint32_t bits = take_byte(data);
+    value |= (bits & 127) << shift;
+    if (bits < 128) break;
+  }
+  return value;
+}
+
+/// 0, 1, 2, 3... for 0, -1, 1, -2...
+uint32_t unzigzag(uint32_t value) {
+  return value >> 1 ^ (0u - (value & 1));
+}
+
+template <class State>
+State load_state(const MeshoptPlace& at) {
+  static_assert(sizeof(State) <= sizeof at.state);
+  return format::load<State>(at.state.data());
+}
+
+// A byte of code for each triangle, then what codes ask for beyond it (data), then 16 codes of corners that are used
+// often. Corners are new (counted on), taken from the last 16 edges and vertices, or told as the difference to the one
+// that was told last.
+constexpr size_t kTableBytes = 16;
+constexpr size_t kMostTriangleData = 16;  // a byte for three corners, and five for each
+
+struct TriangleState {
+  std::array<std::array<uint32_t, 2>, 16> edges;  // rings, written at edge_at and vertex_at
+  std::array<uint32_t, 16> vertices;
+  uint32_t edge_at, vertex_at;
+  uint32_t next, last;  // new vertex, and the one that was told last
+  uint32_t told_from;   // corners beside an edge from this code on are told, smaller ones new or among the last
+  std::array<std::byte, kTableBytes> table;
+
+  void push_vertex(uint32_t vertex, bool is_new) {
+    vertices[vertex_at] = vertex;  // where it is not new, in the place that is written next, which nothing reads
+    vertex_at = (vertex_at + is_new) & 15;
+  }
+  void push_edge(uint32_t a, uint32_t b) {
+    edges[edge_at] = {a, b};
+    edge_at = (edge_at + 1) & 15;
+  }
+  /// The vertex that came as the `age`-th of the last ones, from 1.
+  uint32_t recent(uint32_t age) const { return vertices[(vertex_at - age) & 15]; }
+  uint32_t new_or_recent(uint32_t age) {
+    const uint32_t vertex = age == 0 ? next : recent(age);
+    next += age == 0;
+    return vertex;
+  }
+  uint32_t told(const std::byte*& data) { return last += unzigzag(take_varint(data)); }
+};
+
+template <class Index>
+void store_triangle(std::byte*& out, uint32_t a, uint32_t b, uint32_t c) {
+  format::store(out, static_cast<Index>(a));
+  format::store(out + sizeof(Index), static_cast<Index>(b));
+  format::store(out + 2 * sizeof(Index), static_cast<Index>(c));
+  out += 3 * sizeof(Index);
+}
+
+/// Unpacks triangles while there are codes, and data up to `last_data`; returns how many. `data` is moved on. Each
+/// takes at most kMostTriangleData from where it begins.
+template <class Index>
+size_t decode_triangles(TriangleState& state, std::span<const std::byte> codes, const std::byte*& data,
+                        const std::byte* last_data, std::byte* out) {
+  TriangleState s = state;  // in registers, as far as they go
+  const std::byte* from = data;
+  size_t done = 0;
+  for (; done < codes.size() && from <= last_data; ++done) {
+    const uint32_t code = std::to_integer<uint32_t>(codes[done]);
+    uint32_t a, b, c;
+    if (code < 0xf0) {
+      const std::array<uint32_t, 2> edge = s.edges[(s.edge_at - 1 - (code >> 4)) & 15];
+      a = edge[0];
+      b = edge[1];
+      const uint32_t third = code & 15;
+      if (third < s.told_from) {
+        // Age 0 is the new one, so that others count from 1 on; here the last but one has code 1.
+        const uint32_t recent = s.recent(third + 1);
+        c = third == 0 ? s.next : recent;
+        s.next += third == 0;
+        s.push_vertex(c, third == 0);
+      } else {
+        c = third == 15 ? s.told(from) : third == 14 ? ++s.last : --s.last;
+        s.push_vertex(c, true);
+      }
+    } else {
+      const uint32_t ages = code < 0xfe ? std::to_integer<uint32_t>(s.table[code & 15]) : take_byte(from);
+      const bool is_free = code >= 0xfe;
+      if (is_free && ages == 0) s.next = 0;
+      const uint32_t age_b = ages >> 4, age_c = ages & 15;
+      const bool told_a = code == 0xff, told_b = is_free && age_b == 15, told_c = is_free && age_c == 15;
+      a = told_a ? 0 : s.next++;
+      b = s.new_or_recent(age_b);
+      c = s.new_or_recent(age_c);
+      if (told_a) a = s.told(from);
+      if (told_b) b = s.told(from);
+      if (told_c) c = s.told(from);
+      s.push_vertex(a, true);
+      s.push_vertex(b, age_b == 0 || told_b);
+      s.push_vertex(c, age_c == 0 || told_c);
+      s.push_edge(b, a);
+    }
+    s.push_edge(c, b);
+    s.push_edge(a, c);
+    store_triangle<Index>(out, a, b, c);
+  }
+  state = s;
+  data = from;
+  return done;
+}
+
+class TriangleStream final : public MeshoptStream {
+ public:
+  using MeshoptStream::MeshoptStream;
+
+  uint64_t granularity() const override { return 3; }
+
+  Result<void> unpack(MeshoptPlace& at, uint64_t first, std::span<std::byte> out) const override {
+    const uint64_t bytes = 3 * stated().stride, count = out.size() / bytes;
+    const uint64_t codes_at = stated().offset + 1 + first / 3;
+    PieceReader codes(source(), codes_at, codes_at + count), data(source(), stated().offset + at.offset, end());
+    TriangleState state = load_state<TriangleState>(at);
+    for (uint64_t done = 0; done < count;) {
+      if (auto read = codes.want(1); !read) return read;
+      if (auto read = data.want(kMostTriangleData); !read) return read;
+      if (data.size() < kMostTriangleData) return ends_early();
+      const auto decode = stated().stride == 2 ? decode_triangles<uint16_t> : decode_triangles<uint32_t>;
+      const std::byte* from = data.data();
+      const size_t more = decode(state, {codes.data(), codes.size()}, from,
+                                 data.data() + data.size() - kMostTriangleData, out.data() + done * bytes);
+      codes.skip(more);
+      data.skip(static_cast<size_t>(from - data.data()));
+      done += more;
+    }
+    at.offset = data.offset() - stated().offset;
+    format::store(at.state.data(), state);
+    if (first / 3 + count == stated().count / 3 && at.offset + kTableBytes != stated().bytes) return has_more();
+    return {};
+  }
+
+ private:
+  Result<MeshoptPlace> start(uint32_t version) const override {
+    const uint64_t triangles = stated().count / 3;
+    if (stated().bytes < kTableBytes + 1 || stated().bytes - kTableBytes - 1 < triangles) return ends_early();
+    MeshoptPlace at{};
+    at.offset = 1 + triangles;
+    TriangleState state{};
+    state.edges.fill({~0u, ~0u});
+    state.vertices.fill(~0u);
+    state.told_from = version == 0 ? 15 : 13;
+    if (auto read = source().read(end() - kTableBytes, state.table); !read) return read.error();
+    format::store(at.state.data(), state);
+    return at;
+  }
+};
+
+// Each index is the difference to the one before it of two series, which the lowest bit chooses.
+constexpr size_t kTailBytes = 4;
+constexpr size_t kMostIndexBytes = 5;
+
+using IndexState = std::array<uint32_t, 2>;
+
+template <class Index>
+size_t decode_indices(IndexState& state, size_t count, const std::byte*& data, const std::byte* last_data,
+                      std::byte* out) {
+  IndexState last = state;
+  const std::byte* from = data;
+  size_t done = 0;
+  for (; done < count && from <= last_data; ++done) {
+    const uint32_t value = take_varint(from);
+    const uint32_t index = last[value & 1] += unzigzag(value >> 1);
+    format::store(out + done * sizeof(Index), static_cast<Index>(index));
+  }
+  state = last;
+  data = from;
+  return done;
+}
+
+class IndexStream final : public MeshoptStream {
+ public:
+  using MeshoptStream::MeshoptStream;
+
+  uint64_t granularity() const override { return 1; }
+
+  Result<void> unpack(MeshoptPlace& at, uint64_t first, std::span<std::byte> out) const override {
+    const uint64_t count = out.size() / stated().stride;
+    PieceReader data(source(), stated().offset + at.offset, end());
+    IndexState state = load_state<IndexState>(at);
+    for (uint64_t done = 0; done < count;) {
+      if (auto read = data.want(kMostIndexBytes); !read) return read;
+      if (data.size() < kMostIndexBytes) return ends_early();
+      const auto decode = stated().stride == 2 ? decode_indices<uint16_t> : decode_indices<uint32_t>;
+      const std::byte* from = data.data();
+      done += decode(state, count - done, from, data.data() + data.size() - kMostIndexBytes,
+                     out.data() + done * stated().stride);
+      data.skip(static_cast<size_t>(from - data.data()));
+    }
+    at.offset = data.offset() - stated().offset;
+    format::store(at.state.data(), state);
+    if (first + count == stated().count && at.offset + kTailBytes != stated().bytes) return has_more();
+    return {};
+  }
+
+ private:
+  Result<MeshoptPlace> start(uint32_t /*version*/) const override {
+    if (stated().bytes < kTailBytes + 1 || stated().bytes - kTailBytes - 1 < stated().count) return ends_early();
+    MeshoptPlace at{};
+    at.offset = 1;
+    return at;
+  }
+};
+
+}  // namespace
+
+std::unique_ptr<const MeshoptStream> triangle_stream(const DocMeshopt& stated,
+                                                     std::shared_ptr<const ByteSource> source) {
+  return std::make_unique<TriangleStream>(stated, std::move(source));
+}
+
+std::unique_ptr<const MeshoptStream> index_stream(const DocMeshopt& stated, std::shared_ptr<const ByteSource> source) {
+  return std::make_unique<IndexStream>(stated, std::move(source));
+}
+
+}  // namespace scree::convert

@@ -1,0 +1,194 @@
+#include "tools/gltf/meshopt_source.h"
+
+#include <algorithm>
+#include <atomic>
+#include <cstddef>
+#include <cstring>
+#include <mutex>
+#include <new>
+#include <optional>
+#include <span>
+#include <string>
+#include <utility>
+
+#include "format/bytes.h"
+#include "tools/gltf/meshopt_stream.h"
+#include "tools/gltf/meshopt_windows.h"
+
+namespace scree::convert {
+namespace {
+
+using Mode = DocMeshopt::Mode;
+using Filter = DocMeshopt::Filter;
+
+std::string number(uint64_t value) {
+  return std::to_string(value);
+}
+
+/// The fewest bytes that a stream of `count` elements takes; none where that passes 64 bits.
+std::optional<uint64_t> fewest_bytes(Mode mode, uint64_t count, uint64_t stride) {
+  // Attributes: a bit-width of two bits for 16 values of every byte of an element. Triangles: a byte each and a table
+  // of 16. Indices: a byte each and a tail of 4. All behind a byte of header.
+  if (mode == Mode::kTriangles) return 1 + count / 3 + 16;
+  if (mode == Mode::kIndices) return format::checked_add(count, 5);
+  const auto bytes = format::checked_mul(count, stride);
+  return bytes ? std::optional<uint64_t>(1 + *bytes / 64) : std::nullopt;
+}
+
+Result<void> check_stride(const DocMeshopt& stated) {
+  const uint64_t stride = stated.stride;
+  const auto fail = [&](const char* expected) {
+    return Error{ErrorCode::kFormat, "byteStride is " + number(stride) + ", expected " + expected};
+  };
+  if (stated.mode != Mode::kAttributes) {
+    if (stride != 2 && stride != 4) return fail("2 or 4 for indices");
+    return {};
+  }
+  if (stride == 0 || stride > 256 || stride % 4 != 0) return fail("a multiple of 4 up to 256");
+  if (stated.filter == Filter::kOctahedral && stride != 4 && stride != 8) return fail("4 or 8 for OCTAHEDRAL");
+  if (stated.filter == Filter::kQuaternion && stride != 8) return fail("8 for QUATERNION");
+  return {};
+}
+
+}  // namespace
+
+Result<void> check_meshopt(const DocMeshopt& stated, uint64_t view_bytes, uint64_t view_stride) {
+  if (stated.unknown_mode.has_value())
+    return Error{ErrorCode::kFormat,
+                 "mode is \"" + *stated.unknown_mode + "\", expected ATTRIBUTES, TRIANGLES or INDICES"};
+  if (stated.mode != Mode::kAttributes && stated.filter != Filter::kNone)
+    return Error{ErrorCode::kFormat, std::string("a filter, but the mode is ") + mode_name(stated.mode)};
+  if (auto checked = check_stride(stated); !checked) return checked;
+  if (view_stride != 0 && view_stride != stated.stride)
+    return Error{ErrorCode::kFormat,
+                 "byteStride is " + number(stated.stride) + ", but the buffer view's is " + number(view_stride)};
+  if (stated.mode == Mode::kTriangles && stated.count % 3 != 0)
+    return Error{ErrorCode::kFormat, "count is " + number(stated.count) + ", expected a multiple of 3 for TRIANGLES"};
+  const auto unpacked = format::checked_mul(stated.count, stated.stride);
+  if (!unpacked || *unpacked != view_bytes)
+    return Error{ErrorCode::kRange, number(stated.count) + " elements of " + number(stated.stride) +
+                                        " bytes, but the buffer view has " + number(view_bytes) + " bytes"};
+  const auto fewest = fewest_bytes(stated.mode, stated.count, stated.stride);
+  if (!fewest || *fewest > stated.bytes)
+    return Error{ErrorCode::kTruncated,
+                 number(stated.count) + " elements do not fit into " + number(stated.bytes) + " bytes"};
+  return {};
+}
+
+namespace {
+
+class WindowedView final : public MeshoptView {
+ public:
+  WindowedView(const DocMeshopt& stated, std::shared_ptr<const ByteSource> stream, std::shared_ptr<KeptWindows> kept,
+               uint64_t window_bytes)
+      : size_(stated.count * stated.stride),
+        stride_(stated.stride),
+        stream_(MeshoptStream::make(stated, std::move(stream))),
+        kept_(std::move(kept)) {
+    const uint64_t together = stream_->granularity() * stride_;
+    window_bytes_ = std::max<uint64_t>(window_bytes / together, 1) * together;
+    windows_ = size_ / window_bytes_ + (size_ % window_bytes_ != 0);
+    capacity_ = windows_ > 1 ? std::max(window_bytes, window_bytes_) : size_;
+  }
+  ~WindowedView() override { kept_->forget(this, reached_.load() + 1); }  // one more may not have worked
+
+  uint64_t size() const override { return size_; }
+  const std::string& path() const override { return stream_->path(); }
+  PackedViewMemory memory() const override {
+    return {capacity_ + MeshoptStream::kScratchBytes, windows_ * sizeof(MeshoptPlace),
+            windows_ * (capacity_ + KeptWindows::kEntryBytes)};
+  }
+
+  Result<void> read(uint64_t offset, std::span<std::byte> out) const override {
+    if (!format::range_within(offset, out.size(), size_))
+      return Error{ErrorCode::kTruncated, "read of " + number(out.size()) + " bytes at " + number(offset) +
+                                              ", but the buffer view has " + number(size_)};
+    try {
+      while (!out.empty()) {
+        const auto window = unpacked(offset / window_bytes_);
+        if (!window) return window.error();
+        const auto from = (*window)->all().subspan(offset % window_bytes_);
+        const size_t bytes = std::min(out.size(), from.size());
+        std::memcpy(out.data(), from.data(), bytes);
+        offset += bytes;
+        out = out.subspan(bytes);
+      }
+    } catch (const std::bad_alloc&) {
+      return Error{ErrorCode::kMemory, stream_->name() + ": no memory to unpack it"};
+    }
+    return {};
+  }
+
+ private:
+  using Window = std::shared_ptr<MeshoptWindow>;
+
+  Result<Window> unpacked(uint64_t index) const {
+    while (reached_.load(std::memory_order_acquire) <= index) {
+      // Held for one window at a time: what others wait for may be there before all of them are.
+      const std::lock_guard<std::mutex> lock(reaching_);
+      const uint64_t next = reached_.load(std::memory_order_relaxed);
+      if (next > index) break;
+      auto window = reach(next);
+      if (!window || next == index) return window;
+    }
+    Window window = take(index);
+    const std::lock_guard<std::mutex> lock(window->mutex);  // others that want it wait
+    if (window->is_unpacked) return window;
+    MeshoptPlace at = places_[index];
+    if (auto done = unpack(index, at, *window); !done) return done.error();
+    return window;
+  }
+
+  /// Unpacks the first window that never was, which tells where the next one begins.
+  Result<Window> reach(uint64_t index) const {
+    if (index == 0) {
+      places_.reset(new MeshoptPlace[windows_]);  // not set: those that are never reached take no memory
+      auto begin = stream_->begin();
+      if (!begin) return begin.error();
+      places_[0] = *begin;
+    }
+    Window window = take(index);
+    const std::lock_guard<std::mutex> lock(window->mutex);
+    MeshoptPlace at = places_[index];
+    if (auto done = unpack(index, at, *window); !done) return done.error();
+    if (index + 1 < windows_) places_[index + 1] = at;
+    reached_.store(index + 1, std::memory_order_release);
+    return window;
+  }
+
+  Window take(uint64_t index) const {
+    return kept_->take(this, index, std::min(window_bytes_, size_ - index * window_bytes_), capacity_);
+  }
+
+  Result<void> unpack(uint64_t index, MeshoptPlace& at, MeshoptWindow& window) const {
+    if (auto done = stream_->unpack(at, index * (window_bytes_ / stride_), window.all()); !done) return done;
+    stream_->undo_filter(window.all());
+    window.is_unpacked = true;
+    return {};
+  }
+
+  const uint64_t size_;
+  const uint64_t stride_;
+  const std::unique_ptr<const MeshoptStream> stream_;
+  const std::shared_ptr<KeptWindows> kept_;
+  uint64_t window_bytes_;
+  uint64_t windows_;
+  uint64_t capacity_;  // of a window: the same for all views of several, so that one takes the memory of another
+
+  // Only whoever holds reaching_ touches places and windows from number reached_ on; the others stay as they are.
+  mutable std::mutex reaching_;
+  mutable std::unique_ptr<MeshoptPlace[]> places_;  // of each window's first element
+  mutable std::atomic<uint64_t> reached_ = 0;       // windows that were unpacked
+};
+
+}  // namespace
+
+MeshoptCache::MeshoptCache(uint64_t kept_bytes, uint64_t window_bytes)
+    : kept_(std::make_shared<KeptWindows>(kept_bytes)), window_bytes_(window_bytes) {}
+
+std::shared_ptr<const MeshoptView> MeshoptCache::view(const DocMeshopt& stated,
+                                                      std::shared_ptr<const ByteSource> stream) const {
+  return std::make_shared<WindowedView>(stated, std::move(stream), kept_, window_bytes_);
+}
+
+}  // namespace scree::convert

@@ -1,0 +1,111 @@
+// A stream of EXT_meshopt_compression, unpacked some elements at a time. Going on takes no more than a place in it, so
+// that any part can be unpacked again from the place before it.
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <span>
+#include <string>
+#include <utility>
+
+#include "format/result.h"
+#include "tools/gltf/document.h"
+#include "tools/gltf/source.h"
+
+namespace scree::convert {
+
+/// Where a stream goes on between two elements.
+struct MeshoptPlace {
+  uint64_t offset;                   // in the stream, of the next block, triangle's data or index
+  std::array<std::byte, 256> state;  // of the decoder, each mode's own
+};
+
+const char* mode_name(DocMeshopt::Mode mode);
+
+/// A stream of any mode. Threads may unpack from different places of it at the same time.
+class MeshoptStream {
+ public:
+  /// Memory of one call of unpack(), beside its output.
+  static constexpr uint64_t kScratchBytes = 160 << 10;
+
+  /// `stated` has passed check_meshopt(); the stream is [stated.offset, stated.offset + stated.bytes) of `source`.
+  static std::unique_ptr<const MeshoptStream> make(const DocMeshopt& stated, std::shared_ptr<const ByteSource> source);
+
+  MeshoptStream(const DocMeshopt& stated, std::shared_ptr<const ByteSource> source)
+      : stated_(stated), source_(std::move(source)) {}
+  virtual ~MeshoptStream() = default;
+  MeshoptStream(const MeshoptStream&) = delete;
+  MeshoptStream& operator=(const MeshoptStream&) = delete;
+
+  /// Elements that are coded together.
+  virtual uint64_t granularity() const = 0;
+
+  /// The place of the first element. Errors: those of reading; kFormat (no stream of that mode); kUnsupported (a
+  /// version that is not read); kTruncated.
+  Result<MeshoptPlace> begin() const;
+
+  /// Unpacks the out.size() / stride elements from number `first` on. `at`: their place; afterwards that of the element
+  /// behind them. Filters are not undone. Only what ends with the last element may be no multiple of granularity().
+  /// Errors, after which `at` and `out` are unspecified: those of reading; kTruncated: the stream ends before them;
+  /// kTrailing: it does not end behind the last element. A whole stream has the same error however it is cut.
+  virtual Result<void> unpack(MeshoptPlace& at, uint64_t first, std::span<std::byte> out) const = 0;
+
+  /// Undoes the filter, of any elements.
+  void undo_filter(std::span<std::byte> elements) const;
+
+  /// "buffer view 3: EXT_meshopt_compression", for messages.
+  std::string name() const;
+
+  /// Of the file that it lies in.
+  const std::string& path() const { return source_->path(); }
+
+ protected:
+  /// The place of the first element of a stream of that version. Errors: those of reading, kTruncated.
+  virtual Result<MeshoptPlace> start(uint32_t version) const = 0;
+
+  const DocMeshopt& stated() const { return stated_; }
+  const ByteSource& source() const { return *source_; }
+  uint64_t end() const { return stated_.offset + stated_.bytes; }  // in source()
+  Error ends_early() const;
+  Error has_more() const;
+
+ private:
+  const DocMeshopt stated_;
+  const std::shared_ptr<const ByteSource> source_;
+};
+
+std::unique_ptr<const MeshoptStream> attribute_stream(const DocMeshopt& stated,
+                                                      std::shared_ptr<const ByteSource> source);
+std::unique_ptr<const MeshoptStream> triangle_stream(const DocMeshopt& stated,
+                                                     std::shared_ptr<const ByteSource> source);
+std::unique_ptr<const MeshoptStream> index_stream(const DocMeshopt& stated, std::shared_ptr<const ByteSource> source);
+
+/// [at, end) of a source, read front to back in pieces.
+class PieceReader {
+ public:
+  static constexpr size_t kPieceBytes = 64 << 10;
+  static constexpr size_t kRoomBefore = 1;    // in front of data(), and
+  static constexpr size_t kRoomBehind = 256;  // behind the last byte: may be written
+
+  PieceReader(const ByteSource& source, uint64_t at, uint64_t end) : source_(source), next_(at), end_(end) {}
+
+  /// Reads on where fewer than `bytes` (at most kPieceBytes) are there and more are to come. Errors: those of reading.
+  Result<void> want(size_t bytes);
+
+  std::byte* data() { return bytes_.data() + first_; }
+  size_t size() const { return last_ - first_; }
+  bool is_at_end() const { return next_ == end_; }  // nothing is to come
+  void skip(size_t bytes) { first_ += bytes; }
+  uint64_t offset() const { return next_ - size(); }  // of data(), in the source
+
+ private:
+  const ByteSource& source_;
+  uint64_t next_;
+  const uint64_t end_;
+  size_t first_ = kRoomBefore, last_ = kRoomBefore;
+  std::array<std::byte, kRoomBefore + kPieceBytes + kRoomBehind> bytes_;  // not set: it is large
+};
+
+}  // namespace scree::convert

@@ -1,0 +1,558 @@
+#include "tools/gltf/source.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <exception>
+#include <limits>
+#include <map>
+#include <new>
+#include <numbers>
+#include <string_view>
+#include <utility>
+
+#include "format/bytes.h"
+#include "tools/common/memory_use.h"
+#include "tools/gltf/buffers.h"
+#include "tools/gltf/byte_source.h"
+#include "tools/gltf/check.h"
+#include "tools/gltf/document.h"
+#include "tools/gltf/glb.h"
+#include "tools/gltf/json.h"
+#include "tools/gltf/materials.h"
+#include "tools/gltf/nodes.h"
+
+namespace scree::convert {
+namespace {
+
+using format::kNone;
+
+std::string counted(uint64_t count, const char* one, const char* many) {
+  return std::to_string(count) + " " + (count == 1 ? one : many);
+}
+
+// Extensions a document may require. The first six are read, the others change only how a surface is lit or what a
+// file says about itself: without them every triangle keeps its place and its base colour.
+constexpr std::string_view kSupported[] = {"KHR_mesh_quantization",   "KHR_texture_transform",
+                                           "KHR_materials_unlit",     "EXT_mesh_gpu_instancing",
+                                           "EXT_meshopt_compression", "KHR_meshopt_compression"};
+constexpr std::string_view kLookOnly[] = {"KHR_lights_punctual",
+                                          "KHR_materials_anisotropy",
+                                          "KHR_materials_clearcoat",
+                                          "KHR_materials_diffuse_transmission",
+                                          "KHR_materials_dispersion",
+                                          "KHR_materials_emissive_strength",
+                                          "KHR_materials_ior",
+                                          "KHR_materials_iridescence",
+                                          "KHR_materials_pbrSpecularGlossiness",
+                                          "KHR_materials_sheen",
+                                          "KHR_materials_specular",
+                                          "KHR_materials_transmission",
+                                          "KHR_materials_variants",
+                                          "KHR_materials_volume",
+                                          "KHR_xmp_json_ld",
+                                          "EXT_lights_ies",
+                                          "EXT_lights_image_based"};
+
+const char* hint(std::string_view extension) {
+  if (extension == "KHR_draco_mesh_compression") return ": decode it first, for example with gltf-transform";
+  if (extension == "KHR_texture_basisu" || extension == "EXT_texture_webp" || extension == "MSFT_texture_dds")
+    return ": its textures must be PNG or JPEG";
+  return "";
+}
+
+Result<void> check_extensions(const GltfDocument& document, SourceScene& scene) {
+  std::string ignored;
+  for (const std::string& name : document.extensions_required) {
+    if (std::find(std::begin(kSupported), std::end(kSupported), name) != std::end(kSupported)) continue;
+    if (std::find(std::begin(kLookOnly), std::end(kLookOnly), name) == std::end(kLookOnly)) {
+      std::string shown = name.substr(0, 80);
+      for (char& c : shown) c = static_cast<unsigned char>(c) < 0x20 ? '?' : c;
+      return Error{ErrorCode::kUnsupported, "required extension " + shown + " is not read" + hint(name)};
+    }
+    ignored += (ignored.empty() ? "" : ", ") + name;
+  }
+  if (!ignored.empty())
+    scene.warnings.push_back("required extensions that only change shading are left out: " + ignored);
+  return {};
+}
+
+// The bookkeeping of what is not taken over.
+class LeftOutList {
+ public:
+  LeftOutList(const GltfDocument& document, const GltfBuffers& buffers)
+      : buffers_(buffers), seen_(document.accessors.size(), false) {}
+
+  /// An accessor that is taken over: its bytes count nowhere below.
+  void keep(const Accessor& accessor) { seen_[accessor.index] = true; }
+
+  void add(const std::string& what, uint64_t count) { entries_[what].count += count; }
+
+  // Counts an accessor the first time it comes up, its bytes with it.
+  void add_accessor(const std::string& what, int32_t accessor) {
+    if (take(accessor)) ++entries_[what].count;
+    add_bytes(what, accessor);
+  }
+
+  // Only the bytes: where something else is counted.
+  void add_accessor_bytes(const std::string& what, int32_t accessor) {
+    take(accessor);
+    add_bytes(what, accessor);
+  }
+
+  uint64_t count(const std::string& what) const {
+    const auto found = entries_.find(what);
+    return found == entries_.end() ? 0 : found->second.count;
+  }
+
+  void move_to(SourceScene& scene) const {
+    for (const auto& [what, entry] : entries_) {
+      if (entry.count > 0) scene.left_out.push_back({what, entry.count, entry.bytes, entry.elements});
+    }
+  }
+
+ private:
+  struct Entry {
+    uint64_t count = 0;
+    uint64_t bytes = 0;
+    uint64_t elements = 0;
+  };
+
+  bool take(int32_t accessor) {
+    fresh_ = accessor >= 0 && static_cast<size_t>(accessor) < seen_.size() && !seen_[static_cast<size_t>(accessor)];
+    if (fresh_) seen_[static_cast<size_t>(accessor)] = true;
+    return fresh_;
+  }
+
+  void add_bytes(const std::string& what, int32_t accessor) {
+    if (!fresh_) return;
+    Entry& entry = entries_[what];
+    entry.bytes = format::checked_add(entry.bytes, buffers_.stated_bytes(accessor)).value_or(entry.bytes);
+    entry.elements = format::checked_add(entry.elements, buffers_.stated_count(accessor)).value_or(entry.elements);
+  }
+
+  const GltfBuffers& buffers_;
+  std::vector<bool> seen_;
+  bool fresh_ = false;
+  std::map<std::string, Entry> entries_;
+};
+
+// The kind of a vertex attribute for the list of what is left out: documents may name thousands of their own.
+std::string attribute_kind(const std::string& name) {
+  for (const char* known : {"NORMAL", "TANGENT", "POSITION"}) {
+    if (name == known) return name;
+  }
+  for (const std::string_view prefix : {"TEXCOORD_", "COLOR_", "JOINTS_", "WEIGHTS_"}) {
+    if (name.size() == prefix.size() + 1 && name.compare(0, prefix.size(), prefix) == 0 && name.back() >= '0' &&
+        name.back() <= '9')
+      return name;
+  }
+  return !name.empty() && name[0] == '_' ? "application-specific attributes" : "other attributes";
+}
+
+class Importer {
+ public:
+  Importer(const GltfDocument& document, std::string folder, std::shared_ptr<const ByteSource> bin,
+           const ImportOptions& options, SourceScene& scene)
+      : document_(document),
+        buffers_(document, std::move(folder), std::move(bin), options.kept_view_bytes),
+        scene_(scene),
+        left_out_(document, buffers_) {}
+
+  Result<void> run(const ImportOptions& options) {
+    if (auto checked = check_extensions(document_, scene_); !checked) return checked;
+    if (auto checked = check_document(document_); !checked) return checked;
+    scene_.copyright = document_.copyright;
+    for (const DocBuffer& buffer : document_.buffers)
+      scene_.buffer_bytes = format::checked_add(scene_.buffer_bytes, buffer.bytes).value_or(scene_.buffer_bytes);
+
+    auto plan = plan_nodes(document_, options.exclude);
+    if (!plan) return plan.error();
+    if (plan->implied_scene) scene_.warnings.push_back("the document has no scene; its root nodes are taken as one");
+    if (!options.exclude.empty() && plan->excluded == 0)
+      scene_.warnings.push_back("--exclude \"" + options.exclude + "\" matches no node");
+    left_out_.add("excluded nodes", plan->excluded);
+    left_out_.add("nodes outside every scene", plan->outside);
+    scene_.scenes = plan->scenes;
+
+    if (auto made = make_cameras(); !made) return made;
+    if (auto made = make_primitives(*plan); !made) return made;
+    if (auto made = finish_primitives(); !made) return made;
+    count_left_out();
+    auto nodes = make_nodes(document_, *plan, group_of_mesh_, buffers_);
+    if (!nodes) return nodes.error();
+    scene_.nodes = std::move(nodes).value();
+    note_the_rest(*plan);
+    left_out_.move_to(scene_);
+    scene_.view_memory = buffers_.view_memory();
+    return {};
+  }
+
+ private:
+  Result<void> make_cameras() {
+    for (size_t i = 0; i < document_.cameras.size(); ++i) {
+      const DocCamera& from = document_.cameras[i];
+      NamedCamera camera;
+      camera.name = from.name;
+      camera.record.kind = from.orthographic ? format::CameraKind::kOrthographic : format::CameraKind::kPerspective;
+      camera.record.y = from.orthographic ? std::abs(from.y) : from.y;
+      camera.record.x = from.orthographic ? std::abs(from.x) : from.x;
+      camera.record.z_near = from.z_near;
+      camera.record.z_far = from.z_far;
+      const bool perspective = !from.orthographic;
+      const char* wrong = nullptr;
+      if (!(camera.record.y > 0) || (perspective && camera.record.y >= std::numbers::pi))
+        wrong = perspective ? "yfov is not between 0 and pi" : "ymag is 0";
+      else if (perspective ? camera.record.x < 0 : camera.record.x == 0)
+        wrong = perspective ? "aspectRatio is negative" : "xmag is 0";
+      else if (perspective ? !(from.z_near > 0) : !(from.z_near >= 0))
+        wrong = "znear is not positive";
+      else if ((from.z_far != 0 || from.orthographic) && from.z_far <= from.z_near)
+        wrong = "zfar is not past znear";
+      if (wrong != nullptr) return Error{ErrorCode::kRange, "camera " + std::to_string(i) + ": " + wrong};
+      scene_.cameras.push_back(std::move(camera));
+    }
+    return {};
+  }
+
+  // The triangles of every mesh that a kept node names. Material and texture coordinates follow in finish_primitives().
+  Result<void> make_primitives(const NodePlan& plan) {
+    std::vector<bool> used(document_.meshes.size(), false);
+    for (const uint32_t node : plan.order) {
+      if (const int32_t mesh = document_.nodes[node].mesh; mesh != kAbsent) used[static_cast<size_t>(mesh)] = true;
+    }
+    group_of_mesh_.assign(document_.meshes.size(), kNone);
+    material_used_.assign(document_.materials.size(), false);
+    for (uint32_t m = 0; m < document_.meshes.size(); ++m) {
+      if (!used[m]) {
+        left_out_.add("unused meshes", 1);
+        for (const DocPrimitive& primitive : document_.meshes[m].primitives) dropped_.emplace_back(nullptr, &primitive);
+        continue;
+      }
+      const DocMesh& mesh = document_.meshes[m];
+      const size_t before = scene_.primitives.size();
+      for (uint32_t p = 0; p < mesh.primitives.size(); ++p) {
+        if (auto made = make_primitive(mesh.primitives[p], m, p); !made)
+          return at("mesh " + std::to_string(m) + " primitive " + std::to_string(p), made.error());
+      }
+      if (scene_.primitives.size() == before) continue;
+      group_of_mesh_[m] = static_cast<uint32_t>(scene_.groups.size());
+      scene_.groups.push_back({mesh.name});
+    }
+    return {};
+  }
+
+  Result<void> make_primitive(const DocPrimitive& from, uint32_t mesh, uint32_t place) {
+    const int32_t position = find(from, "POSITION");
+    if (from.mode < 4) {
+      dropped_.emplace_back(from.mode == 0 ? "points" : "lines", &from);
+      return {};
+    }
+    if (position == kAbsent) {
+      dropped_.emplace_back("primitives without POSITION", &from);
+      return {};
+    }
+
+    Primitive to;
+    to.group = static_cast<uint32_t>(scene_.groups.size());
+    to.place = place;
+    to.mesh = mesh;
+    to.mode = static_cast<PrimitiveMode>(from.mode);
+    auto positions = attribute("POSITION", position, from.draco, kNone);
+    if (!positions) return positions.error();
+    to.positions = std::move(positions).value();
+    if (to.positions.count > std::numeric_limits<uint32_t>::max()) {
+      return Error{ErrorCode::kUnsupported,
+                   "POSITION has " + std::to_string(to.positions.count) + " vertices, at most 2^32 - 1 can be indexed"};
+    }
+    if (from.indices != kAbsent) {
+      auto indices = index_accessor(from.indices, from.draco);
+      if (!indices) return indices.error();
+      to.indices = std::move(indices).value();
+    }
+    if (to.triangle_count() == 0) {
+      dropped_.emplace_back("primitives without triangles", &from);
+      return {};
+    }
+    for (const auto& [name, slot] : {std::pair{"COLOR_0", &to.color}, std::pair{"NORMAL", &to.normal}}) {
+      const int32_t index = find(from, name);
+      if (index == kAbsent) continue;
+      auto accessor = attribute(name, index, from.draco, to.positions.count);
+      if (!accessor) return accessor.error();
+      *slot = std::move(accessor).value();
+    }
+    if (from.material != kAbsent) material_used_[static_cast<size_t>(from.material)] = true;
+    note_box(to);
+    scene_.primitives.push_back(std::move(to));
+    return {};
+  }
+
+  // A box of positions that several primitives share is that of none of them.
+  void note_box(Primitive& primitive) {
+    const DocBounds* const bounds = document_.bounds_of(primitive.positions.index);
+    if (bounds == nullptr) return;
+    const auto [user, is_first] = box_users_.try_emplace(bounds->accessor, scene_.primitives.size());
+    if (!is_first) {
+      scene_.primitives[user->second].stated_box.reset();
+      return;
+    }
+    primitive.stated_box.emplace();
+    for (size_t axis = 0; axis < 3; ++axis) {
+      primitive.stated_box->lo[axis] = float_of(primitive.positions, bounds->min[axis]);
+      primitive.stated_box->hi[axis] = float_of(primitive.positions, bounds->max[axis]);
+    }
+  }
+
+  Result<void> finish_primitives() {
+    auto materials = make_materials(document_, material_used_, buffers_, scene_);
+    if (!materials) return materials.error();
+    uint64_t without_uv = 0;
+    for (Primitive& to : scene_.primitives) {
+      const DocPrimitive& from = document_.meshes[to.mesh].primitives[to.place];
+      std::string uv_name;
+      if (from.material != kAbsent) {
+        const size_t material = static_cast<size_t>(from.material);
+        to.material = materials->place[material];
+        if (materials->textured[material])
+          uv_name = "TEXCOORD_" + std::to_string(document_.materials[material].base_texture.uv_set);
+      }
+      if (const int32_t index = uv_name.empty() ? kAbsent : find(from, uv_name); index != kAbsent) {
+        auto accessor = attribute(uv_name, index, from.draco, to.positions.count);
+        if (!accessor)
+          return at("mesh " + std::to_string(to.mesh) + " primitive " + std::to_string(to.place), accessor.error());
+        to.uv = std::move(accessor).value();
+      } else if (!uv_name.empty()) {
+        ++without_uv;
+      }
+    }
+    if (without_uv > 0) {
+      scene_.warnings.push_back(counted(without_uv, "primitive has", "primitives have") +
+                                " a textured material but not its texture coordinates");
+    }
+    return {};
+  }
+
+  int32_t find(const DocPrimitive& primitive, const std::string& name) const {
+    const auto found = std::lower_bound(primitive.attributes.begin(), primitive.attributes.end(), name,
+                                        [](const DocAttribute& a, const std::string& b) { return a.first < b; });
+    return found == primitive.attributes.end() || found->first != name ? kAbsent : found->second;
+  }
+
+  // Counts what kept primitives do not use and what primitives are dropped: after all that is kept is known, because
+  // accessors are shared.
+  void count_left_out() {
+    for (const Primitive& primitive : scene_.primitives) {
+      left_out_.keep(primitive.positions);
+      for (const auto* accessor : {&primitive.indices, &primitive.uv, &primitive.color}) {
+        if (*accessor) left_out_.keep(**accessor);
+      }
+    }
+    for (const Primitive& primitive : scene_.primitives) {
+      const DocPrimitive& from = document_.meshes[primitive.mesh].primitives[primitive.place];
+      for (const auto& [name, accessor] : from.attributes) left_out_.add_accessor(attribute_kind(name), accessor);
+      if (from.targets == 0) continue;
+      left_out_.add("morph targets", from.targets);
+      ++morphed_;
+      for (const int32_t accessor : from.target_accessors) left_out_.add_accessor_bytes("morph targets", accessor);
+    }
+    for (const auto& [why, from] : dropped_) {
+      const char* const what = why != nullptr ? why : "unused meshes";  // which count as meshes, not as primitives
+      if (why != nullptr) left_out_.add(what, 1);
+      for (const auto& [name, accessor] : from->attributes) left_out_.add_accessor_bytes(what, accessor);
+      if (from->indices != kAbsent) left_out_.add_accessor_bytes(what, from->indices);
+    }
+  }
+
+  Result<void> check_draco(bool draco, const Accessor& accessor) const {
+    if (!draco || accessor.source != nullptr || accessor.sparse) return {};
+    return Error{ErrorCode::kUnsupported, "accessor " + std::to_string(accessor.index) +
+                                              " has only Draco-compressed data, which scree does not read" +
+                                              hint("KHR_draco_mesh_compression")};
+  }
+
+  // A vertex attribute with the types glTF 2.0 (3.7.2.1) and KHR_mesh_quantization allow. `vertices`: of the primitive,
+  // or kNone for POSITION itself.
+  Result<Accessor> attribute(const std::string& name, int32_t index, bool draco, uint64_t vertices) {
+    auto accessor = buffers_.accessor(index);
+    if (!accessor) return at(name, accessor.error());
+    if (auto checked = check_draco(draco, *accessor); !checked) return at(name, checked.error());
+    const ComponentType type = accessor->type;
+    const bool is_float = type == ComponentType::kFloat32;
+    const bool is_byte = type == ComponentType::kInt8 || type == ComponentType::kUint8;
+    const bool is_short = type == ComponentType::kInt16 || type == ComponentType::kUint16;
+    const bool is_signed = type == ComponentType::kInt8 || type == ComponentType::kInt16;
+    const uint32_t components = accessor->components;
+    bool right = false;
+    bool plain = true;  // allowed without KHR_mesh_quantization
+    const char* expected = "";
+    if (name == "POSITION") {
+      right = components == 3 && (is_float || is_byte || is_short);
+      plain = is_float;
+      expected = "VEC3 of float, byte or short";
+    } else if (name == "NORMAL") {
+      right = components == 3 && (is_float || (is_signed && accessor->normalized));
+      plain = is_float;
+      expected = "VEC3 of float or normalised byte or short";
+    } else if (name == "COLOR_0") {
+      right = (components == 3 || components == 4) && (is_float || (!is_signed && (is_byte || is_short)));
+      expected = "VEC3 or VEC4 of float or normalised unsigned byte or short";
+      // Some writers forget the flag; as plain integers the colours would all be far above 1.
+      if (right && !is_float && !accessor->normalized) {
+        accessor->normalized = true;
+        ++unflagged_colors_;
+      }
+    } else {
+      right = components == 2 && (is_float || is_byte || is_short);
+      plain = is_float || (!is_signed && accessor->normalized);
+      expected = "VEC2 of float, byte or short";
+    }
+    if (!right) {
+      return Error{ErrorCode::kFormat, name + ": accessor " + std::to_string(index) + " has componentType " +
+                                           std::to_string(static_cast<int>(type)) + " and " +
+                                           std::to_string(components) + " components, expected " + expected};
+    }
+    if (!plain && !document_.uses("KHR_mesh_quantization")) ++undeclared_quantization_;
+    if (vertices != kNone && accessor->count != vertices) {
+      return Error{ErrorCode::kRange, name + ": accessor " + std::to_string(index) + " has " +
+                                          std::to_string(accessor->count) + " elements, but POSITION has " +
+                                          std::to_string(vertices)};
+    }
+    return accessor;
+  }
+
+  Result<Accessor> index_accessor(int32_t index, bool draco) {
+    auto accessor = buffers_.accessor(index);
+    if (!accessor) return at("indices", accessor.error());
+    if (auto checked = check_draco(draco, *accessor); !checked) return at("indices", checked.error());
+    const bool right = accessor->components == 1 &&
+                       (accessor->type == ComponentType::kUint8 || accessor->type == ComponentType::kUint16 ||
+                        accessor->type == ComponentType::kUint32);
+    if (!right) {
+      return Error{ErrorCode::kFormat, "indices: accessor " + std::to_string(index) + " has componentType " +
+                                           std::to_string(static_cast<int>(accessor->type)) + " and " +
+                                           std::to_string(accessor->components) +
+                                           " components, expected SCALAR of unsigned byte, short or int"};
+    }
+    return accessor;
+  }
+
+  void note_the_rest(const NodePlan& plan) {
+    const auto warn = [&](const std::string& line) { scene_.warnings.push_back(line); };
+    if (document_.skins > 0) {
+      left_out_.add("skins", document_.skins);
+      for (const int32_t accessor : document_.skin_accessors) left_out_.add_accessor_bytes("skins", accessor);
+      uint64_t skinned = 0;
+      for (const uint32_t node : plan.order) skinned += document_.nodes[node].skin != kAbsent ? 1 : 0;
+      warn(counted(document_.skins, "skin is", "skins are") +
+           " left out: " + counted(skinned, "node keeps its bind pose", "nodes keep their bind pose"));
+    }
+    if (document_.animations > 0) {
+      left_out_.add("animations", document_.animations);
+      for (const int32_t accessor : document_.animation_accessors) left_out_.add_accessor_bytes("animations", accessor);
+      warn(counted(document_.animations, "animation is", "animations are") + " left out");
+    }
+    if (morphed_ > 0) warn("morph targets of " + counted(morphed_, "primitive are", "primitives are") + " left out");
+    if (const uint64_t n = left_out_.count("points"); n > 0)
+      warn(counted(n, "primitive of points is", "primitives of points are") + " left out");
+    if (const uint64_t n = left_out_.count("lines"); n > 0)
+      warn(counted(n, "primitive of lines is", "primitives of lines are") + " left out");
+    if (const uint64_t n = left_out_.count("primitives without POSITION"); n > 0)
+      warn(counted(n, "primitive has", "primitives have") + " no POSITION and nothing to draw");
+    if (const uint64_t n = left_out_.count("primitives without triangles"); n > 0)
+      warn(counted(n, "primitive has", "primitives have") + " fewer than 3 vertices to draw");
+    if (undeclared_quantization_ > 0) {
+      warn(counted(undeclared_quantization_, "attribute has", "attributes have") +
+           " integer types that need KHR_mesh_quantization, which the document does not name");
+    }
+    if (unflagged_colors_ > 0)
+      warn(counted(unflagged_colors_, "COLOR_0 of integers is", "COLOR_0 of integers are") +
+           " not marked as normalised; taken so");
+  }
+
+  const GltfDocument& document_;
+  GltfBuffers buffers_;
+  SourceScene& scene_;
+  LeftOutList left_out_;
+  std::vector<uint32_t> group_of_mesh_;
+  std::vector<bool> material_used_;
+  std::map<uint32_t, size_t> box_users_;  // of accessors whose bounds are kept, the first primitive
+  std::vector<std::pair<const char*, const DocPrimitive*>> dropped_;  // why (null: of a mesh that is not used), what
+  uint64_t morphed_ = 0;
+  uint64_t undeclared_quantization_ = 0;
+  uint64_t unflagged_colors_ = 0;
+};
+
+std::string folder_of(const std::string& path) {
+  const size_t slash = path.rfind('/');
+  if (slash == std::string::npos) return ".";
+  return slash == 0 ? "/" : path.substr(0, slash);
+}
+
+// Leaves out what is around the JSON but no part of it: a byte order mark, which readers may ignore (RFC 8259 8.1), and
+// the zeros some writers pad a JSON chunk with instead of blanks.
+Result<void> trim_json(const ByteSource& file, GlbLayout& layout) {
+  std::array<std::byte, 3> bytes{};
+  if (layout.json_bytes >= bytes.size()) {
+    if (auto read = file.read(layout.json_offset, bytes); !read) return read;
+    if (bytes == std::array{std::byte{0xef}, std::byte{0xbb}, std::byte{0xbf}}) {
+      layout.json_offset += 3;
+      layout.json_bytes -= 3;
+    }
+  }
+  for (int i = 0; layout.is_glb && i < 4 && layout.json_bytes > 0; ++i) {
+    if (auto read = file.read(layout.json_offset + layout.json_bytes - 1, std::span(bytes).first(1)); !read)
+      return read;
+    if (bytes[0] != std::byte{0}) break;
+    --layout.json_bytes;
+  }
+  return {};
+}
+
+Result<SourceScene> import_checked(const std::string& path, const ImportOptions& options) {
+  auto file = open_file_source(path);
+  // Its message already names the path, as every message of import_gltf does.
+  if (!file) return Error{file.error().code, file.error().message.substr(path.size() + 2)};
+  auto layout = read_glb_layout(**file);
+  if (!layout) return layout.error();
+  if (layout->json_bytes == 0) return Error{ErrorCode::kFormat, "the file is empty"};
+  if (layout->json_bytes > options.max_json_bytes) {
+    return Error{ErrorCode::kMemory, "JSON of " + std::to_string(layout->json_bytes) + " bytes, at most " +
+                                         std::to_string(options.max_json_bytes) + " are read"};
+  }
+  const uint64_t least = layout->json_bytes < kLargeDocument ? 0 : tools::memory_use().anonymous + layout->json_bytes;
+  if (least > options.memory) return document_too_large(options.memory, layout->json_bytes, "more than", least);
+  if (auto trimmed = trim_json(**file, *layout); !trimmed) return trimmed.error();
+  auto text = read_json_text(**file, layout->json_offset, layout->json_bytes);
+  if (!text) return text.error();
+
+  SourceScene scene;
+  scene.file_name = path.substr(path.rfind('/') == std::string::npos ? 0 : path.rfind('/') + 1);
+  scene.json_bytes = layout->json_bytes;
+  auto document = read_document(std::move(text).value(), options.memory);
+  if (!document) return document.error();
+  std::shared_ptr<const ByteSource> bin;
+  if (layout->has_bin) bin = window_source(*file, layout->bin_offset, layout->bin_bytes);
+  Importer importer(*document, folder_of(path), std::move(bin), options, scene);
+  if (auto run = importer.run(options); !run) return run.error();
+  return scene;
+}
+
+}  // namespace
+
+Result<SourceScene> import_gltf(const std::string& path, const ImportOptions& options) {
+  Error error{ErrorCode::kFormat, {}};
+  try {
+    auto scene = import_checked(path, options);
+    if (scene) return scene;
+    error = scene.error();
+  } catch (const std::bad_alloc&) {
+    error = {ErrorCode::kMemory, "not enough memory for its document"};
+  } catch (const std::exception& exception) {
+    error = {ErrorCode::kFormat, exception.what()};
+  }
+  // Names and paths of the document stand in messages, and JSON strings hold line breaks and terminal codes as well.
+  for (char& c : error.message) c = static_cast<unsigned char>(c) < 0x20 || c == 0x7f ? '?' : c;
+  return at(path, error);
+}
+
+}  // namespace scree::convert

@@ -1,0 +1,602 @@
+#include "tools/gltf/writer.h"
+
+#include <algorithm>
+#include <cassert>
+#include <cctype>
+#include <cstring>
+#include <deque>
+#include <filesystem>
+#include <set>
+#include <tuple>
+
+#include "format/bytes.h"
+#include "format/container/part_file.h"
+#include "tools/common/json_writer.h"
+#include "tools/gltf/replacement.h"
+
+namespace scree::tools {
+namespace {
+
+using format::PartFile;
+
+constexpr uint64_t kGlbMaxBytes = 0xffffffffu;  // its length field has 32 bits
+constexpr uint64_t kGlbHeaderBytes = 12;
+constexpr uint64_t kGlbChunkHeaderBytes = 8;
+constexpr uint32_t kGlbMagic = 0x46546c67;  // "glTF"
+constexpr uint32_t kGlbJson = 0x4e4f534a;
+constexpr uint32_t kGlbBinary = 0x004e4942;
+constexpr size_t kDrainBytes = size_t{1} << 20;
+
+using Sampler = std::tuple<format::Wrap, format::Wrap, uint16_t, uint16_t>;
+constexpr Sampler kDefaultSampler{format::Wrap::kRepeat, format::Wrap::kRepeat, uint16_t{0}, uint16_t{0}};
+
+struct Image {
+  std::string name;
+  format::ImageCodec codec;
+  uint32_t buffer_view;  // or kNone: `uri`
+  std::string uri;
+};
+
+const char* type_name(GltfType type) {
+  switch (type) {
+    case GltfType::kScalar:
+      return "SCALAR";
+    case GltfType::kVec2:
+      return "VEC2";
+    case GltfType::kVec3:
+      return "VEC3";
+    case GltfType::kVec4:
+      break;
+  }
+  return "VEC4";
+}
+
+const char* mime_type(format::ImageCodec codec) {
+  return codec == format::ImageCodec::kJpeg ? "image/jpeg" : "image/png";
+}
+
+uint32_t wrap_number(format::Wrap wrap) {
+  switch (wrap) {
+    case format::Wrap::kMirror:
+      return 33648;
+    case format::Wrap::kClamp:
+      return 33071;
+    case format::Wrap::kRepeat:
+      break;
+  }
+  return 10497;
+}
+
+/// A file name as a relative URI (RFC 3986: what is not unreserved is percent-encoded).
+std::string uri_of(const std::string& file_name) {
+  constexpr char kHex[] = "0123456789ABCDEF";
+  std::string uri;
+  for (const char letter : file_name) {
+    const unsigned char byte = static_cast<unsigned char>(letter);
+    if (byte < 0x80 && (std::isalnum(byte) != 0 || std::strchr("-._~", letter) != nullptr)) {
+      uri += letter;
+    } else {
+      uri += '%';
+      uri += kHex[byte >> 4];
+      uri += kHex[byte & 15];
+    }
+  }
+  return uri;
+}
+
+/// `name` reduced to letters, digits, '-' and '_', at most 64 of them.
+std::string safe_name(std::string_view name) {
+  std::string safe;
+  for (const char letter : name.substr(0, 64)) {
+    const unsigned char byte = static_cast<unsigned char>(letter);
+    const bool kept = byte < 0x80 && (std::isalnum(byte) != 0 || letter == '-' || letter == '_');
+    safe += kept ? letter : '_';
+  }
+  return safe.empty() ? "image" : safe;
+}
+
+std::string lower_case(std::string text) {
+  for (char& letter : text) letter = static_cast<char>(std::tolower(static_cast<unsigned char>(letter)));
+  return text;
+}
+
+bool is_identity(const std::array<double, 16>& matrix) {
+  for (size_t i = 0; i < 16; ++i)
+    if (matrix[i] != (i % 5 == 0 ? 1.0 : 0.0)) return false;
+  return true;
+}
+
+template <class Numbers>
+void write_numbers(JsonWriter& json, std::string_view name, const Numbers& numbers) {
+  json.key(name);
+  json.begin_array();
+  for (const auto& number : numbers) json.value(number);
+  json.end_array();
+}
+
+void write_name(JsonWriter& json, const std::string& name) {
+  if (!name.empty()) json.member("name", name);
+}
+
+void write_attributes(JsonWriter& json, const std::vector<std::pair<std::string, uint32_t>>& attributes) {
+  json.key("attributes");
+  json.begin_object();
+  for (const auto& [semantic, accessor] : attributes) json.member(semantic, accessor);
+  json.end_object();
+}
+
+void write_buffer_view(JsonWriter& json, const GltfBufferView& view) {
+  json.member("buffer", uint64_t{0});
+  if (view.offset != 0) json.member("byteOffset", view.offset);
+  json.member("byteLength", view.bytes);
+  if (view.stride != 0) json.member("byteStride", view.stride);
+  if (view.target != GltfTarget::kNone) json.member("target", static_cast<uint64_t>(view.target));
+}
+
+void write_accessor(JsonWriter& json, const GltfAccessor& accessor) {
+  if (accessor.buffer_view != format::kNone) json.member("bufferView", accessor.buffer_view);
+  if (accessor.offset != 0) json.member("byteOffset", accessor.offset);
+  json.member("componentType", static_cast<uint64_t>(accessor.component));
+  if (accessor.normalized) json.member("normalized", true);
+  json.member("count", accessor.count);
+  json.member("type", type_name(accessor.type));
+  if (!accessor.min.empty()) write_numbers(json, "min", accessor.min);
+  if (!accessor.max.empty()) write_numbers(json, "max", accessor.max);
+}
+
+void write_mesh(JsonWriter& json, const GltfMesh& mesh) {
+  write_name(json, mesh.name);
+  json.key("primitives");
+  json.begin_array();
+  for (const GltfPrimitive& primitive : mesh.primitives) {
+    json.begin_object();
+    write_attributes(json, primitive.attributes);
+    if (primitive.indices != format::kNone) json.member("indices", primitive.indices);
+    if (primitive.material != format::kNone) json.member("material", primitive.material);
+    json.end_object();
+  }
+  json.end_array();
+}
+
+void write_node(JsonWriter& json, const GltfNode& node) {
+  write_name(json, node.name);
+  if (node.mesh != format::kNone) json.member("mesh", node.mesh);
+  if (node.camera != format::kNone) json.member("camera", node.camera);
+  const std::span<const double, 16> local(node.local);
+  if (node.has_matrix) {
+    if (!is_identity(node.local)) write_numbers(json, "matrix", local);
+  } else {
+    if (local[0] != 0 || local[1] != 0 || local[2] != 0) write_numbers(json, "translation", local.subspan(0, 3));
+    if (local[3] != 0 || local[4] != 0 || local[5] != 0 || local[6] != 1)
+      write_numbers(json, "rotation", local.subspan(3, 4));
+    if (local[7] != 1 || local[8] != 1 || local[9] != 1) write_numbers(json, "scale", local.subspan(7, 3));
+  }
+  if (!node.children.empty()) write_numbers(json, "children", node.children);
+  if (!node.instancing.empty()) {
+    json.key("extensions");
+    json.begin_object();
+    json.key("EXT_mesh_gpu_instancing");
+    json.begin_object();
+    write_attributes(json, node.instancing);
+    json.end_object();
+    json.end_object();
+  }
+}
+
+void write_camera(JsonWriter& json, const GltfCamera& camera) {
+  const bool perspective = camera.kind == format::CameraKind::kPerspective;
+  write_name(json, camera.name);
+  json.member("type", perspective ? "perspective" : "orthographic");
+  json.key(perspective ? "perspective" : "orthographic");
+  json.begin_object();
+  json.member(perspective ? "yfov" : "ymag", camera.y);
+  if (!perspective || camera.x != 0) json.member(perspective ? "aspectRatio" : "xmag", camera.x);
+  json.member("znear", camera.z_near);
+  if (!perspective || camera.z_far != 0) json.member("zfar", camera.z_far);
+  json.end_object();
+}
+
+bool has_transform(const GltfMaterial& material) {
+  const GltfTextureTransform& transform = material.transform;
+  return material.texture != format::kNone &&
+         (transform.offset[0] != 0 || transform.offset[1] != 0 || transform.scale[0] != 1 || transform.scale[1] != 1 ||
+          transform.rotation != 0);
+}
+
+void write_material(JsonWriter& json, const GltfMaterial& material) {
+  write_name(json, material.name);
+  json.key("pbrMetallicRoughness");
+  json.begin_object();
+  const auto& color = material.base_color;
+  if (color[0] != 1 || color[1] != 1 || color[2] != 1 || color[3] != 1) write_numbers(json, "baseColorFactor", color);
+  if (material.texture != format::kNone) {
+    json.key("baseColorTexture");
+    json.begin_object();
+    json.member("index", material.texture);
+    if (material.tex_coord != 0) json.member("texCoord", material.tex_coord);
+    if (has_transform(material)) {
+      json.key("extensions");
+      json.begin_object();
+      json.key("KHR_texture_transform");
+      json.begin_object();
+      write_numbers(json, "offset", material.transform.offset);
+      if (material.transform.rotation != 0) json.member("rotation", material.transform.rotation);
+      write_numbers(json, "scale", material.transform.scale);
+      json.end_object();
+      json.end_object();
+    }
+    json.end_object();
+  }
+  json.member("metallicFactor", 0.0);
+  json.end_object();
+  if (material.alpha != GltfAlpha::kOpaque)
+    json.member("alphaMode", material.alpha == GltfAlpha::kMask ? "MASK" : "BLEND");
+  if (material.alpha == GltfAlpha::kMask && material.alpha_cutoff != 0.5)
+    json.member("alphaCutoff", material.alpha_cutoff);
+  if (material.double_sided) json.member("doubleSided", true);
+  if (material.unlit) {
+    json.key("extensions");
+    json.begin_object();
+    json.key("KHR_materials_unlit");
+    json.begin_object();
+    json.end_object();
+    json.end_object();
+  }
+}
+
+void write_image(JsonWriter& json, const Image& image) {
+  write_name(json, image.name);
+  json.member("mimeType", mime_type(image.codec));
+  if (image.buffer_view != format::kNone)
+    json.member("bufferView", image.buffer_view);
+  else
+    json.member("uri", image.uri);
+}
+
+}  // namespace
+
+struct GltfWriter::State {
+  std::filesystem::path path;
+  bool glb = false;
+  std::string copyright;
+  PartFile document;
+  PartFile binary;
+  std::vector<PartFile> image_files;
+  std::set<std::string> image_names;  // in lower case: file systems that ignore case keep them apart too
+  uint64_t buffer_bytes = 0;
+  uint64_t image_bytes = 0;
+  uint64_t total_bytes = 0;
+
+  std::vector<GltfBufferView> buffer_views;
+  std::vector<GltfAccessor> accessors;
+  std::vector<GltfMesh> meshes;
+  std::deque<GltfNode> nodes;  // stable references, and no doubling of what is millions of nodes in large scenes
+  std::vector<GltfCamera> cameras;
+  std::vector<GltfMaterial> materials;
+  std::vector<GltfTexture> textures;
+  std::vector<Image> images;
+  std::vector<GltfScene> scenes;
+  uint32_t default_scene = 0;
+  std::set<std::string, std::less<>> extensions_used;
+  std::set<std::string, std::less<>> extensions_required;
+
+  std::string stem() const { return path.stem().string(); }
+  std::string sibling(const std::string& file_name) const { return (path.parent_path() / file_name).string(); }
+  /// Drops what was renamed before a later rename failed.
+  Result<void> commit_all();
+};
+
+namespace {
+
+template <class Item>
+uint32_t add(std::vector<Item>& items, Item item) {
+  items.push_back(std::move(item));
+  return static_cast<uint32_t>(items.size() - 1);
+}
+
+/// The document's text, drained to its file as it grows.
+class DocumentText {
+ public:
+  DocumentText(const PartFile& file, uint64_t offset) : json(text_), file_(file), end_(offset) {}
+
+  /// Writes `items` as the top-level array `name`; nothing where there are none (glTF allows no empty arrays).
+  template <class Items, class WriteItem>
+  Result<void> section(std::string_view name, const Items& items, const WriteItem& write_item) {
+    if (items.empty()) return {};
+    json.line();
+    json.key(name);
+    json.begin_array();
+    for (const auto& item : items) {
+      json.line();
+      json.begin_object();
+      write_item(json, item);
+      json.end_object();
+      if (text_.size() < kDrainBytes) continue;
+      if (Result<void> drained = drain(); !drained) return drained;
+    }
+    json.end_array();
+    return {};
+  }
+
+  Result<void> drain() {
+    const Result<void> written = file_.write_at(end_, std::as_bytes(std::span(text_)));
+    end_ += text_.size();
+    text_.clear();
+    return written;
+  }
+
+  /// Pads with `count` spaces.
+  void pad(uint64_t count) { text_.append(count, ' '); }
+  uint64_t end() const { return end_ + text_.size(); }
+
+ private:
+  std::string text_;
+
+ public:
+  JsonWriter json;
+
+ private:
+  const PartFile& file_;
+  uint64_t end_;
+};
+
+}  // namespace
+
+GltfWriter::GltfWriter(std::unique_ptr<State> state) : state_(std::move(state)) {}
+GltfWriter::GltfWriter(GltfWriter&&) noexcept = default;
+GltfWriter& GltfWriter::operator=(GltfWriter&&) noexcept = default;
+GltfWriter::~GltfWriter() = default;
+
+Result<GltfWriter> GltfWriter::create(const std::string& path, std::string_view copyright) {
+  auto state = std::make_unique<State>();
+  state->path = path;
+  const std::string extension = lower_case(state->path.extension().string());
+  if (extension != ".gltf" && extension != ".glb")
+    return Error{ErrorCode::kUsage, path + ": the output's name ends in .gltf or .glb"};
+  state->glb = extension == ".glb";
+  state->copyright = copyright;
+  Result<PartFile> document = PartFile::create(path);
+  if (!document) return document.error();
+  state->document = std::move(*document);
+  // A .glb begins with the JSON, whose length is known only at the end: until then its buffer lies in a file of its
+  // own.
+  Result<PartFile> binary = PartFile::create(state->glb ? path + ".bin" : state->sibling(state->stem() + ".bin"));
+  if (!binary) return binary.error();
+  if (state->glb)
+    if (const Result<void> hidden = binary->hide(); !hidden) return hidden.error();
+  state->binary = std::move(*binary);
+  return GltfWriter(std::move(state));
+}
+
+Result<uint64_t> GltfWriter::reserve(uint64_t bytes, uint64_t alignment) {
+  assert(alignment != 0 && (alignment & (alignment - 1)) == 0);
+  const uint64_t offset = format::align_up(state_->buffer_bytes, alignment);
+  const auto end = format::checked_add(offset, bytes);
+  if (!end || *end > uint64_t{1} << 62)
+    return Error{ErrorCode::kRange, state_->path.string() + ": a buffer of more than 2^62 bytes"};
+  if (state_->glb && *end > kGlbMaxBytes)
+    return Error{ErrorCode::kRange, state_->path.string() + ": " + std::to_string(*end) +
+                                        " bytes or more, but a .glb holds at most 4294967295 (name the output .gltf)"};
+  state_->buffer_bytes = *end;
+  return offset;
+}
+
+Result<void> GltfWriter::write_at(uint64_t offset, std::span<const std::byte> bytes) const {
+  assert(format::range_within(offset, bytes.size(), state_->buffer_bytes));
+  return state_->binary.write_at(offset, bytes);
+}
+
+Result<uint64_t> GltfWriter::append(std::span<const std::byte> bytes, uint64_t alignment) {
+  const Result<uint64_t> offset = reserve(bytes.size(), alignment);
+  if (!offset) return offset;
+  if (Result<void> written = write_at(*offset, bytes); !written) return written.error();
+  return offset;
+}
+
+uint64_t GltfWriter::buffer_bytes() const {
+  return state_->buffer_bytes;
+}
+
+uint32_t GltfWriter::add_buffer_view(const GltfBufferView& view) {
+  return add(state_->buffer_views, view);
+}
+uint32_t GltfWriter::add_accessor(GltfAccessor accessor) {
+  return add(state_->accessors, std::move(accessor));
+}
+uint32_t GltfWriter::add_mesh(GltfMesh mesh) {
+  return add(state_->meshes, std::move(mesh));
+}
+
+uint32_t GltfWriter::add_node(GltfNode added) {
+  if (!added.instancing.empty()) use_extension("EXT_mesh_gpu_instancing", true);
+  state_->nodes.push_back(std::move(added));
+  return static_cast<uint32_t>(state_->nodes.size() - 1);
+}
+
+GltfNode& GltfWriter::node(uint32_t index) {
+  return state_->nodes[index];
+}
+uint32_t GltfWriter::add_camera(GltfCamera camera) {
+  return add(state_->cameras, std::move(camera));
+}
+
+uint32_t GltfWriter::add_material(GltfMaterial material) {
+  if (has_transform(material)) use_extension("KHR_texture_transform", false);
+  if (material.unlit) use_extension("KHR_materials_unlit", false);
+  return add(state_->materials, std::move(material));
+}
+
+uint32_t GltfWriter::add_texture(GltfTexture texture) {
+  return add(state_->textures, std::move(texture));
+}
+
+Result<uint32_t> GltfWriter::add_image(std::string_view name, format::ImageCodec codec,
+                                       std::span<const std::byte> bytes) {
+  Image image{std::string(name), codec, format::kNone, {}};
+  if (state_->glb) {
+    const Result<uint64_t> offset = append(bytes);
+    if (!offset) return offset.error();
+    image.buffer_view = add_buffer_view({*offset, bytes.size(), 0, GltfTarget::kNone});
+    return add(state_->images, std::move(image));
+  }
+  const char* extension = codec == format::ImageCodec::kJpeg ? ".jpg" : ".png";
+  const std::string safe = safe_name(name);
+  std::string unique = safe;
+  for (uint64_t k = 2; !state_->image_names.insert(lower_case(unique) + extension).second; ++k)
+    unique = safe + "_" + std::to_string(k);
+  const std::string file_name = state_->stem() + "_" + unique + extension;
+  Result<PartFile> file = PartFile::create(state_->sibling(file_name));
+  if (!file) return file.error();
+  if (Result<void> written = file->write_at(0, bytes); !written) return written.error();
+  if (Result<void> closed = file->close(); !closed) return closed.error();
+  state_->image_files.push_back(std::move(*file));
+  state_->image_bytes += bytes.size();
+  image.uri = uri_of(file_name);
+  return add(state_->images, std::move(image));
+}
+
+uint32_t GltfWriter::add_scene(GltfScene scene) {
+  return add(state_->scenes, std::move(scene));
+}
+void GltfWriter::set_default_scene(uint32_t scene) {
+  state_->default_scene = scene;
+}
+
+void GltfWriter::use_extension(std::string_view name, bool required) {
+  state_->extensions_used.emplace(name);
+  if (required) state_->extensions_required.emplace(name);
+}
+
+uint64_t GltfWriter::total_bytes() const {
+  return state_->total_bytes;
+}
+
+Result<void> GltfWriter::State::commit_all() {
+  std::vector<PartFile*> files;
+  if (!glb && buffer_bytes != 0) {
+    files.push_back(&binary);
+  } else if (!glb) {  // nothing needs it
+    if (Result<void> removed = binary.hide(); !removed) return removed;
+  }
+  for (PartFile& file : image_files) files.push_back(&file);
+  files.push_back(&document);
+  Replacement replacement(files);
+  for (size_t i = 0; i < files.size(); ++i)
+    if (const Result<void> done = replacement.commit(i); !done) return done;
+  return replacement.keep();
+}
+
+Result<void> GltfWriter::finish() {
+  State& state = *state_;
+  if (Result<void> sized = state.binary.resize(state.buffer_bytes); !sized) return sized;
+
+  const uint64_t document_start = state.glb ? kGlbHeaderBytes + kGlbChunkHeaderBytes : 0;
+  DocumentText text(state.document, document_start);
+  JsonWriter& json = text.json;
+  json.begin_object();
+  json.key("asset");
+  json.begin_object();
+  json.member("version", "2.0");
+  json.member("generator", "scree " SCREE_VERSION);
+  if (!state.copyright.empty()) json.member("copyright", state.copyright);
+  json.end_object();
+  if (!state.extensions_used.empty()) write_numbers(json, "extensionsUsed", state.extensions_used);
+  if (!state.extensions_required.empty()) write_numbers(json, "extensionsRequired", state.extensions_required);
+  if (state.buffer_bytes != 0) {
+    json.key("buffers");
+    json.begin_array();
+    json.begin_object();
+    if (!state.glb) json.member("uri", uri_of(state.stem() + ".bin"));
+    json.member("byteLength", state.buffer_bytes);
+    json.end_object();
+    json.end_array();
+  }
+  if (!state.scenes.empty()) json.member("scene", state.default_scene);
+
+  std::vector<Sampler> samplers;
+  for (const GltfTexture& texture : state.textures) {
+    const Sampler sampler{texture.wrap_s, texture.wrap_t, texture.mag_filter, texture.min_filter};
+    if (sampler != kDefaultSampler && std::find(samplers.begin(), samplers.end(), sampler) == samplers.end())
+      samplers.push_back(sampler);
+  }
+  const auto write_sampler = [](JsonWriter& out, const Sampler& sampler) {
+    const auto& [wrap_s, wrap_t, mag_filter, min_filter] = sampler;
+    if (mag_filter != 0) out.member("magFilter", uint32_t{mag_filter});
+    if (min_filter != 0) out.member("minFilter", uint32_t{min_filter});
+    if (wrap_s != format::Wrap::kRepeat) out.member("wrapS", wrap_number(wrap_s));
+    if (wrap_t != format::Wrap::kRepeat) out.member("wrapT", wrap_number(wrap_t));
+  };
+  const auto write_texture = [&](JsonWriter& out, const GltfTexture& texture) {
+    const Sampler sampler{texture.wrap_s, texture.wrap_t, texture.mag_filter, texture.min_filter};
+    write_name(out, texture.name);
+    if (sampler != kDefaultSampler)
+      out.member("sampler",
+                 static_cast<uint64_t>(std::find(samplers.begin(), samplers.end(), sampler) - samplers.begin()));
+    if (texture.image != format::kNone) out.member("source", texture.image);
+  };
+  const auto write_scene = [](JsonWriter& out, const GltfScene& scene) {
+    write_name(out, scene.name);
+    if (!scene.nodes.empty()) write_numbers(out, "nodes", scene.nodes);
+  };
+
+  Result<void> written = text.section("scenes", state.scenes, write_scene);
+  if (written) written = text.section("nodes", state.nodes, write_node);
+  if (written) written = text.section("cameras", state.cameras, write_camera);
+  if (written) written = text.section("meshes", state.meshes, write_mesh);
+  if (written) written = text.section("materials", state.materials, write_material);
+  if (written) written = text.section("textures", state.textures, write_texture);
+  if (written) written = text.section("samplers", samplers, write_sampler);
+  if (written) written = text.section("images", state.images, write_image);
+  if (written) written = text.section("accessors", state.accessors, write_accessor);
+  if (written) written = text.section("bufferViews", state.buffer_views, write_buffer_view);
+  if (!written) return written;
+  json.line();
+  json.end_object();
+  json.line();
+  if (json.met_non_finite())
+    return Error{ErrorCode::kRange, state.path.string() + ": a number of the document is not finite"};
+
+  if (state.glb) text.pad((4 - text.end() % 4) % 4);
+  if (written = text.drain(); !written) return written;
+  uint64_t file_bytes = text.end();
+
+  if (state.glb) {
+    const auto store_u32 = [](std::byte* at, uint64_t value) { format::store(at, static_cast<uint32_t>(value)); };
+    const uint64_t json_bytes = file_bytes - document_start;
+    const uint64_t binary_bytes = format::align_up(state.buffer_bytes, 4);
+    const uint64_t total = file_bytes + (binary_bytes == 0 ? 0 : kGlbChunkHeaderBytes + binary_bytes);
+    if (total > kGlbMaxBytes)
+      return Error{ErrorCode::kRange, state.path.string() + ": " + std::to_string(total) +
+                                          " bytes, but a .glb holds at most 4294967295 (name the output .gltf)"};
+    std::array<std::byte, kGlbHeaderBytes + kGlbChunkHeaderBytes> header{};
+    store_u32(&header[0], kGlbMagic);
+    store_u32(&header[4], 2);
+    store_u32(&header[8], total);
+    store_u32(&header[12], json_bytes);
+    store_u32(&header[16], kGlbJson);
+    if (written = state.document.write_at(0, header); !written) return written;
+    if (binary_bytes != 0) {
+      std::array<std::byte, kGlbChunkHeaderBytes> chunk{};
+      store_u32(&chunk[0], binary_bytes);
+      store_u32(&chunk[4], kGlbBinary);
+      if (written = state.document.write_at(file_bytes, chunk); !written) return written;
+      file_bytes += kGlbChunkHeaderBytes;
+      std::vector<std::byte> window(kDrainBytes);
+      for (uint64_t done = 0; done < state.buffer_bytes; done += window.size()) {
+        window.resize(std::min<uint64_t>(kDrainBytes, state.buffer_bytes - done));
+        if (written = state.binary.read_at(done, window); !written) return written;
+        if (written = state.document.write_at(file_bytes + done, window); !written) return written;
+      }
+      file_bytes += binary_bytes;
+      if (written = state.document.resize(file_bytes); !written) return written;  // up to three zeros of padding
+    }
+  }
+
+  if (written = state.document.close(); !written) return written;
+  if (written = state.binary.close(); !written) return written;
+  if (written = state.commit_all(); !written) return written;
+  state.total_bytes = file_bytes + (state.glb ? 0 : state.buffer_bytes) + state.image_bytes;
+  return {};
+}
+
+}  // namespace scree::tools
