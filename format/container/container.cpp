@@ -306,8 +306,8 @@ Result<uint64_t> check_frame(uint32_t page, const PageRecord& record, std::span<
 }
 
 /// Unpacks a page whose frame has been checked, and holds `content` bytes.
-Result<void> unpack(uint32_t page, const PageRecord& record, uint64_t content, std::span<std::byte> raw,
-                    std::span<const std::byte> stored) {
+Result<void> unpack_content(uint32_t page, const PageRecord& record, uint64_t content, std::span<std::byte> raw,
+                         std::span<const std::byte> stored) {
   if (record.codec != PageCodec::kSplit) return decompress(page, raw, stored);
   const std::unique_ptr<std::byte[]> memory(new (std::nothrow) std::byte[content]);
   if (!memory) return fail(ErrorCode::kMemory, "page ", page, ": no memory for ", content, " bytes");
@@ -425,7 +425,7 @@ Result<void> Container::unpack_page(uint32_t page, std::span<const std::byte> st
   const PageRecord& record = pages()[page];
   const auto content = check_frame(page, record, stored);
   if (!content) return content.error();
-  return unpack(page, record, *content, raw, stored);
+  return unpack_content(page, record, *content, raw, stored);
 }
 
 Result<std::span<const std::byte>> Container::load_page(uint32_t page, std::vector<std::byte>& scratch) const {
@@ -449,7 +449,7 @@ Result<std::span<const std::byte>> Container::load_page(uint32_t page, std::vect
   } catch (const std::length_error&) {
     return fail(ErrorCode::kMemory, "page ", page, ": no memory for ", record.raw_bytes, " bytes");
   }
-  if (auto done = unpack(page, record, *content, scratch, stored); !done) return done.error();
+  if (auto done = unpack_content(page, record, *content, scratch, stored); !done) return done.error();
   return std::span<const std::byte>(scratch);
 }
 

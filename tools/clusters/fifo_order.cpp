@@ -5,7 +5,7 @@
 namespace scree::tools {
 namespace {
 
-constexpr uint32_t kNone = ~0u;
+constexpr uint32_t kNoTriangle = ~0u;
 
 // The paper's hardware measurements and meshoptimizer's own default agree on 16 entries.
 constexpr uint32_t kCacheSize = 16;
@@ -13,7 +13,7 @@ constexpr uint32_t kCacheSize = 16;
 }  // namespace
 
 std::span<const uint32_t> FifoOrder::run(std::span<const uint32_t> indices, uint32_t vertex_count) {
-  assert(indices.size() % 3 == 0 && indices.size() < kNone);
+  assert(indices.size() % 3 == 0 && indices.size() < kNoTriangle);
   if (indices.empty()) return {};
   const size_t count = indices.size() / 3;
   make_room(count);
@@ -23,7 +23,7 @@ std::span<const uint32_t> FifoOrder::run(std::span<const uint32_t> indices, uint
   seen_count_ = 0;
   time_ = kCacheSize + 1;
   first_left_ = 0;
-  for (uint32_t center = 0; center != kNone;) {
+  for (uint32_t center = 0; center != kNoTriangle;) {
     const size_t first_seen = seen_count_;
     take_around(indices, center);
     center = next_center(first_seen);
@@ -87,25 +87,25 @@ void FifoOrder::take_around(std::span<const uint32_t> indices, uint32_t center) 
 /// Of the vertices that were just seen the one that has been in the cache for longest and will still be there after its
 /// triangles, else the first of them; else the last one seen before; else the first of all that have triangles left.
 uint32_t FifoOrder::next_center(size_t first_seen) {
-  uint32_t best = kNone;
+  uint32_t best = kNoTriangle;
   uint32_t best_age = 0;
   for (size_t i = first_seen; i < seen_count_; ++i) {
     const Vertex& vertex = vertices_[seen_[i]];
     if (vertex.left == 0) continue;
     uint32_t age = time_ - vertex.time;
     if (2 * vertex.left + age > kCacheSize) age = 0;
-    if (best != kNone && age <= best_age) continue;
+    if (best != kNoTriangle && age <= best_age) continue;
     best = seen_[i];
     best_age = age;
   }
-  if (best != kNone) return best;
+  if (best != kNoTriangle) return best;
   while (seen_count_ > 0) {
     const uint32_t vertex = seen_[--seen_count_];
     if (vertices_[vertex].left != 0) return vertex;
   }
   for (; first_left_ + 1 < vertices_.size(); ++first_left_)
     if (vertices_[first_left_].left != 0) return first_left_;
-  return kNone;
+  return kNoTriangle;
 }
 
 }  // namespace scree::tools

@@ -12,10 +12,6 @@
 namespace scree::convert {
 namespace {
 
-std::string number(uint64_t value) {
-  return std::to_string(value);
-}
-
 // Sparse indices: strictly ascending, each below the accessor's count.
 Result<void> check_ascending(const Accessor::Sparse& sparse, uint64_t count) {
   const uint64_t index_bytes = component_bytes(static_cast<int32_t>(sparse.index_type));
@@ -34,9 +30,9 @@ Result<void> check_ascending(const Accessor::Sparse& sparse, uint64_t count) {
                              : index_bytes == 2 ? format::load<uint16_t>(from)
                                                 : uint64_t{format::load<uint32_t>(from)};
       if (value >= count || value < next) {
-        return Error{ErrorCode::kRange, "index " + number(value) + " at place " + number(done + i) +
+        return Error{ErrorCode::kRange, "index " + std::to_string(value) + " at place " + std::to_string(done + i) +
                                             (value < next ? std::string(", expected ascending indices")
-                                                          : ", but there are " + number(count) + " elements")};
+                                                          : ", but there are " + std::to_string(count) + " elements")};
       }
       next = value + 1;
     }
@@ -84,8 +80,8 @@ Result<std::shared_ptr<const ByteSource>> GltfBuffers::buffer(int32_t index) {
   if (!opened) return at(place, opened.error());
   const uint64_t stated = document_.buffers[static_cast<size_t>(index)].bytes;
   if ((*opened)->size() < stated) {
-    return Error{ErrorCode::kTruncated, place + ": byteLength is " + number(stated) + ", but there are " +
-                                            number((*opened)->size()) + " bytes"};
+    return Error{ErrorCode::kTruncated, place + ": byteLength is " + std::to_string(stated) + ", but there are " +
+                                            std::to_string((*opened)->size()) + " bytes"};
   }
   slot = *opened;
   return slot;
@@ -99,8 +95,8 @@ Result<GltfBuffers::View> GltfBuffers::view(int32_t index) {
     if (unpacked == nullptr) {
       const DocMeshopt& meshopt = document_.meshopt[static_cast<size_t>(stated.meshopt)];
       if (meshopt.unknown_filter) {
-        return Error{ErrorCode::kUnsupported, "buffer view " + number(meshopt.view) + ": " + meshopt.extension() +
-                                                  ": filter is \"" + *meshopt.unknown_filter +
+        return Error{ErrorCode::kUnsupported, "buffer view " + std::to_string(meshopt.view) + ": " +
+                                                  meshopt.extension() + ": filter is \"" + *meshopt.unknown_filter +
                                                   "\", expected NONE, OCTAHEDRAL, QUATERNION or EXPONENTIAL"};
       }
       auto stream = buffer(meshopt.buffer);

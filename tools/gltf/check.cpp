@@ -17,22 +17,18 @@ using format::range_within;
 // are bases of sparse accessors.
 constexpr uint64_t kMaxZeroElements = uint64_t{1} << 24;
 
-std::string number(uint64_t value) {
-  return std::to_string(value);
-}
-
 Result<void> check_present(const char* what, int32_t index, size_t count) {
   if (index == kAbsent || (index >= 0 && static_cast<size_t>(index) < count)) return {};
-  return Error{ErrorCode::kRange,
-               std::string(what) + " " + std::to_string(index) + " is not there, the document has " + number(count)};
+  return Error{ErrorCode::kRange, std::string(what) + " " + std::to_string(index) + " is not there, the document has " +
+                                      std::to_string(count)};
 }
 
 Result<void> check_in_buffer(const GltfDocument& document, int32_t buffer, uint64_t offset, uint64_t bytes) {
   if (auto present = check_present("buffer", buffer, document.buffers.size()); !present) return present;
   const uint64_t limit = document.buffers[static_cast<size_t>(buffer)].bytes;
   if (range_within(offset, bytes, limit)) return {};
-  return Error{ErrorCode::kRange, number(bytes) + " bytes at " + number(offset) + ", but buffer " +
-                                      std::to_string(buffer) + " has " + number(limit)};
+  return Error{ErrorCode::kRange, std::to_string(bytes) + " bytes at " + std::to_string(offset) + ", but buffer " +
+                                      std::to_string(buffer) + " has " + std::to_string(limit)};
 }
 
 Result<void> check_view(const GltfDocument& document, const DocBufferView& view) {
@@ -51,7 +47,7 @@ Result<void> check_sparse(const GltfDocument& document, const DocSparse& sparse,
   }
   if (sparse.count > count)
     return Error{ErrorCode::kRange,
-                 number(sparse.count) + " values, but the accessor has " + number(count) + " elements"};
+                 std::to_string(sparse.count) + " values, but the accessor has " + std::to_string(count) + " elements"};
   for (const int32_t view : {sparse.index_view, sparse.value_view}) {
     if (auto present = check_present("buffer view", view, document.views.size()); !present) return present;
   }
@@ -59,12 +55,14 @@ Result<void> check_sparse(const GltfDocument& document, const DocSparse& sparse,
   const uint64_t index_limit = document.views[static_cast<size_t>(sparse.index_view)].bytes;
   const uint64_t value_limit = document.views[static_cast<size_t>(sparse.value_view)].bytes;
   if (!range_within(sparse.index_offset, uint64_t{sparse.count} * component_bytes(sparse.index_type), index_limit)) {
-    return Error{ErrorCode::kRange, number(sparse.count) + " indices pass the end of buffer view " +
-                                        std::to_string(sparse.index_view) + " (" + number(index_limit) + " bytes)"};
+    return Error{ErrorCode::kRange, std::to_string(sparse.count) + " indices pass the end of buffer view " +
+                                        std::to_string(sparse.index_view) + " (" + std::to_string(index_limit) +
+                                        " bytes)"};
   }
   if (!range_within(sparse.value_offset, sparse.count * element, value_limit)) {
-    return Error{ErrorCode::kRange, number(sparse.count) + " values pass the end of buffer view " +
-                                        std::to_string(sparse.value_view) + " (" + number(value_limit) + " bytes)"};
+    return Error{ErrorCode::kRange, std::to_string(sparse.count) + " values pass the end of buffer view " +
+                                        std::to_string(sparse.value_view) + " (" + std::to_string(value_limit) +
+                                        " bytes)"};
   }
   return {};
 }
@@ -80,23 +78,24 @@ Result<void> check_accessor(const GltfDocument& document, const DocAccessor& acc
   const uint64_t element = uint64_t{component_bytes(accessor.type)} * accessor.components;
   if (accessor.view == kAbsent) {
     if (accessor.count > kMaxZeroElements) {
-      return Error{ErrorCode::kRange, number(accessor.count) + " elements without a buffer view, at most " +
-                                          number(kMaxZeroElements) + " are read"};
+      return Error{ErrorCode::kRange, std::to_string(accessor.count) + " elements without a buffer view, at most " +
+                                          std::to_string(kMaxZeroElements) + " are read"};
     }
   } else {
     const DocBufferView& view = document.views[static_cast<size_t>(accessor.view)];
     const uint64_t stride = view.stride == 0 ? element : view.stride;
     if (stride < element) {
-      return Error{ErrorCode::kRange,
-                   "elements of " + number(element) + " bytes overlap, byteStride is " + number(stride)};
+      return Error{ErrorCode::kRange, "elements of " + std::to_string(element) + " bytes overlap, byteStride is " +
+                                          std::to_string(stride)};
     }
     const auto last = accessor.count == 0 ? std::optional<uint64_t>(0) : checked_mul(accessor.count - 1, stride);
     const auto bytes = last ? checked_add(*last, accessor.count == 0 ? 0 : element) : std::nullopt;
     if (!bytes || !range_within(accessor.offset, *bytes, view.bytes)) {
-      return Error{ErrorCode::kRange, number(accessor.count) + " elements of " + number(element) + " bytes at " +
-                                          number(accessor.offset) + ", stride " + number(stride) +
-                                          ", pass the end of buffer view " + std::to_string(accessor.view) + " (" +
-                                          number(view.bytes) + " bytes)"};
+      return Error{ErrorCode::kRange, std::to_string(accessor.count) + " elements of " + std::to_string(element) +
+                                          " bytes at " + std::to_string(accessor.offset) + ", stride " +
+                                          std::to_string(stride) + ", pass the end of buffer view " +
+                                          std::to_string(accessor.view) + " (" + std::to_string(view.bytes) +
+                                          " bytes)"};
     }
   }
   if (accessor.sparse == kAbsent) return {};
@@ -147,7 +146,7 @@ Result<void> check_all(const char* kind, const GltfDocument& document, const std
                        Check check) {
   for (size_t i = 0; i < records.size(); ++i) {
     if (auto checked = check(document, records[i]); !checked)
-      return at(std::string(kind) + " " + number(i), checked.error());
+      return at(std::string(kind) + " " + std::to_string(i), checked.error());
   }
   return {};
 }
@@ -174,14 +173,14 @@ Result<void> check_document(const GltfDocument& document) {
   if (auto checked = check_all("buffer view", document, document.views, check_view); !checked) return checked;
   if (auto checked = check_all("accessor", document, document.accessors, check_accessor); !checked) return checked;
   for (size_t m = 0; m < document.meshes.size(); ++m) {
-    const std::string kind = "mesh " + number(m) + " primitive";
+    const std::string kind = "mesh " + std::to_string(m) + " primitive";
     if (auto checked = check_all(kind.c_str(), document, document.meshes[m].primitives, check_primitive); !checked)
       return checked;
   }
   for (size_t i = 0; i < document.materials.size(); ++i) {
     const int32_t texture = document.materials[i].base_texture.texture;
     if (auto present = check_present("texture", texture, document.textures.size()); !present)
-      return at("material " + number(i), present.error());
+      return at("material " + std::to_string(i), present.error());
   }
   if (auto checked = check_all("texture", document, document.textures, check_texture); !checked) return checked;
   if (auto checked = check_all("image", document, document.images, check_image); !checked) return checked;

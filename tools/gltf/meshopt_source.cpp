@@ -21,10 +21,6 @@ namespace {
 using Mode = DocMeshopt::Mode;
 using Filter = DocMeshopt::Filter;
 
-std::string number(uint64_t value) {
-  return std::to_string(value);
-}
-
 /// The fewest bytes that a stream of `count` elements takes; none where that passes 64 bits.
 std::optional<uint64_t> fewest_bytes(Mode mode, uint64_t count, uint64_t stride) {
   // Attributes: a bit-width of two bits for 16 values of every byte of an element. Triangles: a byte each and a table
@@ -38,7 +34,7 @@ std::optional<uint64_t> fewest_bytes(Mode mode, uint64_t count, uint64_t stride)
 Result<void> check_stride(const DocMeshopt& stated) {
   const uint64_t stride = stated.stride;
   const auto fail = [&](const char* expected) {
-    return Error{ErrorCode::kFormat, "byteStride is " + number(stride) + ", expected " + expected};
+    return Error{ErrorCode::kFormat, "byteStride is " + std::to_string(stride) + ", expected " + expected};
   };
   if (stated.mode != Mode::kAttributes) {
     if (stride != 2 && stride != 4) return fail("2 or 4 for indices");
@@ -60,18 +56,19 @@ Result<void> check_meshopt(const DocMeshopt& stated, uint64_t view_bytes, uint64
     return Error{ErrorCode::kFormat, std::string("a filter, but the mode is ") + mode_name(stated.mode)};
   if (auto checked = check_stride(stated); !checked) return checked;
   if (view_stride != 0 && view_stride != stated.stride)
-    return Error{ErrorCode::kFormat,
-                 "byteStride is " + number(stated.stride) + ", but the buffer view's is " + number(view_stride)};
+    return Error{ErrorCode::kFormat, "byteStride is " + std::to_string(stated.stride) + ", but the buffer view's is " +
+                                         std::to_string(view_stride)};
   if (stated.mode == Mode::kTriangles && stated.count % 3 != 0)
-    return Error{ErrorCode::kFormat, "count is " + number(stated.count) + ", expected a multiple of 3 for TRIANGLES"};
+    return Error{ErrorCode::kFormat,
+                 "count is " + std::to_string(stated.count) + ", expected a multiple of 3 for TRIANGLES"};
   const auto unpacked = format::checked_mul(stated.count, stated.stride);
   if (!unpacked || *unpacked != view_bytes)
-    return Error{ErrorCode::kRange, number(stated.count) + " elements of " + number(stated.stride) +
-                                        " bytes, but the buffer view has " + number(view_bytes) + " bytes"};
+    return Error{ErrorCode::kRange, std::to_string(stated.count) + " elements of " + std::to_string(stated.stride) +
+                                        " bytes, but the buffer view has " + std::to_string(view_bytes) + " bytes"};
   const auto fewest = fewest_bytes(stated.mode, stated.count, stated.stride);
   if (!fewest || *fewest > stated.bytes)
     return Error{ErrorCode::kTruncated,
-                 number(stated.count) + " elements do not fit into " + number(stated.bytes) + " bytes"};
+                 std::to_string(stated.count) + " elements do not fit into " + std::to_string(stated.bytes) + " bytes"};
   return {};
 }
 
@@ -101,8 +98,9 @@ class WindowedView final : public MeshoptView {
 
   Result<void> read(uint64_t offset, std::span<std::byte> out) const override {
     if (!format::range_within(offset, out.size(), size_))
-      return Error{ErrorCode::kTruncated, "read of " + number(out.size()) + " bytes at " + number(offset) +
-                                              ", but the buffer view has " + number(size_)};
+      return Error{ErrorCode::kTruncated, "read of " + std::to_string(out.size()) + " bytes at " +
+                                              std::to_string(offset) + ", but the buffer view has " +
+                                              std::to_string(size_)};
     try {
       while (!out.empty()) {
         const auto window = unpacked(offset / window_bytes_);
