@@ -1,6 +1,30 @@
 # How CUDA sources are built. scree_cuda is nvcc, emulated (tests/emulator: kernels as C++ on the CPU, for their tests) or
 # none.
 set(scree_cuda none)
+set(SCREE_CUDA_PATH "" CACHE STRING "Compute capability whose code path every GPU takes, to test it: 75 or 80")
+
+# The GPUs of this machine where there are any; else every compute capability from 7.5 on, which is the least that CUDA 13
+# builds for. Code for x.y runs on later minor versions too; PTX of the last stands in for what comes after it.
+function(scree_default_architectures out)
+  find_program(SCREE_NVIDIA_SMI nvidia-smi)
+  set(found "")
+  if(SCREE_NVIDIA_SMI)
+    execute_process(COMMAND "${SCREE_NVIDIA_SMI}" --query-gpu=compute_cap --format=csv,noheader
+      OUTPUT_VARIABLE capabilities ERROR_QUIET RESULT_VARIABLE failed)
+    if(NOT failed)
+      string(REGEX MATCHALL "[0-9]+[.][0-9]" found "${capabilities}")
+      list(REMOVE_DUPLICATES found)
+      list(TRANSFORM found REPLACE "[.]" "")
+      list(FILTER found EXCLUDE REGEX "^([1-6].|7[0-4])$")  # too old for CUDA 13
+      list(TRANSFORM found APPEND "-real")
+    endif()
+  endif()
+  if(NOT found)
+    set(found 75-real 80-real 86-real 89-real 90-real 100-real 120)
+  endif()
+  set(${out} "${found}" PARENT_SCOPE)
+endfunction()
+
 if(SCREE_EMULATED_CUDA)
   if(SCREE_CUDA OR NOT CMAKE_CXX_COMPILER_ID STREQUAL "GNU")
     message(FATAL_ERROR "SCREE_EMULATED_CUDA needs GCC (-fno-weak), and SCREE_CUDA off")
@@ -13,8 +37,10 @@ elseif(SCREE_CUDA)
   check_language(CUDA)
   if(CMAKE_CUDA_COMPILER)
     if(NOT CMAKE_CUDA_ARCHITECTURES)
-      set(CMAKE_CUDA_ARCHITECTURES 90)
+      scree_default_architectures(CMAKE_CUDA_ARCHITECTURES)
+      set(CMAKE_CUDA_ARCHITECTURES "${CMAKE_CUDA_ARCHITECTURES}" CACHE STRING "Compute capabilities to build code for")
     endif()
+    message(STATUS "CUDA code is built for ${CMAKE_CUDA_ARCHITECTURES}")
     enable_language(CUDA)
     # CMake 3.25 does not know how CUDA 13 is asked for C++20, and finding the language clears what was set before.
     if(NOT CMAKE_CUDA20_STANDARD_COMPILE_OPTION)
@@ -38,5 +64,11 @@ function(scree_add_cuda_objects target)
     set_target_properties(${target} PROPERTIES CUDA_STANDARD 20 CUDA_STANDARD_REQUIRED ON CUDA_EXTENSIONS OFF)
     target_compile_options(${target} PRIVATE --fmad=false -Xcompiler=-ffp-contract=off -Werror=all-warnings)
     target_include_directories(${target} PRIVATE "${CMAKE_SOURCE_DIR}")
+    # The resources that ptxas reports go to a file beside each object; tests/kernels/cuda/registers.cmake reads them.
+    target_compile_options(${target} PRIVATE -Xptxas=-v)
+    set_property(TARGET ${target} PROPERTY RULE_LAUNCH_COMPILE "\"${CMAKE_SOURCE_DIR}/cmake/keep-ptxas\" <OBJECT>.ptxas")
+  endif()
+  if(SCREE_CUDA_PATH)
+    target_compile_definitions(${target} PRIVATE SCREE_CUDA_PATH=${SCREE_CUDA_PATH})
   endif()
 endfunction()

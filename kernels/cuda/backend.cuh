@@ -1,10 +1,10 @@
-// A warp as a team: what the passes' sources need to run on CUDA. The kernels that start them are in cuda_*.cuh and
-// cuda_*.cu.
+// A warp as a team: what the passes' sources need to run on CUDA. The kernels that start them are in the other files
+// of this folder.
 #pragma once
 
-#include <cuda_runtime.h>
-
 #include <cstdint>
+
+#include "kernels/cuda/warp.cuh"
 
 namespace scree::kernels {
 

@@ -26,7 +26,7 @@ struct alignas(16) ExactInstance {
   __device__ ExactInstance() {}
   __device__ ExactInstance(const SceneView& scene, const Transform& transform, const TransformError& bound,
                            const format::MeshRecord& mesh, const format::ChunkRecord& chunk, uint32_t number) {
-    const ChunkReader reader = make_reader(mesh, chunk, nullptr, transform, 0);
+    const ChunkReader reader = make_reader(mesh, chunk, scene.pages[chunk.page], transform, 0);
     for (int i = 0; i < 4; ++i) {
       x[i] = transform.x[i];
       y[i] = transform.y[i];

@@ -317,7 +317,7 @@ class ClusterWarp {
                static_cast<uint32_t>(start % parts()));
     }
     if (waiting_ != 0) draw_waiting();
-    const uint64_t small = __reduce_add_sync(~0u, small_);
+    const uint64_t small = sum_of_lanes(small_);
     if (lane_ == 0 && small != 0) WarpTeam::add(&counters.queues.triangles_small, small);
     if (kAsksAgain && lane_ == 0 && shared.left_out != 0)
       WarpTeam::add(&counters.clusters_left_out, uint64_t{shared.left_out});
@@ -351,14 +351,15 @@ class ClusterWarp {
     if (kAsksAgain && count == 0) return;
     prepare_run<kOrthographic, kAsksAgain>(frame_, first, count, parts() == 1 && frame_.small.filters);
     __syncwarp();
-    stage_cluster(shared.run[0], shared.stages[0]);
-    __pipeline_commit();
+    StageCopy<> copy;
+    stage_cluster(copy, shared.run[0], shared.stages[0]);
+    copy.commit();
     for (uint32_t i = 0;; ++i) {
       const RunCluster& cluster = shared.run[i];
       const ClusterStage& stage = shared.stages[i % 2];
-      if ((cluster.places & RunCluster::kLast) == 0) stage_cluster(shared.run[i + 1], shared.stages[(i + 1) % 2]);
-      __pipeline_commit();
-      __pipeline_wait_prior(1);
+      if ((cluster.places & RunCluster::kLast) == 0) stage_cluster(copy, shared.run[i + 1], shared.stages[(i + 1) % 2]);
+      copy.commit();
+      copy.wait();
       __syncwarp();
       if (cluster.map.reach != 0) {
         if (byte_of(cluster.codes, 2) <= 32) {
@@ -437,9 +438,8 @@ inline constexpr uint32_t kCutBlocks = 4;  // of a multiprocessor
 
 /// Cuts a triangle of a cluster at the near plane; false where that is not all that it needs, or its reference is too
 /// far away for int32.
-template <bool kOrthographic>
 __device__ inline bool cut_waiting(const ClusterFrame& frame, const WaitingReader& reader, NearPolygon& out) {
-  if (kOrthographic || (reader.draw.flags & ClusterDraw::kFarAway) != 0) return false;
+  if ((reader.draw.flags & ClusterDraw::kFarAway) != 0) return false;
   const Transform& transform = frame.small.list.transforms[reader.draw.instance];
   ClipVertex corners[3];
   for (uint32_t i = 0; i < 3; ++i) {
@@ -447,25 +447,24 @@ __device__ inline bool cut_waiting(const ClusterFrame& frame, const WaitingReade
     reader.relative(i, place);
     const double exact[3] = {static_cast<double>(place[0]), static_cast<double>(place[1]),
                              static_cast<double>(place[2])};
-    corners[i] = clip_vertex(transform, exact, snap_point(reader.project<kOrthographic>(place), frame.small.view, 0));
+    corners[i] = clip_vertex(transform, exact, snap_point(reader.project<false>(place), frame.small.view, 0));
   }
   return clip_near(corners, frame.small.view, out);
 }
 
 /// Draws what is left of up to 32 triangles of clusters that need clipping, a lane each. Returns as
 /// draw_the_long_way() does.
-template <bool kOrthographic>
 __device__ inline uint32_t draw_cut(const ClusterFrame& frame, const ClipItem& item, bool has_one,
                                     SetUpTriangles& set_up) {
   const WaitingReader reader(frame, item.waiting);
   NearPolygon polygon;
   uint32_t drawn = 0;
   if (has_one) {
-    if (cut_waiting<kOrthographic>(frame, reader, polygon)) {
+    if (cut_waiting(frame, reader, polygon)) {
       drawn = 1u << 16;
     } else {
       polygon.count = 0;
-      drawn = draw_the_long_way<kOrthographic>(frame.small, item.instance, item.chunk, item.triangle);
+      drawn = draw_the_long_way<false>(frame.small, item.instance, item.chunk, item.triangle);
     }
   }
   // Of 4 corners two triangles are left.
@@ -478,8 +477,7 @@ __device__ inline uint32_t draw_cut(const ClusterFrame& frame, const ClipItem& i
     if (i < polygon.count &&
         reader.set_up(frame.small.view, polygon.corner[0], polygon.corner[1], polygon.corner[2], triangle, box, area))
       pixels = box.pixels();
-    if (draw_set_up<kOrthographic>(frame.small.target, frame.small.queues, set_up, triangle, box, area, pixels))
-      ++drawn;
+    if (draw_set_up<false>(frame.small.target, frame.small.queues, set_up, triangle, box, area, pixels)) ++drawn;
     polygon.corner[1] = polygon.corner[2];
     polygon.corner[2] = polygon.corner[3];
   }
@@ -503,8 +501,8 @@ __global__ void __launch_bounds__(kClusterThreads) raster_clipped(const __grid_c
   }
 }
 
-/// The same where they are many: neighbours side by side, and the short way where the near plane is all that cuts.
-template <bool kOrthographic>
+/// The same for a perspective camera where they are many: neighbours side by side, and the short way where the near
+/// plane is all that cuts.
 __global__ void __launch_bounds__(kClusterThreads, kCutBlocks) raster_cut(const __grid_constant__ ClusterFrame frame) {
   __shared__ SetUpTriangles set_up[kClusterWarps];
   FrameCounters& counters = *frame.small.list.counters;
@@ -517,13 +515,12 @@ __global__ void __launch_bounds__(kClusterThreads, kCutBlocks) raster_cut(const 
   for (uint64_t first = counters.to_clip_drawn + uint64_t{blockIdx.x} * kClusterThreads + warp * kWarpLanes;
        first < end; first += threads) {
     const bool has_one = first + lane < end;
-    const uint32_t drawn =
-        draw_cut<kOrthographic>(frame, frame.list.to_clip[has_one ? first + lane : first], has_one, set_up[warp]);
+    const uint32_t drawn = draw_cut(frame, frame.list.to_clip[has_one ? first + lane : first], has_one, set_up[warp]);
     small += drawn & 0xffffu;
     clipped += drawn >> 16;
   }
-  small = __reduce_add_sync(~0u, small);
-  clipped = __reduce_add_sync(~0u, clipped);
+  small = sum_of_lanes(small);
+  clipped = sum_of_lanes(clipped);
   if (lane != 0) return;
   if (small != 0) WarpTeam::add(&counters.queues.triangles_small, uint64_t{small});
   if (clipped != 0) WarpTeam::add(&counters.queues.triangles_clipped, uint64_t{clipped});

@@ -10,16 +10,19 @@
 
 namespace scree::kernels {
 
-/// Which bucket a chunk's nearest point is in: w is 1 on the near plane and grows with the distance; an orthographic
-/// camera's t is 1 there and 0 on the far plane. NaN is in any.
-__device__ inline uint32_t near_bucket(const FrameView& view, const Transform& transform, const RelativeBox& box) {
+/// Which bucket a chunk's nearest point is in, from near to far: 32 per octave of w down from the farthest point of the
+/// scene, `farthest`. The first bucket takes all that is nearer than the 16 octaves of the buckets: the near plane may
+/// lie far more octaves before the scene, but little lies between. An orthographic camera's t is linear: 1 on the near
+/// plane and 0 on the far one. NaN is in any.
+__device__ inline uint32_t near_bucket(const FrameView& view, const Transform& transform, const RelativeBox& box,
+                                       float farthest) {
   const double near = nearness(transform, view, box);
   if (view.orthographic) {
     const auto far = static_cast<float>(near * kNearBuckets);
     return static_cast<uint32_t>(greatest(least(far, kNearBuckets - 1.0f), 0.0f));
   }
-  const float nearest = greatest(static_cast<float>(near), 1.0f);
-  return min_of((float_bits(nearest) - float_bits(1.0f)) >> 18, kNearBuckets - 1);
+  const float nearest = least(greatest(static_cast<float>(near), 1.0f), farthest);
+  return kNearBuckets - 1 - min_of((float_bits(farthest) - float_bits(nearest)) >> 18, kNearBuckets - 1);
 }
 
 /// What a thread of the two kernels below looks at: one of the kGroupInstances instances of a candidate.
@@ -68,7 +71,7 @@ __global__ void __launch_bounds__(kCullThreads)
       const Transform& transform = list.transforms[at.instance(list, chunk.mesh)];
       const RelativeBox box = chunk_box(mesh, chunk, transform);
       if (mesh.chunk_count == 1 || may_be_seen(transform, view, box)) {
-        bucket = sorts ? near_bucket(view, transform, box) : 0;
+        bucket = sorts ? near_bucket(view, transform, box, clusters.farthest) : 0;
         triangles = chunk.triangle_count;
         atomicAdd(reinterpret_cast<unsigned long long*>(in_bucket + bucket), item_of(chunk));
       }
@@ -347,8 +350,8 @@ __global__ void __launch_bounds__(kCullThreads) cull_clusters(const __grid_const
       if ((lanes >> lane & 1) != 0 && slot < cull.list.item_capacity) cull.list.items[slot] = {of_draw, cluster};
     }
   }
-  tested = __reduce_add_sync(~0u, tested);
-  groups_tested = __reduce_add_sync(~0u, groups_tested);
+  tested = sum_of_lanes(tested);
+  groups_tested = sum_of_lanes(groups_tested);
   if (lane == 0 && tested != 0) WarpTeam::add(&counters.clusters_tested, tested);
   if (lane == 0 && groups_tested != 0) WarpTeam::add(&counters.groups_tested, groups_tested);
 }

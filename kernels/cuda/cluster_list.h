@@ -92,6 +92,7 @@ struct ClusterList {
   ClipItem* to_clip;
   uint64_t clip_capacity;
   DepthPyramid pyramid;
+  float farthest;  // w of the scene's farthest point, at least 1: where the buckets end
 };
 
 }  // namespace scree::kernels

@@ -2,8 +2,6 @@
 // which of them may show still, and what all lanes need of each.
 #pragma once
 
-#include <cuda_pipeline_primitives.h>
-
 #include "kernels/cuda/cluster_cull.cuh"
 #include "kernels/cuda/small.cuh"
 #include "kernels/cull/linear_filter.h"
@@ -18,8 +16,7 @@ struct ClusterFrame {
 
 inline constexpr uint32_t kClusterThreads = 128;
 inline constexpr uint32_t kClusterWarps = kClusterThreads / kWarpLanes;
-inline constexpr uint32_t kClusterBlocks = 7;  // of a multiprocessor
-inline constexpr uint32_t kClusterParts = 4;   // of a cluster, where there are few
+inline constexpr uint32_t kClusterParts = 4;  // of a cluster, where there are few
 
 /// 16-byte pieces of a cluster's data that are staged: more than almost any takes, and than its triangles alone ever
 /// do.
@@ -77,6 +74,9 @@ struct ClusterShared {
 
   __device__ ClusterShared() {}
 };
+
+/// Blocks that a multiprocessor holds at once, by their shared memory; more than 7 would leave too few registers.
+inline constexpr uint32_t kClusterBlocks = blocks_in_shared(kClusterWarps * sizeof(ClusterShared), 7);
 
 /// This warp's, by its name: through a pointer the compiler would not know that it is shared memory.
 __device__ inline ClusterShared& cluster_shared() {
@@ -215,16 +215,10 @@ __device__ inline void prepare_run(const ClusterFrame& frame, uint32_t first, ui
 }
 static_assert(2 * kRunClusters == kWarpLanes);
 
-/// Starts copying a cluster's data to `stage`.
-__device__ inline void stage_cluster(const RunCluster& cluster, ClusterStage& stage) {
-  const uint32_t lane = threadIdx.x % kWarpLanes;
-  // The stream of clusters begins and ends on multiples of 16 bytes, so these pieces lie within it.
-  const auto* const from = reinterpret_cast<const uint4*>(cluster.data) + lane;
-  const uint32_t pieces = byte_of(cluster.shape, 3);
-  if (lane < pieces) __pipeline_memcpy_async(stage.pieces + lane, from, sizeof(uint4));
-  if (lane + kWarpLanes < pieces) {
-    __pipeline_memcpy_async(stage.pieces + lane + kWarpLanes, from + kWarpLanes, sizeof(uint4));
-  }
+/// Starts copying a cluster's data to `stage`. The stream of clusters begins and ends on multiples of 16 bytes, so the
+/// pieces lie within it.
+__device__ inline void stage_cluster(StageCopy<>& copy, const RunCluster& cluster, ClusterStage& stage) {
+  copy.begin(stage.pieces, reinterpret_cast<const uint4*>(cluster.data), byte_of(cluster.shape, 3));
 }
 static_assert(kStagePieces == 2 * kWarpLanes);
 

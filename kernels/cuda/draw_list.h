@@ -6,9 +6,6 @@
 
 namespace scree::kernels {
 
-/// A warp's lanes: triangles of a row.
-inline constexpr uint32_t kWarpLanes = 32;
-
 /// Instances of a group. With twice as many, what they need of shared memory leaves too little of the L1 cache.
 inline constexpr uint32_t kGroupInstances = 16;
 
@@ -46,7 +43,7 @@ inline constexpr uint64_t kMaxItems = uint64_t{1} << 28;
 inline constexpr uint32_t kMostRounds = 8;
 inline constexpr uint32_t kClusterPasses = 1 + kMostRounds;
 
-/// Clustered chunks are drawn from near to far, as far as buckets tell: 32 an octave of distance.
+/// Clustered chunks are drawn from near to far, in the order of these buckets (near_bucket()).
 inline constexpr uint32_t kNearBuckets = 512;
 
 /// How much of a queue the passes before have drawn.

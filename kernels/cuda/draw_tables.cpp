@@ -1,5 +1,8 @@
 #include "kernels/cuda/draw_tables.h"
 
+#include <algorithm>
+#include <cmath>
+#include <limits>
 #include <string>
 
 #include "format/geometry/cluster_layout.h"
@@ -71,6 +74,46 @@ void place_seen_bits(const SceneView& scene, DrawTables& tables) {
   }
 }
 
+/// The box of a mesh's bounds under a matrix, around `center` by `half` along each axis.
+void bounds_in_world(const format::MeshRecord& mesh, const format::MatrixRecord& matrix, double center[3],
+                     double half[3]) {
+  for (int i = 0; i < 3; ++i) {
+    center[i] = matrix.rows[i][3];
+    half[i] = 0;
+    for (int j = 0; j < 3; ++j) {
+      const double from = mesh.bounds_min[j];
+      const double to = mesh.bounds_max[j];
+      center[i] += matrix.rows[i][j] * (0.5 * (from + to));
+      half[i] += std::abs(matrix.rows[i][j]) * (0.5 * (to - from));
+    }
+  }
+}
+
+SceneBox find_scene_box(const SceneView& scene) {
+  double low[3];
+  double high[3];
+  std::fill(low, low + 3, std::numeric_limits<double>::infinity());
+  std::fill(high, high + 3, -std::numeric_limits<double>::infinity());
+  for (uint64_t i = 0; i < scene.instance_count; ++i) {
+    const format::InstanceRecord& instance = scene.instances[i];
+    double center[3];
+    double half[3];
+    bounds_in_world(scene.meshes[instance.mesh], scene.matrices[instance.matrix], center, half);
+    for (int axis = 0; axis < 3; ++axis) {
+      if (!std::isfinite(center[axis]) || !std::isfinite(half[axis])) continue;
+      low[axis] = std::min(low[axis], center[axis] - half[axis]);
+      high[axis] = std::max(high[axis], center[axis] + half[axis]);
+    }
+  }
+  SceneBox box;
+  for (int axis = 0; axis < 3; ++axis) {
+    if (!(low[axis] <= high[axis])) continue;
+    box.center[axis] = 0.5 * low[axis] + 0.5 * high[axis];
+    box.half[axis] = 0.5 * high[axis] - 0.5 * low[axis];
+  }
+  return box;
+}
+
 }  // namespace
 
 std::vector<ClusterGroup> list_cluster_groups(const SceneView& scene) {
@@ -104,7 +147,10 @@ Result<DrawTables> make_draw_tables(const SceneView& scene) {
   tables.cluster_candidates.reserve(candidates.clustered);
   tables.cluster_draws = candidates.cluster_draws;
   tables.cluster_groups = candidates.cluster_groups;
-  if (candidates.clustered != 0) place_seen_bits(scene, tables);
+  if (candidates.clustered != 0) {
+    place_seen_bits(scene, tables);
+    tables.box = find_scene_box(scene);
+  }
   uint32_t place = 0;
   for_each_drawn_mesh(scene, instances, [&](uint64_t m, uint64_t count) {
     const format::MeshRecord& mesh = scene.meshes[m];

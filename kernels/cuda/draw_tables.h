@@ -1,13 +1,28 @@
 // The tables that a GPU's draw list is made from: what follows from a scene's records alone, once for all frames.
 #pragma once
 
+#include <cmath>
 #include <vector>
 
 #include "format/result.h"
 #include "kernels/cuda/cluster_list.h"
+#include "kernels/raster/transform.h"
 #include "kernels/scene_view.h"
 
 namespace scree::kernels {
+
+/// A box around all instances in world space, as far as their matrices are finite. Only good for an order.
+struct SceneBox {
+  double center[3] = {};
+  double half[3] = {};
+
+  /// Depth of the farthest corner, in the units of FrameView::row_w.
+  double farthest(const FrameView& view) const {
+    double at = view.offset_w;
+    for (int i = 0; i < 3; ++i) at += view.row_w[i] * (center[i] - view.eye[i]) + std::abs(view.row_w[i]) * half[i];
+    return at;
+  }
+};
 
 /// What a scene's draw list is made from, and what the passes have to be able to draw.
 struct DrawTables {
@@ -22,6 +37,7 @@ struct DrawTables {
   bool has_lattice = false;
   bool has_float32 = false;
   bool has_instances = false;  // a mesh is drawn more than once
+  SceneBox box;
 };
 
 /// Candidates: chunks of drawn meshes with up to kGroupInstances instances each.

@@ -1,7 +1,9 @@
 // Frames on a GPU: the draw list's tables, the queues, and the order of the passes.
 #include <algorithm>
 #include <bit>
+#include <cmath>
 #include <cstring>
+#include <new>
 #include <string>
 #include <utility>
 #include <vector>
@@ -13,6 +15,7 @@
 #include "kernels/cuda/frame.h"
 #include "kernels/cuda/graph.h"
 #include "kernels/cuda/large.cuh"
+#include "kernels/cuda/occupancy.h"
 #include "kernels/cuda/pyramid.cuh"
 #include "kernels/cuda/queues.h"
 #include "kernels/cuda/small.cuh"
@@ -36,13 +39,11 @@ bool are_few(uint64_t indexed_candidates, uint64_t cluster_groups, const CudaQue
 struct SmallVariant {
   void (*kernel)(const SmallFrame);
   size_t shared_bytes;
-  uint32_t blocks;  // that the GPU holds at once
 };
 
 template <bool kOrthographic, bool kLattice, bool kFloat32, bool kInstanced>
 SmallVariant small_variant() {
-  return {raster_small<kOrthographic, kLattice, kFloat32, kInstanced>, kSmallWarps * sizeof(SmallShared<kInstanced>),
-          0};
+  return {raster_small<kOrthographic, kLattice, kFloat32, kInstanced>, kSmallWarps * sizeof(SmallShared<kInstanced>)};
 }
 
 SmallVariant choose_small(const DrawTables& tables, bool orthographic) {
@@ -104,9 +105,6 @@ bool same_view(const FrameView& a, const FrameView& b) {
 /// Frames in which every cluster that was seen is asked once more whether it is hidden.
 constexpr uint32_t kHintPeriod = 4;
 
-/// Threads of the kernels that walk a list of unknown length, a multiprocessor.
-constexpr uint32_t kCullBlocks = 16;
-
 }  // namespace
 
 struct CudaFrames::Impl {
@@ -158,7 +156,7 @@ struct CudaFrames::Impl {
   /// So few, and nothing else, that one kernel culls them.
   bool has_few_clusters() const { return few_groups.count() != 0; }
   /// As far as the frame before tells: the way of many is code that few would wait for.
-  bool cuts_many() const { return clipped_before > uint64_t{multiprocessors} * kClusterWarps; }
+  bool cuts_many() const { return clipped_before > uint64_t{resident.multiprocessors()} * kClusterWarps; }
   bool clips_aside() const { return has_clusters() && !in_two_passes(); }
   /// For the next frame, while nobody waits.
   Result<void> clear_counters() {
@@ -175,12 +173,14 @@ struct CudaFrames::Impl {
   Result<void> mark(Mark place) {
     return cuda_check(cudaEventRecord(marks[place], streams.main), "recording an event");
   }
+  /// For the stages' times alone: a mark between two kernels takes a microsecond.
+  Result<void> mark_stage(Mark place) { return options.stage_times ? mark(place) : Result<void>(); }
   Result<void> read_times(FrameTimes& times) const;
 
   SceneView scene{};
   uint64_t triangle_count = 0;
   DrawTables tables;  // the flags; the vectors are given up once they are on the device
-  uint32_t multiprocessors = 0;
+  ResidentBlocks resident;
   SmallVariant variants[2] = {};  // perspective, orthographic
   FrameStreams streams;           // that the frame is submitted to
   // All are blocking streams: who works on the default stream (the resolver) is ordered with them. Those that a graph
@@ -231,14 +231,7 @@ Result<void> CudaFrames::Impl::open(const SceneView& host, const CudaQueueSizes&
   Result<DrawTables> made = make_draw_tables(host);
   if (!made) return made.error();
   tables = std::move(*made);
-  int device = 0;
-  int count = 0;
-  Result<void> done = cuda_check(cudaGetDevice(&device), "asking for the device");
-  if (done) {
-    done = cuda_check(cudaDeviceGetAttribute(&count, cudaDevAttrMultiProcessorCount, device),
-                      "asking for multiprocessors");
-  }
-  multiprocessors = static_cast<uint32_t>(count);
+  Result<void> done = resident.open();
   for (const bool orthographic : {false, true}) {
     variants[orthographic] = choose_small(tables, orthographic);
     if (done) done = prepare(variants[orthographic]);
@@ -280,7 +273,7 @@ Result<void> CudaFrames::Impl::open(const SceneView& host, const CudaQueueSizes&
 
 /// Of the chunks whose pages are there.
 Result<void> CudaFrames::Impl::find_all_bounds() {
-  find_bounds<<<multiprocessors * 8, 128, 0, streams.main>>>(scene, bounds.data());
+  find_bounds<<<resident.of(find_bounds, 128), 128, 0, streams.main>>>(scene, bounds.data());
   return cuda_check(cudaGetLastError(), "finding the chunks' bounds");
 }
 
@@ -336,17 +329,9 @@ Result<void> CudaFrames::Impl::fit_pyramid(const FrameView& frame) {
 }
 
 Result<void> CudaFrames::Impl::prepare(SmallVariant& variant) const {
-  int resident = 0;
-  Result<void> done = cuda_check(cudaFuncSetAttribute(variant.kernel, cudaFuncAttributeMaxDynamicSharedMemorySize,
-                                                      static_cast<int>(variant.shared_bytes)),
-                                 "asking for shared memory");
-  if (done) {
-    done = cuda_check(
-        cudaOccupancyMaxActiveBlocksPerMultiprocessor(&resident, variant.kernel, kSmallThreads, variant.shared_bytes),
-        "asking for occupancy");
-  }
-  variant.blocks = multiprocessors * static_cast<uint32_t>(std::max(resident, 1));
-  return done;
+  return cuda_check(cudaFuncSetAttribute(variant.kernel, cudaFuncAttributeMaxDynamicSharedMemorySize,
+                                         static_cast<int>(variant.shared_bytes)),
+                    "asking for shared memory");
 }
 
 ClusterList CudaFrames::Impl::cluster_list() const {
@@ -361,7 +346,8 @@ ClusterList CudaFrames::Impl::cluster_list() const {
           queues.items.count(),
           queues.to_clip.data(),
           queues.to_clip.count(),
-          pyramid};
+          pyramid,
+          static_cast<float>(std::clamp(tables.box.farthest(frame), 1.0, 1e38))};
 }
 
 ClusterCull CudaFrames::Impl::cluster_cull(const DrawList& list, const ClusterTests& tests, uint32_t pass,
@@ -402,7 +388,8 @@ template <bool kOrthographic, ClusterPass kPass>
 void CudaFrames::Impl::submit_clusters(const SmallFrame& small, uint32_t round, uint32_t rounds) {
   const uint32_t pass = kPass == ClusterPass::kNewlySeen ? 1 + round : 0;
   if (!has_few_clusters()) {
-    cull_clusters<kOrthographic, kPass><<<multiprocessors * kCullBlocks, kCullThreads, 0, streams.main>>>(
+    const auto cull = cull_clusters<kOrthographic, kPass>;
+    cull<<<resident.of(cull, kCullThreads), kCullThreads, 0, streams.main>>>(
         cluster_cull(small.list, {options.cluster_bounds, options.occlusion}, pass, round, rounds));
   }
   const ClusterFrame clusters{small, cluster_list(), pass};
@@ -411,19 +398,21 @@ void CudaFrames::Impl::submit_clusters(const SmallFrame& small, uint32_t round, 
   const auto kernel = !in_two_passes() ? raster_clusters<kOrthographic, kClusterParts, false>
                       : asks_again     ? raster_clusters<kOrthographic, 1, true>
                                        : raster_clusters<kOrthographic, 1, false>;
-  kernel<<<multiprocessors * kClusterBlocks, kClusterThreads, kClusterWarps * sizeof(ClusterShared), streams.main>>>(
-      clusters);
+  constexpr size_t kShared = kClusterWarps * sizeof(ClusterShared);
+  kernel<<<resident.of(kernel, kClusterThreads, kShared), kClusterThreads, kShared, streams.main>>>(clusters);
   if (!clips_aside()) submit_clipped<kOrthographic>(clusters, streams.main);
 }
 
 /// Clips the triangles of clusters that need it.
 template <bool kOrthographic>
 void CudaFrames::Impl::submit_clipped(const ClusterFrame& clusters, cudaStream_t stream) {
-  if (cuts_many()) {
-    raster_cut<kOrthographic><<<multiprocessors * kCutBlocks, kClusterThreads, 0, stream>>>(clusters);
-  } else {
-    raster_clipped<kOrthographic><<<multiprocessors, kClusterThreads, 0, stream>>>(clusters);
+  if constexpr (!kOrthographic) {  // an orthographic camera has no near plane that bends what it cuts
+    if (cuts_many()) {
+      raster_cut<<<resident.of(raster_cut, kClusterThreads), kClusterThreads, 0, stream>>>(clusters);
+      return;
+    }
   }
+  raster_clipped<kOrthographic><<<resident.multiprocessors(), kClusterThreads, 0, stream>>>(clusters);
 }
 
 /// Clips the triangles of clusters that need it and draws what is left of them, while all others go through stages 2
@@ -438,9 +427,10 @@ Result<void> CudaFrames::Impl::submit_clipped_aside(const SmallFrame& small) {
   if (done) done = cuda_check(cudaStreamWaitEvent(streams.clip, marks[kClustersDone]), "forking");
   if (!done) return done;
   submit_clipped<kOrthographic>({clipped, cluster_list(), 0}, streams.clip);
-  split_large<kOrthographic><<<multiprocessors, kLargeThreads, 0, streams.clip>>>(rest);
-  raster_large<kOrthographic><<<multiprocessors * kLargeBlocks, kLargeThreads, 0, streams.clip>>>(rest);
-  raster_medium<kOrthographic><<<multiprocessors, kLargeThreads, 0, streams.clip>>>(rest);
+  const auto large = raster_large<kOrthographic>;
+  split_large<kOrthographic><<<resident.multiprocessors(), kLargeThreads, 0, streams.clip>>>(rest);
+  large<<<resident.of(large, kLargeThreads), kLargeThreads, 0, streams.clip>>>(rest);
+  raster_medium<kOrthographic><<<resident.multiprocessors(), kLargeThreads, 0, streams.clip>>>(rest);
   done = cuda_check(cudaGetLastError(), "starting to clip");
   if (done) done = cuda_check(cudaEventRecord(marks[kClippedDone], streams.clip), "recording an event");
   return done;
@@ -454,19 +444,22 @@ Result<void> CudaFrames::Impl::submit_stages(const SmallFrame& small, const Stag
   if (clips_aside()) done = submit_clipped_aside<kOrthographic>(small);
   if (done) done = mark(at.small_done);
   if (done) done = cuda_check(cudaStreamWaitEvent(streams.side, marks[at.small_done]), "forking");
-  if (done) done = cuda_check(cudaEventRecord(marks[at.large_begun], streams.side), "recording an event");
+  if (done && options.stage_times)
+    done = cuda_check(cudaEventRecord(marks[at.large_begun], streams.side), "recording an event");
   if (done) {
-    const uint32_t blocks = multiprocessors * kLargeBlocks;
-    split_large<kOrthographic><<<blocks, kLargeThreads, 0, streams.side>>>(rest);
-    raster_large<kOrthographic><<<blocks, kLargeThreads, 0, streams.side>>>(rest);
+    const auto split = split_large<kOrthographic>;
+    const auto large = raster_large<kOrthographic>;
+    split<<<resident.of(split, kLargeThreads), kLargeThreads, 0, streams.side>>>(rest);
+    large<<<resident.of(large, kLargeThreads), kLargeThreads, 0, streams.side>>>(rest);
     done = cuda_check(cudaGetLastError(), "starting stage 3");
   }
   if (done) done = cuda_check(cudaEventRecord(marks[at.large_done], streams.side), "recording an event");
   if (done) {
-    raster_medium<kOrthographic><<<multiprocessors * kMediumBlocks, kLargeThreads, 0, streams.main>>>(rest);
+    const auto medium = raster_medium<kOrthographic>;
+    medium<<<resident.of(medium, kLargeThreads), kLargeThreads, 0, streams.main>>>(rest);
     done = cuda_check(cudaGetLastError(), "starting stage 2");
   }
-  if (done) done = mark(at.medium_done);
+  if (done) done = mark_stage(at.medium_done);
   if (done) done = cuda_check(cudaStreamWaitEvent(streams.main, marks[at.large_done]), "joining");
   if (done && clips_aside()) done = cuda_check(cudaStreamWaitEvent(streams.main, marks[kClippedDone]), "joining");
   return done;
@@ -502,9 +495,9 @@ Result<void> CudaFrames::Impl::submit_passes() {
   if (done && clears && !culls) {
     done = cuda_check(cudaMemsetAsync(samples, 0xff, sample_count * sizeof(uint64_t), streams.main), "clearing");
   }
-  if (done) done = mark(kCleared);
+  if (done) done = mark_stage(kCleared);
   if (done && culls) {
-    const SamplesToClear clear{samples, sample_count, clears ? multiprocessors * kCullBlocks : 0};
+    const SamplesToClear clear{samples, sample_count, clears ? resident.fill(kCullThreads) : 0};
     if (has_few_clusters()) {
       submit_few_culling<kOrthographic>(list, clear);
     } else {
@@ -512,7 +505,7 @@ Result<void> CudaFrames::Impl::submit_passes() {
     }
     done = cuda_check(cudaGetLastError(), "starting culling");
   }
-  if (done) done = mark(kCulled);
+  if (done) done = mark_stage(kCulled);
   const SmallFrame small{scene,
                          frame,
                          target,
@@ -522,7 +515,8 @@ Result<void> CudaFrames::Impl::submit_passes() {
                          options.sampleless_test};
   if (done && draws_indexed) {
     const SmallVariant& variant = variants[kOrthographic ? 1 : 0];
-    variant.kernel<<<variant.blocks, kSmallThreads, variant.shared_bytes, streams.main>>>(small);
+    const uint32_t blocks = resident.of(variant.kernel, kSmallThreads, variant.shared_bytes);
+    variant.kernel<<<blocks, kSmallThreads, variant.shared_bytes, streams.main>>>(small);
   }
   if (done && draws_clusters) {
     if (two_passes && options.part != FramePart::kRest) {
@@ -533,7 +527,7 @@ Result<void> CudaFrames::Impl::submit_passes() {
   }
   if (done) done = cuda_check(cudaGetLastError(), "starting stage 1");
   if (done) done = submit_stages<kOrthographic>(small, kFirstStages);
-  if (done) done = mark(kFirstDone);
+  if (done) done = mark_stage(kFirstDone);
   if (done && two_passes && !is_ahead) {
     const auto tiles_along = [](int32_t side) { return (static_cast<uint32_t>(side) - 1) / kPyramidTile + 1; };
     const dim3 tiles_of_image(tiles_along(frame.width), tiles_along(frame.height));
@@ -542,7 +536,7 @@ Result<void> CudaFrames::Impl::submit_passes() {
     for (uint32_t round = 0; round < rounds && done; ++round) {
       build_pyramid_tiles<<<tiles_of_image, kPyramidThreads, 0, streams.main>>>(pyramid, samples);
       build_pyramid_top<<<1, 1024, 0, streams.main>>>(pyramid, counters);
-      if (round == 0) done = mark(kPyramidDone);
+      if (round == 0) done = mark_stage(kPyramidDone);
       submit_clusters<kOrthographic, ClusterPass::kNewlySeen>(small, round, rounds);
       if (done) done = cuda_check(cudaGetLastError(), "starting the second pass");
       if (done) done = submit_stages<kOrthographic>(small, kSecondStages);
@@ -591,7 +585,7 @@ Result<void> CudaFrames::Impl::read_times(FrameTimes& times) const {
     Mark to;
     bool is_there;
   };
-  times.has_stages = !is_graph;
+  times.has_stages = options.stage_times;
   const bool has_second = two_passes && options.part != FramePart::kSeenBefore;
   const Span spans[] = {{&times.clear_ms, kStart, kCleared, true},
                         {&times.cull_ms, kCleared, kCulled, true},
@@ -636,10 +630,14 @@ uint64_t CudaFrames::device_bytes(const SceneView& host, const CudaQueueSizes& s
 }
 
 Result<CudaFrames> CudaFrames::create(const SceneView& host, const SceneView& device, const CudaQueueSizes& sizes) {
-  auto impl = std::make_unique<Impl>();
-  impl->scene = device;
-  if (Result<void> opened = impl->open(host, sizes); !opened) return opened.error();
-  return CudaFrames(std::move(impl));
+  try {
+    auto impl = std::make_unique<Impl>();
+    impl->scene = device;
+    if (Result<void> opened = impl->open(host, sizes); !opened) return opened.error();
+    return CudaFrames(std::move(impl));
+  } catch (const std::bad_alloc&) {
+    return Error{ErrorCode::kMemory, "out of memory for the draw list"};
+  }
 }
 
 Result<FrameStats> CudaFrames::draw(const View& view, uint64_t* samples, const DrawOptions& options,
@@ -666,11 +664,12 @@ Result<CudaFrames::Finished> CudaFrames::finish(FrameTimes* times) {
       return done.error();
     FrameQueues& queues = impl_->queues;
     if (queues.had_room(*impl_->seen)) break;
+    const bool lost_clusters = queues.lost_clusters(*impl_->seen);
     // A little more than was asked for, since the camera moves; or just that where no more fits.
     Result<void> grown = queues.grow(queues.asked(*impl_->seen, 4));
     if (!grown) grown = queues.grow(queues.asked(*impl_->seen, 0));
-    // Clusters or triangles without room were not drawn, and hid nothing: what seemed to be seen is no guide.
-    if (grown) grown = impl_->forget();
+    // Where clusters found no room, most of what seemed to be seen was not hidden by them: it is no guide.
+    if (grown && lost_clusters) grown = impl_->forget();
     if (!grown) return grown.error();
     if (!queues.had_room(*impl_->seen))
       return Error{ErrorCode::kRange, "a queue of the frame would need 2^32 places; use --backend cpu"};

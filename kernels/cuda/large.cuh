@@ -48,8 +48,7 @@ __device__ inline void split_triangle(const LargeFrame& frame, uint32_t number) 
     if (test.may_cover(x, y)) ++count;
   }
   uint64_t next = 0;
-  if (const uint32_t all = __reduce_add_sync(~0u, count); lane == 0)
-    next = WarpTeam::add(&queues.counters->tiles, uint64_t{all});
+  if (const uint32_t all = sum_of_lanes(count); lane == 0) next = WarpTeam::add(&queues.counters->tiles, uint64_t{all});
   next = __shfl_sync(~0u, next, 0);
   for (uint32_t base = 0; base < tiles.count(); base += kWarpLanes) {
     uint32_t x;

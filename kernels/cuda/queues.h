@@ -56,6 +56,12 @@ struct FrameQueues {
         0};
   }
 
+  /// Whether the queue of clusters, or that of triangles to be clipped, was too small.
+  bool lost_clusters(const FrameCounters& seen) const {
+    const CudaQueueSizes wanted = asked(seen, 0);
+    return wanted.clusters > items.count() || wanted.to_clip > to_clip.count();
+  }
+
   bool had_room(const FrameCounters& seen) const {
     const CudaQueueSizes wanted = asked(seen, 0);
     return wanted.medium <= triangles.medium.count() && wanted.large <= triangles.large.count() &&

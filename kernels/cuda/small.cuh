@@ -174,7 +174,7 @@ __device__ inline void draw_pixels(const Target& target, SetUpTriangles& shared,
     for (uint32_t k = 0; k < kBatch; ++k) {
       const uint32_t row = base + k * kWarpLanes;
       const uint32_t pixel = row + lane;
-      const uint32_t begins = __reduce_or_sync(~0u, start - row < kWarpLanes ? 1u << (start - row) : 0u);
+      const uint32_t begins = bits_of_lanes(start - row < kWarpLanes ? 1u << (start - row) : 0u);
       const uint32_t owner = begun + static_cast<uint32_t>(__popc(begins & up_to_lane));
       begun += static_cast<uint32_t>(__popc(begins));
       drawn[k] = kBackground;
@@ -212,7 +212,7 @@ __device__ inline bool draw_set_up(const Target& target, const Queues& queues, S
   if (__ballot_sync(~0u, pixels != 0) == 0) return false;
   bool small = pixels != 0 && pixels <= kSmallBox && fits_narrow_edges(triangle.x, triangle.y);
   // 32 boxes of a hundred pixels would keep this warp long after all others are done: the larger go to stage 2.
-  if (__reduce_add_sync(~0u, small ? static_cast<uint32_t>(pixels) : 0) > kCrowdedPixels) {
+  if (sum_of_lanes(small ? static_cast<uint32_t>(pixels) : 0) > kCrowdedPixels) {
     small = small && pixels <= kCrowdedBox;
   }
   if (pixels >= kMediumBox) {
@@ -442,8 +442,8 @@ class SmallWarp {
   }
 
   __device__ void report() {
-    const uint64_t small = __reduce_add_sync(~0u, small_);
-    const uint64_t clipped = __reduce_add_sync(~0u, clipped_);
+    const uint64_t small = sum_of_lanes(small_);
+    const uint64_t clipped = sum_of_lanes(clipped_);
     if (lane_ != 0) return;
     if (small != 0) WarpTeam::add(&frame_.list.counters->queues.triangles_small, small);
     if (clipped != 0) WarpTeam::add(&frame_.list.counters->queues.triangles_clipped, clipped);

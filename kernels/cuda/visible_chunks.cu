@@ -1,6 +1,7 @@
 #include <algorithm>
 
 #include "kernels/cuda/visible_chunks.h"
+#include "kernels/cuda/warp.cuh"
 #include "kernels/cull/chunk_screen.h"
 #include "kernels/visbuffer.h"
 
@@ -27,7 +28,7 @@ __global__ void __launch_bounds__(kLanes* kWarps)
   uint32_t farthest = 0;
   for (uint32_t y = square / across * kSide + lane / kSide, i = 0; i < 2; ++i, y += kLanes / kSide)
     if (x < width && y < height) farthest = max_of(farthest, sample_depth_code(samples[uint64_t{y} * width + x]));
-  farthest = __reduce_max_sync(~0u, farthest);
+  farthest = largest_of_lanes(farthest);
   if (lane == 0) pyramid.row(kFirstLevel, 0)[square] = farthest;
 }
 

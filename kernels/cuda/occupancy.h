@@ -1,0 +1,69 @@
+// How many blocks of a kernel a GPU holds at once.
+#pragma once
+
+#include <cuda_runtime.h>
+
+#include <algorithm>
+#include <array>
+#include <cstddef>
+#include <cstdint>
+
+#include "kernels/cuda/check.h"
+
+#pragma nv_diag_suppress 2810  // nvcc 13 takes the assignment of a nodiscard class for an ignored result
+
+namespace scree::kernels {
+
+/// The grids of kernels whose warps take work until none is left: as many blocks as the current device holds at once,
+/// by its registers and shared memory (cudaOccupancy), so that no warp counts on a share that comes late.
+class ResidentBlocks {
+ public:
+  /// Errors kDevice.
+  Result<void> open() {
+    int device = 0;
+    Result<void> done = cuda_check(cudaGetDevice(&device), "asking for the device");
+    if (done) {
+      done = cuda_check(cudaDeviceGetAttribute(&multiprocessors_, cudaDevAttrMultiProcessorCount, device),
+                        "asking for multiprocessors");
+    }
+    if (done) {
+      done = cuda_check(cudaDeviceGetAttribute(&threads_, cudaDevAttrMaxThreadsPerMultiProcessor, device),
+                        "asking for threads of a multiprocessor");
+    }
+    return done;
+  }
+
+  uint32_t multiprocessors() const { return static_cast<uint32_t>(multiprocessors_); }
+
+  /// Blocks of `threads` threads that fill the device where neither registers nor shared memory are short.
+  uint32_t fill(uint32_t threads) const { return static_cast<uint32_t>(multiprocessors_ * threads_) / threads; }
+
+  /// Blocks of `kernel`. At least one per multiprocessor, also where CUDA cannot tell: then the launch says why.
+  template <class... Arguments>
+  uint32_t of(void (*kernel)(Arguments...), uint32_t threads, size_t shared_bytes = 0) {
+    const auto key = reinterpret_cast<const void*>(kernel);
+    const auto end = known_.begin() + count_;
+    const auto at = std::find_if(known_.begin(), end, [&](const Known& known) { return known.kernel == key; });
+    if (at != end) return at->blocks;
+    int blocks = 0;
+    const Result<void> done = cuda_check(
+        cudaOccupancyMaxActiveBlocksPerMultiprocessor(&blocks, kernel, static_cast<int>(threads), shared_bytes),
+        "asking for occupancy");
+    const uint32_t all = multiprocessors() * static_cast<uint32_t>(std::max(done ? blocks : 1, 1));
+    if (done && count_ < known_.size()) known_[count_++] = {key, all};
+    return all;
+  }
+
+ private:
+  struct Known {
+    const void* kernel;
+    uint32_t blocks;
+  };
+
+  int multiprocessors_ = 0;
+  int threads_ = 0;
+  std::array<Known, 64> known_{};
+  uint32_t count_ = 0;
+};
+
+}  // namespace scree::kernels
