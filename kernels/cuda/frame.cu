@@ -388,8 +388,8 @@ template <bool kOrthographic, ClusterPass kPass>
 void CudaFrames::Impl::submit_clusters(const SmallFrame& small, uint32_t round, uint32_t rounds) {
   const uint32_t pass = kPass == ClusterPass::kNewlySeen ? 1 + round : 0;
   if (!has_few_clusters()) {
-    const auto cull = cull_clusters<kOrthographic, kPass>;
-    cull<<<resident.of(cull, kCullThreads), kCullThreads, 0, streams.main>>>(
+    // More blocks than the registers let be there at once: culling waits for memory, and late blocks even it out.
+    cull_clusters<kOrthographic, kPass><<<resident.fill(kCullThreads), kCullThreads, 0, streams.main>>>(
         cluster_cull(small.list, {options.cluster_bounds, options.occlusion}, pass, round, rounds));
   }
   const ClusterFrame clusters{small, cluster_list(), pass};
@@ -668,8 +668,9 @@ Result<CudaFrames::Finished> CudaFrames::finish(FrameTimes* times) {
     // A little more than was asked for, since the camera moves; or just that where no more fits.
     Result<void> grown = queues.grow(queues.asked(*impl_->seen, 4));
     if (!grown) grown = queues.grow(queues.asked(*impl_->seen, 0));
-    // Where clusters found no room, most of what seemed to be seen was not hidden by them: it is no guide.
-    if (grown && lost_clusters) grown = impl_->forget();
+    // Where clusters found no room, most of what seemed to be seen was not hidden by them: it is no guide. Of a part,
+    // clusters with a new hint would count as drawn before it.
+    if (grown && (lost_clusters || impl_->options.part != FramePart::kWhole)) grown = impl_->forget();
     if (!grown) return grown.error();
     if (!queues.had_room(*impl_->seen))
       return Error{ErrorCode::kRange, "a queue of the frame would need 2^32 places; use --backend cpu"};
