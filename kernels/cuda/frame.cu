@@ -83,10 +83,10 @@ struct FrameStreams {
   cudaStream_t clip = nullptr;  // triangles of clusters that are clipped, through all stages
 };
 
-/// Of drawn triangles: frames of scenes of fewer are one submission each.
+/// Drawn triangles from which on a frame is no longer captured in a graph.
 constexpr uint64_t kMostGraphTriangles = uint64_t{1} << 23;
 
-/// Of one pass: stages 2 and 3 begin after `small_done`.
+/// The events of one pass: stages 2 and 3 begin after `small_done`.
 struct StageMarks {
   Mark small_done;
   Mark medium_done;
@@ -102,7 +102,7 @@ bool same_view(const FrameView& a, const FrameView& b) {
          a.offset_w == b.offset_w && a.width == b.width && a.height == b.height && a.orthographic == b.orthographic;
 }
 
-/// Frames in which every cluster that was seen is asked once more whether it is hidden.
+/// Every hint is tested anew once in so many frames.
 constexpr uint32_t kHintPeriod = 4;
 
 }  // namespace
@@ -112,37 +112,41 @@ struct CudaFrames::Impl {
   Impl(const Impl&) = delete;
   Impl& operator=(const Impl&) = delete;
   ~Impl() {
-    if (streams.main != nullptr) (void)cudaStreamSynchronize(streams.main);
+    if (frame_streams.main != nullptr) (void)cudaStreamSynchronize(frame_streams.main);
     for (cudaEvent_t event : marks) {
       if (event != nullptr) (void)cudaEventDestroy(event);
     }
     (void)cudaFreeHost(seen);
-    for (const FrameStreams& all : {streams, kept_streams})
+    for (const FrameStreams& all : {frame_streams, capture_streams})
       for (cudaStream_t stream : {all.clip, all.side, all.main})
         if (stream != nullptr) (void)cudaStreamDestroy(stream);
   }
 
   Result<void> open(const SceneView& host, const CudaQueueSizes& sizes);
   Result<void> open_clusters(const SceneView& host, const CudaQueueSizes& sizes);
-  void submit_culling(const DrawList& list, const SamplesToClear& clear, bool draws_indexed, bool draws_clusters);
+  // These start kernels on the streams that they are given: the frame's, or those that a graph is captured from.
+  void submit_culling(const DrawList& list, const SamplesToClear& clear, bool draws_indexed, bool draws_clusters,
+                      const FrameStreams& streams);
   template <bool kOrthographic>
-  void submit_few_culling(const DrawList& list, const SamplesToClear& clear);
-  Result<void> find_all_bounds();
+  void submit_few_culling(const DrawList& list, const SamplesToClear& clear, const FrameStreams& streams);
+  Result<void> find_all_bounds(const FrameStreams& streams);
   Result<void> forget();
   Result<void> fit_pyramid(const FrameView& frame);
   Result<void> submit();
-  Result<void> record();
-  Result<void> submit_passes() { return frame.orthographic ? submit_passes<true>() : submit_passes<false>(); }
+  Result<void> capture_graph();
+  Result<void> submit_passes(const FrameStreams& streams) {
+    return frame.orthographic ? submit_passes<true>(streams) : submit_passes<false>(streams);
+  }
   template <bool kOrthographic>
-  Result<void> submit_passes();
+  Result<void> submit_passes(const FrameStreams& streams);
   template <bool kOrthographic, ClusterPass kPass>
-  void submit_clusters(const SmallFrame& small, uint32_t round, uint32_t rounds);
+  void submit_clusters(const SmallFrame& small, uint32_t round, uint32_t rounds, const FrameStreams& streams);
   template <bool kOrthographic>
   void submit_clipped(const ClusterFrame& clusters, cudaStream_t stream);
   template <bool kOrthographic>
-  Result<void> submit_clipped_aside(const SmallFrame& small);
+  Result<void> submit_clipped_aside(const SmallFrame& small, const FrameStreams& streams);
   template <bool kOrthographic>
-  Result<void> submit_stages(const SmallFrame& small, const StageMarks& marks_of_pass);
+  Result<void> submit_stages(const SmallFrame& small, const StageMarks& marks_of_pass, const FrameStreams& streams);
   ClusterList cluster_list() const;
   ClusterCull cluster_cull(const DrawList& list, const ClusterTests& tests, uint32_t pass, uint32_t round,
                            uint32_t rounds) const;
@@ -155,13 +159,14 @@ struct CudaFrames::Impl {
   bool in_two_passes() const { return tables.cluster_groups >= two_pass_groups; }
   /// So few, and nothing else, that one kernel culls them.
   bool has_few_clusters() const { return few_groups.count() != 0; }
-  /// As far as the frame before tells: the way of many is code that few would wait for.
+  /// A guess from the frame before. raster_cut is faster for many triangles, but its code is longer, and a few
+  /// triangles would wait for it to be fetched.
   bool cuts_many() const { return clipped_before > uint64_t{resident.multiprocessors()} * kClusterWarps; }
   bool clips_aside() const { return has_clusters() && !in_two_passes(); }
   /// For the next frame, while nobody waits.
   Result<void> clear_counters() {
     Result<void> done =
-        cuda_check(cudaMemsetAsync(zeroed.data(), 0, zeroed.count(), streams.main), "clearing the counters");
+        cuda_check(cudaMemsetAsync(zeroed.data(), 0, zeroed.count(), frame_streams.main), "clearing the counters");
     counters_cleared = static_cast<bool>(done);
     return done;
   }
@@ -170,11 +175,15 @@ struct CudaFrames::Impl {
     return options.part == FramePart::kWhole && !two_passes && !options.stage_times &&
            triangle_count < kMostGraphTriangles;
   }
-  Result<void> mark(Mark place) {
+  Result<void> mark(Mark place, const FrameStreams& streams) {
     return cuda_check(cudaEventRecord(marks[place], streams.main), "recording an event");
   }
   /// For the stages' times alone: a mark between two kernels takes a microsecond.
-  Result<void> mark_stage(Mark place) { return options.stage_times ? mark(place) : Result<void>(); }
+  Result<void> mark_stage(Mark place, const FrameStreams& streams) {
+    return options.stage_times ? mark(place, streams) : Result<void>();
+  }
+  Result<void> grow_queues();
+  void adapt_next_frame();
   Result<void> read_times(FrameTimes& times) const;
 
   SceneView scene{};
@@ -182,10 +191,11 @@ struct CudaFrames::Impl {
   DrawTables tables;  // the flags; the vectors are given up once they are on the device
   ResidentBlocks resident;
   SmallVariant variants[2] = {};  // perspective, orthographic
-  FrameStreams streams;           // that the frame is submitted to
-  // All are blocking streams: who works on the default stream (the resolver) is ordered with them. Those that a graph
-  // is captured from are not: a capture would be lost, and who works there meanwhile would fail.
-  FrameStreams kept_streams;
+  // The frame is submitted to blocking streams, so that work on the default stream (the resolver's) is ordered with it.
+  FrameStreams frame_streams;
+  // A graph is captured from streams that do not block: work on the default stream during a capture would fail, and
+  // would end the capture.
+  FrameStreams capture_streams;
   CudaGraph graph;
   bool is_graph = false;  // the last frame
   cudaEvent_t marks[kMarkCount] = {};
@@ -236,9 +246,9 @@ Result<void> CudaFrames::Impl::open(const SceneView& host, const CudaQueueSizes&
     variants[orthographic] = choose_small(tables, orthographic);
     if (done) done = prepare(variants[orthographic]);
   }
-  for (cudaStream_t* stream : {&streams.main, &streams.side, &streams.clip})
+  for (cudaStream_t* stream : {&frame_streams.main, &frame_streams.side, &frame_streams.clip})
     if (done) done = cuda_check(cudaStreamCreate(stream), "making a stream");
-  for (cudaStream_t* stream : {&kept_streams.main, &kept_streams.side, &kept_streams.clip})
+  for (cudaStream_t* stream : {&capture_streams.main, &capture_streams.side, &capture_streams.clip})
     if (done) done = cuda_check(cudaStreamCreateWithFlags(stream, cudaStreamNonBlocking), "making a stream");
   for (cudaEvent_t& event : marks) {
     if (done) done = cuda_check(cudaEventCreate(&event), "making an event");
@@ -251,7 +261,7 @@ Result<void> CudaFrames::Impl::open(const SceneView& host, const CudaQueueSizes&
   if (done) done = mesh_first.fill(tables.mesh_first, "allocating the draw list");
   if (done) done = candidates.fill(tables.candidates, "allocating the draw list");
   if (done && tables.has_float32) done = bounds.allocate(host.chunk_count, "allocating the chunks' bounds");
-  if (done && tables.has_float32) done = find_all_bounds();
+  if (done && tables.has_float32) done = find_all_bounds(frame_streams);
   if (done) {
     done = zeroed.allocate(sizeof(FrameCounters) + host.mesh_count * sizeof(uint32_t), "allocating the draw list");
   }
@@ -261,7 +271,7 @@ Result<void> CudaFrames::Impl::open(const SceneView& host, const CudaQueueSizes&
   if (done) done = queues.triangles.tiles.allocate(sizes.tiles, "allocating the queues");
   if (done) done = queues.grow({sizes.medium, sizes.large, 0, 0, 0, 0, 0, 0});
   if (done && !tables.cluster_candidates.empty()) done = open_clusters(host, sizes);
-  if (done) done = cuda_check(cudaStreamSynchronize(streams.main), "preparing to draw");
+  if (done) done = cuda_check(cudaStreamSynchronize(frame_streams.main), "preparing to draw");
   tables.order = {};
   tables.mesh_first = {};
   tables.candidates = {};
@@ -271,8 +281,8 @@ Result<void> CudaFrames::Impl::open(const SceneView& host, const CudaQueueSizes&
   return done;
 }
 
-/// Of the chunks whose pages are there.
-Result<void> CudaFrames::Impl::find_all_bounds() {
+/// Finds the boxes of the float32 chunks whose pages are there.
+Result<void> CudaFrames::Impl::find_all_bounds(const FrameStreams& streams) {
   find_bounds<<<resident.of(find_bounds, 128), 128, 0, streams.main>>>(scene, bounds.data());
   return cuda_check(cudaGetLastError(), "finding the chunks' bounds");
 }
@@ -310,8 +320,9 @@ Result<void> CudaFrames::Impl::open_clusters(const SceneView& host, const CudaQu
 Result<void> CudaFrames::Impl::forget() {
   if (!in_two_passes()) return {};
   last_view = {};
-  return cuda_check(cudaMemsetAsync(seen_before.data(), 0, tables.cluster_groups * sizeof(uint32_t), streams.main),
-                    "clearing a bit for each cluster");
+  return cuda_check(
+      cudaMemsetAsync(seen_before.data(), 0, tables.cluster_groups * sizeof(uint32_t), frame_streams.main),
+      "clearing a bit for each cluster");
 }
 
 /// Room for the pyramid of an image, made when its size changes.
@@ -358,7 +369,7 @@ ClusterCull CudaFrames::Impl::cluster_cull(const DrawList& list, const ClusterTe
 
 /// Finds the chunks that are drawn, and clears the picture.
 void CudaFrames::Impl::submit_culling(const DrawList& list, const SamplesToClear& clear, bool draws_indexed,
-                                      bool draws_clusters) {
+                                      bool draws_clusters, const FrameStreams& streams) {
   cull_instances<<<(list.instance_count - 1) / kCullThreads + 1 + clear.blocks, kCullThreads, 0, streams.main>>>(
       scene, frame, list, clear);
   if (draws_indexed) {
@@ -375,7 +386,8 @@ void CudaFrames::Impl::submit_culling(const DrawList& list, const SamplesToClear
 
 /// Finds the clusters that are drawn, and clears the picture.
 template <bool kOrthographic>
-void CudaFrames::Impl::submit_few_culling(const DrawList& list, const SamplesToClear& clear) {
+void CudaFrames::Impl::submit_few_culling(const DrawList& list, const SamplesToClear& clear,
+                                          const FrameStreams& streams) {
   const auto group_count = static_cast<uint32_t>(few_groups.count());
   const uint32_t blocks = (group_count - 1) / kCullWarps + 1 + clear.blocks;
   cull_few<kOrthographic><<<blocks, kCullThreads, 0, streams.main>>>(
@@ -385,7 +397,8 @@ void CudaFrames::Impl::submit_few_culling(const DrawList& list, const SamplesToC
 
 /// Finds the clusters that a pass draws, unless they are few and found, and draws them.
 template <bool kOrthographic, ClusterPass kPass>
-void CudaFrames::Impl::submit_clusters(const SmallFrame& small, uint32_t round, uint32_t rounds) {
+void CudaFrames::Impl::submit_clusters(const SmallFrame& small, uint32_t round, uint32_t rounds,
+                                       const FrameStreams& streams) {
   const uint32_t pass = kPass == ClusterPass::kNewlySeen ? 1 + round : 0;
   if (!has_few_clusters()) {
     // More blocks than the registers let be there at once: culling waits for memory, and late blocks even it out.
@@ -419,11 +432,11 @@ void CudaFrames::Impl::submit_clipped(const ClusterFrame& clusters, cudaStream_t
 /// and 3. Few as they are, each takes 20 us. Worth the kernels that it costs only where a frame is short: of scenes
 /// that are drawn in one pass.
 template <bool kOrthographic>
-Result<void> CudaFrames::Impl::submit_clipped_aside(const SmallFrame& small) {
+Result<void> CudaFrames::Impl::submit_clipped_aside(const SmallFrame& small, const FrameStreams& streams) {
   SmallFrame clipped = small;
   clipped.queues = queues.clipped.view(&small.list.counters->clipped);
   const LargeFrame rest{small.view, small.target, clipped.queues, &small.list.counters->clipped_drawn};
-  Result<void> done = mark(kClustersDone);
+  Result<void> done = mark(kClustersDone, streams);
   if (done) done = cuda_check(cudaStreamWaitEvent(streams.clip, marks[kClustersDone]), "forking");
   if (!done) return done;
   submit_clipped<kOrthographic>({clipped, cluster_list(), 0}, streams.clip);
@@ -438,11 +451,12 @@ Result<void> CudaFrames::Impl::submit_clipped_aside(const SmallFrame& small) {
 
 /// What stage 1 left, by stages 2 and 3 side by side: each alone is too little for the GPU.
 template <bool kOrthographic>
-Result<void> CudaFrames::Impl::submit_stages(const SmallFrame& small, const StageMarks& at) {
+Result<void> CudaFrames::Impl::submit_stages(const SmallFrame& small, const StageMarks& at,
+                                             const FrameStreams& streams) {
   const LargeFrame rest{small.view, small.target, small.queues, &small.list.counters->drawn};
   Result<void> done;
-  if (clips_aside()) done = submit_clipped_aside<kOrthographic>(small);
-  if (done) done = mark(at.small_done);
+  if (clips_aside()) done = submit_clipped_aside<kOrthographic>(small, streams);
+  if (done) done = mark(at.small_done, streams);
   if (done) done = cuda_check(cudaStreamWaitEvent(streams.side, marks[at.small_done]), "forking");
   if (done && options.stage_times)
     done = cuda_check(cudaEventRecord(marks[at.large_begun], streams.side), "recording an event");
@@ -459,7 +473,7 @@ Result<void> CudaFrames::Impl::submit_stages(const SmallFrame& small, const Stag
     medium<<<resident.of(medium, kLargeThreads), kLargeThreads, 0, streams.main>>>(rest);
     done = cuda_check(cudaGetLastError(), "starting stage 2");
   }
-  if (done) done = mark_stage(at.medium_done);
+  if (done) done = mark_stage(at.medium_done, streams);
   if (done) done = cuda_check(cudaStreamWaitEvent(streams.main, marks[at.large_done]), "joining");
   if (done && clips_aside()) done = cuda_check(cudaStreamWaitEvent(streams.main, marks[kClippedDone]), "joining");
   return done;
@@ -467,7 +481,7 @@ Result<void> CudaFrames::Impl::submit_stages(const SmallFrame& small, const Stag
 
 /// Draws the frame.
 template <bool kOrthographic>
-Result<void> CudaFrames::Impl::submit_passes() {
+Result<void> CudaFrames::Impl::submit_passes(const FrameStreams& streams) {
   auto* const counters = reinterpret_cast<FrameCounters*>(zeroed.data());
   const DrawList list{order.data(),
                       mesh_first.data(),
@@ -489,23 +503,23 @@ Result<void> CudaFrames::Impl::submit_passes() {
   const bool is_ahead = options.part == FramePart::kSeenBefore;
   const bool draws_clusters = has_clusters() && (two_passes || !is_ahead);
   const bool draws_indexed = list.candidate_count != 0 && !is_ahead;
-  if (done && options.part != FramePart::kWhole && draws_indexed && tables.has_float32) done = find_all_bounds();
+  if (done && options.part != FramePart::kWhole && draws_indexed && tables.has_float32) done = find_all_bounds(streams);
   const bool clears = options.part == FramePart::kWhole;
   const bool culls = list.instance_count != 0 && (draws_indexed || draws_clusters);
   if (done && clears && !culls) {
     done = cuda_check(cudaMemsetAsync(samples, 0xff, sample_count * sizeof(uint64_t), streams.main), "clearing");
   }
-  if (done) done = mark_stage(kCleared);
+  if (done) done = mark_stage(kCleared, streams);
   if (done && culls) {
     const SamplesToClear clear{samples, sample_count, clears ? resident.fill(kCullThreads) : 0};
     if (has_few_clusters()) {
-      submit_few_culling<kOrthographic>(list, clear);
+      submit_few_culling<kOrthographic>(list, clear, streams);
     } else {
-      submit_culling(list, clear, draws_indexed, draws_clusters);
+      submit_culling(list, clear, draws_indexed, draws_clusters, streams);
     }
     done = cuda_check(cudaGetLastError(), "starting culling");
   }
-  if (done) done = mark_stage(kCulled);
+  if (done) done = mark_stage(kCulled, streams);
   const SmallFrame small{scene,
                          frame,
                          target,
@@ -520,14 +534,14 @@ Result<void> CudaFrames::Impl::submit_passes() {
   }
   if (done && draws_clusters) {
     if (two_passes && options.part != FramePart::kRest) {
-      submit_clusters<kOrthographic, ClusterPass::kSeenBefore>(small, 0, 1);
+      submit_clusters<kOrthographic, ClusterPass::kSeenBefore>(small, 0, 1, streams);
     } else if (!two_passes) {
-      submit_clusters<kOrthographic, ClusterPass::kOnly>(small, 0, 1);
+      submit_clusters<kOrthographic, ClusterPass::kOnly>(small, 0, 1, streams);
     }
   }
   if (done) done = cuda_check(cudaGetLastError(), "starting stage 1");
-  if (done) done = submit_stages<kOrthographic>(small, kFirstStages);
-  if (done) done = mark_stage(kFirstDone);
+  if (done) done = submit_stages<kOrthographic>(small, kFirstStages, streams);
+  if (done) done = mark_stage(kFirstDone, streams);
   if (done && two_passes && !is_ahead) {
     const auto tiles_along = [](int32_t side) { return (static_cast<uint32_t>(side) - 1) / kPyramidTile + 1; };
     const dim3 tiles_of_image(tiles_along(frame.width), tiles_along(frame.height));
@@ -535,24 +549,22 @@ Result<void> CudaFrames::Impl::submit_passes() {
     const uint32_t rounds = same_view(frame, last_view) ? 1 : rounds_when_moving();
     for (uint32_t round = 0; round < rounds && done; ++round) {
       build_pyramid_tiles<<<tiles_of_image, kPyramidThreads, 0, streams.main>>>(pyramid, samples);
-      build_pyramid_top<<<1, 1024, 0, streams.main>>>(pyramid, counters);
-      if (round == 0) done = mark_stage(kPyramidDone);
-      submit_clusters<kOrthographic, ClusterPass::kNewlySeen>(small, round, rounds);
+      build_pyramid_top_and_begin_pass<<<1, 1024, 0, streams.main>>>(pyramid, counters);
+      if (round == 0) done = mark_stage(kPyramidDone, streams);
+      submit_clusters<kOrthographic, ClusterPass::kNewlySeen>(small, round, rounds, streams);
       if (done) done = cuda_check(cudaGetLastError(), "starting the second pass");
-      if (done) done = submit_stages<kOrthographic>(small, kSecondStages);
+      if (done) done = submit_stages<kOrthographic>(small, kSecondStages, streams);
     }
   }
   return done;
 }
 
-/// Keeps the frame in the graph. Its streams are the graph's meanwhile.
-Result<void> CudaFrames::Impl::record() {
-  if (Result<void> done = CudaGraph::begin(kept_streams.main); !done) return done;
-  std::swap(streams, kept_streams);
-  const Result<void> done = submit_passes();
-  std::swap(streams, kept_streams);
-  if (done) return graph.finish(kept_streams.main);
-  CudaGraph::abandon(kept_streams.main);
+/// Captures the frame's submission in the graph.
+Result<void> CudaFrames::Impl::capture_graph() {
+  if (Result<void> done = CudaGraph::begin(capture_streams.main); !done) return done;
+  const Result<void> done = submit_passes(capture_streams);
+  if (done) return graph.finish(capture_streams.main);
+  CudaGraph::abandon(capture_streams.main);
   return done;
 }
 
@@ -562,18 +574,18 @@ Result<void> CudaFrames::Impl::submit() {
   two_passes = has_clusters() && in_two_passes() && options.cluster_bounds && options.occlusion;
   is_graph = goes_as_graph();
   Result<void> done;
-  if (is_graph) done = record();
-  if (done) done = mark(kStart);
+  if (is_graph) done = capture_graph();
+  if (done) done = mark(kStart, frame_streams);
   if (done && !counters_cleared) done = clear_counters();
   counters_cleared = false;
-  if (done) done = is_graph ? graph.launch(streams.main) : submit_passes();
+  if (done) done = is_graph ? graph.launch(frame_streams.main) : submit_passes(frame_streams);
   const auto* const counters = reinterpret_cast<const FrameCounters*>(zeroed.data());
-  if (done) done = mark(kAllDone);
+  if (done) done = mark(kAllDone, frame_streams);
   if (done) {
-    done = cuda_check(cudaMemcpyAsync(seen, counters, sizeof *seen, cudaMemcpyDeviceToHost, streams.main),
+    done = cuda_check(cudaMemcpyAsync(seen, counters, sizeof *seen, cudaMemcpyDeviceToHost, frame_streams.main),
                       "reading the counters");
   }
-  if (done) done = mark(kCountersRead);
+  if (done) done = mark(kCountersRead, frame_streams);
   if (done) done = clear_counters();
   return done;
 }
@@ -657,35 +669,46 @@ Result<void> CudaFrames::start(const View& view, uint64_t* samples, const DrawOp
   return impl_->submit();
 }
 
+/// Makes room in the queues that overflowed, before the frame is drawn again. Errors kDevice; kRange: a queue would
+/// need 2^32 places.
+Result<void> CudaFrames::Impl::grow_queues() {
+  const bool lost_clusters = queues.lost_clusters(*seen);
+  // A little more than the frame needed, since the camera moves; exactly that where no more fits.
+  Result<void> grown = queues.grow(queues.asked(*seen, 4));
+  if (!grown) grown = queues.grow(queues.asked(*seen, 0));
+  if (!grown) return grown;
+  if (!queues.had_room(*seen))
+    return Error{ErrorCode::kRange, "a queue of the frame would need 2^32 places; use --backend cpu"};
+  // Clusters without room hid nothing: the hints that the frame left name far too many. In a part, a cluster with a new
+  // hint would count as drawn before the part.
+  return lost_clusters || options.part != FramePart::kWhole ? forget() : Result<void>();
+}
+
+/// Chooses how the next frame is drawn, from this one's view and counters: in how many rounds, by which kernel its
+/// triangles are clipped (cuts_many), and how often the hints are tested anew.
+void CudaFrames::Impl::adapt_next_frame() {
+  last_view = frame;
+  clipped_before = seen->to_clip;
+  // After a jump of the camera most clusters that the second pass found turn out to be hidden: all are tested anew. So
+  // are they in each part of a frame: few of the chunks that may hide a part's first clusters were there.
+  const uint64_t seen_before_count = seen->clusters[0];
+  const uint64_t newly_seen_count = clusters_before(*seen, kClusterPasses) - seen_before_count;
+  const bool is_whole = options.part == FramePart::kWhole;
+  hint_period = !is_whole || newly_seen_count > seen_before_count ? 1 : kHintPeriod;
+}
+
 Result<CudaFrames::Finished> CudaFrames::finish(FrameTimes* times) {
   bool is_drawn_again = false;
   for (;;) {
     if (Result<void> done = cuda_check(cudaEventSynchronize(impl_->marks[kCountersRead]), "drawing"); !done)
       return done.error();
-    FrameQueues& queues = impl_->queues;
-    if (queues.had_room(*impl_->seen)) break;
-    const bool lost_clusters = queues.lost_clusters(*impl_->seen);
-    // A little more than was asked for, since the camera moves; or just that where no more fits.
-    Result<void> grown = queues.grow(queues.asked(*impl_->seen, 4));
-    if (!grown) grown = queues.grow(queues.asked(*impl_->seen, 0));
-    // Where clusters found no room, most of what seemed to be seen was not hidden by them: it is no guide. Of a part,
-    // clusters with a new hint would count as drawn before it.
-    if (grown && (lost_clusters || impl_->options.part != FramePart::kWhole)) grown = impl_->forget();
-    if (!grown) return grown.error();
-    if (!queues.had_room(*impl_->seen))
-      return Error{ErrorCode::kRange, "a queue of the frame would need 2^32 places; use --backend cpu"};
+    if (impl_->queues.had_room(*impl_->seen)) break;
+    if (Result<void> grown = impl_->grow_queues(); !grown) return grown.error();
     is_drawn_again = true;
-    impl_->clipped_before = impl_->seen->to_clip;
+    impl_->clipped_before = impl_->seen->to_clip;  // the same frame again: the guess is right
     if (Result<void> done = impl_->submit(); !done) return done.error();
   }
-  impl_->last_view = impl_->frame;
-  impl_->clipped_before = impl_->seen->to_clip;
-  // What a jump of the camera found was mostly hidden in the end.
-  const uint64_t seen_before = impl_->seen->clusters[0];
-  const uint64_t newly_seen = clusters_before(*impl_->seen, kClusterPasses) - seen_before;
-  // What parts draw first is asked anew always: few of the chunks that it may hide behind were there.
-  const bool is_whole = impl_->options.part == FramePart::kWhole;
-  impl_->hint_period = !is_whole || newly_seen > seen_before ? 1 : kHintPeriod;
+  impl_->adapt_next_frame();
   if (times != nullptr) {
     if (Result<void> done = impl_->read_times(*times); !done) return done.error();
   }

@@ -72,10 +72,11 @@ __global__ void __launch_bounds__(kPyramidThreads)
   if (lane == 0) put_code(pyramid, kPyramidTileLevel, tile_x, tile_y, most);
 }
 
-/// The levels above the tiles', one after the other, by one block. The frame's next pass begins: what the queues of
-/// triangles hold by now is drawn.
+/// The levels above the tiles', one after the other, by one block. The same launch begins the frame's next pass
+/// (begin_pass): all that the queues of triangles hold by now is drawn, and stages 2 and 3 go on behind it. A launch of
+/// its own for that would take as long as this one. The next pass must not start without it.
 __global__ void __launch_bounds__(1024)
-    build_pyramid_top(const __grid_constant__ DepthPyramid pyramid, FrameCounters* counters) {
+    build_pyramid_top_and_begin_pass(const __grid_constant__ DepthPyramid pyramid, FrameCounters* counters) {
   for (uint32_t level = kPyramidTileLevel + 1; level <= kPyramidLevels; ++level) {
     fill_level(pyramid, level, static_cast<int32_t>(threadIdx.x), static_cast<int32_t>(blockDim.x));
     __syncthreads();
