@@ -278,10 +278,10 @@ __device__ inline bool project_waiting(const ClusterFrame& frame, const WaitingT
                        snap_point(points[2], view, 0), triangle, box, area);
 }
 
-/// One warp's way through the clusters to be drawn. `kParts`: of a cluster, where there are few; 1 is 2% faster where
-/// there are many, since nothing has to be known of parts then. `kAsksAgain`: of a pass with many clusters beside the
-/// first one, as after a jump of the camera, it leaves out those that are hidden by what was drawn since they were
-/// found; then kParts is 1.
+/// One warp's way through the clusters to be drawn. `kParts`: warps that may share a cluster where clusters are few; 1
+/// is 2% faster where they are many, since the code for parts is gone. `kAsksAgain`: where a pass has many clusters
+/// beside the first one, as after a jump of the camera, each run of clusters is tested against the current picture just
+/// before it is drawn. That requires kParts == 1.
 template <bool kOrthographic, uint32_t kParts, bool kAsksAgain>
 class ClusterWarp {
   static_assert(!kAsksAgain || kParts == 1);
@@ -332,8 +332,8 @@ class ClusterWarp {
     uint32_t share;
   };
 
-  /// A part of what each warp would get of the rest (two are on their way to it), and one at the end; lane 0 knows.
-  /// `given`: how many were given away a while ago.
+  /// Takes 1/6 of this warp's share of the remaining clusters, at least one, so that runs shrink towards the end. Valid
+  /// in lane 0 only. `given`: how many clusters had been taken when this warp last looked.
   __device__ Run take_run(uint64_t given, uint64_t warps) const {
     Run run{0, 0};
     if (lane_ == 0) {
@@ -376,9 +376,9 @@ class ClusterWarp {
         __syncwarp();
         waiting_ = filter_triangles<false, false>(cluster, stage, waiting_, part, parts());
       }
-      __syncwarp();
-      // A part of a cluster is drawn at once: what a warp has at its end would otherwise be drawn by code of its own,
-      // which is not in the cache when its turn comes.
+      __syncwarp();  // before set_up overwrites centers or places
+      // A part of a cluster is drawn at once: triangles left at a warp's end would otherwise be drawn by a second copy
+      // of the code, which is not in the cache when its turn comes.
       while (waiting_ >= (parts() == 1 ? kWarpLanes : 1)) draw_waiting();
       if ((cluster.places & RunCluster::kLast) != 0) break;
     }
@@ -484,8 +484,8 @@ __device__ inline uint32_t draw_cut(const ClusterFrame& frame, const ClipItem& i
   return drawn;
 }
 
-/// Draws the triangles of clusters that need clipping, or whose reference is too far away for int32; a thread each, and
-/// where they are few each in a warp of its own, since no two go the same way.
+/// Draws the triangles of clusters that need clipping, or whose reference is too far away for int32, a thread each.
+/// Neighbours in the queue go to different warps, since hardly two take the same branches.
 template <bool kOrthographic>
 __global__ void __launch_bounds__(kClusterThreads) raster_clipped(const __grid_constant__ ClusterFrame frame) {
   FrameCounters& counters = *frame.small.list.counters;
@@ -501,8 +501,8 @@ __global__ void __launch_bounds__(kClusterThreads) raster_clipped(const __grid_c
   }
 }
 
-/// The same for a perspective camera where they are many: neighbours side by side, and the short way where the near
-/// plane is all that cuts.
+/// The same for a perspective camera where they are many: neighbours in the queue go to one warp, and triangles that
+/// the near plane alone cuts are clipped in registers (clip_near).
 __global__ void __launch_bounds__(kClusterThreads, kCutBlocks) raster_cut(const __grid_constant__ ClusterFrame frame) {
   __shared__ SetUpTriangles set_up[kClusterWarps];
   FrameCounters& counters = *frame.small.list.counters;

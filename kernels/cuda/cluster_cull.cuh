@@ -176,10 +176,10 @@ __global__ void __launch_bounds__(kCullThreads)
                         instance, base & kUnitMask);
 }
 
-/// What the passes of culling ask.
+/// The tests that clusters have to pass.
 struct ClusterTests {
-  bool bounds;     // outside of the picture, or between pixel centres
-  bool occlusion;  // hidden behind the pyramid
+  bool bounds;     // not outside of the picture, nor between pixel centres
+  bool occlusion;  // not hidden behind the pyramid
 };
 
 struct ClusterCull {
@@ -211,11 +211,11 @@ __device__ inline UnitRange units_of_round(uint64_t total, uint32_t round, uint3
 }
 static_assert(kUnitBits + 3 * std::bit_width(kMostRounds) <= 64);
 
-/// How a pass takes the bits of the clusters seen before: it draws those, or tests the others and draws them, or there
-/// are none. The bits are hints, and wrong ones cost time alone, as long as none is set between a draw's first pass and
-/// its second, which leaves out what has one: a cluster that has one is asked anew every few frames whether it is
-/// hidden; and one that only lay between pixel centres has one too, so that no holes open in the first pass when the
-/// camera moves.
+/// Which clusters a pass draws: those with a hint (a bit of ClusterList::seen); those without one that its tests let
+/// through; or, where there are no hints, all that its tests let through. A wrong hint costs time alone. Invariant: no
+/// hint may be set between a draw's first pass and its second of one frame, because the second leaves out clusters
+/// whose hint is set. A hint is tested anew every few frames. A cluster that only lay between pixel centres keeps its
+/// hint, so that no holes open in the first pass when the camera moves.
 enum class ClusterPass : uint32_t { kSeenBefore, kNewlySeen, kOnly };
 
 /// What of a box may show in the picture. What is hidden is as good as nothing.
@@ -238,7 +238,7 @@ __device__ inline format::ClusterBounds load_bounds(const format::ClusterBounds*
   return {{words.x, words.y, words.z}, words.w};
 }
 
-/// A lane a group of clusters; of those that may show, a lane a cluster.
+/// A lane per group of clusters; then, for each group that may show, a lane per cluster.
 template <bool kOrthographic, ClusterPass kPass>
 __global__ void __launch_bounds__(kCullThreads) cull_clusters(const __grid_constant__ ClusterCull cull) {
   constexpr bool kOcclusion = kPass == ClusterPass::kNewlySeen;

@@ -65,8 +65,8 @@ struct WaitingTriangle {
   uint32_t corners;  // numbers in the cluster, 7 bits each: the triangle's, and its corners'
 };
 
-/// A triangle to be drawn by itself: it needs clipping. The way of few looks at the last three alone, so as not to wait
-/// for what tells them.
+/// A triangle that needs clipping. raster_clipped reads instance, chunk and triangle alone: copies that save it the
+/// chain of loads from item to draw to record.
 struct ClipItem {
   WaitingTriangle waiting;
   uint32_t instance;

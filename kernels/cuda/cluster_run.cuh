@@ -18,8 +18,8 @@ inline constexpr uint32_t kClusterThreads = 128;
 inline constexpr uint32_t kClusterWarps = kClusterThreads / kWarpLanes;
 inline constexpr uint32_t kClusterParts = 4;  // of a cluster, where there are few
 
-/// 16-byte pieces of a cluster's data that are staged: more than almost any takes, and than its triangles alone ever
-/// do.
+/// Size of the staging buffer in pieces of 16 bytes. It holds the triangles of every cluster, and all data of almost
+/// every one; RunCluster::kCut marks the others.
 inline constexpr uint32_t kStagePieces = 64;
 
 /// Clusters that a warp takes at once, at most: two lanes prepare each.
@@ -30,21 +30,36 @@ __device__ inline uint32_t byte_of(uint32_t word, uint32_t i) {
   return __byte_perm(word, 0, 0x4440 + i);
 }
 
-/// A cluster of a run: what all lanes need of it.
+/// A cluster of a run: what all lanes need of it. Bytes share words, since a lane reads 64 bytes of shared memory with
+/// four loads.
 struct alignas(16) RunCluster {
-  uint64_t data;    // address of its data, or of the multiple of 16 bytes before
-  uint32_t shape;   // bytes: triangles less one, vertices less one, bits of a distance, pieces to be staged
-  uint32_t places;  // bytes: words from `data` to the steps, the distances and the positions; kWideSteps, kCut, kLast;
-                    // the predicted axis from bit 27 on
+  uint64_t data;  // address of its data, rounded down to a multiple of 16 bytes
+  uint32_t shape;
+  uint32_t places;
   LinearFilter map;
-  uint32_t codes;  // bytes: bits of x, of x and y, of all three
-  uint32_t item;   // of ClusterList::items
+  uint32_t codes;
+  uint32_t item;  // of ClusterList::items
 
+  // Bytes of `shape`.
+  static constexpr uint32_t kLastTriangle = 0;  // triangles less one
+  static constexpr uint32_t kLastVertex = 1;    // vertices less one
+  static constexpr uint32_t kDistanceBits = 2;
+  static constexpr uint32_t kPieces = 3;  // to be staged
+  // Bytes of `places`: where the streams of the cluster begin, in words from `data`.
+  static constexpr uint32_t kSteps = 0;
+  static constexpr uint32_t kDistances = 1;
+  static constexpr uint32_t kPositions = 2;
+  // Bits of the last byte of `places`.
   static constexpr uint32_t kWideSteps = 1u << 24;
   static constexpr uint32_t kCut = 1u << 25;   // longer than a stage
   static constexpr uint32_t kLast = 1u << 26;  // of the run
+  static constexpr uint32_t kPredictedAxisShift = 27;
+  // Bytes of `codes`: the bits of x, of x and y, and of all three.
+  static constexpr uint32_t kBitsX = 0;
+  static constexpr uint32_t kBitsXy = 1;
+  static constexpr uint32_t kBitsXyz = 2;
 
-  __device__ uint32_t predicted_axis() const { return places >> 27; }
+  __device__ uint32_t predicted_axis() const { return places >> kPredictedAxisShift; }
 };
 static_assert(sizeof(RunCluster) == 64);
 
@@ -55,14 +70,20 @@ struct ClusterStage {
   __device__ const uint32_t* words() const { return reinterpret_cast<const uint32_t*>(pieces); }
 };
 
-/// A warp's shared memory.
+/// A warp's shared memory. Lanes write for one another, so every change of writer has a __syncwarp() between.
 struct ClusterShared {
-  ClusterStage stages[2];
+  ClusterStage stages[2];  // by turns: one cluster's data arrive while the other cluster is filtered
   RunCluster run[kRunClusters];
   WaitingTriangle waiting[kWarpLanes - 1 + format::kMaxClusterTriangles];
   uint64_t end;       // how many clusters the pass has, or where they are shared parts of them
   uint32_t asks;      // whether they are asked again (ClusterWarp::find_shown)
   uint32_t left_out;  // of those
+  // These three share memory, since no two are needed at once. For each cluster of a run:
+  //   centers or places  written by filter_vertices() or map_vertices(), read by filter_triangles();
+  //   set_up             written and read by draw_set_up(), for the triangles that wait.
+  // ClusterWarp::draw_run() has a __syncwarp() after each of the first two steps: without the second a lane would set
+  // up its triangle over vertices that another lane still reads. draw_pixels() ends with one, so that the next
+  // cluster's vertices do not overwrite a triangle that is still being drawn.
   union {
     // Of each vertex the first pixel centre at or after it and the last one at or before it, with the filter's slack;
     // two 16-bit numbers each. The smallest `first` and the largest `last` of three corners hold the triangle's
@@ -124,8 +145,8 @@ __device__ inline bool is_hidden_by_now(const Target& target, const ScreenBounds
   return true;
 }
 
-/// Names in the run which of the items `first` and on may show still, as the picture has become since they were found;
-/// returns how many. The others lose their bits (ClusterPass). Boxes of more than a few samples are not asked.
+/// Compacts into `run` the items [first, first + count) that the current picture does not hide, and returns their
+/// count. The others lose their hints (ClusterPass). Boxes of more than 8 samples a side are not tested, and stay.
 template <bool kOrthographic>
 __device__ inline uint32_t list_shown(const ClusterFrame& frame, uint32_t first, uint32_t count) {
   constexpr int32_t kMostSamples = 8;  // a side
@@ -152,9 +173,9 @@ __device__ inline uint32_t list_shown(const ClusterFrame& frame, uint32_t first,
   return static_cast<uint32_t>(__popc(shown));
 }
 
-/// Prepares a run: items `first` and on, or where `kListed` those that it names, of which there are `count`. A lane of
-/// the first half finds a cluster and the u axis of its map, the lane 16 further its v axis. `maps`: whether there are
-/// to be maps.
+/// Prepares the `count` clusters of a run: items `first` and on, or with `kListed` the items that `run` lists already.
+/// A lane of the first half prepares a cluster and the u axis of its map, the lane 16 further its v axis. `maps`:
+/// whether clusters get maps.
 template <bool kOrthographic, bool kListed>
 __device__ inline void prepare_run(const ClusterFrame& frame, uint32_t first, uint32_t count, bool maps) {
   ClusterShared& shared = cluster_shared();
@@ -209,7 +230,7 @@ __device__ inline void prepare_run(const ClusterFrame& frame, uint32_t first, ui
   const uint32_t begin = at.prediction - skipped;
   out.places = (at.steps - begin) | (at.distances - begin) << 8 | (at.positions - begin) << 16 |
                (at.wide_steps ? RunCluster::kWideSteps : 0) | (pieces > kStagePieces ? RunCluster::kCut : 0) |
-               (place == count - 1 ? RunCluster::kLast : 0) | at.predicted_axis << 27;
+               (place == count - 1 ? RunCluster::kLast : 0) | at.predicted_axis << RunCluster::kPredictedAxisShift;
   out.codes = at.position_bits[0] | bits_xy << 8 | bits_xyz << 16;
   if constexpr (!kListed) out.item = number;
 }

@@ -1,6 +1,7 @@
-// Culling of few clusters on a GPU, in one kernel. Where a frame takes a tenth of a millisecond, what costs is the
-// number of kernels: each begins when the last warp of the one before has ended, and then waits for memory and for its
-// own instructions. So a warp a group goes all the way from its instance's matrix, and finds what others find as well.
+// Culling of few clusters on a GPU, in one kernel. Where a frame takes a tenth of a millisecond, the number of kernels
+// is what costs: each begins when the last warp of the one before has ended, and then waits for memory and for its own
+// instructions. So one warp per group of clusters does all tests, from its instance's matrix on. Warps of one instance
+// repeat each other's tests; that is cheaper than another launch.
 #pragma once
 
 #include "kernels/cuda/cluster_cull.cuh"
@@ -16,7 +17,7 @@ struct FewCull {
   SamplesToClear clear;
 };
 
-/// A warp a group of clusters: its instance's transform, the tests of the instance, the chunk, the group and the
+/// A warp per group of clusters: its instance's transform, the tests of the instance, the chunk, the group and the
 /// clusters, and a draw of its own. The last blocks clear the picture.
 template <bool kOrthographic>
 __global__ void __launch_bounds__(kCullThreads) cull_few(const __grid_constant__ FewCull few) {

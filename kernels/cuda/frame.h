@@ -88,8 +88,9 @@ class CudaFrames {
   Result<FrameStats> draw(const View& view, uint64_t* samples, const DrawOptions& options = {},
                           FrameTimes* times = nullptr);
 
-  /// As draw(), but begins it: finish() ends it. `samples` stay there until then. What is queued on the default stream
-  /// meanwhile comes after; it sees some of the frame, if a queue turns out too small, and is to be queued again.
+  /// As draw(), but only begins the frame; finish() ends it. `samples` must stay until then. Work that is queued on the
+  /// default stream meanwhile runs after the frame. If a queue overflowed, that work ran on an incomplete frame:
+  /// finish() then returns is_drawn_again, and the caller must queue it again.
   struct Finished {
     FrameStats stats;
     bool is_drawn_again;  // after start(), since a queue was too small

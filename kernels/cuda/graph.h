@@ -1,4 +1,4 @@
-// What is submitted to several streams, started as one: a short frame otherwise waits for its streams to fork and join.
+// Work for several streams, started as one: a short frame otherwise waits for its streams to fork and join.
 #pragma once
 
 #include <cuda_runtime.h>
@@ -19,14 +19,14 @@ class CudaGraph {
     if (exec_ != nullptr) (void)cudaGraphExecDestroy(exec_);
   }
 
-  /// What `stream` gets from now on is kept, and what streams get that wait for an event of it. `stream` is not ordered
-  /// with the default stream, which other threads may use meanwhile; they may allocate, too, but no thread may wait for
-  /// the whole device.
+  /// Starts capturing `stream` and every stream that joins it through an event. `stream` is not ordered with the
+  /// default stream, which other threads may use meanwhile; they may allocate, too, but no thread may wait for the
+  /// whole device.
   static Result<void> begin(cudaStream_t stream) {
     return cuda_check(cudaStreamBeginCapture(stream, cudaStreamCaptureModeThreadLocal), "recording a frame");
   }
 
-  /// Ends that, after an error in between.
+  /// Ends the capture after an error, and drops it.
   static void abandon(cudaStream_t stream) {
     cudaGraph_t captured = nullptr;
     (void)cudaStreamEndCapture(stream, &captured);
@@ -34,7 +34,7 @@ class CudaGraph {
     (void)cudaGetLastError();
   }
 
-  /// Ends that; launch() starts what was kept.
+  /// Ends the capture; launch() starts it.
   Result<void> finish(cudaStream_t stream) {
     cudaGraph_t captured = nullptr;
     if (auto done = cuda_check(cudaStreamEndCapture(stream, &captured), "recording a frame"); !done) return done;

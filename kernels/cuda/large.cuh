@@ -103,8 +103,9 @@ __device__ inline void draw_medium_part(const LargeFrame& frame, const Triangle&
   }
 }
 
-/// Draws the medium queue, a triangle or a part of one a warp: first all of one part and the first parts of the others,
-/// then, so that one warp does not get them all, the other parts. Of those there are few: a warp's lanes look for its.
+/// Draws the medium queue, a triangle or a part of one per warp. First come whole triangles and part 0 of split ones;
+/// then the remaining parts, spread over the warps, so that no warp draws all parts of a triangle. Few triangles are
+/// split: a warp's lanes test 32 candidates at a time.
 template <bool kOrthographic>
 __global__ void __launch_bounds__(kLargeThreads, kMediumBlocks)
     raster_medium(const __grid_constant__ LargeFrame frame) {

@@ -40,7 +40,7 @@ struct FrameQueues {
     return done;
   }
 
-  /// What a frame asked for; where that was too much, 1 / `part` more of it.
+  /// The sizes that the frame needed; for queues that overflowed 1 / `part` of that on top, unless `part` is 0.
   CudaQueueSizes asked(const FrameCounters& seen, uint64_t part) const {
     const auto more = [part](uint64_t count, uint64_t there) {
       return count > there && part != 0 ? count + count / part : count;

@@ -95,14 +95,19 @@ __device__ __noinline__ uint32_t draw_the_long_way(const SmallFrame& frame, uint
 /// a row find them in different banks.
 struct alignas(16) SetUpTriangle {
   uint32_t value[3];   // of Edges, at the box's first pixel; all three modulo 2^32
-  uint32_t shape;      // bits 0 to 16: more than 2^16 / width of the box, by 1 at most; 17 and 18: exclusive of edges 1
-                       // and 2; from 19 on: the width
+  uint32_t shape;      // bits: see below
   uint32_t step_x[3];  // of Edges
   uint32_t start;      // pixels of the boxes before
-  uint32_t to_row[3];  // what a pixel in the next row has more than one a width further right would
+  uint32_t to_row[3];  // of Edges, from the end of a row of the box to the next row's start: step_y - width * step_x
   uint32_t first;      // place in the picture of the box's first pixel
   DepthPlane plane;
   uint64_t id;
+
+  // `shape`: above 2^16 / width of the box, by 1 at most; Edges::exclusive of edges 1 and 2, a bit each; the width.
+  static constexpr uint32_t kInverseWidthMask = 0x1ffff;
+  static constexpr uint32_t kExclusive1Bit = 17;
+  static constexpr uint32_t kExclusive2Bit = 18;
+  static constexpr uint32_t kWidthBit = 19;
 };
 static_assert(sizeof(SetUpTriangle) == 80);
 
@@ -158,7 +163,9 @@ __device__ inline void draw_pixels(const Target& target, SetUpTriangles& shared,
       out.to_row[i] = static_cast<uint32_t>(edges.step_y[i]) - width * out.step_x[i];
     }
     out.shape = (static_cast<uint32_t>(__fdividef(65536.0f, static_cast<float>(width))) + 1) |
-                static_cast<uint32_t>(edges.exclusive[1] << 17 | edges.exclusive[2] << 18) | width << 19;
+                static_cast<uint32_t>(edges.exclusive[1] << SetUpTriangle::kExclusive1Bit |
+                                      edges.exclusive[2] << SetUpTriangle::kExclusive2Bit) |
+                width << SetUpTriangle::kWidthBit;
     out.start = start;
     out.first = static_cast<uint32_t>(box.y0 * target.width + box.x0);
     out.plane = make_depth_plane(triangle, area);
@@ -183,16 +190,17 @@ __device__ inline void draw_pixels(const Target& target, SetUpTriangles& shared,
       const uint32_t shape = its.shape;
       const uint32_t inside = pixel - its.start;
       // Exact: inside < 128 and width <= 128, so the quotient is off by less than 2^-9 and a remainder by 2^-7 or more.
-      const uint32_t y = inside * (shape & 0x1ffffu) >> 16;
+      const uint32_t y = inside * (shape & SetUpTriangle::kInverseWidthMask) >> 16;
       int32_t value[3];
       for (int i = 0; i < 3; ++i) {
         value[i] = static_cast<int32_t>(its.value[i] + inside * its.step_x[i] + y * its.to_row[i]);
       }
       if ((value[0] | value[1] | value[2]) < 0) continue;
-      const float depth = depth_at<int32_t>(its.plane, value[1] + static_cast<int32_t>(shape >> 17 & 1),
-                                            value[2] + static_cast<int32_t>(shape >> 18 & 1));
+      const float depth =
+          depth_at<int32_t>(its.plane, value[1] + static_cast<int32_t>(shape >> SetUpTriangle::kExclusive1Bit & 1),
+                            value[2] + static_cast<int32_t>(shape >> SetUpTriangle::kExclusive2Bit & 1));
       drawn[k] = pack_sample(depth_code<kOrthographic>(depth), its.id);
-      place[k] = its.first + inside + y * (static_cast<uint32_t>(target.width) - (shape >> 19));
+      place[k] = its.first + inside + y * (static_cast<uint32_t>(target.width) - (shape >> SetUpTriangle::kWidthBit));
     }
     for (uint32_t k = 0; k < kBatch; ++k) {
       seen[k] = drawn[k] != kBackground ? WarpTeam::look(target.samples + place[k]) : 0;

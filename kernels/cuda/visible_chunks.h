@@ -33,9 +33,10 @@ class CudaVisibleChunks {
   /// next call. Errors kDevice.
   Result<std::span<const uint32_t>> find_nearest(const View& view);
 
-  /// Queues on the default stream to find the same of the places where it may change a sample of the picture that
-  /// `samples` (device memory) then holds, of the view that find_nearest() was asked for; ~0 where it hides everywhere,
-  /// or is not in the view. shown() has it when that is done, until the next call. Errors kDevice.
+  /// Queues the same search on the default stream, for the view of the last find_nearest(), restricted to places where
+  /// the chunk is not hidden by the picture that `samples` (device memory) then holds; ~0 where it is hidden
+  /// everywhere, or not in the view. shown() has the result once the stream is done, until the next call. Errors
+  /// kDevice.
   Result<void> start_finding_shown(const uint64_t* samples);
   std::span<const uint32_t> shown() const {
     return {reinterpret_cast<const uint32_t*>(read_shown_.data()), scene_.chunk_count};

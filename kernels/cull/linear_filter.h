@@ -135,7 +135,7 @@ SCREE_HD inline bool finish_linear_axis(const LinearMiddle& middle, const Linear
   for (int i = 0; i < 3; ++i) {
     const float largest_code = static_cast<float>((1u << codes.bits[i]) - 1);
     const float sloped = slope_step * static_cast<float>(codes.slope[i]);
-    // Of codes without bits the words are someone else's.
+    // An axis of 0 bits has no code of its own; its word holds the next field, so its factor must be 0.
     const float own = (codes.bits[i] == 0 ? 0.0f : axis.step[i] + sloped) * fine;
     constant = fused(-axis.step[i], middle.before[i], constant);
     terms += (size_of(row[i]) + size_of(axis.center * w[i])) * middle.scale * middle.reach[i];

@@ -20,10 +20,10 @@ struct alignas(16) SampleFilter {
   float v[4];
   float w[4];
   float slack;     // pixels that a corner may be off, snapping included: slack + growth * |largest coordinate|;
-  float growth;    // infinity where nothing can be said: every triangle stays
-  float w_lowest;  // in front of it a corner is as far off as slack says, and within kCutBefore of the near plane
-  float w_end;  // perspective: nothing of the chunk lies nearer, as far as slack goes; orthographic: no corner before
-                // it is clipped either
+  float growth;    // slack is infinity where no bound is known: every triangle stays
+  float w_lowest;  // the smallest w at which `slack` bounds the error (1 - kCutBefore, plus the error of w)
+  float w_end;     // perspective: a lower bound of the chunk's w, at least 1, that `slack` was made for;
+                   // orthographic: the largest w at which a corner surely needs no clipping
 };
 
 /// Of SampleFilter::slack: snapping, which is the same wherever a corner lies.

@@ -12,7 +12,7 @@ inline namespace SCREE_ISA {
 /// themselves (PatientTexels).
 inline constexpr uint32_t kDecodeRounds = 4;
 
-/// A tile with pixels that are left: a bit each, row by row.
+/// A tile with pixels that lacked texels: a bit each, row by row.
 struct TileLeft {
   uint32_t tile;
   uint32_t pixels;

@@ -359,7 +359,8 @@ struct Shader {
   SCREE_HD void operator()(Team team, bool wanted, uint64_t sample, int32_t x, int32_t y,
                            ShadeState<Team, Shader>& state, float rgb[3]) const {
     const uint64_t id = sample_id(sample);
-    // The pictures that are not of light are seen as 8-bit sRGB; they are given so that the code is the value.
+    // Debug views hold values, not light: they are converted from sRGB to linear here, so that the picture's 8-bit code
+    // is the value.
     if constexpr (kShow == Show::kTriangle) {
       random_color(id, rgb);
     } else if constexpr (kShow == Show::kDepth) {
