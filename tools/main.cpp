@@ -1,12 +1,16 @@
 // scree: dispatches subcommands, prints errors, sets exit codes.
+#include <algorithm>
 #include <csignal>
 #include <cstdio>
 #include <cstdlib>
 #include <exception>
 #include <new>
+#include <string>
+#include <utility>
 #include <vector>
 
 #include "tools/common/command.h"
+#include "tools/common/stop_signal.h"
 #include "tools/common/suggest.h"
 
 namespace {
@@ -22,6 +26,16 @@ int report_parse_error(const CLI::App& app, const CLI::ParseError& error) {
   return scree::exit_code(scree::ErrorCode::kUsage);
 }
 
+/// `scree` and `scree help` print the help, `scree help convert` that of convert.
+void ask_for_help(const CLI::App& app, std::vector<std::string>& words) {
+  if (words.empty()) words = {"--help"};
+  if (words.front() != "help") return;
+  words.erase(words.begin());
+  const auto is_word = [&](const CLI::App* command) { return !words.empty() && command->get_name() == words.front(); };
+  const std::vector<const CLI::App*> commands = app.get_subcommands([](const CLI::App*) { return true; });
+  if (words.empty() || std::any_of(commands.begin(), commands.end(), is_word)) words.emplace_back("--help");
+}
+
 int run(int argc, char** argv) {
   CLI::App app("Packs huge glTF scenes, checks them, draws them exactly.", "scree");
   app.set_version_flag("--version", "scree " SCREE_VERSION);
@@ -30,16 +44,22 @@ int run(int argc, char** argv) {
                                                        scree::tools::add_render(app),  scree::tools::add_compare(app),
                                                        scree::tools::add_export(app),  scree::tools::add_synth(app),
                                                        scree::tools::add_bench(app)};
+  std::vector<std::string> words(argv + 1, argv + argc);
+  ask_for_help(app, words);
+  std::reverse(words.begin(), words.end());  // as CLI11 takes them
   try {
-    app.parse(argc, argv);
+    app.parse(std::move(words));
   } catch (const CLI::ParseError& error) {
     return report_parse_error(app, error);
   }
   for (const scree::tools::Command& command : commands) {
     if (!command.app->parsed()) continue;
+    const std::string name = command.app->get_name();
+    if (name != "inspect") scree::tools::end_on_signal(name);  // which writes nothing
     const scree::Result<void> result = command.run();
     if (result) return 0;
-    std::fprintf(stderr, "scree %s: %s\n", command.app->get_name().c_str(), result.error().message.c_str());
+    scree::tools::end_where_signalled();
+    std::fprintf(stderr, "scree %s: %s\n", name.c_str(), result.error().message.c_str());
     return scree::exit_code(result.error().code);
   }
   return 0;

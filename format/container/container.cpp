@@ -68,17 +68,29 @@ Result<void> check_zero(std::span<const std::byte> bytes, uint64_t begin, uint64
   return fail(ErrorCode::kReserved, "byte ", base + at, " is padding, but not zero");
 }
 
+/// A glTF is what many try first.
+Error not_scree(std::span<const std::byte> file) {
+  constexpr std::string_view kGlb = "glTF";
+  const std::string_view head(reinterpret_cast<const char*>(file.data()), std::min<size_t>(file.size(), 64));
+  if (head.starts_with(kGlb))
+    return fail(ErrorCode::kFormat, "this is a glTF, not a scree file: `scree convert` packs it first");
+  const size_t first = head.find_first_not_of(" \t\r\n\xef\xbb\xbf");
+  if (first != std::string_view::npos && head[first] == '{')
+    return fail(ErrorCode::kFormat, "not a scree file but JSON: if this is a glTF, `scree convert` packs it first");
+  return fail(ErrorCode::kFormat, "not a scree file");
+}
+
 Result<FileHeader> check_header(std::span<const std::byte> file) {
   if (file.size() < sizeof(FileHeader)) {
     if (!std::equal(file.begin(), file.begin() + static_cast<ptrdiff_t>(std::min(file.size(), sizeof kMagic)),
                     reinterpret_cast<const std::byte*>(kMagic))) {
-      return fail(ErrorCode::kFormat, "not a scree file");
+      return not_scree(file);
     }
     return fail(ErrorCode::kTruncated, "the file has ", file.size(), " bytes, but its header takes ",
                 sizeof(FileHeader));
   }
   const FileHeader header = load<FileHeader>(file.data());
-  if (std::memcmp(header.magic, kMagic, sizeof kMagic) != 0) return fail(ErrorCode::kFormat, "not a scree file");
+  if (std::memcmp(header.magic, kMagic, sizeof kMagic) != 0) return not_scree(file);
   // The version stands before everything that another major version may have changed, the checksum included.
   if (header.version_major != kVersionMajor) {
     return fail(ErrorCode::kVersion, "the file has version ", header.version_major, ".", header.version_minor,

@@ -10,6 +10,7 @@
 #include <string_view>
 #include <vector>
 
+#include "format/container/part_file.h"
 #include "format/container/part_log.h"
 #include "format/geometry/cluster_page.h"
 #include "format/layout.h"
@@ -150,12 +151,13 @@ struct TableSet {
 class ContainerWriter {
  public:
   /// Errors kFile.
-  static Result<ContainerWriter> create(const std::string& path);
+  static Result<ContainerWriter> create(const std::string& path, Existing existing = Existing::kReplace);
 
   /// Goes on with a .part that was left behind by a writer which called keep_log() with this id: with as many pages as
   /// lie in it whole and good, from the first one on. `take`: for what log() noted, in that order. Errors kFile;
   /// kFormat: there is nothing to go on from, and why.
-  static Result<ContainerWriter> resume(const std::string& path, const PartId& id, const PartLog::Take& take);
+  static Result<ContainerWriter> resume(const std::string& path, const PartId& id, const PartLog::Take& take,
+                                        Existing existing = Existing::kReplace);
 
   /// Keeps a log in the .part from now on, behind the first `most_bytes` bytes, for resume(); before the first page.
   /// Where it cannot be written, or the file grows past `most_bytes`, the writer goes on without.
@@ -191,7 +193,8 @@ class ContainerWriter {
   /// Bytes written so far.
   uint64_t bytes() const;
 
-  /// Writes the tables and the header, syncs and renames. Returns the file's size in bytes. Errors kFile.
+  /// Writes the tables and the header, syncs and renames. Returns the file's size in bytes. Errors kFile; where the
+  /// name was taken meanwhile (Existing::kRefuse), the .part stays: it is the whole file, and took long to make.
   Result<uint64_t> finish(const TableSet& tables);
 
  private:

@@ -8,7 +8,9 @@
 #include <algorithm>
 #include <cerrno>
 #include <cstdio>
+#include <cstdlib>
 #include <cstring>
+#include <memory>
 #include <utility>
 
 namespace scree::format {
@@ -17,23 +19,45 @@ namespace {
 // Linux moves at most 2 GiB a call.
 constexpr size_t kMaxCallBytes = size_t{1} << 30;
 
+/// False where another program holds the lock. Some file systems have no locks: writing is still right there, only not
+/// guarded against a second writer.
+bool lock(int file) {
+  int locked;
+  do {
+    locked = ::flock(file, LOCK_EX | LOCK_NB);
+  } while (locked != 0 && errno == EINTR);
+  return locked == 0 || errno != EWOULDBLOCK;
+}
+
 }  // namespace
 
 Error PartFile::error_of(const char* call, int error) const {
   return {ErrorCode::kFile, part_path_ + ": " + call + ": " + std::strerror(error)};
 }
 
+std::string PartFile::target_of(const std::string& path) {
+  struct stat status;
+  if (::lstat(path.c_str(), &status) != 0 || !S_ISLNK(status.st_mode)) return path;
+  const std::unique_ptr<char, void (*)(void*)> target(::realpath(path.c_str(), nullptr), std::free);
+  return target ? std::string(target.get()) : path;
+}
+
 /// Opens, locks and, where that is asked, empties the .part. A stale one (of a run that was killed) is taken over; one
 /// that a running writer holds is not.
-Result<PartFile> PartFile::create(const std::string& path, Content content) {
+Result<PartFile> PartFile::create(const std::string& path, Content content, Existing existing) {
   if (path.empty()) return Error{ErrorCode::kFile, "a file without a name cannot be written"};
-  struct stat target;
-  if (::stat(path.c_str(), &target) == 0 && !S_ISREG(target.st_mode)) {
-    return Error{ErrorCode::kFile, path + (S_ISDIR(target.st_mode) ? ": is a folder" : ": is not a regular file")};
-  }
   PartFile part;
-  part.path_ = path;
-  part.part_path_ = path + ".part";
+  part.existing_ = existing;
+  part.path_ = target_of(path);
+  part.part_path_ = part.path_ + ".part";
+  struct stat target;
+  if (::stat(part.path_.c_str(), &target) == 0) {
+    if (!S_ISREG(target.st_mode))
+      return Error{ErrorCode::kFile, path + (S_ISDIR(target.st_mode) ? ": is a folder" : ": is not a regular file")};
+    part.mode_ = static_cast<int>(target.st_mode & 07777);
+  }
+  if (existing == Existing::kRefuse && ::lstat(path.c_str(), &target) == 0)
+    return Error{ErrorCode::kFile, path + ": exists already"};
   const std::string& name = part.part_path_;
   // Between opening and locking, another writer may have renamed the file that was opened into place, and it must not
   // be emptied then: the lock counts only while the name still means the locked file.
@@ -50,12 +74,7 @@ Result<PartFile> PartFile::create(const std::string& path, Content content) {
       ::close(opened);
       return Error{ErrorCode::kFile, name + ": is not a regular file"};
     }
-    int locked;
-    do {
-      locked = ::flock(opened, LOCK_EX | LOCK_NB);
-    } while (locked != 0 && errno == EINTR);
-    // Some file systems have no locks: writing is still right there, only not guarded against a second writer.
-    if (locked != 0 && errno == EWOULDBLOCK) {
+    if (!lock(opened)) {
       ::close(opened);
       return Error{ErrorCode::kFile, name + ": another program is writing it"};
     }
@@ -71,25 +90,29 @@ Result<PartFile> PartFile::create(const std::string& path, Content content) {
   return Error{ErrorCode::kFile, name + ": other programs keep replacing it"};
 }
 
-PartFile::PartFile(PartFile&& other) noexcept
-    : file_(std::exchange(other.file_, -1)),
-      is_part_(std::exchange(other.is_part_, false)),
-      is_kept_(other.is_kept_),
-      path_(std::exchange(other.path_, {})),
-      part_path_(std::exchange(other.part_path_, {})) {}
+PartFile::PartFile(PartFile&& other) noexcept {
+  *this = std::move(other);
+}
 
 PartFile& PartFile::operator=(PartFile&& other) noexcept {
   std::swap(file_, other.file_);
   std::swap(is_part_, other.is_part_);
   std::swap(is_kept_, other.is_kept_);
+  std::swap(is_parked_, other.is_parked_);
+  std::swap(has_name_, other.has_name_);
+  std::swap(is_refused_, other.is_refused_);
+  std::swap(existing_, other.existing_);
+  std::swap(mode_, other.mode_);
+  std::swap(parked_, other.parked_);
   std::swap(path_, other.path_);
   std::swap(part_path_, other.part_path_);
   return *this;
 }
 
 void PartFile::discard() noexcept {
-  // While the lock on it is held, so that it is ours.
-  if (std::exchange(is_part_, false) && !is_kept_) ::unlink(part_path_.c_str());
+  if (is_part_ && !is_kept_ && is_parked_) reopen();
+  // Only while the lock is held is the name known to stand for this file.
+  if (std::exchange(is_part_, false) && !is_kept_ && file_ >= 0) ::unlink(part_path_.c_str());
   if (file_ >= 0) ::close(std::exchange(file_, -1));
 }
 
@@ -140,10 +163,33 @@ Result<void> PartFile::sync() const {
   return {};
 }
 
-Result<void> PartFile::close() {
-  if (file_ < 0) return not_open();
+Result<void> PartFile::park() {
+  if (Result<void> synced = sync(); !synced) return synced;
+  struct stat status;
+  if (::fstat(file_, &status) != 0) return error_of("stat", errno);
+  parked_ = {status.st_dev, status.st_ino, status.st_size, status.st_ctim.tv_sec, status.st_ctim.tv_nsec};
+  is_parked_ = true;
   if (::close(std::exchange(file_, -1)) != 0) return error_of("close", errno);
   return {};
+}
+
+/// Opens and locks a parked .part; false where it is gone or was touched by another program.
+bool PartFile::reopen() noexcept {
+  const int opened = ::open(part_path_.c_str(), O_RDWR | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK);
+  if (opened < 0) return false;
+  struct stat file;
+  struct stat name;
+  const bool is_same =
+      lock(opened) && ::fstat(opened, &file) == 0 && ::lstat(part_path_.c_str(), &name) == 0 &&
+      parked_ == Parked{name.st_dev, name.st_ino, name.st_size, name.st_ctim.tv_sec, name.st_ctim.tv_nsec} &&
+      file.st_dev == name.st_dev && file.st_ino == name.st_ino;
+  if (!is_same) {
+    ::close(opened);
+    return false;
+  }
+  file_ = opened;
+  is_parked_ = false;
+  return true;
 }
 
 Result<void> PartFile::hide() {
@@ -153,11 +199,50 @@ Result<void> PartFile::hide() {
   return {};
 }
 
+/// Gives the .part a name that no file may have.
+Result<void> PartFile::take_free_name() {
+  const auto refused = [&] {
+    is_refused_ = true;
+    return Error{ErrorCode::kFile, path_ + ": exists already, another program has made it meanwhile"};
+  };
+  if (::renameat2(AT_FDCWD, part_path_.c_str(), AT_FDCWD, path_.c_str(), RENAME_NOREPLACE) == 0) return {};
+  if (errno == EEXIST) return refused();
+  if (errno != EINVAL && errno != ENOSYS) return error_of("rename", errno);
+  // The file system or the kernel has no such rename. A link refuses a taken name as well.
+  if (::link(part_path_.c_str(), path_.c_str()) == 0) {
+    has_name_ = true;
+    if (::unlink(part_path_.c_str()) != 0) return error_of("remove", errno);
+    return {};
+  }
+  if (errno == EEXIST) return refused();
+  // It has no links either (FAT): only a moment is left in which another program's file could be replaced.
+  struct stat status;
+  if (::lstat(path_.c_str(), &status) == 0) return refused();
+  if (std::rename(part_path_.c_str(), path_.c_str()) != 0) return error_of("rename", errno);
+  return {};
+}
+
+Result<void> PartFile::take_name() {
+  if (existing_ == Existing::kRefuse) return take_free_name();
+  // File systems without permissions refuse this, and lose nothing.
+  if (mode_ >= 0) (void)::fchmod(file_, static_cast<mode_t>(mode_));
+  if (std::rename(part_path_.c_str(), path_.c_str()) != 0) return error_of("rename", errno);
+  return {};
+}
+
 Result<void> PartFile::commit() {
   if (!is_part_) return not_open();
-  if (std::rename(part_path_.c_str(), path_.c_str()) != 0) return error_of("rename", errno);
-  is_part_ = false;
-  discard();
+  if (is_parked_) {
+    if (!reopen()) return Error{ErrorCode::kFile, part_path_ + ": another program has changed it meanwhile"};
+  } else if (Result<void> synced = sync(); !synced) {
+    return synced;
+  }
+  Result<void> named = take_name();
+  has_name_ = has_name_ || named;
+  if (has_name_) is_part_ = false;
+  if (!named) return named;
+  if (::close(std::exchange(file_, -1)) != 0)
+    return Error{ErrorCode::kFile, path_ + ": close: " + std::strerror(errno)};
   return {};
 }
 

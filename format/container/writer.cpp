@@ -211,8 +211,11 @@ Result<void> ContainerWriter::Impl::rename_into_place(const FileHeader& header) 
   Result<void> done = file.sync();
   if (done) done = file.write_at(0, std::as_bytes(std::span<const FileHeader>(&header, 1)));
   if (done && is_longer) done = file.resize(header.file_bytes);
-  if (done) done = file.sync();
-  if (done) done = file.commit();
+  if (done) done = file.commit();  // which syncs again
+  if (!done && file.is_refused()) {
+    file.keep();
+    done = Error{done.error().code, done.error().message + "; the new file is " + file.part_path()};
+  }
   if (!done) {
     file.discard();
     return done;
@@ -229,8 +232,8 @@ Result<void> ContainerWriter::Impl::rename_into_place(const FileHeader& header) 
   return {};
 }
 
-Result<ContainerWriter> ContainerWriter::create(const std::string& path) {
-  auto part = PartFile::create(path);
+Result<ContainerWriter> ContainerWriter::create(const std::string& path, Existing existing) {
+  auto part = PartFile::create(path, PartFile::Content::kEmpty, existing);
   if (!part) return part.error();
   auto impl = std::make_unique<Impl>();
   impl->path = path;
@@ -238,10 +241,12 @@ Result<ContainerWriter> ContainerWriter::create(const std::string& path) {
   return ContainerWriter(std::move(impl));
 }
 
-Result<ContainerWriter> ContainerWriter::resume(const std::string& path, const PartId& id, const PartLog::Take& take) {
+Result<ContainerWriter> ContainerWriter::resume(const std::string& path, const PartId& id, const PartLog::Take& take,
+                                                Existing existing) {
   std::error_code ignored;
-  if (!std::filesystem::exists(path + ".part", ignored)) return Error{ErrorCode::kFormat, "there is none"};
-  auto part = PartFile::create(path, PartFile::Content::kAsItIs);
+  if (!std::filesystem::exists(PartFile::target_of(path) + ".part", ignored))
+    return Error{ErrorCode::kFormat, "there is none"};
+  auto part = PartFile::create(path, PartFile::Content::kAsItIs, existing);
   if (!part) return part.error();
   part->keep();
   auto impl = std::make_unique<Impl>();

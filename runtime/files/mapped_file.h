@@ -47,6 +47,10 @@ class MappedFile {
   /// empty file, and where the system does not tell.
   double cached_share() const;
 
+  /// Whether mincore() tells the truth about the file: since Linux 5.2 it reports every page as cached to a caller who
+  /// neither owns the file nor may write it.
+  bool mincore_is_true() const;
+
   /// Fills `out` from `offset`, all of it within the file, by read(): through the page cache, but not through the map,
   /// so that nothing is faulted in, and a file that has become shorter is an error and no signal. Errors kFile, without
   /// the file's name.

@@ -102,26 +102,25 @@ uint64_t image_check_bytes(const ImageInfo& info) {
   return kWindowBytes + rows + uint64_t{info.width + 32} * (info.height + 32) * info.channels / 8;
 }
 
-Result<void> write_pfm(const std::string& path, uint32_t width, uint32_t height, std::span<const float> values) {
+Result<void> write_pfm(const std::string& path, uint32_t width, uint32_t height, std::span<const float> values,
+                       format::Existing existing) {
   assert(values.size() == uint64_t{width} * height);
   const std::string head = "Pf\n" + std::to_string(width) + " " + std::to_string(height) + "\n-1.0\n";
-  Result<format::PartFile> file = format::PartFile::create(path);
+  Result<format::PartFile> file = format::PartFile::create(path, format::PartFile::Content::kEmpty, existing);
   if (!file) return file.error();
   Result<void> done = file->write_at(0, std::as_bytes(std::span(head)));
   uint64_t end = head.size();
   for (uint64_t row = height; row-- > 0 && done; end += sizeof(float) * width) {
     done = file->write_at(end, std::as_bytes(values.subspan(row * width, width)));
   }
-  if (done) done = file->close();
   if (done) done = file->commit();
   return done;
 }
 
-Result<void> write_visibility(const std::string& path, std::span<const uint64_t> samples) {
-  Result<format::PartFile> file = format::PartFile::create(path);
+Result<void> write_visibility(const std::string& path, std::span<const uint64_t> samples, format::Existing existing) {
+  Result<format::PartFile> file = format::PartFile::create(path, format::PartFile::Content::kEmpty, existing);
   if (!file) return file.error();
   Result<void> done = file->write_at(0, std::as_bytes(samples));
-  if (done) done = file->close();
   if (done) done = file->commit();
   return done;
 }

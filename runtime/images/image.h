@@ -12,6 +12,7 @@
 #include <utility>
 #include <vector>
 
+#include "format/container/part_file.h"
 #include "format/layout.h"
 #include "format/result.h"
 
@@ -111,15 +112,17 @@ uint64_t image_check_bytes(const ImageInfo& info);
 /// Writes 8-bit sRGB pixels. `channels`: 3 (RGB) or 4 (RGBA, not premultiplied); `pixels`: width * height * channels
 /// bytes, rows top to bottom, no padding. Errors kFile.
 Result<void> write_png(const std::string& path, uint32_t width, uint32_t height, uint32_t channels,
-                       std::span<const uint8_t> pixels);
+                       std::span<const uint8_t> pixels, format::Existing existing = format::Existing::kReplace);
 
 /// Writes one float a pixel as a PFM (Portable Float Map, grey): "Pf", size, scale -1.0 (little-endian), rows bottom to
 /// top as the format has it. `values`: width * height, rows top to bottom; infinities are written as they are. Errors
 /// kFile.
-Result<void> write_pfm(const std::string& path, uint32_t width, uint32_t height, std::span<const float> values);
+Result<void> write_pfm(const std::string& path, uint32_t width, uint32_t height, std::span<const float> values,
+                       format::Existing existing = format::Existing::kReplace);
 
 /// Writes a visibility buffer: width * height 64-bit little-endian words, rows top to bottom, nothing else in the file.
 /// Each is kernels::pack_sample(depth code, triangle id); all ones is background. Errors kFile.
-Result<void> write_visibility(const std::string& path, std::span<const uint64_t> samples);
+Result<void> write_visibility(const std::string& path, std::span<const uint64_t> samples,
+                              format::Existing existing = format::Existing::kReplace);
 
 }  // namespace scree::runtime

@@ -269,10 +269,10 @@ Result<std::string> check_png(ImageFile& file, const ImageInfo& info) {
 }
 
 Result<void> write_png(const std::string& path, uint32_t width, uint32_t height, uint32_t channels,
-                       std::span<const uint8_t> pixels) {
+                       std::span<const uint8_t> pixels, format::Existing existing) {
   assert(channels == 3 || channels == 4);
   assert(pixels.size() == uint64_t{width} * height * channels);
-  Result<format::PartFile> file = format::PartFile::create(path);
+  Result<format::PartFile> file = format::PartFile::create(path, format::PartFile::Content::kEmpty, existing);
   if (!file) return file.error();
   PngFile out{*file};
   PngFile* const target = &out;
@@ -297,7 +297,6 @@ Result<void> write_png(const std::string& path, uint32_t width, uint32_t height,
   });
   if (!written) return Error{ErrorCode::kFile, path + ": PNG: " + writer.message.text};
   out.flush();
-  if (out.done) out.done = file->close();
   if (out.done) out.done = file->commit();
   return out.done;
 }

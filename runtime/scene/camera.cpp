@@ -12,6 +12,7 @@
 #include "format/geometry/chunk_layout.h"
 #include "format/geometry/cluster_codec.h"
 #include "format/geometry/position_codec.h"
+#include "format/geometry/rotation.h"
 
 namespace scree::runtime {
 namespace {
@@ -65,14 +66,12 @@ Rows local_matrix(const format::NodeRecord& node) {
       for (size_t j = 0; j < 4; ++j) rows[i][j] = v[4 * j + i];
     return rows;
   }
-  const double* const q = v + 3;  // x y z w
-  const double* const s = v + 7;
-  const double xx = q[0] * q[0], yy = q[1] * q[1], zz = q[2] * q[2];
-  const double xy = q[0] * q[1], xz = q[0] * q[2], yz = q[1] * q[2];
-  const double wx = q[3] * q[0], wy = q[3] * q[1], wz = q[3] * q[2];
-  rows[0] = {(1 - 2 * (yy + zz)) * s[0], 2 * (xy - wz) * s[1], 2 * (xz + wy) * s[2], v[0]};
-  rows[1] = {2 * (xy + wz) * s[0], (1 - 2 * (xx + zz)) * s[1], 2 * (yz - wx) * s[2], v[1]};
-  rows[2] = {2 * (xz - wy) * s[0], 2 * (yz + wx) * s[1], (1 - 2 * (xx + yy)) * s[2], v[2]};
+  double rotation[3][3];
+  format::rotation_matrix(v + 3, rotation);
+  for (size_t i = 0; i < 3; ++i) {
+    for (size_t j = 0; j < 3; ++j) rows[i][j] = rotation[i][j] * v[7 + j];
+    rows[i][3] = v[i];
+  }
   return rows;
 }
 

@@ -42,6 +42,8 @@ class Experiment {
   Run end_of(int status) const;
 
   std::vector<std::string> earlier_outputs() const;
+  /// Names of outputs that are not there before a run.
+  std::set<std::string> new_outputs() const;
 
  private:
   std::string path(const std::string& name) const { return folder_ + "/" + name; }
@@ -49,6 +51,8 @@ class Experiment {
   std::string part_path() const { return path(outputs_.front().front() + ".part"); }
   Run run_in_place(const Plan& plan) const;
   void lay_out() const;
+  /// A command of the program without --force begins without outputs, which it would refuse.
+  bool has_earlier() const;
   void collect(Run& run) const;
   int call(const Plan& plan) const;
 
@@ -61,7 +65,8 @@ class Experiment {
 /// What a run is held to.
 struct Expected {
   Run good;                          // no call failed
-  std::vector<std::string> earlier;  // outputs before a run
+  std::vector<std::string> earlier;  // outputs before a run; empty ones: there were none
+  std::set<std::string> outputs;     // their names, where there were none: those of a run that fails may be there
   int code = 2;                      // of an error
   bool may_differ = false;           // outputs of a run that came to its end
   bool keeps_part = false;           // an error may leave a .part

@@ -287,6 +287,7 @@ int main(int argc, char** argv) {
   expected.code = all_succeed ? 0 : options.plan.kind == faults::Kind::kDevice ? 4 : 2;
   expected.may_differ = options.may_differ;
   expected.earlier = experiment.earlier_outputs();
+  expected.outputs = experiment.new_outputs();
   expected.keeps_part = options.resumes;
   std::string part;
   if (options.resumes) {

@@ -23,26 +23,30 @@ struct Job {
 
 // Pages stay raw where memory for compressing them is short (format::seal_page).
 constexpr Job kConvert[] = {
-    {"out.scree", "convert in.gltf -o out.scree --normals --quiet --threads 1"},
-    {"~out.scree", "convert in.gltf -o out.scree --encoding clustered --zstd 3 --quiet --threads 2"},
-    {"out.scree", "convert in.gltf -o out.scree --textures jpeg:80 --max-error 1e-3 --quiet --threads 1"},
+    {"out.scree", "convert in.gltf -o out.scree --force --normals --quiet --threads 1"},
+    {"~out.scree", "convert in.gltf -o out.scree --force --encoding clustered --zstd 3 --quiet --threads 2"},
+    {"out.scree", "convert in.gltf -o out.scree --quiet --threads 1"},
+    {"out.scree", "convert in.gltf -o out.scree --force --textures jpeg:80 --max-error 1e-3 --quiet --threads 1"},
 };
 // In the .part of a run that was killed; pages are compressed in the first, so that they may stay raw there too.
 constexpr Job kResume[] = {
-    {"~out.scree", "convert in.gltf -o out.scree --resume --zstd 3 --quiet --threads 2"},
+    {"~out.scree", "convert in.gltf -o out.scree --force --resume --zstd 3 --quiet --threads 2"},
     {"out.scree",
-     "convert in.gltf -o out.scree --resume --encoding clustered --max-error 1e-3 --normals --quiet --threads 1"},
+     "convert in.gltf -o out.scree --force --resume --encoding clustered --max-error 1e-3 --normals --quiet --threads "
+     "1"},
 };
 // Of which only what comes once the file to sort through is made: unlink takes its name away.
-constexpr Job kSort[] = {{"out.scree", "convert scattered.gltf -o out.scree --normals --quiet --threads 1"}};
+constexpr Job kSort[] = {{"out.scree", "convert scattered.gltf -o out.scree --force --normals --quiet --threads 1"}};
 // A primitive that is encoded while it is measured, with as little work as may be done with a window. Of which only
 // what comes once the output is open, which is then emptied first.
 constexpr Job kGuess[] = {
     {"out.scree",
-     "convert giant.gltf -o out.scree --order none --no-weld --chunk-triangles 65536 --positions 8 --encoding indexed "
+     "convert giant.gltf -o out.scree --force --order none --no-weld --chunk-triangles 65536 --positions 8 --encoding "
+     "indexed "
      "--quiet --threads 1"},
     {"out.scree",
-     "convert lying.gltf -o out.scree --order none --no-weld --chunk-triangles 65536 --positions 8 --encoding indexed "
+     "convert lying.gltf -o out.scree --force --order none --no-weld --chunk-triangles 65536 --positions 8 --encoding "
+     "indexed "
      "--quiet --threads 1"},
 };
 // Triangles are read thrice, since so many vertices' new numbers fit into memory; buckets are written as they fill.
@@ -50,24 +54,27 @@ constexpr Job kSortInPasses[] = {{"out", "sort shuffled.gltf 1000 1 out"}, {"out
 constexpr Job kReaders[] = {
     {"", "inspect packed.scree --verify --threads 2", true},
     {"", "inspect in.scree --json", true},
-    {"out.glb", "export in.scree -o out.glb --quiet --threads 1"},
-    {"out.gltf+out.bin+out_jpeg.jpg+out_png.png", "export in.scree -o out.gltf --quiet --threads 2"},
+    {"out.glb", "export in.scree -o out.glb --force --quiet --threads 1"},
+    {"out.gltf+out.bin+out_jpeg.jpg+out_png.png", "export in.scree -o out.gltf --force --quiet --threads 2"},
+    {"out.gltf+out.bin+out_jpeg.jpg+out_png.png", "export in.scree -o out.gltf --quiet --threads 1"},
     {"", "compare in.scree in.gltf --size 24x16 --threads 1"},
-    {"out.png,flip.png", "compare in.scree in.gltf --size 24x16 -o out.png --flip flip.png --threads 2"},
-    {"out.png", "compare a.vis b.vis --of in.scree --size 24x16 -o out.png --threads 1"},
-    {"out.png", "compare a.vis b.vis --of in.scree --of coarse.scree --size 24x16 -o out.png --threads 1"},
-    {"out.png", "compare a.png b.png -o out.png --threads 1"},
+    {"out.png,flip.png", "compare in.scree in.gltf --size 24x16 -o out.png --force --flip flip.png --threads 2"},
+    {"out.png", "compare a.vis b.vis --of in.scree --size 24x16 -o out.png --force --threads 1"},
+    {"out.png", "compare a.vis b.vis --of in.scree --of coarse.scree --size 24x16 -o out.png --force --threads 1"},
+    {"out.png", "compare a.png b.png -o out.png --force --threads 1"},
     {"", "inspect coarse.scree --source in.gltf --threads 1"},
     {"out.png,out.pfm,out.bin",
-     "render in.scree -o out.png --depth out.pfm --visbuffer out.bin --size 24x16 --ssao --pick 12,8 --backend cpu "
+     "render in.scree --force -o out.png --depth out.pfm --visbuffer out.bin --size 24x16 --ssao --pick 12,8 --backend "
+     "cpu "
      "--quiet --threads 1"},
-    {"out.png", "render packed.scree -o out.png --size 24x16 --samples 2 --backend cpu --quiet --threads 2"},
+    {"out.png", "render packed.scree --force -o out.png --size 24x16 --samples 2 --backend cpu --quiet --threads 2"},
 };
 constexpr Job kDevice[] = {
     {"out.png,out.bin",
-     "render in.scree -o out.png --visbuffer out.bin --size 640x480 --ssao --edl --pick 12,8 --backend cuda --quiet "
+     "render in.scree --force -o out.png --visbuffer out.bin --size 640x480 --ssao --edl --pick 12,8 --backend cuda "
+     "--quiet "
      "--threads 2"},
-    {"out.png", "render packed.scree -o out.png --size 640x480 --samples 2 --backend cuda --quiet --threads 2"},
+    {"out.png", "render packed.scree --force -o out.png --size 640x480 --samples 2 --backend cuda --quiet --threads 2"},
 };
 
 // Past the page cache, where the file system has such reads, and through it; raw and compressed pages.
@@ -271,7 +278,7 @@ TEST_CASE("faults: every call fails once while a GPU streams frames", "[cuda][fa
     // A third of the chunks has room then.
     const uint64_t budget = least_device_memory(refused.output) + std::filesystem::file_size(path) / 3;
     const std::string common =
-        " -o out.png --visbuffer out.bin --size 160x120 --eye 0,0,2 --target 0,0,0 --frames 2 "
+        " --force -o out.png --visbuffer out.bin --size 160x120 --eye 0,0,2 --target 0,0,0 --frames 2 "
         "--backend cuda --quiet --threads 2 --device-memory " +
         std::to_string(budget);
     // From the page cache, and in part from pinned memory.

@@ -4,6 +4,7 @@
 #include <pthread.h>
 #include <sys/mman.h>
 #include <sys/stat.h>
+#include <sys/uio.h>
 #include <unistd.h>
 
 #include <cerrno>
@@ -69,6 +70,13 @@ ssize_t __wrap_pread(int file, void* out, size_t size, off_t offset) {
   return __real_pread(file, out, moved("pread", SCREE_SITE, file, size), offset);
 }
 
+/// Of pages that may not be cached: a kernel or a file system without RWF_NOWAIT.
+ssize_t __real_preadv2(int file, const iovec* parts, int count, off_t offset, int flags);
+ssize_t __wrap_preadv2(int file, const iovec* parts, int count, off_t offset, int flags) {
+  if (fails(Kind::kFile, "preadv2", SCREE_SITE)) return errno = EOPNOTSUPP, -1;
+  return __real_preadv2(file, parts, count, offset, flags);
+}
+
 ssize_t __real_write(int file, const void* bytes, size_t size);
 ssize_t __wrap_write(int file, const void* bytes, size_t size) {
   if (fails(Kind::kFile, "write", SCREE_SITE)) return errno = ENOSPC, -1;
@@ -121,6 +129,19 @@ int __real_rename(const char* from, const char* to);
 int __wrap_rename(const char* from, const char* to) {
   if (fails(Kind::kFile, "rename", SCREE_SITE)) return errno = EIO, -1;
   return __real_rename(from, to);
+}
+
+/// EINVAL: a file system without RENAME_NOREPLACE, which link() stands in for.
+int __real_renameat2(int from_folder, const char* from, int to_folder, const char* to, unsigned flags);
+int __wrap_renameat2(int from_folder, const char* from, int to_folder, const char* to, unsigned flags) {
+  if (fails(Kind::kFile, "renameat2", SCREE_SITE)) return errno = EINVAL, -1;
+  return __real_renameat2(from_folder, from, to_folder, to, flags);
+}
+
+int __real_fchmod(int file, mode_t mode);
+int __wrap_fchmod(int file, mode_t mode) {
+  if (fails(Kind::kFile, "fchmod", SCREE_SITE)) return errno = EPERM, -1;
+  return __real_fchmod(file, mode);
 }
 
 int __real_link(const char* from, const char* to);

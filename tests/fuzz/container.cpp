@@ -19,7 +19,7 @@ void container(Bytes bytes) {
 
   const inspect::VerifyReport report = inspect::verify(*file, copy.bytes(), 1);
   must(report.failures.size() == std::min<uint64_t>(report.failure_count, inspect::kMaxFailures), "failures are told");
-  const inspect::Stats stats = inspect::gather(*file, copy.bytes(), 10);
+  const inspect::Stats stats = inspect::gather(*file, copy.bytes(), 10, true);
   (void)inspect::text_report(*file, stats, "fuzz.scree");
   (void)inspect::text_verify(report);
 

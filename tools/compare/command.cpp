@@ -20,8 +20,10 @@
 #include "tools/common/command.h"
 #include "tools/common/json_writer.h"
 #include "tools/common/options.h"
+#include "tools/common/output_file.h"
 #include "tools/common/sigbus.h"
 #include "tools/common/standard_output.h"
+#include "tools/common/stop_signal.h"
 #include "tools/compare/against_source.h"
 #include "tools/compare/buffers.h"
 #include "tools/compare/flip.h"
@@ -30,6 +32,7 @@
 #include "tools/compare/report.h"
 #include "tools/compare/source_model.h"
 #include "tools/gltf/source.h"
+#include "tools/gltf/uri.h"
 #include "tools/render/render_options.h"
 
 namespace scree::tools {
@@ -43,9 +46,11 @@ struct Words {
   std::string other;
   std::vector<std::string> of;  // none; the file of both buffers; or of the first and of the second
   std::string exclude;
+  bool allow_outside = false;
   std::string flip;  // where the picture of FLIP's error goes; empty: nowhere
   double pixels_per_degree = kPixelsPerDegree;
   bool json = false;
+  bool force = false;
 };
 
 enum class FileKind { kPicture, kScene, kSource, kBuffer };
@@ -133,6 +138,7 @@ Result<Findings> compare_scene(const Words& words, const std::string& file, cons
                                const RenderOptions& options) {
   convert::ImportOptions import;
   import.exclude = words.exclude;
+  import.allow_outside = words.allow_outside;
   const Result<convert::SourceScene> gltf = convert::import_gltf(source, import);
   if (!gltf) return gltf.error();
   const Result<runtime::Scene> scene = load_scene(file, options, true);
@@ -224,19 +230,30 @@ Result<void> check_outputs(const Words& words) {
         return Error{ErrorCode::kUsage, std::string(name) + ": " + *output + " is one of the files to compare"};
     }
   }
-  if (words.flip.empty()) return {};
-  if (!words.render.output.empty() && is_same_file(words.flip, words.render.output))
-    return Error{ErrorCode::kUsage, "--output and --flip are both " + words.flip};
-  return check_picture_path("--flip", words.flip);
+  if (!words.flip.empty()) {
+    if (!words.render.output.empty() && is_same_file(words.flip, words.render.output))
+      return Error{ErrorCode::kUsage, "--output and --flip are both " + words.flip};
+    if (const Result<void> checked = check_picture_path("--flip", words.flip); !checked) return checked;
+  }
+  for (const auto& [name, output] : outputs)
+    if (const Result<void> checked = check_output_file(*output, existing_of(words.force)); !checked) return checked;
+  return {};
 }
 
 Result<void> write_outputs(const Words& words, const Findings& findings) {
-  if (!words.render.output.empty()) {
-    Result<void> written = findings.pixels ? write_difference(words.render.output, *findings.pixels)
-                                           : write_flip(words.render.output, *findings.pictures);
+  const format::Existing existing = existing_of(words.force);
+  const StopOnSignal handlers;
+  if (const std::string& output = words.render.output; !output.empty()) {
+    Result<void> written = findings.pixels ? write_difference(output, *findings.pixels, existing)
+                                           : write_flip(output, *findings.pictures, existing);
     if (!written) return written;
+    note_written(output);
+    if (StopOnSignal::flag()->load()) return Error{ErrorCode::kFile, "interrupted"};
   }
-  return words.flip.empty() ? Result<void>() : write_flip(words.flip, *findings.pictures);
+  if (words.flip.empty()) return {};
+  Result<void> written = write_flip(words.flip, *findings.pictures, existing);
+  if (written) note_written(words.flip);
+  return written;
 }
 
 Result<void> run(const Words& words) {
@@ -297,10 +314,12 @@ Command add_compare(CLI::App& parent) {
       ->allow_extra_args(false)  // the next word is a file to read
       ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll);
   app->add_option("--exclude", words->exclude, "The --exclude that the .scree file was converted with");
+  app->add_flag("--allow-outside", words->allow_outside, convert::kAllowOutsideHelp);
   app->add_option("--ppd", words->pixels_per_degree,
                   "FLIP's pixels per degree of what the eye sees (default: 67, a screen of 3840 pixels at its width)")
       ->check(CLI::Range(1.0, 1000.0));
   app->add_option("--threads", render.threads, "Threads; 0: one per processor (default)");
+  app->add_flag("-f,--force", words->force, kForceHelp);
   app->add_flag("--json", words->json, "One JSON object");
   return {app, [words] { return run(*words); }};
 }

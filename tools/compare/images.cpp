@@ -68,11 +68,11 @@ PictureReport compare_rgb(const RgbView& a, const RgbView& b, double pixels_per_
   return report;
 }
 
-Result<void> write_flip(const std::string& path, const PictureReport& report) {
+Result<void> write_flip(const std::string& path, const PictureReport& report, format::Existing existing) {
   std::vector<uint8_t> pixels;
   pixels.reserve(3 * report.flip.size());
   for (const float error : report.flip) pixels.insert(pixels.end(), 3, static_cast<uint8_t>(std::lround(255 * error)));
-  return runtime::write_png(path, report.width, report.height, 3, pixels);
+  return runtime::write_png(path, report.width, report.height, 3, pixels, existing);
 }
 
 }  // namespace scree::compare

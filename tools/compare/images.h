@@ -5,6 +5,7 @@
 #include <string>
 #include <vector>
 
+#include "format/container/part_file.h"
 #include "format/result.h"
 #include "tools/compare/flip.h"
 
@@ -31,6 +32,7 @@ Result<PictureReport> compare_pictures(const std::string& a, const std::string& 
 PictureReport compare_rgb(const RgbView& a, const RgbView& b, double pixels_per_degree, uint32_t threads);
 
 /// Writes the FLIP error of every pixel as a grey: black 0, white 1. Errors kFile.
-Result<void> write_flip(const std::string& path, const PictureReport& report);
+Result<void> write_flip(const std::string& path, const PictureReport& report,
+                        format::Existing existing = format::Existing::kReplace);
 
 }  // namespace scree::compare

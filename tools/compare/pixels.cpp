@@ -70,14 +70,14 @@ bool share_vertex(const std::array<std::array<float, 3>, 3>& a, const std::array
   return false;
 }
 
-Result<void> write_difference(const std::string& path, const PixelReport& report) {
+Result<void> write_difference(const std::string& path, const PixelReport& report, format::Existing existing) {
   std::vector<uint8_t> pixels;
   pixels.reserve(3 * report.kinds.size());
   for (const PixelKind kind : report.kinds) {
     const auto& colour = text_of(kind).colour;
     pixels.insert(pixels.end(), colour.begin(), colour.end());
   }
-  return runtime::write_png(path, report.width, report.height, 3, pixels);
+  return runtime::write_png(path, report.width, report.height, 3, pixels, existing);
 }
 
 }  // namespace scree::compare

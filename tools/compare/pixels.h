@@ -7,6 +7,7 @@
 #include <string>
 #include <vector>
 
+#include "format/container/part_file.h"
 #include "format/result.h"
 
 namespace scree::compare {
@@ -75,6 +76,7 @@ bool share_vertex(const std::array<std::array<float, 3>, 3>& a, const std::array
 
 /// A picture of the kinds: right surfaces grey, right background white, wrong pixels a colour each (the legend is in
 /// `scree compare --help`). Errors kFile.
-Result<void> write_difference(const std::string& path, const PixelReport& report);
+Result<void> write_difference(const std::string& path, const PixelReport& report,
+                              format::Existing existing = format::Existing::kReplace);
 
 }  // namespace scree::compare

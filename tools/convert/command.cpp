@@ -8,9 +8,11 @@
 #include <string>
 
 #include "tools/common/options.h"
+#include "tools/common/output_file.h"
 #include "tools/common/standard_output.h"
 #include "tools/common/stop_signal.h"
 #include "tools/convert/convert.h"
+#include "tools/gltf/uri.h"
 
 namespace scree::tools {
 namespace {
@@ -40,7 +42,9 @@ struct Words {
   bool drop_nonfinite = false;
   bool no_weld = false;
   bool no_share = false;
+  bool allow_outside = false;
   bool resume = false;
+  bool force = false;
   bool quiet = false;
 };
 
@@ -95,8 +99,11 @@ Result<convert::PixelBound> parse_pixel_bound(const Words& words) {
 
 Result<convert::ConvertOptions> parse(const Words& words, bool positions_given) {
   convert::ConvertOptions options;
+  if (words.input == "-")
+    return Error{ErrorCode::kUsage, "the input '-': scree reads files, not standard input (./- is a file called -)"};
   options.input = words.input;
   options.output = words.output;
+  options.existing = existing_of(words.force);
   options.float32 = words.positions == "float32";
   if (!options.float32) {
     const Result<uint64_t> bits = parse_whole(words.positions, 8, format::kMaxPositionBits, "--positions");
@@ -151,6 +158,7 @@ Result<convert::ConvertOptions> parse(const Words& words, bool positions_given) 
   options.drop_nonfinite = words.drop_nonfinite;
   options.weld = !words.no_weld;
   options.share = !words.no_share;
+  options.allow_outside = words.allow_outside;
   options.resume = words.resume;
   options.progress = !words.quiet;
   return options;
@@ -161,14 +169,12 @@ Result<void> run(const Words& words, bool positions_given) {
   if (!options) return options.error();
   Result<convert::ConvertReport> report = Error{ErrorCode::kFile, {}};
   {
-    const StopOnSignal handlers;
+    const StopOnSignal handlers(words.resume ? "go on with --resume" : "");
     options->stop = StopOnSignal::flag();
     report = convert::convert(*options);
   }
-  if (!report) {
-    StopOnSignal::end_where_signalled();
-    return report.error();
-  }
+  if (!report) return report.error();
+  note_written(report->output);
   for (const std::string& warning : report->warnings)
     std::fprintf(stderr, "scree convert: warning: %s\n", warning.c_str());
   if (!words.quiet) {
@@ -230,6 +236,7 @@ Command add_convert(CLI::App& parent) {
   app->add_flag("--source-ids", words->source_ids, "Store every triangle's number in the source");
   app->add_option("--exclude", words->exclude,
                   "Leave out nodes whose name has a match of this regular expression, and those below them");
+  app->add_flag("--allow-outside", words->allow_outside, convert::kAllowOutsideHelp);
   app->add_flag("--drop-nonfinite", words->drop_nonfinite,
                 "Leave out triangles with a position that is NaN or infinite instead of failing");
   app->add_flag("--no-weld", words->no_weld,
@@ -244,6 +251,7 @@ Command add_convert(CLI::App& parent) {
       "--resume", words->resume,
       "Go on with OUTPUT.part where an earlier run of the same input and options was killed, to the same bytes;\n"
       "and leave it there when this one is stopped or fails");
+  app->add_flag("-f,--force", words->force, kForceHelp);
   app->add_flag("-q,--quiet", words->quiet, "No progress and no closing line");
   return {app, [words, positions] { return run(*words, positions->count() > 0); }};
 }

@@ -14,6 +14,7 @@
 #include "format/geometry/quantize.h"
 #include "tools/common/memory_use.h"
 #include "tools/common/options.h"
+#include "tools/common/output_file.h"
 #include "tools/common/progress.h"
 #include "tools/convert/encode/geometry_writer.h"
 #include "tools/convert/images/images.h"
@@ -323,7 +324,8 @@ class Converter {
       progress_.stage("check " + part, 0);
       Result<format::ContainerWriter> writer = format::ContainerWriter::resume(
           report_.output, id,
-          [&](uint32_t kind, std::span<const std::byte> entry) { read_entry(kind, entry, resumed_); });
+          [&](uint32_t kind, std::span<const std::byte> entry) { read_entry(kind, entry, resumed_); },
+          options_.existing);
       if (!writer && writer.error().code != ErrorCode::kFormat) return writer;
       if (writer && !is_of_this_input(resumed_))
         writer = Error{ErrorCode::kFormat, "it was made from another input or with other options"};
@@ -342,7 +344,7 @@ class Converter {
   }
 
   Result<format::ContainerWriter> create_writer(uint64_t bytes) {
-    Result<format::ContainerWriter> writer = format::ContainerWriter::create(report_.output);
+    Result<format::ContainerWriter> writer = format::ContainerWriter::create(report_.output, options_.existing);
     if (!writer) return writer;
     if (options_.resume) writer->keep_part();
     writer->keep_log(part_id(describe_options(options_), files_, images_), bytes);
@@ -560,8 +562,13 @@ Result<ConvertReport> convert_or_throw(const ConvertOptions& options) {
   report.output = options.output.empty() ? std::filesystem::path(options.input).replace_extension(".scree").string()
                                          : options.output;
   if (const Result<void> checked = check_output(report.output); !checked) return checked.error();
+  if (!tools::is_same_file(report.output, options.input))  // which check_not_source refuses, --force or not
+    if (const Result<void> checked = tools::check_output_file(report.output, options.existing); !checked)
+      return checked.error();
+  report.output = format::PartFile::target_of(report.output);
   ImportOptions import_options;
   import_options.exclude = options.exclude;
+  import_options.allow_outside = options.allow_outside;
   import_options.kept_view_bytes = kept_view_bytes(options.memory);
   import_options.memory = options.memory;
   Result<SourceScene> scene = import_gltf(options.input, import_options);

@@ -14,6 +14,7 @@
 #include "tools/common/command.h"
 #include "tools/common/human.h"
 #include "tools/common/options.h"
+#include "tools/common/output_file.h"
 #include "tools/common/progress.h"
 #include "tools/common/sigbus.h"
 #include "tools/common/standard_output.h"
@@ -89,6 +90,17 @@ Result<std::vector<std::byte>> rebuild_jpeg(std::span<const std::byte> bytes) {
   if (!size) return size.error();
   file.resize(*size);
   return file;
+}
+
+/// What add_images adds.
+std::vector<GltfWriter::PlannedImage> planned_images(const format::Container& file) {
+  std::vector<GltfWriter::PlannedImage> planned;
+  const auto images = file.images();
+  for (uint32_t i = 0; i < images.size(); ++i) {
+    const bool is_indexed = images[i].codec == format::ImageCodec::kIndexedJpeg;
+    planned.push_back({file.string(images[i].name), is_indexed ? format::ImageCodec::kJpeg : images[i].codec});
+  }
+  return planned;
 }
 
 Result<void> add_images(const format::Container& file, GltfWriter& writer, const ExportOptions& options) {
@@ -253,6 +265,7 @@ struct Arguments {
   std::string input;
   std::string output;
   uint32_t threads = 0;
+  bool force = false;
   bool quiet = false;
 };
 
@@ -265,6 +278,7 @@ Result<ExportSummary> export_mapped(const Arguments& arguments, const runtime::M
   progress.stage("export", triangles);
   ExportOptions options;
   options.threads = arguments.threads;
+  options.existing = existing_of(arguments.force);
   options.stop = StopOnSignal::flag();
   options.progress = [&](uint64_t done, uint64_t bytes) { progress.update(done, bytes); };
   // What is written need not stay resident: the file may be larger than memory.
@@ -276,18 +290,20 @@ Result<ExportSummary> export_mapped(const Arguments& arguments, const runtime::M
 
 Result<void> run_export(const Arguments& arguments) {
   const auto start = std::chrono::steady_clock::now();
+  if (const Result<void> checked = check_output_file(arguments.output, existing_of(arguments.force)); !checked)
+    return checked;
   report_sigbus("export", arguments.input);
   const auto map = runtime::MappedFile::open(arguments.input, runtime::Access::kSequential);
   if (!map) return map.error();
   const auto summary = export_mapped(arguments, *map);
   if (!summary) {
-    StopOnSignal::end_where_signalled();
     // What it is called without its end, such as a page whose checksum is wrong, says less.
     if (const Result<void> whole = check_not_cut(*map); !whole) return whole;
     const Error& error = summary.error();
     const bool names_output = error.code == ErrorCode::kUsage || error.code == ErrorCode::kFile;
     return names_output ? error : at(arguments.input, error);
   }
+  note_written(arguments.output);
   if (arguments.quiet) return {};
   const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   std::printf("%s (%s) -> %s (%s): %s triangles, %s vertices, %s primitives, %s images in %.2f s\n",
@@ -302,9 +318,10 @@ Result<void> run_export(const Arguments& arguments) {
 
 Result<ExportSummary> export_gltf(const format::Container& file, const std::string& path,
                                   const ExportOptions& options) {
-  auto created = GltfWriter::create(path, file.string(file.source().copyright));
+  auto created = GltfWriter::create(path, file.string(file.source().copyright), options.existing);
   if (!created) return created.error();
   GltfWriter& writer = *created;
+  if (const Result<void> checked = writer.check_images(planned_images(file)); !checked) return checked.error();
 
   auto primitives = write_primitives(file, writer, options, kMaxPrimitiveVertices);
   if (!primitives) return primitives.error();
@@ -341,6 +358,7 @@ Command add_export(CLI::App& parent) {
   app->add_option("FILE", arguments->input, "The .scree file")->required();
   app->add_option("-o,--output", arguments->output, "What to write: .glb, or .gltf with .bin and images beside it")
       ->required();
+  app->add_flag("-f,--force", arguments->force, kForceHelp);
   app->add_flag("-q,--quiet", arguments->quiet, "No progress and no closing line");
   app->add_option("--threads", arguments->threads, "Threads; 0 is one a core")->capture_default_str();
   return {app, [arguments] { return run_export(*arguments); }};

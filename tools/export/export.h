@@ -7,11 +7,13 @@
 #include <string>
 
 #include "format/container/container.h"
+#include "format/container/part_file.h"
 #include "format/result.h"
 
 namespace scree::tools {
 
 struct ExportOptions {
+  format::Existing existing = format::Existing::kReplace;  // of all files of the output
   uint32_t threads = 0;                     // 0: one a core; the bytes written are the same for any number
   const std::atomic<bool>* stop = nullptr;  // raised: the export ends with kFile "interrupted"
   std::function<void(uint64_t triangles, uint64_t bytes)>

@@ -43,9 +43,10 @@ Result<void> check_ascending(const Accessor::Sparse& sparse, uint64_t count) {
 }  // namespace
 
 GltfBuffers::GltfBuffers(const GltfDocument& document, std::string folder, std::shared_ptr<const ByteSource> bin,
-                         uint64_t kept_bytes)
+                         uint64_t kept_bytes, bool allow_outside)
     : document_(document),
       folder_(std::move(folder)),
+      allow_outside_(allow_outside),
       bin_(std::move(bin)),
       buffers_(document.buffers.size()),
       meshopt_(kept_bytes),
@@ -60,7 +61,7 @@ Result<std::shared_ptr<const ByteSource>> GltfBuffers::open_buffer(int32_t index
     return memory_source(std::move(bytes).value());
   }
   if (!buffer.uri.empty()) {
-    auto path = resolve_uri(folder_, buffer.uri);
+    auto path = resolve_uri(folder_, buffer.uri, allow_outside_);
     if (!path) return path.error();
     return open_file_source(*path);
   }
@@ -177,7 +178,7 @@ Result<GltfBuffers::View> GltfBuffers::image(const DocImage& image) {
     return View{std::move(source), 0, size};
   }
   if (image.uri.empty()) return Error{ErrorCode::kFormat, "has neither uri nor bufferView"};
-  auto path = resolve_uri(folder_, image.uri);
+  auto path = resolve_uri(folder_, image.uri, allow_outside_);
   if (!path) return path.error();
   auto source = open_file_source(*path);
   if (!source) return source.error();

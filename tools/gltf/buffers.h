@@ -18,9 +18,9 @@ class GltfBuffers {
  public:
   /// `folder`: of the scene. `bin`: the binary chunk of a .glb, or null. `document` has passed check_document() and
   /// outlives this. Indices given to the functions below are in range.
-  /// `kept_bytes`: of unpacked buffer views that are kept, see MeshoptCache.
+  /// `kept_bytes`: of unpacked buffer views that are kept, see MeshoptCache. `allow_outside`: resolve_uri's.
   GltfBuffers(const GltfDocument& document, std::string folder, std::shared_ptr<const ByteSource> bin,
-              uint64_t kept_bytes);
+              uint64_t kept_bytes, bool allow_outside);
 
   /// Of the compressed buffer views that were asked for.
   const PackedViewMemory& view_memory() const { return view_memory_; }
@@ -55,6 +55,7 @@ class GltfBuffers {
 
   const GltfDocument& document_;
   std::string folder_;
+  bool allow_outside_;
   std::shared_ptr<const ByteSource> bin_;
   std::vector<std::shared_ptr<const ByteSource>> buffers_;
   MeshoptCache meshopt_;

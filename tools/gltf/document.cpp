@@ -284,10 +284,15 @@ void take_model(const tinygltf::Model& model, std::span<const int32_t> primitive
   for (const auto& name : model.extensionsRequired) document.extensions_required.push_back(name);
 }
 
+/// A member that is absent or null, which the schema takes for absent.
+bool has_member(const nlohmann::json& object, const char* key) {
+  const auto found = object.find(key);
+  return found != object.end() && !found->is_null();
+}
+
 DocMeshopt read_meshopt(const nlohmann::json& source) {
   const auto size = [&](const char* key) {
-    const auto found = source.find(key);
-    return found == source.end() ? uint64_t{0} : found->get<uint64_t>();
+    return has_member(source, key) ? source.at(key).get<uint64_t>() : uint64_t{0};
   };
   DocMeshopt meshopt;
   meshopt.buffer = source.at("buffer").get<int32_t>();
@@ -303,7 +308,7 @@ DocMeshopt read_meshopt(const nlohmann::json& source) {
   } else if (mode != "ATTRIBUTES") {
     meshopt.unknown_mode = one_line(mode.substr(0, 20));
   }
-  const std::string filter = source.value("filter", "NONE");
+  const std::string filter = has_member(source, "filter") ? source.at("filter").get<std::string>() : "NONE";
   if (filter == "OCTAHEDRAL") {
     meshopt.filter = DocMeshopt::Filter::kOctahedral;
   } else if (filter == "QUATERNION") {
@@ -324,11 +329,11 @@ void take_meshopt(const std::string& batch, uint64_t first, GltfDocument& docume
   uint64_t view = first;
   for (const auto& element : json.at("bufferViews")) {
     const auto extensions = element.find("extensions");
-    if (extensions != element.end()) {
+    if (extensions != element.end() && extensions->is_object()) {
       for (const bool is_khr : {false, true}) {
-        const auto found = extensions->find(is_khr ? "KHR_meshopt_compression" : "EXT_meshopt_compression");
-        if (found == extensions->end() || document.views[view].meshopt != kAbsent) continue;
-        DocMeshopt meshopt = read_meshopt(*found);
+        const char* const name = is_khr ? "KHR_meshopt_compression" : "EXT_meshopt_compression";
+        if (!has_member(*extensions, name) || document.views[view].meshopt != kAbsent) continue;
+        DocMeshopt meshopt = read_meshopt(extensions->at(name));
         meshopt.view = view;
         meshopt.is_khr = is_khr;
         document.views[view].meshopt = static_cast<int32_t>(document.meshopt.size());

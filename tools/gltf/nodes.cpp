@@ -109,9 +109,12 @@ Result<std::optional<std::regex>> compile(const std::string& exclude) {
 }
 
 Result<bool> matches(const std::regex& pattern, const std::string& name, const std::string& exclude) {
+  if (name.size() > kMaxMatchedName)
+    return Error{ErrorCode::kUnsupported, "its name has " + std::to_string(name.size()) +
+                                              " characters, but --exclude matches at most " +
+                                              std::to_string(kMaxMatchedName)};
   try {
-    const auto end = name.begin() + static_cast<std::ptrdiff_t>(std::min(name.size(), kMaxMatchedName));
-    return std::regex_search(name.begin(), end, pattern);
+    return std::regex_search(name, pattern);
   } catch (const std::regex_error& error) {
     return Error{ErrorCode::kUsage, "--exclude \"" + exclude + "\": " + error.what()};
   }
@@ -264,7 +267,8 @@ Result<NodePlan> plan_nodes(const GltfDocument& document, const std::string& exc
         bool out = below;
         if (!out && *pattern) {
           auto match = matches(**pattern, document.nodes[node].name, exclude);
-          if (!match) return match.error();
+          if (!match)
+            return match.error().code == ErrorCode::kUsage ? match.error() : at(node_place(node), match.error());
           out = *match;
         }
         state[node] = out ? kExcluded : kKept;

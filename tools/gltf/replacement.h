@@ -48,7 +48,7 @@ class Replacement {
       file.has_earlier = ::link(file.name.c_str(), file.earlier.c_str()) == 0;
     }
     Result<void> done = file.part->commit();
-    file.is_renamed = bool(done);
+    file.is_renamed = file.part->has_name();
     return done;
   }
   /// Takes the second names away, once all have theirs. Where one stays, the new files are whole all the same.

@@ -155,7 +155,7 @@ class Importer {
   Importer(const GltfDocument& document, std::string folder, std::shared_ptr<const ByteSource> bin,
            const ImportOptions& options, SourceScene& scene)
       : document_(document),
-        buffers_(document, std::move(folder), std::move(bin), options.kept_view_bytes),
+        buffers_(document, std::move(folder), std::move(bin), options.kept_view_bytes, options.allow_outside),
         scene_(scene),
         left_out_(document, buffers_) {}
 
@@ -508,6 +508,25 @@ Result<void> trim_json(const ByteSource& file, GlbLayout& layout) {
   return {};
 }
 
+/// A file that is no glTF at all is better named than by the first byte that is not JSON.
+Result<void> check_kind(const ByteSource& file, const GlbLayout& layout) {
+  if (layout.is_glb) return {};
+  std::array<std::byte, 64> bytes{};
+  const auto head = std::span(bytes).first(std::min<uint64_t>(file.size(), bytes.size()));
+  if (auto read = file.read(0, head); !read) return read;
+  const std::string_view text(reinterpret_cast<const char*>(head.data()), head.size());
+  if (text.starts_with(std::string_view(reinterpret_cast<const char*>(format::kMagic), sizeof format::kMagic)))
+    return Error{
+        ErrorCode::kFormat,
+        "is packed already, a .scree file (scree inspect and render read it, scree export decodes it to glTF)"};
+  const size_t mark = text.starts_with("\xef\xbb\xbf") ? 3 : 0;
+  const size_t first = text.find_first_not_of(" \t\r\n", mark);
+  if (first == std::string_view::npos ||
+      std::string_view("{[\"-0123456789tfn").find(text[first]) != std::string_view::npos)
+    return {};
+  return Error{ErrorCode::kFormat, "neither a GLB (no glTF header) nor JSON"};
+}
+
 Result<SourceScene> import_checked(const std::string& path, const ImportOptions& options) {
   auto file = open_file_source(path);
   // Its message already names the path, as every message of import_gltf does.
@@ -515,6 +534,7 @@ Result<SourceScene> import_checked(const std::string& path, const ImportOptions&
   auto layout = read_glb_layout(**file);
   if (!layout) return layout.error();
   if (layout->json_bytes == 0) return Error{ErrorCode::kFormat, "the file is empty"};
+  if (auto checked = check_kind(**file, *layout); !checked) return checked.error();
   if (layout->json_bytes > options.max_json_bytes) {
     return Error{ErrorCode::kMemory, "JSON of " + std::to_string(layout->json_bytes) + " bytes, at most " +
                                          std::to_string(options.max_json_bytes) + " are read"};

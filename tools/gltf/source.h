@@ -223,7 +223,8 @@ struct ImportOptions {
       exclude;  // regular expression (ECMAScript) searched in node names; matching nodes and those below are left out
   uint64_t max_json_bytes = uint64_t{1} << 31;
   uint64_t kept_view_bytes = uint64_t{1} << 30;  // memory for compressed buffer views that were unpacked
-  uint64_t memory = UINT64_MAX;                  // bytes that the process may take while the document is read
+  bool allow_outside = false;    // reads files that URIs name by "../" or symbolic links outside the scene's folder
+  uint64_t memory = UINT64_MAX;  // bytes that the process may take while the document is read
 };
 
 /// Opens a .gltf or .glb. Errors kFile, kFormat, kTruncated, kRange, kUnsupported (a required extension that scree does

@@ -149,7 +149,7 @@ Result<std::vector<std::byte>> decode_data_uri(std::string_view uri) {
   return bytes;
 }
 
-Result<std::string> resolve_uri(const std::string& folder, std::string_view uri) {
+Result<std::string> resolve_uri(const std::string& folder, std::string_view uri, bool allow_outside) {
   if (!scheme_of(uri).empty()) {
     return Error{ErrorCode::kUnsupported, "URI " + quoted(uri) + ": scheme \"" +
                                               std::string(scheme_of(uri).substr(0, 20)) +
@@ -165,18 +165,20 @@ Result<std::string> resolve_uri(const std::string& folder, std::string_view uri)
     return Error{ErrorCode::kUnsupported,
                  "URI " + quoted(uri) + ": an absolute path, expected one in the scene's folder"};
   const std::string outside = "URI " + quoted(uri) + ": leaves the scene's folder";
-  if (climbs_out(relative)) return Error{ErrorCode::kUnsupported, outside};
+  constexpr const char* kAdvice = "; --allow-outside reads it";
+  if (!allow_outside && climbs_out(relative)) return Error{ErrorCode::kUnsupported, outside + kAdvice};
 
   const std::string path = folder + "/" + relative;
   const std::unique_ptr<char, FreeDeleter> real_folder(::realpath(folder.c_str(), nullptr));
   if (!real_folder) return Error{ErrorCode::kFile, folder + ": " + std::strerror(errno)};
   const std::unique_ptr<char, FreeDeleter> real_path(::realpath(path.c_str(), nullptr));
   if (!real_path) return Error{ErrorCode::kFile, path + ": " + std::strerror(errno)};
+  if (allow_outside) return std::string(real_path.get());
   std::string inside = real_folder.get();
   if (inside.back() != '/') inside += '/';
   const std::string resolved = real_path.get();
   if (resolved.compare(0, inside.size(), inside) != 0)
-    return Error{ErrorCode::kUnsupported, outside + " by way of a symbolic link"};
+    return Error{ErrorCode::kUnsupported, outside + " by way of a symbolic link" + kAdvice};
   return resolved;
 }
 

@@ -10,6 +10,10 @@
 
 namespace scree::convert {
 
+/// Of the option --allow-outside, which the refusal of resolve_uri() names.
+inline constexpr const char* kAllowOutsideHelp =
+    "Read buffers and images that lie outside the glTF's folder, by ../ or by a symbolic link";
+
 /// Whether a URI is data:, in any case.
 bool is_data_uri(std::string_view uri);
 
@@ -18,7 +22,8 @@ Result<std::vector<std::byte>> decode_data_uri(std::string_view uri);
 
 /// The file a relative URI names, percent-decoded, in `folder` (of the scene, as given). Errors kUnsupported: a scheme,
 /// an absolute path, or a path that leaves the folder, also by way of a symbolic link (it must resolve inside the
-/// folder as resolved); kFormat: bad percent coding; kFile: no such file.
-Result<std::string> resolve_uri(const std::string& folder, std::string_view uri);
+/// folder as resolved), unless `allow_outside`, which allows the last; kFormat: bad percent coding; kFile: no such
+/// file.
+Result<std::string> resolve_uri(const std::string& folder, std::string_view uri, bool allow_outside);
 
 }  // namespace scree::convert

@@ -12,6 +12,7 @@
 #include "format/bytes.h"
 #include "format/container/part_file.h"
 #include "tools/common/json_writer.h"
+#include "tools/common/output_file.h"
 #include "tools/gltf/replacement.h"
 
 namespace scree::tools {
@@ -263,6 +264,8 @@ struct GltfWriter::State {
   PartFile binary;
   std::vector<PartFile> image_files;
   std::set<std::string> image_names;  // in lower case: file systems that ignore case keep them apart too
+  format::Existing existing = format::Existing::kReplace;
+  const std::atomic<bool>* stop = nullptr;
   uint64_t buffer_bytes = 0;
   uint64_t image_bytes = 0;
   uint64_t total_bytes = 0;
@@ -282,6 +285,12 @@ struct GltfWriter::State {
 
   std::string stem() const { return path.stem().string(); }
   std::string sibling(const std::string& file_name) const { return (path.parent_path() / file_name).string(); }
+  /// "city_NAME.jpg", made unique among `taken`, which it joins.
+  std::string image_file_name(std::string_view name, format::ImageCodec codec, std::set<std::string>& taken) const;
+  Result<void> check_stop() const {
+    if (stop != nullptr && stop->load()) return Error{ErrorCode::kFile, "interrupted"};
+    return {};
+  }
   /// Drops what was renamed before a later rename failed.
   Result<void> commit_all();
 };
@@ -347,7 +356,7 @@ GltfWriter::GltfWriter(GltfWriter&&) noexcept = default;
 GltfWriter& GltfWriter::operator=(GltfWriter&&) noexcept = default;
 GltfWriter::~GltfWriter() = default;
 
-Result<GltfWriter> GltfWriter::create(const std::string& path, std::string_view copyright) {
+Result<GltfWriter> GltfWriter::create(const std::string& path, std::string_view copyright, format::Existing existing) {
   auto state = std::make_unique<State>();
   state->path = path;
   const std::string extension = lower_case(state->path.extension().string());
@@ -355,12 +364,15 @@ Result<GltfWriter> GltfWriter::create(const std::string& path, std::string_view 
     return Error{ErrorCode::kUsage, path + ": the output's name ends in .gltf or .glb"};
   state->glb = extension == ".glb";
   state->copyright = copyright;
-  Result<PartFile> document = PartFile::create(path);
+  state->existing = existing;
+  Result<PartFile> document = PartFile::create(path, PartFile::Content::kEmpty, existing);
   if (!document) return document.error();
   state->document = std::move(*document);
   // A .glb begins with the JSON, whose length is known only at the end: until then its buffer lies in a file of its
   // own.
-  Result<PartFile> binary = PartFile::create(state->glb ? path + ".bin" : state->sibling(state->stem() + ".bin"));
+  Result<PartFile> binary =
+      state->glb ? PartFile::create(path + ".bin")
+                 : PartFile::create(state->sibling(state->stem() + ".bin"), PartFile::Content::kEmpty, existing);
   if (!binary) return binary.error();
   if (state->glb)
     if (const Result<void> hidden = binary->hide(); !hidden) return hidden.error();
@@ -383,6 +395,7 @@ Result<uint64_t> GltfWriter::reserve(uint64_t bytes, uint64_t alignment) {
 
 Result<void> GltfWriter::write_at(uint64_t offset, std::span<const std::byte> bytes) const {
   assert(format::range_within(offset, bytes.size(), state_->buffer_bytes));
+  if (Result<void> goes_on = state_->check_stop(); !goes_on) return goes_on;
   return state_->binary.write_at(offset, bytes);
 }
 
@@ -430,6 +443,30 @@ uint32_t GltfWriter::add_texture(GltfTexture texture) {
   return add(state_->textures, std::move(texture));
 }
 
+std::string GltfWriter::State::image_file_name(std::string_view name, format::ImageCodec codec,
+                                               std::set<std::string>& taken) const {
+  const char* extension = codec == format::ImageCodec::kJpeg ? ".jpg" : ".png";
+  const std::string safe = safe_name(name);
+  std::string unique = safe;
+  for (uint64_t k = 2; !taken.insert(lower_case(unique) + extension).second; ++k)
+    unique = safe + "_" + std::to_string(k);
+  return stem() + "_" + unique + extension;
+}
+
+void GltfWriter::stop_on(const std::atomic<bool>* stop) {
+  state_->stop = stop;
+}
+
+Result<void> GltfWriter::check_images(std::span<const PlannedImage> planned) const {
+  if (state_->glb) return {};
+  std::set<std::string> taken = state_->image_names;
+  for (const PlannedImage& image : planned) {
+    const std::string file = state_->sibling(state_->image_file_name(image.name, image.codec, taken));
+    if (Result<void> checked = check_output_file(file, state_->existing); !checked) return checked;
+  }
+  return {};
+}
+
 Result<uint32_t> GltfWriter::add_image(std::string_view name, format::ImageCodec codec,
                                        std::span<const std::byte> bytes) {
   Image image{std::string(name), codec, format::kNone, {}};
@@ -439,16 +476,12 @@ Result<uint32_t> GltfWriter::add_image(std::string_view name, format::ImageCodec
     image.buffer_view = add_buffer_view({*offset, bytes.size(), 0, GltfTarget::kNone});
     return add(state_->images, std::move(image));
   }
-  const char* extension = codec == format::ImageCodec::kJpeg ? ".jpg" : ".png";
-  const std::string safe = safe_name(name);
-  std::string unique = safe;
-  for (uint64_t k = 2; !state_->image_names.insert(lower_case(unique) + extension).second; ++k)
-    unique = safe + "_" + std::to_string(k);
-  const std::string file_name = state_->stem() + "_" + unique + extension;
-  Result<PartFile> file = PartFile::create(state_->sibling(file_name));
+  if (Result<void> goes_on = state_->check_stop(); !goes_on) return goes_on.error();
+  const std::string file_name = state_->image_file_name(name, codec, state_->image_names);
+  Result<PartFile> file = PartFile::create(state_->sibling(file_name), PartFile::Content::kEmpty, state_->existing);
   if (!file) return file.error();
   if (Result<void> written = file->write_at(0, bytes); !written) return written.error();
-  if (Result<void> closed = file->close(); !closed) return closed.error();
+  if (Result<void> parked = file->park(); !parked) return parked.error();
   state_->image_files.push_back(std::move(*file));
   state_->image_bytes += bytes.size();
   image.uri = uri_of(file_name);
@@ -583,6 +616,7 @@ Result<void> GltfWriter::finish() {
       file_bytes += kGlbChunkHeaderBytes;
       std::vector<std::byte> window(kDrainBytes);
       for (uint64_t done = 0; done < state.buffer_bytes; done += window.size()) {
+        if (written = state.check_stop(); !written) return written;
         window.resize(std::min<uint64_t>(kDrainBytes, state.buffer_bytes - done));
         if (written = state.binary.read_at(done, window); !written) return written;
         if (written = state.document.write_at(file_bytes + done, window); !written) return written;
@@ -592,8 +626,7 @@ Result<void> GltfWriter::finish() {
     }
   }
 
-  if (written = state.document.close(); !written) return written;
-  if (written = state.binary.close(); !written) return written;
+  if (written = state.check_stop(); !written) return written;
   if (written = state.commit_all(); !written) return written;
   state.total_bytes = file_bytes + (state.glb ? 0 : state.buffer_bytes) + state.image_bytes;
   return {};

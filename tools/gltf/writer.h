@@ -3,6 +3,7 @@
 #pragma once
 
 #include <array>
+#include <atomic>
 #include <cstddef>
 #include <cstdint>
 #include <memory>
@@ -13,6 +14,7 @@
 #include <utility>
 #include <vector>
 
+#include "format/container/part_file.h"
 #include "format/layout.h"
 #include "format/result.h"
 
@@ -117,7 +119,20 @@ struct GltfScene {
 class GltfWriter {
  public:
   /// `path` ends in .gltf or .glb (else kUsage). "city.gltf" gets "city.bin" beside it. `copyright` may be empty.
-  static Result<GltfWriter> create(const std::string& path, std::string_view copyright = {});
+  /// `existing`: for all files of the output.
+  static Result<GltfWriter> create(const std::string& path, std::string_view copyright = {},
+                                   format::Existing existing = format::Existing::kReplace);
+
+  /// From now on what writes fails with kFile "interrupted" once `stop` is raised.
+  void stop_on(const std::atomic<bool>* stop);
+
+  /// Whether the files that these images will get, in the order of their add_image(), are there already; with
+  /// Existing::kRefuse, which add_image() finds only later. Errors kFile.
+  struct PlannedImage {
+    std::string_view name;
+    format::ImageCodec codec;
+  };
+  Result<void> check_images(std::span<const PlannedImage> planned) const;
   GltfWriter(GltfWriter&&) noexcept;
   GltfWriter& operator=(GltfWriter&&) noexcept;
   ~GltfWriter();

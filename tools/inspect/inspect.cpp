@@ -15,6 +15,7 @@
 #include "tools/compare/geometry.h"
 #include "tools/compare/report.h"
 #include "tools/gltf/source.h"
+#include "tools/gltf/uri.h"
 #include "tools/inspect/report.h"
 #include "tools/inspect/stats.h"
 #include "tools/inspect/verify.h"
@@ -46,6 +47,7 @@ std::optional<Error> broken_promise(const compare::GeometryReport& report, const
 Result<compare::GeometryReport> measure_against(const format::Container& file, const InspectOptions& options) {
   convert::ImportOptions import;
   import.exclude = options.exclude;
+  import.allow_outside = options.allow_outside;
   const Result<convert::SourceScene> source = convert::import_gltf(options.source, import);
   if (!source) return source.error();
   try {
@@ -81,7 +83,7 @@ Result<void> inspect_file(const std::string& path, const InspectOptions& options
     if (!report) return at(path, report.error());
     measured = *report;
   }
-  const Stats stats = gather(*file, map->bytes(), options.top);
+  const Stats stats = gather(*file, map->bytes(), options.top, options.verify);
   if (options.json) {
     print_json(*file, stats, path, verified ? &*verified : nullptr, measured ? &*measured : nullptr, options.chunks,
                out);
@@ -122,11 +124,13 @@ Command add_inspect(CLI::App& parent) {
   CLI::App* app = parent.add_subcommand("inspect", "Show what a .scree file holds and costs, and check it");
   app->add_option("FILE", arguments->path, "The .scree file")->required();
   app->add_flag("--json", options.json, "One JSON object, amounts in bytes");
-  app->add_flag("--verify", options.verify, "Check every checksum and decode everything");
+  app->add_flag("--verify", options.verify,
+                "Check every checksum and decode everything; and say how much of clusters is indices");
   app->add_flag("--chunks", options.chunks, "Add a row for every chunk");
   app->add_option("--source", options.source,
                   "Measure the true position error against this .gltf or .glb (needs convert --source-ids)");
   app->add_option("--exclude", options.exclude, "The --exclude that the file was converted with, for --source");
+  app->add_flag("--allow-outside", options.allow_outside, convert::kAllowOutsideHelp);
   app->add_option("--top", options.top, "Meshes and images to list by name")->capture_default_str();
   app->add_option("--threads", options.threads, "Threads of --verify; 0 is one a core")->capture_default_str();
   return {app, [arguments] {

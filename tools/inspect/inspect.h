@@ -13,11 +13,12 @@ struct InspectOptions {
   bool json = false;
   bool verify = false;
   bool chunks = false;
-  uint32_t top = 10;      // meshes and images listed by name
-  uint32_t threads = 0;   // of --verify; 0: one a core
-  bool progress = false;  // of --verify, on stderr where that is a terminal
-  std::string source{};   // a .gltf or .glb: measure the true position error against it
-  std::string exclude{};  // ImportOptions::exclude of that import
+  uint32_t top = 10;           // meshes and images listed by name
+  uint32_t threads = 0;        // of --verify; 0: one a core
+  bool progress = false;       // of --verify, on stderr where that is a terminal
+  std::string source{};        // a .gltf or .glb: measure the true position error against it
+  std::string exclude{};       // ImportOptions::exclude of that import
+  bool allow_outside = false;  // ImportOptions::allow_outside of that import
 };
 
 /// Prints the report to `out`. Errors kFile, and what Container::open and verify() find: the first failure, named with

@@ -86,8 +86,11 @@ void add_size(const format::Container& file, const Stats& stats, std::string& te
       row(stream_title(which), stats.streams[which].stored, source_of, stats.reference_bytes[which]);
   };
   table.row({"", "bytes", "share", "bits/tri [1]", "of source [2]", "of float32 [3]"});
-  stream(kIndices, source.indices);
-  stream(kPositions, source.positions);
+  // The source's bytes are not known for a part of the triangles.
+  const bool is_mixed = stats.stream_meshes[kIndices] != 0 && stats.stream_meshes[kClusterData] != 0;
+  stream(kIndices, is_mixed ? 0 : source.indices);
+  stream(kPositions, is_mixed ? 0 : source.positions);
+  stream(kClusterData, is_mixed ? 0 : source.indices + source.positions);
   stream(kClusterBounds, 0);
   stream(kClusterRecords, 0);
   const uint64_t attribute_reference =
@@ -231,29 +234,46 @@ void add_clusters(const Stats& stats, std::string& text) {
   };
   text += "\nClusters\n  " + grouped(clusters.clusters) + " in " + grouped(clusters.chunks) + " chunks, " +
           each(clusters.triangles, clusters.clusters) + " triangles and " + each(clusters.vertices, clusters.clusters) +
-          " vertices each; an axis is predicted in " + percent(clusters.predicted, clusters.clusters) + "\n";
+          " vertices each";
+  if (stats.has_split) text += "; an axis is predicted in " + percent(clusters.predicted, clusters.clusters);
+  text += "\n";
   const auto& bytes = clusters.bytes;
   const uint64_t attributes = bytes[kUvs] + bytes[kColors] + bytes[kNormals] + bytes[kSourceIds];
-  const uint64_t geometry = bytes[kClusterBounds] + bytes[kClusterRecords] + bytes[kIndices] + bytes[kPositions];
+  const uint64_t data = bytes[kIndices] + bytes[kPositions] + bytes[kClusterData];
+  const uint64_t geometry = bytes[kClusterBounds] + bytes[kClusterRecords] + data;
   TextTable table;
-  table.row({"bytes a triangle, unpacked", "bounds", "records", "indices", "positions", "sum", "attributes"});
-  table.row({"", each(bytes[kClusterBounds], clusters.triangles), each(bytes[kClusterRecords], clusters.triangles),
-             each(bytes[kIndices], clusters.triangles), each(bytes[kPositions], clusters.triangles),
-             each(geometry, clusters.triangles), each(attributes, clusters.triangles)});
+  std::vector<std::string> titles{"bytes a triangle, unpacked", "bounds", "records"};
+  std::vector<uint64_t> columns{bytes[kClusterBounds], bytes[kClusterRecords]};
+  if (stats.has_split) {
+    titles.insert(titles.end(), {"indices", "positions"});
+    columns.insert(columns.end(), {bytes[kIndices], bytes[kPositions]});
+  } else {
+    titles.emplace_back("indices, positions");
+    columns.push_back(data);
+  }
+  titles.insert(titles.end(), {"sum", "attributes"});
+  columns.insert(columns.end(), {geometry, attributes});
+  std::vector<std::string> cells{""};
+  for (const uint64_t column : columns) cells.push_back(each(column, clusters.triangles));
+  table.row(titles);
+  table.row(cells);
   text += table.text();
 }
 
 void add_positions(const Stats& stats, std::string& text) {
-  if (stats.stream_elements[kPositions] == 0) return;
+  if (stats.vertices == 0) return;
   const Cost& cost = stats.streams[kPositions];
-  text += "\nPositions\n  " + human_bytes(cost.stored) + ", " + bits_each(cost.stored, stats.vertices) +
-          " bits a vertex, " + bits_each(cost.stored, stats.triangles) + " bits a triangle, error at most " +
-          short_number(stats.max_position_error) + " model units [7]\n";
+  const bool is_known = stats.stream_meshes[kClusterData] == 0;
+  text += "\nPositions\n  ";
+  if (is_known)
+    text += human_bytes(cost.stored) + ", " + bits_each(cost.stored, stats.vertices) + " bits a vertex, " +
+            bits_each(cost.stored, stats.triangles) + " bits a triangle, ";
+  text += "error at most " + short_number(stats.max_position_error) + " model units [7]\n";
   TextTable table;
   table.row({"step [6]", "meshes", "triangles", "vertices", "bits/vertex", "max error [7]"});
   for (const LatticeStats& lattice : stats.lattices) {
     table.row({step_text(lattice), grouped(lattice.meshes), grouped(lattice.triangles), grouped(lattice.vertices),
-               bits_each(lattice.stored, lattice.vertices), short_number(lattice.max_error)});
+               is_known ? bits_each(lattice.stored, lattice.vertices) : "-", short_number(lattice.max_error)});
   }
   text += table.text();
 }

@@ -78,7 +78,12 @@ void size_member(JsonWriter& json, const format::Container& file, const Stats& s
     json.key(stream_key(stream));
     json.begin_object();
     // The source's attribute bytes are one sum, given with "attributes".
-    const uint64_t source_of = stream == kIndices ? source.indices : stream == kPositions ? source.positions : 0;
+    const bool is_mixed = stats.stream_meshes[kIndices] != 0 && stats.stream_meshes[kClusterData] != 0;
+    const uint64_t source_of = is_mixed || stats.stream_meshes[i] == 0 ? 0
+                               : stream == kIndices                    ? source.indices
+                               : stream == kPositions                  ? source.positions
+                               : stream == kClusterData                ? source.indices + source.positions
+                                                                       : 0;
     cost(json, stats, stats.streams[i], source_of, stats.reference_bytes[i]);
     json.end_object();
     reference += stats.reference_bytes[i];
@@ -202,11 +207,14 @@ void chunks_member(JsonWriter& json, const format::Container& file, const Stats&
   json.member("count", clusters.clusters);
   json.member("triangles", clusters.triangles);
   json.member("vertices", clusters.vertices);
-  json.member("predicted", clusters.predicted);
+  if (stats.has_split) json.member("predicted", clusters.predicted);
   json.member("bounds_bytes", clusters.bytes[kClusterBounds]);
   json.member("record_bytes", clusters.bytes[kClusterRecords]);
-  json.member("index_bytes", clusters.bytes[kIndices]);
-  json.member("position_bytes", clusters.bytes[kPositions]);
+  json.member("data_bytes", clusters.bytes[kIndices] + clusters.bytes[kPositions] + clusters.bytes[kClusterData]);
+  if (stats.has_split) {
+    json.member("index_bytes", clusters.bytes[kIndices]);
+    json.member("position_bytes", clusters.bytes[kPositions]);
+  }
   json.member("attribute_bytes",
               clusters.bytes[kUvs] + clusters.bytes[kColors] + clusters.bytes[kNormals] + clusters.bytes[kSourceIds]);
   json.end_object();

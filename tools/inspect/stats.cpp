@@ -1,6 +1,7 @@
 #include "tools/inspect/stats.h"
 
 #include <algorithm>
+#include <cmath>
 #include <map>
 #include <numeric>
 #include <utility>
@@ -62,7 +63,7 @@ const char* table_name(format::TableKind kind) {
 /// Shares out the bytes of chunks among their streams.
 class StreamBytes {
  public:
-  explicit StreamBytes(const format::Container& file) : file_(file) {}
+  StreamBytes(const format::Container& file, bool reads_pages) : file_(file), reads_pages_(reads_pages) {}
 
   /// `clusters`: counts the chunk there where it is clustered.
   std::array<uint64_t, kStreamCount> of(uint64_t number, ClusterStats& clusters) {
@@ -78,8 +79,12 @@ class StreamBytes {
     if (chunk.encoding != format::ChunkEncoding::kClustered) return bytes;
     bytes[kClusterBounds] = streams.group_bounds.bytes + streams.cluster_bounds.bytes;
     bytes[kClusterRecords] = streams.clusters.bytes;
-    bytes[kIndices] = std::min(index_bytes(chunk, streams, clusters), streams.cluster_data.bytes);
-    bytes[kPositions] = streams.cluster_data.bytes - bytes[kIndices];
+    if (reads_pages_) {
+      bytes[kIndices] = std::min(index_bytes(chunk, streams, clusters), streams.cluster_data.bytes);
+      bytes[kPositions] = streams.cluster_data.bytes - bytes[kIndices];
+    } else {
+      bytes[kClusterData] = streams.cluster_data.bytes;
+    }
     ++clusters.chunks;
     clusters.clusters += chunk.cluster_count;
     clusters.triangles += chunk.triangle_count;
@@ -108,6 +113,7 @@ class StreamBytes {
   }
 
   const format::Container& file_;
+  const bool reads_pages_;
   std::vector<std::byte> scratch_;
   std::span<const std::byte> raw_;
   uint32_t page_ = format::kNone;
@@ -184,7 +190,7 @@ void count_geometry(const format::Container& file, std::vector<PageShares>& page
   triangles.reserve(chunks.size());
   vertices.reserve(chunks.size());
   payloads.reserve(chunks.size());
-  StreamBytes stream_bytes(file);
+  StreamBytes stream_bytes(file, stats.has_split);
   for (uint64_t i = 0; i < chunks.size(); ++i) {
     const ChunkRecord& chunk = chunks[i];
     const MeshRecord& mesh = meshes[chunk.mesh];
@@ -237,16 +243,33 @@ void count_meshes(const format::Container& file, std::map<std::pair<bool, int32_
       stats.stream_elements[stream] += elements;
       stats.reference_bytes[stream] += reference_bytes;
     };
-    add(kIndices, 3 * mesh.triangle_count, 12 * mesh.triangle_count);
-    uint64_t clustered = 0;  // triangles
-    for (uint64_t chunk = mesh.first_chunk; chunk < mesh.first_chunk + mesh.chunk_count; ++chunk)
-      if (file.chunks()[chunk].encoding == format::ChunkEncoding::kClustered)
-        clustered += file.chunks()[chunk].triangle_count;
+    uint64_t clustered = 0;       // triangles
+    uint64_t chunk_vertices = 0;  // of all chunks
+    uint64_t clustered_vertices = 0;
+    for (uint64_t chunk = mesh.first_chunk; chunk < mesh.first_chunk + mesh.chunk_count; ++chunk) {
+      const ChunkRecord& record = file.chunks()[chunk];
+      chunk_vertices += record.vertex_count;
+      if (record.encoding != format::ChunkEncoding::kClustered) continue;
+      clustered += record.triangle_count;
+      clustered_vertices += record.vertex_count;
+    }
+    // What counts under kClusterData: the share of triangles, and the share that their vertices have.
+    const uint64_t unsplit = stats.has_split ? 0 : clustered;
+    const double vertex_share = unsplit == 0 || chunk_vertices == 0
+                                    ? 0
+                                    : static_cast<double>(clustered_vertices) / static_cast<double>(chunk_vertices);
+    const auto of_clusters = [&](uint64_t count) {
+      return std::min(count, static_cast<uint64_t>(std::llround(vertex_share * static_cast<double>(count))));
+    };
+    const uint64_t triangles_left = mesh.triangle_count - unsplit;
+    if (stats.has_split || triangles_left != 0) add(kIndices, 3 * triangles_left, 12 * triangles_left);
     if (clustered != 0) {
       add(kClusterBounds, clustered, 0);
       add(kClusterRecords, clustered, 0);
     }
-    add(kPositions, mesh.vertex_count, 12 * reference);
+    if (stats.has_split || triangles_left != 0)
+      add(kPositions, mesh.vertex_count - of_clusters(mesh.vertex_count), 12 * (reference - of_clusters(reference)));
+    if (unsplit != 0) add(kClusterData, unsplit, 12 * unsplit + 12 * of_clusters(reference));
     if (mesh.attributes & format::kHasUv) {
       add(kUvs, mesh.vertex_count, 8 * reference);
       stats.max_uv_error = std::max(stats.max_uv_error, static_cast<double>(mesh.max_uv_error));
@@ -319,15 +342,16 @@ uint64_t image_bytes(const format::Container& file, uint32_t image) {
 }
 
 const char* stream_key(Stream stream) {
-  static constexpr const char* kKeys[kStreamCount] = {"indices", "positions", "cluster_bounds", "cluster_records",
-                                                      "uvs",     "colors",    "normals",        "source_ids"};
+  static constexpr const char* kKeys[kStreamCount] = {"indices",         "positions",  "cluster_bounds",
+                                                      "cluster_records", "uvs",        "colors",
+                                                      "normals",         "source_ids", "cluster_data"};
   return kKeys[stream];
 }
 
 const char* stream_title(Stream stream) {
-  static constexpr const char* kTitles[kStreamCount] = {"indices",         "positions",           "cluster bounds",
-                                                        "cluster records", "texture coordinates", "vertex colours",
-                                                        "normals",         "source numbers"};
+  static constexpr const char* kTitles[kStreamCount] = {
+      "indices",        "positions", "cluster bounds", "cluster records",           "texture coordinates",
+      "vertex colours", "normals",   "source numbers", "cluster indices, positions"};
   return kTitles[stream];
 }
 
@@ -345,8 +369,9 @@ uint64_t Stats::container_bytes() const {
   return header_bytes + toc_bytes + tables_bytes + page_gaps.stored + other_pages + padding_bytes;
 }
 
-Stats gather(const format::Container& file, std::span<const std::byte> bytes, uint32_t top) {
+Stats gather(const format::Container& file, std::span<const std::byte> bytes, uint32_t top, bool reads_pages) {
   Stats stats;
+  stats.has_split = reads_pages;
   stats.file_bytes = bytes.size();
   count_container(file, bytes, stats);
 

@@ -1,5 +1,5 @@
-// What a .scree file holds and what each part costs, counted from its tables; of pages only the records of clusters are
-// read.
+// What a .scree file holds and what each part costs, counted from its tables, and on request from the records of
+// clusters in its pages.
 #pragma once
 
 #include <array>
@@ -14,8 +14,9 @@
 
 namespace scree::inspect {
 
-/// What chunks hold. Of clustered chunks the data of clusters are shared out: steps and distances are indices, the rest
-/// positions (all of it where the page with their records cannot be read).
+/// What chunks hold. The data of clusters are indices (steps and distances) and positions, which lie in one piece: how
+/// much of it is which stands in the pages alone. With gather()'s `reads_pages` they count there (all of them as
+/// positions where the page cannot be read), else under kClusterData.
 enum Stream : size_t {
   kIndices,
   kPositions,
@@ -25,6 +26,7 @@ enum Stream : size_t {
   kColors,
   kNormals,
   kSourceIds,
+  kClusterData,
   kStreamCount
 };
 
@@ -67,7 +69,7 @@ struct ClusterStats {
   uint64_t clusters = 0;
   uint64_t triangles = 0;
   uint64_t vertices = 0;   // borders counted once a cluster
-  uint64_t predicted = 0;  // clusters of which one axis follows from the others
+  uint64_t predicted = 0;  // clusters of which one axis follows from the others; with `reads_pages`
   std::array<uint64_t, kStreamCount> bytes{};
 };
 
@@ -98,6 +100,7 @@ struct Stats {
 
   // Contents. The sum of all `stored` here and all bytes of the container below is file_bytes.
   std::array<Cost, kStreamCount> streams{};
+  bool has_split = false;  // cluster data count as indices and positions
   Cost images;
 
   // Container.
@@ -140,8 +143,9 @@ struct Stats {
 };
 
 /// Counts. `bytes`: the whole file that `file` was opened on. `top`: how many meshes and images to list. Takes about 60
-/// ns a chunk, 16 bytes a mesh and chunk; pages of clustered chunks are loaded, one after the other.
-Stats gather(const format::Container& file, std::span<const std::byte> bytes, uint32_t top);
+/// ns a chunk, 16 bytes a mesh and chunk. `reads_pages`: loads every page of clustered chunks, one after the other, for
+/// what their indices take; else only tables are read.
+Stats gather(const format::Container& file, std::span<const std::byte> bytes, uint32_t top, bool reads_pages);
 
 /// Stored bytes of an image: its page, and its mip levels.
 uint64_t image_bytes(const format::Container& file, uint32_t image);

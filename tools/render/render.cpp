@@ -16,8 +16,10 @@
 #include "runtime/threads/stopwatch.h"
 #include "tools/common/command.h"
 #include "tools/common/options.h"
+#include "tools/common/output_file.h"
 #include "tools/common/sigbus.h"
 #include "tools/common/standard_output.h"
+#include "tools/common/stop_signal.h"
 #include "tools/render/render_options.h"
 
 namespace scree::tools {
@@ -180,6 +182,14 @@ void print_summary(const RenderOptions& options, const runtime::Scene& scene, co
               milliseconds(loading_ms).c_str(), places.c_str());
 }
 
+/// After each output the next is begun only where no signal asks to stop.
+Result<void> is_written(const Result<void>& written, const std::string& path) {
+  if (!written) return written;
+  note_written(path);
+  if (StopOnSignal::flag()->load()) return Error{ErrorCode::kFile, "interrupted"};
+  return {};
+}
+
 /// `map`: of the file that the frame shows. Nothing is written of one that was cut short.
 Result<void> write_outputs(const RenderOptions& options, const runtime::MappedFile& map, const runtime::Frame& frame,
                            Times& times) {
@@ -192,22 +202,22 @@ Result<void> write_outputs(const RenderOptions& options, const runtime::MappedFi
     picture = std::move(*shaded);
   }
   if (const Result<void> whole = check_not_cut(map); !whole) return whole;
+  const StopOnSignal handlers;
+  Result<void> done;
   if (picture) {
     const Stopwatch write_watch;
-    const Result<void> written =
-        runtime::write_png(options.output, picture->width, picture->height, picture->channels, picture->pixels);
-    if (!written) return written.error();
+    done = is_written(runtime::write_png(options.output, picture->width, picture->height, picture->channels,
+                                         picture->pixels, options.existing),
+                      options.output);
     times.write = write_watch.elapsed();
   }
-  if (!options.depth.empty()) {
-    const Result<void> written = runtime::write_pfm(options.depth, frame.width(), frame.height(), frame.depth());
-    if (!written) return written.error();
-  }
-  if (!options.visbuffer.empty()) {
-    const Result<void> written = runtime::write_visibility(options.visbuffer, frame.samples());
-    if (!written) return written.error();
-  }
-  return {};
+  if (done && !options.depth.empty())
+    done = is_written(runtime::write_pfm(options.depth, frame.width(), frame.height(), frame.depth(), options.existing),
+                      options.depth);
+  if (done && !options.visbuffer.empty())
+    done =
+        is_written(runtime::write_visibility(options.visbuffer, frame.samples(), options.existing), options.visbuffer);
+  return done;
 }
 
 Result<void> print_picks(const RenderOptions& options, const runtime::Scene& scene, const runtime::Frame& frame) {
@@ -241,6 +251,8 @@ Result<std::optional<runtime::DeviceScene>> upload(const RenderOptions& options,
 }
 
 Result<void> render(const RenderOptions& options) {
+  for (const std::string* path : {&options.output, &options.depth, &options.visbuffer})
+    if (const Result<void> checked = check_output_file(*path, options.existing); !checked) return checked;
   Times times;
   const Stopwatch open_watch;
   report_sigbus("render", options.file);
@@ -375,6 +387,7 @@ Command add_render(CLI::App& parent) {
   app->add_option("--read", words->read,
                   "How the GPU's pages come from the file: mapped, buffered: read through the page cache, direct: past "
                   "it, or auto: direct where much is to be read that is not cached, else buffered (default)");
+  app->add_flag("-f,--force", words->force, kForceHelp);
   app->add_flag("--stats", words->stats, "Print counts and times of every step");
   app->add_flag("-q,--quiet", words->quiet, "No closing line and no warnings");
   return {app, [words] { return run(*words); }};

@@ -216,6 +216,7 @@ Result<RenderOptions> parse_render_options(const RenderWords& words) {
   options.scene = words.scene;
   options.list_cameras = words.list_cameras;
   options.stats = words.stats;
+  options.existing = words.force ? format::Existing::kReplace : format::Existing::kRefuse;
   options.quiet = words.quiet;
 
   const Result<ImageSize> size = parse_image_size(words.size, "--size");

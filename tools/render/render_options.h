@@ -8,6 +8,7 @@
 #include <string_view>
 #include <vector>
 
+#include "format/container/part_file.h"
 #include "format/result.h"
 #include "kernels/frame.h"
 #include "runtime/scene/camera.h"
@@ -47,6 +48,7 @@ struct RenderWords {
   bool edl = false;
   bool list_cameras = false;
   bool stats = false;
+  bool force = false;
   bool quiet = false;
 };
 
@@ -74,6 +76,7 @@ struct RenderOptions {
   uint64_t host_memory = 0;                            // bytes of chunks in pinned memory, where they are streamed
   runtime::Reading reading = runtime::Reading::kAuto;  // of a GPU's pages
   std::vector<PixelPlace> picks;
+  format::Existing existing = format::Existing::kReplace;  // of all outputs
   bool list_cameras = false;
   bool stats = false;
   bool quiet = false;

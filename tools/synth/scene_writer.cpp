@@ -7,6 +7,7 @@
 #include <mutex>
 #include <numbers>
 #include <optional>
+#include <system_error>
 #include <thread>
 #include <vector>
 
@@ -215,7 +216,11 @@ Result<Sums> generate(const Scene& scene, const SynthOptions& options, const Glt
   {
     const uint64_t count = thread_count(options.threads, windows.size());
     std::vector<std::jthread> threads;
-    for (uint64_t i = 1; i < count; ++i) threads.emplace_back(work, false);
+    // Fewer threads make the same bytes.
+    try {
+      for (uint64_t i = 1; i < count; ++i) threads.emplace_back(work, false);
+    } catch (const std::system_error&) {
+    }
     work(true);
   }
   if (failed) return *failed;
@@ -333,8 +338,9 @@ Result<SynthReport> write_scene(const Scene& scene, const SynthOptions& options)
     return report;
   }
 
-  Result<GltfWriter> writer = GltfWriter::create(options.output);
+  Result<GltfWriter> writer = GltfWriter::create(options.output, {}, options.existing);
   if (!writer) return writer.error();
+  writer->stop_on(options.stop);
   const Result<std::vector<MeshPlace>> places = reserve_streams(*writer, scene, options);
   if (!places) return places.error();
   const Result<Sums> sums = generate(scene, options, &*writer, *places, bounds);

@@ -9,6 +9,9 @@
 #include <string>
 
 #include "tools/common/command.h"
+#include "tools/common/output_file.h"
+#include "tools/common/standard_output.h"
+#include "tools/common/stop_signal.h"
 #include "tools/synth/slope.h"
 
 namespace scree::synth {
@@ -50,10 +53,19 @@ Result<SynthReport> synthesize(const SynthOptions& options) {
 namespace scree::tools {
 namespace {
 
+Result<synth::SynthReport> synthesize_or_stop(synth::SynthOptions options) {
+  if (options.output.empty()) return synth::synthesize(options);
+  const StopOnSignal handlers;
+  options.stop = StopOnSignal::flag();
+  return synth::synthesize(options);
+}
+
 Result<void> run_synth(const synth::SynthOptions& options) {
   const auto start = std::chrono::steady_clock::now();
-  const Result<synth::SynthReport> report = synth::synthesize(options);
+  if (const Result<void> checked = check_output_file(options.output, options.existing); !checked) return checked;
+  const Result<synth::SynthReport> report = synthesize_or_stop(options);
   if (!report) return report.error();
+  if (!options.output.empty()) note_written(options.output);
   const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   if (options.checks)
     std::printf("%s %s 0 %016" PRIx64 " %016" PRIx64 "\n", options.scene.c_str(),
@@ -64,7 +76,7 @@ Result<void> run_synth(const synth::SynthOptions& options) {
                options.scene.c_str(), options.output.empty() ? "(no file)" : options.output.c_str(),
                report->drawn_triangles, report->instances, report->unique_triangles, report->file_bytes, seconds,
                static_cast<double>(report->vertices) / seconds * 1e-6);
-  return {};
+  return finish_output();
 }
 
 }  // namespace
@@ -103,8 +115,11 @@ Command add_synth(CLI::App& parent) {
   app->add_option("--texture-size", options->texture_size, "Slope: texels a side, a power of two from 64 to 8192")
       ->capture_default_str()
       ->type_name("N");
+  const auto force = std::make_shared<bool>(false);
+  app->add_flag("-f,--force", *force, kForceHelp);
   options->progress = true;
-  return {app, [options, order] {
+  return {app, [options, order, force] {
+            options->existing = existing_of(*force);
             if (*order == "block") options->order = synth::MeshOrder::kBlock;
             return run_synth(*options);
           }};

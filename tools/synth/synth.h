@@ -1,9 +1,11 @@
 // Writes generated scenes as glTF: the measured scenes A, B, C and D, and the slope of stones.
 #pragma once
 
+#include <atomic>
 #include <cstdint>
 #include <string>
 
+#include "format/container/part_file.h"
 #include "format/result.h"
 #include "tools/synth/scenes.h"
 
@@ -22,7 +24,9 @@ struct SynthOptions {
   uint32_t threads = 0;          // 0: as many as the machine runs at once; the bytes do not depend on it
   uint32_t seed = 1;             // slope only
   uint32_t texture_size = 1024;  // slope: texels a side, a power of two from 64 to 8192
-  bool progress = false;         // A to D: a line on stderr where that is a terminal
+  format::Existing existing = format::Existing::kReplace;  // of all files of the output
+  const std::atomic<bool>* stop = nullptr;                 // raised: writing ends with kFile "interrupted"
+  bool progress = false;                                   // A to D: a line on stderr where that is a terminal
 };
 
 struct SynthReport {

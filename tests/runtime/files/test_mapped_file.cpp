@@ -9,7 +9,10 @@
 #include <utility>
 #include <vector>
 
+#include <fcntl.h>
 #include <sys/stat.h>
+#include <sys/uio.h>
+#include <sys/wait.h>
 #include <unistd.h>
 
 #include "tests/catch.h"
@@ -26,6 +29,56 @@ std::filesystem::path scratch(const std::string& name) {
 }
 
 }  // namespace
+
+TEST_CASE("the page cache is seen right by a user who may only read the file", "[mapped_file]") {
+  if (::geteuid() != 0) return;  // only root can become another user
+  const auto path = scratch("readable");
+  {
+    std::ofstream out(path, std::ios::binary);
+    const std::string block(1 << 20, 'x');
+    for (int i = 0; i < 16; ++i) out << block;
+  }
+  REQUIRE(::chmod(path.c_str(), 0644) == 0);
+  const int file = ::open(path.c_str(), O_RDONLY);
+  REQUIRE(::fsync(file) == 0);
+  ::posix_fadvise(file, 0, 0, POSIX_FADV_DONTNEED);
+  ::close(file);
+  const auto share_of = [&](bool is_root) {
+    const pid_t child = ::fork();
+    if (child == 0) {
+      if (!is_root && ::setresuid(65534, 65534, 65534) != 0) ::_exit(201);
+      const Result<MappedFile> map = MappedFile::open(path.string());
+      if (!map) ::_exit(202);
+      if (map->mincore_is_true() != is_root) ::_exit(203);
+      ::_exit(static_cast<int>(100 * map->cached_share()));
+    }
+    int status = 0;
+    REQUIRE(::waitpid(child, &status, 0) == child);
+    REQUIRE(WIFEXITED(status));
+    return WEXITSTATUS(status);
+  };
+  const int share_of_owner = share_of(true);
+  const int share = share_of(false);
+  CAPTURE(share_of_owner, share);
+  CHECK(share_of_owner <= 100);
+  CHECK(share <= 100);
+  // A file system in memory drops nothing; one without reads that do not wait tells nothing, which counts as 1.
+  iovec one{};
+  char byte = 0;
+  one = {&byte, 1};
+  const int probe = ::open(path.c_str(), O_RDONLY);
+  const bool has_probes = ::preadv2(probe, &one, 1, 0, RWF_NOWAIT) >= 0 || errno == EAGAIN;
+  ::close(probe);
+  if (has_probes && share_of_owner < 50) CHECK(share < 50);
+  // And what is cached is seen as such.
+  const std::string bytes = [&] {
+    std::ifstream in(path, std::ios::binary);
+    return std::string(std::istreambuf_iterator<char>(in), {});
+  }();
+  CHECK(bytes.size() == 16u << 20);
+  CHECK(share_of(false) > 90);
+  std::filesystem::remove(path);
+}
 
 TEST_CASE("a mapped file shows the file's bytes and outlives moves", "[mapped_file]") {
   const auto path = scratch("bytes");

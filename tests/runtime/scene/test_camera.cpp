@@ -102,6 +102,32 @@ TEST_CASE("a camera node is seen from, whatever its scale", "[camera]") {
   CHECK(wide->half_height == Approx(1));
 }
 
+TEST_CASE("a camera's rotation is divided by its length, as that of instances is", "[camera]") {
+  // Another writer's file: the quaternion of the node is 3 times a unit.
+  SmallScene small = with_cameras();
+  const auto with_units = small.change;
+  small.change = [&](format::TableSet& tables) {
+    with_units(tables);
+    for (format::NodeRecord& node : tables.nodes)
+      for (size_t i = 3; i < 7; ++i) node.local[i] *= 3;
+  };
+  const Scene scaled = must_load(small);
+  const Scene scene = must_load(with_cameras());
+  for (const char* name : {"Eye", "Flat"}) {
+    CameraOptions options;
+    options.camera = name;
+    const Result<View> view = view_of(scaled, options);
+    const Result<View> expected = view_of(scene, options);
+    REQUIRE(view);
+    REQUIRE(expected);
+    for (size_t i = 0; i < 3; ++i) {
+      CHECK(view->forward[i] == Approx(expected->forward[i]).margin(1e-12));
+      CHECK(view->up[i] == Approx(expected->up[i]).margin(1e-12));
+      CHECK(view->eye[i] == Approx(expected->eye[i]).margin(1e-12));
+    }
+  }
+}
+
 TEST_CASE("an orthographic camera keeps its height", "[camera]") {
   const Scene scene = must_load(with_cameras());
   CameraOptions options;

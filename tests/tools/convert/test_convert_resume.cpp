@@ -19,6 +19,7 @@
 #include "tests/tools/model_maker.h"
 #include "tests/tools/run_program.h"
 #include "tests/tools/temp_folder.h"
+#include "tools/convert/passes/resume.h"
 
 using namespace scree;
 using tests::GridSpec;
@@ -232,4 +233,27 @@ TEST_CASE("convert --resume: another input or other options start afresh", "[con
   std::filesystem::last_write_time(conversion.input(),
                                    std::filesystem::last_write_time(conversion.input()) + std::chrono::seconds(1));
   CHECK(says(conversion.resume(), "starts afresh"));
+}
+
+TEST_CASE("resume: an entry whose lists differ in length is not taken", "[convert][resume]") {
+  // A made-up log: the amounts saved are fewer than the chunks, which are read side by side.
+  const TempFolder folder;
+  const std::string path = folder.file("out.scree");
+  const format::PartId id{1, 2};
+  for (const size_t saved : {size_t{2}, size_t{0}, size_t{3}}) {
+    {
+      auto writer = format::ContainerWriter::create(path);
+      REQUIRE(writer);
+      writer->keep_part();
+      writer->keep_log(id, 100000);
+      convert::WindowOutcome window;
+      window.chunks.resize(2);
+      window.saved.resize(saved);
+      convert::log_windows(*writer, 0, {window});
+    }
+    convert::Resumed resumed;
+    REQUIRE(format::ContainerWriter::resume(
+        path, id, [&](uint32_t kind, std::span<const std::byte> entry) { convert::read_entry(kind, entry, resumed); }));
+    CHECK(resumed.windows.size() == (saved == 2 ? 1 : 0));
+  }
 }

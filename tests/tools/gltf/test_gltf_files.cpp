@@ -316,6 +316,23 @@ TEST_CASE("paths stay inside the scene's folder", "[import][uri]") {
     CHECK(positions.error().message.find(bad.message) != std::string::npos);
     CHECK(positions.error().message.find("buffer 0: ") != std::string::npos);
   }
+  // Those that leave the folder are read on request, and the refusal names it.
+  for (const char* outside :
+       {"../outside.bin", "..%2Foutside.bin", "../scene/here.bin", "escape.bin", "up/outside.bin"}) {
+    INFO(outside);
+    const auto refused = import_uri(outside);
+    REQUIRE_FALSE(refused);
+    CHECK(refused.error().message.ends_with("; --allow-outside reads it"));
+    ImportOptions options;
+    options.allow_outside = true;
+    CHECK(import_gltf(folder.file("scene/scene.gltf"), options));
+  }
+  for (const char* never : {"/etc/hostname", "file:///etc/hostname"}) {
+    REQUIRE_FALSE(import_uri(never));
+    ImportOptions options;
+    options.allow_outside = true;
+    CHECK_FALSE(import_gltf(folder.file("scene/scene.gltf"), options));
+  }
   CHECK(import_gltf((folder.path() / "none.gltf").string(), {}).error().code == ErrorCode::kFile);
   CHECK(import_gltf(folder.path().string(), {}).error().message.find("not a regular file") != std::string::npos);
 }

@@ -23,7 +23,6 @@
 #include "tools/bench/setup/work_folder.h"
 #include "tools/common/memory_use.h"
 #include "tools/common/sigbus.h"
-#include "tools/common/stop_signal.h"
 #include "tools/convert/passes/source_files.h"
 #include "tools/gltf/source.h"
 #include "tools/synth/synth.h"
@@ -137,11 +136,9 @@ class EndToEnd {
   }
 
   Result<void> pack(const std::string& source, const std::string& packed) {
-    if (const auto going = check_signal(); !going) return going;
     convert::ConvertOptions convert = packing(source, packed, options_.bench.encodings[0], options_.threads);
     convert.memory = options_.memory;
     convert.progress = true;
-    convert.stop = tools::StopOnSignal::flag();
     for (const std::string& file : source_files_) {
       const Result<double> share = drop_from_cache(file);
       if (!share) return share.error();
@@ -165,7 +162,6 @@ class EndToEnd {
 
   /// After convert, so that no cache below the file system has the glTF for it.
   Result<void> read_gltf_raw() {
-    if (const auto going = check_signal(); !going) return going;
     std::string largest;
     uint64_t most_bytes = 0;
     for (const std::string& file : source_files_) {
@@ -185,7 +181,6 @@ class EndToEnd {
 
   /// No more than the .scree file has, which is room that the glTF took.
   Result<void> write_raw_beside(const std::string& path) {
-    if (const auto going = check_signal(); !going) return going;
     const Result<RawRate> raw = write_raw(path, row_.scree_bytes);
     if (!raw && raw.error().code != ErrorCode::kUnsupported) return raw.error();
     if (raw)
@@ -200,7 +195,6 @@ class EndToEnd {
   }
 
   Result<void> load(const std::string& packed) {
-    if (const auto going = check_signal(); !going) return going;
     tools::report_sigbus("bench", packed);
     LoadSettings settings;
     settings.threads = options_.threads;
@@ -216,11 +210,9 @@ class EndToEnd {
   }
 
   Result<void> draw(const std::string& packed) {
-    if (const auto going = check_signal(); !going) return going;
     std::vector<uint64_t> expected;
     Result<kernels::View> view = draw_resident(packed, expected);
     if (!view) return view.error();
-    if (const auto going = check_signal(); !going) return going;
     runtime::SceneOptions options;
     options.textures = false;
     options.threads = options_.threads;
@@ -346,11 +338,6 @@ class EndToEnd {
     return is_synthetic() ? synthetic_size_ : kFileImageSize;
   }
 
-  static Result<void> check_signal() {
-    if (tools::StopOnSignal::flag()->load()) return Error{ErrorCode::kFile, "interrupted"};
-    return {};
-  }
-
   static constexpr uint64_t kUnknown = ~uint64_t{0};
 
   const EndToEndOptions& options_;
@@ -378,17 +365,11 @@ Result<void> run_end_to_end(const EndToEndOptions& options) {
   if (!gpu) return gpu.error();
   Result<Machine> machine = *gpu ? find_machine() : Result<Machine>(cpu_machine());
   if (!machine) return machine.error();
-  Result<void> done;
-  {
-    const tools::StopOnSignal stop;
-    try {
-      done = EndToEnd(options, *gpu, std::move(*machine)).run();
-    } catch (const std::bad_alloc&) {
-      done = Error{ErrorCode::kMemory, "no memory left for the scene; a smaller --scale or --size needs less"};
-    }
+  try {
+    return EndToEnd(options, *gpu, std::move(*machine)).run();
+  } catch (const std::bad_alloc&) {
+    return Error{ErrorCode::kMemory, "no memory left for the scene; a smaller --scale or --size needs less"};
   }
-  tools::StopOnSignal::end_where_signalled();
-  return done;
 }
 
 }  // namespace scree::bench

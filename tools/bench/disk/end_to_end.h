@@ -103,7 +103,7 @@ uint64_t room_for(const synth::Scene& scene);
 /// Writes the glTF of a scene (or takes one that is there), packs it from a cold page cache, reads and writes past the
 /// page cache what the disk alone is measured by, removes the glTF, loads and draws the .scree file, resident and from
 /// a quarter of that, removes it; prints the table on stdout and appends the row to the CSV file. Errors: kFile (too
-/// little room in the folder: what there is, what is needed), "interrupted" after a signal, kRange (a streamed picture
+/// little room in the folder: what there is, what is needed), kRange (a streamed picture
 /// that is not the resident one), those of what is called.
 Result<void> run_end_to_end(const EndToEndOptions& options);
 

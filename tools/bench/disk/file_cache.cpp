@@ -29,6 +29,11 @@ Result<double> cached_share(const std::string& path) {
   const Result<MappedFile> map = MappedFile::open(path);
   if (!map) return map.error();
   if (map->size() == 0) return 0.0;
+  // A read that may not wait would bring the pages that are not there, so that this cannot be found out without harm.
+  if (!map->mincore_is_true())
+    return Error{ErrorCode::kFile, path +
+                                       ": the system tells which of its pages are cached only to its owner, and to "
+                                       "users who may write it; a copy can be measured"};
   const auto page = static_cast<uint64_t>(::sysconf(_SC_PAGESIZE));
   const uint64_t pages = (map->size() + page - 1) / page;
   std::vector<unsigned char> states(std::min<uint64_t>(pages, 1 << 18));

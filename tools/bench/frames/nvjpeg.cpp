@@ -127,16 +127,21 @@ Result<NvJpegTimes> decode_all(const Library& library, Handle handle, const std:
   std::vector<std::unique_ptr<Decoder>> decoders;
   std::vector<Result<void>> results(thread_count);
   for (size_t i = 0; i < thread_count; ++i) decoders.push_back(std::make_unique<Decoder>(library, handle));
-  const auto run = [&] {
-    std::vector<std::thread> threads;
-    for (size_t i = 0; i < thread_count; ++i)
-      threads.emplace_back([&, i] {
-        for (size_t j = i; j < jpegs.size() && results[i]; j += thread_count)
-          results[i] = decoders[i]->decode(jpegs[j]);
-      });
-    for (std::thread& thread : threads) thread.join();
+  const auto run = [&]() -> bool {
+    std::vector<std::jthread> threads;  // which join, also where one of them cannot be started
+    try {
+      for (size_t i = 0; i < thread_count; ++i)
+        threads.emplace_back([&, i] {
+          for (size_t j = i; j < jpegs.size() && results[i]; j += thread_count)
+            results[i] = decoders[i]->decode(jpegs[j]);
+        });
+    } catch (const std::system_error&) {
+      return false;
+    }
+    return true;
   };
-  run();
+  const Error no_threads{ErrorCode::kMemory, std::to_string(thread_count) + " threads cannot be started"};
+  if (!run()) return no_threads;
   const auto pixels = [&] {
     double sum = 0;
     for (const auto& decoder : decoders) sum += decoder->pixels();
@@ -145,7 +150,7 @@ Result<NvJpegTimes> decode_all(const Library& library, Handle handle, const std:
   NvJpegTimes times;
   const double before = pixels();
   const runtime::Stopwatch watch;
-  run();
+  if (!run()) return no_threads;
   times.seconds = watch.elapsed().wall_ms * 1e-3;
   times.pixels = pixels() - before;
   for (const Result<void>& result : results)

@@ -6,6 +6,12 @@
 #include <cstring>
 #include <fstream>
 
+#include <fcntl.h>
+#include <sys/file.h>
+#include <unistd.h>
+
+#include "tools/common/stop_signal.h"
+
 namespace scree::bench {
 namespace {
 
@@ -137,6 +143,16 @@ std::string csv_row(const Machine& machine, const CaseResult& result) {
 }
 
 Result<void> append_csv(const std::string& path, const std::string& header, const std::string& row) {
+  // The lock is held from the test of the first line to the end of the write, so that two programs that begin a file
+  // leave one header and whole rows.
+  const int file = ::open(path.c_str(), O_RDWR | O_CREAT | O_APPEND | O_CLOEXEC, 0666);
+  if (file < 0) return file_error(path);
+  struct Close {
+    int file;
+    ~Close() { ::close(file); }
+  } const closes{file};
+  while (::flock(file, LOCK_EX) != 0 && errno == EINTR) {
+  }
   bool is_new = true;
   {
     std::ifstream in(path, std::ios::binary);
@@ -147,13 +163,14 @@ Result<void> append_csv(const std::string& path, const std::string& header, cons
         return Error{ErrorCode::kFormat, path + ": line 1 is not this version's list of columns; name another file"};
     }
   }
-  errno = 0;
-  std::ofstream out(path, std::ios::binary | std::ios::app);
-  if (!out) return file_error(path);
-  if (is_new) out << header << '\n';
-  out << row << '\n';
-  out.close();
-  if (!out) return file_error(path);
+  const std::string text = (is_new ? header + '\n' : std::string()) + row + '\n';
+  for (size_t done = 0; done < text.size();) {
+    const ssize_t written = ::write(file, text.data() + done, text.size() - done);
+    if (written < 0 && errno == EINTR) continue;
+    if (written <= 0) return file_error(path);
+    done += static_cast<size_t>(written);
+  }
+  tools::note_written(path);
   return {};
 }
 

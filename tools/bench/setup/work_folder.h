@@ -13,7 +13,12 @@
 
 namespace scree::bench {
 
-/// A folder of its own, gone with all that is in it when this goes.
+/// A signal that ends the program (tools::end_on_signal) first removes the folder with all that is in it. Of at most 8
+/// folders at a time; more stay.
+void remove_on_signal(const std::string& path);
+void forget_folder(const std::string& path);
+
+/// A folder of its own, gone with all that is in it when this goes or a signal ends the program.
 class WorkFolder {
  public:
   /// $TMPDIR, else /tmp. Errors kFile: there is none.
@@ -40,13 +45,15 @@ class WorkFolder {
   WorkFolder& operator=(WorkFolder&&) = delete;
   ~WorkFolder() {
     std::error_code ignored;
-    if (!path_.empty()) std::filesystem::remove_all(path_, ignored);
+    if (path_.empty()) return;
+    std::filesystem::remove_all(path_, ignored);
+    forget_folder(path_);
   }
   const std::string& path() const { return path_; }
   std::string file(const std::string& name) const { return path_ + "/" + name; }
 
  private:
-  explicit WorkFolder(std::string path) : path_(std::move(path)) {}
+  explicit WorkFolder(std::string path) : path_(std::move(path)) { remove_on_signal(path_); }
   std::string path_;
 };
 

@@ -173,7 +173,9 @@ void read_entry(uint32_t kind, std::span<const std::byte> entry, Resumed& resume
     visit_numbers([&](auto& value) { reader.take(value); }, window);
     reader.take_list(window.chunks);
     reader.take_list(window.saved);
-    if (!reader.failed()) resumed.windows.push_back(std::move(window));
+    // One amount per chunk: lists of different lengths are no entry that log_windows() wrote.
+    if (reader.failed() || window.saved.size() != window.chunks.size()) return;
+    resumed.windows.push_back(std::move(window));
   }
 }
 

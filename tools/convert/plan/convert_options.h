@@ -24,8 +24,9 @@ enum class Grid {
 };
 
 struct ConvertOptions {
-  std::string input;   // .gltf or .glb
-  std::string output;  // empty: the input with the extension .scree
+  std::string input;                                       // .gltf or .glb
+  std::string output;                                      // empty: the input with the extension .scree
+  format::Existing existing = format::Existing::kReplace;  // of `output`
 
   // Options that shape the bytes.
   bool float32 = false;         // positions as they are, instead of:
@@ -49,6 +50,7 @@ struct ConvertOptions {
   // Options that do not.
   uint32_t threads = 0;                 // at most; 0: one per processor
   uint64_t memory = uint64_t{2} << 30;  // bytes that the process may take; fewer threads work where it is short
+  bool allow_outside = false;           // reads files of the source outside its folder
   bool resume = false;    // goes on with the .part of an earlier run where it fits, and leaves one that is not finished
   bool progress = false;  // a line on stderr where that is a terminal
   const std::atomic<bool>* stop = nullptr;  // raised: the conversion ends with kFile "interrupted", nothing is left

@@ -13,6 +13,7 @@
 #include <unordered_map>
 
 #include "format/bytes.h"
+#include "format/geometry/rotation.h"
 
 namespace scree::convert {
 namespace {
@@ -40,16 +41,9 @@ MatrixRecord multiply(const MatrixRecord& a, const MatrixRecord& b) {
   return out;
 }
 
-/// The quaternion (xyzw) is divided by its length: a file holds it rounded.
 MatrixRecord from_trs(const double t[3], const double q[4], const double s[3]) {
-  const double norm = q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3];
-  const double k = norm > 0 ? 2 / norm : 0;
-  const double x = q[0], y = q[1], z = q[2], w = q[3];
-  const double rotation[3][3] = {
-      {1 - k * (y * y + z * z), k * (x * y - z * w), k * (x * z + y * w)},
-      {k * (x * y + z * w), 1 - k * (x * x + z * z), k * (y * z - x * w)},
-      {k * (x * z - y * w), k * (y * z + x * w), 1 - k * (x * x + y * y)},
-  };
+  double rotation[3][3];
+  format::rotation_matrix(q, rotation);
   MatrixRecord m{};
   for (size_t row = 0; row < 3; ++row) {
     for (size_t column = 0; column < 3; ++column) m.rows[row][column] = rotation[row][column] * s[column];

@@ -1,0 +1,112 @@
+// Commands that a signal stops: what they leave, what they print, how soon they end.
+#include <sys/wait.h>
+
+#include <chrono>
+#include <csignal>
+#include <cstdlib>
+#include <filesystem>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "tests/catch.h"
+#include "tests/models.h"
+#include "tests/paths.h"
+#include "tests/tools/run_program.h"
+#include "tests/tools/temp_folder.h"
+
+namespace scree::tests {
+namespace {
+
+using Clock = std::chrono::steady_clock;
+
+bool has_entry(const std::string& folder, const std::string& begin) {
+  for (const auto& entry : std::filesystem::directory_iterator(folder))
+    if (entry.path().filename().string().starts_with(begin)) return true;
+  return false;
+}
+
+/// Stops the program once `is_ready`, and checks that it ends soon, by the signal. Returns what it printed.
+template <class IsReady>
+std::string stop(const std::vector<std::string>& words, const std::string& log, int signal, const IsReady& is_ready) {
+  const pid_t child = start_program(words, log);
+  const auto start = Clock::now();
+  while (!is_ready() && Clock::now() - start < std::chrono::seconds(60))
+    std::this_thread::sleep_for(std::chrono::milliseconds(2));
+  REQUIRE(is_ready());
+  kill(child, signal);
+  const auto stopped = Clock::now();
+  const int status = wait_for(child);
+  CAPTURE(words, read_whole(log));
+  CHECK(Clock::now() - stopped < std::chrono::seconds(10));  // about one, where the machine has nothing else to do
+  REQUIRE(WIFSIGNALED(status));
+  CHECK(WTERMSIG(status) == signal);
+  return read_whole(log);
+}
+
+TEST_CASE("a signal stops synth, which removes its files", "[stop]") {
+  for (const std::string name : {"city.gltf", "city.glb"}) {
+    const TempFolder folder;
+    const TempFolder outside;
+    // 7 GB or 2 GB, if it went on.
+    const std::string scale = name == "city.glb" ? "0.1" : "1";
+    const auto has_part = [&] { return has_entry(folder.path().string(), "city."); };
+    const std::string printed = stop({"synth", "A", "--scale", scale, "--threads", "2", "-o", folder.file(name)},
+                                     outside.file("log"), SIGINT, has_part);
+    CHECK(printed == "scree synth: stopped; nothing written\n");
+    CHECK(folder.names().empty());
+  }
+}
+
+TEST_CASE("a signal stops render and compare while they draw", "[stop]") {
+  const TempFolder folder;
+  const TempFolder outside;
+  const std::string log = outside.file("log");
+  const std::string model = data_path("textured_cube.glb").string();
+  const std::string packed = outside.file("cube.scree");
+  REQUIRE(run_program({"convert", model, "-o", packed, "--source-ids"}, log).exit_code == 0);
+  const auto start = Clock::now();
+  const auto is_drawing = [&] { return Clock::now() - start > std::chrono::milliseconds(300); };
+  CHECK(stop({"render", packed, "-o", folder.file("cube.png"), "--backend", "cpu", "--frames", "1000000"}, log, SIGTERM,
+             is_drawing) == "scree render: stopped; nothing written\n");
+  CHECK(folder.names().empty());
+  CHECK(stop({"compare", packed, model, "-o", folder.file("cube.png"), "--size", "8192x8192"}, log, SIGINT,
+             is_drawing) == "scree compare: stopped; nothing written\n");
+  CHECK(folder.names().empty());
+}
+
+TEST_CASE("a signal that comes to bench removes its folder", "[stop]") {
+  const TempFolder folder;
+  const TempFolder outside;
+  REQUIRE(setenv("TMPDIR", folder.path().c_str(), 1) == 0);
+  const auto has_files = [&] {
+    for (const auto& entry : std::filesystem::recursive_directory_iterator(folder.path()))
+      if (entry.is_regular_file()) return true;
+    return false;
+  };
+  const std::string printed =
+      stop({"bench", "--end-to-end", "--scene", "A", "--backend", "cpu", "--threads", "2", "--scale", "0.2"},
+           outside.file("log"), SIGINT, has_files);
+  unsetenv("TMPDIR");
+  CHECK(printed.ends_with("scree bench: stopped; nothing written\n"));
+  CHECK(folder.names().empty());
+}
+
+TEST_CASE("a signal that comes before convert is done says how to go on", "[stop]") {
+  const TempFolder folder;
+  const TempFolder outside;
+  const std::string log = outside.file("log");
+  const std::string model = outside.file("city.gltf");
+  REQUIRE(run_program({"synth", "A", "--scale", "0.05", "-o", model}, log).exit_code == 0);
+  const std::string packed = folder.file("city.scree");
+  const auto has_part = [&] { return has_entry(folder.path().string(), "city.scree.part"); };
+  CHECK(stop({"convert", model, "-o", packed, "--quiet", "--threads", "1"}, log, SIGINT, has_part) ==
+        "scree convert: stopped; nothing written\n");
+  CHECK(folder.names().empty());
+  CHECK(stop({"convert", model, "-o", packed, "--quiet", "--threads", "1", "--resume"}, log, SIGHUP, has_part) ==
+        "scree convert: stopped; go on with --resume\n");
+  CHECK(folder.names() == std::vector<std::string>{"city.scree.part"});
+}
+
+}  // namespace
+}  // namespace scree::tests
