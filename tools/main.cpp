@@ -8,6 +8,7 @@
 
 #include "tools/common/command.h"
 #include "tools/common/suggest.h"
+#include "tools/common/version.h"
 
 namespace {
 
@@ -24,12 +25,12 @@ int report_parse_error(const CLI::App& app, const CLI::ParseError& error) {
 
 int run(int argc, char** argv) {
   CLI::App app("Packs huge glTF scenes, checks them, draws them exactly.", "scree");
-  app.set_version_flag("--version", "scree " SCREE_VERSION);
+  app.set_version_flag("--version", scree::tools::version_text());
   app.require_subcommand(1);
   const std::vector<scree::tools::Command> commands = {scree::tools::add_convert(app), scree::tools::add_inspect(app),
                                                        scree::tools::add_render(app),  scree::tools::add_compare(app),
                                                        scree::tools::add_export(app),  scree::tools::add_synth(app),
-                                                       scree::tools::add_bench(app)};
+                                                       scree::tools::add_bench(app), scree::tools::add_devices(app)};
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {

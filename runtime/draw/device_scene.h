@@ -15,20 +15,17 @@
 
 namespace scree::runtime {
 
-/// Whether a GPU can be used. Errors kDevice, with what to do: no driver, no device, one too old, or a program built
-/// without CUDA.
-Result<void> find_device();
-
 class DeviceScene {
  public:
-  /// Brings `scene` to the current device: records, pages, textures. Pages that the scene has are copied; others come
-  /// from the file, checked as Scene::load_pages does, and stay on the device alone (runtime/stream/upload.h). JPEG
-  /// levels that the scene has not decoded stay JPEGs, decoded as they are looked at into `texture_cache` bytes; the
-  /// picture does not depend on how many. `budget_bytes`: 0 takes what the device has free. Where that does not hold
-  /// the scene, its chunks are streamed (runtime/stream/streamer.h): `scene` then outlives this, up to `host_memory`
-  /// bytes of chunks are kept in pinned memory, and at most an eighth of the budget is for samples of JPEGs (one group
-  /// at least). Errors kDevice: no usable device, a CUDA call that failed (which and for what), or a budget that does
-  /// not hold what cannot be streamed (both sizes named); with the file named, those of Scene::load_pages.
+  /// Brings `scene` to the current device (device_list.h): records, pages, textures. Pages that the scene has are
+  /// copied; others come from the file, checked as Scene::load_pages does, and stay on the device alone
+  /// (runtime/stream/upload.h). JPEG levels that the scene has not decoded stay JPEGs, decoded as they are looked at
+  /// into `texture_cache` bytes; the picture does not depend on how many. `budget_bytes`: 0 takes what the device has
+  /// free. Where that does not hold the scene, its chunks are streamed (runtime/stream/streamer.h): `scene` then
+  /// outlives this, up to `host_memory` bytes of chunks are kept in pinned memory, and at most an eighth of the budget
+  /// is for samples of JPEGs (one group at least). Errors kDevice: no usable device, a CUDA call that failed (which and
+  /// for what), or a budget that does not hold what cannot be streamed (both sizes named); with the file named, those
+  /// of Scene::load_pages.
   static Result<DeviceScene> upload(const Scene& scene, uint64_t budget_bytes, uint32_t threads,
                                     Reading reading = Reading::kAuto, uint64_t texture_cache = kDeviceTextureCache,
                                     uint64_t host_memory = 0);

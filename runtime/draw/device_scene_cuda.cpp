@@ -12,6 +12,7 @@
 #include "kernels/cuda/resolve.h"
 #include "kernels/frame_parts.h"
 #include "runtime/draw/cuda_upload.h"
+#include "runtime/draw/device_list.h"
 #include "runtime/draw/device_scene.h"
 #include "runtime/draw/stream_cuda.h"
 
@@ -19,26 +20,6 @@ namespace scree::runtime {
 
 using kernels::cuda_check;
 using kernels::DeviceBuffer;
-
-Result<void> find_device() {
-  int count = 0;
-  const cudaError_t status = cudaGetDeviceCount(&count);
-  if (status == cudaErrorInsufficientDriver)
-    return Error{ErrorCode::kDevice,
-                 "the NVIDIA driver is missing or older than this program's CUDA; install a newer one "
-                 "or use --backend cpu"};
-  if (status == cudaErrorNoDevice || (status == cudaSuccess && count == 0))
-    return Error{ErrorCode::kDevice, "no NVIDIA GPU found; use --backend cpu"};
-  if (Result<void> done = cuda_check(status, "looking for a GPU"); !done) return done;
-  cudaDeviceProp properties;
-  if (Result<void> done = cuda_check(cudaGetDeviceProperties(&properties, 0), "asking the GPU what it is"); !done)
-    return done;
-  if (properties.major < 9)
-    return Error{ErrorCode::kDevice, std::string(properties.name) + " has compute capability " +
-                                         std::to_string(properties.major) + "." + std::to_string(properties.minor) +
-                                         ", expected 9.0 or newer; use --backend cpu"};
-  return {};
-}
 
 /// Of a streamed scene's budget at most one part in so many is a cache of its textures.
 constexpr uint64_t kTextureCacheShare = 8;
@@ -84,7 +65,7 @@ const kernels::SceneView& DeviceScene::device_view() const {
 
 Result<DeviceScene> DeviceScene::upload(const Scene& scene, uint64_t budget_bytes, uint32_t threads, Reading reading,
                                         uint64_t texture_cache, uint64_t host_memory) {
-  if (Result<void> found = find_device(); !found) return found.error();
+  if (const Result<Gpu> gpu = current_gpu(); !gpu) return gpu.error();
   const auto start = std::chrono::steady_clock::now();
   const Result<uint64_t> budget = device_budget(budget_bytes);
   if (!budget) return budget.error();
@@ -131,7 +112,7 @@ Result<void> DeviceScene::Impl::upload_streamed(const Scene& host, uint64_t budg
   if (budget < least)
     return Error{ErrorCode::kDevice, "the scene takes at least " + std::to_string(least) +
                                          " bytes of device memory where its chunks are streamed, but " +
-                                         std::to_string(budget) + " are allowed; use --backend cpu"};
+                                         std::to_string(budget) + " are allowed"};
   const uint64_t bounce = CudaStream::bounce_bytes(largest, budget - fixed);
   Result<Streamer> streamer =
       Streamer::create(host, budget - fixed - bounce - 2 * Residency::kAlignment, std::move(bytes));

@@ -34,6 +34,7 @@ struct RenderWords {
   std::string background = "#9aa4b0";
   std::string threads = "0";
   std::string backend = "auto";
+  std::string device;
   std::string device_memory;
   std::string frames = "1";
   std::string host_memory;
@@ -65,7 +66,7 @@ struct RenderOptions {
   kernels::ShadeOptions shade;
   uint32_t samples_per_side = 1;
   uint32_t threads = 1;
-  BackendChoice backend = BackendChoice::kAuto;
+  BackendOptions backend;
   // Bytes of decoded blocks of JPEG textures; nothing: runtime::kHostTextureCache, on a GPU
   // runtime::kDeviceTextureCache.
   std::optional<uint64_t> texture_cache;
