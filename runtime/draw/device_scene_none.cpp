@@ -14,7 +14,8 @@ DeviceScene::DeviceScene(DeviceScene&&) noexcept = default;
 DeviceScene& DeviceScene::operator=(DeviceScene&&) noexcept = default;
 DeviceScene::~DeviceScene() = default;
 
-Result<DeviceScene> DeviceScene::upload(const Scene&, uint64_t, uint32_t, Reading, uint64_t, uint64_t) {
+Result<DeviceScene> DeviceScene::upload(const Scene&, uint64_t, uint32_t, Reading, uint64_t, uint64_t,
+                                        const PictureNeeds&) {
   return current_gpu().error();
 }
 

@@ -230,6 +230,31 @@ Error with_advice(Error error) {
   return error;
 }
 
+/// What the pictures take on the host: samples, depths, and pixels as they are shaded and written. 0 where nothing says
+/// how much that may be.
+uint64_t host_picture_bytes(const RenderOptions& options, bool on_gpu) {
+  if (options.host_memory == 0) return 0;
+  const uint64_t pixels = uint64_t{options.camera.width} * options.camera.height;
+  const uint64_t samples = pixels * options.samples_per_side * options.samples_per_side;
+  const bool reads = !options.depth.empty() || !options.visbuffer.empty() || !options.picks.empty();
+  uint64_t bytes = 0;
+  if (!on_gpu || reads) bytes += samples * sizeof(uint64_t);
+  if (!options.output.empty()) bytes += pixels * (options.shade.background[3] >= 1.0f ? 3 : 4);
+  if (!options.output.empty() && on_gpu) bytes += pixels * sizeof(uint32_t);
+  if (!options.output.empty() && !on_gpu && (options.shade.ssao || options.shade.edl))
+    bytes += 3 * pixels * sizeof(float);
+  if (!options.depth.empty()) bytes += pixels * sizeof(float);
+  return bytes;
+}
+
+/// Errors kMemory: --host-memory does not hold the pictures and at least a byte for the rest.
+Result<void> check_host_memory(const RenderOptions& options, uint64_t needs) {
+  if (options.host_memory == 0 || needs < options.host_memory) return {};
+  return at(options.file, Error{ErrorCode::kMemory, "the picture takes " + std::to_string(needs) +
+                                                        " bytes of host memory, but --host-memory allows " +
+                                                        std::to_string(options.host_memory)});
+}
+
 /// All that a GPU may fail in: draws the frames of `view`, shades the last one, and brings what is asked for to the
 /// host. `device`: null where the CPU draws. Errors without the file's name.
 Result<Drawn> draw(const RenderOptions& options, const runtime::Scene& scene, const kernels::View& view,
@@ -296,13 +321,17 @@ Result<void> render(const RenderOptions& options) {
       runtime::make_view(scene->container(), *scene_index, scene->view(), options.camera);
   if (!view) return at(options.file, view.error());
 
+  const uint64_t host_needs = host_picture_bytes(options, gpu->has_value());
+  if (const Result<void> fits = check_host_memory(options, host_needs); !fits) return fits;
+  const runtime::PictureNeeds pictures{options.camera.width, options.camera.height, options.samples_per_side,
+                                       options.output.empty() ? nullptr : &options.shade};
   // Whatever the GPU fails in, --backend auto draws the same picture on the CPU.
   std::optional<runtime::DeviceScene> device;
   std::optional<Drawn> drawn;
   if (gpu->has_value()) {
-    Result<runtime::DeviceScene> uploaded =
-        runtime::DeviceScene::upload(*scene, options.device_memory, options.threads, options.reading,
-                                     options.texture_cache.value_or(runtime::kDeviceTextureCache), options.host_memory);
+    Result<runtime::DeviceScene> uploaded = runtime::DeviceScene::upload(
+        *scene, options.device_memory, options.threads, options.reading,
+        options.texture_cache.value_or(runtime::kDeviceTextureCache), options.host_memory - host_needs, pictures);
     if (!uploaded && uploaded.error().code != ErrorCode::kDevice) return uploaded.error();
     std::optional<Error> failed;
     if (uploaded) {
@@ -324,6 +353,7 @@ Result<void> render(const RenderOptions& options) {
       device.reset();
       times.upload.reset();
       times.streamed.reset();
+      if (const Result<void> fits = check_host_memory(options, host_picture_bytes(options, false)); !fits) return fits;
       if (const Result<void> loaded = scene->load_pages(options.threads); !loaded) return loaded.error();
     }
   }
@@ -394,14 +424,16 @@ Command add_render(CLI::App& parent) {
       "--device", words->device,
       "The GPU to draw on, by its index or UUID, as scree devices lists them (default: the first that can be "
       "used)");
-  app->add_option(
-      "--device-memory", words->device_memory,
-      "The most the scene may take of the GPU's memory, such as 8GiB (default: what is free); chunks that it does not "
-      "hold are streamed");
+  app->add_option("--device-memory", words->device_memory,
+                  "The most that the scene, its frames and the picture may take of the GPU's memory, such as 8GiB "
+                  "(default: what is "
+                  "free); chunks that it does not hold are streamed");
   app->add_option(
       "--host-memory", words->host_memory,
-      "Pinned memory for the chunks of a scene that the GPU's does not hold, such as 16GiB (default: they come "
-      "from the file)");
+      "The most host memory for the picture's buffers and for pinned memory that the GPU is fed from, such as 16GiB; "
+      "what is left of it keeps the chunks of a scene that the GPU's memory does not hold (default, and with 0: no "
+      "limit, "
+      "and chunks come from the file)");
   app->add_option("--frames", words->frames,
                   "Draw so many frames of a still camera and write the last (default: 1); with --stats, what each of "
                   "them streamed");

@@ -70,9 +70,9 @@ struct RenderOptions {
   // Bytes of decoded blocks of JPEG textures; nothing: runtime::kHostTextureCache, on a GPU
   // runtime::kDeviceTextureCache.
   std::optional<uint64_t> texture_cache;
-  uint64_t device_memory = 0;                          // bytes the scene may take on the GPU; 0: what is free
-  uint32_t frames = 1;                                 // drawn one after the other
-  uint64_t host_memory = 0;                            // bytes of chunks in pinned memory, where they are streamed
+  uint64_t device_memory = 0;  // bytes the scene, its frames and the picture may take on the GPU; 0: what is free
+  uint32_t frames = 1;         // drawn one after the other
+  uint64_t host_memory = 0;    // bytes of pictures and pinned memory on the host; 0: no limit, no chunks kept
   runtime::Reading reading = runtime::Reading::kAuto;  // of a GPU's pages
   std::vector<PixelPlace> picks;
   bool list_cameras = false;
