@@ -1,12 +1,12 @@
 #include "tests/gpu.h"
 
-#include "runtime/draw/device_scene.h"
+#include "runtime/draw/device_list.h"
 #include "tests/catch.h"
 
 namespace scree::tests {
 
 bool has_gpu() {
-  const Result<void> found = runtime::find_device();
+  const Result<runtime::Gpu> found = runtime::use_gpu();
   if (found) return true;
   CHECK(found.error().code == ErrorCode::kDevice);
   WARN("skipped: " << found.error().message);

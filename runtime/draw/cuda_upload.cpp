@@ -82,7 +82,7 @@ Result<void> check_budget(uint64_t needed, uint64_t budget_bytes) {
   if (needed <= *budget) return {};
   return Error{ErrorCode::kDevice, "the scene takes " + std::to_string(needed) + " bytes of device memory, but " +
                                        std::to_string(*budget) + " are " +
-                                       (*budget == budget_bytes ? "allowed" : "free") + "; use --backend cpu"};
+                                       (*budget == budget_bytes ? "allowed" : "free")};
 }
 
 uint64_t texel_bytes(const kernels::TextureView& texture) {
@@ -187,6 +187,17 @@ struct ArenaLayout {
   uint64_t page_table;
 };
 
+/// The most staging memory: all that an upload can use where `host_memory` is 0, else no more than that, and a page at
+/// least.
+StagingSizes staging_within(uint64_t host_memory) {
+  StagingSizes most;
+  if (host_memory == 0) return most;
+  const uint64_t quarter = host_memory / 4 / format::kPageAlignment * format::kPageAlignment;
+  most.slot_bytes = std::clamp<uint64_t>(quarter, format::kPageAlignment, most.slot_bytes);
+  most.slots = static_cast<uint32_t>(std::clamp<uint64_t>(host_memory / most.slot_bytes, 1, most.slots));
+  return most;
+}
+
 uint64_t cache_bytes_of(const Scene& scene, uint64_t texture_cache) {
   const uint32_t slot_bytes = scene.jpeg_slot_bytes();
   return slot_bytes != 0 ? kernels::CudaTextureCache::device_bytes(texture_cache, slot_bytes) : 0;
@@ -208,7 +219,7 @@ uint64_t CudaScene::device_bytes(const Scene& scene, const kernels::SceneView* s
 
 Result<CudaScene> CudaScene::upload(const Scene& scene, uint64_t budget_bytes, uint64_t reserved_bytes,
                                     uint32_t threads, Reading reading, uint64_t texture_cache,
-                                    const kernels::SceneView* streamed) {
+                                    const kernels::SceneView* streamed, uint64_t host_memory) {
   const auto start = std::chrono::steady_clock::now();
   ArenaLayout layout(scene, streamed);
   const UploadPlan& plan = layout.plan;
@@ -228,7 +239,7 @@ Result<CudaScene> CudaScene::upload(const Scene& scene, uint64_t budget_bytes, u
 
   const MappedFile& map = scene.file().map();
   const Reading chosen = choose_reading(plan, map, reading);
-  const StagingSizes sizes = staging_for(plan, chosen, threads);
+  const StagingSizes sizes = staging_for(plan, chosen, threads, staging_within(host_memory));
   PinnedRing ring;
   if (Result<void> opened = ring.open(sizes, base); !opened) return opened.error();
   const Result<UploadCounts> counts = run_upload(plan, map, ring, sizes, chosen, threads);

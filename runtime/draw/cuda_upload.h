@@ -25,10 +25,11 @@ class CudaScene {
   /// they are; decoded blocks of them are kept in `texture_cache` bytes. `budget_bytes`: what all that and
   /// `reserved_bytes` may take together; 0: what the device has free. Errors kDevice (a CUDA call that failed, which
   /// and for what; a scene that does not fit, both sizes named) and, with the file named, those of run_upload.
+  /// `host_memory`: the most pinned memory that the copies go through; 0: 128 MiB.
   /// `streamed`: null, or Streamer::view() of the scene: no page goes, and view().pages are chunk_count nulls.
   static Result<CudaScene> upload(const Scene& scene, uint64_t budget_bytes, uint64_t reserved_bytes, uint32_t threads,
                                   Reading reading = Reading::kAuto, uint64_t texture_cache = kDeviceTextureCache,
-                                  const kernels::SceneView* streamed = nullptr);
+                                  const kernels::SceneView* streamed = nullptr, uint64_t host_memory = 0);
 
   /// What upload() takes without `reserved_bytes`.
   static uint64_t device_bytes(const Scene& scene, const kernels::SceneView* streamed, uint64_t texture_cache);

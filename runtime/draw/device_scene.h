@@ -15,23 +15,31 @@
 
 namespace scree::runtime {
 
-/// Whether a GPU can be used. Errors kDevice, with what to do: no driver, no device, one too old, or a program built
-/// without CUDA.
-Result<void> find_device();
+/// The pictures that will be drawn of a scene, so that their memory is counted before the scene takes it.
+struct PictureNeeds {
+  uint32_t width = 0;  // in pixels; 0: nothing is counted
+  uint32_t height = 0;
+  uint32_t samples_per_side = 1;
+  const kernels::ShadeOptions* shade = nullptr;  // null: they are not shaded
+};
 
 class DeviceScene {
  public:
-  /// Brings `scene` to the current device: records, pages, textures. Pages that the scene has are copied; others come
-  /// from the file, checked as Scene::load_pages does, and stay on the device alone (runtime/stream/upload.h). JPEG
-  /// levels that the scene has not decoded stay JPEGs, decoded as they are looked at into `texture_cache` bytes; the
-  /// picture does not depend on how many. `budget_bytes`: 0 takes what the device has free. Where that does not hold
-  /// the scene, its chunks are streamed (runtime/stream/streamer.h): `scene` then outlives this, up to `host_memory`
-  /// bytes of chunks are kept in pinned memory, and at most an eighth of the budget is for samples of JPEGs (one group
-  /// at least). Errors kDevice: no usable device, a CUDA call that failed (which and for what), or a budget that does
-  /// not hold what cannot be streamed (both sizes named); with the file named, those of Scene::load_pages.
+  /// Brings `scene` to the current device (device_list.h): records, pages, textures. Pages that the scene has are
+  /// copied; others come from the file, checked as Scene::load_pages does, and stay on the device alone
+  /// (runtime/stream/upload.h). JPEG levels that the scene has not decoded stay JPEGs, decoded as they are looked at
+  /// into `texture_cache` bytes; the picture does not depend on how many. `budget_bytes`: of all that is allocated on
+  /// the device for the scene, for the first sizes of its frames' queues (which a frame may make grow), and for
+  /// `pictures`; 0: what the device has free, less a sixteenth. Where that does not hold the scene, its chunks are
+  /// streamed (runtime/stream/streamer.h): `scene` then outlives this, and at most an eighth of the budget is for
+  /// samples of JPEGs (one group at least). `host_memory`: the most pinned memory that uploading and streaming take;
+  /// what batches leave of it keeps chunks. 0: as much as batches want, and no chunks are kept. Errors kDevice: no
+  /// usable device, a CUDA call that failed (which and for what), or a budget that does not hold what cannot be
+  /// streamed (both sizes named); kMemory: a `host_memory` that holds no batch (both sizes named); with the file named,
+  /// those of Scene::load_pages.
   static Result<DeviceScene> upload(const Scene& scene, uint64_t budget_bytes, uint32_t threads,
                                     Reading reading = Reading::kAuto, uint64_t texture_cache = kDeviceTextureCache,
-                                    uint64_t host_memory = 0);
+                                    uint64_t host_memory = 0, const PictureNeeds& pictures = {});
   DeviceScene(DeviceScene&&) noexcept;
   DeviceScene& operator=(DeviceScene&&) noexcept;
   ~DeviceScene();

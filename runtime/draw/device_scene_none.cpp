@@ -3,39 +3,38 @@
 
 #include <cstdlib>
 
+#include "runtime/draw/device_list.h"
+
 namespace scree::runtime {
 
 struct DeviceScene::Impl {};
-
-Result<void> find_device() {
-  return Error{ErrorCode::kDevice, "this program was built without CUDA; use --backend cpu"};
-}
 
 DeviceScene::DeviceScene(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
 DeviceScene::DeviceScene(DeviceScene&&) noexcept = default;
 DeviceScene& DeviceScene::operator=(DeviceScene&&) noexcept = default;
 DeviceScene::~DeviceScene() = default;
 
-Result<DeviceScene> DeviceScene::upload(const Scene&, uint64_t, uint32_t, Reading, uint64_t, uint64_t) {
-  return find_device().error();
+Result<DeviceScene> DeviceScene::upload(const Scene&, uint64_t, uint32_t, Reading, uint64_t, uint64_t,
+                                        const PictureNeeds&) {
+  return current_gpu().error();
 }
 
 Result<kernels::FrameStats> DeviceScene::draw(const kernels::View&, kernels::FrameTimes*,
                                               const kernels::ShadeOptions*) {
-  return find_device().error();
+  return current_gpu().error();
 }
 
 Result<void> DeviceScene::read_samples(std::span<uint64_t>) {
-  return find_device();
+  return current_gpu().error();
 }
 
 Result<void> DeviceScene::resolve(const kernels::View&, uint32_t, const kernels::ShadeOptions&, std::span<uint32_t>,
                                   kernels::ResolveTimes*) {
-  return find_device();
+  return current_gpu().error();
 }
 
 Result<std::optional<kernels::TextureCacheCounts>> DeviceScene::texture_counts() const {
-  return find_device().error();
+  return current_gpu().error();
 }
 
 const std::optional<StreamStats>& DeviceScene::stream_stats() const {

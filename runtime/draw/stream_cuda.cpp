@@ -46,6 +46,12 @@ uint64_t CudaStream::bounce_bytes(uint64_t largest_chunk, uint64_t room) {
   return std::max(room_of(largest_chunk), std::min(room / 32, kEnough) / kUnit * kUnit);
 }
 
+uint64_t CudaStream::kept_bytes(std::span<const uint64_t> chunk_bytes) {
+  uint64_t all = 0;
+  for (const uint64_t bytes : chunk_bytes) all += room_of(bytes);
+  return all;
+}
+
 CudaStream::~CudaStream() {
   stop();
   const auto destroy = [](cudaEvent_t event) {

@@ -43,6 +43,18 @@ class CudaStream final : public StreamTarget {
     return kernels::CudaVisibleChunks::device_bytes(scene);
   }
 
+  /// Pinned memory for a batch: one is read into, and the copies of two are under way.
+  static constexpr uint32_t kStagings = 3;
+
+  /// Pinned memory that keeps all chunks of these sizes.
+  static uint64_t kept_bytes(std::span<const uint64_t> chunk_bytes);
+
+  /// Pinned memory of the lists that pages and visible chunks go through, and of the counters of a frame.
+  static uint64_t pinned_list_bytes(const kernels::SceneView& scene) {
+    constexpr uint64_t kCounters = 16384;
+    return scene.chunk_count * (sizeof(kernels::CudaPageTable::Entry) + 2 * sizeof(uint32_t)) + kCounters;
+  }
+
   /// As the target has to see it: for CudaScene::upload.
   const kernels::SceneView& view() const { return streamer_.view(); }
 
@@ -72,7 +84,6 @@ class CudaStream final : public StreamTarget {
  private:
   static constexpr uint64_t kNotPinned = ~uint64_t{0};
   static constexpr uint64_t kPieceBytes = uint64_t{256} << 20;  // read on all threads before their copies start
-  static constexpr uint32_t kStagings = 3;                      // one is read into, and the copies of two are under way
 
   /// Of a load: the copies from the first on.
   struct Events {

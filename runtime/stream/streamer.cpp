@@ -24,8 +24,8 @@ void add(kernels::FrameStats& sum, const kernels::FrameStats& part) {
   sum.clusters_drawn += part.clusters_drawn;
 }
 
-uint64_t wanted_batch_bytes(const Residency& residency) {
-  return std::min(residency.pool_bytes() / kBatchShare, kMostBatchBytes);
+uint64_t wanted_batch_bytes(const Residency& residency, uint64_t most) {
+  return std::min({residency.pool_bytes() / kBatchShare, kMostBatchBytes, most});
 }
 
 /// Adds to `ms` what passes until the end of its life.
@@ -47,7 +47,8 @@ Error no_memory(const std::string& what) {
 
 }  // namespace
 
-Streamer::Streamer(const Scene& scene, Residency residency) : residency_(std::move(residency)), view_(scene.view()) {
+Streamer::Streamer(const Scene& scene, Residency residency, uint64_t batch_bytes)
+    : residency_(std::move(residency)), batch_bytes_(batch_bytes), view_(scene.view()) {
   chunks_.assign(view_.chunks, view_.chunks + view_.chunk_count);
   for (uint64_t c = 0; c < view_.chunk_count; ++c) {
     chunks_[c].page = static_cast<uint32_t>(c);
@@ -58,25 +59,27 @@ Streamer::Streamer(const Scene& scene, Residency residency) : residency_(std::mo
   view_.pages = nullptr;
 }
 
-Result<Streamer> Streamer::create(const Scene& scene, uint64_t pool_bytes, std::vector<uint64_t> chunk_bytes) {
+Result<Streamer> Streamer::create(const Scene& scene, uint64_t pool_bytes, std::vector<uint64_t> chunk_bytes,
+                                  uint64_t most_batch_bytes) {
   try {
     Result<Residency> residency = Residency::create(pool_bytes, std::move(chunk_bytes));
     if (!residency) return at(scene.file().path(), residency.error());
-    return Result<Streamer>(Streamer(scene, std::move(*residency)));
+    const uint64_t batch_bytes = wanted_batch_bytes(*residency, most_batch_bytes);
+    return Result<Streamer>(Streamer(scene, std::move(*residency), batch_bytes));
   } catch (const std::bad_alloc&) {
     return at(scene.file().path(), no_memory("to list its chunks"));
   }
 }
 
 uint64_t Streamer::most_batch_bytes() const {
-  return std::max(wanted_batch_bytes(residency_), residency_.largest_room());
+  return std::max(batch_bytes_, residency_.largest_room());
 }
 
 /// One frame, drawn in parts: what is in the pool when it begins, and each batch.
 class Streamer::Frame {
  public:
-  Frame(Residency& residency, std::span<Known> known, StreamTarget& target)
-      : residency_(residency), known_(known), target_(target), batch_bytes_(wanted_batch_bytes(residency)) {}
+  Frame(Residency& residency, uint64_t batch_bytes, std::span<Known> known, StreamTarget& target)
+      : residency_(residency), known_(known), target_(target), batch_bytes_(batch_bytes) {}
 
   Result<StreamStats> draw(const kernels::View& view, const kernels::ShadeOptions* shade);
 
@@ -373,7 +376,7 @@ Result<StreamStats> Streamer::draw(const kernels::View& view, const kernels::Sha
   if (Result<void> checked = kernels::check_frame(view, triangles); !checked) return checked.error();
   Result<StreamStats> drawn = [&]() -> Result<StreamStats> {
     try {
-      return Frame(residency_, known_, target).draw(view, shade);
+      return Frame(residency_, batch_bytes_, known_, target).draw(view, shade);
     } catch (const std::bad_alloc&) {
       return no_memory("for the frame's chunks");
     }

@@ -105,8 +105,10 @@ inline constexpr size_t kLoadsInPart = 4;
 class Streamer {
  public:
   /// `scene`: outlives this. `chunk_bytes`: ChunkSource::chunk_bytes(). `pool_bytes`: all the memory that chunks may
-  /// take. Errors, the file named: those of Residency::create; kMemory.
-  static Result<Streamer> create(const Scene& scene, uint64_t pool_bytes, std::vector<uint64_t> chunk_bytes);
+  /// take. `most_batch_bytes`: no batch takes more of it, unless its one chunk does. Errors, the file named: those of
+  /// Residency::create; kMemory.
+  static Result<Streamer> create(const Scene& scene, uint64_t pool_bytes, std::vector<uint64_t> chunk_bytes,
+                                 uint64_t most_batch_bytes = kMostBatchBytes);
 
   /// The scene as `target` has to see it: each chunk in a page of its own, of its number, at offset 0. Its pages are
   /// null; a target has a table of its own (chunk_count pointers), in which the chunks that it draws have their places.
@@ -126,9 +128,10 @@ class Streamer {
   enum class Known : uint8_t { kNothing, kNeeded, kHidden };
   class Frame;
 
-  Streamer(const Scene& scene, Residency residency);
+  Streamer(const Scene& scene, Residency residency, uint64_t batch_bytes);
 
   Residency residency_;
+  uint64_t batch_bytes_;      // wanted
   std::vector<Known> known_;  // by chunk
   std::vector<format::ChunkRecord> chunks_;
   kernels::SceneView view_{};

@@ -2,6 +2,10 @@
 // between. What it is for: tests of the kernels where there is no GPU, with the address and undefined behaviour
 // sanitizers watching them. It is there where SCREE_EMULATED_GPU is set, and says nothing about speed.
 //
+// SCREE_EMULATED_GPU=1 is one GPU of compute capability 9.0 with 16 GiB; a list such as 6.1,7.5,9.0:512 is several, the
+// last with 512 MiB. Kernels have code for 8.0 and newer. SCREE_EMULATED_DRIVER=12020 is a driver for CUDA up to 12.2, 0
+// none.
+//
 // What it is stricter in than a GPU: blocks of a kernel, warps and lanes take turns in an order that a seed decides
 // (SCREE_EMULATOR_SEED), at every collective and at some atomics; shared memory and device memory begin as garbage; a
 // warp's collective ends the program where a lane of its mask has ended (which CUDA allows), waits in another one, or
@@ -49,6 +53,15 @@ void wait_for_copies(uint32_t groups);
 
 /// Perhaps lets other lanes run first.
 void pause_at_atomic();
+
+/// What is allocated now and was at most, on a GPU and of pinned memory; the most begins anew with forget_peaks().
+struct MemoryInUse {
+  uint64_t now = 0;
+  uint64_t peak = 0;
+};
+MemoryInUse memory_of_gpu(int index);
+MemoryInUse pinned_memory();
+void forget_peaks();
 
 /// A number below `bound`, of the seed's sequence.
 uint32_t random_below(uint32_t bound);

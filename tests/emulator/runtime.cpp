@@ -13,6 +13,8 @@
 #include <map>
 #include <memory>
 #include <mutex>
+#include <sstream>
+#include <string>
 #include <vector>
 
 #include "tests/emulator/machine.h"
@@ -47,6 +49,7 @@ struct CUgraphExec_st {
 };
 
 struct CUstream_st {
+  int gpu = 0;                  // that it is of; the null stream is of all
   bool waits_for_null = false;  // and the null stream for it
   bool is_destroyed = false;
   bool is_running = false;
@@ -77,6 +80,7 @@ struct CUevent_st {
 namespace {
 
 constexpr size_t kDeviceBytes = size_t{16} << 30;
+constexpr int kLeastMajor = 8;  // of GPUs that kernels have code for
 constexpr size_t kAlignment = 256;
 constexpr size_t kGarbageBytes = size_t{16} << 20;  // of an allocation: more is not worth the time
 constexpr size_t kUnaskedSharedBytes = 48 * 1024;
@@ -84,7 +88,36 @@ constexpr size_t kUnaskedSharedBytes = 48 * 1024;
 struct Allocation {
   size_t bytes;
   bool is_device;
+  int gpu;
 };
+
+struct Gpu {
+  int major = 9;
+  int minor = 0;
+  size_t bytes = kDeviceBytes;
+};
+
+/// As SCREE_EMULATED_GPU lists them.
+std::vector<Gpu> listed_gpus() {
+  const char* const text = std::getenv("SCREE_EMULATED_GPU");
+  if (text == nullptr) return {};
+  std::vector<Gpu> gpus;
+  std::istringstream items(text);
+  for (std::string item; std::getline(items, item, ',');) {
+    Gpu gpu;
+    unsigned long long mebibytes = 0;
+    const int read = std::sscanf(item.c_str(), "%d.%d:%llu", &gpu.major, &gpu.minor, &mebibytes);
+    if (read < 2) gpu = {};
+    if (read == 3) gpu.bytes = static_cast<size_t>(mebibytes) << 20;
+    gpus.push_back(gpu);
+  }
+  return gpus;
+}
+
+int driver_version() {
+  const char* const text = std::getenv("SCREE_EMULATED_DRIVER");
+  return text != nullptr ? std::atoi(text) : CUDART_VERSION;
+}
 
 struct Kernel {
   const char* name = nullptr;
@@ -99,8 +132,8 @@ struct Device {
   std::deque<std::unique_ptr<CUstream_st>> streams;  // destroyed ones too
   std::map<uintptr_t, Allocation> allocations;
   std::map<const void*, Kernel> kernels;
-  size_t device_bytes = 0;
-  std::vector<std::shared_ptr<CUgraph_st>> graphs;  // not destroyed yet
+  std::map<int, scree::emulator::MemoryInUse> in_use;  // by GPU; pinned memory is kPinned's
+  std::vector<std::shared_ptr<CUgraph_st>> graphs;     // not destroyed yet
 };
 
 Device& device() {
@@ -108,6 +141,8 @@ Device& device() {
   return *made;
 }
 
+constexpr int kPinned = -1;
+thread_local int current_gpu = 0;
 thread_local cudaError_t last_error = cudaSuccess;
 
 cudaError_t failed(cudaError_t error) {
@@ -180,13 +215,19 @@ cudaError_t allocate(void** out, size_t bytes, bool is_device) {
   Device& all = device();
   const std::lock_guard lock(all.mutex);
   *out = nullptr;
-  if (is_device && bytes > kDeviceBytes - all.device_bytes) return failed(cudaErrorMemoryAllocation);
+  const std::vector<Gpu> gpus = listed_gpus();
+  scree::emulator::MemoryInUse& in_use = all.in_use[is_device ? current_gpu : kPinned];
+  if (is_device) {
+    const size_t most = static_cast<size_t>(current_gpu) < gpus.size() ? gpus[current_gpu].bytes : kDeviceBytes;
+    if (bytes > most - in_use.now) return failed(cudaErrorMemoryAllocation);
+  }
   if (bytes == 0) return cudaSuccess;
   void* made = nullptr;
   if (posix_memalign(&made, kAlignment, bytes) != 0) return failed(cudaErrorMemoryAllocation);
   std::memset(made, scree::emulator::kGarbage, std::min(bytes, kGarbageBytes));
-  all.allocations[reinterpret_cast<uintptr_t>(made)] = {bytes, is_device};
-  if (is_device) all.device_bytes += bytes;
+  all.allocations[reinterpret_cast<uintptr_t>(made)] = {bytes, is_device, is_device ? current_gpu : kPinned};
+  in_use.now += bytes;
+  in_use.peak = std::max(in_use.peak, in_use.now);
   *out = made;
   return cudaSuccess;
 }
@@ -199,7 +240,7 @@ cudaError_t give_back(void* block, bool is_device) {
   (void)cudaDeviceSynchronize();
   const auto found = all.allocations.find(reinterpret_cast<uintptr_t>(block));
   if (found == all.allocations.end() || found->second.is_device != is_device) return failed(cudaErrorInvalidValue);
-  if (is_device) all.device_bytes -= found->second.bytes;
+  all.in_use[found->second.gpu].now -= found->second.bytes;
   all.allocations.erase(found);
   std::free(block);
   return cudaSuccess;
@@ -245,6 +286,7 @@ cudaError_t make_stream(cudaStream_t* out, bool waits_for_null) {
   const std::lock_guard lock(device().mutex);
   *out = device().streams.emplace_back(std::make_unique<CUstream_st>()).get();
   (*out)->waits_for_null = waits_for_null;
+  (*out)->gpu = current_gpu;
   return cudaSuccess;
 }
 
@@ -263,12 +305,27 @@ cudaError_t submit_kernel(const void* function, dim3 blocks, dim3 threads, void*
   const bool fits = in_grid != 0 && blocks.x <= 0x7fffffffu && blocks.y <= 0xffffu && blocks.z <= 0xffffu &&
                     in_block != 0 && in_block <= scree::emulator::kMaxThreads && shared_bytes <= kernel.shared_bytes;
   if (!fits) return failed(cudaErrorInvalidConfiguration);
+  if (stream != nullptr && stream->gpu != current_gpu) return failed(cudaErrorInvalidResourceHandle);
   scree::emulator::Grid grid{kernel.name, blocks, threads, shared_bytes, kernel.bind(function, parameters)};
   submit(stream_of(stream), [grid = std::move(grid)] { scree::emulator::run(grid); });
   return cudaSuccess;
 }
 
 }  // namespace
+
+scree::emulator::MemoryInUse scree::emulator::memory_of_gpu(int index) {
+  const std::lock_guard lock(device().mutex);
+  return device().in_use[index];
+}
+
+scree::emulator::MemoryInUse scree::emulator::pinned_memory() {
+  return memory_of_gpu(kPinned);
+}
+
+void scree::emulator::forget_peaks() {
+  const std::lock_guard lock(device().mutex);
+  for (auto& [index, in_use] : device().in_use) in_use.peak = in_use.now;
+}
 
 void scree::emulator::add_kernel(const void* function, const char* name, Bind bind) {
   const std::lock_guard lock(device().mutex);
@@ -294,8 +351,9 @@ cudaError_t cudaFreeHost(void* block) {
 
 cudaError_t cudaMemGetInfo(size_t* free_bytes, size_t* total) {
   const std::lock_guard lock(device().mutex);
-  *free_bytes = kDeviceBytes - device().device_bytes;
-  *total = kDeviceBytes;
+  const std::vector<Gpu> gpus = listed_gpus();
+  *total = static_cast<size_t>(current_gpu) < gpus.size() ? gpus[current_gpu].bytes : kDeviceBytes;
+  *free_bytes = *total - device().in_use[current_gpu].now;
   return cudaSuccess;
 }
 
@@ -323,21 +381,30 @@ cudaError_t cudaMemsetAsync(void* at, int value, size_t bytes, cudaStream_t stre
 }
 
 cudaError_t cudaGetDeviceCount(int* count) {
-  *count = std::getenv("SCREE_EMULATED_GPU") != nullptr ? 1 : 0;
+  if (driver_version() / 1000 < CUDART_VERSION / 1000) return failed(cudaErrorInsufficientDriver);
+  *count = static_cast<int>(listed_gpus().size());
   return *count != 0 ? cudaSuccess : failed(cudaErrorNoDevice);
 }
 cudaError_t cudaGetDevice(int* number) {
-  *number = 0;
+  *number = current_gpu;
   return cudaSuccess;
 }
 cudaError_t cudaSetDevice(int number) {
-  return number == 0 ? cudaSuccess : failed(cudaErrorInvalidDevice);
+  if (number < 0 || static_cast<size_t>(number) >= std::max<size_t>(listed_gpus().size(), 1))
+    return failed(cudaErrorInvalidDevice);
+  current_gpu = number;
+  return cudaSuccess;
 }
-cudaError_t cudaGetDeviceProperties(cudaDeviceProp* out, int) {
+cudaError_t cudaGetDeviceProperties(cudaDeviceProp* out, int number) {
+  const std::vector<Gpu> gpus = listed_gpus();
+  if (number < 0 || static_cast<size_t>(number) >= gpus.size()) return failed(cudaErrorInvalidDevice);
+  const Gpu& gpu = gpus[number];
   *out = cudaDeviceProp{};
   std::snprintf(out->name, sizeof out->name, "emulated GPU");
-  out->major = 9;
-  out->totalGlobalMem = kDeviceBytes;
+  out->major = gpu.major;
+  out->minor = gpu.minor;
+  out->totalGlobalMem = gpu.bytes;
+  for (size_t i = 0; i < sizeof out->uuid.bytes; ++i) out->uuid.bytes[i] = static_cast<char>(0xe0 + number);
   out->multiProcessorCount = scree::emulator::kMultiprocessors;
   out->warpSize = static_cast<int>(scree::emulator::kWarpLanes);
   out->sharedMemPerBlock = kUnaskedSharedBytes;
@@ -350,7 +417,7 @@ cudaError_t cudaDeviceGetAttribute(int* value, cudaDeviceAttr attribute, int) {
   return cudaSuccess;
 }
 cudaError_t cudaDriverGetVersion(int* version) {
-  *version = CUDART_VERSION;
+  *version = driver_version();
   return cudaSuccess;
 }
 
@@ -504,6 +571,13 @@ cudaError_t cudaEventElapsedTime(float* ms, cudaEvent_t begin, cudaEvent_t end) 
   return cudaSuccess;
 }
 
+cudaError_t cudaFuncGetAttributes(cudaFuncAttributes* out, const void*) {
+  const std::vector<Gpu> gpus = listed_gpus();
+  *out = {};
+  if (static_cast<size_t>(current_gpu) < gpus.size() && gpus[current_gpu].major < kLeastMajor)
+    return failed(cudaErrorNoKernelImageForDevice);
+  return cudaSuccess;
+}
 cudaError_t cudaFuncSetAttribute(const void* function, cudaFuncAttribute attribute, int value) {
   const std::lock_guard lock(device().mutex);
   if (attribute != cudaFuncAttributeMaxDynamicSharedMemorySize || value < 0 ||

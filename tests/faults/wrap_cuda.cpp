@@ -88,6 +88,7 @@ SCREE_WRAP(cudaStreamBeginCapture, cudaErrorUnknown, (cudaStream_t stream, cudaS
 SCREE_WRAP(cudaGraphExecUpdate, cudaErrorUnknown,
            (cudaGraphExec_t exec, cudaGraph_t graph, cudaGraphExecUpdateResultInfo* info), (exec, graph, info))
 SCREE_WRAP(cudaGraphLaunch, cudaErrorUnknown, (cudaGraphExec_t exec, cudaStream_t stream), (exec, stream))
+SCREE_WRAP(cudaFuncGetAttributes, cudaErrorUnknown, (cudaFuncAttributes * out, const void* kernel), (out, kernel))
 SCREE_WRAP(cudaFuncSetAttribute, cudaErrorUnknown, (const void* kernel, cudaFuncAttribute attribute, int value),
            (kernel, attribute, value))
 SCREE_WRAP(cudaOccupancyMaxActiveBlocksPerMultiprocessorWithFlags, cudaErrorUnknown,

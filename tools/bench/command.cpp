@@ -120,6 +120,9 @@ Command add_bench(CLI::App& parent) {
   app->add_option("--backend", words->backend, "--load, --end-to-end: auto, cpu or cuda")
       ->capture_default_str()
       ->type_name("NAME");
+  app->add_option("--device", words->device,
+                  "The GPU, by its index or UUID, as scree devices lists them (default: the first that can be used)")
+      ->type_name("N|UUID");
   app->add_option("--threads", words->threads, "--load, --end-to-end: threads; 0: one per processor")
       ->capture_default_str()
       ->type_name("N");
@@ -131,10 +134,11 @@ Command add_bench(CLI::App& parent) {
   app->add_option("--memory", words->memory, "--end-to-end: the most that convert may take (default: 2GiB)")
       ->type_name("SIZE");
   takes_only(*app, *sizes_flag, {"files", "--csv"});
-  takes_only(*app, *load_flag, {"files", "--csv", "--view", "--size", "--backend", "--threads", "--repeats"});
+  takes_only(*app, *load_flag,
+             {"files", "--csv", "--view", "--size", "--backend", "--device", "--threads", "--repeats"});
   takes_only(*app, *story_flag,
              {"files", "--scene", "--scale", "--order", "--positions", "--indices", "--view", "--size", "--frames",
-              "--warmup", "--csv", "--backend", "--threads", "--repeats", "--work", "--memory"});
+              "--warmup", "--csv", "--backend", "--device", "--threads", "--repeats", "--work", "--memory"});
   for (const char* name : {"--work", "--memory"}) app->get_option(name)->needs(story_flag);
   return {app, [app, words, sizes]() -> Result<void> {
             if (*sizes && words->files.empty()) return Error{ErrorCode::kUsage, "--sizes takes models"};

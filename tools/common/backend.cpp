@@ -1,21 +1,45 @@
 #include "tools/common/backend.h"
 
-#include "runtime/draw/device_scene.h"
+#include <cstdio>
 
 namespace scree::tools {
 
-Result<BackendChoice> parse_backend(const std::string& word) {
-  if (word == "auto") return BackendChoice::kAuto;
-  if (word == "cpu") return BackendChoice::kCpu;
-  if (word == "cuda") return BackendChoice::kCuda;
-  return Error{ErrorCode::kUsage, "--backend: '" + word + "' is not auto, cpu or cuda"};
+Result<BackendOptions> parse_backend(const std::string& backend, const std::string& device) {
+  BackendOptions options;
+  options.device = device;
+  if (backend == "cpu") {
+    options.choice = BackendChoice::kCpu;
+  } else if (backend == "cuda") {
+    options.choice = BackendChoice::kCuda;
+  } else if (backend != "auto") {
+    return Error{ErrorCode::kUsage, "--backend: '" + backend + "' is not auto, cpu or cuda"};
+  }
+  if (device.empty()) return options;
+  if (!runtime::names_gpu(device))
+    return Error{ErrorCode::kUsage,
+                 "--device: '" + device + "' is neither the index of a GPU nor its UUID, GPU-... (see scree devices)"};
+  if (options.choice == BackendChoice::kCpu)
+    return Error{ErrorCode::kUsage, "--device and --backend cpu exclude each other"};
+  options.choice = BackendChoice::kCuda;
+  return options;
 }
 
-Result<bool> wants_gpu(BackendChoice backend) {
-  if (backend == BackendChoice::kCpu) return false;
-  const Result<void> found = runtime::find_device();
-  if (!found && backend == BackendChoice::kCuda) return found.error();
-  return static_cast<bool>(found);
+Result<std::optional<runtime::Gpu>> choose_gpu(const char* command, const BackendOptions& options, bool quiet) {
+  if (options.choice == BackendChoice::kCpu) return std::optional<runtime::Gpu>();
+  Result<runtime::Gpu> gpu = runtime::use_gpu(options.device);
+  if (gpu) return std::optional<runtime::Gpu>(std::move(*gpu));
+  if (options.choice == BackendChoice::kCuda) return gpu.error();
+  const bool has_cuda = runtime::program_without_gpus().program_cuda != 0;
+  if (!quiet && (has_cuda || runtime::seems_to_have_gpu())) warn_of_cpu(command, gpu.error().message);
+  return std::optional<runtime::Gpu>();
+}
+
+void warn_of_cpu(const char* command, const std::string& reason) {
+  std::fprintf(stderr, "scree %s: warning: the CPU draws: %s\n", command, reason.c_str());
+}
+
+std::string name_of(const runtime::Gpu& gpu) {
+  return "cuda:" + std::to_string(gpu.index) + " (" + gpu.name + ")";
 }
 
 }  // namespace scree::tools

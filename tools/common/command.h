@@ -23,5 +23,6 @@ Command add_compare(CLI::App& parent);
 Command add_synth(CLI::App& parent);
 Command add_export(CLI::App& parent);
 Command add_bench(CLI::App& parent);
+Command add_devices(CLI::App& parent);
 
 }  // namespace scree::tools

@@ -36,6 +36,15 @@ void forget_peak() {
   std::ofstream("/proc/self/clear_refs") << 5;
 }
 
+uint64_t available_memory() {
+  std::ifstream info("/proc/meminfo");
+  for (std::string line; std::getline(info, line);) {
+    unsigned long long kibibytes = 0;
+    if (std::sscanf(line.c_str(), "MemAvailable: %llu kB", &kibibytes) == 1) return uint64_t{kibibytes} * 1024;
+  }
+  return 0;
+}
+
 void give_back_free_memory() {
   malloc_trim(0);
 }

@@ -20,6 +20,9 @@ uint64_t peak_anonymous(const MemoryUse& before);
 /// The peak is from now on what is resident now; where the system does not let (no /proc), it stays.
 void forget_peak();
 
+/// What the system says that programs may take now without swapping; 0 where /proc does not say.
+uint64_t available_memory();
+
 /// Gives what the allocator keeps for later back to the system.
 void give_back_free_memory();
 

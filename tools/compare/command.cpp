@@ -19,6 +19,7 @@
 #include "runtime/scene/scene.h"
 #include "tools/common/command.h"
 #include "tools/common/json_writer.h"
+#include "tools/common/memory_use.h"
 #include "tools/common/options.h"
 #include "tools/common/output_file.h"
 #include "tools/common/sigbus.h"
@@ -49,6 +50,7 @@ struct Words {
   bool allow_outside = false;
   std::string flip;  // where the picture of FLIP's error goes; empty: nowhere
   double pixels_per_degree = kPixelsPerDegree;
+  std::string memory;  // a size; empty: what is available
   bool json = false;
   bool force = false;
 };
@@ -134,6 +136,20 @@ Result<runtime::Scene> load_scene(const std::string& path, const RenderOptions& 
   return runtime::Scene::load(std::move(*file), *scene, load);
 }
 
+/// The reference draws the source from memory. Errors kMemory: more than --memory allows, or than is available.
+Result<void> check_memory(const Words& words, const std::string& source, uint64_t needed) {
+  uint64_t allowed = available_memory();
+  if (!words.memory.empty()) {
+    const Result<uint64_t> size = parse_size(words.memory);
+    if (!size) return at("--memory", size.error());
+    allowed = *size;
+  }
+  if (needed <= allowed || (allowed == 0 && words.memory.empty())) return {};
+  return at(source, Error{ErrorCode::kMemory, "its vertices and triangles take " + format_bytes(needed) +
+                                                  " of memory, but " + format_bytes(allowed) + " are " +
+                                                  (words.memory.empty() ? "available" : "allowed (--memory)")});
+}
+
 Result<Findings> compare_scene(const Words& words, const std::string& file, const std::string& source,
                                const RenderOptions& options) {
   convert::ImportOptions import;
@@ -141,6 +157,7 @@ Result<Findings> compare_scene(const Words& words, const std::string& file, cons
   import.allow_outside = words.allow_outside;
   const Result<convert::SourceScene> gltf = convert::import_gltf(source, import);
   if (!gltf) return gltf.error();
+  if (const Result<void> fits = check_memory(words, source, source_model_bytes(*gltf)); !fits) return fits.error();
   const Result<runtime::Scene> scene = load_scene(file, options, true);
   if (!scene) return scene.error();
   Findings findings;
@@ -318,6 +335,10 @@ Command add_compare(CLI::App& parent) {
   app->add_option("--ppd", words->pixels_per_degree,
                   "FLIP's pixels per degree of what the eye sees (default: 67, a screen of 3840 pixels at its width)")
       ->check(CLI::Range(1.0, 1000.0));
+  app->add_option(
+      "--memory", words->memory,
+      "The most that a glTF's vertices and triangles may take of memory, such as 8GiB: all of them are held\n"
+      "at once (default: what is available)");
   app->add_option("--threads", render.threads, "Threads; 0: one per processor (default)");
   app->add_flag("-f,--force", words->force, kForceHelp);
   app->add_flag("--json", words->json, "One JSON object");

@@ -220,6 +220,15 @@ Result<std::optional<SourceMesh>> MeshMatcher::next() {
   return std::optional<SourceMesh>();
 }
 
+uint64_t source_model_bytes(const convert::SourceScene& scene) {
+  uint64_t bytes = 0;
+  for (const convert::Primitive& primitive : scene.primitives) {
+    bytes += (primitive.color ? 6 : 3) * sizeof(float) * primitive.vertex_count();
+    bytes += 3 * sizeof(uint32_t) * primitive.triangle_count() + primitive.triangle_count() / 8;
+  }
+  return bytes;
+}
+
 Result<SourceModel> load_source_model(const convert::SourceScene& scene, const format::Container& file,
                                       uint32_t file_scene) {
   SourceModel model;

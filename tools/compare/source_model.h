@@ -47,6 +47,9 @@ struct SourceModel {
   std::vector<ReferenceMesh> views;          // of `meshes`, for draw_reference()
 };
 
+/// What load_source_model() takes of memory for vertices and triangles, at most: those of all primitives of `scene`.
+uint64_t source_model_bytes(const convert::SourceScene& scene);
+
 /// Reads all that scene number `file_scene` of `file` draws from its source, world matrices composed from the source's
 /// nodes. Errors as for_each_mesh, kFormat (other nodes or instances), those of read_instances.
 Result<SourceModel> load_source_model(const convert::SourceScene& scene, const format::Container& file,

@@ -90,6 +90,7 @@ struct Times {
   std::optional<kernels::TextureCacheCounts> looked;  // of a GPU's JPEG textures
   Duration shade;
   Duration write;
+  std::string drawn_on;  // "cuda:0 (NVIDIA H200)", "the CPU, 16 threads"
 };
 
 void print_stream(const runtime::StreamStats& stream, const Duration& draw) {
@@ -162,6 +163,12 @@ void print_stats(const runtime::Scene& scene, const runtime::Frame& frame, const
               both_times(times.shade).c_str(), both_times(times.write).c_str());
 }
 
+/// What was drawn: the samples, and the picture where one is written.
+struct Drawn {
+  runtime::Frame frame;
+  std::optional<runtime::Picture> picture;
+};
+
 /// One line: what was drawn, how fast, where it is.
 void print_summary(const RenderOptions& options, const runtime::Scene& scene, const runtime::Frame& frame,
                    const Times& times) {
@@ -176,10 +183,10 @@ void print_summary(const RenderOptions& options, const runtime::Scene& scene, co
     size += " (" + std::to_string(options.samples_per_side * options.samples_per_side) + " samples a pixel)";
   const double loading_ms =
       times.open.wall_ms + load.geometry.wall_ms + load.textures.wall_ms + (times.upload ? times.upload->upload_ms : 0);
-  std::printf("%s: %s triangles at %s in %s (shading %s, loading %s) -> %s\n", options.file.c_str(),
+  std::printf("%s: %s triangles at %s in %s on %s (shading %s, loading %s) -> %s\n", options.file.c_str(),
               format_count(static_cast<double>(triangles)).c_str(), size.c_str(),
-              milliseconds(frame.draw_time().wall_ms).c_str(), milliseconds(times.shade.wall_ms).c_str(),
-              milliseconds(loading_ms).c_str(), places.c_str());
+              milliseconds(frame.draw_time().wall_ms).c_str(), times.drawn_on.c_str(),
+              milliseconds(times.shade.wall_ms).c_str(), milliseconds(loading_ms).c_str(), places.c_str());
 }
 
 /// After each output the next is begun only where no signal asks to stop.
@@ -191,16 +198,10 @@ Result<void> is_written(const Result<void>& written, const std::string& path) {
 }
 
 /// `map`: of the file that the frame shows. Nothing is written of one that was cut short.
-Result<void> write_outputs(const RenderOptions& options, const runtime::MappedFile& map, const runtime::Frame& frame,
+Result<void> write_outputs(const RenderOptions& options, const runtime::MappedFile& map, const Drawn& drawn,
                            Times& times) {
-  std::optional<runtime::Picture> picture;
-  if (!options.output.empty()) {
-    const Stopwatch shade_watch;
-    Result<runtime::Picture> shaded = frame.shade(options.shade, options.threads);
-    if (!shaded) return at(options.file, shaded.error());
-    times.shade = shade_watch.elapsed();
-    picture = std::move(*shaded);
-  }
+  const runtime::Frame& frame = drawn.frame;
+  const std::optional<runtime::Picture>& picture = drawn.picture;
   if (const Result<void> whole = check_not_cut(map); !whole) return whole;
   const StopOnSignal handlers;
   Result<void> done;
@@ -239,15 +240,63 @@ Error with_advice(Error error) {
   return error;
 }
 
-/// Brings the scene to the GPU; nothing where --backend auto finds that it does not fit.
-Result<std::optional<runtime::DeviceScene>> upload(const RenderOptions& options, const runtime::Scene& scene) {
-  Result<runtime::DeviceScene> device =
-      runtime::DeviceScene::upload(scene, options.device_memory, options.threads, options.reading,
-                                   options.texture_cache.value_or(runtime::kDeviceTextureCache), options.host_memory);
-  if (device) return std::optional<runtime::DeviceScene>(std::move(*device));
-  if (device.error().code != ErrorCode::kDevice) return device.error();
-  if (options.backend == BackendChoice::kAuto) return std::optional<runtime::DeviceScene>{};
-  return at(options.file, with_advice(device.error()));
+/// What the pictures take on the host: samples, depths, and pixels as they are shaded and written. 0 where nothing says
+/// how much that may be.
+uint64_t host_picture_bytes(const RenderOptions& options, bool on_gpu) {
+  if (options.host_memory == 0) return 0;
+  const uint64_t pixels = uint64_t{options.camera.width} * options.camera.height;
+  const uint64_t samples = pixels * options.samples_per_side * options.samples_per_side;
+  const bool reads = !options.depth.empty() || !options.visbuffer.empty() || !options.picks.empty();
+  uint64_t bytes = 0;
+  if (!on_gpu || reads) bytes += samples * sizeof(uint64_t);
+  if (!options.output.empty()) bytes += pixels * (options.shade.background[3] >= 1.0f ? 3 : 4);
+  if (!options.output.empty() && on_gpu) bytes += pixels * sizeof(uint32_t);
+  if (!options.output.empty() && !on_gpu && (options.shade.ssao || options.shade.edl))
+    bytes += 3 * pixels * sizeof(float);
+  if (!options.depth.empty()) bytes += pixels * sizeof(float);
+  return bytes;
+}
+
+/// Errors kMemory: --host-memory does not hold the pictures and at least a byte for the rest.
+Result<void> check_host_memory(const RenderOptions& options, uint64_t needs) {
+  if (options.host_memory == 0 || needs < options.host_memory) return {};
+  return at(options.file, Error{ErrorCode::kMemory, "the picture takes " + std::to_string(needs) +
+                                                        " bytes of host memory, but --host-memory allows " +
+                                                        std::to_string(options.host_memory)});
+}
+
+/// All that a GPU may fail in: draws the frames of `view`, shades the last one, and brings what is asked for to the
+/// host. `device`: null where the CPU draws. Errors without the file's name.
+Result<Drawn> draw(const RenderOptions& options, const runtime::Scene& scene, const kernels::View& view,
+                   runtime::DeviceScene* device, Times& times) {
+  const auto draw_frame = [&] {
+    return runtime::Frame::draw(scene, view, options.samples_per_side, options.threads, device,
+                                options.output.empty() ? nullptr : &options.shade);
+  };
+  Result<runtime::Frame> frame = draw_frame();
+  for (uint32_t i = 1; i < options.frames && frame; ++i) {
+    if (options.stats && device != nullptr && device->stream_stats())
+      print_stream(*device->stream_stats(), frame->draw_time());
+    frame = draw_frame();
+  }
+  if (!frame) return frame.error();
+  Drawn drawn{std::move(*frame), {}};
+  if (!options.depth.empty() || !options.visbuffer.empty() || !options.picks.empty())
+    if (const Result<void> read = drawn.frame.read_samples(); !read) return read.error();
+  if (!options.output.empty()) {
+    const Stopwatch watch;
+    Result<runtime::Picture> shaded = drawn.frame.shade(options.shade, options.threads);
+    if (!shaded) return shaded.error();
+    times.shade = watch.elapsed();
+    drawn.picture = std::move(*shaded);
+  }
+  if (device == nullptr) return Result<Drawn>(std::move(drawn));
+  times.upload = device->stats();
+  times.streamed = device->stream_stats();
+  const auto looked = device->texture_counts();
+  if (!looked) return looked.error();
+  times.looked = *looked;
+  return Result<Drawn>(std::move(drawn));
 }
 
 Result<void> render(const RenderOptions& options) {
@@ -266,58 +315,71 @@ Result<void> render(const RenderOptions& options) {
   }
   times.open = open_watch.elapsed();
 
-  const Result<bool> on_gpu = wants_gpu(options.backend);
-  if (!on_gpu) return at(options.file, with_advice(on_gpu.error()));
+  const Result<std::optional<runtime::Gpu>> gpu = choose_gpu("render", options.backend, options.quiet);
+  if (!gpu) return at(options.file, with_advice(gpu.error()));
   runtime::SceneOptions load;
   load.textures = !options.output.empty() && options.shade.show == kernels::Show::kTexture;
   load.threads = options.threads;
-  load.pages = !*on_gpu;
+  load.pages = !gpu->has_value();
   load.texture_cache = options.texture_cache.value_or(runtime::kHostTextureCache);
   Result<runtime::Scene> scene = runtime::Scene::load(std::move(*file), *scene_index, load);
   if (!scene) return scene.error();
   if (!options.quiet)
     for (const std::string& warning : scene->warnings())
       std::fprintf(stderr, "scree render: warning: %s: %s\n", options.file.c_str(), warning.c_str());
-  std::optional<runtime::DeviceScene> device;
-  if (*on_gpu) {
-    Result<std::optional<runtime::DeviceScene>> uploaded = upload(options, *scene);
-    if (!uploaded) return uploaded.error();
-    device = std::move(*uploaded);
-  }
-  if (!device || runtime::view_reads_vertices(scene->view(), options.camera))
+  if (!gpu->has_value() || runtime::view_reads_vertices(scene->view(), options.camera))
     if (const Result<void> loaded = scene->load_pages(options.threads); !loaded) return loaded.error();
   const Result<kernels::View> view =
       runtime::make_view(scene->container(), *scene_index, scene->view(), options.camera);
   if (!view) return at(options.file, view.error());
 
-  const auto draw = [&] {
-    return runtime::Frame::draw(*scene, *view, options.samples_per_side, options.threads, device ? &*device : nullptr,
-                                options.output.empty() ? nullptr : &options.shade);
-  };
-  Result<runtime::Frame> frame = draw();
-  for (uint32_t i = 1; i < options.frames && frame; ++i) {
-    if (options.stats && device && device->stream_stats()) print_stream(*device->stream_stats(), frame->draw_time());
-    frame = draw();
+  const uint64_t host_needs = host_picture_bytes(options, gpu->has_value());
+  if (const Result<void> fits = check_host_memory(options, host_needs); !fits) return fits;
+  const runtime::PictureNeeds pictures{options.camera.width, options.camera.height, options.samples_per_side,
+                                       options.output.empty() ? nullptr : &options.shade};
+  // Whatever the GPU fails in, --backend auto draws the same picture on the CPU.
+  std::optional<runtime::DeviceScene> device;
+  std::optional<Drawn> drawn;
+  if (gpu->has_value()) {
+    Result<runtime::DeviceScene> uploaded = runtime::DeviceScene::upload(
+        *scene, options.device_memory, options.threads, options.reading,
+        options.texture_cache.value_or(runtime::kDeviceTextureCache), options.host_memory - host_needs, pictures);
+    if (!uploaded && uploaded.error().code != ErrorCode::kDevice) return uploaded.error();
+    std::optional<Error> failed;
+    if (uploaded) {
+      device = std::move(*uploaded);
+      Result<Drawn> on_gpu = draw(options, *scene, *view, &*device, times);
+      if (on_gpu) {
+        drawn = std::move(*on_gpu);
+        times.drawn_on = name_of(**gpu);
+      } else {
+        failed = on_gpu.error();
+      }
+    } else {
+      failed = uploaded.error();
+    }
+    if (failed) {
+      if (failed->code != ErrorCode::kDevice || options.backend.choice != BackendChoice::kAuto)
+        return at(options.file, with_advice(*failed));
+      if (!options.quiet) warn_of_cpu("render", name_of(**gpu) + ": " + failed->message);
+      device.reset();
+      times.upload.reset();
+      times.streamed.reset();
+      if (const Result<void> fits = check_host_memory(options, host_picture_bytes(options, false)); !fits) return fits;
+      if (const Result<void> loaded = scene->load_pages(options.threads); !loaded) return loaded.error();
+    }
   }
-  if (!frame && frame.error().code == ErrorCode::kDevice && options.backend == BackendChoice::kAuto) {
-    device.reset();  // the scene fitted, the picture did not
-    if (const Result<void> loaded = scene->load_pages(options.threads); !loaded) return loaded.error();
-    frame = runtime::Frame::draw(*scene, *view, options.samples_per_side, options.threads);
+  if (!drawn) {
+    Result<Drawn> on_cpu = draw(options, *scene, *view, nullptr, times);
+    if (!on_cpu) return at(options.file, on_cpu.error());
+    drawn = std::move(*on_cpu);
+    times.drawn_on = "the CPU, " + std::to_string(options.threads) + (options.threads == 1 ? " thread" : " threads");
   }
-  if (!frame) return at(options.file, with_advice(frame.error()));
-  if (!options.depth.empty() || !options.visbuffer.empty() || !options.picks.empty())
-    if (const Result<void> read = frame->read_samples(); !read) return at(options.file, read.error());
-  if (const auto written = write_outputs(options, scene->file().map(), *frame, times); !written) return written;
-  if (const Result<void> printed = print_picks(options, *scene, *frame); !printed) return printed;
-  if (device) {
-    times.upload = device->stats();
-    times.streamed = device->stream_stats();
-    const auto looked = device->texture_counts();
-    if (!looked) return at(options.file, with_advice(looked.error()));
-    times.looked = *looked;
-  }
-  if (options.stats) print_stats(*scene, *frame, *view, times);
-  if (!options.quiet) print_summary(options, *scene, *frame, times);
+  const runtime::Frame& frame = drawn->frame;
+  if (const auto written = write_outputs(options, scene->file().map(), *drawn, times); !written) return written;
+  if (const Result<void> printed = print_picks(options, *scene, frame); !printed) return printed;
+  if (options.stats) print_stats(*scene, frame, *view, times);
+  if (!options.quiet) print_summary(options, *scene, frame, times);
   return {};
 }
 
@@ -368,15 +430,22 @@ Command add_render(CLI::App& parent) {
       ->allow_extra_args(false)  // the next word is a file to read
       ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll);
   app->add_option("--threads", words->threads, "Threads; 0: one per processor (default)");
-  app->add_option("--backend", words->backend, "cpu, cuda, or auto: the GPU where there is one (default)");
+  app->add_option("--backend", words->backend,
+                  "cpu, cuda, or auto: the GPU, or the CPU with one line that says why (default)");
   app->add_option(
-      "--device-memory", words->device_memory,
-      "The most the scene may take of the GPU's memory, such as 8GiB (default: what is free); chunks that it does not "
-      "hold are streamed");
+      "--device", words->device,
+      "The GPU to draw on, by its index or UUID, as scree devices lists them (default: the first that can be "
+      "used)");
+  app->add_option("--device-memory", words->device_memory,
+                  "The most that the scene, its frames and the picture may take of the GPU's memory, such as 8GiB "
+                  "(default: what is "
+                  "free); chunks that it does not hold are streamed");
   app->add_option(
       "--host-memory", words->host_memory,
-      "Pinned memory for the chunks of a scene that the GPU's does not hold, such as 16GiB (default: they come "
-      "from the file)");
+      "The most host memory for the picture's buffers and for pinned memory that the GPU is fed from, such as 16GiB; "
+      "what is left of it keeps the chunks of a scene that the GPU's memory does not hold (default, and with 0: no "
+      "limit, "
+      "and chunks come from the file)");
   app->add_option("--frames", words->frames,
                   "Draw so many frames of a still camera and write the last (default: 1); with --stats, what each of "
                   "them streamed");

@@ -248,7 +248,7 @@ Result<RenderOptions> parse_render_options(const RenderWords& words) {
   const Result<uint32_t> threads = parse_threads(words.threads);
   if (!threads) return threads.error();
   options.threads = *threads;
-  const Result<BackendChoice> backend = parse_backend(words.backend);
+  const Result<BackendOptions> backend = parse_backend(words.backend, words.device);
   if (!backend) return backend.error();
   options.backend = *backend;
   if (!words.device_memory.empty()) {

@@ -35,6 +35,7 @@ struct RenderWords {
   std::string background = "#9aa4b0";
   std::string threads = "0";
   std::string backend = "auto";
+  std::string device;
   std::string device_memory;
   std::string frames = "1";
   std::string host_memory;
@@ -67,13 +68,13 @@ struct RenderOptions {
   kernels::ShadeOptions shade;
   uint32_t samples_per_side = 1;
   uint32_t threads = 1;
-  BackendChoice backend = BackendChoice::kAuto;
+  BackendOptions backend;
   // Bytes of decoded blocks of JPEG textures; nothing: runtime::kHostTextureCache, on a GPU
   // runtime::kDeviceTextureCache.
   std::optional<uint64_t> texture_cache;
-  uint64_t device_memory = 0;                          // bytes the scene may take on the GPU; 0: what is free
-  uint32_t frames = 1;                                 // drawn one after the other
-  uint64_t host_memory = 0;                            // bytes of chunks in pinned memory, where they are streamed
+  uint64_t device_memory = 0;  // bytes the scene, its frames and the picture may take on the GPU; 0: what is free
+  uint32_t frames = 1;         // drawn one after the other
+  uint64_t host_memory = 0;    // bytes of pictures and pinned memory on the host; 0: no limit, no chunks kept
   runtime::Reading reading = runtime::Reading::kAuto;  // of a GPU's pages
   std::vector<PixelPlace> picks;
   format::Existing existing = format::Existing::kReplace;  // of all outputs

@@ -361,12 +361,12 @@ uint64_t room_for(const synth::Scene& scene) {
 }
 
 Result<void> run_end_to_end(const EndToEndOptions& options) {
-  const Result<bool> gpu = tools::wants_gpu(options.backend);
+  const Result<std::optional<runtime::Gpu>> gpu = tools::choose_gpu("bench", options.backend);
   if (!gpu) return gpu.error();
-  Result<Machine> machine = *gpu ? find_machine() : Result<Machine>(cpu_machine());
+  Result<Machine> machine = gpu->has_value() ? find_machine(**gpu) : Result<Machine>(cpu_machine());
   if (!machine) return machine.error();
   try {
-    return EndToEnd(options, *gpu, std::move(*machine)).run();
+    return EndToEnd(options, gpu->has_value(), std::move(*machine)).run();
   } catch (const std::bad_alloc&) {
     return Error{ErrorCode::kMemory, "no memory left for the scene; a smaller --scale or --size needs less"};
   }

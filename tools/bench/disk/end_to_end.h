@@ -16,7 +16,7 @@ namespace scree::bench {
 
 struct EndToEndOptions {
   BenchOptions bench;  // one of `scenes`, or one of `files`: a glTF; one encoding; at most one of `views`
-  tools::BackendChoice backend = tools::BackendChoice::kAuto;
+  tools::BackendOptions backend;
   uint32_t threads = 1;
   uint32_t repeats = 5;  // of loads
   uint64_t memory = convert::ConvertOptions{}.memory;

@@ -192,7 +192,7 @@ Result<EndToEndOptions> parse_end_to_end(const BenchWords& words) {
   options.bench = std::move(*bench);
   options.repeats = words.repeats;
   options.work = words.work;
-  const Result<tools::BackendChoice> backend = tools::parse_backend(words.backend);
+  const Result<tools::BackendOptions> backend = tools::parse_backend(words.backend, words.device);
   if (!backend) return backend.error();
   options.backend = *backend;
   const Result<uint32_t> threads = tools::parse_threads(words.threads);

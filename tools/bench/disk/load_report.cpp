@@ -194,7 +194,7 @@ Result<LoadOptions> parse_loads(const BenchWords& words) {
   options.settings.view = words.views;
   options.repeats = words.repeats;
   options.csv = words.csv;
-  const Result<tools::BackendChoice> backend = tools::parse_backend(words.backend);
+  const Result<tools::BackendOptions> backend = tools::parse_backend(words.backend, words.device);
   if (!backend) return backend.error();
   options.backend = *backend;
   const Result<uint32_t> threads = tools::parse_threads(words.threads);
@@ -208,13 +208,14 @@ Result<LoadOptions> parse_loads(const BenchWords& words) {
 }
 
 Result<void> run_loads(const LoadOptions& options) {
-  const Result<bool> gpu = tools::wants_gpu(options.backend);
+  const Result<std::optional<runtime::Gpu>> gpu = tools::choose_gpu("bench", options.backend);
   if (!gpu) return gpu.error();
-  const Result<Machine> machine = *gpu ? find_machine() : Result<Machine>(cpu_machine());
+  const Result<Machine> machine = gpu->has_value() ? find_machine(**gpu) : Result<Machine>(cpu_machine());
   if (!machine) return machine.error();
   const std::vector<LoadWay> ways =
-      *gpu ? std::vector{LoadWay::kGpuMapped, LoadWay::kGpuBuffered, LoadWay::kGpuDirect}
-           : std::vector{LoadWay::kMap, LoadWay::kArenaMapped, LoadWay::kArenaBuffered, LoadWay::kArenaDirect};
+      gpu->has_value()
+          ? std::vector{LoadWay::kGpuMapped, LoadWay::kGpuBuffered, LoadWay::kGpuDirect}
+          : std::vector{LoadWay::kMap, LoadWay::kArenaMapped, LoadWay::kArenaBuffered, LoadWay::kArenaDirect};
   std::vector<LoadRow> rows;
   Result<void> done;
   for (const std::string& file : options.files) {

@@ -18,7 +18,7 @@ namespace scree::bench {
 
 struct LoadOptions {
   std::vector<std::string> files;
-  tools::BackendChoice backend = tools::BackendChoice::kAuto;
+  tools::BackendOptions backend;
   LoadSettings settings;
   uint32_t repeats = 5;
   std::string csv;  // empty: none

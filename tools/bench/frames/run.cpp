@@ -309,7 +309,9 @@ class Runner {
 }  // namespace
 
 Result<void> run_bench(const BenchOptions& options) {
-  Result<Machine> machine = find_machine();
+  const Result<runtime::Gpu> gpu = runtime::use_gpu(options.backend.device);
+  if (!gpu) return Error{gpu.error().code, gpu.error().message + "; bench measures a GPU"};
+  Result<Machine> machine = find_machine(*gpu);
   if (!machine) return machine.error();
   if (options.is_textured) return run_textured(options, *machine);
   return Runner(options, std::move(*machine)).run();

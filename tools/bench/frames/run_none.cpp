@@ -4,16 +4,16 @@
 
 namespace scree::bench {
 
-Result<Machine> find_machine() {
+Result<Machine> find_machine(const runtime::Gpu&) {
   return Error{ErrorCode::kDevice, "built without CUDA; bench measures a GPU (cmake --preset cuda-release)"};
 }
 
 Result<double> measure_link() {
-  return find_machine().error();
+  return find_machine({}).error();
 }
 
 Result<void> run_bench(const BenchOptions&) {
-  return find_machine().error();
+  return find_machine({}).error();
 }
 
 }  // namespace scree::bench

@@ -219,11 +219,13 @@ class JudgeRun {
 
 Result<void> judge_scenes(const BenchOptions& options) {
   DrawSettings settings;
-  settings.gpu = static_cast<bool>(runtime::find_device());
+  const Result<std::optional<runtime::Gpu>> gpu = tools::choose_gpu("bench", options.backend);
+  if (!gpu) return gpu.error();
+  settings.gpu = gpu->has_value();
   settings.threads = std::max(1u, std::thread::hardware_concurrency());
   settings.frames = options.frames;
   settings.warmup = options.warmup;
-  Result<Machine> machine = settings.gpu ? find_machine() : Result<Machine>(cpu_machine());
+  Result<Machine> machine = settings.gpu ? find_machine(**gpu) : Result<Machine>(cpu_machine());
   if (!machine) return machine.error();
   Result<WorkFolder> folder = WorkFolder::make();
   if (!folder) return folder.error();

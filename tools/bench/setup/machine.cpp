@@ -9,7 +9,6 @@
 
 #include "commit.h"
 #include "kernels/cuda/check.h"
-#include "runtime/draw/device_scene.h"
 #include "tools/bench/setup/gpu_timer.h"
 
 namespace scree::bench {
@@ -59,31 +58,12 @@ Result<double> measure_copy() {
   return rate ? Result<double>(2.0 * *rate) : rate.error();
 }
 
-/// A benchmark has no other backend to offer.
-std::string without_advice(std::string message) {
-  const size_t advice = message.find("--backend");
-  if (advice == std::string::npos) return message;
-  const size_t end = message.find_last_of(";,", advice);
-  const size_t or_end = message.rfind(" or use ", advice);
-  message.resize(or_end != std::string::npos && (end == std::string::npos || or_end > end) ? or_end
-                 : end != std::string::npos                                                ? end
-                                                                                           : advice);
-  return message;
-}
-
 }  // namespace
 
-Result<Machine> find_machine() {
-  if (const Result<void> found = runtime::find_device(); !found)
-    return Error{found.error().code, without_advice(found.error().message) + "; bench measures a GPU"};
+Result<Machine> find_machine(const runtime::Gpu& gpu) {
   Machine machine;
   machine.commit = SCREE_COMMIT;
-  int device = 0;
-  cudaDeviceProp properties;
-  Result<void> done = cuda_check(cudaGetDevice(&device), "asking for the device");
-  if (done) done = cuda_check(cudaGetDeviceProperties(&properties, device), "asking the GPU what it is");
-  if (!done) return done.error();
-  machine.gpu = properties.name;
+  machine.gpu = gpu.name;
   machine.driver = driver_version();
   const Result<double> copy = measure_copy();
   if (!copy) return copy.error();

@@ -2,13 +2,14 @@
 #pragma once
 
 #include "format/result.h"
+#include "runtime/draw/device_list.h"
 #include "tools/bench/report/case_result.h"
 
 namespace scree::bench {
 
-/// Names the GPU, its driver and this program's commit, and measures a device copy. Errors kDevice: no usable GPU (what
-/// to do is said), a CUDA call that failed, a program built without CUDA.
-Result<Machine> find_machine();
+/// Names `gpu`, the current device, its driver and this program's commit, and measures a device copy. Errors kDevice: a
+/// CUDA call that failed, a program built without CUDA.
+Result<Machine> find_machine(const runtime::Gpu& gpu);
 
 /// Bytes a second that copies from pinned host memory to the GPU's reach, in GB: 1e9 a second. Errors kDevice, as
 /// above.

@@ -258,6 +258,9 @@ Result<BenchOptions> parse_options(const BenchWords& words) {
   options.path = words.path;
   options.sweep = words.sweep;
   options.csv = words.csv;
+  const Result<tools::BackendOptions> backend = tools::parse_backend("auto", words.device);
+  if (!backend) return backend.error();
+  options.backend = *backend;
   return options;
 }
 

@@ -9,6 +9,7 @@
 #include "format/result.h"
 #include "runtime/scene/scene.h"
 #include "tools/bench/scenes/scene_tables.h"
+#include "tools/common/backend.h"
 #include "tools/common/options.h"
 #include "tools/synth/scenes.h"
 
@@ -44,6 +45,7 @@ struct BenchWords {
   bool load = false;
   bool end_to_end = false;
   std::string backend = "auto";
+  std::string device;  // of any mode that draws
   std::string threads = "0";
   uint32_t repeats = 5;
   std::string work;    // a folder
@@ -83,10 +85,11 @@ struct BenchOptions {
   uint32_t warmup = 10;
   bool path = false;
   bool sweep = false;
-  bool reference = false;  // against an exact picture of the source: what judge_run.h measures
-  bool curves = false;     // that, for every width, and the studies
-  std::string csv;         // empty: none
-  std::string plot;        // a CSV file to draw; nothing else is done
+  bool reference = false;         // against an exact picture of the source: what judge_run.h measures
+  bool curves = false;            // that, for every width, and the studies
+  tools::BackendOptions backend;  // `choice` is of --reference and --curves; the others need a GPU
+  std::string csv;                // empty: none
+  std::string plot;               // a CSV file to draw; nothing else is done
   // Of the scene "textured", which is measured by itself:
   bool is_textured = false;
   uint32_t textures = 12;

@@ -1,0 +1,68 @@
+// The GPUs of this machine, and which of them this program can draw on.
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "format/result.h"
+
+namespace scree::runtime {
+
+struct Gpu {
+  int index = 0;  // as CUDA numbers them
+  std::string name;
+  std::string uuid;  // "GPU-" and 32 hexadecimal digits in groups, as nvidia-smi prints it
+  int major = 0;     // of its compute capability
+  int minor = 0;
+  uint64_t total_bytes = 0;
+  uint64_t free_bytes = 0;   // list_gpus() alone fills it in
+  std::string why_unusable;  // one line without advice; empty: this program draws on it
+
+  bool is_usable() const { return why_unusable.empty(); }
+};
+
+struct GpuList {
+  std::vector<Gpu> gpus;
+  std::string why_none;  // where there are none: no driver, one too old, no device, a program without CUDA
+  std::string driver;    // "580.159.03"; empty where the kernel's module does not say
+  int driver_cuda = 0;   // the newest CUDA that the driver runs, such as 13000; 0: no driver
+  int program_cuda = 0;  // the CUDA that this program was built with; 0: none
+  std::string code_for;  // the architectures that it has code for: "8.0, 9.0, PTX 9.0"
+};
+
+/// Every GPU with its memory. Makes a CUDA context on each (0.2 to 0.5 s), which stays; the current device stays too.
+GpuList list_gpus();
+
+/// Makes a GPU the calling thread's current device. `which`: an index, a UUID or the beginning of one that no other GPU
+/// shares; empty: the first that this program can draw on. Errors kDevice, without advice: no driver, one too old
+/// (found, needed), no device, none by that name, a compute capability below 7.5 (found, needed), no code for it in the
+/// program, a CUDA call that failed.
+Result<Gpu> use_gpu(std::string_view which = {});
+
+/// The calling thread's current device; errors as use_gpu().
+Result<Gpu> current_gpu();
+
+/// Whether this machine seems to have an NVIDIA GPU, asked without CUDA: by its driver's device node or entry in /proc.
+bool seems_to_have_gpu();
+
+/// The program's side of the list, which needs no driver: program_cuda and code_for.
+GpuList program_without_gpus();
+
+// Parts of the above that need no GPU.
+
+/// Whether `word` can name a GPU: an index, or "GPU-" with what follows.
+bool names_gpu(std::string_view word);
+
+/// The one of `gpus` that `which`, not empty, names. Errors kDevice: none or several, with what there is.
+Result<Gpu> find_gpu(std::span<const Gpu> gpus, std::string_view which);
+
+/// CMAKE_CUDA_ARCHITECTURES, with commas, for people: "80-real,90" is "8.0, 9.0, PTX 9.0".
+std::string architecture_names(std::string_view cmake_names);
+
+/// 13010 is "13.1".
+std::string cuda_version_name(int version);
+
+}  // namespace scree::runtime

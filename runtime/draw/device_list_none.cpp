@@ -1,0 +1,29 @@
+// The list of GPUs where the program is built without CUDA.
+#include "runtime/draw/device_list.h"
+
+namespace scree::runtime {
+namespace {
+
+constexpr const char* kWithoutCuda = "this program was built without CUDA";
+
+}  // namespace
+
+GpuList program_without_gpus() {
+  return {};
+}
+
+GpuList list_gpus() {
+  GpuList list;
+  list.why_none = kWithoutCuda;
+  return list;
+}
+
+Result<Gpu> use_gpu(std::string_view) {
+  return Error{ErrorCode::kDevice, kWithoutCuda};
+}
+
+Result<Gpu> current_gpu() {
+  return Error{ErrorCode::kDevice, kWithoutCuda};
+}
+
+}  // namespace scree::runtime

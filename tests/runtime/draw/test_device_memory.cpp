@@ -1,0 +1,194 @@
+// What a scene, its frames and its pictures take of a GPU's memory and of pinned memory stays below what was allowed.
+#include <algorithm>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "kernels/cuda/check.h"
+#include "runtime/draw/device_list.h"
+#include "runtime/draw/device_scene.h"
+#include "runtime/draw/renderer.h"
+#include "runtime/scene/camera.h"
+#include "tests/catch.h"
+#include "tests/gpu.h"
+#include "tests/models.h"
+#include "tests/paths.h"
+#include "tests/runtime/load_scene.h"
+#include "tests/runtime/paged_scene.h"
+#include "tests/tools/convert/convert_fixture.h"
+#include "tests/tools/jpeg_model.h"
+#include "tests/tools/temp_folder.h"
+#include "tools/convert/convert.h"
+
+#if defined(SCREE_EMULATED_CUDA)
+#include "tests/emulator/machine.h"
+#endif
+
+namespace scree::tests {
+namespace {
+
+using runtime::DeviceScene;
+using runtime::Frame;
+using runtime::PictureNeeds;
+using runtime::Reading;
+using runtime::Scene;
+
+kernels::View view_of(const Scene& scene, uint32_t width, uint32_t height) {
+  runtime::CameraOptions camera;
+  camera.width = width;
+  camera.height = height;
+  camera.eye = runtime::Vec3{0.3, 0.6, 2.5};
+  camera.target = runtime::Vec3{0, 0, 0};
+  const Result<kernels::View> view = runtime::make_view(scene.container(), 0, scene.view(), camera);
+  REQUIRE(view);
+  return *view;
+}
+
+/// Many chunks: whole they take more than a streamed scene does.
+void write_spheres(const std::string& path) {
+  std::vector<std::pair<Soup, Encoding>> meshes;
+  for (int i = 0; i < 24; ++i) meshes.push_back({sphere(24, 0.1 + 0.01 * i), {}});
+  PagedScene{}.write(path, meshes);
+}
+
+}  // namespace
+
+TEST_CASE("a picture of another shape than the one that was drawn is not resolved", "[cuda]") {
+  if (!has_gpu()) return;
+  const TempFolder folder;
+  PagedScene{}.write(folder.file("a.scree"), {{sphere(20, 0.1), {}}});
+  const Scene scene = must_load(folder.file("a.scree"));
+  Result<DeviceScene> device = DeviceScene::upload(scene, 0, 2);
+  REQUIRE(device);
+  REQUIRE(device->draw(view_of(scene, 40, 20)));
+  const kernels::ShadeOptions shade;
+  std::vector<uint32_t> pixels(800);
+  CHECK(device->resolve(view_of(scene, 40, 20), 1, shade, pixels));
+  const Result<void> turned = device->resolve(view_of(scene, 20, 40), 1, shade, pixels);
+  REQUIRE_FALSE(turned);
+  CHECK(turned.error().code == ErrorCode::kRange);
+}
+
+#if defined(SCREE_EMULATED_CUDA)
+TEST_CASE("a scene and its pictures take no more device memory than they may", "[cuda]") {
+  if (!has_gpu()) return;
+  const TempFolder folder;
+  std::vector<std::string> files;
+  for (const bool clustered : {false, true}) {
+    convert::ConvertOptions options;
+    options.input = data_path("grid.glb").string();
+    options.output = folder.file(clustered ? "clustered.scree" : "indexed.scree");
+    options.encoding = clustered ? convert::Encoding::kClustered : convert::Encoding::kIndexed;
+    options.chunk_triangles = 256;
+    REQUIRE(convert::convert(options));
+    files.push_back(options.output);
+  }
+  files.push_back(folder.file("spheres.scree"));
+  write_spheres(files.back());
+  make_jpeg_model(folder.file("in.glb"), 40);
+  convert::ConvertOptions jpeg = options_of(folder);
+  jpeg.chunk_triangles = 256;
+  must_convert(jpeg);
+  files.push_back(jpeg.output);
+
+  uint32_t streamed = 0;  // budgets
+  struct Size {
+    uint32_t width, height, samples;
+    bool ssao;
+  };
+  const kernels::ShadeOptions plain;
+  for (const std::string& file : files) {
+    const Scene scene = must_load(file, {.threads = 2, .texture_cache = 1, .pages = false});
+    for (const Size& size : {Size{64, 48, 1, false}, Size{33, 57, 2, true}, Size{150, 20, 4, false}}) {
+      kernels::ShadeOptions shade = plain;
+      shade.ssao = size.ssao;
+      const PictureNeeds needs{size.width, size.height, size.samples, &shade};
+      constexpr uint64_t kCache = uint64_t{1} << 16;
+      const auto upload = [&](uint64_t budget) {
+        return DeviceScene::upload(scene, budget, 2, Reading::kAuto, kCache, 0, needs);
+      };
+      // All that it takes where it may take anything is what a resident scene needs; a byte less is streamed.
+      const Result<DeviceScene> refused = upload(1);
+      REQUIRE_FALSE(refused);
+      const uint64_t least = least_device_memory(refused.error().message);
+      uint64_t resident = 0;
+      {
+        const Result<DeviceScene> free = upload(0);
+        REQUIRE(free);
+        resident = free->stats().device_bytes;
+      }
+      REQUIRE(resident > 0);
+      std::vector<uint64_t> samples;
+      for (const uint64_t budget : {resident, resident - 1, least, uint64_t{0}}) {
+        if (budget != 0 && budget < least) continue;  // a small scene takes less whole than streamed
+        CAPTURE(file, size.width, size.samples, budget, resident, least);
+        REQUIRE(emulator::memory_of_gpu(0).now == 0);
+        emulator::forget_peaks();
+        Result<DeviceScene> device = upload(budget);
+        if (!device) FAIL(device.error().message);
+        const kernels::View view = view_of(scene, size.width, size.height);
+        Result<Frame> frame = Frame::draw(scene, view, size.samples, 2, &*device, &shade);
+        if (!frame) FAIL(frame.error().message);
+        streamed += device->stream_stats().has_value() ? 1 : 0;
+        CHECK(device->stream_stats().has_value() == (budget != 0 && budget < resident));
+        REQUIRE(frame->shade(shade, 2));
+        REQUIRE(frame->read_samples());
+        const uint64_t peak = emulator::memory_of_gpu(0).peak;
+        CHECK(peak <= (budget == 0 ? resident : budget));
+        if (samples.empty()) samples.assign(frame->samples().begin(), frame->samples().end());
+        CHECK(std::equal(samples.begin(), samples.end(), frame->samples().begin(), frame->samples().end()));
+      }
+    }
+  }
+  CHECK(streamed >= 4);
+}
+
+TEST_CASE("a streamed scene takes no more pinned memory than it may", "[cuda]") {
+  if (!has_gpu()) return;
+  const TempFolder folder;
+  write_spheres(folder.file("a.scree"));
+  const Scene scene = must_load(folder.file("a.scree"), {.threads = 2, .pages = false});
+  const Result<DeviceScene> refused = DeviceScene::upload(scene, 1, 2);
+  REQUIRE_FALSE(refused);
+  const uint64_t least = least_device_memory(refused.error().message);
+  const auto upload = [&](uint64_t host) { return DeviceScene::upload(scene, least, 2, Reading::kAuto, 0, host); };
+  const Result<DeviceScene> none = upload(1);
+  REQUIRE_FALSE(none);
+  CHECK(none.error().code == ErrorCode::kMemory);
+  CAPTURE(none.error().message);
+  const uint64_t least_host = least_device_memory(none.error().message);
+  for (const uint64_t host : {least_host, least_host + 4096, 4 * least_host, uint64_t{64} << 20}) {
+    CAPTURE(host, least_host);
+    REQUIRE(emulator::pinned_memory().now == 0);
+    emulator::forget_peaks();
+    Result<DeviceScene> device = upload(host);
+    if (!device) FAIL(device.error().message);
+    const Result<Frame> frame = Frame::draw(scene, view_of(scene, 64, 48), 1, 2, &*device);
+    if (!frame) FAIL(frame.error().message);
+    REQUIRE(device->stream_stats());
+    CHECK(emulator::pinned_memory().peak <= host);
+  }
+}
+
+TEST_CASE("a scene lies on the GPU that was chosen", "[cuda]") {
+  if (!has_gpu()) return;
+  const TempFolder folder;
+  PagedScene{}.write(folder.file("a.scree"), {{sphere(20, 0.1), {}}});
+  const Scene scene = must_load(folder.file("a.scree"));
+  setenv("SCREE_EMULATED_GPU", "9.0,9.0", 1);
+  REQUIRE(runtime::use_gpu("1"));
+  emulator::forget_peaks();
+  {
+    Result<DeviceScene> device = DeviceScene::upload(scene, 0, 2);
+    REQUIRE(device);
+    REQUIRE(Frame::draw(scene, view_of(scene, 40, 20), 1, 2, &*device));
+    CHECK(emulator::memory_of_gpu(0).now == 0);
+    CHECK(emulator::memory_of_gpu(1).now > 0);
+  }
+  CHECK(emulator::memory_of_gpu(1).now == 0);
+  REQUIRE(runtime::use_gpu("0"));
+  setenv("SCREE_EMULATED_GPU", "1", 1);
+}
+#endif
+
+}  // namespace scree::tests

@@ -1,0 +1,11 @@
+// What `scree --version` prints.
+#pragma once
+
+#include <string>
+
+namespace scree::tools {
+
+/// Version, commit, compiler, CUDA toolkit and the GPU architectures in the program, a line each.
+std::string version_text();
+
+}  // namespace scree::tools
