@@ -2,6 +2,9 @@
 # z and xxhash are linked statically; meshoptimizer is packaged as a shared library only and is installed beside the
 # program, so that an installed folder runs on a machine that has none of them.
 find_package(Threads REQUIRED)
+if(NOT SCREE_FUZZ)
+  find_package(Python3 REQUIRED COMPONENTS Interpreter)  # makes man pages and completion
+endif()
 
 function(scree_static_library target archive header)
   find_library(${target}_archive NAMES ${archive} REQUIRED)

@@ -1,0 +1,138 @@
+#!/usr/bin/env python3
+"""Writes the licences of a built scree: its own, and those of the libraries in it, out of the distribution's packages.
+
+copyright.py --debian FILE [--cuda]         the copyright file of a .deb, in the machine-readable form (DEP-5)
+copyright.py --third-party FILE [--cuda]    the same of the libraries alone, with meshoptimizer, for the tarball
+
+A package's own /usr/share/doc/PACKAGE/copyright gives holders and licence texts. A package that is not installed, or whose
+copyright file cannot be read, is an error: a licence is never left out.
+"""
+import argparse
+import os
+import re
+import sys
+
+# What is linked statically or compiled in (cmake/dependencies.cmake). Packages of a name that differs are tried in turn.
+LIBRARIES = [("zstd", ["libzstd-dev"]), ("xxhash", ["libxxhash-dev"]), ("zlib", ["zlib1g-dev"]), ("libpng", ["libpng-dev"]),
+             ("libjpeg-turbo", ["libjpeg62-turbo-dev", "libjpeg-turbo8-dev"]), ("tinygltf", ["libtinygltf-dev"]),
+             ("nlohmann-json", ["nlohmann-json3-dev"]), ("cli11", ["libcli11-dev"])]
+MESHOPTIMIZER = ("meshoptimizer", ["libmeshoptimizer-dev"])
+FORMAT = "https://www.debian.org/doc/packaging-manuals/copyright-format/1.0/"
+CUDA = """The CUDA runtime (cudart), linked statically: object code of the CUDA Toolkit, which may be distributed as part
+of a program under "Attachment A" of the CUDA Toolkit End User License Agreement,
+https://docs.nvidia.com/cuda/eula/. All rights in it remain with NVIDIA."""
+# Files of a library's sources of which nothing is in the program: packaging, tests, examples, programs, documentation.
+NOT_LINKED = re.compile(r"^(debian|tests?|examples?|tools|fuzz|contrib|doc|docs|cmake|amiga|java|build|release|programs)/|"
+                        r"^(xxhsum\.c|zlibWrapper/examples)|/fuzz/|\.(md|txt|yml|cmake|in)$")
+
+
+def fail(message):
+    print(f"copyright.py: {message}", file=sys.stderr)
+    sys.exit(1)
+
+
+def stanzas_of(text):
+    """Paragraphs of "Field: value" with values over several lines."""
+    stanzas = []
+    for paragraph in re.split(r"\n[ \t]*\n", text.strip()):
+        fields = {}
+        last = None
+        for line in paragraph.splitlines():
+            if line.startswith("#"):
+                continue
+            found = re.match(r"([A-Za-z-]+):\s*(.*)$", line)
+            if found and not line[0].isspace():
+                last = found[1]
+                fields[last] = found[2]
+            elif last:
+                fields[last] += "\n" + line.rstrip()
+        stanzas.append(fields)
+    return stanzas
+
+
+def read_package(names):
+    for name in names:
+        path = f"/usr/share/doc/{name}/copyright"
+        if os.path.exists(path):
+            with open(path, encoding="utf-8") as file:
+                return name, path, file.read()
+    fail(f"no package {' or '.join(names)} is installed, so that its licence is not known")
+
+
+def folded(text):
+    """The lines of a value, trimmed, as lines of a field."""
+    return "\n".join((" " + line.strip()) if line.strip() else " ." for line in text.splitlines() if line.strip())
+
+
+def library_stanzas(library, names):
+    package, path, text = read_package(names)
+    out = []
+    stanzas = stanzas_of(text)
+    if "Format" not in stanzas[0]:
+        fail(f"{path}: expected the machine-readable form (Format: ...) in its first paragraph")
+    used = set()
+    bodies = {}
+    for fields in stanzas[1:]:
+        licence = fields.get("License", "")
+        title, _, body = licence.partition("\n")
+        title = title.strip()
+        if body.strip():
+            bodies.setdefault(title.lower(), (title, body))
+        if "Files" not in fields:
+            continue
+        files = [word for word in fields["Files"].split() if not NOT_LINKED.search(word)]
+        if not files:
+            continue
+        if not title or not fields.get("Copyright", "").strip():
+            fail(f"{path}: Files: {files[0]} without Copyright or License")
+        used.update(word.strip().lower() for word in re.split(r",?\s+(?:and/or|and|or)\s+", title, flags=re.IGNORECASE))
+        # A licence of one name has another text in another library: its name gets the library's behind it.
+        named = re.sub(r"(?i)(,?\s+(?:and/or|and|or)\s+)|([^\s,]+)", lambda m: m[1] or f"{m[2]}~{library}", title)
+        out.append(f"Files: {' '.join(f'{library}/{word}' for word in files)}\n"
+                   f"Copyright:\n{folded(fields['Copyright'])}\nLicense: {named}")
+    if not out:
+        fail(f"{path}: no paragraph is about the library's own files")
+    out[0] += f"\nComment: In the program, from {package}."
+    for name in sorted(used):
+        if name not in bodies:
+            fail(f"{path}: no text of the licence {name}")
+        title, body = bodies[name]
+        lines = [line if line.strip() not in ("", ".") else " ." for line in body.strip("\n").splitlines()]
+        out.append(f"License: {title}~{library}\n" + "\n".join(" " + line.strip() if line.strip() else " ." for line in lines))
+    return out
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--debian", metavar="FILE")
+    parser.add_argument("--third-party", metavar="FILE")
+    parser.add_argument("--cuda", action="store_true")
+    asked = parser.parse_args()
+    with open(os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "LICENSE"), encoding="utf-8") as file:
+        own = file.read()
+    found = re.search(r"^Copyright \(c\) (.*)$", own, re.MULTILINE)
+    if not own.startswith("MIT License\n") or not found:
+        fail("LICENSE: expected the MIT licence and a line Copyright (c)")
+    body = own[found.end():].strip()
+    parts = [f"Format: {FORMAT}\nUpstream-Name: scree"]
+    if asked.debian:
+        if asked.cuda:
+            parts[0] += "\nComment:\n" + "\n".join(f" {line}" for line in CUDA.splitlines())
+        parts.append(f"Files: *\nCopyright: {found[1]}\nLicense: Expat")
+        parts.append("License: Expat\n" + "\n".join(f" {line}" if line.strip() else " ." for line in body.splitlines()))
+    libraries = LIBRARIES + ([MESHOPTIMIZER] if asked.third_party else [])
+    for library, names in libraries:
+        parts += library_stanzas(library, names)
+    if asked.debian:
+        with open(asked.debian, "w", encoding="utf-8") as file:
+            file.write("\n\n".join(parts) + "\n")
+    if asked.third_party:
+        parts[0] = ("Third-party software in this program. scree itself is under the MIT licence (LICENSE). meshoptimizer lies beside\n"
+                    "the program as a shared library; the others are part of it.")
+        if asked.cuda:
+            parts.insert(1, CUDA)
+        with open(asked.third_party, "w", encoding="utf-8") as file:
+            file.write("\n\n".join(parts) + "\n")
+
+
+main()
