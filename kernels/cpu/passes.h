@@ -223,14 +223,14 @@ class FrameDrawer {
   /// Where the round ends that begins with block `first`. It is drawn against a pyramid of all before, if that is worth
   /// its time.
   uint64_t begin_round(uint64_t first, uint64_t total) {
-    const uint64_t most = max_of(offered_, max_of<uint64_t>(sizes_.round_triangles, 1));
+    const uint64_t most = max_of(triangles_so_far_, max_of<uint64_t>(sizes_.round_triangles, 1));
     uint64_t triangles = 0;
     uint64_t end = first;
     while (end < total && (end == first || triangles + queues_.blocks[end].triangle_count <= most))
       triangles += queues_.blocks[end++].triangle_count;
     const auto samples = static_cast<uint64_t>(view_.width) * static_cast<uint64_t>(view_.height);
-    if (offered_ != 0 && triangles >= samples / 2) build_pyramid();
-    offered_ += triangles;
+    if (triangles_so_far_ != 0 && triangles >= samples / 2) build_pyramid();
+    triangles_so_far_ += triangles;
     return end;
   }
 
@@ -272,7 +272,7 @@ class FrameDrawer {
   QueueSizes sizes_;
   Queues queues_;
   ClusterCulling culling_{};
-  uint64_t offered_ = 0;  // triangles of the rounds so far
+  uint64_t triangles_so_far_ = 0;  // triangles of the rounds so far
 };
 
 template <class Backend>

@@ -56,14 +56,14 @@ struct RasterBlocks {
         mesh.material != format::kNone && (scene.materials[mesh.material].flags & format::kMaterialDoubleSided) != 0,
         scene.instance_base[block.instance] + chunk.first_triangle};
     // The box of float32 positions is known for whole meshes only.
-    if (!culling.bounds || block.triangle_count < kWorthAsking ||
+    if (!culling.bounds || block.triangle_count < kMinTestedTriangles ||
         mesh.position_encoding == format::PositionEncoding::kFloat32) {
       draw_all(team, context, block, mesh, chunk);
     } else if (chunk.encoding == format::ChunkEncoding::kClustered) {
       draw_clusters(team, context, block, mesh, chunk, box);
     } else {
       ScreenBounds bounds;
-      if (find_screen_bounds(transform, small.view, box, bounds) && !hides(team, bounds))
+      if (find_screen_bounds(transform, small.view, box, bounds) && !is_occluded(team, bounds))
         draw_all(team, context, block, mesh, chunk);
     }
     team.add(&queues.counters->triangles_small, context.small);
@@ -73,7 +73,7 @@ struct RasterBlocks {
 
  private:
   /// Triangles of a block that take longer than the question whether it shows.
-  static constexpr uint32_t kWorthAsking = 64;
+  static constexpr uint32_t kMinTestedTriangles = 64;
 
   template <class Team>
   void draw_all(Team team, Context& context, const DrawBlock& block, const format::MeshRecord& mesh,
@@ -97,7 +97,8 @@ struct RasterBlocks {
   void draw_clusters(Team team, Context& context, const DrawBlock& block, const format::MeshRecord& mesh,
                      const format::ChunkRecord& chunk, const RelativeBox& box) const {
     const Transform& transform = *context.transform;
-    const SampleFilter filter = make_sample_filter(small.view, transform, error_of(transform, box), box, mesh, chunk);
+    const CoverageFilter filter =
+        make_coverage_filter(small.view, transform, error_of(transform, box), box, mesh, chunk);
     const format::ChunkStreams streams = streams_of(mesh, chunk);
     const std::byte* page = small.scene.pages[chunk.page];
     const std::byte* payload = page + chunk.offset;
@@ -115,7 +116,7 @@ struct RasterBlocks {
       for (uint64_t cluster = begin; cluster < stop; ++cluster) {
         ++sums.clusters_tested;
         ScreenBounds bounds;
-        if (!shows(filter, offset_box(cluster_bounds[cluster]), bounds) || hides(team, bounds)) continue;
+        if (!shows(filter, centered_box(cluster_bounds[cluster]), bounds) || is_occluded(team, bounds)) continue;
         ++sums.clusters_drawn;
         const ChunkReader reader = make_reader_of(mesh, chunk, page, transform, streams, cluster);
         context.reader = &reader;
@@ -124,20 +125,20 @@ struct RasterBlocks {
       }
     };
     // Groups from near to far, so that they hide one another; their clusters in the order in which they lie in memory.
-    ShowingGroup showing[kMostShowing];
+    VisibleGroup visible[kMaxVisibleGroups];
     const uint64_t end_group = last_cluster / format::kGroupClusters + 1;
     for (uint64_t group = first_cluster / format::kGroupClusters; group < end_group;) {
       uint32_t count = 0;
-      for (; group < end_group && count < kMostShowing; ++group) {
+      for (; group < end_group && count < kMaxVisibleGroups; ++group) {
         ++sums.groups_tested;
-        showing[count].group = group;
-        if (shows(filter, offset_box(group_bounds[group]), showing[count].bounds)) ++count;
+        visible[count].group = group;
+        if (shows(filter, centered_box(group_bounds[group]), visible[count].bounds)) ++count;
       }
-      std::sort(showing, showing + count, [](const ShowingGroup& a, const ShowingGroup& b) {
+      std::sort(visible, visible + count, [](const VisibleGroup& a, const VisibleGroup& b) {
         return a.bounds.nearest_code < b.bounds.nearest_code;
       });
       for (uint32_t i = 0; i < count; ++i) {
-        if (!hides(team, showing[i].bounds)) draw_group(showing[i].group);
+        if (!is_occluded(team, visible[i].bounds)) draw_group(visible[i].group);
       }
     }
     team.add(&counts->groups_tested, sums.groups_tested);
@@ -145,30 +146,30 @@ struct RasterBlocks {
     team.add(&counts->clusters_drawn, sums.clusters_drawn);
   }
 
-  struct ShowingGroup {
+  struct VisibleGroup {
     ScreenBounds bounds;
     uint64_t group;
   };
-  static constexpr uint32_t kMostShowing = 64;  // four times as many as a block of full clusters has
+  static constexpr uint32_t kMaxVisibleGroups = 64;  // four times as many as a block of full clusters has
 
   /// Whether a triangle of vertices in the box may cover a pixel centre; then `bounds` is filled.
-  bool shows(const SampleFilter& filter, const OffsetBox& box, ScreenBounds& bounds) const {
-    return bound_on_screen<kOrthographic>(filter, small.view, culling.centers, box, bounds) == BoxShows::kCenters;
+  bool shows(const CoverageFilter& filter, const CenteredBox& box, ScreenBounds& bounds) const {
+    return bound_on_screen<kOrthographic>(filter, small.view, culling.centers, box, bounds) == BoxCoverage::kCenters;
   }
 
   /// Whether what is drawn already hides all within `bounds`. Small boxes are looked up in the samples as they are now:
   /// which clusters are left out depends on who draws first, the picture does not.
   template <class Team>
-  bool hides(Team team, const ScreenBounds& bounds) const {
+  bool is_occluded(Team team, const ScreenBounds& bounds) const {
     if (!culling.occlusion) return false;
     const PixelBox& box = bounds.pixels;
     constexpr int32_t kFewSamples = 8;
     if (max_of(box.x1 - box.x0, box.y1 - box.y0) >= kFewSamples)
-      return culling.pyramid.codes != nullptr && is_behind(culling.pyramid, kPyramidFirstLevel, bounds);
+      return culling.pyramid.codes != nullptr && is_occluded_by_pyramid(culling.pyramid, kPyramidFirstLevel, bounds);
     for (int32_t y = box.y0; y <= box.y1; ++y) {
       const uint64_t* const row = small.target.row(y);
       for (int32_t x = box.x0; x <= box.x1; ++x) {
-        if (sample_depth_code(team.load(row + x)) >= bounds.nearest_code) return false;
+        if (sample_depth_code(team.load_relaxed(row + x)) >= bounds.nearest_code) return false;
       }
     }
     return true;

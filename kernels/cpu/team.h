@@ -134,10 +134,10 @@ class CpuTeam {
     return __atomic_fetch_add(counter, value, __ATOMIC_RELAXED);
   }
 
-  static uint64_t load(const uint64_t* sample) { return __atomic_load_n(sample, __ATOMIC_RELAXED); }
+  static uint64_t load_relaxed(const uint64_t* sample) { return __atomic_load_n(sample, __ATOMIC_RELAXED); }
 
   /// The smaller of the sample and `value` stays. Reads first: most pixels that are drawn again lose.
-  void keep_min(uint64_t* sample, uint64_t value) const {
+  void update_min(uint64_t* sample, uint64_t value) const {
     uint64_t seen = __atomic_load_n(sample, __ATOMIC_RELAXED);
     if (alone_) {
       if (value < seen) *sample = value;
@@ -153,13 +153,13 @@ class CpuTeam {
   /// The value that `lane` has.
   static uint64_t share(uint64_t value, uint32_t) { return value; }
 
-  static void keep_least(uint32_t* place, uint32_t value) {
+  static void atomic_min(uint32_t* place, uint32_t value) {
     uint32_t seen = __atomic_load_n(place, __ATOMIC_RELAXED);
     while (value < seen &&
            !__atomic_compare_exchange_n(place, &seen, value, true, __ATOMIC_RELAXED, __ATOMIC_RELAXED)) {
     }
   }
-  static void keep_most(uint32_t* place, uint32_t value) {
+  static void atomic_max(uint32_t* place, uint32_t value) {
     uint32_t seen = __atomic_load_n(place, __ATOMIC_RELAXED);
     while (value > seen &&
            !__atomic_compare_exchange_n(place, &seen, value, true, __ATOMIC_RELAXED, __ATOMIC_RELAXED)) {
@@ -288,7 +288,7 @@ class CpuTeam {
           for (int32_t k = 0; k < count; ++k) {
             uint64_t* sample = samples + start + k;
             if (codes[k] <= sample_depth_code(__atomic_load_n(sample, __ATOMIC_RELAXED))) {
-              keep_min(sample, pack_sample(codes[k], triangle.id));
+              update_min(sample, pack_sample(codes[k], triangle.id));
             }
           }
         }

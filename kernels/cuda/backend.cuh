@@ -20,15 +20,17 @@ struct WarpTeam {
     return atomicAdd(reinterpret_cast<unsigned long long*>(counter), value);
   }
 
-  __device__ static uint64_t look(const uint64_t* sample) { return *static_cast<const volatile uint64_t*>(sample); }
-  __device__ static void put_min(uint64_t* sample, uint64_t value) {
+  __device__ static uint64_t load_relaxed(const uint64_t* sample) {
+    return *static_cast<const volatile uint64_t*>(sample);
+  }
+  __device__ static void atomic_min(uint64_t* sample, uint64_t value) {
     atomicMin(reinterpret_cast<unsigned long long*>(sample), value);
   }
 
   /// The smaller of the sample and `value` stays. Reads first: most pixels that are drawn again lose, and a read is an
   /// eighth of the price of an atomic.
-  __device__ static void keep_min(uint64_t* sample, uint64_t value) {
-    if (value < look(sample)) put_min(sample, value);
+  __device__ static void update_min(uint64_t* sample, uint64_t value) {
+    if (value < load_relaxed(sample)) atomic_min(sample, value);
   }
 };
 

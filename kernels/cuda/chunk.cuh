@@ -6,7 +6,7 @@
 namespace scree::kernels {
 
 /// What the exact way needs of an instance of the chunk at hand.
-struct alignas(16) ExactInstance {
+struct alignas(16) InstanceTransform {
   float x[4];  // rows of its transform
   float y[4];
   float w[4];
@@ -23,9 +23,9 @@ struct alignas(16) ExactInstance {
   static constexpr uint32_t kMirrored = 1;
   static constexpr uint32_t kFarAway = 2;  // base + code does not fit int32
 
-  __device__ ExactInstance() {}
-  __device__ ExactInstance(const SceneView& scene, const Transform& transform, const TransformError& bound,
-                           const format::MeshRecord& mesh, const format::ChunkRecord& chunk, uint32_t number) {
+  __device__ InstanceTransform() {}
+  __device__ InstanceTransform(const SceneView& scene, const Transform& transform, const TransformError& bound,
+                               const format::MeshRecord& mesh, const format::ChunkRecord& chunk, uint32_t number) {
     const ChunkReader reader = make_reader(mesh, chunk, scene.pages[chunk.page], transform, 0);
     for (int i = 0; i < 4; ++i) {
       x[i] = transform.x[i];
@@ -50,10 +50,10 @@ struct alignas(16) ExactInstance {
 
 /// How a stream is read: from a window of three words that holds a whole item, at 32-bit bit offsets; as plain 32-bit
 /// values; or value by value, whatever their widths.
-enum class Fetch : uint32_t { kWindow, kPlain, kAny };
+enum class Fetch : uint32_t { kWindow, kWords, kGeneric };
 
 /// Where a chunk's stored indices and positions lie and how they are unpacked; the same for all lanes.
-struct StoredChunk {
+struct PackedChunkView {
   const uint32_t* indices;
   const uint32_t* positions;
   uint32_t index_bits;
@@ -67,8 +67,8 @@ struct StoredChunk {
   Fetch index_fetch;
   Fetch position_fetch;
 
-  __device__ StoredChunk() {}
-  __device__ StoredChunk(const SceneView& scene, const format::MeshRecord& mesh, const format::ChunkRecord& chunk) {
+  __device__ PackedChunkView() {}
+  __device__ PackedChunkView(const SceneView& scene, const format::MeshRecord& mesh, const format::ChunkRecord& chunk) {
     constexpr uint64_t kShort = uint64_t{1} << 32;
     const std::byte* payload = scene.pages[chunk.page] + chunk.offset;
     const format::ChunkStreams streams = streams_of(mesh, chunk);
@@ -80,7 +80,7 @@ struct StoredChunk {
     triangle_bits = 3 * index_bits;
     const bool windowed_indices =
         index_bits != 0 && index_bits <= 21 && uint64_t{chunk.triangle_count} * triangle_bits < kShort;
-    index_fetch = windowed_indices ? Fetch::kWindow : index_bits == 32 ? Fetch::kPlain : Fetch::kAny;
+    index_fetch = windowed_indices ? Fetch::kWindow : index_bits == 32 ? Fetch::kWords : Fetch::kGeneric;
     stride = 0;
     bool windowed = true;
     for (int i = 0; i < 3; ++i) {
@@ -91,7 +91,7 @@ struct StoredChunk {
     }
     windowed = windowed && stride != 0 && stride <= 64 && uint64_t{chunk.vertex_count} * stride < kShort;
     const bool float32 = mesh.position_encoding == format::PositionEncoding::kFloat32;
-    position_fetch = float32 ? Fetch::kPlain : windowed ? Fetch::kWindow : Fetch::kAny;
+    position_fetch = float32 ? Fetch::kWords : windowed ? Fetch::kWindow : Fetch::kGeneric;
     first_position_bit = index_min * stride;
   }
 
@@ -109,7 +109,7 @@ struct StoredChunk {
       out.shift = triangle * triangle_bits;
       const uint32_t* from = indices + (out.shift >> 5);
       for (int i = 0; i < 3; ++i) out.word[i] = __ldg(from + i);
-    } else if constexpr (kFetch == Fetch::kPlain) {
+    } else if constexpr (kFetch == Fetch::kWords) {
       const uint32_t* from = indices + 3 * uint64_t{triangle};
       for (int i = 0; i < 3; ++i) out.word[i] = __ldg(from + i);
     } else {
@@ -147,7 +147,7 @@ struct StoredChunk {
       out.shift = first_position_bit + vertex * stride;
       const uint32_t* from = positions + (out.shift >> 5);
       for (int i = 0; i < 3; ++i) out.word[i] = __ldg(from + i);
-    } else if constexpr (kFetch == Fetch::kPlain) {
+    } else if constexpr (kFetch == Fetch::kWords) {
       const uint32_t* from = positions + 3 * (uint64_t{index_min} + vertex);
       for (int i = 0; i < 3; ++i) out.word[i] = __ldg(from + i);
     } else {
@@ -182,7 +182,7 @@ struct StoredChunk {
       if constexpr (kFetch == Fetch::kWindow) {
         // 2^23 + code as a float has the code as its mantissa.
         out[i] = __uint_as_float((code[i] & mask[i]) | 0x4b000000u) - 8388608.0f;
-      } else if constexpr (kFetch == Fetch::kPlain) {
+      } else if constexpr (kFetch == Fetch::kWords) {
         out[i] = __uint_as_float(code[i]);
       } else {
         out[i] = static_cast<float>(code[i]);
@@ -192,11 +192,11 @@ struct StoredChunk {
 
   /// The same relative to an instance's reference, rounded once: ChunkReader::relative().
   template <Fetch kFetch>
-  __device__ void relative(uint32_t vertex, const ExactInstance& instance, float out[3]) const {
+  __device__ void relative(uint32_t vertex, const InstanceTransform& instance, float out[3]) const {
     uint32_t code[3];
     shift_position<kFetch>(load_position<kFetch>(vertex), code);
     for (int i = 0; i < 3; ++i) {
-      if constexpr (kFetch == Fetch::kPlain) {
+      if constexpr (kFetch == Fetch::kWords) {
         out[i] = __uint_as_float(code[i]) - instance.center[i];
       } else {
         const uint32_t bits_of_code = kFetch == Fetch::kWindow ? code[i] & mask[i] : code[i];

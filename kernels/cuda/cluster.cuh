@@ -1,7 +1,7 @@
-// Stage 1 of clusters on a GPU: a warp a cluster. The cluster's map (linear_filter.h) takes each vertex once and says
-// where on the screen it lies, or, where there is none, the filter (sample_filter.h) which pixel centres may lie to its
-// left and right; a triangle then looks at three of those. The few that may cover a centre wait until 32 are there,
-// from whatever clusters, and are projected and drawn exactly, as those of other chunks are.
+// Stage 1 of clusters on a GPU: a warp a cluster. The cluster's affine projection (affine_projection.h) takes each
+// vertex once and says where on the screen it lies, or, where there is none, the filter (coverage_filter.h) which pixel
+// centres may lie to its left and right; a triangle then looks at three of those. The few that may cover a centre wait
+// until 32 are there, from whatever clusters, and are projected and drawn exactly, as those of other chunks are.
 //
 // Up to 16 clusters are prepared at once, and the next one's data are copied to shared memory while one is looked at.
 // What needs clipping goes to a queue of its own: with a call in it, the loop would keep its values in memory.
@@ -11,7 +11,7 @@
 
 #include "kernels/cuda/cluster_run.cuh"
 #include "kernels/cuda/small.cuh"
-#include "kernels/cull/linear_filter.h"
+#include "kernels/cull/affine_projection.h"
 
 namespace scree::kernels {
 
@@ -29,12 +29,13 @@ struct PackedRange {
 
 /// The filter's answer for a vertex, as ClusterShared::centers has it.
 template <bool kOrthographic>
-__device__ inline uint2 vertex_centers(const SampleFilter& filter, const PackedRange& all, float x, float y, float z) {
+__device__ inline uint2 vertex_centers(const CoverageFilter& filter, const PackedRange& all, float x, float y,
+                                       float z) {
   const FilteredVertex vertex = filter_vertex<kOrthographic>(filter, x, y, z);
   float slack = filter.slack;
   if (kOrthographic || filter.growth != 0.0f) {
     // As may_cover_sample() has it; and what a place may be off has to fit 16 bits with it.
-    const float farthest = greatest(size_of(vertex.u), size_of(vertex.v));
+    const float farthest = fast_max(fast_abs(vertex.u), fast_abs(vertex.v));
     slack = fused(farthest, filter.growth, slack);
     bool held = !(farthest < 32700.0f) | !(slack < 16.0f) | !(vertex.w >= filter.w_lowest);
     if constexpr (kOrthographic) held = held | !(vertex.w <= filter.w_end);
@@ -42,9 +43,9 @@ __device__ inline uint2 vertex_centers(const SampleFilter& filter, const PackedR
   }
   // Adding 1.5 * 2^23 rounds to nearest: half less, and half more, round down and up. A hundredth is given away, so
   // that ties do not matter.
-  const float reach = slack - 0.49f;
-  return {__vmaxs2(pack_centers(vertex.u - reach, vertex.v - reach), all.first),
-          __vmins2(pack_centers(vertex.u + reach, vertex.v + reach), all.last)};
+  const float half_width = slack - 0.49f;
+  return {__vmaxs2(pack_centers(vertex.u - half_width, vertex.v - half_width), all.first),
+          __vmins2(pack_centers(vertex.u + half_width, vertex.v + half_width), all.last)};
 }
 
 /// Two 16-bit numbers: the high halves of two others.
@@ -52,20 +53,20 @@ __device__ inline uint32_t pack_high(uint32_t a, uint32_t b) {
   return __byte_perm(a, b, 0x7632);
 }
 
-/// Finds shared.places. `kLong`: a vertex takes more than 32 bits.
+/// Finds shared.screen_places. `kLong`: a vertex takes more than 32 bits.
 template <bool kLong>
-__device__ inline void map_vertices(const RunCluster& cluster, const ClusterStage& stage) {
+__device__ inline void project_vertices(const PreparedCluster& cluster, const ClusterStage& stage) {
   ClusterShared& shared = cluster_shared();
   const uint32_t lane = threadIdx.x % kWarpLanes;
-  const uint32_t last_vertex = byte_of(cluster.shape, 1);
-  const uint32_t bits_x = byte_of(cluster.codes, 0);
-  const uint32_t bits_xy = byte_of(cluster.codes, 1);
-  const uint32_t stride = byte_of(cluster.codes, 2);
+  const uint32_t last_vertex = byte_of(cluster.shape, PreparedCluster::kLastVertex);
+  const uint32_t bits_x = byte_of(cluster.codes, PreparedCluster::kBitsX);
+  const uint32_t bits_xy = byte_of(cluster.codes, PreparedCluster::kBitsXy);
+  const uint32_t stride = byte_of(cluster.codes, PreparedCluster::kBitsXyz);
   const uint32_t mask = (2u << ((stride - 1) & 31)) - 1;  // of the highest of the words that a vertex takes
-  const LinearFilter map = cluster.map;
+  const AffineProjection projection = cluster.projection;
   // 32 vertices take as many words as a vertex takes bits, so each lane's vertices begin at the same bit of a word.
   const uint32_t bit = lane * stride;
-  const uint32_t* from = stage.words() + byte_of(cluster.places, 2) + (bit >> 5);
+  const uint32_t* from = stage.words() + byte_of(cluster.offsets, PreparedCluster::kPositions) + (bit >> 5);
 #pragma unroll 1
   for (uint32_t vertex = lane; vertex <= last_vertex; vertex += kWarpLanes, from += stride) {
     uint32_t codes[3];
@@ -80,40 +81,42 @@ __device__ inline void map_vertices(const RunCluster& cluster, const ClusterStag
       codes[1] = __funnelshift_rc(codes[0], 0, bits_x);
       codes[2] = __funnelshift_rc(codes[0], 0, bits_xy);
     }
-    const uint32_t u = map.u[0] * codes[0] + (map.u[1] * codes[1] + (map.u[2] * codes[2] + map.u[3]));
-    const uint32_t v = map.v[0] * codes[0] + (map.v[1] * codes[1] + (map.v[2] * codes[2] + map.v[3]));
-    shared.places[vertex] = pack_high(u, v);
+    const uint32_t u =
+        projection.u[0] * codes[0] + (projection.u[1] * codes[1] + (projection.u[2] * codes[2] + projection.u[3]));
+    const uint32_t v =
+        projection.v[0] * codes[0] + (projection.v[1] * codes[1] + (projection.v[2] * codes[2] + projection.v[3]));
+    shared.screen_places[vertex] = pack_high(u, v);
   }
 }
 
 /// Finds shared.centers by the chunk's filter.
 template <bool kOrthographic>
-__device__ inline void filter_vertices(const ClusterFrame& frame, const RunCluster& cluster,
+__device__ inline void filter_vertices(const ClusterFrame& frame, const PreparedCluster& cluster,
                                        const ClusterStage& stage) {
   ClusterShared& shared = cluster_shared();
   const uint32_t lane = threadIdx.x % kWarpLanes;
-  const uint32_t vertex_count = byte_of(cluster.shape, 1) + 1;
+  const uint32_t vertex_count = byte_of(cluster.shape, PreparedCluster::kLastVertex) + 1;
   const CenterRange centers = center_range(frame.small.view);
   const PackedRange all{pack_centers(centers.first[0], centers.first[1]),
                         pack_centers(centers.last[0], centers.last[1])};
   // Every triangle is looked at exactly; so are those of a length that hardly any cluster has.
-  if (!frame.small.filters || (cluster.places & RunCluster::kCut) != 0) {
+  if (!frame.small.filters || (cluster.offsets & PreparedCluster::kTruncated) != 0) {
     for (uint32_t vertex = lane; vertex < vertex_count; vertex += kWarpLanes) {
       shared.centers[vertex] = {all.first, all.last};
     }
     return;
   }
-  const uint32_t bits_x = byte_of(cluster.codes, 0);
-  const uint32_t bits_xy = byte_of(cluster.codes, 1);
-  const uint32_t stride = byte_of(cluster.codes, 2);
+  const uint32_t bits_x = byte_of(cluster.codes, PreparedCluster::kBitsX);
+  const uint32_t bits_xy = byte_of(cluster.codes, PreparedCluster::kBitsXy);
+  const uint32_t stride = byte_of(cluster.codes, PreparedCluster::kBitsXyz);
   const uint32_t mask[3] = {(1u << bits_x) - 1, (1u << (bits_xy - bits_x)) - 1, (1u << (stride - bits_xy)) - 1};
-  const uint32_t* const positions = stage.words() + byte_of(cluster.places, 2);
-  const uint32_t* const words = stage.words() + byte_of(cluster.places, 0) - 2;
+  const uint32_t* const positions = stage.words() + byte_of(cluster.offsets, PreparedCluster::kPositions);
+  const uint32_t* const words = stage.words() + byte_of(cluster.offsets, PreparedCluster::kSteps) - 2;
   const ClusterPrediction prediction(cluster.predicted_axis(), words);
   const ClusterItem item = frame.list.items[cluster.item];
   const ClusterDraw& draw = frame.list.draws[item.draw];
   const format::ClusterBounds bounds = load_bounds(draw.cluster_bounds() + item.cluster);
-  const SampleFilter filter = draw.filter;
+  const CoverageFilter filter = draw.filter;
 #pragma unroll 1
   for (uint32_t vertex = lane; vertex < vertex_count; vertex += kWarpLanes) {
     const uint32_t bit = vertex * stride;
@@ -132,28 +135,28 @@ __device__ inline void filter_vertices(const ClusterFrame& frame, const RunClust
 }
 
 /// Appends the triangles of a staged cluster that may cover a pixel centre to those that wait; returns how many do.
-/// `kMapped`: by shared.places. Else, of `parts` parts, it takes those of one: every parts-th 32. `kNarrow`: the
+/// `kAffine`: by shared.screen_places. Else, of `parts` parts, it takes those of one: every parts-th 32. `kNarrow`: the
 /// cluster's steps have one bit. Not unrolled: a multiprocessor's cache of instructions holds little more of the kernel
 /// than what is run.
-template <bool kMapped, bool kNarrow>
-__device__ inline uint32_t filter_triangles(const RunCluster& cluster, const ClusterStage& stage, uint32_t waiting,
-                                            uint32_t part, uint32_t parts) {
+template <bool kAffine, bool kNarrow>
+__device__ inline uint32_t filter_triangles(const PreparedCluster& cluster, const ClusterStage& stage,
+                                            uint32_t survivor_count, uint32_t part, uint32_t parts) {
   ClusterShared& shared = cluster_shared();
   const uint32_t lane = threadIdx.x % kWarpLanes;
   const uint32_t before_lane = (1u << lane) - 1;
   const uint32_t up_to_lane = 2 * before_lane + 1;
-  const uint32_t last_triangle = byte_of(cluster.shape, 0);
-  const uint32_t distance_bits = byte_of(cluster.shape, 2);
+  const uint32_t last_triangle = byte_of(cluster.shape, PreparedCluster::kLastTriangle);
+  const uint32_t distance_bits = byte_of(cluster.shape, PreparedCluster::kDistanceBits);
   const uint32_t mask = (1u << distance_bits) - 1;
   const uint32_t rounds = last_triangle / kWarpLanes + 1;
-  const bool wide_steps = !kNarrow && (cluster.places & RunCluster::kWideSteps) != 0;
+  const bool wide_steps = !kNarrow && (cluster.offsets & PreparedCluster::kWideSteps) != 0;
   const uint32_t item = cluster.item;
-  const uint32_t reach = cluster.map.reach;
-  const uint32_t fraction = cluster.map.fraction;
-  const uint32_t* steps = stage.words() + byte_of(cluster.places, 0);
+  const uint32_t twice_slack = cluster.projection.twice_slack;
+  const uint32_t fraction = cluster.projection.fraction;
+  const uint32_t* steps = stage.words() + byte_of(cluster.offsets, PreparedCluster::kSteps);
   // As with vertices, each lane's distances begin at the same bit of a word.
   const uint32_t bit = lane * 2 * distance_bits;
-  const uint32_t* distances = stage.words() + byte_of(cluster.places, 1) + (bit >> 5);
+  const uint32_t* distances = stage.words() + byte_of(cluster.offsets, PreparedCluster::kDistances) + (bit >> 5);
   uint32_t largest = 2;  // vertex of the triangles before
 #pragma unroll 1
   for (uint32_t triangle = lane; triangle < rounds * kWarpLanes;
@@ -166,17 +169,19 @@ __device__ inline uint32_t filter_triangles(const RunCluster& cluster, const Clu
       a += 2 * static_cast<uint32_t>(__popc(high & up_to_lane));
       largest += 2 * static_cast<uint32_t>(__popc(high));
     }
-    if (!kMapped && parts != 1 && triangle / kWarpLanes % parts != part) continue;
+    if (!kAffine && parts != 1 && triangle / kWarpLanes % parts != part) continue;
     // Lanes past the last triangle read what follows it, and then look at the last.
     uint32_t code = __funnelshift_r(distances[0], distances[1], bit);
     bool survives = triangle <= last_triangle;
     if (!survives) code = 0;
     const uint32_t b = a - (code & mask);
     const uint32_t c = a - (code >> distance_bits & mask);
-    if constexpr (kMapped) {
-      const uint32_t largest_place = __vimax3_u16x2(shared.places[a], shared.places[b], shared.places[c]);
-      const uint32_t smallest_place = __vimin3_u16x2(shared.places[a], shared.places[b], shared.places[c]);
-      survives = survives & LinearFilter::may_cover(largest_place, smallest_place, reach, fraction);
+    if constexpr (kAffine) {
+      const uint32_t largest_place =
+          __vimax3_u16x2(shared.screen_places[a], shared.screen_places[b], shared.screen_places[c]);
+      const uint32_t smallest_place =
+          __vimin3_u16x2(shared.screen_places[a], shared.screen_places[b], shared.screen_places[c]);
+      survives = survives & AffineProjection::may_cover(largest_place, smallest_place, twice_slack, fraction);
     } else {
       const uint2 first = shared.centers[a];
       const uint2 second = shared.centers[b];
@@ -188,16 +193,16 @@ __device__ inline uint32_t filter_triangles(const RunCluster& cluster, const Clu
     const uint32_t lanes = __ballot_sync(~0u, survives);
     if (lanes == 0) continue;
     if (survives) {
-      shared.waiting[waiting + static_cast<uint32_t>(__popc(lanes & before_lane))] = {
+      shared.survivors[survivor_count + static_cast<uint32_t>(__popc(lanes & before_lane))] = {
           item, triangle | a << 7 | b << 14 | c << 21};
     }
-    waiting += static_cast<uint32_t>(__popc(lanes));
+    survivor_count += static_cast<uint32_t>(__popc(lanes));
   }
-  return waiting;
+  return survivor_count;
 }
 
 /// A triangle that waits, on its way to be drawn: its cluster, and what its corners are read by.
-struct WaitingReader {
+struct SurvivorReader {
   const ClusterDraw& draw;
   uint32_t number;  // of the triangle in its chunk
   uint32_t corners;
@@ -206,8 +211,8 @@ struct WaitingReader {
   const uint32_t* data;
   ClusterPrediction prediction;
 
-  __device__ WaitingReader(const ClusterFrame& frame, const WaitingTriangle& waiting)
-      : WaitingReader(frame, waiting, frame.list.items[waiting.item]) {}
+  __device__ SurvivorReader(const ClusterFrame& frame, const SurvivorTriangle& survivor)
+      : SurvivorReader(frame, survivor, frame.list.items[survivor.item]) {}
 
   /// Of corner 0 to 2: lattice coordinates less the transform's reference. Not where the draw is far away.
   __device__ void relative(uint32_t corner, int32_t out[3]) const {
@@ -223,9 +228,9 @@ struct WaitingReader {
   }
 
   template <bool kOrthographic>
-  __device__ ProjectedPoint project(const int32_t place[3]) const {
-    return project_point<kOrthographic>(draw.x, draw.y, draw.w, static_cast<float>(place[0]),
-                                        static_cast<float>(place[1]), static_cast<float>(place[2]));
+  __device__ ProjectedPoint project(const int32_t position[3]) const {
+    return project_point<kOrthographic>(draw.x, draw.y, draw.w, static_cast<float>(position[0]),
+                                        static_cast<float>(position[1]), static_cast<float>(position[2]));
   }
 
   /// Of these corners.
@@ -236,13 +241,14 @@ struct WaitingReader {
   }
 
  private:
-  __device__ WaitingReader(const ClusterFrame& frame, const WaitingTriangle& waiting, const ClusterItem& item)
-      : WaitingReader(frame.list.draws[item.draw], waiting, item.cluster,
-                      __ldg(reinterpret_cast<const uint4*>(frame.list.draws[item.draw].clusters() + item.cluster))) {}
-  __device__ WaitingReader(const ClusterDraw& of, const WaitingTriangle& waiting, uint32_t cluster, const uint4& record)
+  __device__ SurvivorReader(const ClusterFrame& frame, const SurvivorTriangle& survivor, const ClusterItem& item)
+      : SurvivorReader(frame.list.draws[item.draw], survivor, item.cluster,
+                       __ldg(reinterpret_cast<const uint4*>(frame.list.draws[item.draw].clusters() + item.cluster))) {}
+  __device__ SurvivorReader(const ClusterDraw& of, const SurvivorTriangle& survivor, uint32_t cluster,
+                            const uint4& record)
       : draw(of),
-        number(record.y + (waiting.corners & 127)),
-        corners(waiting.corners),
+        number(record.y + (survivor.corners & 127)),
+        corners(survivor.corners),
         at(format::cluster_layout({record.x, record.y, record.z, record.w})),
         bounds(load_bounds(of.cluster_bounds() + cluster)),
         data(of.data()),
@@ -251,16 +257,16 @@ struct WaitingReader {
 
 /// Projects a triangle that waits. False where there is nothing to draw, or it was queued to be clipped.
 template <bool kOrthographic>
-__device__ inline bool project_waiting(const ClusterFrame& frame, const WaitingTriangle& waiting, Triangle& triangle,
-                                       PixelBox& box, int64_t& area) {
+__device__ inline bool project_cluster_survivor(const ClusterFrame& frame, const SurvivorTriangle& survivor,
+                                                Triangle& triangle, PixelBox& box, int64_t& area) {
   const FrameView& view = frame.small.view;
-  const WaitingReader reader(frame, waiting);
+  const SurvivorReader reader(frame, survivor);
   const ClusterDraw& draw = reader.draw;
   ProjectedPoint points[3];
   for (uint32_t i = 0; i < 3; ++i) {
-    int32_t place[3];
-    reader.relative(i, place);
-    points[i] = reader.project<kOrthographic>(place);
+    int32_t position[3];
+    reader.relative(i, position);
+    points[i] = reader.project<kOrthographic>(position);
   }
   const bool in_range = points[0].in_range & points[1].in_range & points[2].in_range;
   const bool far_away = (draw.flags & ClusterDraw::kFarAway) != 0;
@@ -271,7 +277,7 @@ __device__ inline bool project_waiting(const ClusterFrame& frame, const WaitingT
     }
     if (outside == 0)
       push(WarpTeam{}, &frame.small.list.counters->to_clip, frame.list.to_clip, frame.list.clip_capacity,
-           ClipItem{waiting, draw.instance, draw.chunk, reader.number});
+           ClipItem{survivor, draw.instance, draw.chunk, reader.number});
     return false;
   }
   return reader.set_up(view, snap_point(points[0], view, 0), snap_point(points[1], view, 0),
@@ -279,12 +285,12 @@ __device__ inline bool project_waiting(const ClusterFrame& frame, const WaitingT
 }
 
 /// One warp's way through the clusters to be drawn. `kParts`: warps that may share a cluster where clusters are few; 1
-/// is 2% faster where they are many, since the code for parts is gone. `kAsksAgain`: where a pass has many clusters
+/// is 2% faster where they are many, since the code for parts is gone. `kLateCull`: where a pass has many clusters
 /// beside the first one, as after a jump of the camera, each run of clusters is tested against the current picture just
 /// before it is drawn. That requires kParts == 1.
-template <bool kOrthographic, uint32_t kParts, bool kAsksAgain>
+template <bool kOrthographic, uint32_t kParts, bool kLateCull>
 class ClusterWarp {
-  static_assert(!kAsksAgain || kParts == 1);
+  static_assert(!kLateCull || kParts == 1);
 
  public:
   __device__ explicit ClusterWarp(const ClusterFrame& frame) : frame_(frame), lane_(threadIdx.x % kWarpLanes) {}
@@ -300,9 +306,9 @@ class ClusterWarp {
     if constexpr (kParts != 1) parts_ = 2 * total * kParts <= 5 * warps ? kParts : 1;
     ClusterShared& shared = cluster_shared();
     if (lane_ == 0) shared.end = total * parts();
-    if (kAsksAgain && lane_ == 0) {
-      shared.asks = counters.clusters[frame_.pass] > counters.clusters[0] / kManySeen ? 1 : 0;
-      shared.left_out = 0;
+    if (kLateCull && lane_ == 0) {
+      shared.culls_late = counters.clusters[frame_.pass] > counters.clusters[0] / kLateCullShare ? 1 : 0;
+      shared.culled_late = 0;
     }
     __syncwarp();
     // The next run is asked for before this one is drawn: so nobody waits for the answer.
@@ -316,15 +322,15 @@ class ClusterWarp {
                static_cast<uint32_t>(min_of<uint64_t>(share, shared.end - start)),
                static_cast<uint32_t>(start % parts()));
     }
-    if (waiting_ != 0) draw_waiting();
+    if (survivor_count_ != 0) flush_survivors();
     const uint64_t small = sum_of_lanes(small_);
     if (lane_ == 0 && small != 0) WarpTeam::add(&counters.queues.triangles_small, small);
-    if (kAsksAgain && lane_ == 0 && shared.left_out != 0)
-      WarpTeam::add(&counters.clusters_left_out, uint64_t{shared.left_out});
+    if (kLateCull && lane_ == 0 && shared.culled_late != 0)
+      WarpTeam::add(&counters.clusters_culled_late, uint64_t{shared.culled_late});
   }
 
  private:
-  static constexpr uint64_t kManySeen = 4;  // a quarter of the first pass's clusters: fewer are hardly ever hidden
+  static constexpr uint64_t kLateCullShare = 4;  // a quarter of the first pass's clusters: fewer are hardly ever hidden
 
   /// Clusters, or where they are shared parts of them.
   struct Run {
@@ -333,11 +339,11 @@ class ClusterWarp {
   };
 
   /// Takes 1/6 of this warp's share of the remaining clusters, at least one, so that runs shrink towards the end. Valid
-  /// in lane 0 only. `given`: how many clusters had been taken when this warp last looked.
-  __device__ Run take_run(uint64_t given, uint64_t warps) const {
+  /// in lane 0 only. `taken_so_far`: how many clusters had been taken when this warp last looked.
+  __device__ Run take_run(uint64_t taken_so_far, uint64_t warps) const {
     Run run{0, 0};
     if (lane_ == 0) {
-      const uint64_t rest = cluster_shared().end - given;
+      const uint64_t rest = cluster_shared().end - taken_so_far;
       run.share = static_cast<uint32_t>(min_of<uint64_t>(max_of<uint64_t>(rest / (6 * warps), 1), kRunClusters));
       run.start = WarpTeam::add(&frame_.small.list.counters->next_cluster[frame_.pass], uint64_t{run.share});
     }
@@ -347,51 +353,52 @@ class ClusterWarp {
   /// Clusters `first` and on; where they are shared, one of them, and only a `part` of its triangles.
   __device__ void draw_run(uint32_t first, uint32_t count, uint32_t part) {
     ClusterShared& shared = cluster_shared();
-    if constexpr (kAsksAgain) count = find_shown(first, count);
-    if (kAsksAgain && count == 0) return;
-    prepare_run<kOrthographic, kAsksAgain>(frame_, first, count, parts() == 1 && frame_.small.filters);
+    if constexpr (kLateCull) count = cull_late(first, count);
+    if (kLateCull && count == 0) return;
+    prepare_run<kOrthographic, kLateCull>(frame_, first, count, parts() == 1 && frame_.small.filters);
     __syncwarp();
     StageCopy<> copy;
     stage_cluster(copy, shared.run[0], shared.stages[0]);
     copy.commit();
     for (uint32_t i = 0;; ++i) {
-      const RunCluster& cluster = shared.run[i];
+      const PreparedCluster& cluster = shared.run[i];
       const ClusterStage& stage = shared.stages[i % 2];
-      if ((cluster.places & RunCluster::kLast) == 0) stage_cluster(copy, shared.run[i + 1], shared.stages[(i + 1) % 2]);
+      if ((cluster.offsets & PreparedCluster::kLast) == 0)
+        stage_cluster(copy, shared.run[i + 1], shared.stages[(i + 1) % 2]);
       copy.commit();
       copy.wait();
       __syncwarp();
-      if (cluster.map.reach != 0) {
-        if (byte_of(cluster.codes, 2) <= 32) {
-          map_vertices<false>(cluster, stage);
+      if (cluster.projection.twice_slack != 0) {
+        if (byte_of(cluster.codes, PreparedCluster::kBitsXyz) <= 32) {
+          project_vertices<false>(cluster, stage);
         } else {
-          map_vertices<true>(cluster, stage);
+          project_vertices<true>(cluster, stage);
         }
         __syncwarp();
-        waiting_ = (cluster.places & RunCluster::kWideSteps) == 0
-                       ? filter_triangles<true, true>(cluster, stage, waiting_, 0, 1)
-                       : filter_triangles<true, false>(cluster, stage, waiting_, 0, 1);
+        survivor_count_ = (cluster.offsets & PreparedCluster::kWideSteps) == 0
+                              ? filter_triangles<true, true>(cluster, stage, survivor_count_, 0, 1)
+                              : filter_triangles<true, false>(cluster, stage, survivor_count_, 0, 1);
       } else {
         filter_vertices<kOrthographic>(frame_, cluster, stage);
         __syncwarp();
-        waiting_ = filter_triangles<false, false>(cluster, stage, waiting_, part, parts());
+        survivor_count_ = filter_triangles<false, false>(cluster, stage, survivor_count_, part, parts());
       }
-      __syncwarp();  // before set_up overwrites centers or places
+      __syncwarp();  // before set_up overwrites centers or screen_places
       // A part of a cluster is drawn at once: triangles left at a warp's end would otherwise be drawn by a second copy
       // of the code, which is not in the cache when its turn comes.
-      while (waiting_ >= (parts() == 1 ? kWarpLanes : 1)) draw_waiting();
-      if ((cluster.places & RunCluster::kLast) != 0) break;
+      while (survivor_count_ >= (parts() == 1 ? kWarpLanes : 1)) flush_survivors();
+      if ((cluster.offsets & PreparedCluster::kLast) != 0) break;
     }
     __syncwarp();
   }
 
   /// Names in the run which of the items `first` and on are drawn; returns how many.
-  __device__ uint32_t find_shown(uint32_t first, uint32_t count) {
+  __device__ uint32_t cull_late(uint32_t first, uint32_t count) {
     ClusterShared& shared = cluster_shared();
     uint32_t shown = count;
-    if (shared.asks != 0) {
-      shown = list_shown<kOrthographic>(frame_, first, count);
-      if (lane_ == 0) shared.left_out += count - shown;
+    if (shared.culls_late != 0) {
+      shown = list_unoccluded<kOrthographic>(frame_, first, count);
+      if (lane_ == 0) shared.culled_late += count - shown;
     } else if (lane_ < count) {
       shared.run[lane_].item = first + lane_;
     }
@@ -400,16 +407,16 @@ class ClusterWarp {
   }
 
   /// Draws the last up to 32 that wait, a lane each.
-  __device__ void draw_waiting() {
+  __device__ void flush_survivors() {
     ClusterShared& shared = cluster_shared();
-    const uint32_t count = min_of(waiting_, kWarpLanes);
-    waiting_ -= count;
+    const uint32_t count = min_of(survivor_count_, kWarpLanes);
+    survivor_count_ -= count;
     Triangle triangle{};
     PixelBox box{};
     int64_t area = 0;
     int64_t pixels = 0;
-    if (lane_ < count &&
-        project_waiting<kOrthographic>(frame_, shared.waiting[waiting_ + lane_], triangle, box, area)) {
+    if (lane_ < count && project_cluster_survivor<kOrthographic>(frame_, shared.survivors[survivor_count_ + lane_],
+                                                                 triangle, box, area)) {
       pixels = box.pixels();
     }
     if (draw_set_up<kOrthographic>(frame_.small.target, frame_.small.queues, shared.set_up, triangle, box, area,
@@ -424,47 +431,47 @@ class ClusterWarp {
   const ClusterFrame& frame_;
   uint32_t lane_;
   uint32_t parts_ = 1;
-  uint32_t waiting_ = 0;
+  uint32_t survivor_count_ = 0;
   uint32_t small_ = 0;
 };
 
-template <bool kOrthographic, uint32_t kParts, bool kAsksAgain>
+template <bool kOrthographic, uint32_t kParts, bool kLateCull>
 __global__ void __launch_bounds__(kClusterThreads, kClusterBlocks)
     raster_clusters(const __grid_constant__ ClusterFrame frame) {
-  ClusterWarp<kOrthographic, kParts, kAsksAgain>(frame).run();
+  ClusterWarp<kOrthographic, kParts, kLateCull>(frame).run();
 }
 
-inline constexpr uint32_t kCutBlocks = 4;  // of a multiprocessor
+inline constexpr uint32_t kNearClippedBlocks = 4;  // of a multiprocessor
 
 /// Cuts a triangle of a cluster at the near plane; false where that is not all that it needs, or its reference is too
 /// far away for int32.
-__device__ inline bool cut_waiting(const ClusterFrame& frame, const WaitingReader& reader, NearPolygon& out) {
+__device__ inline bool clip_survivor_near(const ClusterFrame& frame, const SurvivorReader& reader, NearPolygon& out) {
   if ((reader.draw.flags & ClusterDraw::kFarAway) != 0) return false;
   const Transform& transform = frame.small.list.transforms[reader.draw.instance];
   ClipVertex corners[3];
   for (uint32_t i = 0; i < 3; ++i) {
-    int32_t place[3];
-    reader.relative(i, place);
-    const double exact[3] = {static_cast<double>(place[0]), static_cast<double>(place[1]),
-                             static_cast<double>(place[2])};
+    int32_t position[3];
+    reader.relative(i, position);
+    const double exact[3] = {static_cast<double>(position[0]), static_cast<double>(position[1]),
+                             static_cast<double>(position[2])};
     corners[i] = clip_vertex(transform, exact, snap_point(reader.project<false>(place), frame.small.view, 0));
   }
   return clip_near(corners, frame.small.view, out);
 }
 
 /// Draws what is left of up to 32 triangles of clusters that need clipping, a lane each. Returns as
-/// draw_the_long_way() does.
-__device__ inline uint32_t draw_cut(const ClusterFrame& frame, const ClipItem& item, bool has_one,
-                                    SetUpTriangles& set_up) {
-  const WaitingReader reader(frame, item.waiting);
+/// clip_and_draw() does.
+__device__ inline uint32_t draw_near_clipped(const ClusterFrame& frame, const ClipItem& item, bool has_one,
+                                             SetUpTriangles& set_up) {
+  const SurvivorReader reader(frame, item.survivor);
   NearPolygon polygon;
   uint32_t drawn = 0;
   if (has_one) {
-    if (cut_waiting(frame, reader, polygon)) {
+    if (clip_survivor_near(frame, reader, polygon)) {
       drawn = 1u << 16;
     } else {
       polygon.count = 0;
-      drawn = draw_the_long_way<false>(frame.small, item.instance, item.chunk, item.triangle);
+      drawn = clip_and_draw<false>(frame.small, item.instance, item.chunk, item.triangle);
     }
   }
   // Of 4 corners two triangles are left.
@@ -495,7 +502,7 @@ __global__ void __launch_bounds__(kClusterThreads) raster_clipped(const __grid_c
   const uint64_t first = counters.to_clip_drawn + threadIdx.x % kWarpLanes * (threads / kWarpLanes) + warp;
   for (uint64_t i = first; i < count; i += threads) {
     const ClipItem item = frame.list.to_clip[i];
-    const uint32_t drawn = draw_the_long_way<kOrthographic>(frame.small, item.instance, item.chunk, item.triangle);
+    const uint32_t drawn = clip_and_draw<kOrthographic>(frame.small, item.instance, item.chunk, item.triangle);
     WarpTeam::add(&counters.queues.triangles_small, drawn & 0xffffu);
     WarpTeam::add(&counters.queues.triangles_clipped, drawn >> 16);
   }
@@ -503,7 +510,8 @@ __global__ void __launch_bounds__(kClusterThreads) raster_clipped(const __grid_c
 
 /// The same for a perspective camera where they are many: neighbours in the queue go to one warp, and triangles that
 /// the near plane alone cuts are clipped in registers (clip_near).
-__global__ void __launch_bounds__(kClusterThreads, kCutBlocks) raster_cut(const __grid_constant__ ClusterFrame frame) {
+__global__ void __launch_bounds__(kClusterThreads, kNearClippedBlocks)
+    raster_near_clipped(const __grid_constant__ ClusterFrame frame) {
   __shared__ SetUpTriangles set_up[kClusterWarps];
   FrameCounters& counters = *frame.small.list.counters;
   const uint64_t end = min_of(counters.to_clip, frame.list.clip_capacity);
@@ -515,7 +523,8 @@ __global__ void __launch_bounds__(kClusterThreads, kCutBlocks) raster_cut(const 
   for (uint64_t first = counters.to_clip_drawn + uint64_t{blockIdx.x} * kClusterThreads + warp * kWarpLanes;
        first < end; first += threads) {
     const bool has_one = first + lane < end;
-    const uint32_t drawn = draw_cut(frame, frame.list.to_clip[has_one ? first + lane : first], has_one, set_up[warp]);
+    const uint32_t drawn =
+        draw_near_clipped(frame, frame.list.to_clip[has_one ? first + lane : first], has_one, set_up[warp]);
     small += drawn & 0xffffu;
     clipped += drawn >> 16;
   }

@@ -19,32 +19,32 @@ __device__ inline uint32_t near_bucket(const FrameView& view, const Transform& t
   const double near = nearness(transform, view, box);
   if (view.orthographic) {
     const auto far = static_cast<float>(near * kNearBuckets);
-    return static_cast<uint32_t>(greatest(least(far, kNearBuckets - 1.0f), 0.0f));
+    return static_cast<uint32_t>(fast_max(fast_min(far, kNearBuckets - 1.0f), 0.0f));
   }
-  const float nearest = least(greatest(static_cast<float>(near), 1.0f), farthest);
+  const float nearest = fast_min(fast_max(static_cast<float>(near), 1.0f), farthest);
   return kNearBuckets - 1 - min_of((float_bits(farthest) - float_bits(nearest)) >> 18, kNearBuckets - 1);
 }
 
-/// What a thread of the two kernels below looks at: one of the kGroupInstances instances of a candidate.
-struct ClusterCandidate {
-  Candidate candidate;
-  uint32_t place;  // among the mesh's visible instances
+/// What a thread of the two kernels below looks at: one of the kDrawInstances instances of a candidate.
+struct CandidateInstance {
+  CandidateDraw candidate;
+  uint32_t index;  // among the mesh's visible instances
 
-  __device__ ClusterCandidate(const ClusterList& clusters, uint64_t thread)
-      : candidate(clusters.candidates[thread / kGroupInstances]),
-        place(candidate.first + static_cast<uint32_t>(thread % kGroupInstances)) {}
+  __device__ CandidateInstance(const ClusterList& clusters, uint64_t thread)
+      : candidate(clusters.candidates[thread / kDrawInstances]),
+        index(candidate.first + static_cast<uint32_t>(thread % kDrawInstances)) {}
 
   __device__ uint32_t instance(const DrawList& list, uint32_t mesh) const {
-    return list.visible[list.mesh_first[mesh] + place];
+    return list.visible[list.mesh_first[mesh] + index];
   }
 };
 
-/// Of a clustered chunk: an item and its units.
-__device__ inline uint64_t item_of(const format::ChunkRecord& chunk) {
-  return (uint64_t{1} << kUnitBits) + (chunk.cluster_count + format::kGroupClusters - 1) / format::kGroupClusters;
+/// One draw of a clustered chunk, and its work: its groups of clusters.
+__device__ inline uint64_t packed_count(const format::ChunkRecord& chunk) {
+  return (uint64_t{1} << kWorkBits) + (chunk.cluster_count + format::kGroupClusters - 1) / format::kGroupClusters;
 }
 
-/// Sums of a block's items by bucket, in shared memory.
+/// Sums of a block's draws by bucket, in shared memory.
 __device__ inline void clear_buckets(uint64_t* buckets) {
   for (uint32_t i = threadIdx.x; i < kNearBuckets; i += kCullThreads) buckets[i] = 0;
   __syncthreads();
@@ -60,20 +60,20 @@ __global__ void __launch_bounds__(kCullThreads)
   clear_buckets(in_bucket);
   const uint32_t lane = threadIdx.x % kWarpLanes;
   const uint64_t thread = uint64_t{blockIdx.x} * blockDim.x + threadIdx.x;
-  const bool inside = thread < uint64_t{clusters.candidate_count} * kGroupInstances;
+  const bool inside = thread < uint64_t{clusters.candidate_count} * kDrawInstances;
   uint32_t bucket = kNearBuckets;
   uint64_t triangles = 0;
   if (inside) {
-    const ClusterCandidate at(clusters, thread);
+    const CandidateInstance at(clusters, thread);
     const format::ChunkRecord& chunk = scene.chunks[at.candidate.chunk];
     const format::MeshRecord& mesh = scene.meshes[chunk.mesh];
-    if (at.place < list.visible_count[chunk.mesh] && scene.pages[chunk.page] != nullptr) {
+    if (at.index < list.visible_count[chunk.mesh] && scene.pages[chunk.page] != nullptr) {
       const Transform& transform = list.transforms[at.instance(list, chunk.mesh)];
       const RelativeBox box = chunk_box(mesh, chunk, transform);
       if (mesh.chunk_count == 1 || may_be_seen(transform, view, box)) {
         bucket = sorts ? near_bucket(view, transform, box, clusters.farthest) : 0;
         triangles = chunk.triangle_count;
-        atomicAdd(reinterpret_cast<unsigned long long*>(in_bucket + bucket), item_of(chunk));
+        atomicAdd(reinterpret_cast<unsigned long long*>(in_bucket + bucket), packed_count(chunk));
       }
     }
     clusters.draw_bucket[thread] = static_cast<uint16_t>(bucket);
@@ -95,12 +95,12 @@ __global__ void __launch_bounds__(kCullThreads)
 __device__ inline ClusterDraw make_cluster_draw(const SceneView& scene, const FrameView& view,
                                                 const ClusterList& clusters, const Transform& transform,
                                                 const RelativeBox& box, uint32_t chunk_number, uint32_t instance,
-                                                uint64_t first_unit) {
+                                                uint64_t work_before) {
   const format::ChunkRecord& chunk = scene.chunks[chunk_number];
   const format::MeshRecord& mesh = scene.meshes[chunk.mesh];
   const TransformError error = error_of(transform, box);
   ClusterDraw draw{};
-  draw.filter = make_sample_filter(view, transform, error, box, mesh, chunk);
+  draw.filter = make_coverage_filter(view, transform, error, box, mesh, chunk);
   bool narrow = true;
   for (int i = 0; i < 4; ++i) {
     draw.x[i] = transform.x[i];
@@ -117,8 +117,8 @@ __device__ inline ClusterDraw make_cluster_draw(const SceneView& scene, const Fr
   draw.flags = (transform.mirrored ? ClusterDraw::kMirrored : 0u) | (narrow ? 0u : ClusterDraw::kFarAway) |
                (is_double_sided(scene, mesh) ? ClusterDraw::kDoubleSided : 0u);
   draw.first_id = scene.instance_base[instance] + chunk.first_triangle;
-  draw.first_unit = first_unit;
-  draw.first_word = clusters.first_word[instance] + clusters.chunk_group[chunk_number];
+  draw.work_before = work_before;
+  draw.hint_offset = clusters.hint_offset[instance] + clusters.chunk_hint_offset[chunk_number];
   draw.payload = scene.pages[chunk.page] + chunk.offset;
   draw.chunk = chunk_number;
   draw.instance = instance;
@@ -133,19 +133,19 @@ __device__ inline ClusterDraw make_cluster_draw(const SceneView& scene, const Fr
 __global__ void __launch_bounds__(kCullThreads)
     place_cluster_draws(const __grid_constant__ SceneView scene, const __grid_constant__ FrameView view,
                         const __grid_constant__ DrawList list, const __grid_constant__ ClusterList clusters) {
-  __shared__ uint64_t first_of_bucket[kNearBuckets];  // items and units of the buckets before
+  __shared__ uint64_t first_of_bucket[kNearBuckets];  // draws of the buckets before, and their work
   __shared__ uint64_t in_bucket[kNearBuckets];        // of this block; then where they begin
   __shared__ uint64_t before_warp[kCullWarps];
   clear_buckets(in_bucket);
   const uint32_t lane = threadIdx.x % kWarpLanes;
   const uint64_t thread = uint64_t{blockIdx.x} * blockDim.x + threadIdx.x;
-  const bool inside = thread < uint64_t{clusters.candidate_count} * kGroupInstances;
+  const bool inside = thread < uint64_t{clusters.candidate_count} * kDrawInstances;
   const uint32_t bucket = inside ? clusters.draw_bucket[thread] : kNearBuckets;
-  const ClusterCandidate at(clusters, inside ? thread : 0);
+  const CandidateInstance at(clusters, inside ? thread : 0);
   const format::ChunkRecord& chunk = scene.chunks[at.candidate.chunk];
   const bool seen = bucket != kNearBuckets;
-  uint64_t place = 0;
-  if (seen) place = atomicAdd(reinterpret_cast<unsigned long long*>(in_bucket + bucket), item_of(chunk));
+  uint64_t in_block = 0;
+  if (seen) in_block = atomicAdd(reinterpret_cast<unsigned long long*>(in_bucket + bucket), packed_count(chunk));
 
   constexpr uint32_t kPerThread = kNearBuckets / kCullThreads;
   const uint64_t* const mine = list.counters->in_bucket + threadIdx.x * kPerThread;
@@ -167,13 +167,13 @@ __global__ void __launch_bounds__(kCullThreads)
   __syncthreads();
   if (!seen) return;
 
-  const uint64_t base = first_of_bucket[bucket] + in_bucket[bucket] + place;
+  const uint64_t base = first_of_bucket[bucket] + in_bucket[bucket] + in_block;
   const uint32_t instance = at.instance(list, chunk.mesh);
   const format::MeshRecord& mesh = scene.meshes[chunk.mesh];
   const Transform& transform = list.transforms[instance];
-  clusters.draws[base >> kUnitBits] =
+  clusters.draws[base >> kWorkBits] =
       make_cluster_draw(scene, view, clusters, transform, chunk_box(mesh, chunk, transform), at.candidate.chunk,
-                        instance, base & kUnitMask);
+                        instance, base & kWorkMask);
 }
 
 /// The tests that clusters have to pass.
@@ -196,39 +196,40 @@ struct ClusterCull {
   uint32_t period;  // frames in which every hint is asked anew once
 };
 
-/// Units.
-struct UnitRange {
+/// Groups of clusters, numbered through all draws.
+struct WorkRange {
   uint64_t first;
   uint64_t end;
 };
 
-/// The units of a round: up to the share ((round + 1) / rounds)^3 of all, from near to far.
-__device__ inline UnitRange units_of_round(uint64_t total, uint32_t round, uint32_t rounds) {
+/// The groups of a round: up to the share ((round + 1) / rounds)^3 of all, from near to far.
+__device__ inline WorkRange work_of_round(uint64_t total, uint32_t round, uint32_t rounds) {
   const auto end_of = [&](uint64_t round_count) {
     return total * (round_count * round_count * round_count) / (uint64_t{rounds} * rounds * rounds);
   };
   return {end_of(round), end_of(round + 1)};
 }
-static_assert(kUnitBits + 3 * std::bit_width(kMostRounds) <= 64);
+static_assert(kWorkBits + 3 * std::bit_width(kMostRounds) <= 64);
 
-/// Which clusters a pass draws: those with a hint (a bit of ClusterList::seen); those without one that its tests let
+/// Which clusters a pass draws: those with a hint (a bit of ClusterList::hints); those without one that its tests let
 /// through; or, where there are no hints, all that its tests let through. A wrong hint costs time alone. Invariant: no
 /// hint may be set between a draw's first pass and its second of one frame, because the second leaves out clusters
 /// whose hint is set. A hint is tested anew every few frames. A cluster that only lay between pixel centres keeps its
 /// hint, so that no holes open in the first pass when the camera moves.
-enum class ClusterPass : uint32_t { kSeenBefore, kNewlySeen, kOnly };
+enum class ClusterPass : uint32_t { kPreviouslyVisible, kNewlyVisible, kOnly };
 
 /// What of a box may show in the picture. What is hidden is as good as nothing.
 template <bool kOrthographic, bool kOcclusion>
-__device__ inline BoxShows may_show(const ClusterCull& cull, const SampleFilter& filter,
-                                    const format::ClusterBounds& bounds) {
-  if (!cull.tests.bounds) return BoxShows::kCenters;
+__device__ inline BoxCoverage may_show(const ClusterCull& cull, const CoverageFilter& filter,
+                                       const format::ClusterBounds& bounds) {
+  if (!cull.tests.bounds) return BoxCoverage::kCenters;
   ScreenBounds on_screen;
-  const BoxShows shows = bound_on_screen<kOrthographic>(filter, cull.view, cull.centers, offset_box(bounds), on_screen);
+  const BoxCoverage shows =
+      bound_on_screen<kOrthographic>(filter, cull.view, cull.centers, centered_box(bounds), on_screen);
   if constexpr (kOcclusion) {
-    if (shows != BoxShows::kNothing && cull.tests.occlusion &&
-        is_hidden(cull.list.pyramid, cull.samples, on_screen.pixels, on_screen.nearest_code))
-      return BoxShows::kNothing;
+    if (shows != BoxCoverage::kNone && cull.tests.occlusion &&
+        is_occluded(cull.list.pyramid, cull.samples, on_screen.pixels, on_screen.nearest_code))
+      return BoxCoverage::kNone;
   }
   return shows;
 }
@@ -241,63 +242,63 @@ __device__ inline format::ClusterBounds load_bounds(const format::ClusterBounds*
 /// A lane per group of clusters; then, for each group that may show, a lane per cluster.
 template <bool kOrthographic, ClusterPass kPass>
 __global__ void __launch_bounds__(kCullThreads) cull_clusters(const __grid_constant__ ClusterCull cull) {
-  constexpr bool kOcclusion = kPass == ClusterPass::kNewlySeen;
+  constexpr bool kOcclusion = kPass == ClusterPass::kNewlyVisible;
   const uint32_t lane = threadIdx.x % kWarpLanes;
   const uint64_t warp = (uint64_t{blockIdx.x} * blockDim.x + threadIdx.x) / kWarpLanes;
   const uint64_t warps = uint64_t{gridDim.x} * blockDim.x / kWarpLanes;
   FrameCounters& counters = *cull.counters;
-  const auto draw_count = static_cast<uint32_t>(counters.draws >> kUnitBits);
+  const auto draw_count = static_cast<uint32_t>(counters.draws >> kWorkBits);
   // The items of a later pass follow those of the ones before.
   const uint64_t first_item = clusters_before(counters, cull.pass);
-  const UnitRange units = units_of_round(counters.draws & kUnitMask, cull.round, cull.rounds);
+  const WorkRange work = work_of_round(counters.draws & kWorkMask, cull.round, cull.rounds);
   const ClusterDraw* const draws = cull.list.draws;
   uint32_t tested = 0;
   uint32_t groups_tested = 0;
   // Where there are few, a warp each: what one finds goes cluster by cluster, group after group.
-  const uint32_t most = units.end - units.first <= warps ? 1 : kWarpLanes;
-  for (uint64_t start = units.first + warp * most; start < units.end; start += warps * most) {
-    const uint64_t end = min_of(start + most, units.end);
-    // The draws of 32 consecutive units are at most 32 consecutive ones.
-    const uint32_t first_draw = find_item(draw_count, start, lane, [&](uint32_t i) { return draws[i].first_unit; });
-    const uint64_t first_unit = first_draw + lane < draw_count ? draws[first_draw + lane].first_unit : ~uint64_t{0};
-    const uint64_t unit = start + lane;
+  const uint32_t most = work.end - work.first <= warps ? 1 : kWarpLanes;
+  for (uint64_t start = work.first + warp * most; start < work.end; start += warps * most) {
+    const uint64_t end = min_of(start + most, work.end);
+    // The draws of 32 consecutive groups are at most 32 consecutive ones.
+    const uint32_t first_draw = find_draw(draw_count, start, lane, [&](uint32_t i) { return draws[i].work_before; });
+    const uint64_t work_before = first_draw + lane < draw_count ? draws[first_draw + lane].work_before : ~uint64_t{0};
+    const uint64_t work_index = start + lane;
     uint32_t ahead = 0;
     for (uint32_t step = kWarpLanes / 2; step != 0; step /= 2) {
-      if (__shfl_sync(~0u, first_unit, static_cast<int>(ahead + step)) <= unit) ahead += step;
+      if (__shfl_sync(~0u, work_before, static_cast<int>(ahead + step)) <= work_index) ahead += step;
     }
     const uint32_t draw_number = first_draw + ahead;
-    const auto group = static_cast<uint32_t>(unit - __shfl_sync(~0u, first_unit, static_cast<int>(ahead)));
-    bool shows = unit < end;
+    const auto group = static_cast<uint32_t>(work_index - __shfl_sync(~0u, work_before, static_cast<int>(ahead)));
+    bool shows = work_index < end;
     const bool looked_at = shows;
-    uint32_t seen = 0;   // last time
-    uint32_t hints = 0;  // for the next frame
-    bool asks_anew = true;
+    uint32_t old_hints = 0;  // of the last frame
+    uint32_t hints = 0;      // for the next frame
+    bool retests = true;
     uint64_t word = 0;
     if (shows) {
       const ClusterDraw& draw = draws[draw_number];
       if constexpr (kPass != ClusterPass::kOnly) {
-        word = draw.first_word + group;
-        seen = cull.list.seen[word];
+        word = draw.hint_offset + group;
+        old_hints = cull.list.hints[word];
       }
-      if constexpr (kPass == ClusterPass::kSeenBefore) {
-        shows = seen != 0;
+      if constexpr (kPass == ClusterPass::kPreviouslyVisible) {
+        shows = old_hints != 0;
         if (shows) {
           shows = may_show<kOrthographic, false>(cull, draw.filter, load_bounds(draw.group_bounds() + group)) ==
-                  BoxShows::kCenters;
+                  BoxCoverage::kCenters;
           ++groups_tested;
         }
       } else {
         const uint32_t rest = draw.cluster_count - group * format::kGroupClusters;
         const uint32_t whole_group = rest >= format::kGroupClusters ? ~0u : (1u << rest) - 1;
-        if constexpr (kOcclusion) asks_anew = (static_cast<uint32_t>(word) + cull.frame) % cull.period == 0;
-        if (!asks_anew && seen == whole_group) {
+        if constexpr (kOcclusion) retests = (static_cast<uint32_t>(word) + cull.frame) % cull.period == 0;
+        if (!retests && old_hints == whole_group) {
           hints = whole_group;
           shows = false;
         } else {
-          const BoxShows in_group =
+          const BoxCoverage in_group =
               may_show<kOrthographic, kOcclusion>(cull, draw.filter, load_bounds(draw.group_bounds() + group));
-          if (in_group == BoxShows::kBetween) hints = whole_group;
-          shows = in_group == BoxShows::kCenters;
+          if (in_group == BoxCoverage::kBetween) hints = whole_group;
+          shows = in_group == BoxCoverage::kCenters;
           ++groups_tested;
         }
       }
@@ -307,44 +308,45 @@ __global__ void __launch_bounds__(kCullThreads) cull_clusters(const __grid_const
       const int owner = __ffs(static_cast<int>(left)) - 1;
       const ClusterDraw& draw = draws[__shfl_sync(~0u, draw_number, owner)];
       const uint32_t cluster = __shfl_sync(~0u, group, owner) * format::kGroupClusters + lane;
-      const uint32_t seen_there = __shfl_sync(~0u, seen, owner);
+      const uint32_t hints_there = __shfl_sync(~0u, old_hints, owner);
       bool keep = cluster < draw.cluster_count;
-      const bool was_seen = (seen_there >> lane & 1) != 0;
-      if constexpr (kPass == ClusterPass::kSeenBefore) keep = keep && was_seen;
+      const bool had_hint = (hints_there >> lane & 1) != 0;
+      if constexpr (kPass == ClusterPass::kPreviouslyVisible) keep = keep && had_hint;
       bool hint = false;
-      if constexpr (kPass == ClusterPass::kNewlySeen) {
-        const bool asked = __shfl_sync(~0u, asks_anew ? 1 : 0, owner) != 0;
-        hint = keep && was_seen && !asked;
+      if constexpr (kPass == ClusterPass::kNewlyVisible) {
+        const bool retested = __shfl_sync(~0u, retests ? 1 : 0, owner) != 0;
+        hint = keep && had_hint && !retested;
         keep = keep && !hint;
       }
       if (keep) {
-        const BoxShows in_cluster =
+        const BoxCoverage in_cluster =
             may_show<kOrthographic, kOcclusion>(cull, draw.filter, load_bounds(draw.cluster_bounds() + cluster));
-        keep = in_cluster == BoxShows::kCenters;
-        hint = in_cluster != BoxShows::kNothing;
+        keep = in_cluster == BoxCoverage::kCenters;
+        hint = in_cluster != BoxCoverage::kNone;
         ++tested;
       }
       const uint32_t lanes = __ballot_sync(~0u, keep);
       if (static_cast<int>(lane) == owner) kept = lanes;
-      if constexpr (kPass == ClusterPass::kNewlySeen) {
+      if constexpr (kPass == ClusterPass::kNewlyVisible) {
         const uint32_t hinted = __ballot_sync(~0u, hint);
         if (static_cast<int>(lane) == owner) hints = hinted;
       }
     }
-    if constexpr (kPass == ClusterPass::kNewlySeen) {
-      if (looked_at && hints != seen) cull.list.seen[word] = hints;
-      kept &= ~seen;
+    if constexpr (kPass == ClusterPass::kNewlyVisible) {
+      if (looked_at && hints != old_hints) cull.list.hints[word] = hints;
+      kept &= ~old_hints;
     }
     uint64_t all;
     const uint64_t before = sum_before(static_cast<uint64_t>(__popc(kept)), lane, all);
     if (all == 0) continue;
-    uint64_t place = 0;
-    if (lane == 0) place = WarpTeam::add(&counters.clusters[cull.pass], all);
-    place = first_item + __shfl_sync(~0u, place, 0) + before;
+    uint64_t first_slot = 0;
+    if (lane == 0) first_slot = WarpTeam::add(&counters.clusters[cull.pass], all);
+    first_slot = first_item + __shfl_sync(~0u, first_slot, 0) + before;
     for (uint32_t left = __ballot_sync(~0u, kept != 0); left != 0; left &= left - 1) {
       const int owner = __ffs(static_cast<int>(left)) - 1;
       const uint32_t lanes = __shfl_sync(~0u, kept, owner);
-      const uint64_t slot = __shfl_sync(~0u, place, owner) + static_cast<uint32_t>(__popc(lanes & ((1u << lane) - 1)));
+      const uint64_t slot =
+          __shfl_sync(~0u, first_slot, owner) + static_cast<uint32_t>(__popc(lanes & ((1u << lane) - 1)));
       const uint32_t cluster = __shfl_sync(~0u, group, owner) * format::kGroupClusters + lane;
       const uint32_t of_draw = __shfl_sync(~0u, draw_number, owner);
       if ((lanes >> lane & 1) != 0 && slot < cull.list.item_capacity) cull.list.items[slot] = {of_draw, cluster};

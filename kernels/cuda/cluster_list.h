@@ -4,23 +4,23 @@
 #pragma once
 
 #include "kernels/cuda/draw_list.h"
+#include "kernels/cull/coverage_filter.h"
 #include "kernels/cull/depth_pyramid.h"
-#include "kernels/cull/sample_filter.h"
 
 namespace scree::kernels {
 
-/// A clustered chunk drawn for one instance. A unit of it is a group of 32 clusters; where there are few each group has
-/// a draw of its own.
+/// A clustered chunk drawn for one instance. Its work is the number of its groups of 32 clusters. In a
+/// small scene each group has a draw of its own.
 struct alignas(16) ClusterDraw {
-  SampleFilter filter;
+  CoverageFilter filter;
   float x[4];  // rows of the instance's transform
   float y[4];
   float w[4];
   int32_t base[3];  // lattice coordinate of the chunk's position_min minus the transform's reference
   uint32_t flags;
-  uint64_t first_id;    // of the chunk's triangle 0
-  uint64_t first_unit;  // sum over the draws before; 0 where there are few
-  uint64_t first_word;  // of ClusterList::seen: of its group 0
+  uint64_t first_id;     // of the chunk's triangle 0
+  uint64_t work_before;  // sum over the draws before; 0 in a small scene
+  uint64_t hint_offset;  // of ClusterList::hints: of its group 0
   const std::byte* payload;
   uint32_t chunk;
   uint32_t instance;
@@ -60,7 +60,7 @@ struct ClusterItem {
 };
 
 /// A triangle that may cover a pixel centre.
-struct WaitingTriangle {
+struct SurvivorTriangle {
   uint32_t item;     // of ClusterList::items
   uint32_t corners;  // numbers in the cluster, 7 bits each: the triangle's, and its corners'
 };
@@ -68,7 +68,7 @@ struct WaitingTriangle {
 /// A triangle that needs clipping. raster_clipped reads instance, chunk and triangle alone: copies that save it the
 /// chain of loads from item to draw to record.
 struct ClipItem {
-  WaitingTriangle waiting;
+  SurvivorTriangle survivor;
   uint32_t instance;
   uint32_t chunk;
   uint32_t triangle;  // of the chunk
@@ -77,15 +77,15 @@ struct ClipItem {
 /// Device memory.
 struct ClusterList {
   // Of the scene:
-  const Candidate* candidates;  // of clustered chunks
-  const uint32_t* chunk_group;  // by chunk: groups of the mesh's chunks before
-  const uint64_t* first_word;   // by instance: groups of the instances before
+  const CandidateDraw* candidates;    // of clustered chunks
+  const uint32_t* chunk_hint_offset;  // by chunk: groups of the mesh's chunks before
+  const uint64_t* hint_offset;        // by instance: groups of the instances before
   uint32_t candidate_count;
   // Kept from frame to frame: a bit for each cluster of each instance, set if it was not hidden when asked. Null: every
   // cluster that is not outside of the picture is drawn in one pass.
-  uint32_t* seen;
+  uint32_t* hints;
   // Of the frame:
-  uint16_t* draw_bucket;  // by thread, kGroupInstances a candidate: of kNearBuckets, or that where it is not drawn
+  uint16_t* draw_bucket;  // by thread, kDrawInstances a candidate: of kNearBuckets, or that where it is not drawn
   ClusterDraw* draws;     // room for DrawTables::cluster_draws, from near to far; or one a ClusterGroup
   ClusterItem* items;
   uint64_t item_capacity;  // below 2^32

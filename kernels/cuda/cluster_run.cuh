@@ -4,7 +4,7 @@
 
 #include "kernels/cuda/cluster_cull.cuh"
 #include "kernels/cuda/small.cuh"
-#include "kernels/cull/linear_filter.h"
+#include "kernels/cull/affine_projection.h"
 
 namespace scree::kernels {
 
@@ -19,7 +19,7 @@ inline constexpr uint32_t kClusterWarps = kClusterThreads / kWarpLanes;
 inline constexpr uint32_t kClusterParts = 4;  // of a cluster, where there are few
 
 /// Size of the staging buffer in pieces of 16 bytes. It holds the triangles of every cluster, and all data of almost
-/// every one; RunCluster::kCut marks the others.
+/// every one; PreparedCluster::kTruncated marks the others.
 inline constexpr uint32_t kStagePieces = 64;
 
 /// Clusters that a warp takes at once, at most: two lanes prepare each.
@@ -32,11 +32,11 @@ __device__ inline uint32_t byte_of(uint32_t word, uint32_t i) {
 
 /// A cluster of a run: what all lanes need of it. Bytes share words, since a lane reads 64 bytes of shared memory with
 /// four loads.
-struct alignas(16) RunCluster {
+struct alignas(16) PreparedCluster {
   uint64_t data;  // address of its data, rounded down to a multiple of 16 bytes
   uint32_t shape;
-  uint32_t places;
-  LinearFilter map;
+  uint32_t offsets;
+  AffineProjection projection;
   uint32_t codes;
   uint32_t item;  // of ClusterList::items
 
@@ -45,23 +45,23 @@ struct alignas(16) RunCluster {
   static constexpr uint32_t kLastVertex = 1;    // vertices less one
   static constexpr uint32_t kDistanceBits = 2;
   static constexpr uint32_t kPieces = 3;  // to be staged
-  // Bytes of `places`: where the streams of the cluster begin, in words from `data`.
+  // Bytes of `offsets`: where the streams of the cluster begin, in words from `data`.
   static constexpr uint32_t kSteps = 0;
   static constexpr uint32_t kDistances = 1;
   static constexpr uint32_t kPositions = 2;
-  // Bits of the last byte of `places`.
+  // Bits of the last byte of `offsets`.
   static constexpr uint32_t kWideSteps = 1u << 24;
-  static constexpr uint32_t kCut = 1u << 25;   // longer than a stage
-  static constexpr uint32_t kLast = 1u << 26;  // of the run
+  static constexpr uint32_t kTruncated = 1u << 25;  // longer than a stage
+  static constexpr uint32_t kLast = 1u << 26;       // of the run
   static constexpr uint32_t kPredictedAxisShift = 27;
   // Bytes of `codes`: the bits of x, of x and y, and of all three.
   static constexpr uint32_t kBitsX = 0;
   static constexpr uint32_t kBitsXy = 1;
   static constexpr uint32_t kBitsXyz = 2;
 
-  __device__ uint32_t predicted_axis() const { return places >> kPredictedAxisShift; }
+  __device__ uint32_t predicted_axis() const { return offsets >> kPredictedAxisShift; }
 };
-static_assert(sizeof(RunCluster) == 64);
+static_assert(sizeof(PreparedCluster) == 64);
 
 /// A cluster's data on their way through shared memory; a vertex is read as three words.
 struct ClusterStage {
@@ -73,13 +73,13 @@ struct ClusterStage {
 /// A warp's shared memory. Lanes write for one another, so every change of writer has a __syncwarp() between.
 struct ClusterShared {
   ClusterStage stages[2];  // by turns: one cluster's data arrive while the other cluster is filtered
-  RunCluster run[kRunClusters];
-  WaitingTriangle waiting[kWarpLanes - 1 + format::kMaxClusterTriangles];
-  uint64_t end;       // how many clusters the pass has, or where they are shared parts of them
-  uint32_t asks;      // whether they are asked again (ClusterWarp::find_shown)
-  uint32_t left_out;  // of those
+  PreparedCluster run[kRunClusters];
+  SurvivorTriangle survivors[kWarpLanes - 1 + format::kMaxClusterTriangles];
+  uint64_t end;          // how many clusters the pass has, or where they are shared parts of them
+  uint32_t culls_late;   // whether they are tested once more (ClusterWarp::cull_late)
+  uint32_t culled_late;  // the clusters that this removed
   // These three share memory, since no two are needed at once. For each cluster of a run:
-  //   centers or places  written by filter_vertices() or map_vertices(), read by filter_triangles();
+  //   centers or screen_places  written by filter_vertices() or project_vertices(), read by filter_triangles();
   //   set_up             written and read by draw_set_up(), for the triangles that wait.
   // ClusterWarp::draw_run() has a __syncwarp() after each of the first two steps: without the second a lane would set
   // up its triangle over vertices that another lane still reads. draw_pixels() ends with one, so that the next
@@ -89,7 +89,7 @@ struct ClusterShared {
     // two 16-bit numbers each. The smallest `first` and the largest `last` of three corners hold the triangle's
     // pixel_box().
     uint2 centers[format::kMaxClusterVertices];
-    uint32_t places[format::kMaxClusterVertices];  // instead, where the cluster has a LinearFilter
+    uint32_t screen_places[format::kMaxClusterVertices];  // instead, where the cluster has an AffineProjection
     SetUpTriangles set_up;
   };
 
@@ -134,12 +134,12 @@ struct ClusterPrediction {
 };
 
 /// Whether the picture hides a box by now.
-__device__ inline bool is_hidden_by_now(const Target& target, const ScreenBounds& bounds) {
+__device__ inline bool is_occluded_now(const Target& target, const ScreenBounds& bounds) {
   const PixelBox& box = bounds.pixels;
   for (int32_t y = box.y0; y <= box.y1; ++y) {
     const uint64_t* const row = target.samples + static_cast<uint64_t>(y) * static_cast<uint64_t>(target.width);
     for (int32_t x = box.x0; x <= box.x1; ++x) {
-      if (bounds.nearest_code <= sample_depth_code(WarpTeam::look(row + x))) return false;
+      if (bounds.nearest_code <= sample_depth_code(WarpTeam::load_relaxed(row + x))) return false;
     }
   }
   return true;
@@ -148,7 +148,7 @@ __device__ inline bool is_hidden_by_now(const Target& target, const ScreenBounds
 /// Compacts into `run` the items [first, first + count) that the current picture does not hide, and returns their
 /// count. The others lose their hints (ClusterPass). Boxes of more than 8 samples a side are not tested, and stay.
 template <bool kOrthographic>
-__device__ inline uint32_t list_shown(const ClusterFrame& frame, uint32_t first, uint32_t count) {
+__device__ inline uint32_t list_unoccluded(const ClusterFrame& frame, uint32_t first, uint32_t count) {
   constexpr int32_t kMostSamples = 8;  // a side
   ClusterShared& shared = cluster_shared();
   const uint32_t lane = threadIdx.x % kWarpLanes;
@@ -156,15 +156,16 @@ __device__ inline uint32_t list_shown(const ClusterFrame& frame, uint32_t first,
   if (shows) {
     const ClusterItem item = frame.list.items[first + lane];
     const ClusterDraw& draw = frame.list.draws[item.draw];
-    const OffsetBox box = offset_box(load_bounds(draw.cluster_bounds() + item.cluster));
+    const CenteredBox box = centered_box(load_bounds(draw.cluster_bounds() + item.cluster));
     const FrameView& view = frame.small.view;
     ScreenBounds on_screen;
-    shows = bound_on_screen<kOrthographic>(draw.filter, view, center_range(view), box, on_screen) == BoxShows::kCenters;
+    shows =
+        bound_on_screen<kOrthographic>(draw.filter, view, center_range(view), box, on_screen) == BoxCoverage::kCenters;
     const PixelBox& pixels = on_screen.pixels;
     if (shows && max_of(pixels.x1 - pixels.x0, pixels.y1 - pixels.y0) < kMostSamples)
-      shows = !is_hidden_by_now(frame.small.target, on_screen);
+      shows = !is_occluded_now(frame.small.target, on_screen);
     if (!shows) {  // nor is it to be drawn first in the next frame
-      atomicAnd(frame.list.seen + draw.first_word + item.cluster / format::kGroupClusters,
+      atomicAnd(frame.list.hints + draw.hint_offset + item.cluster / format::kGroupClusters,
                 ~(1u << item.cluster % format::kGroupClusters));
     }
   }
@@ -174,15 +175,15 @@ __device__ inline uint32_t list_shown(const ClusterFrame& frame, uint32_t first,
 }
 
 /// Prepares the `count` clusters of a run: items `first` and on, or with `kListed` the items that `run` lists already.
-/// A lane of the first half prepares a cluster and the u axis of its map, the lane 16 further its v axis. `maps`:
-/// whether clusters get maps.
+/// A lane of the first half prepares a cluster and the u axis of its affine projection, the lane 16 further its v axis.
+/// `projects`: whether clusters get an AffineProjection.
 template <bool kOrthographic, bool kListed>
-__device__ inline void prepare_run(const ClusterFrame& frame, uint32_t first, uint32_t count, bool maps) {
+__device__ inline void prepare_run(const ClusterFrame& frame, uint32_t first, uint32_t count, bool projects) {
   ClusterShared& shared = cluster_shared();
   const uint32_t lane = threadIdx.x % kWarpLanes;
-  const uint32_t place = min_of(lane % kRunClusters, count - 1);
+  const uint32_t slot = min_of(lane % kRunClusters, count - 1);
   const bool second_axis = lane >= kRunClusters;
-  const uint32_t number = kListed ? shared.run[place].item : first + place;
+  const uint32_t number = kListed ? shared.run[slot].item : first + slot;
   const ClusterItem item = frame.list.items[number];
   const ClusterDraw& draw = frame.list.draws[item.draw];
   const uint4 record = __ldg(reinterpret_cast<const uint4*>(draw.clusters() + item.cluster));
@@ -194,43 +195,45 @@ __device__ inline void prepare_run(const ClusterFrame& frame, uint32_t first, ui
   const uint32_t bits_xy = at.position_bits[0] + at.position_bits[1];
   const uint32_t bits_xyz = bits_xy + at.position_bits[2];
   uint32_t factors[4] = {};
-  uint32_t reach = 0;
+  uint32_t twice_slack = 0;
   uint32_t fraction_bits = 0;
   if constexpr (!kOrthographic) {
-    if (maps) {
+    if (projects) {
       const ClusterPrediction prediction(at.predicted_axis, data);
       const ClusterCodes codes{{at.position_bits[0], at.position_bits[1], at.position_bits[2]},
                                at.predicted_axis,
                                {prediction.slope[0], prediction.slope[1], prediction.slope[2]},
                                static_cast<int32_t>(prediction.bias)};
-      const LinearMiddle middle = make_linear_middle(draw.filter, load_bounds(draw.cluster_bounds() + item.cluster));
+      const AffineCenter middle = make_affine_center(draw.filter, load_bounds(draw.cluster_bounds() + item.cluster));
       const float4 row4 = *reinterpret_cast<const float4*>(second_axis ? draw.filter.v : draw.filter.u);
       const float row[4] = {row4.x, row4.y, row4.z, row4.w};
-      const LinearAxis axis = make_linear_axis(middle, draw.filter.w, row);
+      const AffineAxis axis = make_affine_axis(middle, draw.filter.w, row);
       const float other_half = __shfl_xor_sync(~0u, axis.half, kRunClusters);
-      fraction_bits = linear_fraction_bits(greatest(axis.half, other_half));
+      fraction_bits = affine_fraction_bits(fast_max(axis.half, other_half));
       bool known = middle.known & (bits_xyz <= 64) & (pieces <= kStagePieces) & (fraction_bits != 0);
-      known = known & finish_linear_axis(middle, axis, draw.filter.w, row, codes, fraction_bits & 15, factors, reach);
-      const uint32_t other_reach = __shfl_xor_sync(~0u, known ? reach : 0u, kRunClusters);
-      reach = known && other_reach != 0 ? reach | other_reach << 16 : 0;
+      known =
+          known & finish_affine_axis(middle, axis, draw.filter.w, row, codes, fraction_bits & 15, factors, twice_slack);
+      const uint32_t other_twice_slack = __shfl_xor_sync(~0u, known ? twice_slack : 0u, kRunClusters);
+      twice_slack = known && other_twice_slack != 0 ? twice_slack | other_twice_slack << 16 : 0;
     }
   }
   if (lane % kRunClusters >= count) return;
-  RunCluster& out = shared.run[place];
+  PreparedCluster& out = shared.run[slot];
   if (second_axis) {
-    for (int i = 0; i < 4; ++i) out.map.v[i] = factors[i];
+    for (int i = 0; i < 4; ++i) out.projection.v[i] = factors[i];
     return;
   }
-  for (int i = 0; i < 4; ++i) out.map.u[i] = factors[i];
-  out.map.reach = reach;
-  out.map.fraction = ((1u << fraction_bits) - 1) * 0x10001u;
+  for (int i = 0; i < 4; ++i) out.projection.u[i] = factors[i];
+  out.projection.twice_slack = twice_slack;
+  out.projection.fraction = ((1u << fraction_bits) - 1) * 0x10001u;
   out.data = address & ~uint64_t{15};
   out.shape = (at.triangle_count - 1) | (at.vertex_count - 1) << 8 | at.distance_bits << 16 |
               min_of(pieces, kStagePieces) << 24;
   const uint32_t begin = at.prediction - skipped;
-  out.places = (at.steps - begin) | (at.distances - begin) << 8 | (at.positions - begin) << 16 |
-               (at.wide_steps ? RunCluster::kWideSteps : 0) | (pieces > kStagePieces ? RunCluster::kCut : 0) |
-               (place == count - 1 ? RunCluster::kLast : 0) | at.predicted_axis << RunCluster::kPredictedAxisShift;
+  out.offsets =
+      (at.steps - begin) | (at.distances - begin) << 8 | (at.positions - begin) << 16 |
+      (at.wide_steps ? PreparedCluster::kWideSteps : 0) | (pieces > kStagePieces ? PreparedCluster::kTruncated : 0) |
+      (slot == count - 1 ? PreparedCluster::kLast : 0) | at.predicted_axis << PreparedCluster::kPredictedAxisShift;
   out.codes = at.position_bits[0] | bits_xy << 8 | bits_xyz << 16;
   if constexpr (!kListed) out.item = number;
 }
@@ -238,8 +241,9 @@ static_assert(2 * kRunClusters == kWarpLanes);
 
 /// Starts copying a cluster's data to `stage`. The stream of clusters begins and ends on multiples of 16 bytes, so the
 /// pieces lie within it.
-__device__ inline void stage_cluster(StageCopy<>& copy, const RunCluster& cluster, ClusterStage& stage) {
-  copy.begin(stage.pieces, reinterpret_cast<const uint4*>(cluster.data), byte_of(cluster.shape, 3));
+__device__ inline void stage_cluster(StageCopy<>& copy, const PreparedCluster& cluster, ClusterStage& stage) {
+  copy.begin(stage.pieces, reinterpret_cast<const uint4*>(cluster.data),
+             byte_of(cluster.shape, PreparedCluster::kPieces));
 }
 static_assert(kStagePieces == 2 * kWarpLanes);
 

@@ -152,38 +152,38 @@ __device__ inline uint32_t seen_instances(const SceneView& scene, const FrameVie
   return seen;
 }
 
-/// One thread a candidate: appends the groups to be drawn and their prefix sum.
+/// One thread a candidate: appends the InstancedDraws and their prefix sum.
 __global__ void __launch_bounds__(128)
     cull_chunks(const __grid_constant__ SceneView scene, const __grid_constant__ FrameView view,
                 const __grid_constant__ DrawList list) {
   const uint32_t lane = threadIdx.x % kWarpLanes;
   const uint64_t i = uint64_t{blockIdx.x} * blockDim.x + threadIdx.x;
-  DrawGroup group{};
+  InstancedDraw draw{};
   uint64_t triangles = 0;
   if (i < list.candidate_count) {
-    const Candidate candidate = list.candidates[i];
+    const CandidateDraw candidate = list.candidates[i];
     const format::ChunkRecord& chunk = scene.chunks[candidate.chunk];
     const uint32_t visible_count = list.visible_count[chunk.mesh];
     if (candidate.first < visible_count && scene.pages[chunk.page] != nullptr) {
-      group.chunk = candidate.chunk;
-      group.first_visible = list.mesh_first[chunk.mesh] + candidate.first;
-      group.instances = seen_instances(scene, view, list, chunk, candidate.chunk, list.visible + group.first_visible,
-                                       min_of(visible_count - candidate.first, kGroupInstances));
+      draw.chunk = candidate.chunk;
+      draw.first_visible = list.mesh_first[chunk.mesh] + candidate.first;
+      draw.instances = seen_instances(scene, view, list, chunk, candidate.chunk, list.visible + draw.first_visible,
+                                      min_of(visible_count - candidate.first, kDrawInstances));
       triangles = chunk.triangle_count;
     }
   }
-  const auto draws = static_cast<uint64_t>(__popc(group.instances));
-  const uint64_t units = (triangles + kWarpLanes - 1) / kWarpLanes * draws;
+  const auto draws = static_cast<uint64_t>(__popc(draw.instances));
+  const uint64_t work = (triangles + kWarpLanes - 1) / kWarpLanes * draws;
   uint64_t total;
-  const uint64_t item = units == 0 ? 0 : (uint64_t{1} << kUnitBits) + units;
-  const uint64_t before = sum_before(item, lane, total);
+  const uint64_t packed = work == 0 ? 0 : (uint64_t{1} << kWorkBits) + work;
+  const uint64_t before = sum_before(packed, lane, total);
   if (total == 0) return;
   uint64_t base = 0;
-  if (lane == 0) base = WarpTeam::add(&list.counters->groups, total);
+  if (lane == 0) base = WarpTeam::add(&list.counters->instanced_draws, total);
   base = __shfl_sync(~0u, base, 0);
-  if (units != 0) {
-    group.first_unit = (base + before) & kUnitMask;
-    list.groups[(base + before) >> kUnitBits] = group;
+  if (work != 0) {
+    draw.work_before = (base + before) & kWorkMask;
+    list.instanced_draws[(base + before) >> kWorkBits] = draw;
   }
   uint64_t all_draws;
   uint64_t all_triangles;
@@ -195,15 +195,15 @@ __global__ void __launch_bounds__(128)
   }
 }
 
-/// The place of the last item whose first unit is <= unit, by a warp: 32 probes a step. `first` gives an item's first
-/// unit.
+/// The index of the last draw whose work_before is <= `work`, by a warp: 32 probes per step. `first` returns a draw's
+/// work_before.
 template <class First>
-__device__ inline uint32_t find_item(uint32_t count, uint64_t unit, uint32_t lane, const First& first) {
+__device__ inline uint32_t find_draw(uint32_t count, uint64_t work, uint32_t lane, const First& first) {
   uint32_t low = 0;
   while (count > 1) {
     const uint32_t step = (count + kWarpLanes - 1) / kWarpLanes;
     const uint64_t probe = uint64_t{lane} * step;
-    const bool before = probe < count && first(low + static_cast<uint32_t>(probe)) <= unit;
+    const bool before = probe < count && first(low + static_cast<uint32_t>(probe)) <= work;
     const auto last = static_cast<uint32_t>(__popc(__ballot_sync(~0u, before))) - 1;
     low += last * step;
     count = min_of(step, count - last * step);

@@ -7,7 +7,7 @@
 namespace scree::kernels {
 
 /// Instances of a group. With twice as many, what they need of shared memory leaves too little of the L1 cache.
-inline constexpr uint32_t kGroupInstances = 16;
+inline constexpr uint32_t kDrawInstances = 16;
 
 /// The box of a chunk of float32 positions, which its record does not have. Made once.
 struct ChunkBounds {
@@ -15,29 +15,29 @@ struct ChunkBounds {
   float max[3];
 };
 
-/// Up to kGroupInstances instances of a chunk's mesh, seen or not: what one thread of the second culling pass looks at.
+/// Up to kDrawInstances instances of a chunk's mesh, seen or not: what one thread of the second culling pass looks at.
 /// Made once.
-struct Candidate {
+struct CandidateDraw {
   uint32_t chunk;
-  uint32_t first;  // place among the mesh's visible instances
+  uint32_t first;  // index among the mesh's visible instances
 };
 
-/// A chunk and up to kGroupInstances instances that it is drawn for, so that its triangles are fetched once for all of
+/// A chunk and up to kDrawInstances instances that it is drawn for, so that its triangles are fetched once for all of
 /// them.
-struct DrawGroup {
-  uint64_t first_unit;  // sum over the groups before; a unit is a row of 32 triangles drawn for one instance
+struct InstancedDraw {
+  uint64_t work_before;  // sum over the draws before, of rows of 32 triangles times instances
   uint32_t chunk;
-  uint32_t first_visible;  // place in DrawList::visible of bit 0
+  uint32_t first_visible;  // index in DrawList::visible of bit 0
   uint32_t instances;      // bit i: visible[first_visible + i]
   uint32_t reserved;
 };
-static_assert(sizeof(DrawGroup) == 24);
+static_assert(sizeof(InstancedDraw) == 24);
 
-/// Two sums in one word, so that one atomic addition gives an item's place and its share of a prefix sum in the same
-/// order: how many items (28 bits) over how many units (36 bits).
-inline constexpr uint32_t kUnitBits = 36;
-inline constexpr uint64_t kUnitMask = (uint64_t{1} << kUnitBits) - 1;
-inline constexpr uint64_t kMaxItems = uint64_t{1} << 28;
+/// Two sums in one word, so that one atomic addition gives a draw its index and its share of a prefix sum in the same
+/// order: the number of draws (28 bits) over their work (36 bits): rows of 32 triangles, or groups of 32 clusters.
+inline constexpr uint32_t kWorkBits = 36;
+inline constexpr uint64_t kWorkMask = (uint64_t{1} << kWorkBits) - 1;
+inline constexpr uint64_t kMaxDraws = uint64_t{1} << 28;
 
 /// Passes of a frame that draw clusters: what was seen last time, then the rest, in rounds from near to far.
 inline constexpr uint32_t kMostRounds = 8;
@@ -55,19 +55,19 @@ struct DrawnTriangles {
 /// Zero when a frame begins.
 struct FrameCounters {
   Counters queues;
-  Counters clipped;    // medium, large, tiles: of what clipping the triangles of clusters leaves
-  uint64_t groups;     // items and units
-  uint64_t next_unit;  // handed out to stage 1
+  Counters clipped;          // medium, large, tiles: of what clipping the triangles of clusters leaves
+  uint64_t instanced_draws;  // and their work
+  uint64_t next_work;        // handed out to stage 1
   // Of clustered chunks:
-  uint64_t draws;                         // items (ClusterDraw) and units
-  uint64_t in_bucket[kNearBuckets];       // items and units
+  uint64_t draws;                         // ClusterDraws, and their work
+  uint64_t in_bucket[kNearBuckets];       // draws and their work
   uint64_t placed[kNearBuckets];          // of those
   uint64_t clusters[kClusterPasses];      // in the queue, pass by pass
   uint64_t next_cluster[kClusterPasses];  // handed out
   uint64_t to_clip;                       // queued
   uint64_t groups_tested;
   uint64_t clusters_tested;
-  uint64_t clusters_left_out;  // of the queue: hidden when their turn came
+  uint64_t clusters_culled_late;  // of the queue: hidden when their turn came
   DrawnTriangles drawn;
   DrawnTriangles clipped_drawn;
   uint64_t to_clip_drawn;
@@ -94,15 +94,15 @@ struct DrawList {
   // Of the scene:
   const uint32_t* order;       // instances, mesh by mesh
   const uint32_t* mesh_first;  // mesh_count: where a mesh's instances begin in `order` and `visible`
-  const Candidate* candidates;
+  const CandidateDraw* candidates;
   const ChunkBounds* bounds;  // by chunk, of those with float32 positions; null where there are none
   uint32_t instance_count;    // in `order`
   uint32_t candidate_count;
   // Of the frame:
-  uint32_t* visible_count;  // by mesh; zero when a frame begins
-  uint32_t* visible;        // instances seen, each mesh's from mesh_first on
-  Transform* transforms;    // by instance; of those seen
-  DrawGroup* groups;        // room for candidate_count
+  uint32_t* visible_count;         // by mesh; zero when a frame begins
+  uint32_t* visible;               // instances seen, each mesh's from mesh_first on
+  Transform* transforms;           // by instance; of those seen
+  InstancedDraw* instanced_draws;  // room for candidate_count
   FrameCounters* counters;
 };
 

@@ -41,7 +41,7 @@ CandidateCounts count_candidates(const SceneView& scene) {
   const std::vector<uint64_t> instances = instances_by_mesh(scene);
   CandidateCounts counts;
   for_each_drawn_mesh(scene, instances, [&](uint64_t m, uint64_t count) {
-    const uint64_t parts = (count + kGroupInstances - 1) / kGroupInstances;
+    const uint64_t parts = (count + kDrawInstances - 1) / kDrawInstances;
     const format::MeshRecord& mesh = scene.meshes[m];
     for (uint64_t c = mesh.first_chunk; c < mesh.first_chunk + mesh.chunk_count; ++c) {
       (is_clustered(scene, c) ? counts.clustered : counts.indexed) += parts;
@@ -55,21 +55,21 @@ CandidateCounts count_candidates(const SceneView& scene) {
 
 namespace {
 
-/// Where each instance's bits of seen clusters are: tables.chunk_group and first_word.
-void place_seen_bits(const SceneView& scene, DrawTables& tables) {
-  tables.chunk_group.resize(scene.chunk_count);
+/// Where each instance's bits of seen clusters are: tables.chunk_hint_offset and hint_offset.
+void place_hints(const SceneView& scene, DrawTables& tables) {
+  tables.chunk_hint_offset.resize(scene.chunk_count);
   std::vector<uint64_t> mesh_groups(scene.mesh_count);
   for (uint64_t m = 0; m < scene.mesh_count; ++m) {
     const format::MeshRecord& mesh = scene.meshes[m];
     for (uint64_t c = mesh.first_chunk; c < mesh.first_chunk + mesh.chunk_count; ++c) {
-      tables.chunk_group[c] = static_cast<uint32_t>(mesh_groups[m]);
+      tables.chunk_hint_offset[c] = static_cast<uint32_t>(mesh_groups[m]);
       if (is_clustered(scene, c)) mesh_groups[m] += cluster_group_count(scene.chunks[c]);
     }
   }
   uint64_t word = 0;
-  tables.first_word.reserve(scene.instance_count);
+  tables.hint_offset.reserve(scene.instance_count);
   for (uint64_t i = 0; i < scene.instance_count; ++i) {
-    tables.first_word.push_back(word);
+    tables.hint_offset.push_back(word);
     word += mesh_groups[scene.instances[i].mesh];
   }
 }
@@ -133,8 +133,8 @@ Result<DrawTables> make_draw_tables(const SceneView& scene) {
   const std::vector<uint64_t> instances = instances_by_mesh(scene);
   const CandidateCounts candidates = count_candidates(scene);
   // A clustered chunk's instances are items one by one; units of both lists fit, since triangles have 36-bit ids.
-  if (scene.instance_count >= UINT32_MAX || scene.chunk_count >= UINT32_MAX || candidates.indexed >= kMaxItems ||
-      candidates.cluster_draws >= kMaxItems) {
+  if (scene.instance_count >= UINT32_MAX || scene.chunk_count >= UINT32_MAX || candidates.indexed >= kMaxDraws ||
+      candidates.cluster_draws >= kMaxDraws) {
     return Error{ErrorCode::kRange,
                  "the scene has " + std::to_string(scene.instance_count) + " instances and " +
                      std::to_string(candidates.indexed) + " groups of 16 instances of a chunk and " +
@@ -148,7 +148,7 @@ Result<DrawTables> make_draw_tables(const SceneView& scene) {
   tables.cluster_draws = candidates.cluster_draws;
   tables.cluster_groups = candidates.cluster_groups;
   if (candidates.clustered != 0) {
-    place_seen_bits(scene, tables);
+    place_hints(scene, tables);
     tables.box = find_scene_box(scene);
   }
   uint32_t place = 0;
@@ -162,7 +162,7 @@ Result<DrawTables> make_draw_tables(const SceneView& scene) {
         (mesh.position_encoding == format::PositionEncoding::kFloat32 ? tables.has_float32 : tables.has_lattice) = true;
         tables.has_instances = tables.has_instances || count > 1;
       }
-      for (uint64_t first = 0; first < count; first += kGroupInstances) {
+      for (uint64_t first = 0; first < count; first += kDrawInstances) {
         (clustered ? tables.cluster_candidates : tables.candidates)
             .push_back({static_cast<uint32_t>(c), static_cast<uint32_t>(first)});
       }

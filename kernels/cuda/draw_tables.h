@@ -28,10 +28,10 @@ struct SceneBox {
 struct DrawTables {
   std::vector<uint32_t> order;
   std::vector<uint32_t> mesh_first;
-  std::vector<Candidate> candidates;
-  std::vector<Candidate> cluster_candidates;  // of clustered chunks
-  std::vector<uint32_t> chunk_group;          // as ClusterList has it; empty where no chunk is clustered
-  std::vector<uint64_t> first_word;
+  std::vector<CandidateDraw> candidates;
+  std::vector<CandidateDraw> cluster_candidates;  // of clustered chunks
+  std::vector<uint32_t> chunk_hint_offset;        // as ClusterList has it; empty where no chunk is clustered
+  std::vector<uint64_t> hint_offset;
   uint64_t cluster_draws = 0;   // clustered chunks of all instances
   uint64_t cluster_groups = 0;  // their groups of clusters
   bool has_lattice = false;
@@ -40,7 +40,7 @@ struct DrawTables {
   SceneBox box;
 };
 
-/// Candidates: chunks of drawn meshes with up to kGroupInstances instances each.
+/// Candidates: chunks of drawn meshes with up to kDrawInstances instances each.
 struct CandidateCounts {
   uint64_t indexed = 0;
   uint64_t clustered = 0;

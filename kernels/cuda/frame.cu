@@ -11,7 +11,6 @@
 #include "kernels/cuda/check.h"
 #include "kernels/cuda/cluster.cuh"
 #include "kernels/cuda/draw_tables.h"
-#include "kernels/cuda/few_cull.cuh"
 #include "kernels/cuda/frame.h"
 #include "kernels/cuda/graph.h"
 #include "kernels/cuda/large.cuh"
@@ -19,6 +18,7 @@
 #include "kernels/cuda/pyramid.cuh"
 #include "kernels/cuda/queues.h"
 #include "kernels/cuda/small.cuh"
+#include "kernels/cuda/small_scene_cull.cuh"
 
 #pragma nv_diag_suppress 2810  // nvcc 13 takes the assignment of a nodiscard class for an ignored result
 
@@ -31,7 +31,7 @@ uint64_t first_items(uint64_t cluster_groups, const CudaQueueSizes& sizes) {
 }
 
 /// Clusters that are drawn in one pass, and nothing else.
-bool are_few(uint64_t indexed_candidates, uint64_t cluster_groups, const CudaQueueSizes& sizes) {
+bool is_small_scene(uint64_t indexed_candidates, uint64_t cluster_groups, const CudaQueueSizes& sizes) {
   return indexed_candidates == 0 && cluster_groups < sizes.two_pass_groups;
 }
 
@@ -56,7 +56,7 @@ SmallVariant choose_small(const DrawTables& tables, bool orthographic) {
   return tables.has_instances ? small_variant<false, true, false, true>() : small_variant<false, true, false, false>();
 }
 
-enum Mark {
+enum FrameEvent {
   kStart,
   kCleared,
   kCulled,
@@ -74,7 +74,7 @@ enum Mark {
   kSecondLargeDone,
   kAllDone,
   kCountersRead,
-  kMarkCount
+  kEventCount
 };
 
 struct FrameStreams {
@@ -87,14 +87,14 @@ struct FrameStreams {
 constexpr uint64_t kMostGraphTriangles = uint64_t{1} << 23;
 
 /// The events of one pass: stages 2 and 3 begin after `small_done`.
-struct StageMarks {
-  Mark small_done;
-  Mark medium_done;
-  Mark large_begun;
-  Mark large_done;
+struct StageEvents {
+  FrameEvent small_done;
+  FrameEvent medium_done;
+  FrameEvent large_begun;
+  FrameEvent large_done;
 };
-constexpr StageMarks kFirstStages{kSmallDone, kMediumDone, kLargeBegun, kLargeDone};
-constexpr StageMarks kSecondStages{kSecondSmallDone, kSecondMediumDone, kSecondLargeBegun, kSecondLargeDone};
+constexpr StageEvents kFirstStages{kSmallDone, kMediumDone, kLargeBegun, kLargeDone};
+constexpr StageEvents kSecondStages{kSecondSmallDone, kSecondMediumDone, kSecondLargeBegun, kSecondLargeDone};
 
 bool same_view(const FrameView& a, const FrameView& b) {
   const auto same = [](const double(&x)[3], const double(&y)[3]) { return std::equal(x, x + 3, y); };
@@ -113,10 +113,10 @@ struct CudaFrames::Impl {
   Impl& operator=(const Impl&) = delete;
   ~Impl() {
     if (frame_streams.main != nullptr) (void)cudaStreamSynchronize(frame_streams.main);
-    for (cudaEvent_t event : marks) {
+    for (cudaEvent_t event : events) {
       if (event != nullptr) (void)cudaEventDestroy(event);
     }
-    (void)cudaFreeHost(seen);
+    (void)cudaFreeHost(host_counters);
     for (const FrameStreams& all : {frame_streams, capture_streams})
       for (cudaStream_t stream : {all.clip, all.side, all.main})
         if (stream != nullptr) (void)cudaStreamDestroy(stream);
@@ -128,7 +128,7 @@ struct CudaFrames::Impl {
   void submit_culling(const DrawList& list, const SamplesToClear& clear, bool draws_indexed, bool draws_clusters,
                       const FrameStreams& streams);
   template <bool kOrthographic>
-  void submit_few_culling(const DrawList& list, const SamplesToClear& clear, const FrameStreams& streams);
+  void submit_small_scene_culling(const DrawList& list, const SamplesToClear& clear, const FrameStreams& streams);
   Result<void> find_all_bounds(const FrameStreams& streams);
   Result<void> forget();
   Result<void> fit_pyramid(const FrameView& frame);
@@ -144,9 +144,9 @@ struct CudaFrames::Impl {
   template <bool kOrthographic>
   void submit_clipped(const ClusterFrame& clusters, cudaStream_t stream);
   template <bool kOrthographic>
-  Result<void> submit_clipped_aside(const SmallFrame& small, const FrameStreams& streams);
+  Result<void> submit_clipping_on_own_stream(const SmallFrame& small, const FrameStreams& streams);
   template <bool kOrthographic>
-  Result<void> submit_stages(const SmallFrame& small, const StageMarks& marks_of_pass, const FrameStreams& streams);
+  Result<void> submit_stages(const SmallFrame& small, const StageEvents& events_of_pass, const FrameStreams& streams);
   ClusterList cluster_list() const;
   ClusterCull cluster_cull(const DrawList& list, const ClusterTests& tests, uint32_t pass, uint32_t round,
                            uint32_t rounds) const;
@@ -158,11 +158,11 @@ struct CudaFrames::Impl {
   }
   bool in_two_passes() const { return tables.cluster_groups >= two_pass_groups; }
   /// So few, and nothing else, that one kernel culls them.
-  bool has_few_clusters() const { return few_groups.count() != 0; }
-  /// A guess from the frame before. raster_cut is faster for many triangles, but its code is longer, and a few
+  bool culls_as_small_scene() const { return small_scene_groups.count() != 0; }
+  /// A guess from the frame before. raster_near_clipped is faster for many triangles, but its code is longer, and a few
   /// triangles would wait for it to be fetched.
-  bool cuts_many() const { return clipped_before > uint64_t{resident.multiprocessors()} * kClusterWarps; }
-  bool clips_aside() const { return has_clusters() && !in_two_passes(); }
+  bool clips_many() const { return clipped_before > uint64_t{resident.multiprocessors()} * kClusterWarps; }
+  bool clips_on_own_stream() const { return has_clusters() && !in_two_passes(); }
   /// For the next frame, while nobody waits.
   Result<void> clear_counters() {
     Result<void> done =
@@ -175,12 +175,12 @@ struct CudaFrames::Impl {
     return options.part == FramePart::kWhole && !two_passes && !options.stage_times &&
            triangle_count < kMostGraphTriangles;
   }
-  Result<void> mark(Mark place, const FrameStreams& streams) {
-    return cuda_check(cudaEventRecord(marks[place], streams.main), "recording an event");
+  Result<void> record_event(FrameEvent event, const FrameStreams& streams) {
+    return cuda_check(cudaEventRecord(events[event], streams.main), "recording an event");
   }
   /// For the stages' times alone: a mark between two kernels takes a microsecond.
-  Result<void> mark_stage(Mark place, const FrameStreams& streams) {
-    return options.stage_times ? mark(place, streams) : Result<void>();
+  Result<void> mark_stage(FrameEvent event, const FrameStreams& streams) {
+    return options.stage_times ? record_event(place, streams) : Result<void>();
   }
   Result<void> grow_queues();
   void adapt_next_frame();
@@ -198,26 +198,26 @@ struct CudaFrames::Impl {
   FrameStreams capture_streams;
   CudaGraph graph;
   bool is_graph = false;  // the last frame
-  cudaEvent_t marks[kMarkCount] = {};
-  FrameCounters* seen = nullptr;  // pinned: the counters after a frame
+  cudaEvent_t events[kEventCount] = {};
+  FrameCounters* host_counters = nullptr;  // pinned: the counters after a frame
 
   DeviceArray<uint32_t> order;
   DeviceArray<uint32_t> mesh_first;
-  DeviceArray<Candidate> candidates;
+  DeviceArray<CandidateDraw> candidates;
   DeviceArray<ChunkBounds> bounds;
   DeviceArray<std::byte> zeroed;  // the counters, then the visible instances of each mesh
   DeviceArray<uint32_t> visible;
   DeviceArray<Transform> transforms;
-  DeviceArray<DrawGroup> groups;
+  DeviceArray<InstancedDraw> instanced_draws;
   FrameQueues queues;
   // Of clustered chunks:
-  DeviceArray<Candidate> cluster_candidates;
-  DeviceArray<uint32_t> chunk_group;
-  DeviceArray<uint64_t> first_word;
-  DeviceArray<uint32_t> seen_before;
+  DeviceArray<CandidateDraw> cluster_candidates;
+  DeviceArray<uint32_t> chunk_hint_offset;
+  DeviceArray<uint64_t> hint_offset;
+  DeviceArray<uint32_t> hints;
   DeviceArray<uint16_t> draw_bucket;
   DeviceArray<ClusterDraw> draws;
-  DeviceArray<ClusterGroup> few_groups;  // of scenes that are drawn in one pass and have no other chunks
+  DeviceArray<ClusterGroup> small_scene_groups;  // of scenes that are drawn in one pass and have no other chunks
   DeviceArray<uint32_t> pyramid_codes;
   DepthPyramid pyramid{};
   // The frame that was begun last:
@@ -250,12 +250,12 @@ Result<void> CudaFrames::Impl::open(const SceneView& host, const CudaQueueSizes&
     if (done) done = cuda_check(cudaStreamCreate(stream), "making a stream");
   for (cudaStream_t* stream : {&capture_streams.main, &capture_streams.side, &capture_streams.clip})
     if (done) done = cuda_check(cudaStreamCreateWithFlags(stream, cudaStreamNonBlocking), "making a stream");
-  for (cudaEvent_t& event : marks) {
+  for (cudaEvent_t& event : events) {
     if (done) done = cuda_check(cudaEventCreate(&event), "making an event");
   }
   if (done) {
-    done =
-        cuda_check(cudaMallocHost(reinterpret_cast<void**>(&seen), sizeof(FrameCounters)), "allocating pinned memory");
+    done = cuda_check(cudaMallocHost(reinterpret_cast<void**>(&host_counters), sizeof(FrameCounters)),
+                      "allocating pinned memory");
   }
   if (done) done = order.fill(tables.order, "allocating the draw list");
   if (done) done = mesh_first.fill(tables.mesh_first, "allocating the draw list");
@@ -267,7 +267,7 @@ Result<void> CudaFrames::Impl::open(const SceneView& host, const CudaQueueSizes&
   }
   if (done) done = visible.allocate(tables.order.size(), "allocating the draw list");
   if (done) done = transforms.allocate(host.instance_count, "allocating the frame's transforms");
-  if (done) done = groups.allocate(tables.candidates.size(), "allocating the draw list");
+  if (done) done = instanced_draws.allocate(tables.candidates.size(), "allocating the draw list");
   if (done) done = queues.triangles.tiles.allocate(sizes.tiles, "allocating the queues");
   if (done) done = queues.grow({sizes.medium, sizes.large, 0, 0, 0, 0, 0, 0});
   if (done && !tables.cluster_candidates.empty()) done = open_clusters(host, sizes);
@@ -276,8 +276,8 @@ Result<void> CudaFrames::Impl::open(const SceneView& host, const CudaQueueSizes&
   tables.mesh_first = {};
   tables.candidates = {};
   tables.cluster_candidates = {};
-  tables.chunk_group = {};
-  tables.first_word = {};
+  tables.chunk_hint_offset = {};
+  tables.hint_offset = {};
   return done;
 }
 
@@ -289,16 +289,16 @@ Result<void> CudaFrames::Impl::find_all_bounds(const FrameStreams& streams) {
 
 Result<void> CudaFrames::Impl::open_clusters(const SceneView& host, const CudaQueueSizes& sizes) {
   Result<void> done = cluster_candidates.fill(tables.cluster_candidates, "allocating the draw list");
-  if (done) done = chunk_group.fill(tables.chunk_group, "allocating the draw list");
-  if (done) done = first_word.fill(tables.first_word, "allocating the draw list");
+  if (done) done = chunk_hint_offset.fill(tables.chunk_hint_offset, "allocating the draw list");
+  if (done) done = hint_offset.fill(tables.hint_offset, "allocating the draw list");
   if (done) {
-    done = draw_bucket.allocate(tables.cluster_candidates.size() * kGroupInstances, "allocating the draw list");
+    done = draw_bucket.allocate(tables.cluster_candidates.size() * kDrawInstances, "allocating the draw list");
   }
-  if (done && are_few(tables.candidates.size(), tables.cluster_groups, sizes))
-    done = few_groups.fill(list_cluster_groups(host), "allocating the draw list");
-  if (done) done = draws.allocate(max_of(tables.cluster_draws, few_groups.count()), "allocating the draw list");
+  if (done && is_small_scene(tables.candidates.size(), tables.cluster_groups, sizes))
+    done = small_scene_groups.fill(list_cluster_groups(host), "allocating the draw list");
+  if (done) done = draws.allocate(max_of(tables.cluster_draws, small_scene_groups.count()), "allocating the draw list");
   if (done && in_two_passes()) {
-    done = seen_before.allocate(tables.cluster_groups, "allocating a bit for each cluster");
+    done = hints.allocate(tables.cluster_groups, "allocating a bit for each cluster");
     if (done) done = forget();
   }
   if (done) done = queues.clipped.tiles.allocate(sizes.tiles, "allocating the queues");
@@ -320,9 +320,8 @@ Result<void> CudaFrames::Impl::open_clusters(const SceneView& host, const CudaQu
 Result<void> CudaFrames::Impl::forget() {
   if (!in_two_passes()) return {};
   last_view = {};
-  return cuda_check(
-      cudaMemsetAsync(seen_before.data(), 0, tables.cluster_groups * sizeof(uint32_t), frame_streams.main),
-      "clearing a bit for each cluster");
+  return cuda_check(cudaMemsetAsync(hints.data(), 0, tables.cluster_groups * sizeof(uint32_t), frame_streams.main),
+                    "clearing a bit for each cluster");
 }
 
 /// Room for the pyramid of an image, made when its size changes.
@@ -347,10 +346,10 @@ Result<void> CudaFrames::Impl::prepare(SmallVariant& variant) const {
 
 ClusterList CudaFrames::Impl::cluster_list() const {
   return {cluster_candidates.data(),
-          chunk_group.data(),
-          first_word.data(),
+          chunk_hint_offset.data(),
+          hint_offset.data(),
           static_cast<uint32_t>(cluster_candidates.count()),
-          seen_before.data(),
+          hints.data(),
           draw_bucket.data(),
           draws.data(),
           queues.items.data(),
@@ -376,7 +375,7 @@ void CudaFrames::Impl::submit_culling(const DrawList& list, const SamplesToClear
     cull_chunks<<<(list.candidate_count - 1) / kCullThreads + 1, kCullThreads, 0, streams.main>>>(scene, frame, list);
   }
   if (draws_clusters) {
-    const uint64_t threads = cluster_candidates.count() * kGroupInstances;
+    const uint64_t threads = cluster_candidates.count() * kDrawInstances;
     const auto blocks = static_cast<uint32_t>((threads - 1) / kCullThreads + 1);
     const ClusterList clusters = cluster_list();
     cull_clustered_chunks<<<blocks, kCullThreads, 0, streams.main>>>(scene, frame, list, clusters, in_two_passes());
@@ -386,12 +385,12 @@ void CudaFrames::Impl::submit_culling(const DrawList& list, const SamplesToClear
 
 /// Finds the clusters that are drawn, and clears the picture.
 template <bool kOrthographic>
-void CudaFrames::Impl::submit_few_culling(const DrawList& list, const SamplesToClear& clear,
-                                          const FrameStreams& streams) {
-  const auto group_count = static_cast<uint32_t>(few_groups.count());
+void CudaFrames::Impl::submit_small_scene_culling(const DrawList& list, const SamplesToClear& clear,
+                                                  const FrameStreams& streams) {
+  const auto group_count = static_cast<uint32_t>(small_scene_groups.count());
   const uint32_t blocks = (group_count - 1) / kCullWarps + 1 + clear.blocks;
-  cull_few<kOrthographic><<<blocks, kCullThreads, 0, streams.main>>>(
-      {scene, list.transforms, cluster_cull(list, {options.cluster_bounds, false}, 0, 0, 1), few_groups.data(),
+  cull_small_scene<kOrthographic><<<blocks, kCullThreads, 0, streams.main>>>(
+      {scene, list.transforms, cluster_cull(list, {options.cluster_bounds, false}, 0, 0, 1), small_scene_groups.data(),
        group_count, clear});
 }
 
@@ -399,29 +398,29 @@ void CudaFrames::Impl::submit_few_culling(const DrawList& list, const SamplesToC
 template <bool kOrthographic, ClusterPass kPass>
 void CudaFrames::Impl::submit_clusters(const SmallFrame& small, uint32_t round, uint32_t rounds,
                                        const FrameStreams& streams) {
-  const uint32_t pass = kPass == ClusterPass::kNewlySeen ? 1 + round : 0;
-  if (!has_few_clusters()) {
+  const uint32_t pass = kPass == ClusterPass::kNewlyVisible ? 1 + round : 0;
+  if (!culls_as_small_scene()) {
     // More blocks than the registers let be there at once: culling waits for memory, and late blocks even it out.
     cull_clusters<kOrthographic, kPass><<<resident.fill(kCullThreads), kCullThreads, 0, streams.main>>>(
         cluster_cull(small.list, {options.cluster_bounds, options.occlusion}, pass, round, rounds));
   }
   const ClusterFrame clusters{small, cluster_list(), pass};
   // Not of parts of a frame: what the last of them draws has no first pass to compare with.
-  const bool asks_again = kPass == ClusterPass::kNewlySeen && options.part == FramePart::kWhole;
+  const bool culls_late = kPass == ClusterPass::kNewlyVisible && options.part == FramePart::kWhole;
   const auto kernel = !in_two_passes() ? raster_clusters<kOrthographic, kClusterParts, false>
-                      : asks_again     ? raster_clusters<kOrthographic, 1, true>
+                      : culls_late     ? raster_clusters<kOrthographic, 1, true>
                                        : raster_clusters<kOrthographic, 1, false>;
   constexpr size_t kShared = kClusterWarps * sizeof(ClusterShared);
   kernel<<<resident.of(kernel, kClusterThreads, kShared), kClusterThreads, kShared, streams.main>>>(clusters);
-  if (!clips_aside()) submit_clipped<kOrthographic>(clusters, streams.main);
+  if (!clips_on_own_stream()) submit_clipped<kOrthographic>(clusters, streams.main);
 }
 
 /// Clips the triangles of clusters that need it.
 template <bool kOrthographic>
 void CudaFrames::Impl::submit_clipped(const ClusterFrame& clusters, cudaStream_t stream) {
   if constexpr (!kOrthographic) {  // an orthographic camera has no near plane that bends what it cuts
-    if (cuts_many()) {
-      raster_cut<<<resident.of(raster_cut, kClusterThreads), kClusterThreads, 0, stream>>>(clusters);
+    if (clips_many()) {
+      raster_near_clipped<<<resident.of(raster_near_clipped, kClusterThreads), kClusterThreads, 0, stream>>>(clusters);
       return;
     }
   }
@@ -432,50 +431,51 @@ void CudaFrames::Impl::submit_clipped(const ClusterFrame& clusters, cudaStream_t
 /// and 3. Few as they are, each takes 20 us. Worth the kernels that it costs only where a frame is short: of scenes
 /// that are drawn in one pass.
 template <bool kOrthographic>
-Result<void> CudaFrames::Impl::submit_clipped_aside(const SmallFrame& small, const FrameStreams& streams) {
+Result<void> CudaFrames::Impl::submit_clipping_on_own_stream(const SmallFrame& small, const FrameStreams& streams) {
   SmallFrame clipped = small;
   clipped.queues = queues.clipped.view(&small.list.counters->clipped);
-  const LargeFrame rest{small.view, small.target, clipped.queues, &small.list.counters->clipped_drawn};
-  Result<void> done = mark(kClustersDone, streams);
-  if (done) done = cuda_check(cudaStreamWaitEvent(streams.clip, marks[kClustersDone]), "forking");
+  const LargeFrame queued{small.view, small.target, clipped.queues, &small.list.counters->clipped_drawn};
+  Result<void> done = record_event(kClustersDone, streams);
+  if (done) done = cuda_check(cudaStreamWaitEvent(streams.clip, events[kClustersDone]), "forking");
   if (!done) return done;
   submit_clipped<kOrthographic>({clipped, cluster_list(), 0}, streams.clip);
   const auto large = raster_large<kOrthographic>;
-  split_large<kOrthographic><<<resident.multiprocessors(), kLargeThreads, 0, streams.clip>>>(rest);
-  large<<<resident.of(large, kLargeThreads), kLargeThreads, 0, streams.clip>>>(rest);
-  raster_medium<kOrthographic><<<resident.multiprocessors(), kLargeThreads, 0, streams.clip>>>(rest);
+  split_large<kOrthographic><<<resident.multiprocessors(), kLargeThreads, 0, streams.clip>>>(queued);
+  large<<<resident.of(large, kLargeThreads), kLargeThreads, 0, streams.clip>>>(queued);
+  raster_medium<kOrthographic><<<resident.multiprocessors(), kLargeThreads, 0, streams.clip>>>(queued);
   done = cuda_check(cudaGetLastError(), "starting to clip");
-  if (done) done = cuda_check(cudaEventRecord(marks[kClippedDone], streams.clip), "recording an event");
+  if (done) done = cuda_check(cudaEventRecord(events[kClippedDone], streams.clip), "recording an event");
   return done;
 }
 
 /// What stage 1 left, by stages 2 and 3 side by side: each alone is too little for the GPU.
 template <bool kOrthographic>
-Result<void> CudaFrames::Impl::submit_stages(const SmallFrame& small, const StageMarks& at,
+Result<void> CudaFrames::Impl::submit_stages(const SmallFrame& small, const StageEvents& at,
                                              const FrameStreams& streams) {
-  const LargeFrame rest{small.view, small.target, small.queues, &small.list.counters->drawn};
+  const LargeFrame queued{small.view, small.target, small.queues, &small.list.counters->drawn};
   Result<void> done;
-  if (clips_aside()) done = submit_clipped_aside<kOrthographic>(small, streams);
-  if (done) done = mark(at.small_done, streams);
-  if (done) done = cuda_check(cudaStreamWaitEvent(streams.side, marks[at.small_done]), "forking");
+  if (clips_on_own_stream()) done = submit_clipping_on_own_stream<kOrthographic>(small, streams);
+  if (done) done = record_event(at.small_done, streams);
+  if (done) done = cuda_check(cudaStreamWaitEvent(streams.side, events[at.small_done]), "forking");
   if (done && options.stage_times)
-    done = cuda_check(cudaEventRecord(marks[at.large_begun], streams.side), "recording an event");
+    done = cuda_check(cudaEventRecord(events[at.large_begun], streams.side), "recording an event");
   if (done) {
     const auto split = split_large<kOrthographic>;
     const auto large = raster_large<kOrthographic>;
-    split<<<resident.of(split, kLargeThreads), kLargeThreads, 0, streams.side>>>(rest);
-    large<<<resident.of(large, kLargeThreads), kLargeThreads, 0, streams.side>>>(rest);
+    split<<<resident.of(split, kLargeThreads), kLargeThreads, 0, streams.side>>>(queued);
+    large<<<resident.of(large, kLargeThreads), kLargeThreads, 0, streams.side>>>(queued);
     done = cuda_check(cudaGetLastError(), "starting stage 3");
   }
-  if (done) done = cuda_check(cudaEventRecord(marks[at.large_done], streams.side), "recording an event");
+  if (done) done = cuda_check(cudaEventRecord(events[at.large_done], streams.side), "recording an event");
   if (done) {
     const auto medium = raster_medium<kOrthographic>;
-    medium<<<resident.of(medium, kLargeThreads), kLargeThreads, 0, streams.main>>>(rest);
+    medium<<<resident.of(medium, kLargeThreads), kLargeThreads, 0, streams.main>>>(queued);
     done = cuda_check(cudaGetLastError(), "starting stage 2");
   }
   if (done) done = mark_stage(at.medium_done, streams);
-  if (done) done = cuda_check(cudaStreamWaitEvent(streams.main, marks[at.large_done]), "joining");
-  if (done && clips_aside()) done = cuda_check(cudaStreamWaitEvent(streams.main, marks[kClippedDone]), "joining");
+  if (done) done = cuda_check(cudaStreamWaitEvent(streams.main, events[at.large_done]), "joining");
+  if (done && clips_on_own_stream())
+    done = cuda_check(cudaStreamWaitEvent(streams.main, events[kClippedDone]), "joining");
   return done;
 }
 
@@ -492,7 +492,7 @@ Result<void> CudaFrames::Impl::submit_passes(const FrameStreams& streams) {
                       reinterpret_cast<uint32_t*>(zeroed.data() + sizeof(FrameCounters)),
                       visible.data(),
                       transforms.data(),
-                      groups.data(),
+                      instanced_draws.data(),
                       counters};
   const Target target{samples, frame.width};
   const uint64_t sample_count = static_cast<uint64_t>(frame.width) * static_cast<uint64_t>(frame.height);
@@ -500,9 +500,9 @@ Result<void> CudaFrames::Impl::submit_passes(const FrameStreams& streams) {
   Result<void> done;
   static_assert(kBackground == ~uint64_t{0});
   // Of frames in one pass nothing is known to have been seen.
-  const bool is_ahead = options.part == FramePart::kSeenBefore;
-  const bool draws_clusters = has_clusters() && (two_passes || !is_ahead);
-  const bool draws_indexed = list.candidate_count != 0 && !is_ahead;
+  const bool draws_only_previously_visible = options.part == FramePart::kPreviouslyVisible;
+  const bool draws_clusters = has_clusters() && (two_passes || !draws_only_previously_visible);
+  const bool draws_indexed = list.candidate_count != 0 && !draws_only_previously_visible;
   if (done && options.part != FramePart::kWhole && draws_indexed && tables.has_float32) done = find_all_bounds(streams);
   const bool clears = options.part == FramePart::kWhole;
   const bool culls = list.instance_count != 0 && (draws_indexed || draws_clusters);
@@ -512,8 +512,8 @@ Result<void> CudaFrames::Impl::submit_passes(const FrameStreams& streams) {
   if (done) done = mark_stage(kCleared, streams);
   if (done && culls) {
     const SamplesToClear clear{samples, sample_count, clears ? resident.fill(kCullThreads) : 0};
-    if (has_few_clusters()) {
-      submit_few_culling<kOrthographic>(list, clear, streams);
+    if (culls_as_small_scene()) {
+      submit_small_scene_culling<kOrthographic>(list, clear, streams);
     } else {
       submit_culling(list, clear, draws_indexed, draws_clusters, streams);
     }
@@ -534,7 +534,7 @@ Result<void> CudaFrames::Impl::submit_passes(const FrameStreams& streams) {
   }
   if (done && draws_clusters) {
     if (two_passes && options.part != FramePart::kRest) {
-      submit_clusters<kOrthographic, ClusterPass::kSeenBefore>(small, 0, 1, streams);
+      submit_clusters<kOrthographic, ClusterPass::kPreviouslyVisible>(small, 0, 1, streams);
     } else if (!two_passes) {
       submit_clusters<kOrthographic, ClusterPass::kOnly>(small, 0, 1, streams);
     }
@@ -542,7 +542,7 @@ Result<void> CudaFrames::Impl::submit_passes(const FrameStreams& streams) {
   if (done) done = cuda_check(cudaGetLastError(), "starting stage 1");
   if (done) done = submit_stages<kOrthographic>(small, kFirstStages, streams);
   if (done) done = mark_stage(kFirstDone, streams);
-  if (done && two_passes && !is_ahead) {
+  if (done && two_passes && !draws_only_previously_visible) {
     const auto tiles_along = [](int32_t side) { return (static_cast<uint32_t>(side) - 1) / kPyramidTile + 1; };
     const dim3 tiles_of_image(tiles_along(frame.width), tiles_along(frame.height));
     // Where the camera stood still little is new, and one round is the least work.
@@ -551,7 +551,7 @@ Result<void> CudaFrames::Impl::submit_passes(const FrameStreams& streams) {
       build_pyramid_tiles<<<tiles_of_image, kPyramidThreads, 0, streams.main>>>(pyramid, samples);
       build_pyramid_top_and_begin_pass<<<1, 1024, 0, streams.main>>>(pyramid, counters);
       if (round == 0) done = mark_stage(kPyramidDone, streams);
-      submit_clusters<kOrthographic, ClusterPass::kNewlySeen>(small, round, rounds, streams);
+      submit_clusters<kOrthographic, ClusterPass::kNewlyVisible>(small, round, rounds, streams);
       if (done) done = cuda_check(cudaGetLastError(), "starting the second pass");
       if (done) done = submit_stages<kOrthographic>(small, kSecondStages, streams);
     }
@@ -575,17 +575,18 @@ Result<void> CudaFrames::Impl::submit() {
   is_graph = goes_as_graph();
   Result<void> done;
   if (is_graph) done = capture_graph();
-  if (done) done = mark(kStart, frame_streams);
+  if (done) done = record_event(kStart, frame_streams);
   if (done && !counters_cleared) done = clear_counters();
   counters_cleared = false;
   if (done) done = is_graph ? graph.launch(frame_streams.main) : submit_passes(frame_streams);
   const auto* const counters = reinterpret_cast<const FrameCounters*>(zeroed.data());
-  if (done) done = mark(kAllDone, frame_streams);
+  if (done) done = record_event(kAllDone, frame_streams);
   if (done) {
-    done = cuda_check(cudaMemcpyAsync(seen, counters, sizeof *seen, cudaMemcpyDeviceToHost, frame_streams.main),
-                      "reading the counters");
+    done = cuda_check(
+        cudaMemcpyAsync(host_counters, counters, sizeof *host_counters, cudaMemcpyDeviceToHost, frame_streams.main),
+        "reading the counters");
   }
-  if (done) done = mark(kCountersRead, frame_streams);
+  if (done) done = record_event(kCountersRead, frame_streams);
   if (done) done = clear_counters();
   return done;
 }
@@ -593,12 +594,12 @@ Result<void> CudaFrames::Impl::submit() {
 Result<void> CudaFrames::Impl::read_times(FrameTimes& times) const {
   struct Span {
     float* out;
-    Mark from;
-    Mark to;
+    FrameEvent from;
+    FrameEvent to;
     bool is_there;
   };
   times.has_stages = options.stage_times;
-  const bool has_second = two_passes && options.part != FramePart::kSeenBefore;
+  const bool has_second = two_passes && options.part != FramePart::kPreviouslyVisible;
   const Span spans[] = {{&times.clear_ms, kStart, kCleared, true},
                         {&times.cull_ms, kCleared, kCulled, true},
                         {&times.small_ms, kCulled, kSmallDone, true},
@@ -610,7 +611,7 @@ Result<void> CudaFrames::Impl::read_times(FrameTimes& times) const {
   for (const Span& span : spans) {
     *span.out = 0;
     if (!span.is_there || (!times.has_stages && span.out != &times.raster_ms)) continue;
-    Result<void> done = cuda_check(cudaEventElapsedTime(span.out, marks[span.from], marks[span.to]), "reading times");
+    Result<void> done = cuda_check(cudaEventElapsedTime(span.out, events[span.from], events[span.to]), "reading times");
     if (!done) return done;
   }
   return {};
@@ -626,15 +627,15 @@ uint64_t CudaFrames::device_bytes(const SceneView& host, const CudaQueueSizes& s
   uint64_t bytes = sizeof(FrameCounters) + 2 * host.mesh_count * sizeof(uint32_t) +
                    host.instance_count * (2 * sizeof(uint32_t) + sizeof(Transform)) +
                    host.chunk_count * sizeof(ChunkBounds) +
-                   candidates.indexed * (sizeof(Candidate) + sizeof(DrawGroup)) +
+                   candidates.indexed * (sizeof(CandidateDraw) + sizeof(InstancedDraw)) +
                    (sizes.medium + sizes.large) * sizeof(Triangle) + sizes.tiles * sizeof(TileItem);
-  const bool has_few = are_few(candidates.indexed, candidates.cluster_groups, sizes);
-  const uint64_t few_groups = has_few ? candidates.cluster_groups : 0;
+  const bool is_small = is_small_scene(candidates.indexed, candidates.cluster_groups, sizes);
+  const uint64_t small_scene_groups = is_small ? candidates.cluster_groups : 0;
   if (candidates.clustered != 0) {
-    bytes += candidates.clustered * (sizeof(Candidate) + kGroupInstances * sizeof(uint16_t)) +
-             max_of(candidates.cluster_draws, few_groups) * sizeof(ClusterDraw) + few_groups * sizeof(ClusterGroup) +
-             host.chunk_count * sizeof(uint32_t) + host.instance_count * sizeof(uint64_t) +
-             candidates.cluster_groups * sizeof(uint32_t) +
+    bytes += candidates.clustered * (sizeof(CandidateDraw) + kDrawInstances * sizeof(uint16_t)) +
+             max_of(candidates.cluster_draws, small_scene_groups) * sizeof(ClusterDraw) +
+             small_scene_groups * sizeof(ClusterGroup) + host.chunk_count * sizeof(uint32_t) +
+             host.instance_count * sizeof(uint64_t) + candidates.cluster_groups * sizeof(uint32_t) +
              first_items(candidates.cluster_groups, sizes) * sizeof(ClusterItem) + sizes.to_clip * sizeof(ClipItem) +
              2 * sizes.clipped * sizeof(Triangle) + sizes.tiles * sizeof(TileItem);
   }
@@ -672,12 +673,12 @@ Result<void> CudaFrames::start(const View& view, uint64_t* samples, const DrawOp
 /// Makes room in the queues that overflowed, before the frame is drawn again. Errors kDevice; kRange: a queue would
 /// need 2^32 places.
 Result<void> CudaFrames::Impl::grow_queues() {
-  const bool lost_clusters = queues.lost_clusters(*seen);
+  const bool lost_clusters = queues.lost_clusters(*host_counters);
   // A little more than the frame needed, since the camera moves; exactly that where no more fits.
-  Result<void> grown = queues.grow(queues.asked(*seen, 4));
-  if (!grown) grown = queues.grow(queues.asked(*seen, 0));
+  Result<void> grown = queues.grow(queues.needed(*host_counters, 4));
+  if (!grown) grown = queues.grow(queues.needed(*host_counters, 0));
   if (!grown) return grown;
-  if (!queues.had_room(*seen))
+  if (!queues.had_room(*host_counters))
     return Error{ErrorCode::kRange, "a queue of the frame would need 2^32 places; use --backend cpu"};
   // Clusters without room hid nothing: the hints that the frame left name far too many. In a part, a cluster with a new
   // hint would count as drawn before the part.
@@ -685,47 +686,48 @@ Result<void> CudaFrames::Impl::grow_queues() {
 }
 
 /// Chooses how the next frame is drawn, from this one's view and counters: in how many rounds, by which kernel its
-/// triangles are clipped (cuts_many), and how often the hints are tested anew.
+/// triangles are clipped (clips_many), and how often the hints are tested anew.
 void CudaFrames::Impl::adapt_next_frame() {
   last_view = frame;
-  clipped_before = seen->to_clip;
+  clipped_before = host_counters->to_clip;
   // After a jump of the camera most clusters that the second pass found turn out to be hidden: all are tested anew. So
   // are they in each part of a frame: few of the chunks that may hide a part's first clusters were there.
-  const uint64_t seen_before_count = seen->clusters[0];
-  const uint64_t newly_seen_count = clusters_before(*seen, kClusterPasses) - seen_before_count;
+  const uint64_t previously_visible = host_counters->clusters[0];
+  const uint64_t newly_visible = clusters_before(*host_counters, kClusterPasses) - previously_visible;
   const bool is_whole = options.part == FramePart::kWhole;
-  hint_period = !is_whole || newly_seen_count > seen_before_count ? 1 : kHintPeriod;
+  hint_period = !is_whole || newly_visible > previously_visible ? 1 : kHintPeriod;
 }
 
 Result<CudaFrames::Finished> CudaFrames::finish(FrameTimes* times) {
   bool is_drawn_again = false;
   for (;;) {
-    if (Result<void> done = cuda_check(cudaEventSynchronize(impl_->marks[kCountersRead]), "drawing"); !done)
+    if (Result<void> done = cuda_check(cudaEventSynchronize(impl_->events[kCountersRead]), "drawing"); !done)
       return done.error();
-    if (impl_->queues.had_room(*impl_->seen)) break;
+    if (impl_->queues.had_room(*impl_->host_counters)) break;
     if (Result<void> grown = impl_->grow_queues(); !grown) return grown.error();
     is_drawn_again = true;
-    impl_->clipped_before = impl_->seen->to_clip;  // the same frame again: the guess is right
+    impl_->clipped_before = impl_->host_counters->to_clip;  // the same frame again: the guess is right
     if (Result<void> done = impl_->submit(); !done) return done.error();
   }
   impl_->adapt_next_frame();
   if (times != nullptr) {
     if (Result<void> done = impl_->read_times(*times); !done) return done.error();
   }
-  const Counters& seen = impl_->seen->queues;
+  const Counters& counters = impl_->host_counters->queues;
   FrameStats stats{};
-  if (impl_->options.part != FramePart::kSeenBefore) {  // else kRest counts them
-    stats.instances_drawn = seen.instances_drawn;
-    stats.draws = seen.draws;
-    stats.triangles = seen.triangles;
+  if (impl_->options.part != FramePart::kPreviouslyVisible) {  // else kRest counts them
+    stats.instances_drawn = counters.instances_drawn;
+    stats.draws = counters.draws;
+    stats.triangles = counters.triangles;
   }
-  stats.triangles_small = seen.triangles_small;
-  stats.triangles_medium = seen.medium + impl_->seen->clipped.medium;
-  stats.triangles_large = seen.large + impl_->seen->clipped.large;
-  stats.triangles_clipped = seen.triangles_clipped;
-  stats.groups_tested = impl_->seen->groups_tested;
-  stats.clusters_tested = impl_->seen->clusters_tested;
-  stats.clusters_drawn = clusters_before(*impl_->seen, kClusterPasses) - impl_->seen->clusters_left_out;
+  stats.triangles_small = counters.triangles_small;
+  stats.triangles_medium = counters.medium + impl_->host_counters->clipped.medium;
+  stats.triangles_large = counters.large + impl_->host_counters->clipped.large;
+  stats.triangles_clipped = counters.triangles_clipped;
+  stats.groups_tested = impl_->host_counters->groups_tested;
+  stats.clusters_tested = impl_->host_counters->clusters_tested;
+  stats.clusters_drawn =
+      clusters_before(*impl_->host_counters, kClusterPasses) - impl_->host_counters->clusters_culled_late;
   return Finished{stats, is_drawn_again};
 }
 

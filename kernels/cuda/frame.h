@@ -18,7 +18,7 @@ enum class FramePart : uint8_t {
   kPart,   // all of the chunks whose pages are there
   // Of those, clusters that were seen last time, for others to hide behind. Each chunk is in one kRest after that, of
   // the same view and options, and in no part between.
-  kSeenBefore,
+  kPreviouslyVisible,
   kRest,  // what that left
 };
 

@@ -178,8 +178,8 @@ struct StripEdges {
 /// it asks for before it finds their depths.
 template <bool kOrthographic, bool kHuge>
 __device__ inline void draw_strip(const Target& target, const StripEdges& strip, const DepthPlane& plane,
-                                  uint32_t more1, uint32_t more2, uint64_t id, int32_t first_x, int32_t first_y,
-                                  int32_t x0, int32_t x1, uint32_t rows) {
+                                  uint32_t exclusive1, uint32_t exclusive2, uint64_t id, int32_t first_x,
+                                  int32_t first_y, int32_t x0, int32_t x1, uint32_t rows) {
   const auto lane = static_cast<int32_t>(threadIdx.x % kWarpLanes);
 #pragma unroll 1
   for (int32_t column = lane; column < kTileSide; column += static_cast<int32_t>(kWarpLanes)) {
@@ -193,14 +193,14 @@ __device__ inline void draw_strip(const Target& target, const StripEdges& strip,
     for (int32_t y = 0; y < kStripRows; ++y) {
       auto sign = static_cast<int32_t>(left_out << (31 - y));
       for (int e = 0; e < 3; ++e) sign |= strip.high_at(e, moved[e] + y * strip.down[e]);
-      seen[y] = sign >= 0 ? WarpTeam::look(samples + static_cast<uint32_t>(y) * stride) : 0;
+      seen[y] = sign >= 0 ? WarpTeam::load_relaxed(samples + static_cast<uint32_t>(y) * stride) : 0;
     }
     for (int32_t y = 0; y < kStripRows; ++y) {
       if (seen[y] != 0) {
-        const float weight1 = strip.value_at<kHuge>(1, moved[1], more1) * plane.inverse_area;
-        const float weight2 = strip.value_at<kHuge>(2, moved[2], more2) * plane.inverse_area;
+        const float weight1 = strip.value_at<kHuge>(1, moved[1], exclusive1) * plane.inverse_area;
+        const float weight2 = strip.value_at<kHuge>(2, moved[2], exclusive2) * plane.inverse_area;
         const uint64_t drawn = pack_sample(depth_code<kOrthographic>(depth_of_weights(plane, weight1, weight2)), id);
-        if (drawn < seen[y]) WarpTeam::put_min(samples + static_cast<uint32_t>(y) * stride, drawn);
+        if (drawn < seen[y]) WarpTeam::atomic_min(samples + static_cast<uint32_t>(y) * stride, drawn);
       }
       moved[1] += strip.down[1];
       moved[2] += strip.down[2];
@@ -234,15 +234,15 @@ __global__ void __launch_bounds__(kLargeThreads, kLargeBlocks) raster_large(cons
     const int64_t area = doubled_area(triangle.x, triangle.y);
     const DepthPlane plane = make_depth_plane(triangle, area);
     const StripEdges strip(edges);
-    const auto more1 = static_cast<uint32_t>(edges.exclusive[1]);
-    const auto more2 = static_cast<uint32_t>(edges.exclusive[2]);
+    const auto exclusive1 = static_cast<uint32_t>(edges.exclusive[1]);
+    const auto exclusive2 = static_cast<uint32_t>(edges.exclusive[2]);
     const uint32_t rows = (2u << last_row) - (1u << first_row);
     if (area < int64_t{1} << 48) {
-      draw_strip<kOrthographic, false>(frame.target, strip, plane, more1, more2, triangle.id, first_x, first_y, box.x0,
-                                       box.x1, rows);
+      draw_strip<kOrthographic, false>(frame.target, strip, plane, exclusive1, exclusive2, triangle.id, first_x,
+                                       first_y, box.x0, box.x1, rows);
     } else {
-      draw_strip<kOrthographic, true>(frame.target, strip, plane, more1, more2, triangle.id, first_x, first_y, box.x0,
-                                      box.x1, rows);
+      draw_strip<kOrthographic, true>(frame.target, strip, plane, exclusive1, exclusive2, triangle.id, first_x, first_y,
+                                      box.x0, box.x1, rows);
     }
   }
 }

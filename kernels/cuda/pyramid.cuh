@@ -31,9 +31,9 @@ __global__ void __launch_bounds__(kPyramidThreads)
   const auto* words = reinterpret_cast<const uint32_t*>(samples) + 1;
   const auto code_at = [&](int32_t column, int32_t row) {
     if (column >= pyramid.width || row >= pyramid.height) return 0u;
-    const uint64_t place =
+    const uint64_t index =
         static_cast<uint64_t>(row) * static_cast<uint64_t>(pyramid.width) + static_cast<uint64_t>(column);
-    return words[2 * place] >> (kIdBits - 32);
+    return words[2 * index] >> (kIdBits - 32);
   };
   uint32_t code[8][2];
   for (int32_t row = 0; row < 8; ++row) {

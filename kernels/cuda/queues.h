@@ -41,29 +41,29 @@ struct FrameQueues {
   }
 
   /// The sizes that the frame needed; for queues that overflowed 1 / `part` of that on top, unless `part` is 0.
-  CudaQueueSizes asked(const FrameCounters& seen, uint64_t part) const {
+  CudaQueueSizes needed(const FrameCounters& counters, uint64_t part) const {
     const auto more = [part](uint64_t count, uint64_t there) {
       return count > there && part != 0 ? count + count / part : count;
     };
-    return {
-        more(seen.queues.medium, triangles.medium.count()),
-        more(seen.queues.large, triangles.large.count()),
-        0,
-        more(clusters_before(seen, kClusterPasses), items.count()),
-        more(seen.to_clip, to_clip.count()),
-        more(max_of(seen.clipped.medium, seen.clipped.large), min_of(clipped.medium.count(), clipped.large.count())),
-        0,
-        0};
+    return {more(counters.queues.medium, triangles.medium.count()),
+            more(counters.queues.large, triangles.large.count()),
+            0,
+            more(clusters_before(counters, kClusterPasses), items.count()),
+            more(counters.to_clip, to_clip.count()),
+            more(max_of(counters.clipped.medium, counters.clipped.large),
+                 min_of(clipped.medium.count(), clipped.large.count())),
+            0,
+            0};
   }
 
   /// Whether the queue of clusters, or that of triangles to be clipped, was too small.
-  bool lost_clusters(const FrameCounters& seen) const {
-    const CudaQueueSizes wanted = asked(seen, 0);
+  bool lost_clusters(const FrameCounters& counters) const {
+    const CudaQueueSizes wanted = needed(counters, 0);
     return wanted.clusters > items.count() || wanted.to_clip > to_clip.count();
   }
 
-  bool had_room(const FrameCounters& seen) const {
-    const CudaQueueSizes wanted = asked(seen, 0);
+  bool had_room(const FrameCounters& counters) const {
+    const CudaQueueSizes wanted = needed(counters, 0);
     return wanted.medium <= triangles.medium.count() && wanted.large <= triangles.large.count() &&
            wanted.clusters <= items.count() && wanted.to_clip <= to_clip.count() &&
            wanted.clipped <= min_of(clipped.medium.count(), clipped.large.count());

@@ -1,5 +1,5 @@
 // Stage 1 on a GPU. Warps take runs of rows of the draw list: 32 triangles, one a lane, fetched once for all instances
-// of the group. The filter (sample_filter.h) lets few of them through; those wait in shared memory until 32 are there
+// of the draw. The filter (coverage_filter.h) lets few of them through; those wait in shared memory until 32 are there
 // and are then drawn exactly (raster/small.h), so that no lane idles while its neighbours draw.
 #pragma once
 
@@ -8,7 +8,7 @@
 #include "kernels/cuda/backend.cuh"
 #include "kernels/cuda/chunk.cuh"
 #include "kernels/cuda/cull.cuh"
-#include "kernels/cull/sample_filter.h"
+#include "kernels/cull/coverage_filter.h"
 #include "kernels/raster/small.h"
 
 namespace scree::kernels {
@@ -45,31 +45,31 @@ inline constexpr uint32_t kFilteredRows = 4;
 /// Calls `call` with the ways to read the chunk's indices and positions as types: only those that a scene may have are
 /// built, and a rare width of one makes both rare.
 template <bool kLattice, bool kFloat32, class Call>
-__device__ inline auto choose_fetch(const StoredChunk& stored, const Call& call) {
+__device__ inline auto choose_fetch(const PackedChunkView& stored, const Call& call) {
   constexpr std::integral_constant<Fetch, Fetch::kWindow> kWindow;
-  constexpr std::integral_constant<Fetch, Fetch::kPlain> kPlain;
-  constexpr std::integral_constant<Fetch, Fetch::kAny> kAny;
+  constexpr std::integral_constant<Fetch, Fetch::kWords> kWords;
+  constexpr std::integral_constant<Fetch, Fetch::kGeneric> kGeneric;
   if constexpr (kLattice) {
     if (stored.index_fetch == Fetch::kWindow && stored.position_fetch == Fetch::kWindow) return call(kWindow, kWindow);
   }
   if constexpr (kFloat32) {
-    if (stored.position_fetch == Fetch::kPlain) {
-      if (stored.index_fetch == Fetch::kWindow) return call(kWindow, kPlain);
-      return stored.index_fetch == Fetch::kPlain ? call(kPlain, kPlain) : call(kAny, kPlain);
+    if (stored.position_fetch == Fetch::kWords) {
+      if (stored.index_fetch == Fetch::kWindow) return call(kWindow, kWords);
+      return stored.index_fetch == Fetch::kWords ? call(kWords, kWords) : call(kGeneric, kWords);
     }
   }
   if constexpr (kLattice) {
-    return call(kAny, kAny);
+    return call(kGeneric, kGeneric);
   } else {
-    return call(kAny, kPlain);  // there is no other
+    return call(kGeneric, kWords);  // there is no other
   }
 }
 
 /// Draws a triangle the long way: corners to clip, or a reference too far away for int32. Returns how many pieces of it
 /// stage 1 drew, and from bit 16 on whether it was clipped. Out of line, since it is rare and takes many registers.
 template <bool kOrthographic>
-__device__ __noinline__ uint32_t draw_the_long_way(const SmallFrame& frame, uint32_t instance, uint32_t chunk_number,
-                                                   uint32_t number) {
+__device__ __noinline__ uint32_t clip_and_draw(const SmallFrame& frame, uint32_t instance, uint32_t chunk_number,
+                                               uint32_t number) {
   const format::ChunkRecord& chunk = frame.scene.chunks[chunk_number];
   const format::MeshRecord& mesh = frame.scene.meshes[chunk.mesh];
   Transform transform = frame.list.transforms[instance];
@@ -99,7 +99,7 @@ struct alignas(16) SetUpTriangle {
   uint32_t step_x[3];  // of Edges
   uint32_t start;      // pixels of the boxes before
   uint32_t to_row[3];  // of Edges, from the end of a row of the box to the next row's start: step_y - width * step_x
-  uint32_t first;      // place in the picture of the box's first pixel
+  uint32_t first;      // index in the picture of the box's first pixel
   DepthPlane plane;
   uint64_t id;
 
@@ -119,12 +119,12 @@ struct SetUpTriangles {
 /// A warp's shared memory.
 template <bool kInstanced>
 struct SmallShared {
-  SampleFilter filters[kInstanced ? kGroupInstances : 1];
-  ExactInstance exact[kInstanced ? kGroupInstances : 1];
+  CoverageFilter filters[kInstanced ? kDrawInstances : 1];
+  InstanceTransform exact[kInstanced ? kDrawInstances : 1];
   SetUpTriangles set_up;
-  StoredChunk stored;
-  uint32_t waiting[2 * kWarpLanes];                      // triangles
-  uint8_t waiting_for[kInstanced ? 2 * kWarpLanes : 1];  // instance of the group
+  PackedChunkView stored;
+  uint32_t survivors[2 * kWarpLanes];                          // triangles
+  uint8_t survivor_instance[kInstanced ? 2 * kWarpLanes : 1];  // instance of the draw
   bool double_sided;
 };
 
@@ -175,7 +175,7 @@ __device__ inline void draw_pixels(const Target& target, SetUpTriangles& shared,
   constexpr uint32_t kBatch = 4;  // samples that a lane looks at before it needs the first
   uint32_t begun = ~0u;           // boxes that begin before this row of 32 pixels, less one
   for (uint32_t base = 0; base < total; base += kBatch * kWarpLanes) {
-    uint32_t place[kBatch];
+    uint32_t sample[kBatch];
     uint64_t drawn[kBatch];
     uint64_t seen[kBatch];
     for (uint32_t k = 0; k < kBatch; ++k) {
@@ -200,13 +200,13 @@ __device__ inline void draw_pixels(const Target& target, SetUpTriangles& shared,
           depth_at<int32_t>(its.plane, value[1] + static_cast<int32_t>(shape >> SetUpTriangle::kExclusive1Bit & 1),
                             value[2] + static_cast<int32_t>(shape >> SetUpTriangle::kExclusive2Bit & 1));
       drawn[k] = pack_sample(depth_code<kOrthographic>(depth), its.id);
-      place[k] = its.first + inside + y * (static_cast<uint32_t>(target.width) - (shape >> SetUpTriangle::kWidthBit));
+      sample[k] = its.first + inside + y * (static_cast<uint32_t>(target.width) - (shape >> SetUpTriangle::kWidthBit));
     }
     for (uint32_t k = 0; k < kBatch; ++k) {
-      seen[k] = drawn[k] != kBackground ? WarpTeam::look(target.samples + place[k]) : 0;
+      seen[k] = drawn[k] != kBackground ? WarpTeam::load_relaxed(target.samples + sample[k]) : 0;
     }
     for (uint32_t k = 0; k < kBatch; ++k) {
-      if (drawn[k] < seen[k]) WarpTeam::put_min(target.samples + place[k], drawn[k]);
+      if (drawn[k] < seen[k]) WarpTeam::atomic_min(target.samples + sample[k], drawn[k]);
     }
   }
   __syncwarp();
@@ -235,9 +235,10 @@ __device__ inline bool draw_set_up(const Target& target, const Queues& queues, S
 
 /// Projects a triangle that waits. False where there is nothing to draw, or it was drawn the long way (`drawn`).
 template <bool kOrthographic, Fetch kIndices, Fetch kPositions>
-__device__ inline bool project_survivor(const SmallFrame& frame, const StoredChunk& stored, const ExactInstance& exact,
-                                        bool double_sided, uint32_t number, uint32_t chunk, Triangle& triangle,
-                                        PixelBox& box, int64_t& area, uint32_t& drawn) {
+__device__ inline bool project_survivor(const SmallFrame& frame, const PackedChunkView& stored,
+                                        const InstanceTransform& exact, bool double_sided, uint32_t number,
+                                        uint32_t chunk, Triangle& triangle, PixelBox& box, int64_t& area,
+                                        uint32_t& drawn) {
   uint32_t v[3];
   stored.decode_indices<kIndices>(stored.load_indices<kIndices>(number), v);
   ProjectedPoint points[3];
@@ -247,21 +248,21 @@ __device__ inline bool project_survivor(const SmallFrame& frame, const StoredChu
     points[i] = project_point<kOrthographic>(exact.x, exact.y, exact.w, d[0], d[1], d[2]);
   }
   const bool in_range = points[0].in_range & points[1].in_range & points[2].in_range;
-  if (!in_range || (exact.flags & ExactInstance::kFarAway) != 0) {
-    uint32_t outside = in_range || (exact.flags & ExactInstance::kFarAway) != 0 ? 0u : uint32_t{kOutsideMask};
+  if (!in_range || (exact.flags & InstanceTransform::kFarAway) != 0) {
+    uint32_t outside = in_range || (exact.flags & InstanceTransform::kFarAway) != 0 ? 0u : uint32_t{kOutsideMask};
     for (int i = 0; i < 3; ++i) {
       outside &= plane_flags<kOrthographic>(points[i], frame.view, exact.error[0], exact.error[1], exact.error[2]);
     }
-    if (outside == 0) drawn = draw_the_long_way<kOrthographic>(frame, exact.instance, chunk, number);
+    if (outside == 0) drawn = clip_and_draw<kOrthographic>(frame, exact.instance, chunk, number);
     return false;
   }
   return set_up(frame.view, snap_point(points[0], frame.view, 0), snap_point(points[1], frame.view, 0),
                 snap_point(points[2], frame.view, 0), exact.first_id + number,
-                (exact.flags & ExactInstance::kMirrored) != 0, double_sided, triangle, box, area);
+                (exact.flags & InstanceTransform::kMirrored) != 0, double_sided, triangle, box, area);
 }
 
-/// Draws the triangles waiting[first] to [first + count - 1] with a whole warp, a lane each. Returns as
-/// draw_the_long_way() does.
+/// Draws the triangles survivors[first] to [first + count - 1] with a whole warp, a lane each. Returns as
+/// clip_and_draw() does.
 template <bool kOrthographic, bool kLattice, bool kFloat32, bool kInstanced>
 __device__ inline uint32_t draw_survivors(const SmallFrame& frame, uint32_t first, uint32_t count, uint32_t chunk) {
   SmallShared<kInstanced>& shared = small_shared<kInstanced>();
@@ -272,8 +273,8 @@ __device__ inline uint32_t draw_survivors(const SmallFrame& frame, uint32_t firs
   int64_t pixels = 0;  // none: nothing is left to draw
   uint32_t drawn = 0;
   if (lane < count) {
-    const uint32_t number = shared.waiting[first + lane];
-    const ExactInstance& exact = shared.exact[kInstanced ? shared.waiting_for[first + lane] : 0];
+    const uint32_t number = shared.survivors[first + lane];
+    const InstanceTransform& exact = shared.exact[kInstanced ? shared.survivor_instance[first + lane] : 0];
     const auto project = [&](auto indices, auto positions) {
       return project_survivor<kOrthographic, decltype(indices)::value, decltype(positions)::value>(
           frame, shared.stored, exact, shared.double_sided, number, chunk, triangle, box, area, drawn);
@@ -284,34 +285,34 @@ __device__ inline uint32_t draw_survivors(const SmallFrame& frame, uint32_t firs
          (draw_set_up<kOrthographic>(frame.target, frame.queues, shared.set_up, triangle, box, area, pixels) ? 1 : 0);
 }
 
-/// Fills shared memory with what the chunk and the instances of a group need, by a whole warp. Out of line as well.
+/// Fills shared memory with what the chunk and the instances of a draw need, by a whole warp. Out of line as well.
 template <bool kInstanced>
-__device__ __noinline__ void prepare_group(const SmallFrame& frame, const DrawGroup& group, bool filters) {
+__device__ __noinline__ void prepare_draw(const SmallFrame& frame, const InstancedDraw& draw, bool filters) {
   SmallShared<kInstanced>& shared = small_shared<kInstanced>();
   const uint32_t lane = threadIdx.x % kWarpLanes;
-  const format::ChunkRecord& chunk = frame.scene.chunks[group.chunk];
+  const format::ChunkRecord& chunk = frame.scene.chunks[draw.chunk];
   const format::MeshRecord& mesh = frame.scene.meshes[chunk.mesh];
   if (lane == 0) {
-    shared.stored = StoredChunk(frame.scene, mesh, chunk);
+    shared.stored = PackedChunkView(frame.scene, mesh, chunk);
     shared.double_sided = is_double_sided(frame.scene, mesh);
   }
-  if (lane < static_cast<uint32_t>(__popc(group.instances))) {
-    const uint32_t bit = __fns(group.instances, 0, static_cast<int>(lane) + 1);
-    const uint32_t instance = frame.list.visible[group.first_visible + bit];
+  if (lane < static_cast<uint32_t>(__popc(draw.instances))) {
+    const uint32_t bit = __fns(draw.instances, 0, static_cast<int>(lane) + 1);
+    const uint32_t instance = frame.list.visible[draw.first_visible + bit];
     const Transform& transform = frame.list.transforms[instance];
-    const RelativeBox box = drawn_box(frame.list, mesh, chunk, group.chunk, transform);
+    const RelativeBox box = drawn_box(frame.list, mesh, chunk, draw.chunk, transform);
     const TransformError error = error_of(transform, box);
-    if (filters) shared.filters[lane] = make_sample_filter(frame.view, transform, error, box, mesh, chunk);
-    shared.exact[lane] = ExactInstance(frame.scene, transform, error, mesh, chunk, instance);
+    if (filters) shared.filters[lane] = make_coverage_filter(frame.view, transform, error, box, mesh, chunk);
+    shared.exact[lane] = InstanceTransform(frame.scene, transform, error, mesh, chunk, instance);
   }
   __syncwarp();
 }
 
-/// Where a warp is in the rows of a group.
+/// Where a warp is in the rows of a draw.
 struct RowCursor {
   uint32_t row;
   uint32_t instance;
-  uint32_t waiting;  // triangles in the queue
+  uint32_t survivor_count;  // in shared memory
 };
 
 /// Goes on filtering until the rows end or a full warp waits. A leaf: with a call in it, the loop would keep its values
@@ -321,12 +322,12 @@ __device__ __noinline__ RowCursor filter_rows(const SmallFrame& frame, RowCursor
                                               uint32_t last_triangle, uint32_t count) {
   SmallShared<kInstanced>& shared = small_shared<kInstanced>();
   const uint32_t lane = threadIdx.x % kWarpLanes;
-  const StoredChunk stored = shared.stored;
+  const PackedChunkView stored = shared.stored;
   const SampleLimits limits = frame.limits;
   // A row's positions are loaded while the row before is looked at, its indices while the one before that is.
   uint32_t triangle = at.row * kWarpLanes + lane;
-  StoredChunk::IndexWords words = stored.load_indices<kIndices>(min_of(triangle, last_triangle));
-  StoredChunk::PositionWords next[3];
+  PackedChunkView::IndexWords words = stored.load_indices<kIndices>(min_of(triangle, last_triangle));
+  PackedChunkView::PositionWords next[3];
   uint32_t v[3];
   stored.decode_indices<kIndices>(words, v);
   for (int i = 0; i < 3; ++i) next[i] = stored.load_position<kPositions>(v[i]);
@@ -338,7 +339,7 @@ __device__ __noinline__ RowCursor filter_rows(const SmallFrame& frame, RowCursor
     for (int i = 0; i < 3; ++i) next[i] = stored.load_position<kPositions>(v[i]);
     words = stored.load_indices<kIndices>(min_of(triangle + 2 * kWarpLanes, last_triangle));
     for (;;) {
-      const SampleFilter& filter = shared.filters[kInstanced ? at.instance : 0];
+      const CoverageFilter& filter = shared.filters[kInstanced ? at.instance : 0];
       const FilteredVertex a = filter_vertex<kOrthographic>(filter, p[0][0], p[0][1], p[0][2]);
       const FilteredVertex b = filter_vertex<kOrthographic>(filter, p[1][0], p[1][1], p[1][2]);
       const FilteredVertex c = filter_vertex<kOrthographic>(filter, p[2][0], p[2][1], p[2][2]);
@@ -346,20 +347,20 @@ __device__ __noinline__ RowCursor filter_rows(const SmallFrame& frame, RowCursor
       const uint32_t lanes = __ballot_sync(~0u, survives);
       if (lanes != 0) {
         if (survives) {
-          const uint32_t place = at.waiting + static_cast<uint32_t>(__popc(lanes & ((1u << lane) - 1)));
-          shared.waiting[place] = triangle;
-          if (kInstanced) shared.waiting_for[place] = static_cast<uint8_t>(at.instance);
+          const uint32_t slot = at.survivor_count + static_cast<uint32_t>(__popc(lanes & ((1u << lane) - 1)));
+          shared.survivors[slot] = triangle;
+          if (kInstanced) shared.survivor_instance[slot] = static_cast<uint8_t>(at.instance);
         }
-        at.waiting += static_cast<uint32_t>(__popc(lanes));
+        at.survivor_count += static_cast<uint32_t>(__popc(lanes));
       }
       if constexpr (!kInstanced) break;
       if (++at.instance == count) break;
-      if (at.waiting >= kWarpLanes) return at;
+      if (at.survivor_count >= kWarpLanes) return at;
     }
     at.instance = 0;
     ++at.row;
     triangle += kWarpLanes;
-  } while (at.row < last_row && at.waiting < kWarpLanes);
+  } while (at.row < last_row && at.survivor_count < kWarpLanes);
   return at;
 }
 
@@ -370,50 +371,50 @@ class SmallWarp {
   __device__ explicit SmallWarp(const SmallFrame& frame) : frame_(frame), lane_(threadIdx.x % kWarpLanes) {}
 
   __device__ void run() {
-    const uint64_t packed = frame_.list.counters->groups;
-    const auto group_count = static_cast<uint32_t>(packed >> kUnitBits);
-    const uint64_t total = packed & kUnitMask;
+    const uint64_t packed = frame_.list.counters->instanced_draws;
+    const auto draw_count = static_cast<uint32_t>(packed >> kWorkBits);
+    const uint64_t total = packed & kWorkMask;
     const uint64_t warps = uint64_t{gridDim.x} * kSmallWarps;
-    const DrawGroup* const groups = frame_.list.groups;
+    const InstancedDraw* const draws = frame_.list.instanced_draws;
     for (;;) {
-      // A part of what each warp would get of the rest: a run's start costs a search and what a group needs, but the
+      // A part of what each warp would get of the rest: a run's start costs a search and what a draw needs, but the
       // last runs must be short. With instances, some far and some near, rows differ in cost by a hundred.
       constexpr uint32_t kPart = kInstanced ? 16 : 4;
       uint64_t start = 0;
       uint64_t share = 0;
       if (lane_ == 0) {
-        const uint64_t given = *static_cast<const volatile uint64_t*>(&frame_.list.counters->next_unit);
-        share = max_of<uint64_t>((total - min_of(given, total)) / (kPart * warps), total < 256 * warps ? 1 : 64);
-        start = WarpTeam::add(&frame_.list.counters->next_unit, share);
+        const uint64_t taken = *static_cast<const volatile uint64_t*>(&frame_.list.counters->next_work);
+        share = max_of<uint64_t>((total - min_of(taken, total)) / (kPart * warps), total < 256 * warps ? 1 : 64);
+        start = WarpTeam::add(&frame_.list.counters->next_work, share);
       }
       start = __shfl_sync(~0u, start, 0);
       share = __shfl_sync(~0u, share, 0);
       if (start >= total) break;
       const uint64_t end = min_of(start + share, total);
-      uint32_t place = find_item(group_count, start, lane_, [&](uint32_t i) { return groups[i].first_unit; });
-      for (; place < group_count && groups[place].first_unit < end; ++place) draw_group(groups[place], start, end);
+      uint32_t index = find_draw(draw_count, start, lane_, [&](uint32_t i) { return draws[i].work_before; });
+      for (; index < draw_count && draws[index].work_before < end; ++index) draw_instanced(draws[index], start, end);
     }
     report();
   }
 
  private:
-  __device__ void draw_group(const DrawGroup& group, uint64_t start, uint64_t end) {
-    const auto count = static_cast<uint32_t>(__popc(group.instances));
-    const uint32_t last_triangle = frame_.scene.chunks[group.chunk].triangle_count - 1;
+  __device__ void draw_instanced(const InstancedDraw& draw, uint64_t start, uint64_t end) {
+    const auto count = static_cast<uint32_t>(__popc(draw.instances));
+    const uint32_t last_triangle = frame_.scene.chunks[draw.chunk].triangle_count - 1;
     const uint32_t rows = last_triangle / kWarpLanes + 1;
     // A row belongs to the run that holds its first unit.
-    const uint64_t skipped = start > group.first_unit ? start - group.first_unit : 0;
+    const uint64_t skipped = start > draw.work_before ? start - draw.work_before : 0;
     const auto first = static_cast<uint32_t>((skipped + count - 1) / count);
-    const auto last = static_cast<uint32_t>(min_of<uint64_t>((end - group.first_unit + count - 1) / count, rows));
+    const auto last = static_cast<uint32_t>(min_of<uint64_t>((end - draw.work_before + count - 1) / count, rows));
     if (first >= last) return;
     // For a few rows the filter would cost more than it saves.
     const bool filters = frame_.filters && last - first >= kFilteredRows;
-    prepare_group<kInstanced>(frame_, group, filters);
+    prepare_draw<kInstanced>(frame_, draw, filters);
     RowCursor at{first, 0, 0};
-    while (at.row < last || at.waiting != 0) {
+    while (at.row < last || at.survivor_count != 0) {
       if (at.row < last) at = filters ? filter(at, last, last_triangle, count) : keep_row(at, last_triangle, count);
       __syncwarp();
-      if (at.waiting >= kWarpLanes || at.row == last) draw_waiting(at, group.chunk);
+      if (at.survivor_count >= kWarpLanes || at.row == last) flush_survivors(at, draw.chunk);
     }
   }
 
@@ -429,21 +430,21 @@ class SmallWarp {
     SmallShared<kInstanced>& shared = small_shared<kInstanced>();
     const uint32_t triangle = at.row * kWarpLanes + lane_;
     if (triangle <= last_triangle) {
-      shared.waiting[at.waiting + lane_] = triangle;
-      if (kInstanced) shared.waiting_for[at.waiting + lane_] = static_cast<uint8_t>(at.instance);
+      shared.survivors[at.survivor_count + lane_] = triangle;
+      if (kInstanced) shared.survivor_instance[at.survivor_count + lane_] = static_cast<uint8_t>(at.instance);
     }
-    at.waiting += min_of(last_triangle - at.row * kWarpLanes + 1, kWarpLanes);
-    if (++at.instance == count) at = {at.row + 1, 0, at.waiting};
+    at.survivor_count += min_of(last_triangle - at.row * kWarpLanes + 1, kWarpLanes);
+    if (++at.instance == count) at = {at.row + 1, 0, at.survivor_count};
     return at;
   }
 
   /// Draws the last up to 32 that wait.
-  __device__ void draw_waiting(RowCursor& at, uint32_t chunk) {
-    const uint32_t count = min_of(at.waiting, kWarpLanes);
+  __device__ void flush_survivors(RowCursor& at, uint32_t chunk) {
+    const uint32_t count = min_of(at.survivor_count, kWarpLanes);
     if (count == 0) return;
-    at.waiting -= count;
+    at.survivor_count -= count;
     const uint32_t drawn =
-        draw_survivors<kOrthographic, kLattice, kFloat32, kInstanced>(frame_, at.waiting, count, chunk);
+        draw_survivors<kOrthographic, kLattice, kFloat32, kInstanced>(frame_, at.survivor_count, count, chunk);
     small_ += drawn & 0xffffu;
     clipped_ += drawn >> 16;
     __syncwarp();

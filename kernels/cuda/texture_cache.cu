@@ -91,7 +91,8 @@ struct CudaTextureCache::Impl {
 
   /// Room for two lists of the tiles of a picture.
   bool reserve(uint32_t tiles) {
-    const Result<void> done = lists.reserve(uint64_t{2} * tiles * sizeof(TileLeft), "allocating the lists of tiles");
+    const Result<void> done =
+        lists.reserve(uint64_t{2} * tiles * sizeof(UnfinishedTile), "allocating the lists of tiles");
     if (!done) error = done.error();
     return static_cast<bool>(done);
   }
@@ -134,11 +135,11 @@ bool CudaTextureCache::Impl::shade(const ShadeInputs& in, const PixelTiles& tile
   if (!check(cudaMemsetAsync(counters, 0, kDecodeRounds * sizeof(RoundCounters), stream),
              "clearing the rounds' counters"))
     return false;
-  auto* const first_list = reinterpret_cast<TileLeft*>(lists.data());
-  TileLeft* const list[2] = {first_list, first_list + tile_count};
+  auto* const first_list = reinterpret_cast<UnfinishedTile*>(lists.data());
+  UnfinishedTile* const list[2] = {first_list, first_list + tile_count};
   bool started = true;
   for (uint32_t round = 0; round < kDecodeRounds && started; ++round, ++now) {
-    const TileLeft* const from = round == 0 ? nullptr : list[(round - 1) % 2];
+    const UnfinishedTile* const from = round == 0 ? nullptr : list[(round - 1) % 2];
     const RoundCounters* const before = round == 0 ? nullptr : counters + round - 1;
     visit_textured<kApart>(in, CachedTexels{cache, counters + round, now}, [&](const auto& shader) {
       const ShadeRound<decltype(pixels_of(shader))> pass{pixels_of(shader), from, list[round % 2], counters + round};
@@ -151,7 +152,7 @@ bool CudaTextureCache::Impl::shade(const ShadeInputs& in, const PixelTiles& tile
     started = check(cudaGetLastError(), "starting a round of decoding");
   }
   if (!started) return false;
-  visit_textured<false>(in, PatientTexels{cache, now - 1}, [&](const auto& shader) {
+  visit_textured<false>(in, FallbackTexels{cache, now - 1}, [&](const auto& shader) {
     const ShadeRound<decltype(pixels_of(shader))> pass{pixels_of(shader), list[(kDecodeRounds - 1) % 2], nullptr,
                                                        nullptr};
     started = run(pass, tile_count, counters + kDecodeRounds - 1, stream);

@@ -76,7 +76,7 @@ __global__ void __launch_bounds__(kLanes* kWarps)
   look_at_chunks(scene, view, [&](uint64_t chunk, const auto& find) {
     ScreenBounds bounds;
     if (shown[chunk] == nearest[chunk]) return;  // as near as it gets, or nowhere
-    if (find(bounds) && bounds.nearest_code < shown[chunk] && !is_behind(pyramid, kFirstLevel, bounds))
+    if (find(bounds) && bounds.nearest_code < shown[chunk] && !is_occluded_by_pyramid(pyramid, kFirstLevel, bounds))
       atomicMin(shown + chunk, bounds.nearest_code);
   });
 }

@@ -5,23 +5,23 @@
 #pragma once
 
 #include "format/geometry/cluster_layout.h"
+#include "kernels/cull/coverage_filter.h"
 #include "kernels/cull/depth_pyramid.h"
-#include "kernels/cull/sample_filter.h"
 
 namespace scree::kernels {
 inline namespace SCREE_ISA {
 
 /// What of a box is in the picture: nothing; something, but between pixel centres; pixel centres.
-enum class BoxShows : uint32_t { kNothing, kBetween, kCenters };
+enum class BoxCoverage : uint32_t { kNone, kBetween, kCenters };
 
 /// A box in offsets from a chunk's position_min.
-struct OffsetBox {
+struct CenteredBox {
   float center[3];
   float extent[3];  // half sides
 };
 
-SCREE_HD inline OffsetBox offset_box(const format::ClusterBounds& bounds) {
-  OffsetBox box;
+SCREE_HD inline CenteredBox centered_box(const format::ClusterBounds& bounds) {
+  CenteredBox box;
   for (int i = 0; i < 3; ++i) {
     box.extent[i] = 0.5f * static_cast<float>(format::bounds_extent(bounds, i));
     box.center[i] = static_cast<float>(format::bounds_min(bounds, i)) + box.extent[i];
@@ -37,7 +37,7 @@ SCREE_HD inline float floor_of(float a) {
 #endif
 }
 
-/// Places of the image's first and last pixel centres in a SampleFilter's coordinates.
+/// Places of the image's first and last pixel centres in a CoverageFilter's coordinates.
 struct CenterRange {
   float first[2];
   float last[2];
@@ -57,32 +57,32 @@ SCREE_HD inline CenterRange center_range(const FrameView& view) {
 /// pixel centres that such triangles may cover, where the box lies between them those around it. `filter`: of the box's
 /// chunk, for the whole of it.
 template <bool kOrthographic>
-SCREE_HD inline BoxShows bound_on_screen(const SampleFilter& filter, const FrameView& view, const CenterRange& centers,
-                                         const OffsetBox& box, ScreenBounds& out) {
+SCREE_HD inline BoxCoverage bound_on_screen(const CoverageFilter& filter, const FrameView& view,
+                                            const CenterRange& centers, const CenteredBox& box, ScreenBounds& out) {
   // A filter that knows nothing lets the whole image through.
   if (!(filter.slack < 16.0f)) {
     out = {{0, 0, view.width - 1, view.height - 1}, 0};
-    return BoxShows::kCenters;
+    return BoxCoverage::kCenters;
   }
   constexpr float kMore = 1.00001f;  // the roundings of a sum of terms of one sign, and more
   const float* rows[2] = {filter.u, filter.v};
   const float w_center = fused(filter.w[0], box.center[0],
                                fused(filter.w[1], box.center[1], fused(filter.w[2], box.center[2], filter.w[3])));
-  const float w_reach = kMore * (size_of(filter.w[0]) * box.extent[0] + size_of(filter.w[1]) * box.extent[1] +
-                                 size_of(filter.w[2]) * box.extent[2]);
-  const float w_error = 2.0f * (kOrthographic ? filter.w_lowest : filter.w_lowest - (1.0f - kCutBefore));
-  const float w_low = w_center - w_reach - w_error;
-  const float w_high = w_center + w_reach + w_error;
+  const float w_half_extent = kMore * (fast_abs(filter.w[0]) * box.extent[0] + fast_abs(filter.w[1]) * box.extent[1] +
+                                       fast_abs(filter.w[2]) * box.extent[2]);
+  const float w_error = 2.0f * (kOrthographic ? filter.w_lowest : filter.w_lowest - (1.0f - kBeforeNear));
+  const float w_low = w_center - w_half_extent - w_error;
+  const float w_high = w_center + w_half_extent + w_error;
   // Comparisons are written so that NaN keeps the box.
   if constexpr (kOrthographic) {
-    if (w_low > 1.0f || w_high < 0.0f) return BoxShows::kNothing;
+    if (w_low > 1.0f || w_high < 0.0f) return BoxCoverage::kNone;
   } else {
-    if (w_high < 1.0f) return BoxShows::kNothing;
+    if (w_high < 1.0f) return BoxCoverage::kNone;
   }
   const bool in_front = kOrthographic || w_low > 1.0f;
   const float scale = kOrthographic ? 1.0f : 1.0f / w_center;
   const float scale_low = kOrthographic ? 1.0f : 1.0f / w_low;
-  BoxShows shows = BoxShows::kCenters;
+  BoxCoverage shows = BoxCoverage::kCenters;
   int32_t first[2];
   int32_t last[2];
   for (int axis = 0; axis < 2; ++axis) {
@@ -93,32 +93,32 @@ SCREE_HD inline BoxShows bound_on_screen(const SampleFilter& filter, const Frame
       for (int side = 0; side < 2; ++side) {
         const float limit = side == 0 ? centers.first[axis] : centers.last[axis];
         const float sign = side == 0 ? -1.0f : 1.0f;
-        float reach = 0;
-        for (int i = 0; i < 3; ++i) reach += size_of(row[i] - limit * filter.w[i]) * box.extent[i];
-        const float off = sign * (at - limit * w_center) - kMore * reach;
+        float half_extent = 0;
+        for (int i = 0; i < 3; ++i) half_extent += fast_abs(row[i] - limit * filter.w[i]) * box.extent[i];
+        const float off = sign * (at - limit * w_center) - kMore * half_extent;
         const float margin =
-            2.0f * (filter.slack + (filter.growth + 1e-6f) * (size_of(limit) + 1.0f)) * greatest(w_high, 1.0f);
-        if (off > margin) return BoxShows::kNothing;
+            2.0f * (filter.slack + (filter.growth + 1e-6f) * (fast_abs(limit) + 1.0f)) * fast_max(w_high, 1.0f);
+        if (off > margin) return BoxCoverage::kNone;
       }
       continue;
     }
     const float middle = at * scale;
-    float reach = 0;
+    float half_extent = 0;
     for (int i = 0; i < 3; ++i) {
       const float along = kOrthographic ? row[i] : fused(-middle, filter.w[i], row[i]);
-      reach += size_of(along) * box.extent[i];
+      half_extent += fast_abs(along) * box.extent[i];
     }
-    reach = kMore * reach * scale_low;
+    half_extent = kMore * half_extent * scale_low;
     // Both ways to the coordinate may be off: here, and where it is drawn.
-    const float farthest = size_of(middle) + reach;
+    const float farthest = fast_abs(middle) + half_extent;
     const float slack = 2.0f * fused(farthest, filter.growth, filter.slack) + farthest * 1e-6f;
-    const float low = greatest(middle - reach - slack, centers.first[axis]);
-    const float high = least(middle + reach + slack, centers.last[axis]);
-    if (low > high) return BoxShows::kNothing;
+    const float low = fast_max(middle - half_extent - slack, centers.first[axis]);
+    const float high = fast_min(middle + half_extent + slack, centers.last[axis]);
+    if (low > high) return BoxCoverage::kNone;
     float first_center = -floor_of(-low);
     float last_center = floor_of(high);
     if (first_center > last_center) {
-      shows = BoxShows::kBetween;
+      shows = BoxCoverage::kBetween;
       first_center = last_center;
       last_center = first_center + 1.0f;
     }
@@ -128,11 +128,11 @@ SCREE_HD inline BoxShows bound_on_screen(const SampleFilter& filter, const Frame
   }
   if (!in_front) {
     out = {{0, 0, view.width - 1, view.height - 1}, 0};
-    return BoxShows::kCenters;
+    return BoxCoverage::kCenters;
   }
   out.pixels = {first[0], first[1], last[0], last[1]};
   const float nearest = kOrthographic ? w_high : scale_low * kMore;
-  out.nearest_code = depth_code<kOrthographic>(least(nearest, 1.0f));
+  out.nearest_code = depth_code<kOrthographic>(fast_min(nearest, 1.0f));
   return shows;
 }
 

@@ -13,7 +13,7 @@ inline namespace SCREE_ISA {
 /// kept.
 SCREE_HD inline bool may_be_seen(const Transform& transform, const FrameView& view, const RelativeBox& box) {
   double at_center[3];
-  double reach[3][3];  // row, axis: how far the row's value goes along each axis of the box
+  double half_extent[3][3];  // row, axis: how far the row's value goes along each axis of the box
   double terms[3];
   const double* rows[3] = {transform.exact_x, transform.exact_y, transform.exact_w};
   for (int r = 0; r < 3; ++r) {
@@ -21,7 +21,7 @@ SCREE_HD inline bool may_be_seen(const Transform& transform, const FrameView& vi
     terms[r] = abs_of(rows[r][3]);
     for (int i = 0; i < 3; ++i) {
       at_center[r] += rows[r][i] * box.center[i];
-      reach[r][i] = rows[r][i] * box.extent[i];
+      half_extent[r][i] = rows[r][i] * box.extent[i];
       terms[r] += abs_of(rows[r][i]) * (abs_of(box.center[i]) + box.extent[i]);
     }
   }
@@ -33,15 +33,16 @@ SCREE_HD inline bool may_be_seen(const Transform& transform, const FrameView& vi
       const double weight = view.orthographic ? 0.0 : half[axis];
       double largest = weight * at_center[2] + side * at_center[axis];
       if (view.orthographic) largest += half[axis];
-      for (int i = 0; i < 3; ++i) largest += abs_of(weight * reach[2][i] + side * reach[axis][i]);
+      for (int i = 0; i < 3; ++i) largest += abs_of(weight * half_extent[2][i] + side * half_extent[axis][i]);
       if (largest < -kSlack * (weight * terms[2] + terms[axis])) return false;
     }
   }
-  const double depth_reach = abs_of(reach[2][0]) + abs_of(reach[2][1]) + abs_of(reach[2][2]);
+  const double depth_half_extent = abs_of(half_extent[2][0]) + abs_of(half_extent[2][1]) + abs_of(half_extent[2][2]);
   if (view.orthographic) {
-    if (at_center[2] - depth_reach > 1.0 + kSlack * terms[2] || at_center[2] + depth_reach < -kSlack * terms[2])
+    if (at_center[2] - depth_half_extent > 1.0 + kSlack * terms[2] ||
+        at_center[2] + depth_half_extent < -kSlack * terms[2])
       return false;
-  } else if (at_center[2] + depth_reach < 1.0 - kSlack * terms[2]) {
+  } else if (at_center[2] + depth_half_extent < 1.0 - kSlack * terms[2]) {
     return false;
   }
   return true;
@@ -51,12 +52,12 @@ SCREE_HD inline bool may_be_seen(const Transform& transform, const FrameView& vi
 /// plane and 1 on its far one. Only good for an order.
 SCREE_HD inline double nearness(const Transform& transform, const FrameView& view, const RelativeBox& box) {
   double at = transform.exact_w[3];
-  double reach = 0;
+  double half_extent = 0;
   for (int i = 0; i < 3; ++i) {
     at += transform.exact_w[i] * box.center[i];
-    reach += abs_of(transform.exact_w[i]) * box.extent[i];
+    half_extent += abs_of(transform.exact_w[i]) * box.extent[i];
   }
-  return view.orthographic ? 1.0 - (at + reach) : at - reach;
+  return view.orthographic ? 1.0 - (at + half_extent) : at - half_extent;
 }
 
 /// One team an instance: culls it, then its chunks with the lanes, and appends the blocks of those that remain.

@@ -96,8 +96,8 @@ SCREE_HD inline uint32_t farthest_code(const DepthPyramid& pyramid, uint32_t lev
 /// Whether every sample of `box` has a depth code smaller than `nearest_code`. `samples`: as the pyramid was made from
 /// them, or nearer since. Boxes of up to 2 x 2 samples are looked up in them; others in the squares of the first level
 /// on which at most 2 x 2 cover the box and, where that does not hide it, in those a quarter as large.
-SCREE_HD inline bool is_hidden(const DepthPyramid& pyramid, const uint64_t* samples, const PixelBox& box,
-                               uint32_t nearest_code) {
+SCREE_HD inline bool is_occluded(const DepthPyramid& pyramid, const uint64_t* samples, const PixelBox& box,
+                                 uint32_t nearest_code) {
   const int32_t longest = max_of(box.x1 - box.x0, box.y1 - box.y0);
   if (longest <= 1) {
     const uint64_t* first = samples + static_cast<uint64_t>(box.y0) * static_cast<uint64_t>(pyramid.width);
@@ -117,7 +117,8 @@ SCREE_HD inline bool is_hidden(const DepthPyramid& pyramid, const uint64_t* samp
 
 /// Whether all that lies within the bounds has larger depth codes than the pyramid's samples, or nearer ones. Its
 /// levels from `first_level` on are asked: squares that are a quarter of the box or larger, at most 5 x 5 of them.
-SCREE_HD inline bool is_behind(const DepthPyramid& pyramid, uint32_t first_level, const ScreenBounds& bounds) {
+SCREE_HD inline bool is_occluded_by_pyramid(const DepthPyramid& pyramid, uint32_t first_level,
+                                            const ScreenBounds& bounds) {
   const PixelBox& pixels = bounds.pixels;
   const int32_t longest = max_of(pixels.x1 - pixels.x0, pixels.y1 - pixels.y0);
   uint32_t level = first_level;

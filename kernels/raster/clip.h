@@ -34,20 +34,20 @@ SCREE_HD inline ClipVertex clip_vertex(const Transform& transform, const double 
 /// Signed distance to plane 0 to 5: near, far, left, right, top, bottom of the guard band; inside is >= 0.
 template <bool kOrthographic>
 SCREE_HD inline double plane_distance(const ClipVertex& v, int plane) {
-  const double reach = static_cast<double>(kGuardBand) * (kOrthographic ? 1.0 : v.w);
+  const double guard_limit = static_cast<double>(kGuardBand) * (kOrthographic ? 1.0 : v.w);
   switch (plane) {
     case 0:
       return kOrthographic ? 1.0 - v.w : v.w - 1.0;
     case 1:
       return kOrthographic ? v.w : 1.0;
     case 2:
-      return reach + v.x;
+      return guard_limit + v.x;
     case 3:
-      return reach - v.x;
+      return guard_limit - v.x;
     case 4:
-      return reach + v.y;
+      return guard_limit + v.y;
     default:
-      return reach - v.y;
+      return guard_limit - v.y;
   }
 }
 
@@ -142,8 +142,8 @@ SCREE_HD inline bool clip_near(const ClipVertex v[3], const FrameView& view, Nea
     const int next = i == 2 ? 0 : i + 1;
     const bool inside = distance[i] >= 0;
     if (inside) {
-      const double reach = kGuard * v[i].w;
-      if (!v[i].snapped && !(abs_of(v[i].x) <= reach && abs_of(v[i].y) <= reach)) return false;
+      const double guard_limit = kGuard * v[i].w;
+      if (!v[i].snapped && !(abs_of(v[i].x) <= guard_limit && abs_of(v[i].y) <= guard_limit)) return false;
       out.add(snap_clipped<false>(v[i], view));
     }
     if (inside == (distance[next] >= 0)) continue;

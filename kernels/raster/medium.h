@@ -40,14 +40,14 @@ SCREE_HD inline void draw_box_with_team(Team team, const Target& target, const T
     const uint64_t image_width = static_cast<uint64_t>(target.width);
     while (y < height) {
       constexpr int kBatch = 4;
-      uint64_t* place[kBatch];
+      uint64_t* sample[kBatch];
       uint64_t drawn[kBatch];
       uint64_t seen[kBatch];
       for (int k = 0; k < kBatch; ++k) {
         const bool covered = (y < height) & (static_cast<Int>(value[0] | value[1] | value[2]) >= 0);
         const float depth = depth_at<Int>(plane, static_cast<Int>(value[1]) + edges.exclusive[1],
                                           static_cast<Int>(value[2]) + edges.exclusive[2]);
-        place[k] = at;
+        sample[k] = at;
         drawn[k] = covered ? pack_sample(depth_code<kOrthographic>(depth), triangle.id) : kBackground;
         x += columns;
         y += rows;
@@ -58,9 +58,9 @@ SCREE_HD inline void draw_box_with_team(Team team, const Target& target, const T
         at += leaves ? image_width - width : 0;
         for (int i = 0; i < 3; ++i) value[i] += step[i] + (leaves ? wrap[i] : Bits{0});
       }
-      for (int k = 0; k < kBatch; ++k) seen[k] = drawn[k] != kBackground ? team.look(place[k]) : 0;
+      for (int k = 0; k < kBatch; ++k) seen[k] = drawn[k] != kBackground ? team.load_relaxed(sample[k]) : 0;
       for (int k = 0; k < kBatch; ++k) {
-        if (drawn[k] < seen[k]) team.put_min(place[k], drawn[k]);
+        if (drawn[k] < seen[k]) team.atomic_min(sample[k], drawn[k]);
       }
     }
   }

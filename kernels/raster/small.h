@@ -24,7 +24,7 @@ SCREE_HD inline void draw_box(Team team, const Target& target, const Triangle& t
     for (int32_t x = box.x0; x <= box.x1; ++x) {
       if ((value0 | value1 | value2) >= 0) {
         const float depth = depth_at<Int>(plane, value1 + edges.exclusive[1], value2 + edges.exclusive[2]);
-        team.keep_min(samples + x, pack_sample(depth_code<kOrthographic>(depth), triangle.id));
+        team.update_min(samples + x, pack_sample(depth_code<kOrthographic>(depth), triangle.id));
       }
       value0 += edges.step_x[0];
       value1 += edges.step_x[1];

@@ -15,7 +15,7 @@ inline constexpr uint32_t kObscuranceTurns = 7;       // of the spiral that they
 inline constexpr uint32_t kObscuranceRotations = 16;  // of the spiral, one by hash for every pixel
 inline constexpr float kObscuranceBias = 0.02f;       // of the radius: what a rough or coarsely coded plane may rise
 inline constexpr float kObscuranceStrength = 5.0f;
-inline constexpr int32_t kBlurReach = 2;  // pixels to each side
+inline constexpr int32_t kBlurRadius = 2;  // pixels to each side
 inline constexpr float kEyeDomeStrength = 120.0f;
 
 /// Depths a pixel, row by row: perspective, distances from the eye's plane in units of the near plane's; orthographic,
@@ -102,9 +102,9 @@ struct EyeDome {
         const float own = picture.orthographic ? z * per_height : std::log2(z);
         for (int32_t j = -1; j <= 1; ++j) {
           for (int32_t i = -1; i <= 1; ++i) {
-            const int32_t reach = i == 0 || j == 0 ? across : aslant;
-            const int32_t there_x = static_cast<int32_t>(x) + i * reach;
-            const int32_t there_y = static_cast<int32_t>(y) + j * reach;
+            const int32_t distance = i == 0 || j == 0 ? across : aslant;
+            const int32_t there_x = static_cast<int32_t>(x) + i * distance;
+            const int32_t there_y = static_cast<int32_t>(y) + j * distance;
             if (!picture.holds(there_x, there_y)) continue;
             const float other = picture.at(static_cast<uint32_t>(there_x), static_cast<uint32_t>(there_y));
             sum += max_of(own - (picture.orthographic ? other * per_height : std::log2(other)), 0.0f);
@@ -222,8 +222,8 @@ struct BlurObscurance {
       if (z < bits_float(0x7f800000u)) {
         const float scale = 1.0f / (radius * picture.pixel_side(z));
         sum = weights = 0;
-        for (int32_t j = -kBlurReach; j <= kBlurReach; ++j) {
-          for (int32_t i = -kBlurReach; i <= kBlurReach; ++i) {
+        for (int32_t j = -kBlurRadius; j <= kBlurRadius; ++j) {
+          for (int32_t i = -kBlurRadius; i <= kBlurRadius; ++i) {
             const int32_t there_x = static_cast<int32_t>(x) + i;
             const int32_t there_y = static_cast<int32_t>(y) + j;
             if (!picture.holds(there_x, there_y)) continue;

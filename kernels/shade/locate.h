@@ -230,7 +230,7 @@ SCREE_HD inline TransformRows<double> rows_of(const Transform& transform, double
 /// perspective camera all is divided by the sum of the corners' |w|, which changes no ratio and keeps products within a
 /// float.
 template <class Real>
-struct Meeting {
+struct PlaneHit {
   Real x;  // corner 0
   Real y;
   Real w;  // 1 with an orthographic camera
@@ -242,9 +242,10 @@ struct Meeting {
 
 /// (x, y): the sample, sub-pixels from the image's centre.
 template <bool kOrthographic, class Real>
-SCREE_HD inline Meeting<Real> meet(const Transform& transform, const Corners<Real>& corners, Real x, Real y) {
+SCREE_HD inline PlaneHit<Real> intersect_plane(const Transform& transform, const Corners<Real>& corners, Real x,
+                                               Real y) {
   const TransformRows<Real> rows = rows_of(transform, Real{});
-  Meeting<Real> out;
+  PlaneHit<Real> out;
   Real row_x[4];
   Real row_y[4];
   for (int i = 0; i < 4; ++i) {
@@ -280,7 +281,7 @@ SCREE_HD inline Meeting<Real> meet(const Transform& transform, const Corners<Rea
 /// Weights of the corners, in object space, of the point where the ray meets the triangle's plane. They are brought
 /// into the triangle: snapping lets a sample's centre lie a little outside, edge-on triangles far outside.
 template <class Real>
-SCREE_HD inline void hit_weights(const Meeting<Real>& m, Real weights[3]) {
+SCREE_HD inline void hit_weights(const PlaneHit<Real>& m, Real weights[3]) {
   const Real inverse = reciprocal(m.area);
   weights[1] = (m.edge_x[1] * m.y - m.edge_y[1] * m.x) * inverse;
   weights[2] = (m.x * m.edge_y[0] - m.y * m.edge_x[0]) * inverse;

@@ -52,8 +52,8 @@ struct FindDepthRange {
       own.farthest = max_of(own.farthest, sample_depth_code(row[x]));
     }
     if (own.nearest > own.farthest) return;
-    team.keep_least(&range->nearest, own.nearest);
-    team.keep_most(&range->farthest, own.farthest);
+    team.atomic_min(&range->nearest, own.nearest);
+    team.atomic_max(&range->farthest, own.farthest);
   }
 };
 

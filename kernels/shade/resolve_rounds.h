@@ -9,11 +9,11 @@ inline namespace SCREE_ISA {
 
 /// Rounds, each of shading the pixels that are left and decoding what they lacked: a picture whose texels lie in the
 /// cache takes one, one that the cache can hold two, a larger one more. Pixels that the last one leaves decode for
-/// themselves (PatientTexels).
+/// themselves (FallbackTexels).
 inline constexpr uint32_t kDecodeRounds = 4;
 
 /// A tile with pixels that lacked texels: a bit each, row by row.
-struct TileLeft {
+struct UnfinishedTile {
   uint32_t tile;
   uint32_t pixels;
 };
@@ -23,8 +23,8 @@ struct TileLeft {
 template <class Pixels>
 struct ShadeRound {
   Pixels pixels;
-  const TileLeft* tiles;  // an item each; null: all tiles, all pixels
-  TileLeft* left;         // room for all tiles; null where nothing can be missing
+  const UnfinishedTile* tiles;  // an item each; null: all tiles, all pixels
+  UnfinishedTile* unfinished;   // room for all tiles; null where nothing can be missing
   RoundCounters* counters;
 
   /// `tiles` has as many entries as the round before counted.
@@ -32,7 +32,7 @@ struct ShadeRound {
   SCREE_HD void operator()(uint32_t item, Team team) const {
     using Shader = typename Pixels::Shader;
     static_assert(Team::size() == 1 || Team::size() == kPixelTileSize);
-    const TileLeft own = tiles != nullptr ? tiles[item] : TileLeft{item, ~uint32_t{0}};
+    const UnfinishedTile own = tiles != nullptr ? tiles[item] : UnfinishedTile{item, ~uint32_t{0}};
     ShadeState<Team, Shader> state;
     uint32_t missed = 0;  // of this lane's pixels
     uint32_t bit = team.rank();
@@ -46,7 +46,7 @@ struct ShadeRound {
     });
     if constexpr (Shader::Texels::kMayMiss) {
       const uint32_t rest = Team::size() == 1 ? missed : team.ballot(missed != 0);
-      if (rest != 0 && team.rank() == 0) left[count_up(&counters->tiles)] = {own.tile, rest};
+      if (rest != 0 && team.rank() == 0) unfinished[count_up(&counters->tiles)] = {own.tile, rest};
     }
   }
 };

@@ -139,9 +139,9 @@ SCREE_HD inline void world_normal(const PlacedChunk& at, const format::MatrixRec
 }
 
 /// |n . l| of the face's normal and the sample's ray. In view space the edges less what they advance along the ray lie
-/// in the picture's plane, where their product is the area that meet() has.
+/// in the picture's plane, where their product is the area that intersect_plane() has.
 template <bool kOrthographic>
-SCREE_HD inline float face_cosine(const ShadeInputs& in, const Meeting<float>& m, float x, float y) {
+SCREE_HD inline float face_cosine(const ShadeInputs& in, const PlaneHit<float>& m, float x, float y) {
   float edge[2][3];
   float product = abs_of(m.area) * in.aspect;
   for (int n = 0; n < 2; ++n) {
@@ -222,7 +222,7 @@ struct TexturePlace {
 template <bool kOrthographic, class Real>
 SCREE_HD inline TexturePlace texture_place(const ShadeInputs& in, const PlacedChunk& at, const uint32_t vertex[3],
                                            const format::MaterialRecord* material, float width, float height,
-                                           const Meeting<Real>& m, const Real weights[3]) {
+                                           const PlaneHit<Real>& m, const Real weights[3]) {
   const format::ChunkRecord& chunk = at.chunk;
   const std::byte* stream = at.page + chunk.offset + streams_of(at.mesh, chunk).uvs.offset;
   const uint32_t stride = uint32_t{chunk.uv_bits[0]} + chunk.uv_bits[1];
@@ -301,13 +301,13 @@ SCREE_HD inline TexturePlace texture_place(const ShadeInputs& in, const PlacedCh
   // Weights in single precision are off by 2^-22 or so: of a triangle's texels, and where corners are far more distant
   // than the point that is seen, of their distance in pixels.
   Real spread{0};
-  Real reach = static_cast<Real>(max_of(in.view.half_width, in.view.half_height));
+  Real largest_length = static_cast<Real>(max_of(in.view.half_width, in.view.half_height));
   for (int n = 0; n < 2; ++n) {
     spread = max_of(spread, max_of(abs_of(edge[n][0]) * width, abs_of(edge[n][1]) * height));
-    reach = max_of(reach, max_of(abs_of(m.edge_x[n]), abs_of(m.edge_y[n])));
+    largest_length = max_of(largest_length, max_of(abs_of(m.edge_x[n]), abs_of(m.edge_y[n])));
   }
   const Real w = kOrthographic ? m.w : m.w + weights[1] * m.edge_w[0] + weights[2] * m.edge_w[1];
-  place.exact = spread < Real{1 << 16} && reach < static_cast<Real>(1 << 23) * w;
+  place.exact = spread < Real{1 << 16} && largest_length < static_cast<Real>(1 << 23) * w;
   return place;
 }
 
@@ -396,7 +396,8 @@ struct Shader {
 
   SCREE_HD void shade(const PlacedChunk& at, uint64_t instance, const uint32_t vertex[3], float x, float y,
                       [[maybe_unused]] typename Texels::Lane& lane, float rgb[3]) const {
-    const Meeting<float> m = meet<kOrthographic>(at.transform, fetch_corners<float>(at.reader, vertex), x, y);
+    const PlaneHit<float> m =
+        intersect_plane<kOrthographic>(at.transform, fetch_corners<float>(at.reader, vertex), x, y);
     float weights[3];
     hit_weights(m, weights);
     if constexpr (kShow == Show::kNormal) {
@@ -434,7 +435,7 @@ struct Shader {
     }
   }
 
-  SCREE_HD float diffuse_light(const PlacedChunk& at, const uint32_t vertex[3], const Meeting<float>& m,
+  SCREE_HD float diffuse_light(const PlacedChunk& at, const uint32_t vertex[3], const PlaneHit<float>& m,
                                const float weights[3], float x, float y) const {
     float cosine = -1.0f;
     if (has_vertex_normals(at)) {
@@ -448,7 +449,7 @@ struct Shader {
 
   SCREE_HD TexturePlace find_place(const PlacedChunk& at, const uint32_t vertex[3],
                                    const format::MaterialRecord* material, float width, float height,
-                                   const Meeting<float>& m, const float weights[3], float x, float y) const {
+                                   const PlaneHit<float>& m, const float weights[3], float x, float y) const {
     const TexturePlace place = texture_place<kOrthographic>(in, at, vertex, material, width, height, m, weights);
     if (place.exact) return place;
     const uint64_t chunk = static_cast<uint64_t>(&at.chunk - in.scene.chunks);
@@ -464,8 +465,8 @@ struct Shader {
                                                              float height, float x, float y) {
     const PlacedChunk at = place_chunk<kKinds>(in.scene, chunk, triangle, *transform);
     const uint32_t vertex[3] = {vertex0, vertex1, vertex2};
-    const Meeting<double> m = meet<kOrthographic>(at.transform, fetch_corners<double>(at.reader, vertex),
-                                                  static_cast<double>(x), static_cast<double>(y));
+    const PlaneHit<double> m = intersect_plane<kOrthographic>(at.transform, fetch_corners<double>(at.reader, vertex),
+                                                              static_cast<double>(x), static_cast<double>(y));
     double weights[3];
     hit_weights(m, weights);
     return texture_place<kOrthographic>(in, at, vertex, material, width, height, m, weights);

@@ -129,7 +129,7 @@ struct TextureCache {
   }
 
   /// The group's samples, seen in round `now`; null where it is not there.
-  SCREE_HD const uint8_t* see(uint64_t key, uint32_t now) const {
+  SCREE_HD const uint8_t* lookup(uint64_t key, uint32_t now) const {
     const uint32_t slot = find(key);
     if (slot == kNoSlot) return nullptr;
     if (look_at(stamps + slot) != now) put_at(stamps + slot, now);
@@ -137,7 +137,7 @@ struct TextureCache {
   }
 
   /// Asks for a group that is not there; once, however many pixels do. Where there is no room it is forgotten.
-  SCREE_HD void ask_for(uint64_t key, RoundCounters* counters) const {
+  SCREE_HD void request_group(uint64_t key, RoundCounters* counters) const {
     if (look_again_at(&counters->requests) > slot_count) return;  // else a small cache's misses would wrap the count
     uint32_t place = scale_to(static_cast<uint32_t>(spread(key) >> 20), wanted_count);
     for (uint32_t probe = 0; probe < kProbes; ++probe) {
@@ -160,7 +160,7 @@ struct TextureCache {
   /// A slot that round `now` did not see, the one seen longest ago, given to a request of that round; kNoSlot where
   /// there is none. Several threads may claim at once: a slot that is lost to another has the stamp `now` for good, so
   /// that a thread tries no more often than there are ways.
-  SCREE_HD uint32_t claim(const GroupRequest& request, uint32_t now) const {
+  SCREE_HD uint32_t allocate_slot(const GroupRequest& request, uint32_t now) const {
     put_at(wanted + request.place, kNoKey);
     const uint64_t spread_key = spread(request.key);
     for (;;) {
@@ -217,10 +217,10 @@ struct CachedTexels {
       if (i == 0 || place.group != group) {
         group = place.group;
         const uint64_t key = TextureCache::key_of(jpeg.number, group);
-        samples = cache.see(key, now);
+        samples = cache.lookup(key, now);
         if (samples == nullptr) {
           lane.missed = true;
-          cache.ask_for(key, counters);
+          cache.request_group(key, counters);
         }
       }
       texels[i] = samples != nullptr ? format::jpeg_colour(jpeg.picture, place, samples) : 0;
@@ -229,7 +229,7 @@ struct CachedTexels {
 };
 
 /// Texels of JPEG levels from the cache, and where they are not there decoded on the spot: slow, but always right.
-struct PatientTexels {
+struct FallbackTexels {
   static constexpr bool kMayMiss = false;
   struct Lane {};
 
@@ -250,7 +250,7 @@ struct PatientTexels {
       uint32_t mine = 0;
       for (uint32_t i = 0; i < 4; ++i)
         if (places[i].group == group) mine |= 1u << i;
-      const uint8_t* samples = cache.see(TextureCache::key_of(jpeg.number, group), now);
+      const uint8_t* samples = cache.lookup(TextureCache::key_of(jpeg.number, group), now);
       if (samples == nullptr) {
         format::decode_jpeg_colours(jpeg.picture, places, mine, texels);
       } else {
@@ -272,7 +272,7 @@ struct DecodeGroups {
 
   SCREE_HD void operator()(uint32_t item) const {
     const GroupRequest& request = cache.requests[item];
-    const uint32_t slot = cache.claim(request, now);
+    const uint32_t slot = cache.allocate_slot(request, now);
     if (slot == TextureCache::kNoSlot) return;
     count_up(&counters->decoded);
     const JpegLevel& level = cache.levels[request.key >> 32];

@@ -314,7 +314,7 @@ Result<void> CudaStream::start_drawing(std::span<const Residency::Place> places,
   if (done) done = pages_.set(entries_);
   kernels::DrawOptions options;
   options.part = part.share == Share::kAll          ? kernels::FramePart::kPart
-                 : part.share == Share::kLikelySeen ? kernels::FramePart::kSeenBefore
+                 : part.share == Share::kLikelySeen ? kernels::FramePart::kPreviouslyVisible
                                                     : kernels::FramePart::kRest;
   if (done) done = frames_->start(view_, samples_, options);
   if (done) done = use_drawn();

@@ -85,7 +85,7 @@ std::vector<uint32_t> order_by_depth(std::span<const uint32_t> nearest_codes) {
 uint32_t VisibleChunks::nearest_shown(uint32_t chunk, const kernels::DepthPyramid& depths, uint32_t first_level) const {
   uint32_t nearest = kNotInView;
   for (uint64_t i = first_[chunk]; i < first_[chunk + 1]; ++i)
-    if (places_[i].nearest_code < nearest && !kernels::is_behind(depths, first_level, places_[i]))
+    if (places_[i].nearest_code < nearest && !kernels::is_occluded_by_pyramid(depths, first_level, places_[i]))
       nearest = places_[i].nearest_code;
   return nearest;
 }

@@ -224,10 +224,10 @@ TEST_CASE("frames in parts are drawn alike on the GPU, what was seen before firs
   const std::vector<Part> ways[] = {
       {{FramePart::kPart, third(0)}, {FramePart::kPart, third(1)}, {FramePart::kPart, third(2)}},
       {{FramePart::kPart, third(0)},
-       {FramePart::kSeenBefore, but_third(0)},
+       {FramePart::kPreviouslyVisible, but_third(0)},
        {FramePart::kRest, third(1)},
        {FramePart::kRest, third(2)}},
-      {{FramePart::kSeenBefore, but_third(2)},
+      {{FramePart::kPreviouslyVisible, but_third(2)},
        {FramePart::kRest, third(1)},
        {FramePart::kPart, third(2)},
        {FramePart::kRest, third(0)}}};

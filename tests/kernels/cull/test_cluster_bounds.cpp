@@ -99,7 +99,7 @@ template <bool kOrthographic>
 void tally_chunk(const FrameView& view, const format::MeshRecord& mesh, const format::ChunkRecord& chunk,
                  const ChunkReader& reader, const Transform& transform, std::mt19937& random, Tally& tally) {
   const RelativeBox whole = chunk_box(mesh, chunk, transform);
-  const SampleFilter filter = make_sample_filter(view, transform, error_of(transform, whole), whole, mesh, chunk);
+  const CoverageFilter filter = make_coverage_filter(view, transform, error_of(transform, whole), whole, mesh, chunk);
   const CenterRange centers = center_range(view);
   for (uint32_t first = 0; first < chunk.triangle_count;) {
     const uint32_t count = std::min(1 + static_cast<uint32_t>(random() % 128), chunk.triangle_count - first);
@@ -114,8 +114,8 @@ void tally_chunk(const FrameView& view, const format::MeshRecord& mesh, const fo
     first += count;
     const bool empty = covered.box.x0 > covered.box.x1;
     ScreenBounds said{};
-    const bool shows = bound_on_screen<kOrthographic>(filter, view, centers, offset_box(bounds_of_codes(codes)),
-                                                      said) == BoxShows::kCenters;
+    const bool shows = bound_on_screen<kOrthographic>(filter, view, centers, centered_box(bounds_of_codes(codes)),
+                                                      said) == BoxCoverage::kCenters;
     ++tally.boxes;
     tally.culled += !shows;
     tally.empty += empty;
@@ -219,7 +219,7 @@ TEST_CASE("a box is hidden only behind every sample it touches", "[cluster_bound
           is_behind = is_behind && code > sample_depth_code(sample);
         }
       }
-      const bool said = is_hidden(pyramid, samples.data(), box, code);
+      const bool said = is_occluded(pyramid, samples.data(), box, code);
       hidden += said;
       behind += is_behind;
       wrong += said && !is_behind;

@@ -77,7 +77,7 @@ class HostCache {
     const auto resolve_of = [&]<class Shader>(const Shader& shader) {
       return kernels::Resolve<Shader>{shader, tiles, samples.data(), side, nullptr, 4, pixels.data()};
     };
-    std::vector<kernels::TileLeft> lists[2];
+    std::vector<kernels::UnfinishedTile> lists[2];
     for (auto& list : lists) list.resize(tiles.count());
     counters_ = {};
     for (uint32_t round = 0; round < counters_.size(); ++round, ++now_) {
@@ -94,7 +94,7 @@ class HostCache {
       check();
     }
     kernels::visit_textured<false>(
-        in, kernels::PatientTexels{cache_, now_ - 1}, [&]<class Shader>(const Shader& shader) {
+        in, kernels::FallbackTexels{cache_, now_ - 1}, [&]<class Shader>(const Shader& shader) {
           const kernels::ShadeRound<kernels::Resolve<Shader>> pass{
               resolve_of(shader), lists[kernels::kDecodeRounds % 2].data(), nullptr, nullptr};
           runtime::parallel_for(counters_.back().tiles, threads,
@@ -251,12 +251,12 @@ TEST_CASE("a texture cache keeps what was seen, and gives up what was seen longe
                            kSlots,
                            64,
                            TextureCache::wanted_for(kSlots)};
-  const auto claim = [&](uint64_t key, uint32_t now) { return cache.claim({key, 0, 0}, now); };
+  const auto allocate_slot = [&](uint64_t key, uint32_t now) { return cache.allocate_slot({key, 0, 0}, now); };
   uint32_t placed = 0;
   // Level numbers and groups of more than 20 bits stay apart.
   const auto key_of = [](uint32_t i) { return TextureCache::key_of(0xfff00000u + i % 3, 0xffffff00u - i / 3); };
   for (uint32_t i = 0; i < kSlots; ++i) {
-    const uint32_t slot = claim(key_of(i), 1);
+    const uint32_t slot = allocate_slot(key_of(i), 1);
     if (slot == TextureCache::kNoSlot) continue;
     ++placed;
     CHECK(cache.find(key_of(i)) == slot);
@@ -264,11 +264,11 @@ TEST_CASE("a texture cache keeps what was seen, and gives up what was seen longe
   CHECK(placed > kSlots * 3 / 4);  // of two sets of eight each
   std::set<uint64_t> kept;
   for (uint32_t i = 0; i < kSlots; i += 2)
-    if (cache.see(key_of(i), 2) != nullptr) kept.insert(key_of(i));
+    if (cache.lookup(key_of(i), 2) != nullptr) kept.insert(key_of(i));
   // Round 2 asks for twice as much as there is room: what it saw stays.
-  for (uint32_t i = 1000; i < 1000 + 2 * kSlots; ++i) (void)claim(key_of(i), 2);
+  for (uint32_t i = 1000; i < 1000 + 2 * kSlots; ++i) (void)allocate_slot(key_of(i), 2);
   for (const uint64_t key : kept) CHECK(cache.find(key) != TextureCache::kNoSlot);
-  CHECK(claim(key_of(5000), 2) == TextureCache::kNoSlot);
+  CHECK(allocate_slot(key_of(5000), 2) == TextureCache::kNoSlot);
   for (uint32_t i = 1; i < kSlots; i += 2) CHECK(cache.find(key_of(i)) == TextureCache::kNoSlot);
   // Of two stamps in a set the older one goes.
   const uint64_t key = key_of(6000);
@@ -276,7 +276,7 @@ TEST_CASE("a texture cache keeps what was seen, and gives up what was seen longe
   for (uint32_t slot = 0; slot < kSlots; ++slot) stamps[slot] = 7;
   const uint32_t oldest = cache.first_slot(spread_key, 1) + 5;
   stamps[oldest] = 6;
-  CHECK(claim(key, 9) == oldest);
+  CHECK(allocate_slot(key, 9) == oldest);
 }
 
 TEST_CASE("a group is asked for once, and one too many is forgotten", "[texture_cache]") {
@@ -297,20 +297,20 @@ TEST_CASE("a group is asked for once, and one too many is forgotten", "[texture_
                              TextureCache::wanted_for(slots)};
     RoundCounters counters{};
     runtime::parallel_for(8, 8, [&](uint64_t thread) {
-      for (uint32_t i = 0; i < 20000; ++i) cache.ask_for((i * 7 + thread) % (slots / 2 + 1), &counters);
+      for (uint32_t i = 0; i < 20000; ++i) cache.request_group((i * 7 + thread) % (slots / 2 + 1), &counters);
     });
     CHECK(counters.requests == slots / 2 + 1);
     std::set<uint64_t> asked;
     for (uint32_t i = 0; i < counters.requests; ++i) asked.insert(requests[i].key);
     CHECK(asked.size() == counters.requests);
-    for (uint64_t key = 0; key < 4 * uint64_t{slots} + 8; ++key) cache.ask_for(key, &counters);
+    for (uint64_t key = 0; key < 4 * uint64_t{slots} + 8; ++key) cache.request_group(key, &counters);
     CHECK(counters.requests > slots);
     const auto there = static_cast<uint64_t>(
         std::count_if(wanted.begin(), wanted.end(), [](uint64_t key) { return key != TextureCache::kNoKey; }));
     CHECK(there == slots);
     for (uint32_t i = 0; i < slots; ++i) {
       CHECK(wanted[requests[i].place] == requests[i].key);
-      (void)cache.claim(requests[i], 1);
+      (void)cache.allocate_slot(requests[i], 1);
     }
     CHECK(std::all_of(wanted.begin(), wanted.end(), [](uint64_t key) { return key == TextureCache::kNoKey; }));
   }

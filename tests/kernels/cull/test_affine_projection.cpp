@@ -1,6 +1,6 @@
 // The fixed-point map of a cluster never lets a triangle go that covers a pixel centre, keeps hardly more than the
 // filter it stands for, and is there for most clusters that are small on the screen.
-#include "kernels/cull/linear_filter.h"
+#include "kernels/cull/affine_projection.h"
 
 #include <algorithm>
 #include <cmath>
@@ -27,7 +27,7 @@ struct Tally {
 };
 
 /// A vertex's place, as the kernel finds it. `words`: the first has the vertices' first bit.
-uint32_t place_of(const LinearFilter& map, const ClusterCodes& codes, const uint32_t* words, uint32_t vertex) {
+uint32_t place_of(const AffineProjection& map, const ClusterCodes& codes, const uint32_t* words, uint32_t vertex) {
   const uint32_t stride = codes.bits[0] + codes.bits[1] + codes.bits[2];
   uint64_t window = 0;
   for (uint32_t i = 0; i < stride; ++i) {
@@ -40,7 +40,7 @@ uint32_t place_of(const LinearFilter& map, const ClusterCodes& codes, const uint
   return sum(map.u) >> 16 | (sum(map.v) & 0xffff0000u);
 }
 
-void tally_cluster(const FrameView& view, const SampleFilter& filter, const ChunkReader& reader,
+void tally_cluster(const FrameView& view, const CoverageFilter& filter, const ChunkReader& reader,
                    const Transform& transform, const format::ClusterRecord& record, const format::ClusterBounds& bounds,
                    const uint32_t* data, Tally& tally) {
   const format::ClusterLayout at = format::cluster_layout(record);
@@ -51,9 +51,9 @@ void tally_cluster(const FrameView& view, const SampleFilter& filter, const Chun
     codes.slope[(at.predicted_axis + 2) % 3] = slopes >> 16;
     codes.bias = static_cast<int32_t>(data[at.prediction + 1]);
   }
-  const LinearFilter map = make_linear_filter(filter, bounds, codes);
+  const AffineProjection map = make_affine_projection(filter, bounds, codes);
   ++tally.clusters;
-  if (map.reach == 0) return;
+  if (map.twice_slack == 0) return;
   ++tally.linear;
   tally.predicted += at.predicted_axis != format::kNotPredicted;
   const SampleLimits limits = make_sample_limits(view);
@@ -86,8 +86,8 @@ void tally_cluster(const FrameView& view, const SampleFilter& filter, const Chun
       }
     }
     const bool covers = !pixel_box(x, y, view).empty();
-    const bool kept = LinearFilter::may_cover(largest[0] | largest[1] << 16, smallest[0] | smallest[1] << 16, map.reach,
-                                              map.fraction);
+    const bool kept = AffineProjection::may_cover(largest[0] | largest[1] << 16, smallest[0] | smallest[1] << 16,
+                                                  map.twice_slack, map.fraction);
     ++tally.triangles;
     tally.covering += covers;
     tally.kept += kept;
@@ -102,7 +102,7 @@ void tally_scene(const SceneView& scene, const View& camera, Tally& tally) {
     const std::byte* const page = scene.pages[chunk.page] + chunk.offset;
     const format::ChunkStreams streams = format::chunk_streams(mesh, chunk);
     const RelativeBox box = chunk_box(mesh, chunk, transform);
-    const SampleFilter filter = make_sample_filter(view, transform, error_of(transform, box), box, mesh, chunk);
+    const CoverageFilter filter = make_coverage_filter(view, transform, error_of(transform, box), box, mesh, chunk);
     const auto* const bounds = reinterpret_cast<const format::ClusterBounds*>(page + streams.cluster_bounds.offset);
     const auto* const records = reinterpret_cast<const format::ClusterRecord*>(page + streams.clusters.offset);
     const auto* const data = reinterpret_cast<const uint32_t*>(page + streams.cluster_data.offset);

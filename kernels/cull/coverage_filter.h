@@ -15,23 +15,23 @@ inline namespace SCREE_ISA {
 
 /// One (instance, chunk): rows over (stored position, 1). With w = row w: u / w and v / w (orthographic: u and v) are
 /// pixels from the image's centre, shifted so that pixel centres are the integers.
-struct alignas(16) SampleFilter {
+struct alignas(16) CoverageFilter {
   float u[4];
   float v[4];
   float w[4];
   float slack;     // pixels that a corner may be off, snapping included: slack + growth * |largest coordinate|;
   float growth;    // slack is infinity where no bound is known: every triangle stays
-  float w_lowest;  // the smallest w at which `slack` bounds the error (1 - kCutBefore, plus the error of w)
+  float w_lowest;  // the smallest w at which `slack` bounds the error (1 - kBeforeNear, plus the error of w)
   float w_end;     // perspective: a lower bound of the chunk's w, at least 1, that `slack` was made for;
                    // orthographic: the largest w at which a corner surely needs no clipping
 };
 
-/// Of SampleFilter::slack: snapping, which is the same wherever a corner lies.
+/// Of CoverageFilter::slack: snapping, which is the same wherever a corner lies.
 inline constexpr double kSnapSlack = 0.625 / kSubpixels;
 
 /// How far before the near plane (w = 1) corners may lie, perspective: what is left of a triangle that is cut there
 /// lies between the places of its corners. They are off by the same as elsewhere over w, so at most by twice as much.
-inline constexpr float kCutBefore = 0.5f;
+inline constexpr float kBeforeNear = 0.5f;
 
 /// The image's pixel centres in the filter's coordinates: a quarter of a pixel before the first and before the last.
 struct SampleLimits {
@@ -54,23 +54,23 @@ SCREE_HD inline SampleLimits make_sample_limits(const FrameView& view) {
 
 /// The filter of one (instance, chunk). `error`: of the chunk's vertices. `box`: of those vertices, as the transform
 /// takes them.
-SCREE_HD inline SampleFilter make_sample_filter(const FrameView& view, const Transform& transform,
-                                                const TransformError& error, const RelativeBox& box,
-                                                const format::MeshRecord& mesh, const format::ChunkRecord& chunk) {
+SCREE_HD inline CoverageFilter make_coverage_filter(const FrameView& view, const Transform& transform,
+                                                    const TransformError& error, const RelativeBox& box,
+                                                    const format::MeshRecord& mesh, const format::ChunkRecord& chunk) {
   const bool float32 = mesh.position_encoding == format::PositionEncoding::kFloat32;
-  double origin[3];  // what the transform takes for a stored position of 0
-  double reach[3];   // the largest stored position
+  double origin[3];            // what the transform takes for a stored position of 0
+  double largest_position[3];  // the largest stored position
   bool known = true;
   for (int i = 0; i < 3; ++i) {
     if (float32) {
       origin[i] = -static_cast<double>(transform.center[i]);
-      reach[i] = abs_of(box.center[i] - origin[i]) + box.extent[i];
+      largest_position[i] = abs_of(box.center[i] - origin[i]) + box.extent[i];
     } else {
       const int64_t base = wrapping_sub(wrapping_add(mesh.lattice_min[i], static_cast<int64_t>(chunk.position_min[i])),
                                         transform.reference[i]);
       origin[i] = static_cast<double>(base);
       known = known && abs_of(origin[i]) < kReferenceLimit;
-      reach[i] = static_cast<double>((uint64_t{1} << (chunk.position_bits[i] & 31)) - 1);
+      largest_position[i] = static_cast<double>((uint64_t{1} << (chunk.position_bits[i] & 31)) - 1);
       known = known && chunk.position_bits[i] <= 24;  // codes are exact floats
     }
   }
@@ -78,10 +78,10 @@ SCREE_HD inline SampleFilter make_sample_filter(const FrameView& view, const Tra
   const double shift[3] = {view.width % 2 == 0 ? -0.5 : 0.0, view.height % 2 == 0 ? -0.5 : 0.0, 0.0};
   const double* rows[3] = {transform.exact_x, transform.exact_y, transform.exact_w};
   const double scale[3] = {1.0 / kSubpixels, 1.0 / kSubpixels, 1.0};
-  SampleFilter filter;
+  CoverageFilter filter;
   float* out[3] = {filter.u, filter.v, filter.w};
   double terms[3];
-  double reach_uv = 0;  // the largest |u * w| and |v * w| in the box
+  double largest_uv = 0;  // the largest |u * w| and |v * w| in the box
   for (int r = 0; r < 3; ++r) {
     double row[4];
     for (int j = 0; j < 4; ++j) {
@@ -91,7 +91,7 @@ SCREE_HD inline SampleFilter make_sample_filter(const FrameView& view, const Tra
     row[3] += row[0] * origin[0] + row[1] * origin[1] + row[2] * origin[2];
     if (view.orthographic) row[3] += shift[r];
     terms[r] = abs_of(row[3]);
-    for (int j = 0; j < 3; ++j) terms[r] += abs_of(row[j]) * reach[j];
+    for (int j = 0; j < 3; ++j) terms[r] += abs_of(row[j]) * largest_position[j];
     if (r < 2) {
       double middle = row[3];
       double side = 0;
@@ -99,7 +99,7 @@ SCREE_HD inline SampleFilter make_sample_filter(const FrameView& view, const Tra
         middle += row[j] * (box.center[j] - origin[j]);
         side += abs_of(row[j]) * box.extent[j];
       }
-      reach_uv = max_of(reach_uv, abs_of(middle) + side);
+      largest_uv = max_of(largest_uv, abs_of(middle) + side);
     }
     for (int j = 0; j < 4; ++j) out[r][j] = static_cast<float>(row[j]);
   }
@@ -120,32 +120,32 @@ SCREE_HD inline SampleFilter make_sample_filter(const FrameView& view, const Tra
   double slack = error_uv / nearest + kSnapSlack;
   double growth = (view.orthographic ? 0.0 : error_w / nearest) + 1.0 / (1 << 21);
   if (!view.orthographic && !(w_least - error_w > 1.0)) {  // some of it may lie before the near plane
-    slack /= 1.0 - kCutBefore;
-    growth /= 1.0 - kCutBefore;
+    slack /= 1.0 - kBeforeNear;
+    growth /= 1.0 - kBeforeNear;
   }
   known = known && slack < 16.0;
   // A chunk well in front of the camera and within the guard band has one slack for all its triangles.
-  const double farthest = reach_uv / nearest;
+  const double farthest = largest_uv / nearest;
   if (known && !view.orthographic && w_least - error_w > 1.0 && farthest < 32000.0) {
     slack += growth * (farthest + slack);  // of the computed coordinate, which is off itself
     growth = 0;
   }
   filter.slack = known ? static_cast<float>(slack) * 1.001f : bits_float(0x7f800000u);
   filter.growth = known ? static_cast<float>(growth) * 1.001f : 1.0f;
-  filter.w_lowest = static_cast<float>((view.orthographic ? 0.0 : 1.0 - kCutBefore) + error_w) * 1.000001f;
+  filter.w_lowest = static_cast<float>((view.orthographic ? 0.0 : 1.0 - kBeforeNear) + error_w) * 1.000001f;
   filter.w_end = static_cast<float>(view.orthographic ? 1.0 - error_w : nearest) * 0.999999f;
   return filter;
 }
 
 // Of numbers; one instruction each on a GPU, where min_of() takes two for the sake of NaN.
-SCREE_HD inline float least(float a, float b) {
+SCREE_HD inline float fast_min(float a, float b) {
 #if defined(__CUDA_ARCH__)
   return fminf(a, b);
 #else
   return min_of(a, b);
 #endif
 }
-SCREE_HD inline float greatest(float a, float b) {
+SCREE_HD inline float fast_max(float a, float b) {
 #if defined(__CUDA_ARCH__)
   return fmaxf(a, b);
 #else
@@ -153,7 +153,7 @@ SCREE_HD inline float greatest(float a, float b) {
 #endif
 }
 
-SCREE_HD inline float size_of(float a) {
+SCREE_HD inline float fast_abs(float a) {
 #if defined(__CUDA_ARCH__)
   return fabsf(a);
 #else
@@ -180,7 +180,7 @@ struct FilteredVertex {
 };
 
 template <bool kOrthographic>
-SCREE_HD inline FilteredVertex filter_vertex(const SampleFilter& filter, float x, float y, float z) {
+SCREE_HD inline FilteredVertex filter_vertex(const CoverageFilter& filter, float x, float y, float z) {
   const float u = fused(filter.u[0], x, fused(filter.u[1], y, fused(filter.u[2], z, filter.u[3])));
   const float v = fused(filter.v[0], x, fused(filter.v[1], y, fused(filter.v[2], z, filter.v[3])));
   const float w = fused(filter.w[0], x, fused(filter.w[1], y, fused(filter.w[2], z, filter.w[3])));
@@ -191,30 +191,30 @@ SCREE_HD inline FilteredVertex filter_vertex(const SampleFilter& filter, float x
 
 /// False only where the triangle covers no pixel centre of the image.
 template <bool kOrthographic>
-SCREE_HD inline bool may_cover_sample(const SampleFilter& filter, const SampleLimits& limits, const FilteredVertex& a,
+SCREE_HD inline bool may_cover_sample(const CoverageFilter& filter, const SampleLimits& limits, const FilteredVertex& a,
                                       const FilteredVertex& b, const FilteredVertex& c) {
-  const float low_u = least(least(a.u, b.u), c.u);
-  const float high_u = greatest(greatest(a.u, b.u), c.u);
-  const float low_v = least(least(a.v, b.v), c.v);
-  const float high_v = greatest(greatest(a.v, b.v), c.v);
+  const float low_u = fast_min(fast_min(a.u, b.u), c.u);
+  const float high_u = fast_max(fast_max(a.u, b.u), c.u);
+  const float low_v = fast_min(fast_min(a.v, b.v), c.v);
+  const float high_v = fast_max(fast_max(a.v, b.v), c.v);
   float slack = filter.slack;
   bool held = false;
   if (kOrthographic || filter.growth != 0.0f) {
     // Near the guard band, or where a corner lies far before the near plane, the exact way decides.
     const float farthest =
-        greatest(greatest(size_of(low_u), size_of(high_u)), greatest(size_of(low_v), size_of(high_v)));
+        fast_max(fast_max(fast_abs(low_u), fast_abs(high_u)), fast_max(fast_abs(low_v), fast_abs(high_v)));
     slack = fused(farthest, filter.growth, slack);
-    held = !(farthest < 32700.0f) | !(least(least(a.w, b.w), c.w) >= filter.w_lowest);
-    if constexpr (kOrthographic) held = held | !(greatest(greatest(a.w, b.w), c.w) <= filter.w_end);
+    held = !(farthest < 32700.0f) | !(fast_min(fast_min(a.w, b.w), c.w) >= filter.w_lowest);
+    if constexpr (kOrthographic) held = held | !(fast_max(fast_max(a.w, b.w), c.w) <= filter.w_end);
   }
   // The last pixel centre at or before the end of the range: adding 1.5 * 2^23 rounds to nearest, half less rounds
   // down.
   constexpr float kMagic = 12582912.0f;
   const float less_half = slack - 0.5f;
-  const float last_u = (least(high_u + less_half, limits.last_u) + kMagic) - kMagic;
-  const float last_v = (least(high_v + less_half, limits.last_v) + kMagic) - kMagic;
+  const float last_u = (fast_min(high_u + less_half, limits.last_u) + kMagic) - kMagic;
+  const float last_v = (fast_min(high_v + less_half, limits.last_v) + kMagic) - kMagic;
   return held |
-         ((last_u >= greatest(low_u - slack, limits.first_u)) & (last_v >= greatest(low_v - slack, limits.first_v)));
+         ((last_u >= fast_max(low_u - slack, limits.first_u)) & (last_v >= fast_max(low_v - slack, limits.first_v)));
 }
 
 }  // namespace SCREE_ISA

@@ -1,5 +1,5 @@
 // The filter never drops a triangle that covers a pixel centre, and drops nearly all others of a dense mesh.
-#include "kernels/cull/sample_filter.h"
+#include "kernels/cull/coverage_filter.h"
 
 #include <random>
 
@@ -38,9 +38,9 @@ bool piece_covers(ClipVertex polygon[kMaxPolygon], const FrameView& view) {
 template <bool kOrthographic>
 void tally_chunk(const FrameView& view, const format::MeshRecord& mesh, const format::ChunkRecord& chunk,
                  const ChunkReader& reader, const Transform& transform, Tally& tally) {
-  const SampleFilter filter =
-      make_sample_filter(view, transform, error_of(transform, vertex_box(mesh, chunk, transform)),
-                         vertex_box(mesh, chunk, transform), mesh, chunk);
+  const CoverageFilter filter =
+      make_coverage_filter(view, transform, error_of(transform, vertex_box(mesh, chunk, transform)),
+                           vertex_box(mesh, chunk, transform), mesh, chunk);
   const SampleLimits limits = make_sample_limits(view);
   for (uint32_t t = 0; t < chunk.triangle_count; ++t) {
     uint32_t v[3];
