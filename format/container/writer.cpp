@@ -154,7 +154,7 @@ void ContainerWriter::Impl::add_page(const PageRecord& record) {
   note(kPageEntry, std::as_bytes(std::span(&record, 1)));
 }
 
-/// Whoever cannot write the log finds out when he writes the rest; if it is only the log, nobody need know.
+/// A failed log write only disables --resume; a full disk also fails the next data write, which is reported.
 void ContainerWriter::Impl::note(uint32_t kind, std::span<const std::byte> entry) {
   if (log && !log->add(file, kind, entry)) log.reset();
 }

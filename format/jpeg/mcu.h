@@ -112,7 +112,7 @@ SCREE_HD inline void begin_jpeg_mcu(const JpegView& view, JpegCursor& cursor) {
 
 /// Decodes a block of component `c`: sink(k, value) for the DC coefficient (k = 0, also where it is 0) and every AC
 /// coefficient the data hold, k rising to at most 63 in zigzag order, values quantised, within int16. False where the
-/// data are none; the cursor is of no use then.
+/// data are invalid or truncated; the cursor is of no use then.
 template <class Sink>
 SCREE_HD bool decode_jpeg_block(const JpegView& view, JpegCursor& cursor, uint32_t c, Sink&& sink) {
   if (cursor.bit > view.data_bits) return false;

@@ -96,7 +96,7 @@ SCREE_HD inline void transform_jpeg_block(int32_t* coefficients, uint8_t* sample
 #endif
 }
 
-/// Decodes a block of component `c` to 64 samples. False where the data are none; the samples are left alone then.
+/// Decodes a block of component `c` to 64 samples. False, and no samples, for invalid or truncated data.
 SCREE_HD inline bool decode_jpeg_block_samples(const JpegPicture& picture, JpegCursor& cursor, uint32_t c,
                                                uint8_t* samples) {
   const uint32_t* const factors = picture.factors + 64 * picture.view.components[c].quant;
@@ -108,8 +108,8 @@ SCREE_HD inline bool decode_jpeg_block_samples(const JpegPicture& picture, JpegC
   return good;
 }
 
-/// Decodes the MCU at the cursor and moves it on: 64 * mcu_blocks bytes of samples. False where the data are none; the
-/// blocks not decoded are grey then.
+/// Decodes the MCU at the cursor and moves it on: 64 * mcu_blocks bytes of samples. False where the data are
+/// invalid or truncated; the blocks not decoded are grey then.
 SCREE_HD inline bool decode_jpeg_samples(const JpegPicture& picture, JpegCursor& cursor, uint8_t* samples) {
   uint8_t* const end = samples + 64 * picture.mcu_blocks;
   bool good = cursor.mcu < picture.view.mcu_count;
@@ -127,7 +127,7 @@ SCREE_HD inline bool decode_jpeg_samples(const JpegPicture& picture, JpegCursor&
 }
 
 /// The samples of a whole group, below ceil(mcu_count / group_mcus): 64 * mcu_blocks * group_mcus bytes, of which those
-/// of MCUs past the last are left alone. Grey from where the data are none; any bytes are safe.
+/// of MCUs past the last are left alone. Grey from where the data are invalid or truncated; any bytes are safe.
 SCREE_HD inline void decode_jpeg_group(const JpegPicture& picture, uint32_t group, uint8_t* samples) {
   JpegCursor cursor = jpeg_anchor(picture.view, group);
   const uint32_t left = picture.view.mcu_count - cursor.mcu;
@@ -198,7 +198,7 @@ SCREE_HD inline void decode_jpeg_colours(const JpegPicture& picture, const JpegP
   uint32_t last_block = 0;
   uint32_t group = 0;
   for (uint32_t i = 0; i < 4; ++i) {
-    for (uint32_t c = 0; c < kJpegMaxComponents; ++c) values[i][c] = 128;  // where the data are none
+    for (uint32_t c = 0; c < kJpegMaxComponents; ++c) values[i][c] = 128;  // stays where the data are invalid
     if ((wanted >> i & 1u) == 0) continue;
     group = places[i].group;
     if (places[i].first_block > last_block) last_block = places[i].first_block;
