@@ -193,7 +193,7 @@ struct ClusterCull {
   uint32_t round;   // of the rounds of the second pass
   uint32_t rounds;  // 1: all at once
   uint32_t frame;   // any number that goes up
-  uint32_t period;  // frames in which every hint is asked anew once
+  uint32_t period;  // frames in which every hint is tested anew once
 };
 
 /// Groups of clusters, numbered through all draws.

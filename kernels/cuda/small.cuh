@@ -65,7 +65,7 @@ __device__ inline auto choose_fetch(const PackedChunkView& stored, const Call& c
   }
 }
 
-/// Draws a triangle the long way: corners to clip, or a reference too far away for int32. Returns how many pieces of it
+/// Draws a triangle that needs clipping, or whose reference is too far away for int32. Returns how many pieces of it
 /// stage 1 drew, and from bit 16 on whether it was clipped. Out of line, since it is rare and takes many registers.
 template <bool kOrthographic>
 __device__ __noinline__ uint32_t clip_and_draw(const SmallFrame& frame, uint32_t instance, uint32_t chunk_number,
@@ -233,7 +233,7 @@ __device__ inline bool draw_set_up(const Target& target, const Queues& queues, S
   return small;
 }
 
-/// Projects a triangle that waits. False where there is nothing to draw, or it was drawn the long way (`drawn`).
+/// Projects a triangle that waits. False where there is nothing to draw, or clip_and_draw() drew it (`drawn`).
 template <bool kOrthographic, Fetch kIndices, Fetch kPositions>
 __device__ inline bool project_survivor(const SmallFrame& frame, const PackedChunkView& stored,
                                         const InstanceTransform& exact, bool double_sided, uint32_t number,
