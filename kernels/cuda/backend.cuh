@@ -1,5 +1,5 @@
-// A warp as a team: what the passes' sources need to run on CUDA. The kernels that start them are in the other files
-// of this folder.
+// A warp as a team: the atomics and lanes that the passes need to run on CUDA. The kernels that run them are in this
+// folder; docs/frame.md lists every launch of a frame.
 #pragma once
 
 #include <cstdint>

@@ -1,4 +1,4 @@
-// Frames on a GPU: the draw list's tables, the queues, and the order of the passes.
+// Frames on a GPU: the draw list's tables, the queues, and the order of the passes (docs/frame.md shows it on a page).
 #include <algorithm>
 #include <bit>
 #include <cmath>
