@@ -454,7 +454,7 @@ __device__ inline bool clip_survivor_near(const ClusterFrame& frame, const Survi
     reader.relative(i, position);
     const double exact[3] = {static_cast<double>(position[0]), static_cast<double>(position[1]),
                              static_cast<double>(position[2])};
-    corners[i] = clip_vertex(transform, exact, snap_point(reader.project<false>(place), frame.small.view, 0));
+    corners[i] = clip_vertex(transform, exact, snap_point(reader.project<false>(position), frame.small.view, 0));
   }
   return clip_near(corners, frame.small.view, out);
 }

@@ -47,7 +47,7 @@ uint64_t pyramid_bytes(uint64_t width, uint64_t height) {
 /// Two lists of the tiles of a picture of a scene with JPEG levels (kernels/cuda/texture_cache.cu).
 uint64_t tile_list_bytes(uint64_t width, uint64_t height) {
   const kernels::PixelTiles tiles{static_cast<uint32_t>(width), 0, static_cast<uint32_t>(height)};
-  return uint64_t{2} * tiles.count() * sizeof(kernels::TileLeft);
+  return uint64_t{2} * tiles.count() * sizeof(kernels::UnfinishedTile);
 }
 
 /// Device memory of the pictures beside the scene, its frames and the pool of chunks.

@@ -19,20 +19,20 @@ std::atomic<int> stop_signal{0};
 std::atomic<void (*)()> clean_up{nullptr};
 
 // A signal handler may not allocate: the line is made beforehand, in memory that stays.
-constexpr size_t kLineBytes = 8192;
-char line[kLineBytes];
-std::atomic<size_t> line_size{0};
+constexpr size_t kMessageBytes = 8192;
+char message[kMessageBytes];
+std::atomic<size_t> message_size{0};
 std::string command_name;
 std::string written_files;
 std::vector<std::string> written_names;
 
 void make_line(std::string_view end) {
   std::string text = "scree " + command_name + ": stopped; " + std::string(end);
-  text.resize(std::min(text.size(), kLineBytes - 1));
+  text.resize(std::min(text.size(), kMessageBytes - 1));
   text += '\n';
-  line_size = 0;
-  std::copy(text.begin(), text.end(), line);
-  line_size = text.size();
+  message_size = 0;
+  std::copy(text.begin(), text.end(), message);
+  message_size = text.size();
 }
 
 std::string usual_end() {
@@ -40,8 +40,8 @@ std::string usual_end() {
 }
 
 void print_line() {
-  for (size_t written = 0; written < line_size;) {
-    const ssize_t count = ::write(STDERR_FILENO, line + written, line_size - written);
+  for (size_t written = 0; written < message_size;) {
+    const ssize_t count = ::write(STDERR_FILENO, message + written, message_size - written);
     if (count <= 0) break;
     written += static_cast<size_t>(count);
   }

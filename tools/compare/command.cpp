@@ -42,7 +42,7 @@ namespace {
 using namespace compare;
 
 /// Camera, size and output are render's words, checked as render does.
-struct Words {
+struct CompareArguments {
   RenderWords render;  // `file`: the first one
   std::string other;
   std::vector<std::string> of;  // none; the file of both buffers; or of the first and of the second
@@ -78,7 +78,7 @@ Result<FileKind> kind_of(const std::string& path) {
   return FileKind::kBuffer;
 }
 
-const char* name_of(FileKind kind) {
+const char* kind_name(FileKind kind) {
   switch (kind) {
     case FileKind::kPicture:
       return "a PNG picture";
@@ -98,7 +98,7 @@ struct Findings {
   std::optional<PictureReport> pictures;
 };
 
-Result<void> print(const Words& words, const Findings& findings) {
+Result<void> print(const CompareArguments& words, const Findings& findings) {
   std::string text;
   if (words.json) {
     JsonWriter json(text);
@@ -137,7 +137,7 @@ Result<runtime::Scene> load_scene(const std::string& path, const RenderOptions& 
 }
 
 /// The reference draws the source from memory. Errors kMemory: more than --memory allows, or than is available.
-Result<void> check_memory(const Words& words, const std::string& source, uint64_t needed) {
+Result<void> check_memory(const CompareArguments& words, const std::string& source, uint64_t needed) {
   uint64_t allowed = available_memory();
   if (!words.memory.empty()) {
     const Result<uint64_t> size = parse_size(words.memory);
@@ -150,7 +150,7 @@ Result<void> check_memory(const Words& words, const std::string& source, uint64_
                                                   (words.memory.empty() ? "available" : "allowed (--memory)")});
 }
 
-Result<Findings> compare_scene(const Words& words, const std::string& file, const std::string& source,
+Result<Findings> compare_scene(const CompareArguments& words, const std::string& file, const std::string& source,
                                const RenderOptions& options) {
   convert::ImportOptions import;
   import.exclude = words.exclude;
@@ -178,7 +178,7 @@ Result<Findings> compare_scene(const Words& words, const std::string& file, cons
   return findings;
 }
 
-Result<Findings> compare_two_buffers(const Words& words, const RenderOptions& options) {
+Result<Findings> compare_two_buffers(const CompareArguments& words, const RenderOptions& options) {
   const uint32_t width = options.camera.width, height = options.camera.height;
   const auto a = read_visibility(words.render.file, width, height);
   if (!a) return a.error();
@@ -207,7 +207,7 @@ Result<Findings> compare_two_buffers(const Words& words, const RenderOptions& op
   return findings;
 }
 
-Result<Findings> find(const Words& words, const RenderOptions& options) {
+Result<Findings> find(const CompareArguments& words, const RenderOptions& options) {
   const Result<FileKind> a = kind_of(words.render.file);
   if (!a) return a.error();
   const Result<FileKind> b = kind_of(words.other);
@@ -230,12 +230,12 @@ Result<Findings> find(const Words& words, const RenderOptions& options) {
     return compare_scene(words, words.render.file, words.other, options);
   if (*a == FileKind::kSource && *b == FileKind::kScene)
     return compare_scene(words, words.other, words.render.file, options);
-  return Error{ErrorCode::kUsage, words.render.file + " is " + name_of(*a) + " and " + words.other + " is " +
-                                      name_of(*b) + "; expected " + kWhatItCompares};
+  return Error{ErrorCode::kUsage, words.render.file + " is " + kind_name(*a) + " and " + words.other + " is " +
+                                      kind_name(*b) + "; expected " + kWhatItCompares};
 }
 
 /// Neither picture is written over what is read, nor over the other. (parse_render_options looks at --output's name.)
-Result<void> check_outputs(const Words& words) {
+Result<void> check_outputs(const CompareArguments& words) {
   const std::pair<const char*, const std::string*> outputs[] = {{"--output", &words.render.output},
                                                                 {"--flip", &words.flip}};
   for (const auto& [name, output] : outputs) {
@@ -257,7 +257,7 @@ Result<void> check_outputs(const Words& words) {
   return {};
 }
 
-Result<void> write_outputs(const Words& words, const Findings& findings) {
+Result<void> write_outputs(const CompareArguments& words, const Findings& findings) {
   const format::Existing existing = existing_of(words.force);
   const StopOnSignal handlers;
   if (const std::string& output = words.render.output; !output.empty()) {
@@ -273,7 +273,7 @@ Result<void> write_outputs(const Words& words, const Findings& findings) {
   return written;
 }
 
-Result<void> run(const Words& words) {
+Result<void> run(const CompareArguments& words) {
   RenderWords render = words.render;
   render.file.clear();
   render.list_cameras = true;  // render makes up an output beside its file where nothing else is asked for
@@ -296,7 +296,7 @@ Result<void> run(const Words& words) {
 }  // namespace
 
 Command add_compare(CLI::App& parent) {
-  const auto words = std::make_shared<Words>();
+  const auto words = std::make_shared<CompareArguments>();
   RenderWords& render = words->render;
   CLI::App* app = parent.add_subcommand(
       "compare",

@@ -17,7 +17,7 @@
 namespace scree::tools {
 namespace {
 
-struct Words {
+struct ConvertArguments {
   std::string input;
   std::string output;
   std::string positions = "16";
@@ -76,7 +76,7 @@ Result<double> parse_positive(const std::string& text, const char* option) {
   return value;
 }
 
-Result<convert::PixelBound> parse_pixel_bound(const Words& words) {
+Result<convert::PixelBound> parse_pixel_bound(const ConvertArguments& words) {
   if (words.max_error_pixels.empty() || words.at_distance.empty())
     return Error{ErrorCode::kUsage, "--max-error-pixels and --at-distance need each other"};
   convert::PixelBound bound;
@@ -97,7 +97,7 @@ Result<convert::PixelBound> parse_pixel_bound(const Words& words) {
   return bound;
 }
 
-Result<convert::ConvertOptions> parse(const Words& words, bool positions_given) {
+Result<convert::ConvertOptions> parse(const ConvertArguments& words, bool positions_given) {
   convert::ConvertOptions options;
   if (words.input == "-")
     return Error{ErrorCode::kUsage, "the input '-': scree reads files, not standard input (./- is a file called -)"};
@@ -164,7 +164,7 @@ Result<convert::ConvertOptions> parse(const Words& words, bool positions_given) 
   return options;
 }
 
-Result<void> run(const Words& words, bool positions_given) {
+Result<void> run(const ConvertArguments& words, bool positions_given) {
   Result<convert::ConvertOptions> options = parse(words, positions_given);
   if (!options) return options.error();
   Result<convert::ConvertReport> report = Error{ErrorCode::kFile, {}};
@@ -187,7 +187,7 @@ Result<void> run(const Words& words, bool positions_given) {
 }  // namespace
 
 Command add_convert(CLI::App& parent) {
-  const auto words = std::make_shared<Words>();
+  const auto words = std::make_shared<ConvertArguments>();
   CLI::App* app = parent.add_subcommand("convert", "Packs a glTF scene into a .scree file");
   app->add_option("input", words->input, "The scene: .gltf or .glb")->required();
   app->add_option("-o,--output", words->output, "The file to write (default: the input with the extension .scree)");

@@ -210,16 +210,16 @@ Result<void> read_indices(const Primitive& primitive, uint64_t first, std::span<
 
 // Strips and fans: every triangle shares two vertices with the one before.
 Result<void> read_joined_triangles(const Primitive& primitive, uint64_t first, std::span<uint32_t> out) {
-  constexpr uint64_t kBlock = 4096;
-  std::array<uint32_t, kBlock + 2> indices;
+  constexpr uint64_t kAtOnce = 4096;
+  std::array<uint32_t, kAtOnce + 2> indices;
   const bool fan = primitive.mode == PrimitiveMode::kFan;
   uint32_t hub = 0;
   if (fan) {
     if (auto read = read_indices(primitive, 0, std::span(&hub, 1)); !read) return read;
   }
   const uint64_t count = out.size() / 3;
-  for (uint64_t done = 0; done < count; done += kBlock) {
-    const uint64_t n = std::min(kBlock, count - done);
+  for (uint64_t done = 0; done < count; done += kAtOnce) {
+    const uint64_t n = std::min(kAtOnce, count - done);
     const uint64_t place = first + done;
     if (auto read = read_indices(primitive, place + (fan ? 1 : 0), std::span(indices).first(n + (fan ? 1 : 2))); !read)
       return read;

@@ -54,6 +54,12 @@ SCREE_HD inline double unit24(uint32_t hash) {
 SCREE_HD inline double smooth_step(double t) {
   return (t * t) * (3.0 - 2.0 * t);
 }
+
+/// 0 below `low`, 1 above `high`, smooth between.
+SCREE_HD inline double ramp(double low, double high, double x) {
+  const double t = (x - low) / (high - low);
+  return smooth_step(t < 0.0 ? 0.0 : t > 1.0 ? 1.0 : t);
+}
 SCREE_HD inline double mix(double a, double b, double t) {
   return a + (b - a) * t;
 }

@@ -42,10 +42,6 @@ Vec3 normalized(const Vec3& a) {
   return a * (1.0 / std::sqrt(dot(a, a)));
 }
 
-double ramp(double low, double high, double x) {
-  return smooth_step(std::clamp((x - low) / (high - low), 0.0, 1.0));
-}
-
 /// Octaves of noise3 about a point of any sign, about [-1, 1].
 double fbm(uint32_t seed, uint32_t octaves, double x, double y, double z) {
   double sum = 0, height = 0.5;

@@ -31,11 +31,6 @@ Color operator*(const Color& a, double t) {
   return {a.r * t, a.g * t, a.b * t};
 }
 
-/// 0 below `low`, 1 above `high`, smooth between.
-double ramp(double low, double high, double x) {
-  return smooth_step(std::clamp((x - low) / (high - low), 0.0, 1.0));
-}
-
 /// Value noise in [-1, 1] with `px` by `py` cells over the unit square, periodic.
 double tile_noise(uint32_t seed, uint32_t px, uint32_t py, double u, double v) {
   const double x = (u - std::floor(u)) * px, y = (v - std::floor(v)) * py;
