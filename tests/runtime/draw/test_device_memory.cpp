@@ -44,12 +44,14 @@ kernels::View view_of(const Scene& scene, uint32_t width, uint32_t height) {
   return *view;
 }
 
+#if defined(SCREE_EMULATED_CUDA)
 /// Many chunks: whole they take more than a streamed scene does.
 void write_spheres(const std::string& path) {
   std::vector<std::pair<Soup, Encoding>> meshes;
   for (int i = 0; i < 24; ++i) meshes.push_back({sphere(24, 0.1 + 0.01 * i), {}});
   PagedScene{}.write(path, meshes);
 }
+#endif
 
 }  // namespace
 

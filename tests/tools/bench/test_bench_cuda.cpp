@@ -4,6 +4,7 @@
 #include <random>
 #include <vector>
 
+#include "runtime/draw/device_list.h"
 #include "tests/catch.h"
 #include "tests/gpu.h"
 #include "tests/tools/render/random_view.h"
@@ -148,7 +149,9 @@ TEST_CASE("generated scenes are drawn on the GPU as on the CPU", "[cuda]") {
 
 TEST_CASE("bench: the link to a GPU is slower than its memory", "[cuda]") {
   if (!tests::has_gpu()) return;
-  const Result<Machine> machine = find_machine();
+  const Result<runtime::Gpu> gpu = runtime::use_gpu();
+  REQUIRE(gpu);
+  const Result<Machine> machine = find_machine(*gpu);
   REQUIRE(machine);
   const Result<double> link = measure_link();
   REQUIRE(link);

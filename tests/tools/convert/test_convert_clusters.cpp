@@ -187,7 +187,7 @@ TEST_CASE("inspect shares out the bytes of clusters", "[convert][inspect][cluste
   options.zstd_level = GENERATE(0, 3);
   must_convert(options);
   const tests::OpenFile opened = must_open(options.output);
-  const inspect::Stats stats = inspect::gather(opened.file, opened.map.bytes(), 10);
+  const inspect::Stats stats = inspect::gather(opened.file, opened.map.bytes(), 10, true);
   uint64_t payload = 0, clusters = 0;
   for (uint64_t i = 0; i < opened.file.chunks().size(); ++i) {
     payload += opened.file.chunks()[i].bytes;
@@ -225,7 +225,7 @@ TEST_CASE("scans take half the bytes of indexed chunks", "[convert][clusters][mo
     options.source_ids = false;
     must_convert(options);
     const tests::OpenFile opened = must_open(options.output);
-    const inspect::Stats stats = inspect::gather(opened.file, opened.map.bytes(), 1);
+    const inspect::Stats stats = inspect::gather(opened.file, opened.map.bytes(), 1, true);
     const auto& bytes = stats.clusters.bytes;
     const double triangles = static_cast<double>(stats.triangles);
     const double each = static_cast<double>(bytes[inspect::kClusterBounds] + bytes[inspect::kClusterRecords] +
