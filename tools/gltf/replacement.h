@@ -48,7 +48,8 @@ class Replacement {
       file.has_earlier = ::link(file.name.c_str(), file.earlier.c_str()) == 0;
     }
     Result<void> done = file.part->commit();
-    file.is_renamed = file.part->has_name();
+    // One file alone has nothing to be put back: once it has its name it is whole, whatever fails after that.
+    file.is_renamed = files_.size() > 1 && file.part->has_name();
     return done;
   }
   /// Takes the second names away, once all have theirs. Where one stays, the new files are whole all the same.

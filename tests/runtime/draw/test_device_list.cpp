@@ -71,7 +71,7 @@ TEST_CASE("a GPU is named by its index, its UUID or the beginning of that", "[de
   for (const char* bad : {"", "-1", "1.5", "cuda:0", "GPU-", "GPU-xyz", "0 "}) CHECK_FALSE(runtime::names_gpu(bad));
 }
 
-TEST_CASE("--device takes a GPU, and asks for the GPU", "[device]") {
+TEST_CASE("a GPU that --device names is taken, and has to draw", "[device]") {
   using tools::BackendChoice;
   using tools::parse_backend;
   CHECK(parse_backend("auto", "")->choice == BackendChoice::kAuto);

@@ -372,7 +372,7 @@ TEST_CASE("fewer bits of positions show in the lit picture", "[compare][cli]") {
   double psnr = 0, flip = 1;
   for (const char* positions : {"8", "12", "float32"}) {
     INFO(positions);
-    REQUIRE(run({"convert", folder.file("a.gltf"), "-o", folder.file("a.scree"), "--source-ids", "--quiet",
+    REQUIRE(run({"convert", folder.file("a.gltf"), "-o", folder.file("a.scree"), "--source-ids", "--quiet", "--force",
                  "--positions", positions})
                 .exit_code == 0);
     const auto compared = run({"compare", folder.file("a.gltf"), folder.file("a.scree"), "--size", "160x120", "--json",

@@ -122,8 +122,8 @@ class TightMemory {
   explicit TightMemory(Kind kind) { make_scene(folder_.file("in.glb"), kind); }
 
   tests::ProgramRun convert_within(uint64_t mib) const {
-    return tests::run_program({"convert", folder_.file("in.glb"), "-o", folder_.file("out.scree"), "--threads", "1",
-                               "--memory", std::to_string(mib) + "MiB"},
+    return tests::run_program({"convert", folder_.file("in.glb"), "-o", folder_.file("out.scree"), "--force",
+                               "--threads", "1", "--memory", std::to_string(mib) + "MiB"},
                               folder_.file("log"));
   }
 

@@ -27,7 +27,7 @@ TEST_CASE("the convert command: exit codes, one line each way", "[convert]") {
   tests::make_model(folder.file("in.glb"), {});
   std::ofstream(folder.file("bad.glb")) << "no glTF at all";
   const auto run = [&](std::vector<std::string> words, const std::string& expected) {
-    words.insert(words.begin(), "convert");
+    words.insert(words.begin(), {"convert", "--force"});
     const int status = wait_for(start_program(words, folder.file("log")));
     const std::string log = tests::read_whole(folder.file("log"));
     INFO(log);
@@ -88,7 +88,7 @@ TEST_CASE("convert: an input that gets shorter or goes away meanwhile", "[conver
   folder.write("out.scree", "earlier");
   // Measured, and at work on the first of several windows: such a level takes half a second each.
   const pid_t child = start_program(
-      {"convert", folder.file("in.gltf"), "-o", folder.file("out.scree"), "--zstd", "16", "--threads", "1"},
+      {"convert", folder.file("in.gltf"), "-o", folder.file("out.scree"), "--force", "--zstd", "16", "--threads", "1"},
       folder.file("log"));
   for (int i = 0; i < 6000 && !std::filesystem::exists(folder.file("out.scree.part")); ++i)
     std::this_thread::sleep_for(std::chrono::milliseconds(5));
@@ -128,8 +128,8 @@ TEST_CASE("convert: a buffer file that is opened anew goes away or is replaced m
   const std::string last = folder.file(std::to_string(kFiles - 1) + ".bin");
   const std::string input = tests::write_many_files(folder, points);
   folder.write("out.scree", "earlier");
-  const pid_t child = start_program({"convert", input, "-o", folder.file("out.scree"), "--grid", "scene", "--positions",
-                                     "12", "--zstd", "16", "--threads", "1", "--order", "none"},
+  const pid_t child = start_program({"convert", input, "-o", folder.file("out.scree"), "--force", "--grid", "scene",
+                                     "--positions", "12", "--zstd", "16", "--threads", "1", "--order", "none"},
                                     folder.file("log"));
   siginfo_t ended{};
   for (int i = 0; i < 60000 && !std::filesystem::exists(folder.file("out.scree.part")) && ended.si_pid == 0; ++i) {

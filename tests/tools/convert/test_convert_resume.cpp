@@ -109,7 +109,7 @@ class Conversion {
 
   /// Goes on, checks the bytes, and returns what is said.
   std::string resume() {
-    const std::string said = run({"-o", out_, "--resume"});
+    const std::string said = run({"-o", out_, "--resume", "--force"});
     CHECK((tests::read_whole(out_) == reference_));
     CHECK_FALSE(std::filesystem::exists(part()));
     std::filesystem::remove(out_);
@@ -227,7 +227,7 @@ TEST_CASE("convert --resume: another input or other options start afresh", "[con
   CHECK(says(other, "starts afresh: it was made from another input or with other options"));
   CHECK((tests::read_whole(out) != conversion.reference()));
   take_kept();
-  CHECK(says(conversion.run({"-o", out, "--resume", "--memory", "4GiB"}), "resumed after"));
+  CHECK(says(conversion.run({"-o", out, "--resume", "--force", "--memory", "4GiB"}), "resumed after"));
   CHECK((tests::read_whole(out) == conversion.reference()));
   take_kept();
   std::filesystem::last_write_time(conversion.input(),

@@ -173,7 +173,8 @@ TEST_CASE("convert keeps its memory where pictures are of 16384 x 16384", "[conv
   const std::string json = textured_gltf({"a.jpg", "b.jpg", "a.png", "b.png"});
   const std::string input = folder.write("scene.gltf", json);
   const auto convert = [&](const std::string& gltf, const std::string& textures) {
-    return tests::run_program({"convert", gltf, "--threads", "1", "--textures", textures}, folder.file("log"));
+    return tests::run_program({"convert", gltf, "--force", "--threads", "1", "--textures", textures},
+                              folder.file("log"));
   };
   check_bound(convert(input, "raw"), 1, json.size());
   const std::string sequential = textured_gltf({"a.jpg", "a.png", "b.png"});

@@ -419,8 +419,8 @@ TEST_CASE("sort: a conversion that sorts is gone on with", "[sort][convert]") {
   const TempFolder folder;
   make_grid_file(folder.file("in.glb"), false);
   const auto words = [&](const std::string& output) {
-    return std::vector<std::string>{"convert", folder.file("in.glb"), "-o", folder.file(output), "--resume", "--zstd",
-                                    "9"};
+    return std::vector<std::string>{
+        "convert", folder.file("in.glb"), "-o", folder.file(output), "--resume", "--force", "--zstd", "9"};
   };
   REQUIRE(tests::run_program(words("whole.scree"), folder.file("log")).exit_code == 0);
   const std::string part = folder.file("out.scree.part");

@@ -107,7 +107,8 @@ class CutFile {
   /// `words`: of render, beside the file and its picture. Cuts once frames follow each other, to nothing and to a half.
   void cut_while_drawn(const std::vector<std::string>& words) const {
     const auto command = [&](const char* frames, const std::string& picture) {
-      std::vector<std::string> all{"render", path(), "-o", picture, "--quiet", "--size", "160x120", "--frames", frames};
+      std::vector<std::string> all{"render",  path(),   "-o",      picture,    "--force",
+                                   "--quiet", "--size", "160x120", "--frames", frames};
       all.insert(all.end(), words.begin(), words.end());
       return all;
     };
@@ -290,7 +291,8 @@ TEST_CASE("a file cut short where no frame reads it any more ends in the same li
 TEST_CASE("a file cut within its last page while it is compared ends in the same line", "[compare][cut]") {
   const CutFile file(0);
   const std::vector<std::string> command{
-      "compare", file.path(), file.folder().file("in.glb"), "-o", file.folder().file("out.png"), "--size", "160x120"};
+      "compare", file.path(), file.folder().file("in.glb"), "-o", file.folder().file("out.png"), "--force",
+      "--size",  "160x120"};
   const ProgramRun all = run_program(command, file.folder().file("log"));
   INFO(all.output);
   REQUIRE(all.exit_code == 0);
