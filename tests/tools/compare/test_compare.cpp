@@ -376,7 +376,7 @@ TEST_CASE("fewer bits of positions show in the lit picture", "[compare][cli]") {
                  "--positions", positions})
                 .exit_code == 0);
     const auto compared = run({"compare", folder.file("a.gltf"), folder.file("a.scree"), "--size", "160x120", "--json",
-                               "--flip", folder.file("flip.png")});
+                               "--flip", folder.file("flip.png"), "--force"});
     INFO(compared.output);
     REQUIRE(compared.exit_code == 0);
     const nlohmann::json pictures = nlohmann::json::parse(compared.output)["pictures"];

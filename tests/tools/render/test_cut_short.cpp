@@ -270,9 +270,9 @@ TEST_CASE("a file cut short where no frame reads it any more ends in the same li
   CAPTURE(zstd_level, left);
   const CutFile file(zstd_level);
   const auto command = [&](uint32_t frames) {
-    return std::vector<std::string>{
-        "render",    file.path(), "-o",       file.folder().file("out.png"), "--quiet", "--size", "160x120",
-        "--backend", "cpu",       "--frames", std::to_string(frames)};
+    return std::vector<std::string>{"render",    file.path(), "-o",       file.folder().file("out.png"),
+                                    "--force",   "--quiet",   "--size",   "160x120",
+                                    "--backend", "cpu",       "--frames", std::to_string(frames)};
   };
   uint32_t frames = 1;
   ProgramRun all;
