@@ -26,6 +26,7 @@ namespace scree::emulator {
 inline constexpr uint32_t kWarpLanes = 32;
 inline constexpr int kGarbage = 0xa5;  // each byte of memory that nothing was written to
 inline constexpr int kMultiprocessors = 2;
+inline constexpr int kMultiprocessorThreads = 2048;
 inline constexpr int kMaxThreads = 1024;            // of a block
 inline constexpr size_t kSharedBytes = 227 * 1024;  // of a block, where the kernel's attribute allows it; else 48 KiB
 

@@ -412,9 +412,16 @@ cudaError_t cudaGetDeviceProperties(cudaDeviceProp* out, int number) {
   return cudaSuccess;
 }
 cudaError_t cudaDeviceGetAttribute(int* value, cudaDeviceAttr attribute, int) {
-  if (attribute != cudaDevAttrMultiProcessorCount) return failed(cudaErrorInvalidValue);
-  *value = scree::emulator::kMultiprocessors;
-  return cudaSuccess;
+  switch (attribute) {
+    case cudaDevAttrMultiProcessorCount:
+      *value = scree::emulator::kMultiprocessors;
+      return cudaSuccess;
+    case cudaDevAttrMaxThreadsPerMultiProcessor:
+      *value = scree::emulator::kMultiprocessorThreads;
+      return cudaSuccess;
+    default:
+      return failed(cudaErrorInvalidValue);
+  }
 }
 cudaError_t cudaDriverGetVersion(int* version) {
   *version = driver_version();
@@ -589,7 +596,7 @@ cudaError_t cudaFuncSetAttribute(const void* function, cudaFuncAttribute attribu
 cudaError_t cudaOccupancyMaxActiveBlocksPerMultiprocessorWithFlags(int* blocks, const void*, int threads,
                                                                    size_t shared_bytes, unsigned) {
   const size_t by_memory = scree::emulator::kSharedBytes / std::max<size_t>(shared_bytes, 1);
-  *blocks = static_cast<int>(std::min<size_t>({static_cast<size_t>(2048 / std::max(threads, 1)), by_memory, 2}));
+  *blocks = static_cast<int>(std::min<size_t>({static_cast<size_t>(scree::emulator::kMultiprocessorThreads / std::max(threads, 1)), by_memory, 2}));
   return cudaSuccess;
 }
 

@@ -191,7 +191,8 @@ TEST_CASE("a fallback to the CPU says why in one line, and the GPU that drew is 
     CAPTURE(one.gpus, one.driver, one.says, one.words.size());
     const Variable gpus("SCREE_EMULATED_GPU", one.gpus);
     const Variable driver("SCREE_EMULATED_DRIVER", one.driver);
-    std::vector<std::string> words{"render", packed, "-o", folder.file("a.png"), "--size", "16x16", "--threads", "2"};
+    std::vector<std::string> words{"render", packed,      "-o", folder.file("a.png"), "--force", "--size",
+                                   "16x16",  "--threads", "2"};
     words.insert(words.end(), one.words.begin(), one.words.end());
     const ProgramRun run = run_program(words, log);
     CAPTURE(run.output);
