@@ -178,10 +178,6 @@ struct CudaFrames::Impl {
   Result<void> record_event(FrameEvent event, const FrameStreams& streams) {
     return cuda_check(cudaEventRecord(events[event], streams.main), "recording an event");
   }
-  /// For the stages' times alone: an event between two kernels takes a microsecond.
-  Result<void> record_stage(FrameEvent event, const FrameStreams& streams) {
-    return options.stage_times ? record_event(event, streams) : Result<void>();
-  }
   Result<void> grow_queues();
   void adapt_next_frame();
   Result<void> read_times(FrameTimes& times) const;
@@ -457,8 +453,7 @@ Result<void> CudaFrames::Impl::submit_stages(const SmallFrame& small, const Stag
   if (clips_on_own_stream()) done = submit_clipping_on_own_stream<kOrthographic>(small, streams);
   if (done) done = record_event(at.small_done, streams);
   if (done) done = cuda_check(cudaStreamWaitEvent(streams.side, events[at.small_done]), "forking");
-  if (done && options.stage_times)
-    done = cuda_check(cudaEventRecord(events[at.large_begun], streams.side), "recording an event");
+  if (done) done = cuda_check(cudaEventRecord(events[at.large_begun], streams.side), "recording an event");
   if (done) {
     const auto split = split_large<kOrthographic>;
     const auto large = raster_large<kOrthographic>;
@@ -472,7 +467,7 @@ Result<void> CudaFrames::Impl::submit_stages(const SmallFrame& small, const Stag
     medium<<<resident.of(medium, kLargeThreads), kLargeThreads, 0, streams.main>>>(queued);
     done = cuda_check(cudaGetLastError(), "starting stage 2");
   }
-  if (done) done = record_stage(at.medium_done, streams);
+  if (done) done = record_event(at.medium_done, streams);
   if (done) done = cuda_check(cudaStreamWaitEvent(streams.main, events[at.large_done]), "joining");
   if (done && clips_on_own_stream())
     done = cuda_check(cudaStreamWaitEvent(streams.main, events[kClippedDone]), "joining");
@@ -509,7 +504,7 @@ Result<void> CudaFrames::Impl::submit_passes(const FrameStreams& streams) {
   if (done && clears && !culls) {
     done = cuda_check(cudaMemsetAsync(samples, 0xff, sample_count * sizeof(uint64_t), streams.main), "clearing");
   }
-  if (done) done = record_stage(kCleared, streams);
+  if (done) done = record_event(kCleared, streams);
   if (done && culls) {
     const SamplesToClear clear{samples, sample_count, clears ? resident.fill(kCullThreads) : 0};
     if (culls_as_small_scene()) {
@@ -519,7 +514,7 @@ Result<void> CudaFrames::Impl::submit_passes(const FrameStreams& streams) {
     }
     done = cuda_check(cudaGetLastError(), "starting culling");
   }
-  if (done) done = record_stage(kCulled, streams);
+  if (done) done = record_event(kCulled, streams);
   const SmallFrame small{scene,
                          frame,
                          target,
@@ -541,7 +536,7 @@ Result<void> CudaFrames::Impl::submit_passes(const FrameStreams& streams) {
   }
   if (done) done = cuda_check(cudaGetLastError(), "starting stage 1");
   if (done) done = submit_stages<kOrthographic>(small, kFirstStages, streams);
-  if (done) done = record_stage(kFirstDone, streams);
+  if (done) done = record_event(kFirstDone, streams);
   if (done && two_passes && !draws_only_previously_visible) {
     const auto tiles_along = [](int32_t side) { return (static_cast<uint32_t>(side) - 1) / kPyramidTile + 1; };
     const dim3 tiles_of_image(tiles_along(frame.width), tiles_along(frame.height));
@@ -550,7 +545,7 @@ Result<void> CudaFrames::Impl::submit_passes(const FrameStreams& streams) {
     for (uint32_t round = 0; round < rounds && done; ++round) {
       build_pyramid_tiles<<<tiles_of_image, kPyramidThreads, 0, streams.main>>>(pyramid, samples);
       build_pyramid_top_and_begin_pass<<<1, 1024, 0, streams.main>>>(pyramid, counters);
-      if (round == 0) done = record_stage(kPyramidDone, streams);
+      if (round == 0) done = record_event(kPyramidDone, streams);
       submit_clusters<kOrthographic, ClusterPass::kNewlyVisible>(small, round, rounds, streams);
       if (done) done = cuda_check(cudaGetLastError(), "starting the second pass");
       if (done) done = submit_stages<kOrthographic>(small, kSecondStages, streams);
@@ -598,7 +593,7 @@ Result<void> CudaFrames::Impl::read_times(FrameTimes& times) const {
     FrameEvent to;
     bool is_there;
   };
-  times.has_stages = options.stage_times;
+  times.has_stages = !is_graph;
   const bool has_second = two_passes && options.part != FramePart::kPreviouslyVisible;
   const Span spans[] = {{&times.clear_ms, kStart, kCleared, true},
                         {&times.cull_ms, kCleared, kCulled, true},
