@@ -18,8 +18,17 @@ SCREE_HD uint32_t lane_value(uint32_t lane, uint32_t round) {
 
 constexpr uint32_t kRounds = 64;
 
-template <bool kOne>
+/// Whether the GPU that is compiled for has the instructions of compute capability 8.0. Code for an older one joins by
+/// shuffles in both cases.
+#if defined(__CUDA_ARCH__) && __CUDA_ARCH__ < 800
+constexpr bool kHasOne = false;
+#else
+constexpr bool kHasOne = true;
+#endif
+
+template <bool kAsked>
 __global__ void join(uint32_t* sums, uint32_t* largest, uint32_t* bits) {
+  constexpr bool kOne = kAsked && kHasOne;
   for (uint32_t round = 0; round < kRounds; ++round) {
     const uint32_t value = lane_value(threadIdx.x, round);
     const uint32_t at = round * kWarpLanes + threadIdx.x;
