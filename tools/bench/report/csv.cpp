@@ -83,6 +83,7 @@ CsvCells cells_of(const Machine& machine, const CaseResult& r) {
   add_times(cells, "pyramid", r.pyramid);
   add_times(cells, "second", r.second);
   add_times(cells, "raster", r.raster);
+  add_times(cells, "wall", r.wall);
   add_times(cells, "resolve", r.resolve);
   add_times(cells, "occlusion", r.occlusion);
   add_times(cells, "frame", r.frame);
