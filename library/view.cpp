@@ -4,6 +4,7 @@
 #include <cmath>
 #include <string>
 #include <utility>
+#include <vector>
 
 #include "library/handles.h"
 #include "library/structs.h"
@@ -93,6 +94,27 @@ scree_status take_shade(const scree_draw_options& options, kernels::ShadeOptions
   return SCREE_OK;
 }
 
+/// The size, the samples and the shading of a frame.
+scree_status take_frame(const scree_draw_options* options, scree_draw_options& taken, kernels::ShadeOptions& shade) {
+  if (const scree_status checked = take(options, taken, "scree_draw_options"); checked != SCREE_OK) return checked;
+  if (taken.width == 0) taken.width = 1920;
+  if (taken.height == 0) taken.height = 1080;
+  if (taken.samples == 0) taken.samples = 1;
+  if (taken.samples != 1 && taken.samples != 2 && taken.samples != 4)
+    return fail(SCREE_ERROR_ARGUMENT,
+                "scree_draw_options::samples is " + std::to_string(taken.samples) + ", expected 1, 2 or 4");
+  const uint64_t side = uint64_t{std::max(taken.width, taken.height)} * taken.samples;
+  if (side > kernels::kMaxImageSide)
+    return fail(SCREE_ERROR_ARGUMENT, "the frame has " + std::to_string(side) + " samples a side, at most " +
+                                          std::to_string(kernels::kMaxImageSide));
+  return take_shade(taken, shade);
+}
+
+/// For the instance layer.
+bool has_too_many_instances(const runtime::LoadedScene& scene) {
+  return scene.scene().view().instance_count > uint64_t{1} << 31;
+}
+
 /// Layers by number.
 struct LayerKind {
   Layer layer;
@@ -115,8 +137,7 @@ scree_status with_layer(scree_view* view, scree_layer layer, const Body& body) {
     ViewRenderer& renderer = *drawn.renderer;
     if (!renderer.has_frame())
       return fail(SCREE_ERROR_NO_FRAME, "the view has drawn nothing yet, or the last draw failed");
-    constexpr uint64_t kMostInstances = uint64_t{1} << 31;
-    if (layer == SCREE_INSTANCE && renderer.scene().scene().view().instance_count > kMostInstances)
+    if (layer == SCREE_INSTANCE && has_too_many_instances(renderer.scene()))
       return fail(SCREE_ERROR_DATA, "the scene has more instances than 32-bit ids tell apart");
     return body(renderer, kLayers[static_cast<size_t>(layer)]);
   });
@@ -129,10 +150,12 @@ scree_array describe(const ViewRenderer& renderer, const LayerKind& kind, const 
   array.data = data;
   array.bytes = renderer.layer_bytes(kind.layer);
   array.type = kind.type;
-  array.dimensions = kind.channels == 0 ? 2 : 3;
-  array.shape[0] = int64_t{renderer.height()} * side;
-  array.shape[1] = int64_t{renderer.width()} * side;
-  array.shape[2] = kind.channels;
+  int64_t* shape = array.shape;
+  if (renderer.batch() != 0) *shape++ = renderer.batch();
+  *shape++ = int64_t{renderer.height()} * side;
+  *shape++ = int64_t{renderer.width()} * side;
+  if (kind.channels != 0) *shape++ = kind.channels;
+  array.dimensions = static_cast<uint32_t>(shape - array.shape);
   array.gpu = gpu;
   return array;
 }
@@ -176,25 +199,41 @@ scree_status scree_draw(scree_view* view, const scree_camera* camera, const scre
     scree_camera seen;
     if (const scree_status checked = take(camera, seen, "scree_camera"); checked != SCREE_OK) return checked;
     scree_draw_options taken;
-    if (const scree_status checked = take(options, taken, "scree_draw_options"); checked != SCREE_OK) return checked;
-    if (taken.width == 0) taken.width = 1920;
-    if (taken.height == 0) taken.height = 1080;
-    if (taken.samples == 0) taken.samples = 1;
-    if (taken.samples != 1 && taken.samples != 2 && taken.samples != 4)
-      return fail(SCREE_ERROR_ARGUMENT,
-                  "scree_draw_options::samples is " + std::to_string(taken.samples) + ", expected 1, 2 or 4");
-    const uint64_t side = uint64_t{std::max(taken.width, taken.height)} * taken.samples;
-    if (side > scree::kernels::kMaxImageSide)
-      return fail(SCREE_ERROR_ARGUMENT, "the frame has " + std::to_string(side) + " samples a side, at most " +
-                                            std::to_string(scree::kernels::kMaxImageSide));
     scree::kernels::ShadeOptions shade;
-    if (const scree_status checked = take_shade(taken, shade); checked != SCREE_OK) return checked;
+    if (const scree_status checked = take_frame(options, taken, shade); checked != SCREE_OK) return checked;
     const std::lock_guard<std::mutex> lock(drawn.mutex);
     View seen_view{};
     if (const scree_status made = make_view(drawn.renderer->scene(), seen, taken.width, taken.height, seen_view);
         made != SCREE_OK)
       return made;
     const scree::Result<void> done = drawn.renderer->draw(seen_view, taken.samples, shade);
+    return done ? SCREE_OK : fail(done.error(), Subject::kArguments);
+  });
+}
+
+scree_status scree_draw_batch(scree_view* view, const scree_camera* cameras, uint32_t count,
+                              const scree_draw_options* options, uint32_t layers) {
+  return with<Views>(view, "scree_view", [&](DrawnView& drawn) {
+    if (cameras == nullptr) return fail(SCREE_ERROR_ARGUMENT, "scree_draw_batch: cameras is null");
+    scree_draw_options taken;
+    scree::kernels::ShadeOptions shade;
+    if (const scree_status checked = take_frame(options, taken, shade); checked != SCREE_OK) return checked;
+    const std::lock_guard<std::mutex> lock(drawn.mutex);
+    const scree::runtime::LoadedScene& scene = drawn.renderer->scene();
+    if ((layers >> SCREE_INSTANCE & 1) != 0 && has_too_many_instances(scene))
+      return fail(SCREE_ERROR_DATA, "the scene has more instances than 32-bit ids tell apart");
+    std::vector<View> views(count);
+    const auto* next = reinterpret_cast<const std::byte*>(cameras);
+    for (uint32_t i = 0; i < count; ++i, next += cameras->size) {
+      const auto* const camera = reinterpret_cast<const scree_camera*>(next);
+      scree_camera seen;
+      if (const scree_status checked = take(camera, seen, "scree_camera"); checked != SCREE_OK) return checked;
+      if (camera->size != cameras->size)
+        return fail(SCREE_ERROR_ARGUMENT, "camera " + std::to_string(i) + " of the batch has another size");
+      if (const scree_status made = make_view(scene, seen, taken.width, taken.height, views[i]); made != SCREE_OK)
+        return fail(made, "camera " + std::to_string(i) + ": " + std::string(scree_error()));
+    }
+    const scree::Result<void> done = drawn.renderer->draw_batch(views, taken.samples, shade, layers);
     return done ? SCREE_OK : fail(done.error(), Subject::kArguments);
   });
 }
@@ -277,6 +316,7 @@ scree_status scree_get_frame_stats(scree_view* view, scree_frame_stats* stats) {
     out.triangles = renderer.stats().triangles;
     out.clusters = renderer.stats().clusters_drawn;
     out.draw_ms = renderer.draw_time().wall_ms;
+    out.cameras = renderer.batch();
     out.streamed_bytes = renderer.stream_stats() ? renderer.stream_stats()->streamed_bytes : 0;
     give(stats, out);
     return SCREE_OK;

@@ -90,10 +90,12 @@ scree_array describe(const scree::View& view, scree_layer layer) {
   constexpr std::array<scree_type, 5> kTypes{SCREE_UINT8, SCREE_FLOAT32, SCREE_INT64, SCREE_INT32, SCREE_UINT64};
   scree_array array{};
   array.type = kTypes[static_cast<size_t>(layer)];
-  array.dimensions = layer == SCREE_COLOR ? 3 : 2;
-  array.shape[0] = int64_t{stats.height} * side;
-  array.shape[1] = int64_t{stats.width} * side;
-  array.shape[2] = 4;
+  int64_t* shape = array.shape;
+  if (stats.cameras != 0) *shape++ = stats.cameras;
+  *shape++ = int64_t{stats.height} * side;
+  *shape++ = int64_t{stats.width} * side;
+  if (layer == SCREE_COLOR) *shape++ = 4;
+  array.dimensions = static_cast<uint32_t>(shape - array.shape);
   return array;
 }
 
@@ -134,11 +136,11 @@ struct SharedLayer {
     struct Shared {
       DlManagedTensor managed;
       std::shared_ptr<scree::View> view;
-      std::array<int64_t, 3> shape;
+      std::array<int64_t, 4> shape;
     };
     auto shared = std::make_unique<Shared>();
     shared->view = view;
-    std::copy(array.shape, array.shape + 3, shared->shape.begin());
+    std::copy(array.shape, array.shape + 4, shared->shape.begin());
     DlTensor& tensor = shared->managed.tensor;
     tensor.data = const_cast<void*>(array.data);
     tensor.device = {device().first, device().second};
@@ -299,7 +301,7 @@ py::dict stats_of(const scree::View& view) {
   const scree_frame_stats stats = view.stats();
   return py::dict("width"_a = stats.width, "height"_a = stats.height, "samples"_a = stats.samples,
                   "instances"_a = stats.instances, "triangles"_a = stats.triangles, "clusters"_a = stats.clusters,
-                  "draw_ms"_a = stats.draw_ms, "streamed_bytes"_a = stats.streamed_bytes);
+                  "draw_ms"_a = stats.draw_ms, "streamed_bytes"_a = stats.streamed_bytes, "cameras"_a = stats.cameras);
 }
 
 std::vector<py::dict> scenes_of(const scree::File& file) {
@@ -486,6 +488,24 @@ PYBIND11_MODULE(_scree, module) {
           "width"_a = 1920, "height"_a = 1080, py::kw_only(), "camera"_a = py::none(), "samples"_a = 1,
           "show"_a = "texture", "light"_a = true, "ssao"_a = false, "edl"_a = false,
           "background"_a = std::array<float, 4>{})
+      .def(
+          "draw_batch",
+          [](scree::View& view, const std::vector<py::object>& cameras, uint32_t width, uint32_t height,
+             const std::vector<std::string>& layers, uint32_t samples, const std::string& show, bool light, bool ssao,
+             bool edl, const std::array<float, 4>& background) {
+            const scree_draw_options options = draw_options(width, height, samples, show, light, ssao, edl, background);
+            uint32_t made = 0;
+            for (const std::string& layer : layers) made |= 1u << layer_of(layer);
+            std::vector<Camera> all;
+            for (const py::object& camera : cameras) all.push_back(camera_of(camera));
+            std::vector<scree_camera> seen;
+            for (Camera& camera : all) seen.push_back(camera.get());
+            if (seen.empty()) throw py::value_error("a batch has one camera at least");
+            const py::gil_scoped_release release;
+            view.draw_batch(seen.data(), static_cast<uint32_t>(seen.size()), options, made);
+          },
+          "cameras"_a, "width"_a, "height"_a, py::kw_only(), "layers"_a, "samples"_a, "show"_a, "light"_a, "ssao"_a,
+          "edl"_a, "background"_a)
       .def(
           "shade",
           [](scree::View& view, const std::string& show, bool light, bool ssao, bool edl,

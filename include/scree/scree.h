@@ -260,6 +260,13 @@ typedef struct scree_draw_options {
  * frame no larger than one before. */
 SCREE_API scree_status scree_draw(scree_view* view, const scree_camera* camera, const scree_draw_options* options);
 
+/* Draws a frame for each of `count` cameras, all of one size, in one call. `layers`: which of them are made, a bit
+ * 1 << SCREE_COLOR and so on each; SCREE_SAMPLES is none of them. Until the next draw these layers have one more, first
+ * dimension, of cameras: one block of memory, on the GPU where a GPU draws. There is nothing to pick then. On the CPU
+ * the cameras are shared out among the scene's threads. */
+SCREE_API scree_status scree_draw_batch(scree_view* view, const scree_camera* cameras, uint32_t count,
+                                        const scree_draw_options* options, uint32_t layers);
+
 /* Shows the frame otherwise, without drawing it again: `show`, `flags`, `background`, `edl_...` of `options`. Not where
  * chunks are streamed. */
 SCREE_API scree_status scree_shade(scree_view* view, const scree_draw_options* options);
@@ -289,7 +296,7 @@ typedef struct scree_array {
   uint64_t bytes;
   scree_type type;
   uint32_t dimensions;
-  int64_t shape[3];
+  int64_t shape[4];
   int32_t gpu; /* whose memory `data` is in; -1: the host's */
 } scree_array;
 
@@ -329,8 +336,9 @@ typedef struct scree_frame_stats {
   uint64_t instances; /* after culling; with a streamed scene once for each part of the frame */
   uint64_t triangles; /* drawn after culling; which clusters are hidden depends on threads and earlier frames */
   uint64_t clusters;
-  double draw_ms; /* the host's clock */
-  uint64_t streamed_bytes;
+  double draw_ms;          /* the host's clock */
+  uint64_t streamed_bytes; /* of a batch 0 */
+  uint32_t cameras;        /* of the batch, whose counts are sums; 0: no batch */
 } scree_frame_stats;
 
 SCREE_API scree_status scree_get_frame_stats(scree_view* view, scree_frame_stats* stats);

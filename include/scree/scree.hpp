@@ -84,6 +84,11 @@ class View {
             const scree_draw_options& options = make<scree_draw_options>()) {
     check(scree_draw(handle(), &camera, &options));
   }
+  /// scree_draw_batch(): `cameras` follow each other in memory.
+  void draw_batch(const scree_camera* cameras, std::uint32_t count, const scree_draw_options& options,
+                  std::uint32_t layers) {
+    check(scree_draw_batch(handle(), cameras, count, &options, layers));
+  }
   void shade(const scree_draw_options& options) { check(scree_shade(handle(), &options)); }
 
   scree_array host_layer(scree_layer layer) const {

@@ -37,17 +37,10 @@ middle, radius = (low + high) / 2, 1.2 * np.linalg.norm(high - low)
 angles = np.linspace(0, 2 * math.pi, 12, endpoint=False)
 poses = [pose(middle + radius * np.array([math.sin(a), 0.5, math.cos(a)]), middle) for a in angles]
 
-blocks = {
-    "color": np.empty((len(poses), HEIGHT, WIDTH, 4), np.uint8),
-    "depth": np.empty((len(poses), HEIGHT, WIDTH), np.float32),
-    "triangle": np.empty((len(poses), HEIGHT, WIDTH), np.int64),
-}
-view = scene.view()
-for number, world in enumerate(poses):
-    view.draw(WIDTH, HEIGHT, camera=scree.matrices(np.linalg.inv(world), projection()))
-    for layer, block in blocks.items():
-        # On a GPU torch.from_dlpack(view.share(layer)) is the same block without a copy to the host.
-        block[number] = np.from_dlpack(view.share(layer)) if not scene.stats["on_gpu"] else view.read(layer)
-for layer, block in blocks.items():
+cameras = [scree.matrices(np.linalg.inv(world), projection()) for world in poses]
+view = scene.view().draw_batch(cameras, WIDTH, HEIGHT, layers=["color", "depth", "triangle"])
+for layer in ("color", "depth", "triangle"):
+    # On a GPU torch.from_dlpack(view.share(layer)) is the block in its memory, without a copy.
+    block = view.read(layer)
     np.save(folder / f"{layer}.npy", block)
-print(f"{len(poses)} cameras, {np.isfinite(blocks['depth']).mean():.0%} of the pixels covered")
+    print(f"{layer}: {' x '.join(map(str, block.shape))}, {block.dtype}")

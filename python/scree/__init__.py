@@ -152,6 +152,17 @@ class View:
                         background=tuple(background))
         return self
 
+    def draw_batch(self, cameras, width, height, *, layers=("color",), samples=1, show="texture", light=True, ssao=False,
+                   edl=False, background=(0, 0, 0, 0)) -> View:
+        """Draws a frame for each of `cameras`, all of width x height pixels, in one call.
+
+        `layers`: which of color, depth, triangle and instance are made. read() and share() then give them with one more,
+        first dimension, of cameras; on a GPU they are one block of its memory. Otherwise as draw().
+        """
+        self._view.draw_batch(list(cameras), width, height, layers=list(layers), samples=samples, show=show, light=light,
+                              ssao=ssao, edl=edl, background=tuple(background))
+        return self
+
     def shade(self, *, show="texture", light=True, ssao=False, edl=False, background=(0, 0, 0, 0)) -> View:
         """Shows the last frame otherwise, without drawing it again; not where chunks are streamed."""
         self._view.shade(show=show, light=light, ssao=ssao, edl=edl, background=tuple(background))
@@ -179,7 +190,7 @@ class View:
 
     @property
     def stats(self) -> dict:
-        """Of the last frame: width, height, samples, instances, triangles, clusters, draw_ms, streamed_bytes."""
+        """Of the last frame or batch: width, height, samples, instances, triangles, clusters, draw_ms, cameras..."""
         return self._view.stats
 
 

@@ -87,6 +87,20 @@ class View:
         edl: bool = ...,
         background: Sequence[float] = ...,
     ) -> View: ...
+    def draw_batch(
+        self,
+        cameras: Iterable[Camera | str | int | None],
+        width: int,
+        height: int,
+        *,
+        layers: Iterable[_Layer] = ...,
+        samples: Literal[1, 2, 4] = ...,
+        show: _Show = ...,
+        light: bool = ...,
+        ssao: bool = ...,
+        edl: bool = ...,
+        background: Sequence[float] = ...,
+    ) -> View: ...
     def shade(
         self,
         *,

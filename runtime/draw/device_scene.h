@@ -49,14 +49,18 @@ class DeviceView {
   const std::optional<StreamStats>& stream_stats() const;
   Result<void> read_samples(std::span<uint64_t> samples);
   Result<void> resolve(const kernels::View& view, uint32_t samples_per_side, const kernels::ShadeOptions& options,
-                       std::span<uint32_t> pixels, kernels::ResolveTimes* times = nullptr);
+                       std::span<uint32_t> pixels, kernels::ResolveTimes* times = nullptr, uint32_t* out = nullptr);
 
   /// One sample of the picture that draw() made last; `index` below width * height. Error kDevice.
   Result<uint64_t> read_sample(uint64_t index);
 
   /// Queues a layer of that picture, in device memory that stays until the next call for this layer. Errors kRange (no
-  /// such picture), kDevice.
-  Result<const std::byte*> make_layer(const kernels::View& view, uint32_t samples_per_side, PixelLayer layer);
+  /// such picture), kDevice. `out`: device memory for it in place of that, as resolve() has it for pixels.
+  Result<const std::byte*> make_layer(const kernels::View& view, uint32_t samples_per_side, PixelLayer layer,
+                                      std::byte* out = nullptr);
+
+  /// Device memory for the pictures of a batch, `index` below 4: at least so many bytes, until it is asked for again.
+  Result<std::byte*> reserve_block(size_t index, uint64_t bytes);
 
   /// Device memory: the picture that resolve() made last, RGBA8, and the samples.
   const uint32_t* pixels() const;

@@ -85,6 +85,7 @@ struct DeviceView::Impl {
   DeviceBuffer samples;
   DeviceBuffer pixels;
   DeviceBuffer layers[3];  // by PixelLayer
+  DeviceBuffer blocks[4];
   cudaEvent_t queued = nullptr;
   std::optional<StreamStats> streamed;
 
@@ -330,14 +331,15 @@ Result<uint64_t> DeviceView::read_sample(uint64_t index) {
 
 Result<void> DeviceView::resolve(const kernels::View& view, uint32_t samples_per_side,
                                  const kernels::ShadeOptions& options, std::span<uint32_t> pixels,
-                                 kernels::ResolveTimes* times) {
+                                 kernels::ResolveTimes* times, uint32_t* out) {
   Impl& impl = *impl_;
   if (Result<void> checked = impl.check_drawn(view); !checked) return checked;
   if (auto checked = kernels::check_resolve(view, samples_per_side); !checked) return checked;
   const uint64_t count = uint64_t{view.width / samples_per_side} * (view.height / samples_per_side);
-  if (auto reserved = impl.pixels.reserve(count * sizeof(uint32_t), "allocating the picture"); !reserved)
-    return reserved.error();
-  const auto device_pixels = reinterpret_cast<uint32_t*>(impl.pixels.data());
+  if (out == nullptr)
+    if (auto reserved = impl.pixels.reserve(count * sizeof(uint32_t), "allocating the picture"); !reserved)
+      return reserved.error();
+  uint32_t* const device_pixels = out != nullptr ? out : reinterpret_cast<uint32_t*>(impl.pixels.data());
   const CudaStream* const stream = impl.scene.stream.get();
   const bool from_colors = stream != nullptr && kernels::shades_from_chunks(options.show);
   if (from_colors && stream->colors() == nullptr)
@@ -360,24 +362,33 @@ Result<void> DeviceView::resolve(const kernels::View& view, uint32_t samples_per
                     "reading the picture");
 }
 
-Result<const std::byte*> DeviceView::make_layer(const kernels::View& view, uint32_t samples_per_side,
-                                                PixelLayer layer) {
+Result<const std::byte*> DeviceView::make_layer(const kernels::View& view, uint32_t samples_per_side, PixelLayer layer,
+                                                std::byte* out) {
   Impl& impl = *impl_;
   if (Result<void> checked = impl.check_drawn(view); !checked) return checked.error();
   if (auto checked = kernels::check_resolve(view, samples_per_side); !checked) return checked.error();
-  DeviceBuffer& buffer = impl.layers[static_cast<size_t>(layer)];
-  const uint64_t count = uint64_t{view.width / samples_per_side} * (view.height / samples_per_side);
-  if (auto reserved = buffer.reserve(count * layer_bytes(layer), "allocating a layer"); !reserved)
-    return reserved.error();
-  kernels::LayerTargets out{};
-  if (layer == PixelLayer::kDepth) out.depth = reinterpret_cast<float*>(buffer.data());
-  if (layer == PixelLayer::kTriangle) out.triangle = reinterpret_cast<int64_t*>(buffer.data());
-  if (layer == PixelLayer::kInstance) out.instance = reinterpret_cast<int32_t*>(buffer.data());
+  if (out == nullptr) {
+    DeviceBuffer& buffer = impl.layers[static_cast<size_t>(layer)];
+    const uint64_t count = uint64_t{view.width / samples_per_side} * (view.height / samples_per_side);
+    if (auto reserved = buffer.reserve(count * layer_bytes(layer), "allocating a layer"); !reserved)
+      return reserved.error();
+    out = buffer.data();
+  }
+  kernels::LayerTargets targets{};
+  if (layer == PixelLayer::kDepth) targets.depth = reinterpret_cast<float*>(out);
+  if (layer == PixelLayer::kTriangle) targets.triangle = reinterpret_cast<int64_t*>(out);
+  if (layer == PixelLayer::kInstance) targets.instance = reinterpret_cast<int32_t*>(out);
   if (auto started = kernels::start_layers(
-          kernels::make_layers(impl.scene.scene.view(), view, samples_per_side, impl.sample_data(), out), nullptr);
+          kernels::make_layers(impl.scene.scene.view(), view, samples_per_side, impl.sample_data(), targets), nullptr);
       !started)
     return started.error();
-  return buffer.data();
+  return out;
+}
+
+Result<std::byte*> DeviceView::reserve_block(size_t index, uint64_t bytes) {
+  DeviceBuffer& block = impl_->blocks[index];
+  if (auto reserved = block.reserve(bytes, "allocating the pictures of a batch"); !reserved) return reserved.error();
+  return block.data();
 }
 
 const uint32_t* DeviceView::pixels() const {

@@ -80,7 +80,7 @@ Result<void> DeviceView::read_samples(std::span<uint64_t>) {
 }
 
 Result<void> DeviceView::resolve(const kernels::View&, uint32_t, const kernels::ShadeOptions&, std::span<uint32_t>,
-                                 kernels::ResolveTimes*) {
+                                 kernels::ResolveTimes*, uint32_t*) {
   return current_gpu().error();
 }
 
@@ -88,7 +88,11 @@ Result<uint64_t> DeviceView::read_sample(uint64_t) {
   return current_gpu().error();
 }
 
-Result<const std::byte*> DeviceView::make_layer(const kernels::View&, uint32_t, PixelLayer) {
+Result<const std::byte*> DeviceView::make_layer(const kernels::View&, uint32_t, PixelLayer, std::byte*) {
+  return current_gpu().error();
+}
+
+Result<std::byte*> DeviceView::reserve_block(size_t, uint64_t) {
   return current_gpu().error();
 }
 

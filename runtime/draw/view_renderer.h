@@ -47,6 +47,13 @@ class ViewRenderer {
   /// are there; after an error there is no frame. Errors kRange (no such size or camera), kMemory, kDevice.
   Result<void> draw(const kernels::View& view, uint32_t samples_per_side, const kernels::ShadeOptions& shade);
 
+  /// Draws one frame for each of `views`, all of one size, and makes the `layers` of all of them, bit 1 << Layer each
+  /// but kSamples: a layer is then one block, frame by frame. On the CPU frames are shared out among the threads, each
+  /// with samples of its own. Until the next draw there is nothing to pick and no other layer. Errors as draw(),
+  /// kUsage: no view, views of several sizes, no such layers.
+  Result<void> draw_batch(std::span<const kernels::View> views, uint32_t samples_per_side,
+                          const kernels::ShadeOptions& shade, uint32_t layers);
+
   /// The frame shown otherwise, without drawing it again. Errors kRange (no frame), kUnsupported: a streamed frame is
   /// shaded while it is drawn.
   Result<void> set_shade(const kernels::ShadeOptions& shade);
@@ -67,6 +74,7 @@ class ViewRenderer {
 
   const LoadedScene& scene() const { return *scene_; }
   bool has_frame() const { return has_frame_; }
+  uint32_t batch() const { return batch_; }                             // frames; 0: the last draw was no batch
   uint32_t width() const { return view_.width / samples_per_side_; }    // of the frame, in pixels
   uint32_t height() const { return view_.height / samples_per_side_; }  // likewise
   uint32_t samples_per_side() const { return samples_per_side_; }
@@ -74,15 +82,22 @@ class ViewRenderer {
   const kernels::View& view() const { return view_; }  // its sides in samples
   const kernels::FrameStats& stats() const { return stats_; }
   const Duration& draw_time() const { return draw_time_; }
-  /// Of the frame, where the scene is streamed.
+  /// Of the frame, where the scene is streamed and it was no batch.
   const std::optional<StreamStats>& stream_stats() const { return streamed_; }
 
  private:
   explicit ViewRenderer(std::shared_ptr<const LoadedScene> scene) : scene_(std::move(scene)) {}
   Result<void> check_frame() const;
+  Result<void> check_single() const;
+  Result<void> begin(const kernels::View& view, uint32_t samples_per_side, const kernels::ShadeOptions& shade);
+  Result<void> draw_batch_on_cpu(std::span<const kernels::View> views, uint32_t layers);
+  Result<void> draw_batch_on_gpu(std::span<const kernels::View> views, uint32_t layers);
+  kernels::View in_samples(kernels::View view) const;
   Result<void> draw_on_gpu();
   Result<void> make(Layer layer, std::span<std::byte> out);
   Result<void> make_on_cpu(Layer layer, std::span<std::byte> out);
+  Result<void> make_of(Layer layer, const kernels::View& view, std::span<const uint64_t> samples, uint32_t threads,
+                       std::span<std::byte> out) const;
   Result<const std::byte*> make_on_gpu(Layer layer);
 
   std::shared_ptr<const LoadedScene> scene_;
@@ -91,6 +106,7 @@ class ViewRenderer {
   uint32_t samples_per_side_ = 1;
   kernels::ShadeOptions shade_;
   bool has_frame_ = false;
+  uint32_t batch_ = 0;
   std::vector<uint64_t> samples_;  // where the CPU draws; may be longer than the frame
   struct HostLayer {
     std::vector<std::byte> bytes;  // may be longer than the frame's

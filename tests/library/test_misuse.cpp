@@ -252,6 +252,18 @@ TEST_CASE("frames that are not there, buffers of another size, pixels outside", 
   failed(scree_pick(opened.view, 10, 0, &pick), SCREE_ERROR_ARGUMENT, "10,0");
   failed(scree_device_layer(opened.view, SCREE_COLOR, nullptr, &array), SCREE_ERROR_DEVICE, "CPU");
 
+  const auto cameras = std::vector<scree_camera>(2, sized<scree_camera>());
+  failed(scree_draw_batch(opened.view, nullptr, 1, &options, 1), SCREE_ERROR_ARGUMENT, "null");
+  failed(scree_draw_batch(opened.view, cameras.data(), 0, &options, 1), SCREE_ERROR_ARGUMENT, "cameras");
+  failed(scree_draw_batch(opened.view, cameras.data(), 2, &options, 0), SCREE_ERROR_ARGUMENT, "layer");
+  failed(scree_draw_batch(opened.view, cameras.data(), 2, &options, 1u << SCREE_SAMPLES), SCREE_ERROR_ARGUMENT,
+         "layer");
+  must(scree_draw_batch(opened.view, cameras.data(), 2, &options, 1u << SCREE_DEPTH));
+  failed(scree_host_layer(opened.view, SCREE_COLOR, &array), SCREE_ERROR_ARGUMENT, "without this layer");
+  failed(scree_pick(opened.view, 0, 0, &pick), SCREE_ERROR_ARGUMENT, "batch");
+  failed(scree_shade(opened.view, &options), SCREE_ERROR_ARGUMENT, "batch");
+  must(scree_draw(opened.view, nullptr, &options));
+
   // What was wrong with the call leaves the frame; an error of its own thread alone is told.
   options.samples = 3;
   failed(scree_draw(opened.view, nullptr, &options), SCREE_ERROR_ARGUMENT, "samples");

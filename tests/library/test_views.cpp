@@ -67,6 +67,40 @@ TEST_CASE("a view draws what a fresh one draws, whatever it drew before", "[libr
   }
 }
 
+TEST_CASE("a batch of cameras is their frames, one by one", "[library]") {
+  const TempFolder folder;
+  const Opened opened(packed(folder, "two_instances.gltf"));
+  std::vector<scree_camera> cameras;
+  for (const Shot& shot : random_shots(9, 4)) cameras.push_back(shot.camera);
+  cameras.push_back(sized<scree_camera>());
+  for (const uint32_t samples : {1u, 2u}) {
+    const scree_draw_options options = draw_options(31, 17, samples);
+    const auto count = static_cast<uint32_t>(cameras.size());
+    must(scree_draw_batch(opened.view, cameras.data(), count, &options,
+                          1u << SCREE_COLOR | 1u << SCREE_DEPTH | 1u << SCREE_TRIANGLE | 1u << SCREE_INSTANCE));
+    scree_view* single = nullptr;
+    must(scree_view_create(opened.scene, &single));
+    for (const scree_layer layer : {SCREE_COLOR, SCREE_DEPTH, SCREE_TRIANGLE, SCREE_INSTANCE}) {
+      std::string expected;
+      for (const scree_camera& camera : cameras) {
+        must(scree_draw(single, &camera, &options));
+        expected += layer_of(single, layer);
+      }
+      CHECK(layer_of(opened.view, layer) == expected);
+      auto array = sized<scree_array>();
+      must(scree_host_layer(opened.view, layer, &array));
+      CHECK(array.shape[0] == count);
+      CHECK(array.shape[1] == 17);
+      CHECK(array.shape[2] == 31);
+    }
+    must(scree_view_destroy(single));
+  }
+  // The next frame is one again.
+  const scree_draw_options options = draw_options(5, 5);
+  must(scree_draw(opened.view, nullptr, &options));
+  CHECK(layer_of(opened.view, SCREE_SAMPLES).size() == 25 * 8);
+}
+
 TEST_CASE("buffers of a view stay where they are for frames that are no larger", "[library]") {
   const TempFolder folder;
   const Opened opened(packed(folder));
@@ -316,6 +350,54 @@ TEST_CASE("a GPU's layers are the CPU's, on the host and on the device", "[libra
         CHECK(on_cpu.depth == on_gpu.depth);
       }
     }
+    std::vector<scree_camera> cameras;
+    for (const Shot& shot : random_shots(3, 5)) cameras.push_back(shot.camera);
+    const scree_draw_options options = draw_options(20, 10);
+    for (scree_view* const view : {cpu.view, second})
+      must(scree_draw_batch(view, cameras.data(), 3, &options, 1u << SCREE_DEPTH | 1u << SCREE_TRIANGLE));
+    for (const scree_layer layer : {SCREE_DEPTH, SCREE_TRIANGLE}) {
+      auto array = sized<scree_array>();
+      must(scree_device_layer(second, layer, nullptr, &array));
+      CHECK(array.bytes == 3 * 200 * (layer == SCREE_DEPTH ? 4u : 8u));
+      CHECK(layer_of(second, layer) == layer_of(cpu.view, layer));
+    }
     must(scree_view_destroy(second));
   }
+}
+
+TEST_CASE("views of a scene that the GPU's memory does not hold", "[library][cuda]") {
+  if (!has_gpu()) return;
+  const TempFolder folder;
+  const std::string path = packed(folder, "multi_primitive.glb");
+  scree_file* file = nullptr;
+  must(scree_open(path.c_str(), &file));
+  auto load = sized<scree_load_options>();
+  load.backend = SCREE_BACKEND_CUDA;
+  load.threads = 2;
+  load.device_memory = 1;
+  load.max_width = load.max_height = 64;
+  load.max_samples = 2;
+  scree_scene* scene = nullptr;
+  REQUIRE(scree_load(file, &load, &scene) == SCREE_ERROR_DEVICE);
+  load.device_memory = least_device_memory(scree_error());
+  must(scree_load(file, &load, &scene));
+  auto stats = sized<scree_scene_stats>();
+  must(scree_get_scene_stats(scene, &stats));
+  CHECK(stats.streamed == 1);
+  const Opened cpu(path);
+  scree_view* views[2] = {};
+  for (scree_view*& view : views) must(scree_view_create(scene, &view));
+  for (const Shot& shot : random_shots(kEmulatesGpu ? 3 : 30, 6)) {
+    must(scree_draw(cpu.view, &shot.camera, &shot.options));
+    for (scree_view* const view : views) must(scree_draw(view, &shot.camera, &shot.options));
+    for (scree_view* const view : views) {
+      for (const scree_layer layer : {SCREE_DEPTH, SCREE_TRIANGLE, SCREE_INSTANCE, SCREE_SAMPLES})
+        CHECK(layer_of(view, layer) == layer_of(cpu.view, layer));
+      CHECK(layer_of(view, SCREE_COLOR) == layer_of(views[0], SCREE_COLOR));
+      CHECK(scree_shade(view, &shot.options) == SCREE_ERROR_ARGUMENT);
+    }
+  }
+  for (scree_view* const view : views) must(scree_view_destroy(view));
+  must(scree_unload(scene));
+  must(scree_close(file));
 }

@@ -98,6 +98,21 @@ class Package(unittest.TestCase):
         self.assertEqual(caught.exception.status, "SCREE_ERROR_ARGUMENT")
         self.assertIn("nobody", str(caught.exception))
 
+    def test_batch(self):
+        cameras = [scree.look_at((4 * np.sin(a), 2, 4 * np.cos(a))) for a in np.linspace(0, 6, 7)] + [None]
+        view = self.scene.view().draw_batch(cameras, 33, 21, layers=["color", "depth", "instance"], samples=2)
+        single = self.scene.view()
+        self.assertEqual(view.read("color").shape, (8, 21, 33, 4))
+        self.assertEqual(np.from_dlpack(view.share("depth")).shape, (8, 21, 33))
+        for number, camera in enumerate(cameras):
+            single.draw(33, 21, camera=camera, samples=2)
+            for layer in ("color", "depth", "instance"):
+                self.assertTrue((view.read(layer)[number] == single.read(layer)).all())
+        with self.assertRaises(scree.Error):
+            view.read("triangle")
+        with self.assertRaises(ValueError):
+            view.draw_batch([], 8, 8)
+
     def test_pick_and_stats(self):
         view = self.scene.view().draw(64, 64)
         instance = view.read("instance")
