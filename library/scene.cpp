@@ -104,6 +104,7 @@ scree_status scree_get_scene_stats(scree_scene* scene, scree_scene_stats* stats)
     out.device_bytes = ready.device() != nullptr ? ready.device()->stats().device_bytes : 0;
     out.load_ms = loaded.load_ms;
     out.gpu_name = ready.gpu() ? ready.gpu()->name.c_str() : "";
+    out.why_cpu = ready.why_cpu().c_str();
     give(stats, out);
     return SCREE_OK;
   });

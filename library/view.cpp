@@ -316,6 +316,7 @@ scree_status scree_get_frame_stats(scree_view* view, scree_frame_stats* stats) {
     out.triangles = renderer.stats().triangles;
     out.clusters = renderer.stats().clusters_drawn;
     out.draw_ms = renderer.draw_time().wall_ms;
+    out.gpu_ms = static_cast<double>(renderer.gpu_ms());
     out.cameras = renderer.batch();
     out.streamed_bytes = renderer.stream_stats() ? renderer.stream_stats()->streamed_bytes : 0;
     give(stats, out);

@@ -266,8 +266,8 @@ py::dict stats_of(const scree::Scene& scene) {
                   "box_min"_a = std::array<double, 3>{stats.box_min[0], stats.box_min[1], stats.box_min[2]},
                   "box_max"_a = std::array<double, 3>{stats.box_max[0], stats.box_max[1], stats.box_max[2]},
                   "on_gpu"_a = stats.on_gpu != 0, "gpu"_a = stats.gpu, "gpu_name"_a = stats.gpu_name,
-                  "streamed"_a = stats.streamed != 0, "scene"_a = stats.scene, "device_bytes"_a = stats.device_bytes,
-                  "load_ms"_a = stats.load_ms);
+                  "why_cpu"_a = stats.why_cpu, "streamed"_a = stats.streamed != 0, "scene"_a = stats.scene,
+                  "device_bytes"_a = stats.device_bytes, "load_ms"_a = stats.load_ms);
 }
 
 /// The columns of all instances.
@@ -301,7 +301,8 @@ py::dict stats_of(const scree::View& view) {
   const scree_frame_stats stats = view.stats();
   return py::dict("width"_a = stats.width, "height"_a = stats.height, "samples"_a = stats.samples,
                   "instances"_a = stats.instances, "triangles"_a = stats.triangles, "clusters"_a = stats.clusters,
-                  "draw_ms"_a = stats.draw_ms, "streamed_bytes"_a = stats.streamed_bytes, "cameras"_a = stats.cameras);
+                  "draw_ms"_a = stats.draw_ms, "gpu_ms"_a = stats.gpu_ms, "streamed_bytes"_a = stats.streamed_bytes,
+                  "cameras"_a = stats.cameras);
 }
 
 std::vector<py::dict> scenes_of(const scree::File& file) {

@@ -183,6 +183,7 @@ typedef struct scree_scene_stats {
   uint64_t device_bytes;
   double load_ms;       /* geometry, textures, upload */
   const char* gpu_name; /* stays as long as the handle */
+  const char* why_cpu;  /* why SCREE_BACKEND_AUTO took no GPU, one line; "" where one draws or none was looked for */
 } scree_scene_stats;
 
 SCREE_API scree_status scree_get_scene_stats(scree_scene* scene, scree_scene_stats* stats);
@@ -337,6 +338,7 @@ typedef struct scree_frame_stats {
   uint64_t triangles; /* drawn after culling; which clusters are hidden depends on threads and earlier frames */
   uint64_t clusters;
   double draw_ms;          /* the host's clock */
+  double gpu_ms;           /* the GPU's clock, for the samples alone; 0: the CPU drew, or chunks were streamed */
   uint64_t streamed_bytes; /* of a batch 0 */
   uint32_t cameras;        /* of the batch, whose counts are sums; 0: no batch */
 } scree_frame_stats;

@@ -108,7 +108,7 @@ class File:
 
 
 class Scene:
-    """A loaded scene. `stats`: triangles, instances, box_min, box_max, on_gpu, gpu, streamed, device_bytes, load_ms."""
+    """A loaded scene. `stats`: triangles, instances, box_min, box_max, on_gpu, why_cpu, streamed, load_ms..."""
 
     def __init__(self, scene):
         self._scene = scene

@@ -27,7 +27,10 @@ Result<std::shared_ptr<LoadedScene>> LoadedScene::load(SceneFile file, const Loa
       const std::unique_lock<std::mutex> lock = gpu_lock();
       Result<Gpu> gpu = use_gpu(options.gpu);
       if (!gpu && options.on == DrawOn::kGpu) return at(path, gpu.error());
-      if (gpu) loaded->gpu_ = std::move(*gpu);
+      if (gpu)
+        loaded->gpu_ = std::move(*gpu);
+      else
+        loaded->why_cpu_ = gpu.error().message;
     }
     SceneOptions scene_options;
     scene_options.textures = options.textures;
@@ -43,6 +46,7 @@ Result<std::shared_ptr<LoadedScene>> LoadedScene::load(SceneFile file, const Loa
         if (uploaded.error().code != ErrorCode::kDevice) return uploaded.error();
         if (options.on == DrawOn::kGpu) return at(path, uploaded.error());
         loaded->gpu_.reset();
+        loaded->why_cpu_ = uploaded.error().message;
       }
     }
     if (!loaded->gpu_ || view_reads_vertices(loaded->scene_->view(), {}))

@@ -44,6 +44,8 @@ class LoadedScene {
   uint32_t threads() const { return threads_; }
   /// Which draws it; nothing: the CPU.
   const std::optional<Gpu>& gpu() const { return gpu_; }
+  /// Why no GPU draws it, where DrawOn::kAuto looked for one: one line; else empty.
+  const std::string& why_cpu() const { return why_cpu_; }
   /// Null where the CPU draws. Used with gpu_lock() held, but for its statistics.
   DeviceScene* device() const { return device_.get(); }
   bool is_streamed() const { return device_ != nullptr && device_->is_streamed(); }
@@ -62,6 +64,7 @@ class LoadedScene {
   std::unique_ptr<Scene> scene_;
   uint32_t threads_ = 1;
   std::optional<Gpu> gpu_;
+  std::string why_cpu_;
   std::unique_ptr<DeviceScene> device_;
 };
 

@@ -105,6 +105,7 @@ Result<void> ViewRenderer::begin(const kernels::View& view, uint32_t samples_per
   for (HostLayer& layer : host_) layer.is_made = false;
   std::fill(std::begin(on_gpu_), std::end(on_gpu_), nullptr);
   streamed_.reset();
+  gpu_ms_ = 0;
   shade_ = shade;
   const uint64_t width = uint64_t{view.width} * samples_per_side;
   const uint64_t height = uint64_t{view.height} * samples_per_side;
@@ -244,9 +245,12 @@ Result<void> ViewRenderer::draw_on_gpu() {
   const std::unique_lock<std::mutex> lock = LoadedScene::gpu_lock();
   if (Result<void> done = device_->make_current(); !done) return done;
   const bool is_streamed = scene_->is_streamed();
-  const Result<kernels::FrameStats> drawn = device_->draw(view_, nullptr, is_streamed ? &shade_ : nullptr);
+  kernels::FrameTimes times{};
+  const Result<kernels::FrameStats> drawn =
+      device_->draw(view_, is_streamed ? nullptr : &times, is_streamed ? &shade_ : nullptr);
   if (!drawn) return drawn.error();
   stats_ = *drawn;
+  gpu_ms_ = times.raster_ms;
   streamed_ = device_->stream_stats();
   if (!is_streamed) return {};
   // The colours of the parts are the stream's: another view's frame writes over them.

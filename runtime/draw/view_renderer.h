@@ -82,6 +82,8 @@ class ViewRenderer {
   const kernels::View& view() const { return view_; }  // its sides in samples
   const kernels::FrameStats& stats() const { return stats_; }
   const Duration& draw_time() const { return draw_time_; }
+  /// What the GPU took for the samples of a resident frame, by its own clock; 0 where there was none, and for a batch.
+  float gpu_ms() const { return gpu_ms_; }
   /// Of the frame, where the scene is streamed and it was no batch.
   const std::optional<StreamStats>& stream_stats() const { return streamed_; }
 
@@ -116,6 +118,7 @@ class ViewRenderer {
   const std::byte* on_gpu_[kLayerCount] = {};  // null: not made
   kernels::FrameStats stats_{};
   Duration draw_time_;
+  float gpu_ms_ = 0;
   std::optional<StreamStats> streamed_;
 };
 

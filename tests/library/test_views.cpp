@@ -299,6 +299,12 @@ TEST_CASE("records of a file", "[library]") {
   CHECK(stats.instances == scene.instances);
   CHECK(stats.on_gpu == 0);
   CHECK(std::string(stats.gpu_name) == "");
+  CHECK(std::string(stats.why_cpu) == "");
+  scree_scene* anywhere = nullptr;
+  must(scree_load(opened.file, nullptr, &anywhere));
+  must(scree_get_scene_stats(anywhere, &stats));
+  CHECK((stats.on_gpu == 1) == std::string(stats.why_cpu).empty());
+  must(scree_unload(anywhere));
   for (uint32_t i = 0; i < scene.cameras; ++i) {
     auto camera = sized<scree_camera_info>();
     must(scree_get_camera_info(opened.file, file.default_scene, i, &camera));
