@@ -2,7 +2,7 @@
 add_executable(scree_library_tests gpu.cpp main.cpp paths.cpp library/test_abi.cpp library/test_misuse.cpp
   library/test_render_equal.cpp library/test_views.cpp)
 set_property(TARGET scree_library_tests PROPERTY UNITY_BUILD OFF)
-target_link_libraries(scree_library_tests PRIVATE scree::scree scree_runtime
+target_link_libraries(scree_library_tests PRIVATE scree::scree scree_convert
   $<IF:$<TARGET_EXISTS:Catch2::Catch2WithMain>,Catch2::Catch2WithMain,Catch2::Catch2>)
 add_dependencies(scree_library_tests scree)
 catch_discover_tests(scree_library_tests TEST_SPEC "~[cuda]~[.]" PROPERTIES LABELS cpu)
