@@ -30,9 +30,9 @@ class Adaptation {
  private:
   void go_to(size_t level, double now_ms);
 
-  // Above kSlow ms one goes down, below kFast up. 66 ms are 15 pictures/s one after another, and 30 with two on their
-  // way.
-  static constexpr double kSlow = 66;
+  // Above kSlow ms one goes down, below kFast up. With 100 ms a movement can still be steered, and a picture of half
+  // the size shows more than one of a quarter that comes 30 ms sooner.
+  static constexpr double kSlow = 100;
   static constexpr double kFast = 30;
   static constexpr double kSettleMs = 250;    // between two steps down
   static constexpr double kRiseMs = 1500;     // of fast pictures before a step up

@@ -111,10 +111,14 @@ bool is_any_address(const std::string& host) {
   return host == "0.0.0.0" || host == "::";
 }
 
+/// As it stands in an address: "[::1]".
+std::string bracketed(const std::string& host) {
+  return host.find(':') == std::string::npos ? host : "[" + host + "]";
+}
+
 /// "http://127.0.0.1:8080/scree/#token=...".
 std::string page_url(const view::ServerOptions& options, uint16_t port) {
-  std::string host = is_any_address(options.host) ? host_name() : options.host;
-  if (host.find(':') != std::string::npos) host = "[" + host + "]";
+  const std::string host = bracketed(is_any_address(options.host) ? host_name() : options.host);
   return "http://" + host + ":" + std::to_string(port) + options.base_path + "/#token=" + options.token;
 }
 
@@ -122,8 +126,8 @@ void print_places(const view::ServerOptions& options, uint16_t port) {
   std::printf("%s\n", page_url(options, port).c_str());
   if (view::is_loopback(options.host)) {
     const std::string number = std::to_string(port);
-    std::printf("from another machine: ssh -N -L %s:127.0.0.1:%s %s@%s, then the same address there\n", number.c_str(),
-                number.c_str(), user_name().c_str(), host_name().c_str());
+    std::printf("from another machine: ssh -N -L %s:%s:%s %s@%s, then the same address there\n", number.c_str(),
+                bracketed(options.host).c_str(), number.c_str(), user_name().c_str(), host_name().c_str());
   }
   std::fflush(stdout);
 }

@@ -22,6 +22,8 @@ constexpr auto kMovingRestDelay = 160ms;  // it said that it moves, and has sent
 constexpr double kQuickMs = 150;
 constexpr double kPatientMs = 900;
 constexpr auto kPatientDelay = 1200ms;
+// A viewer at rest waits no longer for those who move.
+constexpr auto kLongestWait = 3s;
 
 double ms_between(Hub::Clock::time_point from, Hub::Clock::time_point to) {
   return Milliseconds(to - from).count();
@@ -87,6 +89,14 @@ uint32_t scaled(uint32_t side, double scale) {
   return std::max(1u, static_cast<uint32_t>(std::lround(side * scale)));
 }
 
+/// Which picture it is, and for which view.
+void write_place(JsonWriter& json, uint64_t frame, const PictureRequest& request) {
+  json.member("frame", frame);
+  json.member("seq", request.sequence);
+  json.member("fullWidth", request.width);
+  json.member("fullHeight", request.height);
+}
+
 /// What the head of a picture and of a screenshot have in common.
 void write_head(JsonWriter& json, const Drawn& drawn, double encode_ms) {
   json.member("width", drawn.pixels.width);
@@ -120,7 +130,7 @@ uint32_t Hub::join(std::shared_ptr<ViewerLink> link) {
   viewer->number = ++last_number_;
   viewer->link = std::move(link);
   viewers_[viewer->number] = viewer;
-  viewer->link->send_text(scene_text(viewer->number));
+  viewer->link->send_text(scene_text());
   tell_viewers();
   return viewer->number;
 }
@@ -151,7 +161,7 @@ std::string Hub::viewers_text(uint32_t viewer) const {
   return text;
 }
 
-std::string Hub::scene_text(uint32_t) const {
+std::string Hub::scene_text() const {
   if (is_ready_) return R"({"type":"scene",)" + scene_members_ + "}";
   std::string text;
   JsonWriter json(text);
@@ -290,7 +300,8 @@ std::optional<Hub::Work> Hub::next_work(Clock::time_point now, Clock::time_point
     if (next == viewers_.end()) next = viewers_.begin();
     std::optional<Work> work = work_of(next->second, now, wake);
     if (!work) continue;
-    const bool is_urgent = work->samples == 0 && !(work->job && std::holds_alternative<Screenshot>(*work->job));
+    const bool can_wait = work->samples != 0 || (work->job && std::holds_alternative<Screenshot>(*work->job));
+    const bool is_urgent = !can_wait || now - work->wanted_at > kLongestWait;
     if (!is_urgent) {
       if (!at_rest) at_rest = std::move(work);
       continue;
@@ -365,7 +376,7 @@ void Hub::run() {
     std::unique_lock lock(mutex_);
     scene_members_ = std::move(members);
     is_ready_ = true;
-    for (const auto& [number, viewer] : viewers_) viewer->link->send_text(scene_text(number));
+    for (const auto& [number, viewer] : viewers_) viewer->link->send_text(scene_text());
     while (!is_stopping_) {
       const Clock::time_point now = Clock::now();
       Clock::time_point wake = now + 10s;
@@ -424,12 +435,9 @@ Result<void> Hub::draw_moving(const Work& work) {
   std::string head;
   JsonWriter json(head);
   json.begin_object();
-  json.member("frame", frame);
-  json.member("seq", request.sequence);
-  json.member("fullWidth", request.width);
-  json.member("fullHeight", request.height);
   json.member("kind", "jpeg");
   json.member("exact", false);
+  write_place(json, frame, request);
   json.member("quality", static_cast<uint32_t>(quality.jpeg));
   json.member("scale", quality.scale);
   write_head(json, *drawn, encode_ms);
@@ -454,31 +462,34 @@ Result<void> Hub::draw_exact(const Work& work) {
   if (!image) return image.error();
   if (image->empty()) return {};
   const double encode_ms = watch.elapsed().wall_ms;
-  Result<DepthMap> depths = session_->depths();
-  if (!depths) return depths.error();
-  const std::optional<runtime::Vec3> point = request.cursor ? depths->point(*request.cursor) : std::nullopt;
+  std::optional<DepthMap> depths;  // once for a camera, of its first picture at rest
+  if (work.samples == 1) {
+    Result<DepthMap> read = session_->depths();
+    if (!read) return read.error();
+    depths = std::move(*read);
+  }
+  const std::optional<runtime::Vec3> point = request.cursor && depths ? depths->point(*request.cursor) : std::nullopt;
   uint64_t frame;
   {
     const std::lock_guard lock(mutex_);
     Viewer& viewer = *work.viewer;
     if (viewer.version == work.version) {
       viewer.exact_samples = work.samples;
-      if (!drawn->is_reused) viewer.exact_ms = drawn->draw_ms + drawn->shade_ms;
-      viewer.depths = std::move(*depths);
-      viewer.depths_version = work.version;
+      viewer.exact_ms = drawn->buffer_ms + drawn->shade_ms;
+      if (depths) {
+        viewer.depths = std::move(*depths);
+        viewer.depths_version = work.version;
+      }
     }
     frame = ++frames_;
   }
   std::string head;
   JsonWriter json(head);
   json.begin_object();
-  json.member("frame", frame);
-  json.member("seq", request.sequence);
-  json.member("fullWidth", request.width);
-  json.member("fullHeight", request.height);
   json.member("kind", "png");
   json.member("exact", true);
   json.member("scale", 1.0);
+  write_place(json, frame, request);
   write_head(json, *drawn, encode_ms);
   json.member("triangles", drawn->stats.triangles);
   json.member("instancesDrawn", drawn->stats.instances_drawn);

@@ -109,7 +109,7 @@ class Hub {
   Result<void> pick(const Work& work, const PickRequest& request);
   void send_nodes(const Work& work) const;
   void sent(const Work& work, uint64_t frame, bool is_moving);
-  std::string scene_text(uint32_t viewer) const;
+  std::string scene_text() const;
   std::string viewers_text(uint32_t viewer) const;
   void tell_viewers() const;
   bool is_outdated(const Work& work) const;

@@ -129,6 +129,7 @@ struct ViewSession::Impl {
   kernels::FrameStats stats{};
   std::vector<uint64_t> samples;  // of the CPU, or read from the GPU
   bool has_samples = false;
+  double buffer_ms = 0;  // that drawing it took
   std::vector<uint8_t> pixels;
   std::vector<uint32_t> device_pixels;
 
@@ -217,11 +218,12 @@ struct ViewSession::Impl {
     out.samples = wanted.samples;
     // What a streamed frame keeps of a part is its colours: other shading needs another frame.
     const bool is_streamed = device && device->stream_stats();
-    out.is_reused = key == wanted && !is_streamed;
-    const Stopwatch draw_watch;
-    if (!out.is_reused)
+    if (key != wanted || is_streamed) {
+      const Stopwatch draw_watch;
       if (const Result<void> drawn = draw_buffer(wanted, shade); !drawn) return drawn.error();
-    out.draw_ms = out.is_reused ? 0 : draw_watch.elapsed().wall_ms;
+      out.draw_ms = buffer_ms = draw_watch.elapsed().wall_ms;
+    }
+    out.buffer_ms = buffer_ms;
     const Stopwatch shade_watch;
     const Result<PixelView> shaded = shade_buffer(shade);
     if (!shaded) return shaded.error();

@@ -41,9 +41,9 @@ struct Drawn {
   PixelView pixels;  // valid until the next draw()
   uint32_t samples = 1;
   kernels::FrameStats stats{};
-  double draw_ms = 0;   // 0 where the visibility buffer of the picture before was the same
-  double shade_ms = 0;  // with what it takes to bring the pixels to the host
-  bool is_reused = false;
+  double draw_ms = 0;    // 0 where the visibility buffer of the picture before was the same,
+  double buffer_ms = 0;  // which once took so long
+  double shade_ms = 0;   // with what it takes to bring the pixels to the host
 };
 
 /// Depths of one picture, in memory of their own, so that a viewer's cursor finds its point while others draw.

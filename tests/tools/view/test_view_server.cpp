@@ -7,6 +7,7 @@
 
 #include "runtime/images/image.h"
 #include "tests/catch.h"
+#include "tests/sanitized.h"
 #include "tests/tools/run_program.h"
 #include "tests/tools/view/page_client.h"
 #include "tools/view/server.h"
@@ -190,7 +191,8 @@ TEST_CASE("a page that never acknowledges costs the others nothing", "[view][vie
     shown = picture->number("seq");
   }
   CHECK(shown >= 55);
-  CHECK(server.resident() < before + (uint64_t{32} << 20));
+  // ASan keeps what was freed, up to 256 MiB.
+  CHECK(server.resident() < before + (uint64_t{kIsSanitized ? 288 : 32} << 20));
 }
 
 TEST_CASE("scree view ends connections that break its limits, and goes on", "[view][view-server]") {

@@ -33,7 +33,7 @@ export class Stats {
   note({head, bytes, decodeMs, latency, shown}) {
     const server = (head.waitMs ?? 0) + head.drawMs + head.shadeMs + head.encodeMs;
     if (!head.exact) {
-      this.rows.push({wait: head.waitMs ?? 0, draw: head.drawMs, shade: head.shadeMs, encode: head.encodeMs, decode: decodeMs,
+      this.rows.push({wait: head.waitMs ?? 0, draw: head.drawMs, shade: head.shadeMs, encode: head.encodeMs, decode: decodeMs, scale: head.scale,
         send: latency === undefined ? 0 : Math.max(0, latency - server - decodeMs), bytes, shown});
       if (this.rows.length > kShown) this.rows.shift();
       if (latency !== undefined) this.latencies.push(latency);
