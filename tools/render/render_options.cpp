@@ -84,15 +84,6 @@ std::optional<uint32_t> whole(std::string_view text) {
   return value;
 }
 
-Result<kernels::Show> parse_show(std::string_view text) {
-  std::string names;
-  for (const NamedShow& named : kShows) {
-    if (text == named.name) return named.show;
-    names += (names.empty() ? "" : ", ") + std::string(named.name);
-  }
-  return usage("--show", text, "one of " + names);
-}
-
 Result<PixelPlace> parse_pick(std::string_view text, uint32_t width, uint32_t height) {
   const std::vector<std::string_view> parts = split(text, ',');
   const std::string expected = "a pixel X,Y with X below " + std::to_string(width) + " and Y below " +
@@ -168,6 +159,15 @@ Result<void> check_outputs(const RenderOptions& options) {
 }
 
 }  // namespace
+
+Result<kernels::Show> parse_show(std::string_view text) {
+  std::string names;
+  for (const NamedShow& named : kShows) {
+    if (text == named.name) return named.show;
+    names += (names.empty() ? "" : ", ") + std::string(named.name);
+  }
+  return usage("--show", text, "one of " + names);
+}
 
 Result<std::array<float, 4>> parse_color(std::string_view text) {
   const std::string expected =
