@@ -3,6 +3,10 @@
 # program, so that an installed folder runs on a machine that has none of them.
 find_package(Threads REQUIRED)
 if(NOT SCREE_FUZZ)
+  # The distribution's Python, for which packages are made, before another one that comes first on PATH.
+  if(EXISTS /usr/bin/python3)
+    set(Python3_EXECUTABLE /usr/bin/python3 CACHE FILEPATH "The Python that the package scree is built for")
+  endif()
   find_package(Python3 REQUIRED COMPONENTS Interpreter)  # makes man pages and completion
 endif()
 
