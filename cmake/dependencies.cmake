@@ -40,3 +40,14 @@ endfunction()
 scree_header_library(tinygltf tiny_gltf.h)
 scree_header_library(nlohmann_json nlohmann/json.hpp)
 scree_header_library(cli11 CLI/CLI.hpp)
+
+# scree view alone needs it, headers and nothing to link; without it the command says what is missing.
+find_path(beast_include NAMES boost/beast.hpp)
+if(beast_include)
+  add_library(scree::beast INTERFACE IMPORTED)
+  set_target_properties(scree::beast PROPERTIES
+    INTERFACE_SYSTEM_INCLUDE_DIRECTORIES "${beast_include}"
+    INTERFACE_LINK_LIBRARIES Threads::Threads)
+else()
+  message(STATUS "Boost.Beast (libboost-dev) is not found: scree view is built without its server")
+endif()

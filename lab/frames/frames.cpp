@@ -5,6 +5,7 @@
 #include "kernels/cuda/frame.h"
 #include "kernels/cuda/resolve.h"
 #include "lab/setup/gpu_timer.h"
+#include "runtime/threads/stopwatch.h"
 
 namespace scree::lab {
 
@@ -33,7 +34,9 @@ struct Frames::Impl {
     draw.occlusion = options.culling.occlusion;
     draw.stage_times = options.stage_times;
     kernels::FrameTimes times{};
+    const runtime::Stopwatch watch;
     Result<kernels::FrameStats> stats = frames->draw(view, device_samples(), draw, &times);
+    ms.wall = static_cast<float>(watch.elapsed().wall_ms);
     if (times.has_stages) {
       ms.clear = times.clear_ms;
       ms.cull = times.cull_ms;

@@ -16,6 +16,7 @@ namespace scree::lab {
 /// Of one frame, ms; what the backend does not time apart is missing.
 struct FrameMs {
   std::optional<float> clear, cull, small, medium, large, pyramid, second, raster, resolve, occlusion;
+  float wall = 0;   // by the host's clock: from the call to the finished visibility buffer
   float frame = 0;  // all of it, with the waits between
 };
 

@@ -27,7 +27,7 @@ namespace {
 
 /// The times of all frames, stage by stage.
 struct Series {
-  std::vector<float> clear, cull, small, medium, large, pyramid, second, raster, resolve, occlusion, frame;
+  std::vector<float> clear, cull, small, medium, large, pyramid, second, raster, wall, resolve, occlusion, frame;
 
   static void add(std::vector<float>& times, const std::optional<float>& ms) {
     if (ms) times.push_back(*ms);
@@ -43,6 +43,7 @@ struct Series {
     add(raster, ms.raster);
     add(resolve, ms.resolve);
     add(occlusion, ms.occlusion);
+    wall.push_back(ms.wall);
     frame.push_back(ms.frame);
   }
   static std::optional<Times> times(const std::vector<float>& series) {
@@ -58,6 +59,7 @@ struct Series {
     result.pyramid = times(pyramid);
     result.second = times(second);
     result.raster = times(raster);
+    result.wall = times(wall);
     result.resolve = times(resolve);
     result.occlusion = times(occlusion);
     result.frame = summarize(frame);

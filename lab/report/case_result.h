@@ -55,6 +55,7 @@ struct CaseResult {
   // Of the stages; none where the backend does not time them apart.
   std::optional<Times> clear, cull, small, medium, large, pyramid, second, resolve, occlusion;
   std::optional<Times> raster;    // all from culling on, without resolve: what is compared
+  std::optional<Times> wall;      // by the host's clock: from the call to the finished visibility buffer
   std::optional<double> jump_ms;  // of a path: the frame after a jump from its end to its start, as drawing()
   Times frame;                    // as the host sees it: from the call to a finished picture
 

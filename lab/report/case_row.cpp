@@ -61,6 +61,7 @@ bench::CsvCells case_cells(const Machine& machine, const CaseResult& r) {
   bench::add_times(cells, "pyramid", r.pyramid);
   bench::add_times(cells, "second", r.second);
   bench::add_times(cells, "raster", r.raster);
+  bench::add_times(cells, "wall", r.wall);
   bench::add_times(cells, "resolve", r.resolve);
   bench::add_times(cells, "occlusion", r.occlusion);
   bench::add_times(cells, "frame", r.frame);

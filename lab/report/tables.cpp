@@ -44,14 +44,30 @@ std::string image_name(const CaseResult& r) {
 
 std::string times_table(std::span<const CaseResult> cases) {
   TextTable table(5);
-  table.row({"scene", "view", "order", "data", "image", "clear", "cull", "small", "medium", "large", "pyramid",
-             "second", "raster", "min", "spread", "resolve", "occlusion", "frame", "G tri/s"});
+  table.row({"scene",   "view",   "order",  "data", "image",  "clear", "cull",    "small",     "medium", "large",
+             "pyramid", "second", "raster", "min",  "spread", "wall",  "resolve", "occlusion", "frame",  "G tri/s"});
   table.rule();
   for (const CaseResult& r : cases)
-    table.row({scene_name(r), r.view, r.order, data_name(r), image_name(r), ms(r.clear), ms(r.cull), ms(r.small),
-               ms(r.medium), ms(r.large), ms(r.pyramid), ms(r.second), ms(r.raster),
-               r.raster ? ms(r.raster->minimum) : "-", r.raster ? ms(r.raster->spread) : "-", ms(r.resolve),
-               ms(r.occlusion), ms(r.frame.median), fixed(r.triangles_per_s() * 1e-9, 2)});
+    table.row({scene_name(r),
+               r.view,
+               r.order,
+               data_name(r),
+               image_name(r),
+               ms(r.clear),
+               ms(r.cull),
+               ms(r.small),
+               ms(r.medium),
+               ms(r.large),
+               ms(r.pyramid),
+               ms(r.second),
+               ms(r.raster),
+               r.raster ? ms(r.raster->minimum) : "-",
+               r.raster ? ms(r.raster->spread) : "-",
+               ms(r.wall),
+               ms(r.resolve),
+               ms(r.occlusion),
+               ms(r.frame.median),
+               fixed(r.triangles_per_s() * 1e-9, 2)});
   return table.text();
 }
 

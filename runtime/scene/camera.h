@@ -64,6 +64,21 @@ struct CameraOptions {
 
 inline constexpr double kDefaultFovDegrees = 45;
 
+/// A camera as two 4 x 4 matrices, rows first: world to camera, which looks along -z with y up, and camera to clip
+/// space, as OpenGL has it (w = -z, depths from -1 to 1).
+struct CameraMatrices {
+  std::array<double, 16> view;
+  std::array<double, 16> projection;
+  double z_near = 0;  // above 0: instead of the near plane that `projection` has, for other ranges of depth
+};
+
+/// The view of `camera`, of width x height samples. Errors kUsage: a view that is no rotation and translation (to
+/// 1e-4; it is made one to 1e-12), a projection that is neither a perspective nor an orthographic one around the middle
+/// of the picture, no near plane.
+Result<kernels::View> view_of_matrices(const CameraMatrices& camera, uint32_t width, uint32_t height);
+
+class Scene;
+
 /// Whether make_view() looks at vertices, so that `drawn` must have its pages: the default view of at most 2^20 of
 /// them.
 bool view_reads_vertices(const kernels::SceneView& drawn, const CameraOptions& options);
@@ -75,5 +90,8 @@ bool view_reads_vertices(const kernels::SceneView& drawn, const CameraOptions& o
 /// are listed; an eye without a direction), kFormat (a camera node whose matrix has no direction), kMemory.
 Result<kernels::View> make_view(const format::Container& container, uint32_t scene, const kernels::SceneView& drawn,
                                 const CameraOptions& options);
+
+/// The same for a scene, whose box is found once (Scene::box()).
+Result<kernels::View> make_view(const Scene& scene, const CameraOptions& options);
 
 }  // namespace scree::runtime

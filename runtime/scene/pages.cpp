@@ -98,13 +98,15 @@ Result<void> DrawnPages::check(uint64_t index, std::span<const std::byte> raw) c
   return {};
 }
 
-Result<PageSet> load_pages(const DrawnPages& pages, const MappedFile& map, uint32_t threads) {
+Result<PageSet> load_pages(const DrawnPages& pages, const MappedFile& map, uint32_t threads, JobProgress* progress) {
   try {
     PageSet set;
     const format::Container& container = pages.container();
     set.raw.assign(container.pages().size(), nullptr);
     set.decoded.resize(container.pages().size());
     set.page_count = pages.size();
+    for (uint64_t i = 0; i < set.page_count; ++i) set.stored_bytes += pages.record(i).stored_bytes;
+    if (progress != nullptr) progress->begin("geometry", set.stored_bytes);
     FirstError failure;
     parallel_for(set.page_count, threads, [&](uint64_t i) {
       if (failure.is_moot(i)) return;
@@ -117,12 +119,11 @@ Result<PageSet> load_pages(const DrawnPages& pages, const MappedFile& map, uint3
       if (record.codec != format::PageCodec::kRaw) map.release(record.offset, record.stored_bytes);
       if (const Result<void> checked = pages.check(i, *raw); !checked) return failure.report(i, checked.error());
       set.raw[page] = raw->data();
+      if (const Result<void> going = JobProgress::advance(progress, record.stored_bytes); !going)
+        failure.report(i, going.error());
     });
     if (failure.any()) return failure.error();
-    for (uint64_t i = 0; i < set.page_count; ++i) {
-      set.stored_bytes += pages.record(i).stored_bytes;
-      set.decoded_bytes += set.decoded[pages.page(i)].size();
-    }
+    for (uint64_t i = 0; i < set.page_count; ++i) set.decoded_bytes += set.decoded[pages.page(i)].size();
     return set;
   } catch (const std::bad_alloc&) {
     return Error{ErrorCode::kMemory, "no memory left for its pages"};

@@ -10,6 +10,7 @@
 #include "format/container/container.h"
 #include "format/result.h"
 #include "runtime/files/mapped_file.h"
+#include "runtime/threads/job_progress.h"
 
 namespace scree::runtime {
 
@@ -60,7 +61,8 @@ struct PageSet {
 
 /// Loads `pages` on `threads` threads and checks them. The error is that of the first bad page, whatever the number of
 /// threads: kChecksum and the others of Container::load_page and DrawnPages::check; kMemory. `map` is what the
-/// container was opened on.
-Result<PageSet> load_pages(const DrawnPages& pages, const MappedFile& map, uint32_t threads);
+/// container was opened on. `progress`: hears of stored bytes, and may stop the loading (kFile).
+Result<PageSet> load_pages(const DrawnPages& pages, const MappedFile& map, uint32_t threads,
+                           JobProgress* progress = nullptr);
 
 }  // namespace scree::runtime

@@ -5,13 +5,17 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <utility>
 
 #include "tools/common/options.h"
 
 namespace scree::tools {
 
-Progress::Progress(bool enabled)
-    : enabled_(enabled && isatty(STDERR_FILENO) == 1), start_(Clock::now()), last_(start_) {}
+Progress::Progress(bool enabled, Listener listener)
+    : enabled_(enabled && isatty(STDERR_FILENO) == 1),
+      listener_(std::move(listener)),
+      start_(Clock::now()),
+      last_(start_) {}
 
 Progress::~Progress() {
   erase();
@@ -23,13 +27,16 @@ void Progress::stage(std::string name, uint64_t count, std::string things) {
   total_ = count;
   start_ = Clock::now();
   last_ = start_;
+  if (listener_) listener_(name_, 0, total_);
 }
 
 void Progress::update(uint64_t done, uint64_t bytes, const std::function<std::string()>& detail) {
-  if (!enabled_) return;
+  if (!enabled_ && !listener_) return;
   const Clock::time_point now = Clock::now();
   if (now - last_ < std::chrono::milliseconds(200)) return;
   last_ = now;
+  if (listener_) listener_(name_, done, total_);
+  if (!enabled_) return;
   const double seconds = std::chrono::duration<double>(now - start_).count();
   const double rate = seconds > 0 ? static_cast<double>(done) / seconds : 0;
   const double share = total_ > 0 ? static_cast<double>(done) / static_cast<double>(total_) : 0;

@@ -9,10 +9,12 @@
 namespace scree::tools {
 
 /// Rewrites one line at most five times a second and erases it at the end. Silent where stderr is no terminal or
-/// `enabled` is false. Not thread-safe: one thread owns it.
+/// `enabled` is false. A listener hears of the same steps either way. Not thread-safe: one thread owns it.
 class Progress {
  public:
-  explicit Progress(bool enabled);
+  using Listener = std::function<void(const std::string& stage, uint64_t done, uint64_t total)>;
+
+  explicit Progress(bool enabled, Listener listener = nullptr);
   ~Progress();
   Progress(const Progress&) = delete;
   Progress& operator=(const Progress&) = delete;
@@ -30,6 +32,7 @@ class Progress {
  private:
   using Clock = std::chrono::steady_clock;
   bool enabled_;
+  Listener listener_;
   bool shown_ = false;
   std::string name_;
   std::string things_;

@@ -589,7 +589,7 @@ Result<ConvertReport> convert_or_throw(const ConvertOptions& options) {
   if (!input_bytes) return input_bytes.error();
   report.input_bytes = *input_bytes;
   {
-    tools::Progress progress(options.progress);
+    tools::Progress progress(options.progress, options.on_progress);
     if (const Result<void> done = Converter(options, *scene, files, progress, report).run(); !done) return done.error();
   }
   report.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();

@@ -91,15 +91,6 @@ std::optional<uint32_t> whole(std::string_view text) {
   return value;
 }
 
-Result<kernels::Show> parse_show(std::string_view text) {
-  std::string names;
-  for (const NamedShow& named : kShows) {
-    if (text == named.name) return named.show;
-    names += (names.empty() ? "" : ", ") + std::string(named.name);
-  }
-  return usage("--show", text, "one of " + names);
-}
-
 Result<PixelPlace> parse_pick(std::string_view text, uint32_t width, uint32_t height) {
   const std::vector<std::string_view> parts = split(text, ',');
   const std::string expected = "a pixel X,Y with X below " + std::to_string(width) + " and Y below " +
@@ -201,6 +192,15 @@ void add_camera_options(CLI::App& app, RenderWords& words) {
   app.add_option("--up", words.up, "What is up in the picture, X,Y,Z (default: 0,1,0)")->type_name("X,Y,Z");
   app.add_option("--fov", words.fov, "Vertical field of view in degrees (default: 45, or the camera's)")
       ->type_name("DEGREES");
+}
+
+Result<kernels::Show> parse_show(std::string_view text) {
+  std::string names;
+  for (const NamedShow& named : kShows) {
+    if (text == named.name) return named.show;
+    names += (names.empty() ? "" : ", ") + std::string(named.name);
+  }
+  return usage("--show", text, "one of " + names);
 }
 
 Result<std::array<float, 4>> parse_color(std::string_view text) {

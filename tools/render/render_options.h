@@ -78,6 +78,9 @@ void add_camera_options(CLI::App& app, RenderWords& words);
 /// Errors kUsage: the option, what was typed, what is allowed.
 Result<RenderOptions> parse_render_options(const RenderWords& words);
 
+/// A name of --show. Errors kUsage: the names there are.
+Result<kernels::Show> parse_show(std::string_view text);
+
 /// "#rgb", "#rrggbb", "#rrggbbaa", "none" or a name, as linear RGBA. Errors kUsage.
 Result<std::array<float, 4>> parse_color(std::string_view text);
 
