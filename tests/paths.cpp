@@ -3,6 +3,7 @@
 namespace scree::tests {
 
 const char* const kProgram = SCREE_PROGRAM;
+const char* const kLabProgram = SCREE_LAB_PROGRAM;
 const char* const kFaultsProgram = SCREE_FAULTS_PROGRAM;
 const char* const kDataFolder = SCREE_TESTS_DIR "/data";
 const char* const kValidatorFolder = SCREE_TESTS_DIR "/validator";

@@ -5,6 +5,7 @@
 namespace scree::tests {
 
 extern const char* const kProgram;          // scree
+extern const char* const kLabProgram;       // scree-lab
 extern const char* const kFaultsProgram;    // scree_faults
 extern const char* const kDataFolder;       // tests/data
 extern const char* const kValidatorFolder;  // tests/validator

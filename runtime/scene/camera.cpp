@@ -77,26 +77,13 @@ Rows local_matrix(const format::NodeRecord& node) {
   return rows;
 }
 
-/// The eight corners of a mesh's box in world space.
-std::array<Vec3, 8> corners(const format::MeshRecord& mesh, const format::MatrixRecord& matrix) {
-  std::array<Vec3, 8> out;
-  for (size_t k = 0; k < 8; ++k) {
-    Vec3 p;
-    for (size_t axis = 0; axis < 3; ++axis)
-      p[axis] = static_cast<double>((k >> axis & 1) != 0 ? mesh.bounds_max[axis] : mesh.bounds_min[axis]);
-    for (size_t i = 0; i < 3; ++i)
-      out[k][i] = matrix.rows[i][0] * p[0] + matrix.rows[i][1] * p[1] + matrix.rows[i][2] * p[2] + matrix.rows[i][3];
-  }
-  return out;
-}
-
 template <class Visit>
 void for_each_corner(const kernels::SceneView& scene, const Visit& visit) {
   for (uint64_t i = 0; i < scene.instance_count; ++i) {
     const format::InstanceRecord& instance = scene.instances[i];
     const format::MeshRecord& mesh = scene.meshes[instance.mesh];
     if (mesh.triangle_count == 0) continue;
-    for (const Vec3& corner : corners(mesh, scene.matrices[instance.matrix])) visit(corner);
+    for (const Vec3& corner : box_corners(mesh, scene.matrices[instance.matrix])) visit(corner);
   }
 }
 
@@ -338,8 +325,7 @@ Result<View> eye_view(const WorldBox& box, View view, const CameraOptions& optio
 
 Result<View> default_view(const kernels::SceneView& drawn, const WorldBox& box, View view,
                           const CameraOptions& options) {
-  // From 30 degrees to the right of the front and 20 above.
-  const double turn = 30 * kDegree, rise = 20 * kDegree;
+  const double turn = options.turn_degrees * kDegree, rise = options.rise_degrees * kDegree;
   const Vec3 up = options.up.value_or(Vec3{0, 1, 0});
   const auto upright = normalized(up);
   if (!upright) return Error{ErrorCode::kUsage, "up has no direction"};
@@ -348,9 +334,11 @@ Result<View> default_view(const kernels::SceneView& drawn, const WorldBox& box, 
   if (length(front) < 0.5) front = Vec3{0, -1, 0} + (*upright)[1] * *upright;
   front = *normalized(front);
   const Vec3 side = cross(*upright, front);
-  const Vec3 towards_eye =
-      std::cos(rise) * (std::cos(turn) * front + std::sin(turn) * side) + std::sin(rise) * *upright;
-  orient(view, *normalized(-1.0 * towards_eye), *upright);
+  const Vec3 around = std::cos(turn) * front + std::sin(turn) * side;
+  const Vec3 towards_eye = std::cos(rise) * around + std::sin(rise) * *upright;
+  const Vec3 forward = *normalized(-1.0 * towards_eye);
+  // From straight above or below, the scene's back or front is the top of the picture.
+  if (!orient(view, forward, *upright)) orient(view, forward, (rise > 0 ? -1.0 : 1.0) * around);
   if (box.is_empty()) {
     set_eye(view, 3.0 * towards_eye);
     view.z_near = 0.01;
@@ -411,14 +399,21 @@ Result<void> set_projection(View& view, const std::array<double, 16>& p, double 
 
 }  // namespace
 
+std::array<Vec3, 8> box_corners(const format::MeshRecord& mesh, const format::MatrixRecord& matrix) {
+  std::array<Vec3, 8> out;
+  for (size_t k = 0; k < 8; ++k) {
+    Vec3 p;
+    for (size_t axis = 0; axis < 3; ++axis)
+      p[axis] = static_cast<double>((k >> axis & 1) != 0 ? mesh.bounds_max[axis] : mesh.bounds_min[axis]);
+    for (size_t i = 0; i < 3; ++i)
+      out[k][i] = matrix.rows[i][0] * p[0] + matrix.rows[i][1] * p[1] + matrix.rows[i][2] * p[2] + matrix.rows[i][3];
+  }
+  return out;
+}
+
 WorldBox scene_box(const kernels::SceneView& scene) {
-  WorldBox box{{kInfinity, kInfinity, kInfinity}, {-kInfinity, -kInfinity, -kInfinity}};
-  for_each_corner(scene, [&](const Vec3& p) {
-    for (size_t i = 0; i < 3; ++i) {
-      box.min[i] = std::min(box.min[i], p[i]);
-      box.max[i] = std::max(box.max[i], p[i]);
-    }
-  });
+  WorldBox box;
+  for_each_corner(scene, [&](const Vec3& p) { box.add(p); });
   return box;
 }
 

@@ -3,6 +3,7 @@
 
 #include <array>
 #include <cstdint>
+#include <limits>
 #include <optional>
 #include <string>
 #include <vector>
@@ -18,10 +19,20 @@ using Vec3 = std::array<double, 3>;
 
 /// An axis-aligned box in world space; empty where min > max.
 struct WorldBox {
-  Vec3 min;
-  Vec3 max;
+  static constexpr double kFar = std::numeric_limits<double>::infinity();
+  Vec3 min{kFar, kFar, kFar};
+  Vec3 max{-kFar, -kFar, -kFar};
   bool is_empty() const { return !(min[0] <= max[0]); }
+  void add(const Vec3& point) {
+    for (size_t i = 0; i < 3; ++i) {
+      min[i] = point[i] < min[i] ? point[i] : min[i];
+      max[i] = point[i] > max[i] ? point[i] : max[i];
+    }
+  }
 };
+
+/// The eight corners of a mesh's box in world space.
+std::array<Vec3, 8> box_corners(const format::MeshRecord& mesh, const format::MatrixRecord& matrix);
 
 /// The box of everything that the scene's instances draw (of their meshes' boxes, so a little larger when turned).
 WorldBox scene_box(const kernels::SceneView& scene);
@@ -39,10 +50,13 @@ std::vector<PlacedCamera> placed_cameras(const format::Container& container, uin
 /// What the caller chose. Nothing chosen: a default view that shows the whole scene, from the front, right and above
 /// (glTF models look along +z).
 struct CameraOptions {
-  std::string camera;                 // name of a camera or of its node, or the camera's number in the document
-  std::optional<Vec3> eye;            // excludes `camera`
-  std::optional<Vec3> target;         // default: the middle of the scene's box
-  std::optional<Vec3> up;             // default: y
+  std::string camera;          // name of a camera or of its node, or the camera's number in the document
+  std::optional<Vec3> eye;     // excludes `camera`
+  std::optional<Vec3> target;  // default: the middle of the scene's box
+  std::optional<Vec3> up;      // default: y
+  // From where the default view looks at the scene: degrees to the right of its front, and above it, -90 to 90.
+  double turn_degrees = 30;
+  double rise_degrees = 20;
   std::optional<double> fov_degrees;  // vertical, above 0 and below 180; of a document's camera it replaces its own
   uint32_t width = 1920;              // of the picture, in samples; its ratio is the picture's aspect
   uint32_t height = 1080;

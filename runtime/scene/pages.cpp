@@ -14,22 +14,19 @@
 #include "runtime/threads/parallel.h"
 
 namespace scree::runtime {
-namespace {
 
 using format::ChunkRecord;
 using format::ChunkStream;
 using format::MeshRecord;
 
-/// "mesh 12 (Rock), chunk 340 (page 7)".
 std::string chunk_place(const format::Container& container, uint64_t index) {
   const ChunkRecord& chunk = container.chunks()[index];
   const std::string_view name = container.string(container.groups()[container.meshes()[chunk.mesh].group].name);
   std::string place = "mesh " + std::to_string(chunk.mesh);
   if (!name.empty()) place.append(" (").append(name).append(")");
-  return place + ", chunk " + std::to_string(index) + " (page " + std::to_string(chunk.page) + ")";
+  return place + ", chunk " + std::to_string(index) + " (page " + std::to_string(chunk.page) + ", byte " +
+         std::to_string(chunk.offset) + ")";
 }
-
-}  // namespace
 
 Result<void> check_chunk(const MeshRecord& mesh, const ChunkRecord& chunk, std::span<const std::byte> page) {
   const format::ChunkStreams streams = format::chunk_streams(mesh, chunk);

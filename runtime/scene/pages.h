@@ -4,6 +4,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <span>
+#include <string>
 #include <vector>
 
 #include "format/container/container.h"
@@ -12,6 +13,10 @@
 #include "runtime/threads/job_progress.h"
 
 namespace scree::runtime {
+
+/// "mesh 12 (Rock), chunk 340 (page 7, byte 65536)", for messages. The name is the glTF mesh's, left out where it has
+/// none.
+std::string chunk_place(const format::Container& container, uint64_t chunk);
 
 /// Checks every stream of a chunk of `mesh` that lies in `page` (raw bytes): sizes, index range, coordinate range,
 /// finite floats, unit normals, zero slack. Errors kRange, kTruncated, kTrailing, kFormat, the stream named.

@@ -44,8 +44,9 @@ void Progress::update(uint64_t done, uint64_t bytes, const std::function<std::st
       rate > 0 && done <= total_ ? format_duration(static_cast<double>(total_ - done) / rate) + " left" : "";
   // The clear code comes last: a shorter line leaves nothing of a longer one behind.
   const std::string more = detail ? "; " + detail() : "";
-  std::fprintf(stderr, "\r%s: %3.0f%%, %s, %s %s/s, %s%s\x1b[K", name_.c_str(), std::floor(100 * share),
-               format_bytes(bytes).c_str(), format_count(rate).c_str(), things_.c_str(), left.c_str(), more.c_str());
+  const std::string size = bytes > 0 ? format_bytes(bytes) + ", " : "";
+  std::fprintf(stderr, "\r%s: %3.0f%%, %s%s %s/s, %s%s\x1b[K", name_.c_str(), std::floor(100 * share), size.c_str(),
+               format_count(rate).c_str(), things_.c_str(), left.c_str(), more.c_str());
   std::fflush(stderr);
   shown_ = true;
 }

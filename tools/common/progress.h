@@ -22,8 +22,8 @@ class Progress {
   /// Starts a stage of `count` things in all, which `things` names; the line begins with `name`.
   void stage(std::string name, uint64_t count, std::string things = "triangles");
 
-  /// `done` things of the stage are done, with `bytes` read or written so far. `detail`: asked for what else to say,
-  /// when something is shown.
+  /// `done` things of the stage are done, with `bytes` read or written so far (0: not shown). `detail`: asked for what
+  /// else to say, when something is shown.
   void update(uint64_t done, uint64_t bytes, const std::function<std::string()>& detail = nullptr);
 
   /// Erases the line, so that other text can be printed.
