@@ -115,6 +115,20 @@ TEST_CASE("fuzz corpus: the seed that meshopt compressed is unpacked", "[fuzz]")
   REQUIRE(convert::read_triangles(scene->primitives[1], 0, 50, sequence));
   CHECK(std::is_permutation(triangles.begin(), triangles.end(), sequence.begin()));
 }
+TEST_CASE("fuzz corpus: the seed of version 1 of meshopt's vertex codec is unpacked", "[fuzz]") {
+  const auto path = std::filesystem::path(tests::kCorpusFolder) / "gltf/meshopt_v1.glb";
+  const auto scene = convert::import_gltf(path.string(), {});
+  REQUIRE(scene);
+  REQUIRE(scene->primitives.size() == 1);
+  const convert::Primitive& primitive = scene->primitives[0];
+  std::vector<float> positions(3 * 36), colors(4 * 36), normals(3 * 36);
+  REQUIRE(convert::read_floats(primitive.positions, 0, 36, positions));
+  REQUIRE(convert::read_floats(*primitive.color, 0, 36, colors));
+  REQUIRE(convert::read_floats(*primitive.normal, 0, 36, normals));
+  CHECK(positions[3 * 35] == 5);
+  CHECK(colors[4 * 35] == 1);
+  CHECK(normals[3 * 35 + 2] == 1);
+}
 
 }  // namespace
 }  // namespace scree::fuzz

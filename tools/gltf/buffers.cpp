@@ -98,7 +98,7 @@ Result<GltfBuffers::View> GltfBuffers::view(int32_t index) {
       if (meshopt.unknown_filter) {
         return Error{ErrorCode::kUnsupported, "buffer view " + std::to_string(meshopt.view) + ": " +
                                                   meshopt.extension() + ": filter is \"" + *meshopt.unknown_filter +
-                                                  "\", expected NONE, OCTAHEDRAL, QUATERNION or EXPONENTIAL"};
+                                                  "\", expected NONE, OCTAHEDRAL, QUATERNION, EXPONENTIAL or COLOR"};
       }
       auto stream = buffer(meshopt.buffer);
       if (!stream) return stream.error();

@@ -315,6 +315,8 @@ DocMeshopt read_meshopt(const nlohmann::json& source) {
     meshopt.filter = DocMeshopt::Filter::kQuaternion;
   } else if (filter == "EXPONENTIAL") {
     meshopt.filter = DocMeshopt::Filter::kExponential;
+  } else if (filter == "COLOR") {
+    meshopt.filter = DocMeshopt::Filter::kColor;
   } else if (filter != "NONE") {
     meshopt.unknown_filter = one_line(filter.substr(0, 20));
   }

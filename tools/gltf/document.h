@@ -28,7 +28,7 @@ struct DocBuffer {
 /// EXT_meshopt_compression or KHR_meshopt_compression of a buffer view.
 struct DocMeshopt {
   enum class Mode : uint8_t { kAttributes, kTriangles, kIndices };
-  enum class Filter : uint8_t { kNone, kOctahedral, kQuaternion, kExponential };
+  enum class Filter : uint8_t { kNone, kOctahedral, kQuaternion, kExponential, kColor };
 
   uint64_t view = 0;  // whose this is
   bool is_khr = false;

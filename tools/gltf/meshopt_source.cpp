@@ -23,12 +23,12 @@ using Filter = DocMeshopt::Filter;
 
 /// The fewest bytes that a stream of `count` elements takes; none where that passes 64 bits.
 std::optional<uint64_t> fewest_bytes(Mode mode, uint64_t count, uint64_t stride) {
-  // Attributes: a bit-width of two bits for 16 values of every byte of an element. Triangles: a byte each and a table
+  // Attributes: two bits for every byte of up to 256 elements, where all are equal in it (version 0: for 16). Triangles: a byte each and a table
   // of 16. Indices: a byte each and a tail of 4. All behind a byte of header.
   if (mode == Mode::kTriangles) return 1 + count / 3 + 16;
   if (mode == Mode::kIndices) return format::checked_add(count, 5);
   const auto bytes = format::checked_mul(count, stride);
-  return bytes ? std::optional<uint64_t>(1 + *bytes / 64) : std::nullopt;
+  return bytes ? std::optional<uint64_t>(1 + *bytes / 1024) : std::nullopt;
 }
 
 Result<void> check_stride(const DocMeshopt& stated) {
@@ -42,6 +42,7 @@ Result<void> check_stride(const DocMeshopt& stated) {
   }
   if (stride == 0 || stride > 256 || stride % 4 != 0) return fail("a multiple of 4 up to 256");
   if (stated.filter == Filter::kOctahedral && stride != 4 && stride != 8) return fail("4 or 8 for OCTAHEDRAL");
+  if (stated.filter == Filter::kColor && stride != 4 && stride != 8) return fail("4 or 8 for COLOR");
   if (stated.filter == Filter::kQuaternion && stride != 8) return fail("8 for QUATERNION");
   return {};
 }

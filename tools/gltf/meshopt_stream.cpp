@@ -3,7 +3,12 @@
 #include <meshoptimizer.h>
 
 #include <algorithm>
+#include <array>
+#include <bit>
+#include <cmath>
 #include <cstring>
+#include <limits>
+#include <type_traits>
 
 namespace scree::convert {
 namespace {
@@ -18,9 +23,50 @@ struct ModeRule {
 };
 
 const ModeRule& rule_of(Mode mode) {
-  static constexpr ModeRule kAttributes{"ATTRIBUTES", 0xa0, 0}, kTriangles{"TRIANGLES", 0xe0, 1},
+  static constexpr ModeRule kAttributes{"ATTRIBUTES", 0xa0, 1}, kTriangles{"TRIANGLES", 0xe0, 1},
       kIndices{"INDICES", 0xd0, 1};
   return mode == Mode::kAttributes ? kAttributes : mode == Mode::kTriangles ? kTriangles : kIndices;
+}
+
+/// Unit vectors from the two coordinates on an octahedron; the third component is what 1 is in their bits. Debian's
+/// library rounds 8-bit ones differently from the current one. Source: KHR_meshopt_compression, filter 1.
+template <class Int>
+void undo_octahedron(std::span<std::byte> elements) {
+  for (size_t at = 0; at + 4 * sizeof(Int) <= elements.size(); at += 4 * sizeof(Int)) {
+    std::array<Int, 4> element;
+    std::memcpy(element.data(), elements.data() + at, sizeof(element));
+    const float x = element[0], y = element[1], z = static_cast<float>(element[2]) - (std::abs(x) + std::abs(y));
+    const float fold = std::min(z, 0.0f);
+    const std::array<float, 3> unit = {x + (x >= 0 ? fold : -fold), y + (y >= 0 ? fold : -fold), z};
+    // In the order in which meshoptimizer adds: 16-bit results depend on it.
+    const float length = std::sqrt(unit[0] * unit[0] + (unit[1] * unit[1] + unit[2] * unit[2]));
+    const float scale = length > 0 ? static_cast<float>(std::numeric_limits<Int>::max()) / length : 0;
+    for (size_t i = 0; i < 3; ++i) element[i] = static_cast<Int>(std::lrint(unit[i] * scale));
+    std::memcpy(elements.data() + at, element.data(), sizeof(element));
+  }
+}
+
+/// Colours from luma, two differences and an alpha whose highest bit tells how many bits they have. Source:
+/// KHR_meshopt_compression, filter 4. A colour without that bit, which no writer makes, becomes 0.
+template <class Int>
+void undo_color(std::span<std::byte> elements) {
+  using Unsigned = std::make_unsigned_t<Int>;
+  for (size_t at = 0; at + 4 * sizeof(Int) <= elements.size(); at += 4 * sizeof(Int)) {
+    std::array<Int, 4> in;
+    std::memcpy(in.data(), elements.data() + at, sizeof(in));
+    const uint32_t alpha = static_cast<Unsigned>(in[3]);
+    const int bits = std::bit_width(alpha);
+    const int largest = (1 << bits) - 1;
+    const int y = static_cast<Unsigned>(in[0]), co = in[1], cg = in[2];
+    const int a = static_cast<int>(alpha) & largest >> 1;
+    const float scale =
+        bits == 0 ? 0 : static_cast<float>(std::numeric_limits<Unsigned>::max()) / static_cast<float>(largest);
+    std::array<Unsigned, 4> out;
+    const std::array<int, 4> colour = {y + co - cg, y + cg, y - co - cg, a << 1 | (a & 1)};
+    for (size_t i = 0; i < 4; ++i)
+      out[i] = static_cast<Unsigned>(std::lrint(static_cast<float>(colour[i]) * scale));
+    std::memcpy(elements.data() + at, out.data(), sizeof(out));
+  }
 }
 
 }  // namespace
@@ -62,13 +108,22 @@ void MeshoptStream::undo_filter(std::span<std::byte> elements) const {
     case Filter::kNone:
       break;
     case Filter::kOctahedral:
-      meshopt_decodeFilterOct(elements.data(), count, stated_.stride);
+      if (stated_.stride == 4)
+        undo_octahedron<int8_t>(elements);
+      else
+        undo_octahedron<int16_t>(elements);
       break;
     case Filter::kQuaternion:
       meshopt_decodeFilterQuat(elements.data(), count, stated_.stride);
       break;
     case Filter::kExponential:
       meshopt_decodeFilterExp(elements.data(), count, stated_.stride);
+      break;
+    case Filter::kColor:
+      if (stated_.stride == 4)
+        undo_color<int8_t>(elements);
+      else
+        undo_color<int16_t>(elements);
       break;
   }
 }
@@ -90,11 +145,11 @@ Error MeshoptStream::has_more() const {
 Result<void> PieceReader::want(size_t bytes) {
   if (size() >= bytes || is_at_end()) return {};
   const size_t rest = size();
-  std::memmove(bytes_.data() + kRoomBefore, data(), rest);
+  std::memmove(bytes_.data(), data(), rest);
   const uint64_t more = std::min<uint64_t>(kPieceBytes - rest, end_ - next_);
-  first_ = kRoomBefore;
-  last_ = kRoomBefore + rest + more;
-  if (auto read = source_.read(next_, std::span(bytes_).subspan(kRoomBefore + rest, more)); !read) return read;
+  first_ = 0;
+  last_ = rest + more;
+  if (auto read = source_.read(next_, std::span(bytes_).subspan(rest, more)); !read) return read;
   next_ += more;
   return {};
 }

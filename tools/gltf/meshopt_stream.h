@@ -1,4 +1,4 @@
-// A stream of EXT_meshopt_compression, unpacked some elements at a time. Going on takes no more than a place in it, so
+// A stream of EXT_meshopt_compression or KHR_meshopt_compression, unpacked some elements at a time. Going on takes no more than a place in it, so
 // that any part can be unpacked again from the place before it.
 #pragma once
 
@@ -19,7 +19,7 @@ namespace scree::convert {
 /// Where a stream goes on between two elements.
 struct MeshoptPlace {
   uint64_t offset;                   // in the stream, of the next block, triangle's data or index
-  std::array<std::byte, 256> state;  // of the decoder, each mode's own
+  std::array<std::byte, 328> state;  // of the decoder, each mode's own
 };
 
 const char* mode_name(DocMeshopt::Mode mode);
@@ -86,15 +86,13 @@ std::unique_ptr<const MeshoptStream> index_stream(const DocMeshopt& stated, std:
 class PieceReader {
  public:
   static constexpr size_t kPieceBytes = 64 << 10;
-  static constexpr size_t kRoomBefore = 1;    // in front of data(), and
-  static constexpr size_t kRoomBehind = 256;  // behind the last byte: may be written
 
   PieceReader(const ByteSource& source, uint64_t at, uint64_t end) : source_(source), next_(at), end_(end) {}
 
   /// Reads on where fewer than `bytes` (at most kPieceBytes) are there and more are to come. Errors: those of reading.
   Result<void> want(size_t bytes);
 
-  std::byte* data() { return bytes_.data() + first_; }
+  const std::byte* data() const { return bytes_.data() + first_; }
   size_t size() const { return last_ - first_; }
   bool is_at_end() const { return next_ == end_; }  // nothing is to come
   void skip(size_t bytes) { first_ += bytes; }
@@ -104,8 +102,8 @@ class PieceReader {
   const ByteSource& source_;
   uint64_t next_;
   const uint64_t end_;
-  size_t first_ = kRoomBefore, last_ = kRoomBefore;
-  std::array<std::byte, kRoomBefore + kPieceBytes + kRoomBehind> bytes_;  // not set: it is large
+  size_t first_ = 0, last_ = 0;
+  std::array<std::byte, kPieceBytes> bytes_;  // not set: it is large
 };
 
 }  // namespace scree::convert

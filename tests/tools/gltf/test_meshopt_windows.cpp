@@ -41,7 +41,6 @@ int library_unpacks(const Packed& packed, Bytes& out) {
 
 void undo_filter(Filter filter, Bytes& bytes, size_t stride) {
   const size_t count = bytes.size() / stride;
-  if (filter == Filter::kOctahedral) meshopt_decodeFilterOct(bytes.data(), count, stride);
   if (filter == Filter::kQuaternion) meshopt_decodeFilterQuat(bytes.data(), count, stride);
   if (filter == Filter::kExponential) meshopt_decodeFilterExp(bytes.data(), count, stride);
 }
@@ -121,8 +120,7 @@ std::vector<Packed> all_streams(size_t count, uint32_t seed) {
   std::vector<Packed> all;
   for (const size_t stride : {4, 8, 12, 16, 20, 36, 64, 252, 256})
     all.push_back(pack_attributes(mixed_elements(count, stride, seed), stride));
-  for (const auto& [filter, stride] : {std::pair{Filter::kOctahedral, 4}, std::pair{Filter::kOctahedral, 8},
-                                       std::pair{Filter::kQuaternion, 8}, std::pair{Filter::kExponential, 12}}) {
+  for (const auto& [filter, stride] : {std::pair{Filter::kQuaternion, 8}, std::pair{Filter::kExponential, 12}}) {
     all.push_back(
         pack_attributes(mixed_elements(count, static_cast<size_t>(stride), seed + 1), static_cast<size_t>(stride)));
     all.back().stated.filter = filter;
