@@ -238,8 +238,22 @@ struct TextureRecord {
 };
 static_assert(sizeof(TextureRecord) == 16);
 
-/// kIndexedJpeg: spec/codecs.md, indexed JPEG; the others are image files as they came.
-enum class ImageCodec : uint32_t { kJpeg = 1, kPng = 2, kIndexedJpeg = 3 };
+/// kIndexedJpeg and kBlocks: spec/codecs.md, indexed JPEG and block image; the others are image files as they came.
+enum class ImageCodec : uint32_t { kJpeg = 1, kPng = 2, kIndexedJpeg = 3, kBlocks = 4 };
+
+/// What a block of a block image is: 4 x 4 pixels compressed as BCn, or one pixel as it is.
+enum class BlockFormat : uint8_t {
+  kNoBlocks = 0,
+  kBc1 = 1,
+  kBc2 = 2,
+  kBc3 = 3,
+  kBc4 = 4,
+  kBc5 = 5,
+  kBc7 = 7,
+  kR8 = 8,
+  kRg8 = 9,
+  kRgba8 = 10
+};
 
 struct ImageRecord {
   uint32_t name;
@@ -247,13 +261,15 @@ struct ImageRecord {
   ImageCodec codec;
   uint32_t width;  // pixels
   uint32_t height;
-  uint32_t channels;     // 1 to 4
-  uint32_t first_level;  // of its mip levels from level 1 on, or kNone where it has none
-  uint32_t level_count;  // stored_level_count() of an indexed JPEG, else 0
+  uint8_t channels;          // 1 to 4
+  BlockFormat block_format;  // of kBlocks, else kNoBlocks
+  uint16_t swizzle;          // of kBlocks (format/blocks/format.h), else 0
+  uint32_t first_level;      // of its mip levels from level 1 on, or kNone where it has none
+  uint32_t level_count;      // stored_level_count() of an indexed JPEG, any of a block image, else 0
 };
 static_assert(sizeof(ImageRecord) == 32);
 
-/// A mip level of an indexed JPEG, coded as it is.
+/// A mip level of an indexed JPEG or a block image, coded as it is.
 struct MipLevelRecord {
   uint64_t offset;  // bytes from the start of the page's raw bytes, a multiple of 16
   uint64_t bytes;

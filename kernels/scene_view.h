@@ -39,9 +39,9 @@ inline ChunkKinds kinds_of(std::span<const format::MeshRecord> meshes, std::span
   return kinds;
 }
 
-/// A texture with its mip levels: level l is max(1, width >> l) by max(1, height >> l) texels. The first may be JPEGs;
-/// the others are decoded, 4 bytes a texel (RGBA8, sRGB-coded colour, linear alpha), rows top to bottom,
-/// `level_offset[l]` texels from `texels`.
+/// A texture with its mip levels: level l is max(1, width >> l) by max(1, height >> l) texels. The first may be JPEGs,
+/// or blocks, `level_offset[l]` bytes from `blocks`; the others are decoded, 4 bytes a texel (RGBA8, sRGB-coded colour,
+/// linear alpha), rows top to bottom, `level_offset[l]` texels from `texels`.
 struct TextureView {
   static constexpr uint32_t kMaxLevels = 17;  // 65536 x 65536
   const uint8_t* texels;
@@ -51,6 +51,10 @@ struct TextureView {
   uint32_t level_count;       // 0: no picture, drawn as white
   uint32_t jpeg_level_count;  // of the level_count
   const JpegLevel* jpeg;      // of levels 0 to jpeg_level_count - 1
+  const uint8_t* blocks;      // of levels 0 to block_level_count - 1 (format/blocks/pixels.h)
+  uint32_t block_level_count;
+  format::BlockFormat block_format;
+  uint16_t swizzle;
   format::Wrap wrap_s;
   format::Wrap wrap_t;
   bool nearest;  // magnification filter

@@ -3,6 +3,7 @@
 #include <cmath>
 #include <numbers>
 
+#include "format/blocks/format.h"
 #include "format/bytes.h"
 #include "format/container/checker.h"
 #include "format/container/mip_levels.h"
@@ -213,18 +214,22 @@ Result<void> Checker::images() const {
       return fail(kRange, "image ", i, ": page ", image.page, " is of kind ",
                   static_cast<uint32_t>(pages_[image.page].kind), ", which holds no image");
     }
-    if (image.codec < ImageCodec::kJpeg || image.codec > ImageCodec::kIndexedJpeg) {
+    if (image.codec < ImageCodec::kJpeg || image.codec > ImageCodec::kBlocks) {
       return fail(kRange, "image ", i, ": codec ", static_cast<uint32_t>(image.codec));
     }
     const bool is_indexed = image.codec == ImageCodec::kIndexedJpeg;
-    const uint32_t most = is_indexed ? kMaxJpegSide : kMaxImageSide;
+    const bool is_blocks = image.codec == ImageCodec::kBlocks;
+    const uint32_t most = is_indexed ? kMaxJpegSide : is_blocks ? kMaxBlockImageSide : kMaxImageSide;
     if (image.width == 0 || image.width > most || image.height == 0 || image.height > most) {
       return fail(kRange, "image ", i, ": ", image.width, " x ", image.height, " pixels, expected 1 to ", most);
     }
     if (image.channels < 1 || image.channels > 4 || (is_indexed && image.channels % 2 == 0)) {
-      return fail(kRange, "image ", i, ": ", image.channels, " channels");
+      return fail(kRange, "image ", i, ": ", uint32_t{image.channels}, " channels");
     }
-    const uint32_t levels = is_indexed ? stored_level_count(image.width, image.height) : 0;
+    if (auto error = blocks_of(i)) return *std::move(error);
+    const uint32_t levels = is_blocks    ? image.level_count
+                            : is_indexed ? stored_level_count(image.width, image.height)
+                                         : 0;
     if (image.level_count != levels) {
       return fail(kRange, "image ", i, ": ", image.level_count, " mip levels, expected ", levels);
     }
@@ -237,6 +242,34 @@ Result<void> Checker::images() const {
   }
   if (next_level != mip_levels_.size()) return fail(kRange, "mip level ", next_level, ": belongs to no image");
   return {};
+}
+
+/// That a block image's fields go together and its page holds its blocks; that others have no such fields.
+std::optional<Error> Checker::blocks_of(uint64_t number) const {
+  const ImageRecord& image = images_[number];
+  const auto format = static_cast<uint32_t>(image.block_format);
+  if (image.codec != ImageCodec::kBlocks) {
+    if (format == 0 && image.swizzle == 0) return std::nullopt;
+    return fail(kReserved, "image ", number, ": block format ", format, " and swizzle ", image.swizzle,
+                " of an image that has no blocks");
+  }
+  if (!is_block_format(image.block_format) || !is_swizzle(image.swizzle)) {
+    return fail(kRange, "image ", number, ": block format ", format, ", swizzle ", image.swizzle);
+  }
+  if (image.channels != block_channels(image.block_format)) {
+    return fail(kRange, "image ", number, ": ", uint32_t{image.channels}, " channels, but ",
+                block_format_name(image.block_format), " has ", block_channels(image.block_format));
+  }
+  const uint64_t bytes = block_level_bytes(image.block_format, image.width, image.height);
+  if (pages_[image.page].raw_bytes != bytes) {
+    return fail(kRange, "image ", number, ": page ", image.page, " has ", pages_[image.page].raw_bytes,
+                " bytes, expected ", bytes);
+  }
+  if (image.level_count > most_block_levels(image.width, image.height)) {
+    return fail(kRange, "image ", number, ": ", image.level_count, " mip levels, expected at most ",
+                most_block_levels(image.width, image.height));
+  }
+  return std::nullopt;
 }
 
 /// The image's mip levels from `first` on.
@@ -258,6 +291,14 @@ std::optional<Error> Checker::levels_of(uint64_t image, uint64_t first) const {
     if (level.offset % kChunkAlignment != 0 || !range_within(level.offset, level.bytes, page.raw_bytes)) {
       return fail(kRange, "mip level ", i, ": ", level.bytes, " bytes at byte ", level.offset, " of page ", level.page,
                   ", which has ", page.raw_bytes);
+    }
+    const ImageRecord& of = images_[image];
+    if (of.codec != ImageCodec::kBlocks) continue;
+    const auto l = static_cast<uint32_t>(i - first) + 1;
+    const uint64_t bytes =
+        block_level_bytes(of.block_format, std::max(1u, of.width >> l), std::max(1u, of.height >> l));
+    if (level.bytes != bytes) {
+      return fail(kRange, "mip level ", i, ": ", level.bytes, " bytes, expected ", bytes);
     }
   }
   return std::nullopt;

@@ -86,6 +86,7 @@ class Checker {
   std::optional<Error> cluster_fields(uint64_t index, const MeshRecord& mesh) const;
   std::optional<Error> chunk_streams_of(uint64_t index, const MeshRecord& mesh) const;
   std::optional<Error> scene_fields(uint64_t index) const;
+  std::optional<Error> blocks_of(uint64_t image) const;
   std::optional<Error> levels_of(uint64_t image, uint64_t first) const;
   Result<void> instances_to(uint64_t end);
 

@@ -3,6 +3,7 @@
 
 #include <cmath>
 
+#include "format/blocks/pixels.h"
 #include "kernels/math.h"
 #include "kernels/scene_view.h"
 #include "kernels/shade/block_cache.h"
@@ -47,10 +48,20 @@ SCREE_HD inline TexelPair texel_pair(double wrapped, uint32_t size, format::Wrap
 }
 
 /// The four texels of two columns and two rows, row by row, as coded, red in the low byte; the high byte is anything.
-/// Of a decoded level.
+/// Of a level that is no JPEG.
 SCREE_HD inline void decoded_texels(const TextureView& texture, uint32_t level, const TexelPair& column,
                                     const TexelPair& row, uint32_t texels[4]) {
   const uint32_t width = max_of(texture.width >> level, 1u);
+  if (level < texture.block_level_count) {
+    const uint8_t* blocks = texture.blocks + texture.level_offset[level];
+#if defined(__CUDA_ARCH__)
+#pragma unroll 1
+#endif
+    for (uint32_t i = 0; i < 4; ++i)
+      texels[i] = format::block_image_pixel(texture.block_format, texture.swizzle, blocks, width,
+                                            i % 2 == 0 ? column.first : column.second, i < 2 ? row.first : row.second);
+    return;
+  }
   const uint8_t* first = texture.texels + 4 * texture.level_offset[level];
   for (uint32_t i = 0; i < 4; ++i) {
     const uint64_t x = i % 2 == 0 ? column.first : column.second;

@@ -159,6 +159,10 @@ struct ArenaLayout {
       if (texture.texels == nullptr || texel_offset.contains(texture.texels)) continue;
       texel_offset[texture.texels] = plan.add(texture.texels, texel_bytes(texture));
     }
+    for (const BlockTexture& image : scene.block_textures())
+      if (!image.empty())
+        block_offset[reinterpret_cast<const uint8_t*>(image.blocks().data())] =
+            plan.add(image.blocks().data(), image.blocks().size());
     levels.add_to(plan, scene);
     if (streamed != nullptr) return;
     const DrawnPages& drawn = scene.drawn_pages();
@@ -175,6 +179,7 @@ struct ArenaLayout {
   std::vector<const std::byte*> pages;
   std::vector<kernels::TextureView> textures;
   std::map<const uint8_t*, uint64_t> texel_offset;  // several textures may show one image
+  std::map<const uint8_t*, uint64_t> block_offset;  // likewise
   std::vector<uint64_t> page_offset;                // empty where pages are streamed
   JpegLevels levels;
   uint64_t meshes;
@@ -232,9 +237,12 @@ Result<CudaScene> CudaScene::upload(const Scene& scene, uint64_t budget_bytes, u
   const DrawnPages& drawn = scene.drawn_pages();
   if (streamed == nullptr)
     for (uint64_t i = 0; i < drawn.size(); ++i) layout.pages[drawn.page(i)] = base + layout.page_offset[drawn.page(i)];
-  for (kernels::TextureView& texture : layout.textures)
+  for (kernels::TextureView& texture : layout.textures) {
     if (texture.texels != nullptr)
       texture.texels = reinterpret_cast<const uint8_t*>(base + layout.texel_offset[texture.texels]);
+    if (texture.blocks != nullptr)
+      texture.blocks = reinterpret_cast<const uint8_t*>(base + layout.block_offset[texture.blocks]);
+  }
   layout.levels.move_to(base, layout.textures);
 
   const MappedFile& map = scene.file().map();

@@ -6,7 +6,9 @@
 #include <new>
 #include <string>
 
+#include "format/blocks/format.h"
 #include "format/container/part_file.h"
+#include "runtime/images/block_file.h"
 #include "runtime/images/codecs.h"
 
 namespace scree::runtime {
@@ -22,14 +24,44 @@ Error out_of_memory(const ImageInfo& info) {
   return {ErrorCode::kMemory, size_text(info) + ": out of memory"};
 }
 
+Result<ImageInfo> probe_blocks(ImageFile& file) {
+  const Result<BlockFile> head = open_block_file(file);
+  if (!head) return head.error();
+  ImageInfo info{};
+  info.codec = format::ImageCodec::kBlocks;
+  info.width = head->width;
+  info.height = head->height;
+  info.channels = format::block_channels(head->format);
+  info.block_bytes = format::block_level_bytes(head->format, head->width, head->height);
+  return info;
+}
+
+Result<Image> decode_blocks(ImageFile& file) {
+  const Result<BlockFile> head = open_block_file(file);
+  if (!head) return head.error();
+  const Result<std::vector<std::byte>> blocks = read_block_level(file, *head, 0);
+  if (!blocks) return blocks.error();
+  return decode_block_level(head->format, head->swizzle, head->width, head->height, blocks->data());
+}
+
+/// Unpacks every level; any blocks are good.
+Result<std::string> check_blocks(ImageFile& file) {
+  const Result<BlockFile> head = open_block_file(file);
+  if (!head) return head.error();
+  for (uint32_t level = 0; level < head->levels.size(); ++level)
+    if (const auto blocks = read_block_level(file, *head, level); !blocks) return blocks.error();
+  return std::string();
+}
+
 Result<ImageInfo> probe_by_signature(ImageFile& file) {
   const auto byte = [&](uint64_t i) { return file.byte(i); };
   if (byte(0) == 0xff && byte(1) == 0xd8) return probe_jpeg(file);
   if (byte(0) == 0x89 && byte(1) == 'P' && byte(2) == 'N' && byte(3) == 'G') return probe_png(file);
-  if (file.size() == 0) return Error{ErrorCode::kTruncated, "image is empty, expected PNG or JPEG"};
+  if (is_block_file(file)) return probe_blocks(file);
+  if (file.size() == 0) return Error{ErrorCode::kTruncated, "image is empty, expected PNG, JPEG, KTX2 or DDS"};
   char text[80];
-  std::snprintf(text, sizeof text, "neither PNG nor JPEG: begins with %02x %02x %02x %02x", byte(0), byte(1), byte(2),
-                byte(3));
+  std::snprintf(text, sizeof text, "no PNG, JPEG, KTX2 or DDS: begins with %02x %02x %02x %02x", byte(0), byte(1),
+                byte(2), byte(3));
   return Error{ErrorCode::kFormat, text};
 }
 
@@ -79,6 +111,7 @@ Result<Image> decode_image(ImageFile file) {
   const Result<ImageInfo> info = probe_within_limits(file);
   if (!info) return info.error();
   try {
+    if (info->codec == format::ImageCodec::kBlocks) return decode_blocks(file);
     return info->codec == format::ImageCodec::kPng ? decode_png(file, *info) : decode_jpeg(file, *info);
   } catch (const std::bad_alloc&) {
     return out_of_memory(*info);
@@ -89,6 +122,7 @@ Result<std::string> check_image(ImageFile file) {
   const Result<ImageInfo> info = probe_within_limits(file);
   if (!info) return info.error();
   try {
+    if (info->codec == format::ImageCodec::kBlocks) return check_blocks(file);
     return info->codec == format::ImageCodec::kPng ? check_png(file, *info) : check_jpeg(file, *info);
   } catch (const std::bad_alloc&) {
     return out_of_memory(*info);
@@ -96,6 +130,7 @@ Result<std::string> check_image(ImageFile file) {
 }
 
 uint64_t image_check_bytes(const ImageInfo& info) {
+  if (info.codec == format::ImageCodec::kBlocks) return kWindowBytes + 2 * info.block_bytes;
   // A row of blocks is 16 bytes a sample, up to 12 of them are held, and as many rows of samples and of pixels.
   const uint64_t rows = uint64_t{256} * info.width * info.channels;
   if (info.codec == format::ImageCodec::kPng) return kWindowBytes + rows / 8;

@@ -1,5 +1,5 @@
-// Pictures in and out: PNG and JPEG decoding, PNG, PFM and raw writing. Every writer goes through `path`.part and a
-// rename, so that nobody sees half a picture.
+// Pictures in and out: PNG, JPEG, KTX2 and DDS decoding, PNG, PFM and raw writing. Every writer goes through
+// `path`.part and a rename, so that nobody sees half a picture.
 #pragma once
 
 #include <concepts>
@@ -23,8 +23,9 @@ struct ImageInfo {
   format::ImageCodec codec;
   uint32_t width;  // pixels, at least 1
   uint32_t height;
-  uint32_t channels;   // 1 grey, 2 grey and alpha, 3 colour, 4 colour and alpha (PNG) or CMYK (JPEG)
-  bool is_coded_anew;  // JPEG: progressive or arithmetic; making it sequential holds 2 bytes a sample
+  uint32_t channels;     // 1 grey, 2 grey and alpha, 3 colour, 4 colour and alpha (PNG) or CMYK (JPEG); of the blocks
+  bool is_coded_anew;    // JPEG: progressive or arithmetic; making it sequential holds 2 bytes a sample
+  uint64_t block_bytes;  // KTX2 and DDS: of level 0, unpacked; else 0
 };
 
 /// The bytes of an image file: in memory, or read as they are needed, so that a large file takes a window of memory.
@@ -68,8 +69,8 @@ class ImageFile {
   std::optional<Error> error_;
 };
 
-/// Reads the size of a PNG or JPEG file from its head; decodes nothing. The codec is told by the first bytes. Errors
-/// kFormat (neither, or malformed), kTruncated, and those of reading the file.
+/// Reads the size of a PNG, JPEG, KTX2 or DDS file from its head; decodes nothing. The codec is told by the first
+/// bytes. Errors kFormat (none of them, or malformed), kTruncated, and those of reading the file.
 Result<ImageInfo> probe_image(ImageFile file);
 
 /// The same for pictures that decode_image() would try: errors as its own where what the header says is too much.
@@ -95,10 +96,11 @@ constexpr bool may_hold_pixels(uint64_t pixels, uint64_t bytes) {
 }
 
 /// Decodes a PNG (any colour type, depth and interlace; 16 bits are rounded to 8) or JPEG (grey, YCbCr, RGB, CMYK,
-/// YCCK; baseline and progressive). Sizes are checked before anything is allocated. Corrupt entropy-coded JPEG data is
-/// put up with and named in Image::warning, as other decoders do; all else is an error: kFormat (what the library
-/// said), kTruncated (also where the file is too small for so many pixels), kRange (more than kMaxImagePixels or
-/// kMaxDecodedSide), kUnsupported, kMemory, and those of reading the file. Reentrant.
+/// YCCK; baseline and progressive), or level 0 of what open_block_file() takes. Sizes are checked before anything is
+/// allocated. Corrupt entropy-coded JPEG data is put up with and named in Image::warning, as other decoders do; all
+/// else is an error: kFormat (what the library said), kTruncated (also where the file is too small for so many pixels),
+/// kRange (more than kMaxImagePixels or kMaxDecodedSide), kUnsupported, kMemory, and those of reading the file.
+/// Reentrant.
 Result<Image> decode_image(ImageFile file);
 
 /// What decode_image would say: an error where it has one, else its warning, which is empty where all was well. Decodes
@@ -113,6 +115,10 @@ uint64_t image_check_bytes(const ImageInfo& info);
 /// bytes, rows top to bottom, no padding. Errors kFile.
 Result<void> write_png(const std::string& path, uint32_t width, uint32_t height, uint32_t channels,
                        std::span<const uint8_t> pixels, format::Existing existing = format::Existing::kReplace);
+
+/// The same in memory. Errors kMemory.
+Result<std::vector<std::byte>> encode_png(uint32_t width, uint32_t height, uint32_t channels,
+                                          std::span<const uint8_t> pixels);
 
 /// Writes one float a pixel as a PFM (Portable Float Map, grey): "Pf", size, scale -1.0 (little-endian), rows bottom to
 /// top as the format has it. `values`: width * height, rows top to bottom; infinities are written as they are. Errors

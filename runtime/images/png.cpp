@@ -3,6 +3,8 @@
 #include <csetjmp>
 #include <cstdio>
 #include <cstring>
+#include <functional>
+#include <new>
 #include <string>
 #include <utility>
 #include <vector>
@@ -101,28 +103,26 @@ void read_png_bytes(png_structp png, png_bytep out, size_t size) {
 
 constexpr size_t kWriteBytes = 64 << 10;
 
-/// What libpng has written and the file has not: libpng writes 4 bytes here and 4 there.
-struct PngFile {
-  format::PartFile& file;
-  std::vector<std::byte> waiting{};
-  uint64_t end = 0;  // of what the file has
+/// What libpng writes goes on to `take`, in pieces.
+struct PngSink {
+  std::function<Result<void>(std::span<const std::byte>)> take;
+  std::vector<std::byte> waiting{};  // libpng writes 4 bytes here and 4 there
   Result<void> done{};
 
   void flush() {
-    if (done) done = file.write_at(end, waiting);
-    end += waiting.size();
+    if (done) done = take(waiting);
     waiting.clear();
   }
 };
 
 void write_png_bytes(png_structp png, png_bytep bytes, size_t size) try {
   // A failure is reported at the end; going on costs no more than a jump would save.
-  PngFile& out = *static_cast<PngFile*>(png_get_io_ptr(png));
+  PngSink& out = *static_cast<PngSink*>(png_get_io_ptr(png));
   const auto first = reinterpret_cast<const std::byte*>(bytes);
   out.waiting.insert(out.waiting.end(), first, first + size);
   if (out.waiting.size() >= kWriteBytes) out.flush();
 } catch (const std::bad_alloc&) {
-  static_cast<PngFile*>(png_get_io_ptr(png))->done = Error{ErrorCode::kMemory, "out of memory"};
+  static_cast<PngSink*>(png_get_io_ptr(png))->done = Error{ErrorCode::kMemory, "out of memory"};
 }
 
 void flush_png_bytes(png_structp) {}
@@ -268,16 +268,15 @@ Result<std::string> check_png(ImageFile& file, const ImageInfo& info) {
   return std::string();
 }
 
-Result<void> write_png(const std::string& path, uint32_t width, uint32_t height, uint32_t channels,
-                       std::span<const uint8_t> pixels, format::Existing existing) {
+namespace {
+
+Result<void> put_png(PngSink& out, uint32_t width, uint32_t height, uint32_t channels,
+                     std::span<const uint8_t> pixels) {
   assert(channels == 3 || channels == 4);
   assert(pixels.size() == uint64_t{width} * height * channels);
-  Result<format::PartFile> file = format::PartFile::create(path, format::PartFile::Content::kEmpty, existing);
-  if (!file) return file.error();
-  PngFile out{*file};
-  PngFile* const target = &out;
+  PngSink* const target = &out;
   PngHandle writer(PngHandle::Use::kWrite);
-  if (writer.info() == nullptr) return Error{ErrorCode::kMemory, path + ": out of memory"};
+  if (writer.info() == nullptr) return Error{ErrorCode::kMemory, "out of memory"};
   const png_structp png = writer.png();
   const png_infop info = writer.info();
   const uint8_t* const first = pixels.data();
@@ -295,10 +294,39 @@ Result<void> write_png(const std::string& path, uint32_t width, uint32_t height,
     for (uint32_t y = 0; y < height; ++y) png_write_row(png, first + y * row_bytes);
     png_write_end(png, info);
   });
-  if (!written) return Error{ErrorCode::kFile, path + ": PNG: " + writer.message.text};
+  if (!written) return Error{ErrorCode::kFile, std::string("PNG: ") + writer.message.text};
   out.flush();
-  if (out.done) out.done = file->commit();
   return out.done;
+}
+
+}  // namespace
+
+Result<void> write_png(const std::string& path, uint32_t width, uint32_t height, uint32_t channels,
+                       std::span<const uint8_t> pixels, format::Existing existing) {
+  Result<format::PartFile> file = format::PartFile::create(path, format::PartFile::Content::kEmpty, existing);
+  if (!file) return file.error();
+  uint64_t end = 0;
+  bool is_file_error = false;  // which names the file
+  PngSink out{[&](std::span<const std::byte> bytes) {
+    const Result<void> done = file->write_at(end, bytes);
+    is_file_error = !done;
+    end += bytes.size();
+    return done;
+  }};
+  const Result<void> put = put_png(out, width, height, channels, pixels);
+  if (!put) return is_file_error ? put.error() : at(path, put.error());
+  return file->commit();
+}
+
+Result<std::vector<std::byte>> encode_png(uint32_t width, uint32_t height, uint32_t channels,
+                                          std::span<const uint8_t> pixels) {
+  std::vector<std::byte> file;
+  PngSink out{[&](std::span<const std::byte> bytes) -> Result<void> {
+    file.insert(file.end(), bytes.begin(), bytes.end());
+    return {};
+  }};
+  if (const Result<void> put = put_png(out, width, height, channels, pixels); !put) return put.error();
+  return file;
 }
 
 }  // namespace scree::runtime

@@ -220,6 +220,7 @@ Result<void> Scene::load_textures(const SceneOptions& options) {
 
   mips_.resize(images.size());
   jpegs_.resize(images.size());
+  block_images_.resize(images.size());
   std::vector<Result<void>> results(wanted.size());
   std::vector<std::string> warnings(wanted.size());
   if (options.progress != nullptr) options.progress->begin("textures", wanted.size());
@@ -238,6 +239,15 @@ Result<void> Scene::load_textures(const SceneOptions& options) {
       }
       return;
     }
+    if (images[image].codec == format::ImageCodec::kBlocks) {
+      Result<BlockTexture> blocks = BlockTexture::load(container(), image);
+      if (blocks) {
+        block_images_[image] = std::move(*blocks);
+      } else {
+        results[i] = blocks.error();
+      }
+      return;
+    }
     Result<MipChain> mips = load_image(container(), image, warnings[i]);
     if (mips) {
       mips_[wanted[i]] = std::move(*mips);
@@ -250,6 +260,7 @@ Result<void> Scene::load_textures(const SceneOptions& options) {
     if (!results[i]) return at(place, results[i].error());
     if (!warnings[i].empty()) warnings_.push_back(place + ": " + warnings[i]);
     stats_.texture_bytes += mips_[wanted[i]].texels.size() + jpegs_[wanted[i]].decoded_bytes();
+    stats_.texture_bytes += block_images_[wanted[i]].bytes();
     stats_.jpeg_bytes += jpegs_[wanted[i]].jpeg_bytes();
   }
   number_jpeg_levels();
@@ -263,7 +274,9 @@ Result<void> Scene::load_textures(const SceneOptions& options) {
 
 kernels::TextureView Scene::view_of(const format::TextureRecord& record) const {
   const MipChain& mips = mips_[record.image];
-  return mips.level_count != 0 ? texture_view(mips, record) : jpegs_[record.image].view(record);
+  if (mips.level_count != 0) return texture_view(mips, record);
+  const BlockTexture& blocks = block_images_[record.image];
+  return blocks.empty() ? jpegs_[record.image].view(record) : blocks.view(record);
 }
 
 void Scene::number_jpeg_levels() {

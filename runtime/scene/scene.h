@@ -16,6 +16,7 @@
 #include "runtime/files/mapped_file.h"
 #include "runtime/scene/camera.h"
 #include "runtime/scene/pages.h"
+#include "runtime/textures/block_image.h"
 #include "runtime/textures/jpeg_image.h"
 #include "runtime/textures/texture.h"
 #include "runtime/threads/job_progress.h"
@@ -105,7 +106,9 @@ class Scene {
   const kernels::BlockCache* block_cache() const { return blocks_.get(); }
   /// By image: those that stay JPEGs; the others have no levels.
   std::span<const JpegTexture> jpeg_textures() const { return jpegs_; }
-  /// Of the largest group of their levels, decoded; 0 where there are none.
+  /// By image: those that stay blocks; the others are empty.
+  std::span<const BlockTexture> block_textures() const { return block_images_; }
+  /// Of the largest group of the JPEGs' levels, decoded; 0 where there are none.
   uint32_t jpeg_slot_bytes() const { return jpeg_slot_bytes_; }
 
   /// Images that decoded with a complaint; one line each, without the file.
@@ -141,8 +144,9 @@ class Scene {
   DrawnPages drawn_pages_;
   PageSet pages_;
   bool has_pages_ = false;
-  std::vector<MipChain> mips_;      // by image; empty where no drawn material uses it,
-  std::vector<JpegTexture> jpegs_;  // or where it is here
+  std::vector<MipChain> mips_;              // by image; empty where no drawn material uses it,
+  std::vector<JpegTexture> jpegs_;          // or where it is here,
+  std::vector<BlockTexture> block_images_;  // or here
   uint32_t jpeg_slot_bytes_ = 0;
   std::unique_ptr<kernels::BlockCache> blocks_;
   std::vector<kernels::TextureView> textures_;

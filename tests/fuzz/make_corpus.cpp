@@ -22,6 +22,7 @@
 #include "tests/format/jpeg/jpeg_maker.h"
 #include "tests/models.h"
 #include "tests/paths.h"
+#include "tests/runtime/images/block_files.h"
 #include "tests/tools/model_maker.h"
 #include "tests/tools/packed_file.h"
 #include "tests/tools/temp_folder.h"
@@ -222,6 +223,13 @@ void make_png_seeds(const TempFolder& folder) {
   Seed::save(tests::read_file(data_path("checker.png").string()), "image", "checker");
 }
 
+void make_block_seeds() {
+  for (const auto& [name, bytes] : block_files()) {
+    Seed::save(bytes, "block_file", name);
+    Seed::save(bytes, "image", name);
+  }
+}
+
 /// A textured grid whose JPEG is kept as one, with two levels. `is_magnified`: a part of the picture, so that level 0
 /// is looked at.
 std::string textured_model(const TempFolder& folder, bool is_magnified) {
@@ -347,6 +355,22 @@ void make_meshopt_seed(const TempFolder& folder) {
   REQUIRE(packed->file.meshes().size() == 2);
 }
 
+/// A grid with KTX2 and DDS textures, some of them with levels.
+std::string block_model(const TempFolder& folder) {
+  const std::string path = folder.file("blocks.glb");
+  ModelMaker maker(path);
+  GridSpec spec;
+  spec.columns = spec.rows = 2;
+  spec.uv = true;
+  for (const auto& [name, bytes] : block_files()) {
+    const uint32_t material = maker.textured(name, format::ImageCodec::kBlocks, bytes);
+    maker.node(name, maker.mesh(name, {maker.grid(spec, material)}));
+    spec.origin[0] += 1.1f;
+  }
+  maker.finish();
+  return path;
+}
+
 void make_scene_seeds(const TempFolder& folder) {
   Seed::save(file_of(tiny_parts()), "container", "tiny");
   Seed::save(file_of(full_parts()), "container", "full");
@@ -365,6 +389,9 @@ void make_scene_seeds(const TempFolder& folder) {
   pack_as(textured_model(folder, true), "magnified", clustered);
   make_damaged_seed(folder.file("magnified.scree"));
   make_meshopt_seed(folder);
+  const std::string blocks = block_model(folder);
+  pack_as(blocks, "blocks", indexed);
+  Seed::save(tests::read_file(blocks), "gltf", "blocks.glb");
   pack_as(data_path("textured_cube.glb").string(), "cube", clustered);
   pack_as(data_path("gpu_instancing.glb").string(), "instances", indexed);
   pack_as(data_path("colors.glb").string(), "colors", [](convert::ConvertOptions& o) {
@@ -407,6 +434,7 @@ TEST_CASE("fuzz corpus: the seeds are made anew", "[.][make-corpus]") {
   make_cluster_seed(40, tools::ClusterEffort::kFast, "groups");
   make_jpeg_seeds();
   make_png_seeds(folder);
+  make_block_seeds();
   make_scene_seeds(folder);
 }
 

@@ -16,7 +16,8 @@ void cluster_codec(Bytes bytes);
 void cluster_page(Bytes bytes);
 void jpeg_index(Bytes bytes);    // an indexed JPEG, as it lies in a container
 void jpeg_file(Bytes bytes);     // a JPEG file on its way into one, with mip levels
-void image(Bytes bytes);         // a PNG or JPEG as a texture
+void block_file(Bytes bytes);    // a KTX2 or DDS file, level by level
+void image(Bytes bytes);         // a file of any of these as a texture
 void container(Bytes bytes);     // inspect --verify, and export
 void scene(Bytes bytes);         // render
 void gltf(Bytes bytes);          // convert
@@ -36,6 +37,7 @@ inline constexpr Target kTargets[] = {
     {"cluster_page", cluster_page, false},
     {"jpeg_index", jpeg_index, false},
     {"jpeg_file", jpeg_file, false},
+    {"block_file", block_file, false},
     {"image", image, false},
     {"container", container, true},
     {"scene", scene, true},

@@ -62,6 +62,9 @@ TEST_CASE("fuzz corpus: jpeg_index", "[fuzz]") {
 TEST_CASE("fuzz corpus: jpeg_file", "[fuzz]") {
   replay("jpeg_file", "jpeg_file");
 }
+TEST_CASE("fuzz corpus: block_file", "[fuzz]") {
+  replay("block_file", "block_file");
+}
 TEST_CASE("fuzz corpus: image", "[fuzz]") {
   replay("image", "image");
 }

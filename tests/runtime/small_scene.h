@@ -129,7 +129,8 @@ struct SmallScene {
     tables.meshes.push_back(mesh);
     tables.chunks.push_back(chunk);
     tables.groups.push_back({tables.strings.add("Quad mesh"), 0, 1, 0});
-    tables.images.push_back({0, 1, format::ImageCodec::kPng, 2, 2, 3, format::kNone, 0});
+    tables.images.push_back(
+        {0, 1, format::ImageCodec::kPng, 2, 2, 3, format::BlockFormat::kNoBlocks, 0, format::kNone, 0});
     tables.textures.push_back(
         {0, 0, format::Wrap::kClamp, format::Wrap::kClamp, static_cast<uint16_t>(nearest ? 9728 : 9729), 0});
     format::MaterialRecord material{};

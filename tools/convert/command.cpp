@@ -238,9 +238,11 @@ Command add_convert(CLI::App& parent) {
                   "Most triangles of a chunk, 1 to 65536 (default); 0: every mesh is one chunk, which takes memory for "
                   "the whole of the largest mesh");
   app->add_option("--zstd", words->zstd, "Compress pages with zstd at this level, 1 to 22; 0: not at all (default)");
-  app->add_option("--textures", words->textures,
-                  "keep (default): JPEGs are indexed without loss, other images stay as they are; jpeg:QUALITY (jpeg: "
-                  "90): others become JPEGs, 4:4:4, without alpha; raw: all images stay as they are");
+  app->add_option(
+      "--textures", words->textures,
+      "keep (default): JPEGs are indexed without loss, KTX2 and DDS keep their blocks and levels, PNGs stay as "
+      "they are; jpeg:QUALITY (jpeg: 90): others become JPEGs, 4:4:4, without alpha; raw: as keep, but JPEGs "
+      "stay as they are too");
   app->add_flag("--keep-going", words->keep_going,
                 "An image that is damaged or of an unsupported kind becomes grey instead of an error");
   app->add_flag("--normals", words->normals, "Store normals, 12 bits an axis of the octahedral map");

@@ -264,6 +264,7 @@ class Converter {
     std::vector<bool> wanted(scene_.images.size());
     for (size_t i = 0; i < wanted.size(); ++i) wanted[i] = use.images[i] != kNone;
     ImageOptions image_options = options_.images;
+    image_options.zstd_level = options_.zstd_level;
     const StageLimits limits = memory_.images(image_options.memory);
     image_options.memory = limits.flight_bytes;
     WorkerPool pool(limits.threads, options_.stop);
@@ -280,6 +281,7 @@ class Converter {
 
   Result<void> store_images(format::ContainerWriter& writer) {
     ImageOptions image_options = options_.images;
+    image_options.zstd_level = options_.zstd_level;
     const StageLimits limits = memory_.images(image_options.memory);
     image_options.memory = limits.flight_bytes;
     WorkerPool pool(limits.threads, options_.stop);

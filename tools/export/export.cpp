@@ -6,11 +6,14 @@
 #include <cstdio>
 #include <map>
 #include <memory>
+#include <new>
 #include <utility>
 #include <vector>
 
 #include "format/jpeg/index.h"
 #include "runtime/files/mapped_file.h"
+#include "runtime/images/image.h"
+#include "runtime/textures/block_image.h"
 #include "tools/common/command.h"
 #include "tools/common/human.h"
 #include "tools/common/options.h"
@@ -92,13 +95,26 @@ Result<std::vector<std::byte>> rebuild_jpeg(std::span<const std::byte> bytes) {
   return file;
 }
 
+/// A block image as a PNG: its level 0, decoded and swizzled.
+Result<std::vector<std::byte>> make_png(const format::Container& file, uint32_t image) try {
+  const auto picture = runtime::decode_block_image(file, image);
+  if (!picture) return picture.error();
+  return runtime::encode_png(picture->width, picture->height, 4, picture->rgba);
+} catch (const std::bad_alloc&) {
+  return Error{ErrorCode::kMemory, "no memory to decode it"};
+}
+
+format::ImageCodec exported_codec(format::ImageCodec codec) {
+  if (codec == format::ImageCodec::kIndexedJpeg) return format::ImageCodec::kJpeg;
+  return codec == format::ImageCodec::kBlocks ? format::ImageCodec::kPng : codec;
+}
+
 /// What add_images adds.
 std::vector<GltfWriter::PlannedImage> planned_images(const format::Container& file) {
   std::vector<GltfWriter::PlannedImage> planned;
   const auto images = file.images();
   for (uint32_t i = 0; i < images.size(); ++i) {
-    const bool is_indexed = images[i].codec == format::ImageCodec::kIndexedJpeg;
-    planned.push_back({file.string(images[i].name), is_indexed ? format::ImageCodec::kJpeg : images[i].codec});
+    planned.push_back({file.string(images[i].name), exported_codec(images[i].codec)});
   }
   return planned;
 }
@@ -109,9 +125,16 @@ Result<void> add_images(const format::Container& file, GltfWriter& writer, const
   for (uint32_t i = 0; i < images.size(); ++i) {
     if (options.stop != nullptr && options.stop->load()) return Error{ErrorCode::kFile, "interrupted"};
     const std::string place = "image " + std::to_string(i) + ", page " + std::to_string(images[i].page);
+    const std::string_view name = file.string(images[i].name);
+    if (images[i].codec == format::ImageCodec::kBlocks) {
+      const auto png = make_png(file, i);
+      if (!png) return at(place, png.error());
+      const auto added = writer.add_image(name, exported_codec(images[i].codec), *png);
+      if (!added) return added.error();
+      continue;
+    }
     const auto bytes = file.load_page(images[i].page, scratch);
     if (!bytes) return at(place, bytes.error());
-    const std::string_view name = file.string(images[i].name);
     if (images[i].codec == format::ImageCodec::kIndexedJpeg) {
       const auto jpeg = rebuild_jpeg(*bytes);
       if (!jpeg) return at(place, jpeg.error());

@@ -28,9 +28,9 @@ ImageKind sniff(std::string_view head) {
   if (starts("\x89PNG\r\n\x1a\n"sv)) return {"PNG", format::ImageCodec::kPng};
   if (starts("\xff\xd8\xff"sv)) return {"JPEG", format::ImageCodec::kJpeg};
   if (starts("RIFF"sv) && starts("WEBP"sv, 8)) return {"WebP", {}};
-  if (starts("\xabKTX 20\xbb"sv)) return {"KTX2", {}};
+  if (starts("\xabKTX 20\xbb"sv)) return {"KTX2", format::ImageCodec::kBlocks};
   if (starts("\xabKTX 11\xbb"sv)) return {"KTX", {}};
-  if (starts("DDS "sv)) return {"DDS", {}};
+  if (starts("DDS "sv)) return {"DDS", format::ImageCodec::kBlocks};
   if (starts("sB"sv) || starts("Bs"sv)) return {"Basis", {}};
   if (starts("GIF8"sv)) return {"GIF", {}};
   if (starts("BM"sv)) return {"BMP", {}};
@@ -187,8 +187,9 @@ class MaterialMaker {
       return read.error();
     const ImageKind kind = sniff({head.data(), head_bytes});
     if (kind.name.empty()) {
-      return Error{ErrorCode::kFormat,
-                   bytes->bytes == 0 ? "is empty" : "is no image file of a known kind, expected PNG or JPEG"};
+      return Error{ErrorCode::kFormat, bytes->bytes == 0
+                                           ? "is empty"
+                                           : "is no image file of a known kind, expected PNG, JPEG, KTX2 or DDS"};
     }
     if (!kind.codec) {
       reason = std::string(kind.name);

@@ -123,9 +123,11 @@ const std::byte* read_codes(Control control, size_t vertices, const std::byte* a
 }
 
 template <ChannelMode kMode>
-using Lanes = std::conditional_t<kMode == kByteDeltas, Bytes16, std::conditional_t<kMode == kShortDeltas, Shorts8, Words4>>;
+using Lanes =
+    std::conditional_t<kMode == kByteDeltas, Bytes16, std::conditional_t<kMode == kShortDeltas, Shorts8, Words4>>;
 
-/// Four differences from their codes, one a word. `turn`: of kWordXor, bits by which a difference was turned to the left.
+/// Four differences from their codes, one a word. `turn`: of kWordXor, bits by which a difference was turned to the
+/// left.
 template <ChannelMode kMode>
 Words4 differences(Words4 words, uint32_t turn) {
   if constexpr (kMode == kWordXor) {
@@ -195,8 +197,8 @@ void write_channel(const Planes& codes, size_t vertices, uint32_t turn, const st
 constexpr size_t kVersionAt = kMostStride + kMostStride / 4;
 static_assert(kVersionAt < sizeof(MeshoptPlace::state));
 
-/// Reads a block of `vertices` vertices from [at, end) to `out`; returns the place behind it, null where the stream ends
-/// before that. `state` as above; its vertex stays as it is.
+/// Reads a block of `vertices` vertices from [at, end) to `out`; returns the place behind it, null where the stream
+/// ends before that. `state` as above; its vertex stays as it is.
 const std::byte* read_block(const std::byte* at, const std::byte* end, size_t vertices, size_t stride,
                             const std::byte* state, std::byte* out) {
   const bool has_controls = state[kVersionAt] != std::byte{0};

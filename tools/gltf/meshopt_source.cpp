@@ -23,8 +23,8 @@ using Filter = DocMeshopt::Filter;
 
 /// The fewest bytes that a stream of `count` elements takes; none where that passes 64 bits.
 std::optional<uint64_t> fewest_bytes(Mode mode, uint64_t count, uint64_t stride) {
-  // Attributes: two bits for every byte of up to 256 elements, where all are equal in it (version 0: for 16). Triangles: a byte each and a table
-  // of 16. Indices: a byte each and a tail of 4. All behind a byte of header.
+  // Attributes: two bits for every byte of up to 256 elements, where all are equal in it (version 0: for 16).
+  // Triangles: a byte each and a table of 16. Indices: a byte each and a tail of 4. All behind a byte of header.
   if (mode == Mode::kTriangles) return 1 + count / 3 + 16;
   if (mode == Mode::kIndices) return format::checked_add(count, 5);
   const auto bytes = format::checked_mul(count, stride);

@@ -63,8 +63,7 @@ void undo_color(std::span<std::byte> elements) {
         bits == 0 ? 0 : static_cast<float>(std::numeric_limits<Unsigned>::max()) / static_cast<float>(largest);
     std::array<Unsigned, 4> out;
     const std::array<int, 4> colour = {y + co - cg, y + cg, y - co - cg, a << 1 | (a & 1)};
-    for (size_t i = 0; i < 4; ++i)
-      out[i] = static_cast<Unsigned>(std::lrint(static_cast<float>(colour[i]) * scale));
+    for (size_t i = 0; i < 4; ++i) out[i] = static_cast<Unsigned>(std::lrint(static_cast<float>(colour[i]) * scale));
     std::memcpy(elements.data() + at, out.data(), sizeof(out));
   }
 }

@@ -1,5 +1,5 @@
-// A stream of EXT_meshopt_compression or KHR_meshopt_compression, unpacked some elements at a time. Going on takes no more than a place in it, so
-// that any part can be unpacked again from the place before it.
+// A stream of EXT_meshopt_compression or KHR_meshopt_compression, unpacked some elements at a time. Going on takes no
+// more than a place in it, so that any part can be unpacked again from the place before it.
 #pragma once
 
 #include <array>

@@ -31,11 +31,11 @@ std::string counted(uint64_t count, const char* one, const char* many) {
   return std::to_string(count) + " " + (count == 1 ? one : many);
 }
 
-// Extensions a document may require. The first six are read, the others change only how a surface is lit or what a
+// Extensions a document may require. The first eight are read, the others change only how a surface is lit or what a
 // file says about itself: without them every triangle keeps its place and its base colour.
-constexpr std::string_view kSupported[] = {"KHR_mesh_quantization",   "KHR_texture_transform",
-                                           "KHR_materials_unlit",     "EXT_mesh_gpu_instancing",
-                                           "EXT_meshopt_compression", "KHR_meshopt_compression"};
+constexpr std::string_view kSupported[] = {
+    "KHR_mesh_quantization",   "KHR_texture_transform",   "KHR_materials_unlit", "EXT_mesh_gpu_instancing",
+    "EXT_meshopt_compression", "KHR_meshopt_compression", "KHR_texture_basisu",  "MSFT_texture_dds"};
 constexpr std::string_view kLookOnly[] = {"KHR_lights_punctual",
                                           "KHR_materials_anisotropy",
                                           "KHR_materials_clearcoat",
@@ -56,8 +56,7 @@ constexpr std::string_view kLookOnly[] = {"KHR_lights_punctual",
 
 const char* hint(std::string_view extension) {
   if (extension == "KHR_draco_mesh_compression") return ": decode it first, for example with gltf-transform";
-  if (extension == "KHR_texture_basisu" || extension == "EXT_texture_webp" || extension == "MSFT_texture_dds")
-    return ": its textures must be PNG or JPEG";
+  if (extension == "EXT_texture_webp") return ": its textures must be PNG, JPEG, KTX2 or DDS";
   return "";
 }
 

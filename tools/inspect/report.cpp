@@ -6,6 +6,7 @@
 #include <iterator>
 #include <string_view>
 
+#include "format/blocks/format.h"
 #include "format/bytes.h"
 #include "format/geometry/quantize.h"
 #include "tools/common/human.h"
@@ -335,6 +336,7 @@ void add_attributes(const Stats& stats, std::string& text) {
 
 const char* kind_name(format::ImageCodec codec) {
   if (codec == format::ImageCodec::kIndexedJpeg) return "indexed JPEG";
+  if (codec == format::ImageCodec::kBlocks) return "blocks";
   return codec == format::ImageCodec::kJpeg ? "JPEG" : "PNG";
 }
 
@@ -345,8 +347,8 @@ void add_textures(const format::Container& file, const Stats& stats, std::string
           times(images.size(), "image", "images") + ", " + human_bytes(stats.images.stored) + "\n";
   TextTable table;
   table.row({"kind", "images", "pixels", "bytes", "share", "bits/pixel"});
-  for (const format::ImageCodec codec :
-       {format::ImageCodec::kIndexedJpeg, format::ImageCodec::kJpeg, format::ImageCodec::kPng}) {
+  for (const format::ImageCodec codec : {format::ImageCodec::kIndexedJpeg, format::ImageCodec::kBlocks,
+                                         format::ImageCodec::kJpeg, format::ImageCodec::kPng}) {
     const ImageStats& kind = stats.image_kinds[static_cast<size_t>(codec)];
     if (kind.images == 0) continue;
     table.row({kind_name(codec), grouped(kind.images), grouped(kind.pixels), human_bytes(kind.cost.stored),
@@ -355,7 +357,7 @@ void add_textures(const format::Container& file, const Stats& stats, std::string
   text += table.text();
   if (stats.mip_levels != 0) {
     text += "  of which " + human_bytes(stats.level_bytes) + " in " +
-            times(stats.mip_levels, "mip level", "mip levels") + " of indexed JPEGs\n";
+            times(stats.mip_levels, "mip level", "mip levels") + "\n";
   }
   if (stats.top_images.empty()) return;
   TextTable largest;
@@ -364,7 +366,9 @@ void add_textures(const format::Container& file, const Stats& stats, std::string
     const format::ImageRecord& image = images[number];
     const uint64_t bytes = image_bytes(file, number);
     const std::string_view name = file.string(image.name);
-    largest.row({name.empty() ? "image " + std::to_string(number) : printable(name, 32), kind_name(image.codec),
+    largest.row({name.empty() ? "image " + std::to_string(number) : printable(name, 32),
+                 image.codec == format::ImageCodec::kBlocks ? format::block_format_name(image.block_format)
+                                                            : kind_name(image.codec),
                  std::to_string(image.width) + " x " + std::to_string(image.height), std::to_string(image.channels),
                  human_bytes(bytes), percent(bytes, stats.file_bytes)});
   }

@@ -1,5 +1,6 @@
 #include <string>
 
+#include "format/blocks/format.h"
 #include "format/geometry/quantize.h"
 #include "tools/common/json_writer.h"
 #include "tools/compare/report.h"
@@ -12,6 +13,7 @@ using tools::JsonWriter;
 
 const char* codec_name(format::ImageCodec codec) {
   if (codec == format::ImageCodec::kIndexedJpeg) return "indexed_jpeg";
+  if (codec == format::ImageCodec::kBlocks) return "blocks";
   return codec == format::ImageCodec::kJpeg ? "jpeg" : "png";
 }
 
@@ -281,8 +283,8 @@ void textures_member(JsonWriter& json, const format::Container& file, const Stat
   json.member("images", file.images().size());
   json.member("mip_levels", stats.mip_levels);
   json.member("mip_level_bytes", stats.level_bytes);
-  for (const format::ImageCodec codec :
-       {format::ImageCodec::kIndexedJpeg, format::ImageCodec::kJpeg, format::ImageCodec::kPng}) {
+  for (const format::ImageCodec codec : {format::ImageCodec::kIndexedJpeg, format::ImageCodec::kBlocks,
+                                         format::ImageCodec::kJpeg, format::ImageCodec::kPng}) {
     const ImageStats& kind = stats.image_kinds[static_cast<size_t>(codec)];
     json.key(codec_name(codec));
     json.begin_object();
@@ -299,9 +301,11 @@ void textures_member(JsonWriter& json, const format::Container& file, const Stat
     json.member("image", number);
     json.member("name", file.string(image.name));
     json.member("codec", codec_name(image.codec));
+    if (image.codec == format::ImageCodec::kBlocks)
+      json.member("block_format", format::block_format_name(image.block_format));
     json.member("width", image.width);
     json.member("height", image.height);
-    json.member("channels", image.channels);
+    json.member("channels", uint32_t{image.channels});
     json.member("bytes", image_bytes(file, number));
     json.end_object();
   }

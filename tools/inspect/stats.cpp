@@ -319,7 +319,7 @@ void count_images(const format::Container& file, uint32_t top, Stats& stats) {
     if (seen[levels[i].page]) continue;
     seen[levels[i].page] = true;
     const format::PageRecord& page = pages[levels[i].page];
-    Cost& cost = stats.image_kinds[static_cast<size_t>(format::ImageCodec::kIndexedJpeg)].cost;
+    Cost& cost = stats.image_kinds[static_cast<size_t>(images[levels[i].image].codec)].cost;
     for (Cost* sum : {&stats.images, &cost}) {
       sum->stored += page.stored_bytes;
       sum->raw += page.raw_bytes;
@@ -357,7 +357,13 @@ std::vector<SceneExtent> scene_extents(const format::Container& file) {
 uint64_t image_bytes(const format::Container& file, uint32_t image) {
   const format::ImageRecord& record = file.images()[image];
   uint64_t bytes = file.pages()[record.page].stored_bytes;
-  for (uint32_t i = 0; i < record.level_count; ++i) bytes += file.mip_levels()[record.first_level + i].bytes;
+  for (uint32_t i = 0; i < record.level_count; ++i) {
+    const format::MipLevelRecord& level = file.mip_levels()[record.first_level + i];
+    const format::PageRecord& page = file.pages()[level.page];
+    if (page.raw_bytes == 0) continue;
+    bytes += static_cast<uint64_t>(static_cast<double>(page.stored_bytes) / static_cast<double>(page.raw_bytes) *
+                                   static_cast<double>(level.bytes));
+  }
   return bytes;
 }
 

@@ -141,10 +141,10 @@ struct Stats {
   ClusterStats clusters;
   std::vector<LatticeStats> lattices;       // float32 first, then from the coarsest step to the finest
   std::vector<MeshCost> top_meshes;         // the costliest, at most `top`; equal costs by number
-  std::array<ImageStats, 4> image_kinds{};  // by ImageCodec: [1] JPEG, [2] PNG, [3] indexed JPEG, its levels included
+  std::array<ImageStats, 5> image_kinds{};  // by ImageCodec, mip levels included
   std::vector<uint32_t> top_images;         // by stored bytes of their page and levels
-  uint64_t mip_levels = 0;                  // of indexed JPEGs
-  uint64_t level_bytes = 0;                 // of them
+  uint64_t mip_levels = 0;
+  uint64_t level_bytes = 0;  // of them
 
   uint64_t geometry_bytes() const;   // all streams, stored
   uint64_t attribute_bytes() const;  // uvs, colours, normals, stored

@@ -278,6 +278,10 @@ class Verifier {
         check_indexed(number, place, raw, record, 0);
         continue;
       }
+      if (record.codec == format::ImageCodec::kBlocks) {  // any bytes are blocks; opening the file checked their number
+        count_blocks(record, 0);
+        continue;
+      }
       const auto info = runtime::probe_image(raw);
       if (!info) {
         fail(file_.pages()[number].offset, at(place, info.error()));
@@ -305,6 +309,12 @@ class Verifier {
       ++report_.images;
       report_.pixels += uint64_t{info->width} * info->height;
     }
+  }
+
+  void count_blocks(const format::ImageRecord& record, uint32_t level) {
+    const std::lock_guard lock(mutex_);
+    if (level == 0) ++report_.images;
+    report_.pixels += uint64_t{std::max(1u, record.width >> level)} * std::max(1u, record.height >> level);
   }
 
   /// Level `level` of an image: decoded whole, its anchors compared.
@@ -336,13 +346,20 @@ class Verifier {
       const auto number_of_image = static_cast<uint32_t>(level - image.first_level + 1);
       const std::string place =
           page_place(number) + ": image " + std::to_string(record.image) + ", level " + std::to_string(number_of_image);
-      if (record.offset != end) {
+      const uint64_t begin = format::align_up(end, format::kChunkAlignment);
+      if (record.offset != begin) {
         fail(file_.pages()[number].offset,
              {ErrorCode::kRange,
-              place + ": begins at byte " + std::to_string(record.offset) + ", expected " + std::to_string(end)});
+              place + ": begins at byte " + std::to_string(record.offset) + ", expected " + std::to_string(begin)});
+      } else if (first_set(raw.subspan(end, begin - end)) != begin - end) {
+        fail(file_.pages()[number].offset, {ErrorCode::kReserved, place + ": a byte before it is not 0"});
       }
       end = record.offset + record.bytes;
-      check_indexed(number, place, raw.subspan(record.offset, record.bytes), image, number_of_image);
+      if (image.codec == format::ImageCodec::kBlocks) {
+        count_blocks(image, number_of_image);
+      } else {
+        check_indexed(number, place, raw.subspan(record.offset, record.bytes), image, number_of_image);
+      }
     }
     if (level_starts_[number] != level_starts_[number + 1] && end != raw.size()) {
       fail(file_.pages()[number].offset,

@@ -199,7 +199,7 @@ Parts full_parts() {
   tables.materials[1].texture = 0;
   tables.materials[1].flags = kMaterialDoubleSided | kMaterialUnlit | kMaterialAlphaMask | kMaterialAlphaBlend;
   tables.textures = {{name("moss"), 0, Wrap::kMirror, Wrap::kClamp, 9729, 9987}};
-  tables.images = {{name("moss.png"), 2, ImageCodec::kPng, 640, 480, 3, kNone, 0}};
+  tables.images = {{name("moss.png"), 2, ImageCodec::kPng, 640, 480, 3, BlockFormat::kNoBlocks, 0, kNone, 0}};
   tables.cameras = {{name("wide"), CameraKind::kPerspective, 1.0, 0, 0.1, 0},
                     {name("flat"), CameraKind::kOrthographic, 10, 20, 0, 100}};
   tables.scenes = {{name("day"), 0, 0, 4, 0, 1, 3 * all.triangle_count + 98}, {name("night"), 1, 4, 2, 1, 2, 98}};

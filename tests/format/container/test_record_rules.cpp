@@ -2,6 +2,7 @@
 #include <cmath>
 #include <limits>
 
+#include "format/blocks/format.h"
 #include "format/bytes.h"
 #include "format/container/container.h"
 #include "tests/catch.h"
@@ -433,7 +434,7 @@ TEST_CASE("container rules: materials, textures, images, cameras, source", "[con
   b.record<I>(
       i, 0, [](I& r) { r.codec = ImageCodec{0}; }, "image 0: codec 0");
   b.record<I>(
-      i, 0, [](I& r) { r.codec = ImageCodec{4}; }, "image 0: codec 4");
+      i, 0, [](I& r) { r.codec = ImageCodec{5}; }, "image 0: codec 5");
   b.record<I>(
       i, 0, [](I& r) { r.width = 0; }, "image 0: 0 x 480 pixels, expected 1 to 16777216");
   b.record<I>(
@@ -442,6 +443,12 @@ TEST_CASE("container rules: materials, textures, images, cameras, source", "[con
       i, 0, [](I& r) { r.channels = 0; }, "image 0: 0 channels");
   b.record<I>(
       i, 0, [](I& r) { r.channels = 5; }, "image 0: 5 channels");
+  b.record<I>(
+      i, 0, [](I& r) { r.block_format = BlockFormat::kBc7; },
+      "image 0: block format 7 and swizzle 0 of an image that has no blocks", ErrorCode::kReserved);
+  b.record<I>(
+      i, 0, [](I& r) { r.swizzle = 1; }, "image 0: block format 0 and swizzle 1 of an image that has no blocks",
+      ErrorCode::kReserved);
   b.record<I>(
       i, 0, [](I& r) { r.first_level = 2; }, "image 0: mip levels from 2, expected 4294967295");
   b.record<I>(
@@ -584,6 +591,56 @@ TEST_CASE("container rules: indexed JPEGs and their mip levels", "[container]") 
   b.record<L>(
       l, 1, [](L& r) { r.bytes = UINT64_MAX; },
       "mip level 1: 18446744073709551615 bytes at byte 64 of page 3, which has 96");
+}
+
+TEST_CASE("container rules: block images and their mip levels", "[container]") {
+  scree::tests::Parts parts = full_parts();
+  // 9 x 6 pixels of BC1 have 3 x 2 blocks, its levels of 4 x 3 and 2 x 1 one each.
+  parts.pages.push_back(seal_page(PageKind::kImage, Bytes(48, std::byte{1}), 0));
+  parts.pages.push_back(seal_page(PageKind::kImage, Bytes(24, std::byte{2}), 0));
+  ImageRecord image = parts.tables.images[0];
+  image.codec = ImageCodec::kBlocks;
+  image.page = 3;
+  image.width = 9;
+  image.height = 6;
+  image.channels = 4;
+  image.block_format = BlockFormat::kBc1;
+  image.swizzle = kOpaqueSwizzle;
+  image.first_level = 0;
+  image.level_count = 2;
+  parts.tables.images.push_back(image);
+  parts.tables.mip_levels = {{0, 8, 4, 1}, {16, 8, 4, 1}};
+  const Breaker b(parts);
+
+  using I = ImageRecord;
+  constexpr TableKind i = TableKind::kImages;
+  b.record<I>(
+      i, 1, [](I& r) { r.block_format = BlockFormat::kNoBlocks; }, "image 1: block format 0, swizzle 2696");
+  b.record<I>(
+      i, 1, [](I& r) { r.block_format = BlockFormat{6}; }, "image 1: block format 6, swizzle 2696");
+  b.record<I>(
+      i, 1, [](I& r) { r.block_format = BlockFormat{11}; }, "image 1: block format 11, swizzle 2696");
+  b.record<I>(
+      i, 1, [](I& r) { r.swizzle = 6; }, "image 1: block format 1, swizzle 6");
+  b.record<I>(
+      i, 1, [](I& r) { r.swizzle |= 0x8000; }, "image 1: block format 1, swizzle 35464");
+  b.record<I>(
+      i, 1, [](I& r) { r.channels = 3; }, "image 1: 3 channels, but BC1 has 4");
+  b.record<I>(
+      i, 1, [](I& r) { r.width = 13; }, "image 1: page 3 has 48 bytes, expected 64");
+  b.record<I>(
+      i, 1, [](I& r) { r.width = 65537; }, "image 1: 65537 x 6 pixels, expected 1 to 65536");
+  b.record<I>(
+      i, 1, [](I& r) { r.level_count = 4; }, "image 1: 4 mip levels, expected at most 3");
+  b.record<I>(
+      i, 1, [](I& r) { r.level_count = 3; }, "image 1: mip level 2, but the file has 2 mip levels");
+
+  using L = MipLevelRecord;
+  constexpr TableKind l = TableKind::kMipLevels;
+  b.record<L>(
+      l, 1, [](L& r) { r.bytes = 7; }, "mip level 1: 7 bytes, expected 8");
+  b.record<L>(
+      l, 0, [](L& r) { r.bytes = 16; }, "mip level 0: 16 bytes, expected 8");
 }
 
 }  // namespace scree::tests

@@ -236,7 +236,7 @@ TEST_CASE("what is no image is named", "[image]") {
   std::vector<std::byte> webp(sizeof riff);
   std::memcpy(webp.data(), riff, sizeof riff);
   REQUIRE_FALSE(probe_image(webp));
-  CHECK(probe_image(webp).error().message == "neither PNG nor JPEG: begins with 52 49 46 46");
+  CHECK(probe_image(webp).error().message == "no PNG, JPEG, KTX2 or DDS: begins with 52 49 46 46");
 }
 
 TEST_CASE("a huge picture in a few bytes is refused before its memory is taken", "[image]") {

@@ -473,7 +473,6 @@ const std::map<std::string, std::string> kRefusedScenes = {
     {"2CylinderEngine-draco/2CylinderEngine.gltf", "KHR_draco_mesh_compression"},
     {"BoxDraco-fallback/BoxDraco.gltf", "only Draco-compressed data"},
     {"Box_Draco/Box_Draco.glb", "KHR_draco_mesh_compression"},
-    {"CesiumBalloonKTX2/CesiumBalloonKTX2.glb", "KHR_texture_basisu"},
     {"CubeScaledInstances/cube_att.gltf", "node 5: has two parents"},
     {"DenseSphere/DenseSphere.glb", "KHR_draco_mesh_compression"},
     {"DracoSparseMesh/DracoSparseMesh.gltf", "KHR_draco_mesh_compression"},

@@ -76,8 +76,8 @@ std::vector<std::vector<float>> all_values(const SourceScene& scene) {
     REQUIRE(read_triangles(primitive, 0, primitive.triangle_count(), corners));
     out.emplace_back(corners.begin(), corners.end());
     for (const Accessor* accessor :
-         {&primitive.positions, primitive.uv ? &*primitive.uv : nullptr, primitive.normal ? &*primitive.normal : nullptr,
-          primitive.color ? &*primitive.color : nullptr}) {
+         {&primitive.positions, primitive.uv ? &*primitive.uv : nullptr,
+          primitive.normal ? &*primitive.normal : nullptr, primitive.color ? &*primitive.color : nullptr}) {
       if (accessor == nullptr) continue;
       std::vector<float>& values = out.emplace_back(accessor->count * accessor->components);
       REQUIRE(read_floats(*accessor, 0, accessor->count, values));
@@ -137,8 +137,13 @@ TEST_CASE("meshopt streams of version 1 that are cut, longer or damaged are refu
 }
 
 TEST_CASE("meshopt modes of channels that there are not are refused", "[meshopt]") {
-  for (const auto& [mode, good] : {std::pair{0x00, true}, {0x01, true}, {0xf2, true}, {0x03, false}, {0x10, false},
-                                   {0x11, false}, {0x0f, false}}) {
+  for (const auto& [mode, good] : {std::pair{0x00, true},
+                                   {0x01, true},
+                                   {0xf2, true},
+                                   {0x03, false},
+                                   {0x10, false},
+                                   {0x11, false},
+                                   {0x0f, false}}) {
     INFO("mode " << mode);
     StoredStream stored = stored_streams().front();  // one vertex of 4 bytes
     REQUIRE(stored.stated.stride == 4);
@@ -167,7 +172,7 @@ TEST_CASE("real files of both extensions and versions have the values of their d
     std::string twin = path.substr(0, path.size() - 4) + "-decoded.glb";
     const std::string stem = entry.path().parent_path().filename().string();
     if (!stem.starts_with("matrix-")) continue;  // gltfpack's quantise first: no twin
-    if (!std::filesystem::exists(twin)) {  // decodes to what another one does
+    if (!std::filesystem::exists(twin)) {        // decodes to what another one does
       const bool is_lossy = path.find("-indices-oct8-exp") != std::string::npos;
       twin = stem.substr(7) + (is_lossy ? "-ext-v0-indices-oct8-exp-decoded.glb" : "-ext-v0-tri-decoded.glb");
       twin = (entry.path().parent_path() / twin).string();

@@ -6,7 +6,10 @@
 #include <tuple>
 #include <utility>
 
+#include "format/blocks/format.h"
+#include "format/bytes.h"
 #include "format/jpeg/index.h"
+#include "runtime/images/block_file.h"
 #include "runtime/images/image.h"
 #include "tools/convert/images/jpeg_file.h"
 #include "tools/convert/images/jpeg_levels.h"
@@ -82,8 +85,12 @@ uint64_t check_cost(const SourceImage& image) {
 
 /// What is stored in place of an image that stays no file.
 struct StoredImage {
-  std::vector<std::byte> base;  // an indexed JPEG; empty: the file as it came
-  std::vector<std::vector<std::byte>> levels;
+  std::vector<std::byte> base;                 // an indexed JPEG,
+  std::vector<std::vector<std::byte>> levels;  // and its mip levels
+  std::vector<format::SealedPage> pages;       // of a block image; no base and no pages: the file as it came
+  format::BlockFormat block_format = format::BlockFormat::kNoBlocks;
+  uint16_t swizzle = 0;
+  std::vector<format::MipLevelRecord> places;  // of a block image's mip levels, page and image unset
   uint32_t width = 0;
   uint32_t height = 0;
   uint32_t channels = 0;
@@ -97,6 +104,36 @@ Result<std::vector<std::byte>> read_file(const SourceImage& image, const Content
   found.add(file);
   if (found.value() != hash) return Error{ErrorCode::kFile, "was changed while it was converted"};
   return file;
+}
+
+/// The blocks of a KTX2 or DDS file: a page of level 0, and one of the others together.
+Result<StoredImage> store_blocks(const SourceImage& source, const ContentHash& hash, int zstd_level) {
+  const auto bytes = read_file(source, hash);
+  if (!bytes) return bytes.error();
+  runtime::ImageFile file(*bytes);
+  const auto head = runtime::open_block_file(file);
+  if (!head) return head.error();
+  StoredImage stored;
+  stored.width = head->width;
+  stored.height = head->height;
+  stored.channels = format::block_channels(head->format);
+  stored.block_format = head->format;
+  stored.swizzle = head->swizzle;
+  std::vector<std::byte> together;
+  for (uint32_t l = 0; l < head->levels.size(); ++l) {
+    auto blocks = runtime::read_block_level(file, *head, l);
+    if (!blocks) return blocks.error();
+    if (l == 0) {
+      stored.pages.push_back(format::seal_page(format::PageKind::kImage, std::move(*blocks), zstd_level));
+      continue;
+    }
+    together.resize(format::align_up(together.size(), format::kChunkAlignment));
+    stored.places.push_back({together.size(), blocks->size(), 0, 0});
+    together.insert(together.end(), blocks->begin(), blocks->end());
+  }
+  if (!together.empty())
+    stored.pages.push_back(format::seal_page(format::PageKind::kImage, std::move(together), zstd_level));
+  return stored;
 }
 
 /// A picture in the place of one that is none.
@@ -148,6 +185,8 @@ Result<StoredImage> grey_image(const std::string& why) {
 /// What an image is to be stored as.
 Result<StoredImage> store_image(const SourceImage& source, const format::ImageRecord& record, const ContentHash& hash,
                                 const ImageOptions& options) {
+  if (record.codec == format::ImageCodec::kBlocks && options.textures != Textures::kJpeg)
+    return store_blocks(source, hash, options.zstd_level);
   const auto file = read_file(source, hash);
   if (!file) return file.error();
   Result<StoredImage> stored = StoredImage{};
@@ -155,18 +194,32 @@ Result<StoredImage> store_image(const SourceImage& source, const format::ImageRe
     stored = index_image(*file, {});
   } else {
     std::string warning;
-    const auto coded = code_jpeg(*file, record.channels, options.quality, warning);
+    // Blocks of one channel may be any colour by their swizzle.
+    const uint32_t channels = record.codec == format::ImageCodec::kBlocks ? 3 : record.channels;
+    const auto coded = code_jpeg(*file, channels, options.quality, warning);
     stored = coded ? index_image(*coded, std::move(warning)) : coded.error();
   }
   if (stored || !options.keep_going || stored.error().code == ErrorCode::kMemory) return stored;
   return grey_image(stored.error().message);
 }
 
+/// What compressing a page takes beside it.
+uint64_t zstd_bytes(int level, uint64_t page_bytes) {
+  if (level == 0) return 0;
+  const uint64_t most = level < 10 ? 16 : level < 20 ? 128 : 1024;
+  return std::min(most << 20, 20 * page_bytes);
+}
+
 uint64_t store_cost(const SourceImage& source, const runtime::ImageInfo& info, const ImageOptions& options) {
+  const bool has_blocks = info.codec == format::ImageCodec::kBlocks;
+  // Its levels take a third more than level 0; compressed ones stand beside them.
+  if (has_blocks && options.textures != Textures::kJpeg)
+    return source.bytes + 3 * info.block_bytes + kBlockBytes + zstd_bytes(options.zstd_level, info.block_bytes);
   if (!is_indexed(options, info.codec)) return kBlockBytes;
   const uint64_t pixels = uint64_t{info.width} * info.height;
   uint64_t bytes = 4 * source.bytes;
   if (info.codec != format::ImageCodec::kJpeg) bytes += 10 * pixels;
+  if (has_blocks) bytes += 2 * info.block_bytes;
   if (info.is_coded_anew) bytes += 2 * info.channels * pixels;
   return bytes;
 }
@@ -178,7 +231,7 @@ Result<void> append_indexed(StoredImage stored, uint32_t number, StoredImageReco
   record.codec = format::ImageCodec::kIndexedJpeg;
   record.width = stored.width;
   record.height = stored.height;
-  record.channels = stored.channels;
+  record.channels = static_cast<uint8_t>(stored.channels);
   const Result<uint32_t> page = writer.append(format::seal_page(format::PageKind::kImage, std::move(stored.base), 0));
   if (!page) return page.error();
   record.page = *page;
@@ -194,6 +247,23 @@ Result<void> append_indexed(StoredImage stored, uint32_t number, StoredImageReco
   if (!levels) return levels.error();
   ++written.page_count;
   for (format::MipLevelRecord& level : written.levels) level.page = *levels;
+  return {};
+}
+
+Result<void> append_blocks(StoredImage stored, uint32_t number, StoredImageRecord& written,
+                           format::ContainerWriter& writer) {
+  format::ImageRecord& record = written.record;
+  record.block_format = stored.block_format;
+  record.swizzle = stored.swizzle;
+  record.level_count = static_cast<uint32_t>(stored.places.size());
+  for (const format::SealedPage& sealed : stored.pages) {
+    const Result<uint32_t> page = writer.append(sealed);
+    if (!page) return page.error();
+    if (written.page_count++ == 0) record.page = *page;
+    for (format::MipLevelRecord& level : stored.places) level.page = *page;
+  }
+  for (format::MipLevelRecord& level : stored.places) level.image = number;
+  written.levels = std::move(stored.places);
   return {};
 }
 
@@ -275,7 +345,7 @@ Result<ImagePlan> check_images(const SourceScene& scene, const std::vector<bool>
     record.codec = checked.info.codec;
     record.width = checked.info.width;
     record.height = checked.info.height;
-    record.channels = checked.info.channels;
+    record.channels = static_cast<uint8_t>(checked.info.channels);
     plan.records.push_back(record);
     plan.hashes.push_back(checked.hash);
     plan.costs.push_back(store_cost(scene.images[images[i]], checked.info, options));
@@ -301,7 +371,7 @@ Result<void> write_images(const SourceScene& scene, const ImageOptions& options,
   const auto work = [&](uint64_t place, uint32_t) -> Result<StoredImage> {
     const uint64_t i = first + place;
     if (!plan.broken[i].empty()) return grey_image(plan.broken[i]);
-    if (!is_indexed(options, records[i].codec)) return StoredImage{};
+    if (!is_indexed(options, records[i].codec) && records[i].codec != format::ImageCodec::kBlocks) return StoredImage{};
     Result<StoredImage> stored = store_image(source(i), records[i], plan.hashes[i], options);
     if (!stored) return at(image_place(scene, plan.sources[i]), stored.error());
     return stored;
@@ -314,6 +384,9 @@ Result<void> write_images(const SourceScene& scene, const ImageOptions& options,
     written.warning = stored.warning;
     if (!stored.base.empty()) {
       const Result<void> appended = append_indexed(std::move(stored), static_cast<uint32_t>(i), written, writer);
+      if (!appended) return appended;
+    } else if (!stored.pages.empty()) {
+      const Result<void> appended = append_blocks(std::move(stored), static_cast<uint32_t>(i), written, writer);
       if (!appended) return appended;
     } else if (const Result<void> appended = append_file(source(i), plan.hashes[i], written, writer); !appended) {
       return at(image_place(scene, plan.sources[i]), appended.error());

@@ -16,15 +16,16 @@ namespace scree::convert {
 
 /// What becomes of images.
 enum class Textures {
-  kKeep,  // JPEGs are indexed, with the same coefficients; others stay the files they are
-  kJpeg,  // others become indexed JPEGs too
-  kRaw,   // all stay the files they are
+  kKeep,  // JPEGs are indexed, with the same coefficients; KTX2 and DDS keep their blocks; PNGs stay the files they are
+  kJpeg,  // all become indexed JPEGs
+  kRaw,   // JPEGs and PNGs stay the files they are, KTX2 and DDS keep their blocks
 };
 
 struct ImageOptions {
   Textures textures = Textures::kKeep;
   int quality = 90;                       // of kJpeg, 1 to 100 in libjpeg's scale, 4:4:4
   bool keep_going = false;                // an image that is damaged or of an unsupported kind becomes a grey one
+  int zstd_level = 0;                     // of the pages of blocks; 0: not compressed
   uint64_t memory = uint64_t{256} << 20;  // bytes that images in flight may take while they are checked or indexed
 };
 

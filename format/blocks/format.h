@@ -1,0 +1,98 @@
+// Sizes of block images and the order of their channels. Source: spec/codecs.md, block image.
+#pragma once
+
+#include <algorithm>
+#include <bit>
+#include <cstdint>
+
+#include "format/hd.h"
+#include "format/layout.h"
+
+namespace scree::format {
+
+inline constexpr uint32_t kMaxBlockImageSide = 65536;  // pixels
+
+SCREE_HD constexpr bool is_block_format(BlockFormat format) {
+  const auto number = static_cast<uint32_t>(format);
+  return number >= 1 && number <= 10 && number != 6;
+}
+
+/// Pixels of a block's side: 4 where it is compressed, 1 where it is a pixel.
+SCREE_HD constexpr uint32_t block_side(BlockFormat format) {
+  return format < BlockFormat::kR8 ? 4 : 1;
+}
+
+SCREE_HD constexpr uint32_t block_bytes(BlockFormat format) {
+  switch (format) {
+    case BlockFormat::kR8:
+      return 1;
+    case BlockFormat::kRg8:
+      return 2;
+    case BlockFormat::kRgba8:
+      return 4;
+    case BlockFormat::kBc1:
+    case BlockFormat::kBc4:
+      return 8;
+    default:
+      return 16;
+  }
+}
+
+/// Channels that a block has, before its swizzle.
+constexpr uint32_t block_channels(BlockFormat format) {
+  if (format == BlockFormat::kBc4 || format == BlockFormat::kR8) return 1;
+  return format == BlockFormat::kBc5 || format == BlockFormat::kRg8 ? 2 : 4;
+}
+
+constexpr const char* block_format_name(BlockFormat format) {
+  constexpr const char* kNames[] = {"none", "BC1", "BC2", "BC3", "BC4", "BC5", "BC6", "BC7", "R8", "RG8", "RGBA8"};
+  return kNames[static_cast<uint32_t>(format)];
+}
+
+/// Bytes of the blocks of a level: rows of blocks from the top. Sides up to kMaxBlockImageSide.
+constexpr uint64_t block_level_bytes(BlockFormat format, uint32_t width, uint32_t height) {
+  const uint32_t side = block_side(format);
+  return uint64_t{(width + side - 1) / side} * ((height + side - 1) / side) * block_bytes(format);
+}
+
+/// Levels of a picture of this size from level 1 on down to 1 x 1: the most that a block image has.
+constexpr uint32_t most_block_levels(uint32_t width, uint32_t height) {
+  return static_cast<uint32_t>(std::bit_width(std::max(width, height))) - 1;
+}
+
+/// Where a channel of the picture comes from.
+enum class ChannelSource : uint32_t { kRed, kGreen, kBlue, kAlpha, kZero, kOne };
+
+/// ImageRecord::swizzle: three bits a channel, red lowest.
+constexpr uint16_t make_swizzle(ChannelSource red, ChannelSource green, ChannelSource blue, ChannelSource alpha) {
+  return static_cast<uint16_t>(static_cast<uint32_t>(red) | static_cast<uint32_t>(green) << 3 |
+                               static_cast<uint32_t>(blue) << 6 | static_cast<uint32_t>(alpha) << 9);
+}
+
+SCREE_HD constexpr ChannelSource swizzle_source(uint16_t swizzle, uint32_t channel) {
+  return static_cast<ChannelSource>(swizzle >> 3 * channel & 7);
+}
+
+inline constexpr uint16_t kPlainSwizzle =
+    make_swizzle(ChannelSource::kRed, ChannelSource::kGreen, ChannelSource::kBlue, ChannelSource::kAlpha);
+inline constexpr uint16_t kOpaqueSwizzle =
+    make_swizzle(ChannelSource::kRed, ChannelSource::kGreen, ChannelSource::kBlue, ChannelSource::kOne);
+
+constexpr bool is_swizzle(uint16_t swizzle) {
+  for (uint32_t channel = 0; channel < 4; ++channel)
+    if (swizzle_source(swizzle, channel) > ChannelSource::kOne) return false;
+  return swizzle >> 12 == 0;
+}
+
+/// `second` of what `first` makes.
+constexpr uint16_t swizzle_of_swizzle(uint16_t first, uint16_t second) {
+  uint32_t both = 0;
+  for (uint32_t channel = 0; channel < 4; ++channel) {
+    ChannelSource source = swizzle_source(second, channel);
+    if (source <= ChannelSource::kAlpha) source = swizzle_source(first, static_cast<uint32_t>(source));
+    both |= static_cast<uint32_t>(source) << 3 * channel;
+  }
+  return static_cast<uint16_t>(both);
+}
+
+}  // namespace scree::format

@@ -1,0 +1,279 @@
+#include <algorithm>
+#include <array>
+#include <optional>
+#include <string>
+#include <string_view>
+
+#include "format/blocks/format.h"
+#include "format/bytes.h"
+#include "runtime/images/block_file.h"
+
+namespace scree::runtime {
+namespace {
+
+using format::BlockFormat;
+using format::ChannelSource;
+
+constexpr uint64_t kHeaderBytes = 80;
+constexpr uint64_t kLevelBytes = 24;
+constexpr std::array<unsigned char, 12> kIdentifier = {0xab, 'K',  'T',  'X',  ' ',  '2',
+                                                       '0',  0xbb, '\r', '\n', 0x1a, '\n'};
+constexpr uint32_t kMaxKeyValueBytes = 1 << 20;  // of which two keys are read
+
+constexpr uint16_t kReversed =
+    format::make_swizzle(ChannelSource::kBlue, ChannelSource::kGreen, ChannelSource::kRed, ChannelSource::kAlpha);
+
+/// Colour models of the data format descriptor.
+enum Model : uint32_t {
+  kRgb = 1,
+  kBc1Model = 128,
+  kBc2Model = 129,
+  kBc3Model = 130,
+  kBc4Model = 131,
+  kBc5Model = 132,
+  kBc7Model = 134,
+  kEtc1s = 163,
+  kUastc = 166,
+};
+
+struct Format {
+  uint32_t number;  // VkFormat, UNORM and SRGB
+  uint32_t srgb_number;
+  BlockFormat format;
+  uint16_t swizzle;
+  Model model;
+  bool is_widened;
+};
+
+constexpr Format kFormats[] = {
+    {9, 15, BlockFormat::kR8, format::kPlainSwizzle, kRgb, false},
+    {16, 22, BlockFormat::kRg8, format::kPlainSwizzle, kRgb, false},
+    {23, 29, BlockFormat::kRgba8, format::kPlainSwizzle, kRgb, true},
+    {30, 36, BlockFormat::kRgba8, kReversed, kRgb, true},
+    {37, 43, BlockFormat::kRgba8, format::kPlainSwizzle, kRgb, false},
+    {44, 50, BlockFormat::kRgba8, kReversed, kRgb, false},
+    {131, 132, BlockFormat::kBc1, format::kOpaqueSwizzle, kBc1Model, false},
+    {133, 134, BlockFormat::kBc1, format::kPlainSwizzle, kBc1Model, false},
+    {135, 136, BlockFormat::kBc2, format::kPlainSwizzle, kBc2Model, false},
+    {137, 138, BlockFormat::kBc3, format::kPlainSwizzle, kBc3Model, false},
+    {139, 139, BlockFormat::kBc4, format::kPlainSwizzle, kBc4Model, false},
+    {141, 141, BlockFormat::kBc5, format::kPlainSwizzle, kBc5Model, false},
+    {145, 146, BlockFormat::kBc7, format::kPlainSwizzle, kBc7Model, false},
+};
+
+Error fail(ErrorCode code, const std::string& what) {
+  return {code, "KTX2: " + what};
+}
+
+Error not_read(const std::string& what) {
+  return fail(ErrorCode::kUnsupported,
+              what + ", which scree does not read: transcode it, for example with \"ktx transcode --target bc7\"");
+}
+
+class Reader {
+ public:
+  explicit Reader(ImageFile& file) : file_(file) {}
+
+  Result<BlockFile> open() {
+    if (auto checked = header(); !checked) return checked.error();
+    if (auto checked = descriptor(); !checked) return checked.error();
+    if (auto checked = keys(); !checked) return checked.error();
+    if (auto checked = levels(); !checked) return checked.error();
+    return std::move(head_);
+  }
+
+ private:
+  uint32_t word(uint64_t offset) {
+    uint32_t value = 0;
+    for (uint32_t i = 0; i < 4; ++i) value |= file_.byte(offset + i) << 8 * i;
+    return value;
+  }
+  uint64_t long_word(uint64_t offset) { return word(offset) | uint64_t{word(offset + 4)} << 32; }
+
+  uint64_t index_end() const { return kHeaderBytes + kLevelBytes * level_count_; }
+
+  Result<void> header() {
+    if (file_.size() < kHeaderBytes)
+      return fail(ErrorCode::kTruncated, std::to_string(file_.size()) + " bytes, but its header takes 80");
+    for (uint64_t i = 0; i < kIdentifier.size(); ++i)
+      if (file_.byte(i) != kIdentifier[i])
+        return fail(ErrorCode::kFormat, i == 5 ? "of another version, expected 2" : "its identifier was changed");
+    head_.kind = "KTX2";
+    head_.width = word(20);
+    head_.height = word(24);
+    const uint32_t depth = word(28), layers = word(32), faces = word(36), level_count = word(40);
+    if (head_.width == 0) return fail(ErrorCode::kFormat, "0 pixels wide");
+    if (head_.height == 0 || depth != 0 || layers > 1 || faces != 1)
+      return fail(ErrorCode::kUnsupported,
+                  std::string(faces == 6          ? "a cube map"
+                              : faces != 1        ? "of " + std::to_string(faces) + " faces"
+                              : depth != 0        ? "a picture of three dimensions"
+                              : head_.height == 0 ? "a picture of one dimension"
+                                                  : "an array of " + std::to_string(layers) + " pictures") +
+                      ", but glTF has pictures of two dimensions");
+    if (head_.width > format::kMaxBlockImageSide || head_.height > format::kMaxBlockImageSide)
+      return fail(ErrorCode::kRange, std::to_string(head_.width) + " x " + std::to_string(head_.height) +
+                                         " pixels, but at most " + std::to_string(format::kMaxBlockImageSide) +
+                                         " a side");
+    const uint32_t most = format::most_block_levels(head_.width, head_.height) + 1;
+    if (level_count > most)
+      return fail(ErrorCode::kRange, std::to_string(level_count) + " levels, but a picture of " +
+                                         std::to_string(head_.width) + " x " + std::to_string(head_.height) +
+                                         " has at most " + std::to_string(most));
+    level_count_ = std::max(1u, level_count);
+    if (file_.size() < index_end())
+      return fail(ErrorCode::kTruncated, std::to_string(file_.size()) +
+                                             " bytes, but its header and index of levels take " +
+                                             std::to_string(index_end()));
+    if (auto chosen = choose_packing(word(44)); !chosen) return chosen;
+    return choose_format(word(12), level_count);
+  }
+
+  Result<void> choose_packing(uint32_t scheme) {
+    switch (scheme) {
+      case 0:
+        break;
+      case 1:
+        return not_read("supercompressed by BasisLZ");
+      case 2:
+        head_.packing = BlockFile::Packing::kZstd;
+        break;
+      case 3:
+        head_.packing = BlockFile::Packing::kZlib;
+        break;
+      default:
+        return not_read("of supercompression scheme " + std::to_string(scheme));
+    }
+    if (long_word(72) != 0)
+      return fail(ErrorCode::kFormat, std::to_string(long_word(72)) +
+                                          " bytes of global data, which supercompression scheme " +
+                                          std::to_string(scheme) + " has not");
+    return {};
+  }
+
+  Result<void> choose_format(uint32_t number, uint32_t level_count) {
+    if (number == 0) {
+      const uint32_t offset = word(48);
+      const uint32_t model = offset >= index_end() && offset < file_.size() ? file_.byte(offset + 12u) : 0;
+      if (model == kEtc1s) return not_read("of ETC1S");
+      if (model == kUastc) return not_read("of UASTC");
+      return not_read("of no Vulkan format");
+    }
+    for (const Format& format : kFormats) {
+      if (number != format.number && number != format.srgb_number) continue;
+      format_ = &format;
+      head_.format = format.format;
+      head_.swizzle = format.swizzle;
+      head_.is_widened = format.is_widened;
+      if (level_count == 0 && format::block_side(format.format) > 1)
+        return fail(ErrorCode::kFormat, "0 levels, but compressed blocks have at least one");
+      if (word(16) != 1) return fail(ErrorCode::kFormat, "typeSize is " + std::to_string(word(16)) + ", expected 1");
+      return {};
+    }
+    return not_read("of Vulkan format " + std::to_string(number));
+  }
+
+  /// The data format descriptor: that it is there, and of the format.
+  Result<void> descriptor() {
+    const uint64_t offset = word(48), bytes = word(52);
+    if (offset != index_end() || bytes < 28 || !format::range_within(offset, bytes, file_.size()))
+      return fail(ErrorCode::kFormat, "data format descriptor of " + std::to_string(bytes) + " bytes at byte " +
+                                          std::to_string(offset) + ", expected one at byte " +
+                                          std::to_string(index_end()));
+    const uint32_t block_bytes = word(offset + 8) >> 16;
+    if (word(offset) != bytes || (word(offset + 4) != 0) || (word(offset + 8) & 0xffff) > 2 || block_bytes < 24 ||
+        block_bytes > bytes - 4 || (block_bytes - 24) % 16 != 0)
+      return fail(ErrorCode::kFormat, "data format descriptor is malformed");
+    const uint32_t model = file_.byte(offset + 12);
+    if (model != format_->model)
+      return fail(ErrorCode::kFormat, "data format descriptor is of colour model " + std::to_string(model) + ", but " +
+                                          format::block_format_name(head_.format) + " has model " +
+                                          std::to_string(format_->model));
+    return {};
+  }
+
+  /// The keys and values: KTXswizzle is applied, KTXorientation must be glTF's.
+  Result<void> keys() {
+    const uint64_t begin = word(56), bytes = word(60);
+    if (bytes == 0) return {};
+    if (begin != uint64_t{word(48)} + word(52) || !format::range_within(begin, bytes, file_.size()) ||
+        bytes > kMaxKeyValueBytes)
+      return fail(ErrorCode::kFormat, std::to_string(bytes) + " bytes of keys and values at byte " +
+                                          std::to_string(begin) + ", expected at most " +
+                                          std::to_string(kMaxKeyValueBytes) + " at byte " +
+                                          std::to_string(uint64_t{word(48)} + word(52)));
+    std::string all(bytes, '\0');
+    for (uint64_t i = 0; i < bytes; ++i) all[i] = static_cast<char>(file_.byte(begin + i));
+    for (uint64_t at = 0; at < bytes;) {
+      uint32_t length = 0;
+      if (bytes - at >= 4) length = format::load<uint32_t>(reinterpret_cast<const std::byte*>(all.data() + at));
+      const std::string_view entry = std::string_view(all).substr(std::min(at + 4, bytes));
+      if (length < 2 || length > entry.size() || entry.substr(0, length).find('\0') - 1 >= length - 1)
+        return fail(ErrorCode::kFormat, "key and value at byte " + std::to_string(begin + at) + " are malformed");
+      const std::string_view key = entry.substr(0, entry.find('\0'));
+      std::string_view value = entry.substr(0, length).substr(key.size() + 1);
+      while (value.ends_with('\0')) value.remove_suffix(1);
+      if (auto taken = take_key(key, value); !taken) return taken;
+      at += format::align_up(uint64_t{4} + length, 4);
+    }
+    return {};
+  }
+
+  Result<void> take_key(std::string_view key, std::string_view value) {
+    if (key == "KTXorientation" && value != "rd")
+      return fail(ErrorCode::kUnsupported,
+                  "KTXorientation is \"" + printable(value) + "\", but glTF has pictures of \"rd\", right and down");
+    if (key != "KTXswizzle") return {};
+    constexpr std::string_view kLetters = "rgba01";
+    uint32_t swizzle = 0;
+    for (uint32_t i = 0; i < 4 && i < value.size(); ++i)
+      swizzle |= static_cast<uint32_t>(std::min(kLetters.find(value[i]), size_t{7})) << 3 * i;
+    if (value.size() != 4 || !format::is_swizzle(static_cast<uint16_t>(swizzle)))
+      return fail(ErrorCode::kFormat,
+                  "KTXswizzle is \"" + printable(value) + "\", expected four of r, g, b, a, 0 and 1");
+    head_.swizzle = format::swizzle_of_swizzle(format_->swizzle, static_cast<uint16_t>(swizzle));
+    return {};
+  }
+
+  static std::string printable(std::string_view value) {
+    std::string text;
+    for (const char c : value.substr(0, 20)) text += c >= ' ' && c <= '~' ? c : '?';
+    return text;
+  }
+
+  Result<void> levels() {
+    const uint64_t data = std::max<uint64_t>(uint64_t{word(48)} + word(52), uint64_t{word(56)} + word(60));
+    for (uint32_t l = 0; l < level_count_; ++l) {
+      const uint64_t entry = kHeaderBytes + kLevelBytes * l;
+      const BlockFile::Level level{long_word(entry), long_word(entry + 8)};
+      const uint64_t stated = long_word(entry + 16);
+      const uint32_t width = std::max(1u, head_.width >> l), height = std::max(1u, head_.height >> l);
+      const uint64_t expected =
+          head_.is_widened ? uint64_t{3} * width * height : format::block_level_bytes(head_.format, width, height);
+      const std::string name = "level " + std::to_string(l) + ": ";
+      if (level.offset < data || !format::range_within(level.offset, level.bytes, file_.size()))
+        return fail(ErrorCode::kTruncated, name + std::to_string(level.bytes) + " bytes at byte " +
+                                               std::to_string(level.offset) + " of a file of " +
+                                               std::to_string(file_.size()));
+      if (stated != expected || (head_.packing == BlockFile::Packing::kNone && level.bytes != expected))
+        return fail(ErrorCode::kFormat, name + std::to_string(stated != expected ? stated : level.bytes) +
+                                            " bytes, but " + std::to_string(width) + " x " + std::to_string(height) +
+                                            " pixels take " + std::to_string(expected));
+      head_.levels.push_back(level);
+    }
+    return {};
+  }
+
+  ImageFile& file_;
+  BlockFile head_;
+  const Format* format_ = nullptr;
+  uint32_t level_count_ = 0;
+};
+
+}  // namespace
+
+Result<BlockFile> open_ktx2(ImageFile& file) {
+  return Reader(file).open();
+}
+
+}  // namespace scree::runtime

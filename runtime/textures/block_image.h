@@ -1,0 +1,45 @@
+// An image of a .scree file that is stored as blocks: its stored levels stay blocks, those below are made.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "format/container/container.h"
+#include "format/result.h"
+#include "kernels/scene_view.h"
+#include "runtime/images/image.h"
+#include "runtime/textures/texture.h"
+
+namespace scree::runtime {
+
+class BlockTexture {
+ public:
+  /// Image `image` of `container`, whose codec is kBlocks. Checks its pages' checksums. Levels below the last stored
+  /// one are made from it as make_mips() makes them. Errors those of Container::load_page, with the level; kRange (the
+  /// last stored level has more than kMaxImagePixels, and levels below). Throws std::bad_alloc.
+  static Result<BlockTexture> load(const format::Container& container, uint32_t image);
+
+  /// Valid while this is; it may be moved.
+  kernels::TextureView view(const format::TextureRecord& record) const;
+
+  bool empty() const { return blocks_.empty(); }
+  std::span<const std::byte> blocks() const { return blocks_; }
+  uint64_t bytes() const { return blocks_.size() + made_.texels.size(); }
+
+ private:
+  format::ImageRecord record_{};
+  std::vector<std::byte> blocks_;  // of all stored levels, each at a multiple of 16
+  std::vector<uint64_t> offsets_;
+  MipChain made_;  // of the levels below; level 0 is the first of them
+};
+
+/// The blocks of a stored level, `scratch` holding them where the page is compressed. Errors as BlockTexture::load.
+Result<std::span<const std::byte>> block_level(const format::Container& container, uint32_t image, uint32_t level,
+                                               std::vector<std::byte>& scratch);
+
+/// Level 0 as a picture. Errors as BlockTexture::load; kRange: more than kMaxImagePixels. Throws std::bad_alloc.
+Result<Image> decode_block_image(const format::Container& container, uint32_t image);
+
+}  // namespace scree::runtime

@@ -1,0 +1,235 @@
+// KTX2 and DDS textures from glTF to picture and back: their blocks and levels are in the file as they came, drawn as
+// their decoded pixels are, on the CPU and the GPU.
+#include <algorithm>
+#include <array>
+#include <cstring>
+#include <string>
+#include <vector>
+
+#include "format/blocks/pixels.h"
+#include "kernels/shade/texture.h"
+#include "runtime/draw/device_scene.h"
+#include "runtime/draw/renderer.h"
+#include "runtime/scene/camera.h"
+#include "runtime/textures/block_image.h"
+#include "runtime/textures/jpeg_image.h"
+#include "tests/gpu.h"
+#include "tests/runtime/images/block_files.h"
+#include "tests/runtime/load_scene.h"
+#include "tests/tools/convert/convert_fixture.h"
+#include "tests/tools/model_maker.h"
+#include "tests/tools/packed_file.h"
+#include "tools/export/export.h"
+#include "tools/inspect/verify.h"
+
+using namespace scree;
+using format::BlockFormat;
+using format::ImageCodec;
+using tests::BlockRecipe;
+using tests::FileBytes;
+using tests::make_dds;
+using tests::make_ktx2;
+using tests::TempFolder;
+
+namespace {
+
+/// Grids side by side, each with one of the files as its texture.
+void make_block_model(const std::string& path, const std::vector<FileBytes>& files) {
+  tests::ModelMaker maker(path);
+  for (size_t i = 0; i < files.size(); ++i) {
+    tests::GridSpec spec;
+    spec.uv = true;
+    spec.origin = {1.1f * static_cast<float>(i % 3), 0, 1.1f * static_cast<float>(i / 3)};
+    const std::string number = std::to_string(i);
+    const uint32_t material = maker.textured("i" + number, ImageCodec::kBlocks, files[i]);
+    maker.node("n" + number, maker.mesh("m" + number, {maker.grid(spec, material)}));
+  }
+  maker.finish();
+}
+
+std::vector<FileBytes> all_files() {
+  std::vector<FileBytes> files;
+  for (auto& [name, bytes] : tests::block_files()) files.push_back(std::move(bytes));
+  return files;
+}
+
+std::vector<uint8_t> draw(const runtime::Scene& scene, uint32_t width, runtime::DeviceScene* device = nullptr) {
+  runtime::CameraOptions camera;
+  camera.width = width;
+  camera.height = width * 2 / 3;
+  const auto view = runtime::make_view(scene.container(), 0, scene.view(), camera);
+  REQUIRE(view);
+  const auto frame = runtime::Frame::draw(scene, *view, 1, 2, device);
+  if (!frame) FAIL(frame.error().message);
+  const auto picture = frame->shade({}, 2);
+  REQUIRE(picture);
+  return picture->pixels;
+}
+
+uint64_t verify_failures(const std::string& path) {
+  const auto map = runtime::MappedFile::open(path);
+  REQUIRE(map);
+  const auto file = format::Container::open(map->bytes());
+  if (!file) FAIL(file.error().message);
+  return inspect::verify(*file, map->bytes(), 2).failure_count;
+}
+
+}  // namespace
+
+TEST_CASE("blocks and levels are in the file as they came", "[block_textures]") {
+  const TempFolder folder;
+  const BlockRecipe recipes[] = {
+      {.width = 45, .height = 30, .levels = 6, .scheme = 2, .swizzle = "1rg1"},
+      {.width = 64, .height = 64, .levels = 1, .seed = 2},
+      {.width = 1, .height = 1, .seed = 3},
+  };
+  const BlockRecipe of_dds{.format = BlockFormat::kBc1, .width = 33, .height = 7, .levels = 3, .seed = 4};
+  make_block_model(folder.file("in.glb"), {make_ktx2(recipes[0]), make_ktx2(recipes[1]), make_ktx2(recipes[2]),
+                                           make_dds(of_dds, 71), make_ktx2(recipes[1])});
+  convert::ConvertOptions options = tests::options_of(folder);
+  options.images.textures = GENERATE(convert::Textures::kKeep, convert::Textures::kRaw);
+  options.zstd_level = GENERATE(0, 3);
+  tests::must_convert(options);
+  CHECK(verify_failures(options.output) == 0);
+  const auto packed = tests::open_packed(options.output);
+  REQUIRE(packed);
+  const auto images = packed->file.images();
+  REQUIRE(images.size() == 4);  // equal ones once
+  for (uint32_t i = 0; i < 4; ++i) {
+    const BlockRecipe& recipe = i == 3 ? of_dds : recipes[i];
+    CHECK(images[i].codec == ImageCodec::kBlocks);
+    CHECK(images[i].block_format == recipe.format);
+    CHECK(images[i].width == recipe.width);
+    CHECK(images[i].height == recipe.height);
+    CHECK(images[i].channels == 4);
+    REQUIRE(images[i].level_count == recipe.levels - 1);
+    for (uint32_t l = 0; l < recipe.levels; ++l) {
+      std::vector<std::byte> scratch;
+      const auto blocks = runtime::block_level(packed->file, i, l, scratch);
+      REQUIRE(blocks);
+      const FileBytes expected = tests::level_blocks(recipe, l);
+      CHECK(std::equal(blocks->begin(), blocks->end(), expected.begin(), expected.end()));
+    }
+  }
+  using enum format::ChannelSource;
+  CHECK(images[0].swizzle == format::make_swizzle(kOne, kRed, kGreen, kOne));
+  CHECK(images[1].swizzle == format::kPlainSwizzle);
+}
+
+TEST_CASE("stored levels are looked at as blocks, the others are made from the last", "[block_textures]") {
+  const TempFolder folder;
+  make_block_model(folder.file("in.glb"), all_files());
+  const convert::ConvertOptions options = tests::options_of(folder);
+  tests::must_convert(options);
+  const runtime::Scene scene = tests::must_load(options.output);
+  const auto images = scene.container().images();
+  REQUIRE(scene.view().texture_count == all_files().size());
+  for (uint64_t t = 0; t < scene.view().texture_count; ++t) {
+    const kernels::TextureView& texture = scene.view().textures[t];
+    const uint32_t image = scene.container().textures()[t].image;
+    INFO("image " << image << ", " << format::block_format_name(images[image].block_format));
+    CHECK(texture.block_level_count == images[image].level_count + 1);
+    CHECK(texture.level_count == format::most_block_levels(texture.width, texture.height) + 1);
+    std::vector<std::byte> scratch;
+    const auto last = runtime::block_level(scene.container(), image, images[image].level_count, scratch);
+    REQUIRE(last);
+    const runtime::MipChain made = runtime::make_mips(runtime::decode_block_level(
+        texture.block_format, texture.swizzle, std::max(1u, texture.width >> images[image].level_count),
+        std::max(1u, texture.height >> images[image].level_count), last->data()));
+    for (uint32_t l = 0; l < texture.level_count; ++l) {
+      const uint32_t width = std::max(1u, texture.width >> l), height = std::max(1u, texture.height >> l);
+      for (uint32_t y = 0; y < height; ++y)
+        for (uint32_t x = 0; x < width; ++x) {
+          uint32_t expected;
+          if (l < texture.block_level_count) {
+            std::vector<std::byte> level_scratch;
+            const auto blocks = runtime::block_level(scene.container(), image, l, level_scratch);
+            REQUIRE(blocks);
+            expected = format::block_image_pixel(texture.block_format, texture.swizzle,
+                                                 reinterpret_cast<const uint8_t*>(blocks->data()), width, x, y);
+          } else {
+            std::memcpy(
+                &expected,
+                made.texels.data() + 4 * (made.level_offset[l - images[image].level_count] + uint64_t{y} * width + x),
+                4);
+          }
+          uint32_t texels[4];
+          kernels::decoded_texels(texture, l, {x, x, 0}, {y, y, 0}, texels);
+          REQUIRE((texels[0] & 0xffffff) == (expected & 0xffffff));
+        }
+    }
+  }
+}
+
+TEST_CASE("a block-compressed texture is drawn as its pixels are, and exported as them", "[block_textures]") {
+  const TempFolder folder;
+  // Without levels of their own, so that those of the PNGs are the same.
+  const std::vector<FileBytes> files = {
+      make_ktx2({.width = 100, .height = 60, .swizzle = "gbr1"}),
+      make_dds({.format = BlockFormat::kBc5, .width = 31, .height = 31}, 83),
+      make_ktx2({.vk_format = 15, .model = 1, .format = BlockFormat::kR8, .width = 50, .height = 20, .levels = 0})};
+  make_block_model(folder.file("in.glb"), files);
+  convert::ConvertOptions options = tests::options_of(folder);
+  tests::must_convert(options);
+  const auto packed = tests::open_packed(options.output);
+  REQUIRE(packed);
+  const auto report = tools::export_gltf(packed->file, folder.file("back.glb"), {});
+  if (!report) FAIL(report.error().message);
+  convert::ConvertOptions again = options;
+  again.input = folder.file("back.glb");
+  again.output = folder.file("again.scree");
+  tests::must_convert(again);
+  const runtime::Scene blocks = tests::must_load(options.output), pngs = tests::must_load(again.output);
+  CHECK(blocks.container().images()[0].codec == ImageCodec::kBlocks);
+  REQUIRE(pngs.container().images()[0].codec == ImageCodec::kPng);
+  for (const uint32_t width : {40u, 300u}) CHECK(draw(blocks, width) == draw(pngs, width));
+
+  // As JPEGs they are near.
+  options.images.textures = convert::Textures::kJpeg;
+  options.output = folder.file("jpeg.scree");
+  tests::must_convert(options);
+  const runtime::Scene jpegs = tests::must_load(options.output);
+  for (uint64_t i = 0; i < 3; ++i) CHECK(jpegs.container().images()[i].codec == ImageCodec::kIndexedJpeg);
+  CHECK(verify_failures(options.output) == 0);
+}
+
+TEST_CASE("a KTX2 that is not read is one line, or grey with --keep-going", "[block_textures][bad]") {
+  const TempFolder folder;
+  FileBytes basis = make_ktx2({});
+  basis[44] = std::byte{1};
+  FileBytes cut = make_ktx2({.width = 16, .height = 16, .scheme = 2});
+  cut.back() ^= std::byte{0xff};
+  for (const auto& [file, words] :
+       {std::pair{basis, "supercompressed by BasisLZ, which scree does not read: transcode"},
+        std::pair{cut, "level 0: "}}) {
+    make_block_model(folder.file("in.glb"), {file});
+    convert::ConvertOptions options = tests::options_of(folder);
+    const auto refused = convert::convert(options);
+    REQUIRE_FALSE(refused);
+    INFO(refused.error().message);
+    CHECK(refused.error().message.find("in.glb: image 0 (i0): KTX2: " + std::string(words)) != std::string::npos);
+    options.images.keep_going = true;
+    tests::must_convert(options);
+    const runtime::Scene scene = tests::must_load(options.output);
+    CHECK(scene.container().images()[0].codec == ImageCodec::kIndexedJpeg);
+    CHECK(scene.container().images()[0].width == 1);
+  }
+}
+
+TEST_CASE("the GPU draws block-compressed textures as the CPU does", "[cuda]") {
+  if (!tests::has_gpu()) return;
+  const TempFolder folder;
+  make_block_model(folder.file("in.glb"), all_files());
+  convert::ConvertOptions options = tests::options_of(folder);
+  options.encoding = GENERATE(convert::Encoding::kIndexed, convert::Encoding::kClustered);
+  tests::must_convert(options);
+  const runtime::Scene scene = tests::must_load(options.output);
+  auto device = runtime::DeviceScene::upload(scene, 0, 2);
+  if (!device) FAIL(device.error().message);
+  for (const uint32_t width : {60u, tests::kEmulatesGpu ? 150u : 900u}) {
+    const std::vector<uint8_t> on_cpu = draw(scene, width), on_gpu = draw(scene, width, &*device);
+    uint64_t off = 0;
+    for (size_t i = 0; i < on_cpu.size(); ++i) off += std::abs(int{on_cpu[i]} - int{on_gpu[i]}) > 1;
+    CHECK(off <= on_cpu.size() / 10000);
+  }
+}
