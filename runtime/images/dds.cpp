@@ -8,6 +8,7 @@
 #include "runtime/images/block_file.h"
 
 namespace scree::runtime {
+namespace dds {
 namespace {
 
 using format::BlockFormat;
@@ -117,8 +118,10 @@ Error not_read(const std::string& what) {
 }
 
 }  // namespace
+}  // namespace dds
 
 Result<BlockFile> open_dds(ImageFile& file) {
+  using namespace dds;
   const auto word = [&](uint64_t offset) {
     uint32_t value = 0;
     for (uint32_t i = 0; i < 4; ++i) value |= file.byte(offset + i) << 8 * i;

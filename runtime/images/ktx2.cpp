@@ -9,6 +9,7 @@
 #include "runtime/images/block_file.h"
 
 namespace scree::runtime {
+namespace ktx2 {
 namespace {
 
 using format::BlockFormat;
@@ -271,9 +272,10 @@ class Reader {
 };
 
 }  // namespace
+}  // namespace ktx2
 
 Result<BlockFile> open_ktx2(ImageFile& file) {
-  return Reader(file).open();
+  return ktx2::Reader(file).open();
 }
 
 }  // namespace scree::runtime
