@@ -13,6 +13,7 @@ import re
 import sys
 
 # What is linked statically or compiled in (cmake/dependencies.cmake). Packages of a name that differs are tried in turn.
+# Boost is not among them: its licence (BSL-1.0) wants no notice beside object code.
 LIBRARIES = [("zstd", ["libzstd-dev"]), ("xxhash", ["libxxhash-dev"]), ("zlib", ["zlib1g-dev"]), ("libpng", ["libpng-dev"]),
              ("libjpeg-turbo", ["libjpeg62-turbo-dev", "libjpeg-turbo8-dev"]), ("tinygltf", ["libtinygltf-dev"]),
              ("nlohmann-json", ["nlohmann-json3-dev"]), ("cli11", ["libcli11-dev"])]

@@ -3,6 +3,10 @@
 # program, so that an installed folder runs on a machine that has none of them.
 find_package(Threads REQUIRED)
 if(NOT SCREE_FUZZ)
+  # The distribution's Python, for which packages are made, before another one that comes first on PATH.
+  if(EXISTS /usr/bin/python3)
+    set(Python3_EXECUTABLE /usr/bin/python3 CACHE FILEPATH "The Python that the package scree is built for")
+  endif()
   find_package(Python3 REQUIRED COMPONENTS Interpreter)  # makes man pages and completion
 endif()
 
@@ -40,3 +44,14 @@ endfunction()
 scree_header_library(tinygltf tiny_gltf.h)
 scree_header_library(nlohmann_json nlohmann/json.hpp)
 scree_header_library(cli11 CLI/CLI.hpp)
+
+# scree view alone needs it, headers and nothing to link; without it the command says what is missing.
+find_path(beast_include NAMES boost/beast.hpp)
+if(beast_include)
+  add_library(scree::beast INTERFACE IMPORTED)
+  set_target_properties(scree::beast PROPERTIES
+    INTERFACE_SYSTEM_INCLUDE_DIRECTORIES "${beast_include}"
+    INTERFACE_LINK_LIBRARIES Threads::Threads)
+else()
+  message(STATUS "Boost.Beast (libboost-dev) is not found: scree view is built without its server")
+endif()

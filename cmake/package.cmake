@@ -22,6 +22,8 @@ else()
   string(REGEX REPLACE ".*;?ID=\"?([a-z]+)\"?.*" "\\1" release_id ";${release}")
   string(REGEX REPLACE ".*VERSION_ID=\"?([0-9.]+)\"?.*" "\\1" release_version "${release}")
   set(CPACK_GENERATOR DEB)
+  # The program's files; the library's would be packages of their own (libscree0, libscree-dev, python3-scree).
+  set(CPACK_INSTALL_CMAKE_PROJECTS "${CMAKE_BINARY_DIR};scree;Unspecified;/")
   set(CPACK_PACKAGING_INSTALL_PREFIX /usr)
   set(CPACK_DEBIAN_FILE_NAME DEB-DEFAULT)
   set(CPACK_DEBIAN_PACKAGE_VERSION "${PROJECT_VERSION}~${release_id}${release_version}")

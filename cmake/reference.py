@@ -16,13 +16,10 @@ import re
 import subprocess
 import sys
 
-# Two scripts are installed beside the program; the comment at the head of each is its manual. scree-bench has the name of
-# the page of `scree bench`, so its text is a section of that page.
-SCRIPTS = {"scree-bench": "scripts/bench", "scree-sanitize-gpu": "scripts/sanitize-gpu"}
 EXITS = [("0", "Done."), ("1", "A wrong command line."), ("2", "A file that cannot be read or written."), ("3", "Bad data."),
          ("4", "A missing or failing GPU.")]
 ERRORS = "An error is one line on standard error that names the file and the place."
-NO_FILES = re.compile(r"^(N|D|WxH|DEGREES|SIZE|SHARE|UINT|FLOAT.*|LIST|NAMES?|ORDER.*|SCENE)$")
+NO_FILES = re.compile(r"^(N|N\|UUID|X,Y,Z|D|WxH|DEGREES|SIZE|SHARE|UINT|FLOAT.*|LIST|NAMES?|ORDER.*|SCENE)$")
 
 
 @dataclasses.dataclass
@@ -186,19 +183,7 @@ def roff_entry(entry, positional=False):
     return [".TP", head, roff(whole_text(entry))]
 
 
-def script_text(path):
-    """The comment at a script's head: its first line is a heading, every further one text."""
-    lines = []
-    with open(path, encoding="utf-8") as file:
-        next(file)
-        for line in file:
-            if not line.startswith("#"):
-                break
-            lines.append(line[1:].strip())
-    return " ".join(lines)
-
-
-def man_page(page, pages, version, root):
+def man_page(page, pages, version):
     name = page.name.replace(" ", "-")
     lines = [f'.TH {roff(name.upper())} 1 "" "{roff(version)}" "User Commands"', ".SH NAME",
              f"{roff(name)} \\- {roff(first_clause(page.text))}", ".SH SYNOPSIS", f".B {roff(synopsis(page))}", ".SH DESCRIPTION",
@@ -214,22 +199,13 @@ def man_page(page, pages, version, root):
     lines.append(".SH OPTIONS")
     for entry in page.options:
         lines += roff_entry(entry)
-    if name in SCRIPTS:
-        lines += [f'.SH "THE SCRIPT {roff(name.upper())}"', roff(script_text(os.path.join(root, SCRIPTS[name])))]
     lines.append(".SH EXIT STATUS")
     for code, meaning in EXITS:
         lines += [".TP", code, meaning]
     lines += [".PP", ERRORS, ".SH SEE ALSO"]
-    others = sorted({other.name.replace(" ", "-") for other in pages} | set(SCRIPTS) - {name})
+    others = sorted({other.name.replace(" ", "-") for other in pages})
     lines.append(", ".join(f"\\fB{roff(other)}\\fR(1)" for other in others if other != name))
     return "\n".join(lines) + "\n"
-
-
-def script_page(name, version, root):
-    text = script_text(os.path.join(root, SCRIPTS[name]))
-    return "\n".join([f'.TH {roff(name.upper())} 1 "" "{roff(version)}" "User Commands"', ".SH NAME",
-                      f"{roff(name)} \\- {roff(first_clause(text))}", ".SH DESCRIPTION", roff(text), ".SH SEE ALSO",
-                      "\\fBscree\\fR(1)"]) + "\n"
 
 
 # Shells
@@ -372,7 +348,6 @@ def main():
     parser.add_argument("--markdown", metavar="FILE")
     parser.add_argument("--check", metavar="FILE")
     asked = parser.parse_args()
-    root = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
     program = os.path.abspath(asked.program)
     pages = [parse_help("scree", help_of(program))]
     pages += [parse_help(f"scree {name}", help_of(program, name)) for name, _ in pages[0].commands]
@@ -380,10 +355,7 @@ def main():
     if asked.install:
         man = os.path.join(asked.install, "man1")
         for page in pages:
-            write(os.path.join(man, page.name.replace(" ", "-") + ".1.gz"), man_page(page, pages, version, root), packed=True)
-        for name in SCRIPTS:
-            if name.replace("-", " ") not in [page.name for page in pages]:
-                write(os.path.join(man, name + ".1.gz"), script_page(name, version, root), packed=True)
+            write(os.path.join(man, page.name.replace(" ", "-") + ".1.gz"), man_page(page, pages, version), packed=True)
         write(os.path.join(asked.install, "bash", "scree"), bash_file(pages))
         write(os.path.join(asked.install, "zsh", "_scree"), zsh_file(pages))
         write(os.path.join(asked.install, "fish", "scree.fish"), fish_file(pages))

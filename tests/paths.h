@@ -5,9 +5,11 @@
 namespace scree::tests {
 
 extern const char* const kProgram;          // scree
+extern const char* const kLabProgram;       // scree-lab
 extern const char* const kFaultsProgram;    // scree_faults
 extern const char* const kDataFolder;       // tests/data
 extern const char* const kValidatorFolder;  // tests/validator
+extern const char* const kViewPageFolder;   // tests/view
 extern const char* const kCliFolder;        // tests/cli
 extern const char* const kCorpusFolder;     // tests/fuzz/corpus
 extern const char* const kVectorsFolder;    // spec/vectors

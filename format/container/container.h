@@ -192,6 +192,8 @@ class ContainerWriter {
 
   /// Bytes written so far.
   uint64_t bytes() const;
+  /// Of the pages of a kind, as stored.
+  uint64_t page_bytes(PageKind kind) const;
 
   /// Writes the tables and the header, syncs and renames. Returns the file's size in bytes. Errors kFile; where the
   /// name was taken meanwhile (Existing::kRefuse), the .part stays: it is the whole file, and took long to make.

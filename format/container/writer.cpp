@@ -329,6 +329,12 @@ uint64_t ContainerWriter::bytes() const {
   return impl_->end;
 }
 
+uint64_t ContainerWriter::page_bytes(PageKind kind) const {
+  uint64_t bytes = 0;
+  for (const PageRecord& page : impl_->pages) bytes += page.kind == kind ? page.stored_bytes : 0;
+  return bytes;
+}
+
 Result<uint32_t> ContainerWriter::append(const SealedPage& page) {
   assert(page.record.stored_bytes == page.stored.size() && impl_->toc.empty());
   PageRecord record = page.record;

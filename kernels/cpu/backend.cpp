@@ -13,7 +13,7 @@
 #include <vector>
 
 #include "kernels/frame_parts.h"
-#include "kernels/shade/locate.h"
+#include "kernels/shade/layers.h"
 
 namespace scree::kernels {
 
@@ -364,9 +364,7 @@ Hit find_triangle(const SceneView& scene, uint64_t triangle_id) {
 }
 
 double depth_of_code(const View& view, uint32_t depth_code) {
-  if (depth_code >= kFarthestDepthCode) return std::numeric_limits<double>::infinity();
-  const double value = depth_value_of_code(depth_code, view.orthographic);
-  return view.orthographic ? view.z_far - value * (view.z_far - view.z_near) : view.z_near / value;
+  return distance_of_code(depth_code, view.orthographic, view.z_near, view.z_far);
 }
 
 }  // namespace scree::kernels

@@ -98,7 +98,7 @@ struct RasterBlocks {
                      const format::ChunkRecord& chunk, const RelativeBox& box) const {
     const Transform& transform = *context.transform;
     const CoverageFilter filter =
-        make_coverage_filter(small.view, transform, error_of(transform, box), box, mesh, chunk);
+        make_coverage_filter(small.view, transform, error_of(transform, box), stored_box(transform, box, mesh, chunk));
     const format::ChunkStreams streams = streams_of(mesh, chunk);
     const std::byte* page = small.scene.pages[chunk.page];
     const std::byte* payload = page + chunk.offset;

@@ -14,14 +14,12 @@ namespace scree::kernels {
 /// scene, `farthest`. The first bucket takes all that is nearer than the 16 octaves of the buckets: the near plane may
 /// lie far more octaves before the scene, but little lies between. An orthographic camera's t is linear: 1 on the near
 /// plane and 0 on the far one. NaN is in any.
-__device__ inline uint32_t near_bucket(const FrameView& view, const Transform& transform, const RelativeBox& box,
+__device__ inline uint32_t near_bucket(const FrameView& view, const Transform& transform, const RoundedBox& box,
                                        float farthest) {
-  const double near = nearness(transform, view, box);
-  if (view.orthographic) {
-    const auto far = static_cast<float>(near * kNearBuckets);
-    return static_cast<uint32_t>(fast_max(fast_min(far, kNearBuckets - 1.0f), 0.0f));
-  }
-  const float nearest = fast_min(fast_max(static_cast<float>(near), 1.0f), farthest);
+  const float near = nearness(transform.w, view, box);
+  if (view.orthographic)
+    return static_cast<uint32_t>(fast_max(fast_min(near * kNearBuckets, kNearBuckets - 1.0f), 0.0f));
+  const float nearest = fast_min(fast_max(near, 1.0f), farthest);
   return kNearBuckets - 1 - min_of((float_bits(farthest) - float_bits(nearest)) >> 18, kNearBuckets - 1);
 }
 
@@ -69,7 +67,7 @@ __global__ void __launch_bounds__(kCullThreads)
     const format::MeshRecord& mesh = scene.meshes[chunk.mesh];
     if (at.index < list.visible_count[chunk.mesh] && scene.pages[chunk.page] != nullptr) {
       const Transform& transform = list.transforms[at.instance(list, chunk.mesh)];
-      const RelativeBox box = chunk_box(mesh, chunk, transform);
+      const RoundedBox box = rounded_chunk_box(mesh, chunk, transform);
       if (mesh.chunk_count == 1 || may_be_seen(transform, view, box)) {
         bucket = sorts ? near_bucket(view, transform, box, clusters.farthest) : 0;
         triangles = chunk.triangle_count;
@@ -91,16 +89,14 @@ __global__ void __launch_bounds__(kCullThreads)
   }
 }
 
-/// `box`: of the chunk's vertices.
 __device__ inline ClusterDraw make_cluster_draw(const SceneView& scene, const FrameView& view,
                                                 const ClusterList& clusters, const Transform& transform,
-                                                const RelativeBox& box, uint32_t chunk_number, uint32_t instance,
-                                                uint64_t work_before) {
+                                                uint32_t chunk_number, uint32_t instance, uint64_t work_before) {
   const format::ChunkRecord& chunk = scene.chunks[chunk_number];
   const format::MeshRecord& mesh = scene.meshes[chunk.mesh];
-  const TransformError error = error_of(transform, box);
+  const TransformError error = error_of(transform, rounded_chunk_box(mesh, chunk, transform));
   ClusterDraw draw{};
-  draw.filter = make_coverage_filter(view, transform, error, box, mesh, chunk);
+  draw.filter = make_coverage_filter(view, transform, error, lattice_box(transform, mesh, chunk));
   bool narrow = true;
   for (int i = 0; i < 4; ++i) {
     draw.x[i] = transform.x[i];
@@ -169,11 +165,8 @@ __global__ void __launch_bounds__(kCullThreads)
 
   const uint64_t base = first_of_bucket[bucket] + in_bucket[bucket] + in_block;
   const uint32_t instance = at.instance(list, chunk.mesh);
-  const format::MeshRecord& mesh = scene.meshes[chunk.mesh];
-  const Transform& transform = list.transforms[instance];
-  clusters.draws[base >> kWorkBits] =
-      make_cluster_draw(scene, view, clusters, transform, chunk_box(mesh, chunk, transform), at.candidate.chunk,
-                        instance, base & kWorkMask);
+  clusters.draws[base >> kWorkBits] = make_cluster_draw(scene, view, clusters, list.transforms[instance],
+                                                        at.candidate.chunk, instance, base & kWorkMask);
 }
 
 /// The tests that clusters have to pass.

@@ -302,7 +302,9 @@ __device__ __noinline__ void prepare_draw(const SmallFrame& frame, const Instanc
     const Transform& transform = frame.list.transforms[instance];
     const RelativeBox box = drawn_box(frame.list, mesh, chunk, draw.chunk, transform);
     const TransformError error = error_of(transform, box);
-    if (filters) shared.filters[lane] = make_coverage_filter(frame.view, transform, error, box, mesh, chunk);
+    if (filters)
+      shared.filters[lane] =
+          make_coverage_filter(frame.view, transform, error, stored_box(transform, box, mesh, chunk));
     shared.exact[lane] = InstanceTransform(frame.scene, transform, error, mesh, chunk, instance);
   }
   __syncwarp();

@@ -44,13 +44,12 @@ __global__ void __launch_bounds__(kCullThreads) cull_small_scene(const __grid_co
     WarpTeam::add(&counters.queues.instances_drawn, 1);
   }
   if (scene.pages[chunk.page] == nullptr) return;
-  const RelativeBox box = chunk_box(mesh, chunk, transform);
-  if (mesh.chunk_count != 1 && !may_be_seen(transform, view, box)) return;
+  if (mesh.chunk_count != 1 && !may_be_seen(transform, view, rounded_chunk_box(mesh, chunk, transform))) return;
   if (lane == 0 && at.group == 0) {
     WarpTeam::add(&counters.queues.draws, 1);
     WarpTeam::add(&counters.queues.triangles, uint64_t{chunk.triangle_count});
   }
-  const ClusterDraw draw = make_cluster_draw(scene, view, in.cull.list, transform, box, at.chunk, at.instance, 0);
+  const ClusterDraw draw = make_cluster_draw(scene, view, in.cull.list, transform, at.chunk, at.instance, 0);
   if (lane == 0) WarpTeam::add(&counters.groups_tested, 1);
   if (may_show<kOrthographic, false>(in.cull, draw.filter, load_bounds(draw.group_bounds() + at.group)) !=
       BoxCoverage::kCenters)

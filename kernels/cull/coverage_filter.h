@@ -52,88 +52,115 @@ SCREE_HD inline SampleLimits make_sample_limits(const FrameView& view) {
   return {first[0], last[0], first[1], last[1]};
 }
 
-/// The filter of one (instance, chunk). `error`: of the chunk's vertices. `box`: of those vertices, as the transform
-/// takes them.
-SCREE_HD inline CoverageFilter make_coverage_filter(const FrameView& view, const Transform& transform,
-                                                    const TransformError& error, const RelativeBox& box,
-                                                    const format::MeshRecord& mesh, const format::ChunkRecord& chunk) {
-  const bool float32 = mesh.position_encoding == format::PositionEncoding::kFloat32;
-  double origin[3];            // what the transform takes for a stored position of 0
-  double largest_position[3];  // the largest stored position
-  bool known = true;
+/// The stored positions of a chunk: where they lie, and what a transform takes them for.
+struct StoredBox {
+  double origin[3];  // what the transform takes for a stored position of 0
+  float center[3];
+  float extent[3];
+  float largest[3];  // magnitude
+  bool known;        // false: no bound serves
+};
+
+/// Of a chunk on a lattice. Codes are exact floats.
+SCREE_HD inline StoredBox lattice_box(const Transform& transform, const format::MeshRecord& mesh,
+                                      const format::ChunkRecord& chunk) {
+  constexpr auto kFarthest = static_cast<int64_t>(kReferenceLimit);
+  StoredBox out;
+  out.known = true;
   for (int i = 0; i < 3; ++i) {
-    if (float32) {
-      origin[i] = -static_cast<double>(transform.center[i]);
-      largest_position[i] = abs_of(box.center[i] - origin[i]) + box.extent[i];
-    } else {
-      const int64_t base = wrapping_sub(wrapping_add(mesh.lattice_min[i], static_cast<int64_t>(chunk.position_min[i])),
-                                        transform.reference[i]);
-      origin[i] = static_cast<double>(base);
-      known = known && abs_of(origin[i]) < kReferenceLimit;
-      largest_position[i] = static_cast<double>((uint64_t{1} << (chunk.position_bits[i] & 31)) - 1);
-      known = known && chunk.position_bits[i] <= 24;  // codes are exact floats
-    }
+    const int64_t base = wrapping_sub(wrapping_add(mesh.lattice_min[i], static_cast<int64_t>(chunk.position_min[i])),
+                                      transform.reference[i]);
+    out.origin[i] = static_cast<double>(base);
+    out.largest[i] = static_cast<float>((uint64_t{1} << (chunk.position_bits[i] & 31)) - 1);
+    out.center[i] = out.extent[i] = 0.5f * out.largest[i];
+    out.known = out.known && base < kFarthest && base > -kFarthest && chunk.position_bits[i] <= 24;
   }
+  return out;
+}
+
+/// Of any chunk; `box`: of its vertices, as the transform takes them.
+SCREE_HD inline StoredBox stored_box(const Transform& transform, const RelativeBox& box, const format::MeshRecord& mesh,
+                                     const format::ChunkRecord& chunk) {
+  if (mesh.position_encoding != format::PositionEncoding::kFloat32) return lattice_box(transform, mesh, chunk);
+  StoredBox out;
+  out.known = true;
+  for (int i = 0; i < 3; ++i) {
+    out.origin[i] = -static_cast<double>(transform.center[i]);
+    out.center[i] = static_cast<float>(box.center[i] - out.origin[i]);
+    out.extent[i] = static_cast<float>(box.extent[i]);
+    out.largest[i] = abs_of(out.center[i]) + out.extent[i];
+  }
+  return out;
+}
+
+/// The filter of one (instance, chunk). `error`: of the chunk's vertices, which lie in `box`. The rows come from double
+/// precision; bounds are sums of magnitudes, for which single precision and a little more on top serve.
+SCREE_HD inline CoverageFilter make_coverage_filter(const FrameView& view, const Transform& transform,
+                                                    const TransformError& error, const StoredBox& box) {
+  constexpr float kMore = 1.00001f;         // the roundings of a sum of magnitudes
+  constexpr float kOff = 1.0f / (1 << 21);  // of all terms: those of any sum
+  constexpr auto kSnap = static_cast<float>(kSnapSlack);
   // Centres of an even row of pixels lie half a pixel off the image's centre.
-  const double shift[3] = {view.width % 2 == 0 ? -0.5 : 0.0, view.height % 2 == 0 ? -0.5 : 0.0, 0.0};
+  const double shift[2] = {view.width % 2 == 0 ? -0.5 : 0.0, view.height % 2 == 0 ? -0.5 : 0.0};
   const double* rows[3] = {transform.exact_x, transform.exact_y, transform.exact_w};
-  const double scale[3] = {1.0 / kSubpixels, 1.0 / kSubpixels, 1.0};
   CoverageFilter filter;
   float* out[3] = {filter.u, filter.v, filter.w};
-  double terms[3];
-  double largest_uv = 0;  // the largest |u * w| and |v * w| in the box
+  float terms[3];
+  float largest_uv = 0;  // the largest |u * w| and |v * w| in the box, at most
+  float w_least = 0;     // the smallest w in the box, at least
   for (int r = 0; r < 3; ++r) {
     double row[4];
     for (int j = 0; j < 4; ++j) {
-      row[j] = rows[r][j] * scale[r];
+      row[j] = rows[r][j];
+      if (r == 2) continue;
+      row[j] *= 1.0 / kSubpixels;
       if (!view.orthographic) row[j] += shift[r] * transform.exact_w[j];
     }
-    row[3] += row[0] * origin[0] + row[1] * origin[1] + row[2] * origin[2];
-    if (view.orthographic) row[3] += shift[r];
-    terms[r] = abs_of(row[3]);
-    for (int j = 0; j < 3; ++j) terms[r] += abs_of(row[j]) * largest_position[j];
-    if (r < 2) {
-      double middle = row[3];
-      double side = 0;
-      for (int j = 0; j < 3; ++j) {
-        middle += row[j] * (box.center[j] - origin[j]);
-        side += abs_of(row[j]) * box.extent[j];
-      }
-      largest_uv = max_of(largest_uv, abs_of(middle) + side);
-    }
+    row[3] += row[0] * box.origin[0] + row[1] * box.origin[1] + row[2] * box.origin[2];
+    if (view.orthographic && r < 2) row[3] += shift[r];
     for (int j = 0; j < 4; ++j) out[r][j] = static_cast<float>(row[j]);
+    float sum = abs_of(out[r][3]);
+    float middle = out[r][3];
+    float side = 0;
+    for (int j = 0; j < 3; ++j) {
+      sum += abs_of(out[r][j]) * box.largest[j];
+      middle += out[r][j] * box.center[j];
+      side += abs_of(out[r][j]) * box.extent[j];
+    }
+    terms[r] = kMore * sum;
+    if (r < 2) {
+      largest_uv = max_of(largest_uv, abs_of(middle) + kMore * side + kOff * terms[r]);
+    } else {
+      w_least = middle - kMore * side - kOff * terms[r];
+    }
   }
   // Rounding the rows and three fused steps: at most 2^-22 of all terms here; there, the transform's own bound.
-  constexpr double kHere = 1.0 / (1 << 22);
-  const double error_w = terms[2] * kHere + static_cast<double>(error.w);
-  const double error_x = terms[0] * kHere + static_cast<double>(error.x) / kSubpixels + 0.5 * error_w;
-  const double error_y = terms[1] * kHere + static_cast<double>(error.y) / kSubpixels + 0.5 * error_w;
-  const double error_uv = max_of(error_x, error_y);
-  known = known && terms[0] < 1e30 && terms[1] < 1e30 && terms[2] < 1e30 && error_uv < 1e30;
-  double w_least = transform.exact_w[3];
-  for (int j = 0; j < 3; ++j) {
-    w_least += transform.exact_w[j] * box.center[j] - abs_of(transform.exact_w[j]) * box.extent[j];
-  }
-  const double nearest = view.orthographic ? 1.0 : max_of(w_least - error_w, 1.0);
+  constexpr float kHere = 1.0f / (1 << 22);
+  const float error_w = terms[2] * kHere + error.w;
+  const float error_x = terms[0] * kHere + error.x / kSubpixels + 0.5f * error_w;
+  const float error_y = terms[1] * kHere + error.y / kSubpixels + 0.5f * error_w;
+  const float error_uv = max_of(error_x, error_y);
+  bool known = box.known && terms[0] < 1e30f && terms[1] < 1e30f && terms[2] < 1e30f && error_uv < 1e30f;
+  const float nearest = view.orthographic ? 1.0f : max_of(w_least - error_w, 1.0f);
   // Snapping moves a corner by half a sub-pixel. The reciprocal's ulp, the products' and the exact way's roundings:
   // 2^-21.
-  double slack = error_uv / nearest + kSnapSlack;
-  double growth = (view.orthographic ? 0.0 : error_w / nearest) + 1.0 / (1 << 21);
-  if (!view.orthographic && !(w_least - error_w > 1.0)) {  // some of it may lie before the near plane
-    slack /= 1.0 - kBeforeNear;
-    growth /= 1.0 - kBeforeNear;
+  float slack = error_uv / nearest + kSnap;
+  float growth = (view.orthographic ? 0.0f : error_w / nearest) + 1.0f / (1 << 21);
+  if (!view.orthographic && !(w_least - error_w > 1.0f)) {  // some of it may lie before the near plane
+    slack /= 1.0f - kBeforeNear;
+    growth /= 1.0f - kBeforeNear;
   }
-  known = known && slack < 16.0;
+  known = known && slack < 16.0f;
   // A chunk well in front of the camera and within the guard band has one slack for all its triangles.
-  const double farthest = largest_uv / nearest;
-  if (known && !view.orthographic && w_least - error_w > 1.0 && farthest < 32000.0) {
+  const float farthest = largest_uv / nearest;
+  if (known && !view.orthographic && w_least - error_w > 1.0f && farthest < 32000.0f) {
     slack += growth * (farthest + slack);  // of the computed coordinate, which is off itself
     growth = 0;
   }
-  filter.slack = known ? static_cast<float>(slack) * 1.001f : bits_float(0x7f800000u);
-  filter.growth = known ? static_cast<float>(growth) * 1.001f : 1.0f;
-  filter.w_lowest = static_cast<float>((view.orthographic ? 0.0 : 1.0 - kBeforeNear) + error_w) * 1.000001f;
-  filter.w_end = static_cast<float>(view.orthographic ? 1.0 - error_w : nearest) * 0.999999f;
+  filter.slack = known ? slack * 1.001f : bits_float(0x7f800000u);
+  filter.growth = known ? growth * 1.001f : 1.0f;
+  filter.w_lowest = ((view.orthographic ? 0.0f : 1.0f - kBeforeNear) + error_w) * 1.000001f;
+  filter.w_end = (view.orthographic ? 1.0f - error_w : nearest) * 0.999999f;
   return filter;
 }
 

@@ -7,15 +7,12 @@
 namespace scree::kernels {
 inline namespace SCREE_ISA {
 
-/// False only where no vertex in the box, nor any triangle of such vertices, can touch a pixel centre. The slack of
-/// 2^-20 of all terms exceeds what single-precision projection may be off (a few 2^-24), and the planes lie half a
-/// pixel outside the outermost centres, which is more than snapping moves a vertex. Boxes with NaN or infinity are
-/// kept.
-SCREE_HD inline bool may_be_seen(const Transform& transform, const FrameView& view, const RelativeBox& box) {
-  double at_center[3];
-  double half_extent[3][3];  // row, axis: how far the row's value goes along each axis of the box
-  double terms[3];
-  const double* rows[3] = {transform.exact_x, transform.exact_y, transform.exact_w};
+/// may_be_seen() of `rows` x, y and w; `slack`: of all terms.
+template <class Real, class Box>
+SCREE_HD inline bool box_may_be_seen(const Real* const rows[3], const FrameView& view, const Box& box, Real slack) {
+  Real at_center[3];
+  Real half_extent[3][3];  // row, axis: how far the row's value goes along each axis of the box
+  Real terms[3];
   for (int r = 0; r < 3; ++r) {
     at_center[r] = rows[r][3];
     terms[r] = abs_of(rows[r][3]);
@@ -25,39 +22,56 @@ SCREE_HD inline bool may_be_seen(const Transform& transform, const FrameView& vi
       terms[r] += abs_of(rows[r][i]) * (abs_of(box.center[i]) + box.extent[i]);
     }
   }
-  constexpr double kSlack = 1.0 / (1 << 20);
-  const double half[2] = {static_cast<double>(view.half_width), static_cast<double>(view.half_height)};
+  const Real half[2] = {static_cast<Real>(view.half_width), static_cast<Real>(view.half_height)};
   for (int axis = 0; axis < 2; ++axis) {
     for (int side = -1; side <= 1; side += 2) {
       // Largest half * w + side * x over the box; orthographic: half + side * x.
-      const double weight = view.orthographic ? 0.0 : half[axis];
-      double largest = weight * at_center[2] + side * at_center[axis];
+      const Real weight = view.orthographic ? Real{0} : half[axis];
+      const auto sign = static_cast<Real>(side);
+      Real largest = weight * at_center[2] + sign * at_center[axis];
       if (view.orthographic) largest += half[axis];
-      for (int i = 0; i < 3; ++i) largest += abs_of(weight * half_extent[2][i] + side * half_extent[axis][i]);
-      if (largest < -kSlack * (weight * terms[2] + terms[axis])) return false;
+      for (int i = 0; i < 3; ++i) largest += abs_of(weight * half_extent[2][i] + sign * half_extent[axis][i]);
+      if (largest < -slack * (weight * terms[2] + terms[axis])) return false;
     }
   }
-  const double depth_half_extent = abs_of(half_extent[2][0]) + abs_of(half_extent[2][1]) + abs_of(half_extent[2][2]);
+  const Real depth_half_extent = abs_of(half_extent[2][0]) + abs_of(half_extent[2][1]) + abs_of(half_extent[2][2]);
   if (view.orthographic) {
-    if (at_center[2] - depth_half_extent > 1.0 + kSlack * terms[2] ||
-        at_center[2] + depth_half_extent < -kSlack * terms[2])
+    if (at_center[2] - depth_half_extent > Real{1} + slack * terms[2] ||
+        at_center[2] + depth_half_extent < -slack * terms[2])
       return false;
-  } else if (at_center[2] + depth_half_extent < 1.0 - kSlack * terms[2]) {
+  } else if (at_center[2] + depth_half_extent < Real{1} - slack * terms[2]) {
     return false;
   }
   return true;
 }
 
+/// False only where no vertex in the box, nor any triangle of such vertices, can touch a pixel centre. The slack of
+/// 2^-20 of all terms exceeds what single-precision projection may be off (a few 2^-24), and the planes lie half a
+/// pixel outside the outermost centres, which is more than snapping moves a vertex. Boxes with NaN or infinity are
+/// kept.
+SCREE_HD inline bool may_be_seen(const Transform& transform, const FrameView& view, const RelativeBox& box) {
+  const double* const rows[3] = {transform.exact_x, transform.exact_y, transform.exact_w};
+  return box_may_be_seen(rows, view, box, 1.0 / (1 << 20));
+}
+
+/// The same in single precision. A value here is off by at most 3 * 2^-24 of the terms for the box, 2^-24 for the rows
+/// and 9 * 2^-24 for what this rounds: together less than 2^-20, and the slack is 2^-18.
+SCREE_HD inline bool may_be_seen(const Transform& transform, const FrameView& view, const RoundedBox& box) {
+  const float* const rows[3] = {transform.x, transform.y, transform.w};
+  return box_may_be_seen(rows, view, box, 1.0f / (1 << 18));
+}
+
 /// How far away the nearest point of a box is: w, which is 1 on the near plane; of an orthographic camera 0 on its near
-/// plane and 1 on its far one. Only good for an order.
-SCREE_HD inline double nearness(const Transform& transform, const FrameView& view, const RelativeBox& box) {
-  double at = transform.exact_w[3];
-  double half_extent = 0;
+/// plane and 1 on its far one. Only good for an order. `row_w`: of a Transform, of the box's precision.
+template <class Real, class Box>
+SCREE_HD inline Real nearness(const Real row_w[4], const FrameView& view, const Box& box) {
+  Real at = row_w[3];
+  Real half_extent = 0;
   for (int i = 0; i < 3; ++i) {
-    at += transform.exact_w[i] * box.center[i];
-    half_extent += abs_of(transform.exact_w[i]) * box.extent[i];
+    at += row_w[i] * box.center[i];
+    half_extent += abs_of(row_w[i]) * box.extent[i];
   }
-  return view.orthographic ? 1.0 - (at + half_extent) : at - half_extent;
+  return view.orthographic ? Real{1} - (at + half_extent) : at - half_extent;
 }
 
 /// One team an instance: culls it, then its chunks with the lanes, and appends the blocks of those that remain.
@@ -84,7 +98,7 @@ struct Cull {
       const RelativeBox box = vertex_box(mesh, chunk, transform);
       // A mesh of one chunk has been tested already.
       if (!float32 && mesh.chunk_count > 1 && !may_be_seen(transform, view, box)) continue;
-      const double near = nearness(transform, view, box);
+      const double near = nearness(transform.exact_w, view, box);
       const float nearest = near > 0 ? static_cast<float>(min_of(near, 1e38)) : 0.0f;  // NaN has no place in an order
       ++draws;
       for (uint64_t start = 0; start < chunk.triangle_count; start += block_triangles) {

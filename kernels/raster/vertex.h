@@ -364,6 +364,19 @@ SCREE_HD inline RelativeBox chunk_box(const format::MeshRecord& mesh, const form
   return box;
 }
 
+/// chunk_box() of a chunk on a lattice, in single precision.
+SCREE_HD inline RoundedBox rounded_chunk_box(const format::MeshRecord& mesh, const format::ChunkRecord& chunk,
+                                             const Transform& transform) {
+  RoundedBox box;
+  for (int i = 0; i < 3; ++i) {
+    const int64_t low = wrapping_sub(wrapping_add(mesh.lattice_min[i], static_cast<int64_t>(chunk.position_min[i])),
+                                     transform.reference[i]);
+    box.extent[i] = 0.5f * static_cast<float>((uint64_t{1} << (chunk.position_bits[i] & 31)) - 1);
+    box.center[i] = static_cast<float>(low) + box.extent[i];
+  }
+  return box;
+}
+
 /// The smallest box known of a chunk's vertices.
 SCREE_HD inline RelativeBox vertex_box(const format::MeshRecord& mesh, const format::ChunkRecord& chunk,
                                        const Transform& transform) {

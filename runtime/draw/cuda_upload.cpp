@@ -224,7 +224,7 @@ uint64_t CudaScene::device_bytes(const Scene& scene, const kernels::SceneView* s
 
 Result<CudaScene> CudaScene::upload(const Scene& scene, uint64_t budget_bytes, uint64_t reserved_bytes,
                                     uint32_t threads, Reading reading, uint64_t texture_cache,
-                                    const kernels::SceneView* streamed, uint64_t host_memory) {
+                                    const kernels::SceneView* streamed, uint64_t host_memory, JobProgress* progress) {
   const auto start = std::chrono::steady_clock::now();
   ArenaLayout layout(scene, streamed);
   const UploadPlan& plan = layout.plan;
@@ -250,7 +250,7 @@ Result<CudaScene> CudaScene::upload(const Scene& scene, uint64_t budget_bytes, u
   const StagingSizes sizes = staging_for(plan, chosen, threads, staging_within(host_memory));
   PinnedRing ring;
   if (Result<void> opened = ring.open(sizes, base); !opened) return opened.error();
-  const Result<UploadCounts> counts = run_upload(plan, map, ring, sizes, chosen, threads);
+  const Result<UploadCounts> counts = run_upload(plan, map, ring, sizes, chosen, threads, progress);
   if (!counts && counts.error().code == ErrorCode::kDevice) return counts.error();
   if (!counts) return at(scene.file().path(), counts.error());
 

@@ -29,7 +29,8 @@ class CudaScene {
   /// `streamed`: null, or Streamer::view() of the scene: no page goes, and view().pages are chunk_count nulls.
   static Result<CudaScene> upload(const Scene& scene, uint64_t budget_bytes, uint64_t reserved_bytes, uint32_t threads,
                                   Reading reading = Reading::kAuto, uint64_t texture_cache = kDeviceTextureCache,
-                                  const kernels::SceneView* streamed = nullptr, uint64_t host_memory = 0);
+                                  const kernels::SceneView* streamed = nullptr, uint64_t host_memory = 0,
+                                  JobProgress* progress = nullptr);
 
   /// What upload() takes without `reserved_bytes`.
   static uint64_t device_bytes(const Scene& scene, const kernels::SceneView* streamed, uint64_t texture_cache);

@@ -7,15 +7,10 @@
 #include <cctype>
 #include <charconv>
 
+#include "format/text.h"
+
 namespace scree::runtime {
 namespace {
-
-std::string lower_case(std::string_view text) {
-  std::string out(text);
-  std::transform(out.begin(), out.end(), out.begin(),
-                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
-  return out;
-}
 
 bool is_index(std::string_view word) {
   return !word.empty() && std::all_of(word.begin(), word.end(), [](char c) { return c >= '0' && c <= '9'; });
@@ -36,7 +31,7 @@ bool seems_to_have_gpu() {
 
 bool names_gpu(std::string_view word) {
   if (is_index(word)) return true;
-  const std::string lower = lower_case(word);
+  const std::string lower = format::lower_case(word);
   return lower.starts_with("gpu-") && lower.size() > 4 &&
          std::all_of(lower.begin() + 4, lower.end(), [](unsigned char c) { return std::isxdigit(c) != 0 || c == '-'; });
 }
@@ -50,10 +45,10 @@ Result<Gpu> find_gpu(std::span<const Gpu> gpus, std::string_view which) {
         if (gpu.index == index) return gpu;
     return Error{ErrorCode::kDevice, "no GPU " + std::string(which) + "; there is " + list_of(gpus)};
   }
-  const std::string begin = lower_case(which);
+  const std::string begin = format::lower_case(which);
   const Gpu* found = nullptr;
   for (const Gpu& gpu : gpus) {
-    if (!lower_case(gpu.uuid).starts_with(begin)) continue;
+    if (!format::lower_case(gpu.uuid).starts_with(begin)) continue;
     if (found != nullptr)
       return Error{ErrorCode::kDevice,
                    std::string(which) + " is the beginning of several GPUs' UUIDs; there is " + list_of(gpus)};

@@ -23,6 +23,61 @@ struct PictureNeeds {
   const kernels::ShadeOptions* shade = nullptr;  // null: they are not shaded
 };
 
+/// What beside the colours can be made of a picture's pixels (kernels/shade/layers.h).
+enum class PixelLayer { kDepth, kTriangle, kInstance };
+
+/// Bytes of a pixel of it.
+constexpr uint64_t layer_bytes(PixelLayer layer) {
+  return layer == PixelLayer::kTriangle ? sizeof(int64_t) : sizeof(int32_t);
+}
+
+/// What one view of a DeviceScene keeps on the device from frame to frame: samples, pictures, layers, and of a resident
+/// scene a draw list with its queues and the bits of which clusters were seen. Buffers grow to the largest picture. All
+/// views of a streamed scene draw through the same chunks and list. One thread at a time draws views of one device.
+class DeviceView {
+ public:
+  DeviceView(DeviceView&&) noexcept;
+  DeviceView& operator=(DeviceView&&) noexcept;
+  ~DeviceView();
+
+  /// Makes the scene's device the calling thread's current one, as all that follows needs it. Error kDevice.
+  Result<void> make_current() const;
+
+  /// As DeviceScene's.
+  Result<kernels::FrameStats> draw(const kernels::View& view, kernels::FrameTimes* times = nullptr,
+                                   const kernels::ShadeOptions* shade = nullptr);
+  const std::optional<StreamStats>& stream_stats() const;
+  Result<void> read_samples(std::span<uint64_t> samples);
+  Result<void> resolve(const kernels::View& view, uint32_t samples_per_side, const kernels::ShadeOptions& options,
+                       std::span<uint32_t> pixels, kernels::ResolveTimes* times = nullptr, uint32_t* out = nullptr);
+
+  /// One sample of the picture that draw() made last; `index` below width * height. Error kDevice.
+  Result<uint64_t> read_sample(uint64_t index);
+
+  /// Queues a layer of that picture, in device memory that stays until the next call for this layer. Errors kRange (no
+  /// such picture), kDevice. `out`: device memory for it in place of that, as resolve() has it for pixels.
+  Result<const std::byte*> make_layer(const kernels::View& view, uint32_t samples_per_side, PixelLayer layer,
+                                      std::byte* out = nullptr);
+
+  /// Device memory for the pictures of a batch, `index` below 4: at least so many bytes, until it is asked for again.
+  Result<std::byte*> reserve_block(size_t index, uint64_t bytes);
+
+  /// Device memory: the picture that resolve() made last, RGBA8, and the samples.
+  const uint32_t* pixels() const;
+  const uint64_t* samples() const;
+
+  /// Waits for what is queued and copies from device memory. Error kDevice.
+  Result<void> read(const void* device, std::span<std::byte> host);
+  /// Lets a stream of the caller's, a cudaStream_t, wait for what is queued. Error kDevice.
+  Result<void> order_before(void* stream);
+
+ private:
+  friend class DeviceScene;
+  struct Impl;
+  explicit DeviceView(std::shared_ptr<Impl> impl);
+  std::shared_ptr<Impl> impl_;
+};
+
 class DeviceScene {
  public:
   /// Brings `scene` to the current device (device_list.h): records, pages, textures. Pages that the scene has are
@@ -36,13 +91,22 @@ class DeviceScene {
   /// what batches leave of it keeps chunks. 0: as much as batches want, and no chunks are kept. Errors kDevice: no
   /// usable device, a CUDA call that failed (which and for what), or a budget that does not hold what cannot be
   /// streamed (both sizes named); kMemory: a `host_memory` that holds no batch (both sizes named); with the file named,
-  /// those of Scene::load_pages.
+  /// those of Scene::load_pages. `progress`: hears of the bytes that are copied, and may stop the upload (kFile).
   static Result<DeviceScene> upload(const Scene& scene, uint64_t budget_bytes, uint32_t threads,
                                     Reading reading = Reading::kAuto, uint64_t texture_cache = kDeviceTextureCache,
-                                    uint64_t host_memory = 0, const PictureNeeds& pictures = {});
+                                    uint64_t host_memory = 0, const PictureNeeds& pictures = {},
+                                    JobProgress* progress = nullptr);
   DeviceScene(DeviceScene&&) noexcept;
   DeviceScene& operator=(DeviceScene&&) noexcept;
   ~DeviceScene();
+
+  /// A view of this scene, which outlives it: the first is the one that this draws with itself, others take as much
+  /// device memory more as kernels::CudaFrames::device_bytes() where the scene is resident. `scene`: what was uploaded.
+  /// Errors kDevice, kMemory.
+  Result<DeviceView> add_view(const Scene& scene);
+
+  /// Whether chunks are brought to the device while frames are drawn.
+  bool is_streamed() const;
 
   /// As kernels::draw_cpu, on the device, where the visibility buffer stays. `times`: null, or filled in (of a streamed
   /// frame raster_ms alone, by the host's clock). `shade`: what resolve() will be asked to show, by which light, where
@@ -74,6 +138,7 @@ class DeviceScene {
   const kernels::SceneView& device_view() const;
 
  private:
+  friend class DeviceView;
   struct Impl;
   explicit DeviceScene(std::unique_ptr<Impl> impl);
   std::unique_ptr<Impl> impl_;

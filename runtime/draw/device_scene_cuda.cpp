@@ -1,6 +1,7 @@
 // DeviceScene where the program is built with CUDA; device_scene_none.cpp stands in elsewhere.
 #include <algorithm>
 #include <chrono>
+#include <new>
 #include <optional>
 #include <span>
 #include <string>
@@ -9,6 +10,7 @@
 
 #include "kernels/cuda/check.h"
 #include "kernels/cuda/frame.h"
+#include "kernels/cuda/layers.h"
 #include "kernels/cuda/resolve.h"
 #include "kernels/cull/depth_pyramid.h"
 #include "kernels/frame_parts.h"
@@ -74,21 +76,49 @@ uint64_t picture_bytes(const PictureNeeds& needs, bool streamed, bool has_jpegs)
 
 }  // namespace
 
-struct DeviceScene::Impl {
-  CudaScene scene;
+struct DeviceView::Impl {
+  explicit Impl(DeviceScene::Impl& of) : scene(of) {}
+
+  DeviceScene::Impl& scene;
+  std::optional<kernels::CudaFrames> frames;  // none where chunks are streamed and another view has them
+  kernels::CudaResolver resolver;
   DeviceBuffer samples;
   DeviceBuffer pixels;
-  kernels::CudaResolver resolver;
-  std::optional<kernels::CudaFrames> frames;
-  std::unique_ptr<CudaStream> stream;  // where the scene's pages do not lie on the device
+  DeviceBuffer layers[3];  // by PixelLayer
+  DeviceBuffer blocks[4];
+  cudaEvent_t queued = nullptr;
   std::optional<StreamStats> streamed;
-  UploadStats stats;
 
   uint32_t width = 0;  // in samples, of what draw() made last
   uint32_t height = 0;
 
+  ~Impl() {
+    if (queued != nullptr) (void)cudaEventDestroy(queued);
+  }
+  Result<void> check_drawn(const kernels::View& view) const {
+    if (width == view.width && height == view.height) return {};
+    return Error{ErrorCode::kRange, "no picture of " + std::to_string(view.width) + " x " +
+                                        std::to_string(view.height) + " samples was drawn"};
+  }
+  uint64_t* sample_data() const { return reinterpret_cast<uint64_t*>(samples.data()); }
+};
+
+struct DeviceScene::Impl {
+  CudaScene scene;
+  int device = 0;
+  std::shared_ptr<DeviceView::Impl> own = std::make_shared<DeviceView::Impl>(*this);
+  std::unique_ptr<CudaStream> stream;  // where the scene's pages do not lie on the device
+  UploadStats stats;
+
+  Result<void> make_frames(DeviceView::Impl& view, const kernels::SceneView& host) const {
+    Result<kernels::CudaFrames> made = kernels::CudaFrames::create(host, scene.view());
+    if (!made) return made.error();
+    view.frames = std::move(*made);
+    return {};
+  }
   Result<void> upload_streamed(const Scene& host, uint64_t budget, uint32_t threads, Reading reading,
-                               uint64_t texture_cache, uint64_t host_memory, const PictureNeeds& pictures);
+                               uint64_t texture_cache, uint64_t host_memory, const PictureNeeds& pictures,
+                               JobProgress* progress);
 };
 
 DeviceScene::DeviceScene(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
@@ -109,7 +139,23 @@ Result<std::optional<kernels::TextureCacheCounts>> DeviceScene::texture_counts()
 }
 
 kernels::CudaFrames& DeviceScene::frames() {
-  return *impl_->frames;
+  return *impl_->own->frames;
+}
+
+bool DeviceScene::is_streamed() const {
+  return impl_->stream != nullptr;
+}
+
+Result<DeviceView> DeviceScene::add_view(const Scene& scene) {
+  if (impl_->own.use_count() == 1) return DeviceView(impl_->own);
+  try {
+    auto view = std::make_shared<DeviceView::Impl>(*impl_);
+    if (impl_->stream == nullptr)
+      if (const Result<void> made = impl_->make_frames(*view, scene.view()); !made) return made.error();
+    return DeviceView(std::move(view));
+  } catch (const std::bad_alloc&) {
+    return Error{ErrorCode::kMemory, "no memory left for another view"};
+  }
 }
 
 const kernels::SceneView& DeviceScene::device_view() const {
@@ -117,8 +163,10 @@ const kernels::SceneView& DeviceScene::device_view() const {
 }
 
 Result<DeviceScene> DeviceScene::upload(const Scene& scene, uint64_t budget_bytes, uint32_t threads, Reading reading,
-                                        uint64_t texture_cache, uint64_t host_memory, const PictureNeeds& pictures) {
-  if (const Result<Gpu> gpu = current_gpu(); !gpu) return gpu.error();
+                                        uint64_t texture_cache, uint64_t host_memory, const PictureNeeds& pictures,
+                                        JobProgress* progress) {
+  const Result<Gpu> gpu = current_gpu();
+  if (!gpu) return gpu.error();
   const auto start = std::chrono::steady_clock::now();
   const Result<uint64_t> free = device_budget(0);
   if (!free) return free.error();
@@ -129,9 +177,10 @@ Result<DeviceScene> DeviceScene::upload(const Scene& scene, uint64_t budget_byte
       kernels::CudaFrames::device_bytes(scene.view()) + picture_bytes(pictures, false, scene.jpeg_slot_bytes() != 0);
   if (CudaScene::device_bytes(scene, nullptr, texture_cache) + beside > budget) {
     auto streamed = std::make_unique<Impl>();
+    streamed->device = gpu->index;
     const uint64_t allowed = budget_bytes == 0 ? *free - left : budget;
     if (Result<void> done =
-            streamed->upload_streamed(scene, allowed, threads, reading, texture_cache, host_memory, pictures);
+            streamed->upload_streamed(scene, allowed, threads, reading, texture_cache, host_memory, pictures, progress);
         !done)
       return done.error();
     streamed->stats.upload_ms =
@@ -139,13 +188,12 @@ Result<DeviceScene> DeviceScene::upload(const Scene& scene, uint64_t budget_byte
     return DeviceScene(std::move(streamed));
   }
   Result<CudaScene> copy =
-      CudaScene::upload(scene, budget_bytes, beside, threads, reading, texture_cache, nullptr, host_memory);
+      CudaScene::upload(scene, budget_bytes, beside, threads, reading, texture_cache, nullptr, host_memory, progress);
   if (!copy) return copy.error();
   auto impl = std::make_unique<Impl>();
+  impl->device = gpu->index;
   impl->scene = std::move(*copy);
-  Result<kernels::CudaFrames> frames = kernels::CudaFrames::create(scene.view(), impl->scene.view());
-  if (!frames) return frames.error();
-  impl->frames = std::move(*frames);
+  if (const Result<void> made = impl->make_frames(*impl->own, scene.view()); !made) return made.error();
   impl->stats = impl->scene.stats();
   impl->stats.upload_ms = std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
   return DeviceScene(std::move(impl));
@@ -155,7 +203,7 @@ Result<DeviceScene> DeviceScene::upload(const Scene& scene, uint64_t budget_byte
 /// most of it to chunks.
 Result<void> DeviceScene::Impl::upload_streamed(const Scene& host, uint64_t budget, uint32_t threads, Reading reading,
                                                 uint64_t texture_cache, uint64_t host_memory,
-                                                const PictureNeeds& pictures) {
+                                                const PictureNeeds& pictures, JobProgress* progress) {
   const uint64_t picture = picture_bytes(pictures, true, host.jpeg_slot_bytes() != 0);
   const uint64_t frames_bytes = kernels::CudaFrames::device_bytes(host.view());
   std::vector<uint64_t> bytes = ChunkSource(host).chunk_bytes();
@@ -194,39 +242,68 @@ Result<void> DeviceScene::Impl::upload_streamed(const Scene& host, uint64_t budg
   }
   stream = std::make_unique<CudaStream>(host, std::move(*streamer), bounce, threads);
   Result<CudaScene> copy =
-      CudaScene::upload(host, 0, frames_bytes, threads, reading, texture_cache, &stream->view(), host_memory);
+      CudaScene::upload(host, 0, frames_bytes, threads, reading, texture_cache, &stream->view(), host_memory, progress);
   if (!copy) return copy.error();
   scene = std::move(*copy);
-  Result<kernels::CudaFrames> made = kernels::CudaFrames::create(stream->view(), scene.view());
-  if (!made) return made.error();
-  frames = std::move(*made);
+  if (const Result<void> made = make_frames(*own, stream->view()); !made) return made;
   stats = scene.stats();
   stats.device_bytes = budget;
-  return stream->open(scene.view(), *frames, resolver, scene.texture_cache(), kept);
+  return stream->open(scene.view(), *own->frames, own->resolver, scene.texture_cache(), kept);
 }
 
 const std::optional<StreamStats>& DeviceScene::stream_stats() const {
-  return impl_->streamed;
+  return impl_->own->streamed;
 }
 
 Result<kernels::FrameStats> DeviceScene::draw(const kernels::View& view, kernels::FrameTimes* times,
                                               const kernels::ShadeOptions* shade) {
+  return DeviceView(impl_->own).draw(view, times, shade);
+}
+
+Result<void> DeviceScene::read_samples(std::span<uint64_t> samples) {
+  return DeviceView(impl_->own).read_samples(samples);
+}
+
+Result<void> DeviceScene::resolve(const kernels::View& view, uint32_t samples_per_side,
+                                  const kernels::ShadeOptions& options, std::span<uint32_t> pixels,
+                                  kernels::ResolveTimes* times) {
+  return DeviceView(impl_->own).resolve(view, samples_per_side, options, pixels, times);
+}
+
+DeviceView::DeviceView(std::shared_ptr<Impl> impl) : impl_(std::move(impl)) {}
+DeviceView::DeviceView(DeviceView&&) noexcept = default;
+DeviceView& DeviceView::operator=(DeviceView&&) noexcept = default;
+DeviceView::~DeviceView() = default;
+
+Result<void> DeviceView::make_current() const {
+  return cuda_check(cudaSetDevice(impl_->scene.device), "choosing the GPU");
+}
+
+const std::optional<StreamStats>& DeviceView::stream_stats() const {
+  return impl_->streamed;
+}
+
+Result<kernels::FrameStats> DeviceView::draw(const kernels::View& view, kernels::FrameTimes* times,
+                                             const kernels::ShadeOptions* shade) {
+  Impl& impl = *impl_;
+  impl.width = 0;
   const uint64_t bytes = uint64_t{view.width} * view.height * sizeof(uint64_t);
-  if (impl_->samples.bytes() != bytes) {
-    if (const Result<void> freed = impl_->samples.release("freeing the visibility buffer"); !freed)
-      return freed.error();
-    Result<DeviceBuffer> buffer = DeviceBuffer::allocate(bytes, "allocating the visibility buffer");
-    if (!buffer) return buffer.error();
-    impl_->samples = std::move(*buffer);
+  if (const Result<void> reserved = impl.samples.reserve(bytes, "allocating the visibility buffer"); !reserved)
+    return reserved.error();
+  CudaStream* const stream = impl.scene.stream.get();
+  if (stream == nullptr) {
+    const Result<kernels::FrameStats> drawn = impl.frames->draw(view, impl.sample_data(), {}, times);
+    if (!drawn) return drawn.error();
+    impl.width = view.width;
+    impl.height = view.height;
+    return drawn;
   }
-  impl_->width = view.width;
-  impl_->height = view.height;
-  const auto samples = reinterpret_cast<uint64_t*>(impl_->samples.data());
-  if (impl_->stream == nullptr) return impl_->frames->draw(view, samples, {}, times);
   const auto start = std::chrono::steady_clock::now();
-  const Result<StreamStats> streamed = impl_->stream->draw_frame(view, shade, samples);
+  const Result<StreamStats> streamed = stream->draw_frame(view, shade, impl.sample_data());
   if (!streamed) return streamed.error();
-  impl_->streamed = *streamed;
+  impl.width = view.width;
+  impl.height = view.height;
+  impl.streamed = *streamed;
   if (times != nullptr) {
     *times = {};
     times->raster_ms = std::chrono::duration<float, std::milli>(std::chrono::steady_clock::now() - start).count();
@@ -234,37 +311,47 @@ Result<kernels::FrameStats> DeviceScene::draw(const kernels::View& view, kernels
   return streamed->drawn;
 }
 
-Result<void> DeviceScene::read_samples(std::span<uint64_t> samples) {
-  if (impl_->samples.bytes() != samples.size_bytes())
-    return Error{ErrorCode::kRange, std::to_string(samples.size()) + " samples, but the picture has " +
-                                        std::to_string(impl_->samples.bytes() / sizeof(uint64_t))};
+Result<void> DeviceView::read_samples(std::span<uint64_t> samples) {
+  const uint64_t count = uint64_t{impl_->width} * impl_->height;
+  if (count != samples.size())
+    return Error{ErrorCode::kRange,
+                 std::to_string(samples.size()) + " samples, but the picture has " + std::to_string(count)};
   return cuda_check(cudaMemcpy(samples.data(), impl_->samples.data(), samples.size_bytes(), cudaMemcpyDeviceToHost),
                     "reading the visibility buffer");
 }
 
-Result<void> DeviceScene::resolve(const kernels::View& view, uint32_t samples_per_side,
-                                  const kernels::ShadeOptions& options, std::span<uint32_t> pixels,
-                                  kernels::ResolveTimes* times) {
-  if (impl_->width != view.width || impl_->height != view.height)
-    return Error{ErrorCode::kRange, "no picture of " + std::to_string(view.width) + " x " +
-                                        std::to_string(view.height) + " samples was drawn"};
+Result<uint64_t> DeviceView::read_sample(uint64_t index) {
+  uint64_t sample = 0;
+  if (Result<void> done = cuda_check(
+          cudaMemcpy(&sample, impl_->sample_data() + index, sizeof sample, cudaMemcpyDeviceToHost), "reading a sample");
+      !done)
+    return done.error();
+  return sample;
+}
+
+Result<void> DeviceView::resolve(const kernels::View& view, uint32_t samples_per_side,
+                                 const kernels::ShadeOptions& options, std::span<uint32_t> pixels,
+                                 kernels::ResolveTimes* times, uint32_t* out) {
+  Impl& impl = *impl_;
+  if (Result<void> checked = impl.check_drawn(view); !checked) return checked;
   if (auto checked = kernels::check_resolve(view, samples_per_side); !checked) return checked;
   const uint64_t count = uint64_t{view.width / samples_per_side} * (view.height / samples_per_side);
-  if (auto reserved = impl_->pixels.reserve(count * sizeof(uint32_t), "allocating the picture"); !reserved)
-    return reserved.error();
-  const auto device_pixels = reinterpret_cast<uint32_t*>(impl_->pixels.data());
-  const bool from_colors = impl_->stream != nullptr && kernels::shades_from_chunks(options.show);
-  if (from_colors && impl_->stream->colors() == nullptr)
+  if (out == nullptr)
+    if (auto reserved = impl.pixels.reserve(count * sizeof(uint32_t), "allocating the picture"); !reserved)
+      return reserved.error();
+  uint32_t* const device_pixels = out != nullptr ? out : reinterpret_cast<uint32_t*>(impl.pixels.data());
+  const CudaStream* const stream = impl.scene.stream.get();
+  const bool from_colors = stream != nullptr && kernels::shades_from_chunks(options.show);
+  if (from_colors && stream->colors() == nullptr)
     return Error{ErrorCode::kRange, "the streamed frame was not drawn to be shaded so"};
   if (from_colors) {
-    if (auto done = impl_->resolver.resolve_colors(view, samples_per_side,
-                                                   reinterpret_cast<const uint64_t*>(impl_->samples.data()),
-                                                   impl_->stream->colors(), options, device_pixels, nullptr, times);
+    if (auto done = impl.resolver.resolve_colors(view, samples_per_side, impl.sample_data(), stream->colors(), options,
+                                                 device_pixels, nullptr, times);
         !done)
       return done;
-  } else if (auto done = impl_->resolver.resolve(
-                 impl_->scene.view(), view, samples_per_side, reinterpret_cast<const uint64_t*>(impl_->samples.data()),
-                 impl_->frames->transforms(), options, device_pixels, nullptr, times, impl_->scene.texture_cache());
+  } else if (auto done = impl.resolver.resolve(impl.scene.scene.view(), view, samples_per_side, impl.sample_data(),
+                                               impl.frames ? impl.frames->transforms() : nullptr, options,
+                                               device_pixels, nullptr, times, impl.scene.scene.texture_cache());
              !done)
     return done;
   if (pixels.empty()) return {};
@@ -273,6 +360,57 @@ Result<void> DeviceScene::resolve(const kernels::View& view, uint32_t samples_pe
                  std::to_string(pixels.size()) + " pixels, but the picture has " + std::to_string(count)};
   return cuda_check(cudaMemcpy(pixels.data(), device_pixels, pixels.size_bytes(), cudaMemcpyDeviceToHost),
                     "reading the picture");
+}
+
+Result<const std::byte*> DeviceView::make_layer(const kernels::View& view, uint32_t samples_per_side, PixelLayer layer,
+                                                std::byte* out) {
+  Impl& impl = *impl_;
+  if (Result<void> checked = impl.check_drawn(view); !checked) return checked.error();
+  if (auto checked = kernels::check_resolve(view, samples_per_side); !checked) return checked.error();
+  if (out == nullptr) {
+    DeviceBuffer& buffer = impl.layers[static_cast<size_t>(layer)];
+    const uint64_t count = uint64_t{view.width / samples_per_side} * (view.height / samples_per_side);
+    if (auto reserved = buffer.reserve(count * layer_bytes(layer), "allocating a layer"); !reserved)
+      return reserved.error();
+    out = buffer.data();
+  }
+  kernels::LayerTargets targets{};
+  if (layer == PixelLayer::kDepth) targets.depth = reinterpret_cast<float*>(out);
+  if (layer == PixelLayer::kTriangle) targets.triangle = reinterpret_cast<int64_t*>(out);
+  if (layer == PixelLayer::kInstance) targets.instance = reinterpret_cast<int32_t*>(out);
+  if (auto started = kernels::start_layers(
+          kernels::make_layers(impl.scene.scene.view(), view, samples_per_side, impl.sample_data(), targets), nullptr);
+      !started)
+    return started.error();
+  return out;
+}
+
+Result<std::byte*> DeviceView::reserve_block(size_t index, uint64_t bytes) {
+  DeviceBuffer& block = impl_->blocks[index];
+  if (auto reserved = block.reserve(bytes, "allocating the pictures of a batch"); !reserved) return reserved.error();
+  return block.data();
+}
+
+const uint32_t* DeviceView::pixels() const {
+  return reinterpret_cast<const uint32_t*>(impl_->pixels.data());
+}
+
+const uint64_t* DeviceView::samples() const {
+  return impl_->sample_data();
+}
+
+Result<void> DeviceView::read(const void* device, std::span<std::byte> host) {
+  return cuda_check(cudaMemcpy(host.data(), device, host.size_bytes(), cudaMemcpyDeviceToHost), "reading a layer");
+}
+
+Result<void> DeviceView::order_before(void* stream) {
+  cudaEvent_t& queued = impl_->queued;
+  Result<void> done;
+  if (queued == nullptr)
+    done = cuda_check(cudaEventCreateWithFlags(&queued, cudaEventDisableTiming), "making an event");
+  if (done) done = cuda_check(cudaEventRecord(queued, nullptr), "recording an event");
+  if (done) done = cuda_check(cudaStreamWaitEvent(static_cast<cudaStream_t>(stream), queued), "ordering a stream");
+  return done;
 }
 
 }  // namespace scree::runtime

@@ -15,7 +15,7 @@ DeviceScene& DeviceScene::operator=(DeviceScene&&) noexcept = default;
 DeviceScene::~DeviceScene() = default;
 
 Result<DeviceScene> DeviceScene::upload(const Scene&, uint64_t, uint32_t, Reading, uint64_t, uint64_t,
-                                        const PictureNeeds&) {
+                                        const PictureNeeds&, JobProgress*) {
   return current_gpu().error();
 }
 
@@ -45,6 +45,71 @@ const std::optional<StreamStats>& DeviceScene::stream_stats() const {
 const UploadStats& DeviceScene::stats() const {
   static const UploadStats none;
   return none;
+}
+
+Result<DeviceView> DeviceScene::add_view(const Scene&) {
+  return current_gpu().error();
+}
+
+bool DeviceScene::is_streamed() const {
+  return false;
+}
+
+struct DeviceView::Impl {};
+
+DeviceView::DeviceView(std::shared_ptr<Impl> impl) : impl_(std::move(impl)) {}
+DeviceView::DeviceView(DeviceView&&) noexcept = default;
+DeviceView& DeviceView::operator=(DeviceView&&) noexcept = default;
+DeviceView::~DeviceView() = default;
+
+Result<void> DeviceView::make_current() const {
+  return current_gpu().error();
+}
+
+Result<kernels::FrameStats> DeviceView::draw(const kernels::View&, kernels::FrameTimes*, const kernels::ShadeOptions*) {
+  return current_gpu().error();
+}
+
+const std::optional<StreamStats>& DeviceView::stream_stats() const {
+  static const std::optional<StreamStats> none;
+  return none;
+}
+
+Result<void> DeviceView::read_samples(std::span<uint64_t>) {
+  return current_gpu().error();
+}
+
+Result<void> DeviceView::resolve(const kernels::View&, uint32_t, const kernels::ShadeOptions&, std::span<uint32_t>,
+                                 kernels::ResolveTimes*, uint32_t*) {
+  return current_gpu().error();
+}
+
+Result<uint64_t> DeviceView::read_sample(uint64_t) {
+  return current_gpu().error();
+}
+
+Result<const std::byte*> DeviceView::make_layer(const kernels::View&, uint32_t, PixelLayer, std::byte*) {
+  return current_gpu().error();
+}
+
+Result<std::byte*> DeviceView::reserve_block(size_t, uint64_t) {
+  return current_gpu().error();
+}
+
+const uint32_t* DeviceView::pixels() const {
+  return nullptr;
+}
+
+const uint64_t* DeviceView::samples() const {
+  return nullptr;
+}
+
+Result<void> DeviceView::read(const void*, std::span<std::byte>) {
+  return current_gpu().error();
+}
+
+Result<void> DeviceView::order_before(void*) {
+  return current_gpu().error();
 }
 
 // Nobody has a DeviceScene to ask.

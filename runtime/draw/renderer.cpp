@@ -123,23 +123,29 @@ std::vector<float> Frame::depth() const {
 
 Result<std::optional<Pick>> Frame::pick(uint32_t x, uint32_t y) const {
   assert(x < width() && y < height() && !samples_.empty());
-  const uint64_t column = uint64_t{x} * samples_per_side_ + samples_per_side_ / 2;
-  const uint64_t row = uint64_t{y} * samples_per_side_ + samples_per_side_ / 2;
-  const uint64_t sample = samples_[row * view_.width + column];
+  return pick_sample(*scene_, view_, samples_[sample_index(view_, samples_per_side_, x, y)]);
+}
+
+uint64_t sample_index(const kernels::View& view, uint32_t samples_per_side, uint32_t x, uint32_t y) {
+  const uint64_t column = uint64_t{x} * samples_per_side + samples_per_side / 2;
+  const uint64_t row = uint64_t{y} * samples_per_side + samples_per_side / 2;
+  return row * view.width + column;
+}
+
+Result<std::optional<Pick>> pick_sample(const Scene& scene, const kernels::View& view, uint64_t sample) {
   if (sample == kernels::kBackground) return std::optional<Pick>();
-  const kernels::SceneView& scene = scene_->view();
   Pick pick{};
   pick.id = kernels::sample_id(sample);
-  pick.hit = kernels::find_triangle(scene, pick.id);
-  const format::InstanceRecord& instance = scene.instances[pick.hit.instance];
+  pick.hit = kernels::find_triangle(scene.view(), pick.id);
+  const format::InstanceRecord& instance = scene.view().instances[pick.hit.instance];
   pick.mesh = instance.mesh;
   pick.node = instance.node;
   pick.node_instance = instance.node_instance;
-  pick.mesh_triangle = scene.chunks[pick.hit.chunk].first_triangle + pick.hit.triangle;
-  const Result<std::optional<uint64_t>> source = source_triangle(*scene_, pick.hit);
+  pick.mesh_triangle = scene.view().chunks[pick.hit.chunk].first_triangle + pick.hit.triangle;
+  const Result<std::optional<uint64_t>> source = source_triangle(scene, pick.hit);
   if (!source) return source.error();
   pick.source_triangle = *source;
-  pick.depth = kernels::depth_of_code(view_, kernels::sample_depth_code(sample));
+  pick.depth = kernels::depth_of_code(view, kernels::sample_depth_code(sample));
   return std::optional<Pick>(pick);
 }
 

@@ -34,6 +34,14 @@ struct Pick {
   double depth;                             // from the eye's plane, world units
 };
 
+/// The sample that picking a pixel reads: at its centre, below and to the right of it where the number of samples a
+/// side is even. `view`: in samples.
+uint64_t sample_index(const kernels::View& view, uint32_t samples_per_side, uint32_t x, uint32_t y);
+
+/// What a sample of a frame of `view` shows; nothing on the background. Where the scene has not the triangle's page it
+/// is read from the file: errors as Scene::page.
+Result<std::optional<Pick>> pick_sample(const Scene& scene, const kernels::View& view, uint64_t sample);
+
 /// The visibility buffer of one view of a scene, which outlives it.
 class Frame {
  public:
@@ -59,9 +67,7 @@ class Frame {
   /// pixel; infinity where all are background. Throws std::bad_alloc.
   std::vector<float> depth() const;
 
-  /// The triangle at a pixel's centre (of its samples, the one below and to the right of the centre where their number
-  /// a side is even); nothing on the background. x < width, y < height in pixels. Where only a GPU has the pages, the
-  /// triangle's is read from the file: errors as Scene::page.
+  /// pick_sample() of sample_index(); x < width, y < height in pixels.
   Result<std::optional<Pick>> pick(uint32_t x, uint32_t y) const;
 
   /// Row by row, (samples per side * width) a row.

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <charconv>
 #include <cmath>
+#include <initializer_list>
 #include <limits>
 #include <new>
 #include <span>
@@ -13,6 +14,7 @@
 #include "format/geometry/cluster_codec.h"
 #include "format/geometry/position_codec.h"
 #include "format/geometry/rotation.h"
+#include "runtime/scene/scene.h"
 
 namespace scree::runtime {
 namespace {
@@ -75,26 +77,13 @@ Rows local_matrix(const format::NodeRecord& node) {
   return rows;
 }
 
-/// The eight corners of a mesh's box in world space.
-std::array<Vec3, 8> corners(const format::MeshRecord& mesh, const format::MatrixRecord& matrix) {
-  std::array<Vec3, 8> out;
-  for (size_t k = 0; k < 8; ++k) {
-    Vec3 p;
-    for (size_t axis = 0; axis < 3; ++axis)
-      p[axis] = static_cast<double>((k >> axis & 1) != 0 ? mesh.bounds_max[axis] : mesh.bounds_min[axis]);
-    for (size_t i = 0; i < 3; ++i)
-      out[k][i] = matrix.rows[i][0] * p[0] + matrix.rows[i][1] * p[1] + matrix.rows[i][2] * p[2] + matrix.rows[i][3];
-  }
-  return out;
-}
-
 template <class Visit>
 void for_each_corner(const kernels::SceneView& scene, const Visit& visit) {
   for (uint64_t i = 0; i < scene.instance_count; ++i) {
     const format::InstanceRecord& instance = scene.instances[i];
     const format::MeshRecord& mesh = scene.meshes[instance.mesh];
     if (mesh.triangle_count == 0) continue;
-    for (const Vec3& corner : corners(mesh, scene.matrices[instance.matrix])) visit(corner);
+    for (const Vec3& corner : box_corners(mesh, scene.matrices[instance.matrix])) visit(corner);
   }
 }
 
@@ -227,7 +216,7 @@ struct Extremes {
 /// Puts the eye as near to the scene as it can be with every point in the picture and a margin around, and the scene
 /// in the middle. Along the view direction a point (x, y, z) is inside when |x - ex| <= hw (z - ez), and y likewise:
 /// the four extremes of x - hw z, -x - hw z, y - hh z and -y - hh z say where the eye may be.
-void frame(View& view, const kernels::SceneView& scene) {
+void frame(View& view, const kernels::SceneView& scene, const WorldBox& box) {
   const Outline outline(scene);
   constexpr double kMargin = 0.94;  // of the picture's half sides
   const double hw = kMargin * view.half_width;
@@ -244,7 +233,6 @@ void frame(View& view, const kernels::SceneView& scene) {
     y_low = std::max(y_low, -y - hh * z);
     nearest = std::min(nearest, z);
   });
-  const WorldBox box = scene_box(scene);
   const double size = length(box.max - box.min);
   double ex = 0.5 * (x_high - x_low);
   double ey = 0.5 * (y_high - y_low);
@@ -321,8 +309,7 @@ Result<View> document_view(const format::Container& container, const PlacedCamer
   return view;
 }
 
-Result<View> eye_view(const kernels::SceneView& drawn, View view, const CameraOptions& options) {
-  const WorldBox box = scene_box(drawn);
+Result<View> eye_view(const WorldBox& box, View view, const CameraOptions& options) {
   const Vec3 middle = box.is_empty() ? Vec3{} : 0.5 * (box.min + box.max);
   const Vec3 eye = *options.eye;
   const auto forward = normalized(options.target.value_or(middle) - eye);
@@ -336,9 +323,9 @@ Result<View> eye_view(const kernels::SceneView& drawn, View view, const CameraOp
   return view;
 }
 
-Result<View> default_view(const kernels::SceneView& drawn, View view, const CameraOptions& options) {
-  // From 30 degrees to the right of the front and 20 above.
-  const double turn = 30 * kDegree, rise = 20 * kDegree;
+Result<View> default_view(const kernels::SceneView& drawn, const WorldBox& box, View view,
+                          const CameraOptions& options) {
+  const double turn = options.turn_degrees * kDegree, rise = options.rise_degrees * kDegree;
   const Vec3 up = options.up.value_or(Vec3{0, 1, 0});
   const auto upright = normalized(up);
   if (!upright) return Error{ErrorCode::kUsage, "up has no direction"};
@@ -347,32 +334,86 @@ Result<View> default_view(const kernels::SceneView& drawn, View view, const Came
   if (length(front) < 0.5) front = Vec3{0, -1, 0} + (*upright)[1] * *upright;
   front = *normalized(front);
   const Vec3 side = cross(*upright, front);
-  const Vec3 towards_eye =
-      std::cos(rise) * (std::cos(turn) * front + std::sin(turn) * side) + std::sin(rise) * *upright;
-  orient(view, *normalized(-1.0 * towards_eye), *upright);
-  if (scene_box(drawn).is_empty()) {
+  const Vec3 around = std::cos(turn) * front + std::sin(turn) * side;
+  const Vec3 towards_eye = std::cos(rise) * around + std::sin(rise) * *upright;
+  const Vec3 forward = *normalized(-1.0 * towards_eye);
+  // From straight above or below, the scene's back or front is the top of the picture.
+  if (!orient(view, forward, *upright)) orient(view, forward, (rise > 0 ? -1.0 : 1.0) * around);
+  if (box.is_empty()) {
     set_eye(view, 3.0 * towards_eye);
     view.z_near = 0.01;
     return view;
   }
   try {
-    frame(view, drawn);
+    frame(view, drawn, box);
   } catch (const std::bad_alloc&) {
     return Error{ErrorCode::kMemory, "no memory left to find a view of the scene"};
   }
   return view;
 }
 
+/// make_view(); `box()`: the scene's, called where it is needed.
+template <class Box>
+Result<View> view_with(const format::Container& container, uint32_t scene, const kernels::SceneView& drawn,
+                       const CameraOptions& options, const Box& box) {
+  View view{};
+  view.width = options.width;
+  view.height = options.height;
+  if (!options.camera.empty()) {
+    if (options.eye || options.target || options.up)
+      return Error{ErrorCode::kUsage, "a camera of the scene excludes an eye, a target and an up"};
+    const std::vector<PlacedCamera> cameras = placed_cameras(container, scene);
+    const PlacedCamera* const placed = find_camera(container, cameras, options.camera);
+    if (placed == nullptr)
+      return Error{ErrorCode::kUsage, "no camera '" + options.camera + "', " + camera_list(container, cameras)};
+    return document_view(container, *placed, view, options);
+  }
+  set_field_of_view(view, options.fov_degrees.value_or(kDefaultFovDegrees) * kDegree);
+  if (options.eye) return eye_view(box(), view, options);
+  if (options.target) return Error{ErrorCode::kUsage, "a target needs an eye"};
+  return default_view(drawn, box(), view, options);
+}
+
+/// Sets the shape of what is seen from a projection's rows.
+Result<void> set_projection(View& view, const std::array<double, 16>& p, double z_near) {
+  const auto is_zero = [&](std::initializer_list<size_t> places) {
+    return std::all_of(places.begin(), places.end(), [&](size_t i) { return std::abs(p[i]) <= 1e-9; });
+  };
+  const bool is_perspective = p[14] == -1 && is_zero({15, 2, 6});
+  const bool is_orthographic = p[15] == 1 && is_zero({14, 3, 7});
+  if (!(is_perspective || is_orthographic) || !is_zero({1, 4, 8, 9, 12, 13}) || !(p[0] > 0) || !(p[5] > 0))
+    return Error{ErrorCode::kUsage,
+                 "the projection is neither perspective nor orthographic around the middle of the picture, rows first, "
+                 "w = -z or 1"};
+  view.half_width = 1 / p[0];
+  view.half_height = 1 / p[5];
+  view.orthographic = is_orthographic;
+  view.z_near = is_orthographic ? (p[11] + 1) / p[10] : p[11] / (p[10] - 1);
+  if (is_orthographic) view.z_far = (p[11] - 1) / p[10];
+  if (z_near > 0) view.z_near = z_near;
+  const bool has_depth = std::isfinite(view.z_near) &&
+                         (is_orthographic ? std::isfinite(view.z_far) && view.z_far > view.z_near : view.z_near > 0);
+  if (!has_depth) return Error{ErrorCode::kUsage, "the projection has no near plane before its far one"};
+  return {};
+}
+
 }  // namespace
 
+std::array<Vec3, 8> box_corners(const format::MeshRecord& mesh, const format::MatrixRecord& matrix) {
+  std::array<Vec3, 8> out;
+  for (size_t k = 0; k < 8; ++k) {
+    Vec3 p;
+    for (size_t axis = 0; axis < 3; ++axis)
+      p[axis] = static_cast<double>((k >> axis & 1) != 0 ? mesh.bounds_max[axis] : mesh.bounds_min[axis]);
+    for (size_t i = 0; i < 3; ++i)
+      out[k][i] = matrix.rows[i][0] * p[0] + matrix.rows[i][1] * p[1] + matrix.rows[i][2] * p[2] + matrix.rows[i][3];
+  }
+  return out;
+}
+
 WorldBox scene_box(const kernels::SceneView& scene) {
-  WorldBox box{{kInfinity, kInfinity, kInfinity}, {-kInfinity, -kInfinity, -kInfinity}};
-  for_each_corner(scene, [&](const Vec3& p) {
-    for (size_t i = 0; i < 3; ++i) {
-      box.min[i] = std::min(box.min[i], p[i]);
-      box.max[i] = std::max(box.max[i], p[i]);
-    }
-  });
+  WorldBox box;
+  for_each_corner(scene, [&](const Vec3& p) { box.add(p); });
   return box;
 }
 
@@ -400,23 +441,32 @@ bool view_reads_vertices(const kernels::SceneView& drawn, const CameraOptions& o
 
 Result<View> make_view(const format::Container& container, uint32_t scene, const kernels::SceneView& drawn,
                        const CameraOptions& options) {
-  View view{};
-  view.width = options.width;
-  view.height = options.height;
-  if (!options.camera.empty()) {
-    if (options.eye || options.target || options.up)
-      return Error{ErrorCode::kUsage, "a camera of the scene excludes an eye, a target and an up"};
-    const std::vector<PlacedCamera> cameras = placed_cameras(container, scene);
-    const PlacedCamera* const placed = find_camera(container, cameras, options.camera);
-    if (placed == nullptr)
-      return Error{ErrorCode::kUsage, "no camera '" + options.camera + "', " + camera_list(container, cameras)};
-    return document_view(container, *placed, view, options);
-  }
-  set_field_of_view(view, options.fov_degrees.value_or(kDefaultFovDegrees) * kDegree);
-  if (options.eye) return eye_view(drawn, view, options);
-  if (options.target) return Error{ErrorCode::kUsage, "a target needs an eye"};
+  return view_with(container, scene, drawn, options, [&] { return scene_box(drawn); });
+}
 
-  return default_view(drawn, view, options);
+Result<View> make_view(const Scene& scene, const CameraOptions& options) {
+  return view_with(scene.container(), scene.scene_index(), scene.view(), options, [&] { return scene.box(); });
+}
+
+Result<View> view_of_matrices(const CameraMatrices& camera, uint32_t width, uint32_t height) {
+  const std::array<double, 16>& m = camera.view;
+  const Vec3 right{m[0], m[1], m[2]}, up{m[4], m[5], m[6]}, back{m[8], m[9], m[10]};
+  const auto is_near = [](double a, double b) { return std::abs(a - b) <= 1e-4; };
+  const bool is_rotation = is_near(dot(right, right), 1) && is_near(dot(up, up), 1) && is_near(dot(back, back), 1) &&
+                           is_near(dot(right, up), 0) && is_near(dot(up, back), 0) && is_near(dot(back, right), 0) &&
+                           dot(cross(right, up), back) > 0;
+  const bool is_affine = m[12] == 0 && m[13] == 0 && m[14] == 0 && m[15] == 1;
+  if (!is_rotation || !is_affine || !std::isfinite(m[3] + m[7] + m[11]))
+    return Error{ErrorCode::kUsage, "the view is no rotation and translation from world to camera, rows first"};
+  View view{};
+  view.width = width;
+  view.height = height;
+  (void)orient(view, *normalized(-1.0 * back), up);
+  Vec3 eye{};
+  for (size_t i = 0; i < 3; ++i) eye[i] = -m[3] * view.right[i] - m[7] * view.up[i] + m[11] * view.forward[i];
+  set_eye(view, eye);
+  if (const Result<void> done = set_projection(view, camera.projection, camera.z_near); !done) return done.error();
+  return view;
 }
 
 }  // namespace scree::runtime

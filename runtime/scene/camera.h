@@ -3,6 +3,7 @@
 
 #include <array>
 #include <cstdint>
+#include <limits>
 #include <optional>
 #include <string>
 #include <vector>
@@ -18,10 +19,20 @@ using Vec3 = std::array<double, 3>;
 
 /// An axis-aligned box in world space; empty where min > max.
 struct WorldBox {
-  Vec3 min;
-  Vec3 max;
+  static constexpr double kFar = std::numeric_limits<double>::infinity();
+  Vec3 min{kFar, kFar, kFar};
+  Vec3 max{-kFar, -kFar, -kFar};
   bool is_empty() const { return !(min[0] <= max[0]); }
+  void add(const Vec3& point) {
+    for (size_t i = 0; i < 3; ++i) {
+      min[i] = point[i] < min[i] ? point[i] : min[i];
+      max[i] = point[i] > max[i] ? point[i] : max[i];
+    }
+  }
 };
+
+/// The eight corners of a mesh's box in world space.
+std::array<Vec3, 8> box_corners(const format::MeshRecord& mesh, const format::MatrixRecord& matrix);
 
 /// The box of everything that the scene's instances draw (of their meshes' boxes, so a little larger when turned).
 WorldBox scene_box(const kernels::SceneView& scene);
@@ -39,16 +50,34 @@ std::vector<PlacedCamera> placed_cameras(const format::Container& container, uin
 /// What the caller chose. Nothing chosen: a default view that shows the whole scene, from the front, right and above
 /// (glTF models look along +z).
 struct CameraOptions {
-  std::string camera;                 // name of a camera or of its node, or the camera's number in the document
-  std::optional<Vec3> eye;            // excludes `camera`
-  std::optional<Vec3> target;         // default: the middle of the scene's box
-  std::optional<Vec3> up;             // default: y
+  std::string camera;          // name of a camera or of its node, or the camera's number in the document
+  std::optional<Vec3> eye;     // excludes `camera`
+  std::optional<Vec3> target;  // default: the middle of the scene's box
+  std::optional<Vec3> up;      // default: y
+  // From where the default view looks at the scene: degrees to the right of its front, and above it, -90 to 90.
+  double turn_degrees = 30;
+  double rise_degrees = 20;
   std::optional<double> fov_degrees;  // vertical, above 0 and below 180; of a document's camera it replaces its own
   uint32_t width = 1920;              // of the picture, in samples; its ratio is the picture's aspect
   uint32_t height = 1080;
 };
 
 inline constexpr double kDefaultFovDegrees = 45;
+
+/// A camera as two 4 x 4 matrices, rows first: world to camera, which looks along -z with y up, and camera to clip
+/// space, as OpenGL has it (w = -z, depths from -1 to 1).
+struct CameraMatrices {
+  std::array<double, 16> view;
+  std::array<double, 16> projection;
+  double z_near = 0;  // above 0: instead of the near plane that `projection` has, for other ranges of depth
+};
+
+/// The view of `camera`, of width x height samples. Errors kUsage: a view that is no rotation and translation (to
+/// 1e-4; it is made one to 1e-12), a projection that is neither a perspective nor an orthographic one around the middle
+/// of the picture, no near plane.
+Result<kernels::View> view_of_matrices(const CameraMatrices& camera, uint32_t width, uint32_t height);
+
+class Scene;
 
 /// Whether make_view() looks at vertices, so that `drawn` must have its pages: the default view of at most 2^20 of
 /// them.
@@ -61,5 +90,8 @@ bool view_reads_vertices(const kernels::SceneView& drawn, const CameraOptions& o
 /// are listed; an eye without a direction), kFormat (a camera node whose matrix has no direction), kMemory.
 Result<kernels::View> make_view(const format::Container& container, uint32_t scene, const kernels::SceneView& drawn,
                                 const CameraOptions& options);
+
+/// The same for a scene, whose box is found once (Scene::box()).
+Result<kernels::View> make_view(const Scene& scene, const CameraOptions& options);
 
 }  // namespace scree::runtime

@@ -14,22 +14,19 @@
 #include "runtime/threads/parallel.h"
 
 namespace scree::runtime {
-namespace {
 
 using format::ChunkRecord;
 using format::ChunkStream;
 using format::MeshRecord;
 
-/// "mesh 12 (Rock), chunk 340 (page 7)".
 std::string chunk_place(const format::Container& container, uint64_t index) {
   const ChunkRecord& chunk = container.chunks()[index];
   const std::string_view name = container.string(container.groups()[container.meshes()[chunk.mesh].group].name);
   std::string place = "mesh " + std::to_string(chunk.mesh);
   if (!name.empty()) place.append(" (").append(name).append(")");
-  return place + ", chunk " + std::to_string(index) + " (page " + std::to_string(chunk.page) + ")";
+  return place + ", chunk " + std::to_string(index) + " (page " + std::to_string(chunk.page) + ", byte " +
+         std::to_string(chunk.offset) + ")";
 }
-
-}  // namespace
 
 Result<void> check_chunk(const MeshRecord& mesh, const ChunkRecord& chunk, std::span<const std::byte> page) {
   const format::ChunkStreams streams = format::chunk_streams(mesh, chunk);
@@ -101,13 +98,15 @@ Result<void> DrawnPages::check(uint64_t index, std::span<const std::byte> raw) c
   return {};
 }
 
-Result<PageSet> load_pages(const DrawnPages& pages, const MappedFile& map, uint32_t threads) {
+Result<PageSet> load_pages(const DrawnPages& pages, const MappedFile& map, uint32_t threads, JobProgress* progress) {
   try {
     PageSet set;
     const format::Container& container = pages.container();
     set.raw.assign(container.pages().size(), nullptr);
     set.decoded.resize(container.pages().size());
     set.page_count = pages.size();
+    for (uint64_t i = 0; i < set.page_count; ++i) set.stored_bytes += pages.record(i).stored_bytes;
+    if (progress != nullptr) progress->begin("geometry", set.stored_bytes);
     FirstError failure;
     parallel_for(set.page_count, threads, [&](uint64_t i) {
       if (failure.is_moot(i)) return;
@@ -120,12 +119,11 @@ Result<PageSet> load_pages(const DrawnPages& pages, const MappedFile& map, uint3
       if (record.codec != format::PageCodec::kRaw) map.release(record.offset, record.stored_bytes);
       if (const Result<void> checked = pages.check(i, *raw); !checked) return failure.report(i, checked.error());
       set.raw[page] = raw->data();
+      if (const Result<void> going = JobProgress::advance(progress, record.stored_bytes); !going)
+        failure.report(i, going.error());
     });
     if (failure.any()) return failure.error();
-    for (uint64_t i = 0; i < set.page_count; ++i) {
-      set.stored_bytes += pages.record(i).stored_bytes;
-      set.decoded_bytes += set.decoded[pages.page(i)].size();
-    }
+    for (uint64_t i = 0; i < set.page_count; ++i) set.decoded_bytes += set.decoded[pages.page(i)].size();
     return set;
   } catch (const std::bad_alloc&) {
     return Error{ErrorCode::kMemory, "no memory left for its pages"};

@@ -4,13 +4,19 @@
 #include <cstddef>
 #include <cstdint>
 #include <span>
+#include <string>
 #include <vector>
 
 #include "format/container/container.h"
 #include "format/result.h"
 #include "runtime/files/mapped_file.h"
+#include "runtime/threads/job_progress.h"
 
 namespace scree::runtime {
+
+/// "mesh 12 (Rock), chunk 340 (page 7, byte 65536)", for messages. The name is the glTF mesh's, left out where it has
+/// none.
+std::string chunk_place(const format::Container& container, uint64_t chunk);
 
 /// Checks every stream of a chunk of `mesh` that lies in `page` (raw bytes): sizes, index range, coordinate range,
 /// finite floats, unit normals, zero slack. Errors kRange, kTruncated, kTrailing, kFormat, the stream named.
@@ -55,7 +61,8 @@ struct PageSet {
 
 /// Loads `pages` on `threads` threads and checks them. The error is that of the first bad page, whatever the number of
 /// threads: kChecksum and the others of Container::load_page and DrawnPages::check; kMemory. `map` is what the
-/// container was opened on.
-Result<PageSet> load_pages(const DrawnPages& pages, const MappedFile& map, uint32_t threads);
+/// container was opened on. `progress`: hears of stored bytes, and may stop the loading (kFile).
+Result<PageSet> load_pages(const DrawnPages& pages, const MappedFile& map, uint32_t threads,
+                           JobProgress* progress = nullptr);
 
 }  // namespace scree::runtime

@@ -70,8 +70,8 @@ Result<SceneFile> SceneFile::open(const std::string& path) {
   SceneFile file;
   Result<MappedFile> map = MappedFile::open(path);
   if (!map) return map.error();
-  file.map_ = std::move(*map);
-  Result<format::Container> container = format::Container::open(file.map_.bytes());
+  file.map_ = std::make_shared<const MappedFile>(std::move(*map));
+  Result<format::Container> container = format::Container::open(file.map().bytes());
   if (!container) return at(path, container.error());
   file.container_ = std::move(*container);
   return file;
@@ -139,7 +139,8 @@ Result<Scene> Scene::load(SceneFile file, uint32_t scene_index, const SceneOptio
     scene.pages_.raw.assign(container.pages().size(), nullptr);
     view.pages = scene.pages_.raw.data();
     if (options.pages)
-      if (const Result<void> loaded = scene.load_pages(options.threads); !loaded) return loaded.error();
+      if (const Result<void> loaded = scene.load_pages(options.threads, options.progress); !loaded)
+        return loaded.error();
     const Stopwatch texture_watch;
     if (const Result<void> loaded = scene.load_textures(options); !loaded) return at(path, loaded.error());
     scene.stats_.textures = texture_watch.elapsed();
@@ -167,10 +168,10 @@ Result<void> Scene::number_instances() {
   return {};
 }
 
-Result<void> Scene::load_pages(uint32_t threads) {
+Result<void> Scene::load_pages(uint32_t threads, JobProgress* progress) {
   if (has_pages_) return {};
   const Stopwatch watch;
-  Result<PageSet> pages = runtime::load_pages(drawn_pages_, file_.map(), threads);
+  Result<PageSet> pages = runtime::load_pages(drawn_pages_, file_.map(), threads, progress);
   if (!pages) return at(file_.path(), pages.error());
   pages_ = std::move(*pages);
   view_.pages = pages_.raw.data();
@@ -180,6 +181,11 @@ Result<void> Scene::load_pages(uint32_t threads) {
   stats_.decoded_bytes = pages_.decoded_bytes;
   stats_.geometry = watch.elapsed();
   return {};
+}
+
+const WorldBox& Scene::box() const {
+  std::call_once(box_->once, [&] { box_->box = scene_box(view_); });
+  return box_->box;
 }
 
 Result<std::span<const std::byte>> Scene::page(uint32_t page, std::vector<std::byte>& scratch) const {
@@ -217,8 +223,13 @@ Result<void> Scene::load_textures(const SceneOptions& options) {
   block_images_.resize(images.size());
   std::vector<Result<void>> results(wanted.size());
   std::vector<std::string> warnings(wanted.size());
+  if (options.progress != nullptr) options.progress->begin("textures", wanted.size());
   parallel_for(wanted.size(), options.threads, [&](uint64_t i) {
     const uint32_t image = wanted[i];
+    if (const Result<void> going = JobProgress::advance(options.progress, 1); !going) {
+      results[i] = going;
+      return;
+    }
     if (options.texture_cache != 0 && images[image].codec == format::ImageCodec::kIndexedJpeg) {
       Result<JpegTexture> jpeg = load_jpeg(container(), image);
       if (jpeg) {

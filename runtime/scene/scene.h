@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <memory>
+#include <mutex>
 #include <span>
 #include <string>
 #include <string_view>
@@ -13,30 +14,32 @@
 #include "kernels/scene_view.h"
 #include "kernels/shade/block_cache.h"
 #include "runtime/files/mapped_file.h"
+#include "runtime/scene/camera.h"
 #include "runtime/scene/pages.h"
 #include "runtime/textures/block_image.h"
 #include "runtime/textures/jpeg_image.h"
 #include "runtime/textures/texture.h"
+#include "runtime/threads/job_progress.h"
 #include "runtime/threads/stopwatch.h"
 
 namespace scree::runtime {
 
-/// A mapped and opened .scree file: what can be asked without loading a page.
+/// A mapped and opened .scree file: its records, without a page. Copies share the map.
 class SceneFile {
  public:
   /// Errors as MappedFile::open and Container::open, the file named.
   static Result<SceneFile> open(const std::string& path);
 
-  const MappedFile& map() const { return map_; }
+  const MappedFile& map() const { return *map_; }
   const format::Container& container() const { return container_; }
-  const std::string& path() const { return map_.path(); }
+  const std::string& path() const { return map_->path(); }
 
   /// The scene of that name, else of that number, else (empty) the document's default scene, else its first. Errors
   /// kUsage (no such scene; those there are are listed), kUnsupported (the file has none).
   Result<uint32_t> find_scene(const std::string& name_or_index) const;
 
  private:
-  MappedFile map_;
+  std::shared_ptr<const MappedFile> map_ = std::make_shared<const MappedFile>();
   format::Container container_;
 };
 
@@ -50,7 +53,8 @@ struct SceneOptions {
   // Most bytes of decoded blocks that a CPU keeps of JPEG textures, whose finer levels are decoded as they are looked
   // at, memory that is taken as it fills; 0: all levels are decoded at once.
   uint64_t texture_cache = 0;
-  bool pages = true;  // false: view().pages are null until load_pages(), for scenes that a GPU draws
+  bool pages = true;                // false: view().pages are null until load_pages(), for scenes that a GPU draws
+  JobProgress* progress = nullptr;  // hears of every page and image, and may stop the loading
 };
 
 struct LoadStats {
@@ -81,7 +85,7 @@ class Scene {
 
   /// Loads the pages that the scene's instances use and validates every chunk of theirs; nothing to do where that is
   /// done. Errors, with the file and the place named: those of runtime::load_pages.
-  Result<void> load_pages(uint32_t threads);
+  Result<void> load_pages(uint32_t threads, JobProgress* progress = nullptr);
   /// Whether view().pages has what the scene draws, as the CPU needs it.
   bool has_pages() const { return has_pages_; }
   /// Which those are.
@@ -95,6 +99,8 @@ class Scene {
   const format::Container& container() const { return file_.container(); }
   uint32_t scene_index() const { return scene_; }
   const kernels::SceneView& view() const { return view_; }
+  /// scene_box() of all that it draws, found once. Thread-safe.
+  const WorldBox& box() const;
   const LoadStats& stats() const { return stats_; }
   /// Of the JPEG textures; null where there are none.
   const kernels::BlockCache* block_cache() const { return blocks_.get(); }
@@ -109,6 +115,11 @@ class Scene {
   const std::vector<std::string>& warnings() const { return warnings_; }
 
  private:
+  struct LazyBox {
+    std::once_flag once;
+    WorldBox box;
+  };
+
   /// The records of a table side by side: the table itself, or a copy, of a small table and where a newer file has
   /// longer records.
   template <class Record>
@@ -141,6 +152,7 @@ class Scene {
   std::vector<kernels::TextureView> textures_;
   std::vector<std::string> warnings_;
   LoadStats stats_;
+  std::unique_ptr<LazyBox> box_ = std::make_unique<LazyBox>();
 };
 
 }  // namespace scree::runtime

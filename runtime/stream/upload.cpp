@@ -140,12 +140,13 @@ class SlotRing {
 class Uploader {
  public:
   Uploader(const UploadPlan& plan, const MappedFile& map, UploadTarget& target, const StagingSizes& sizes,
-           bool is_mapped)
+           bool is_mapped, JobProgress* progress)
       : plan_(plan),
         map_(map),
         target_(target),
         sizes_(sizes),
         is_mapped_(is_mapped),
+        progress_(progress),
         jobs_(jobs_of(plan, sizes.slot_bytes)),
         ring_(target, sizes.slots) {
     bounce_.reserve(sizes.slots);  // as many as there are threads, so that none is given back where memory has run out
@@ -166,11 +167,14 @@ class Uploader {
     if (is_direct_) threads = std::max(threads, kDirectThreads);
     threads = std::clamp(threads, 1u, sizes_.slots);
     for (uint64_t i = 0; i < std::min<uint64_t>(threads, jobs_.size()); ++i) ask_for(i);
+    if (progress_ != nullptr) progress_->begin("upload", job_bytes());
     try {
       parallel_for(jobs_.size(), threads, [&](uint64_t i) {
         if (failure.is_moot(i)) return;
         ask_for(i + threads);
-        if (Result<void> done = run(jobs_[i]); !done) failure.report(i, done.error());
+        Result<void> done = run(jobs_[i]);
+        if (done) done = JobProgress::advance(progress_, jobs_[i].bytes);
+        if (!done) failure.report(i, done.error());
       });
     } catch (...) {
       (void)ring_.drain();
@@ -343,6 +347,12 @@ class Uploader {
     return {};
   }
 
+  uint64_t job_bytes() const {
+    uint64_t bytes = 0;
+    for (const Job& job : jobs_) bytes += job.bytes;
+    return bytes;
+  }
+
   UploadCounts counts() const {
     UploadCounts counts;
     counts.direct_bytes = direct_bytes_;
@@ -363,6 +373,7 @@ class Uploader {
   UploadTarget& target_;
   StagingSizes sizes_;
   bool is_mapped_;  // raw pages are copied out of the map
+  JobProgress* progress_;
   std::vector<Job> jobs_;
   SlotRing ring_;
   std::mutex large_mutex_;
@@ -418,9 +429,9 @@ StagingSizes staging_for(const UploadPlan& plan, Reading reading, uint32_t threa
 }
 
 Result<UploadCounts> run_upload(const UploadPlan& plan, const MappedFile& map, UploadTarget& target,
-                                const StagingSizes& sizes, Reading reading, uint32_t threads) {
+                                const StagingSizes& sizes, Reading reading, uint32_t threads, JobProgress* progress) {
   try {
-    Uploader uploader(plan, map, target, sizes, reading == Reading::kMapped);
+    Uploader uploader(plan, map, target, sizes, reading == Reading::kMapped, progress);
     if (reading == Reading::kDirect)
       if (Result<void> opened = uploader.open_direct(); !opened) return opened.error();
     return uploader.run(threads);

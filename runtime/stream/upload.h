@@ -9,6 +9,7 @@
 #include "format/result.h"
 #include "runtime/files/mapped_file.h"
 #include "runtime/scene/pages.h"
+#include "runtime/threads/job_progress.h"
 
 namespace scree::runtime {
 
@@ -117,8 +118,9 @@ struct UploadStats {
 /// frame, the streams of its drawn chunks) before it is copied, where it is copied from: in the slot. Only a raw page
 /// larger than a slot is checked in the map. Pages leave the map's resident part as they go. `map`: what the pages'
 /// container was opened on. Errors as load_pages and kFile, that of the first bad page whatever the number of threads;
-/// kDevice.
+/// kDevice. `progress`: hears of bytes of the arena, and may stop the upload (kFile).
 Result<UploadCounts> run_upload(const UploadPlan& plan, const MappedFile& map, UploadTarget& target,
-                                const StagingSizes& sizes, Reading reading, uint32_t threads);
+                                const StagingSizes& sizes, Reading reading, uint32_t threads,
+                                JobProgress* progress = nullptr);
 
 }  // namespace scree::runtime

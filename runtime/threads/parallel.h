@@ -41,19 +41,25 @@ class SharedLoop {
   std::mutex failure_mutex_;
 };
 
+/// Calls `work` on up to `threads` threads at once, as work(true) on the caller's and work(false) on the others, and
+/// returns when all have returned. Fewer threads than asked for (a limit of the system) are to do the same work. Only
+/// work(true) may throw.
+template <class Work>
+void on_threads(uint64_t threads, const Work& work) {
+  std::vector<std::jthread> helpers;  // joined whatever happens
+  try {
+    for (uint64_t i = 1; i < threads; ++i) helpers.emplace_back([&] { work(false); });
+  } catch (const std::exception&) {
+  }
+  work(true);
+}
+
 /// Calls body(i) once for every i below `count`, on up to `threads` threads (the caller's is one), in no particular
 /// order. An exception of a body ends the loop early and is thrown again here, where the caller turns it into an Error.
 template <class Body>
 void parallel_for(uint64_t count, uint32_t threads, const Body& body) {
   SharedLoop<Body> loop(count, body);
-  std::vector<std::thread> helpers;
-  try {
-    for (uint64_t i = 1; i < std::min<uint64_t>(threads, count); ++i) helpers.emplace_back([&] { loop(); });
-  } catch (const std::exception&) {
-    // Fewer threads than asked for (a limit of the system) do the same work.
-  }
-  loop();
-  for (std::thread& helper : helpers) helper.join();
+  on_threads(std::min<uint64_t>(threads, count), [&](bool) { loop(); });
   loop.finish();
 }
 

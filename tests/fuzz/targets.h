@@ -14,13 +14,14 @@ void position_codec(Bytes bytes);
 void attribute_codec(Bytes bytes);
 void cluster_codec(Bytes bytes);
 void cluster_page(Bytes bytes);
-void jpeg_index(Bytes bytes);  // an indexed JPEG, as it lies in a container
-void jpeg_file(Bytes bytes);   // a JPEG file on its way into one, with mip levels
-void block_file(Bytes bytes);  // a KTX2 or DDS file, level by level
-void image(Bytes bytes);       // a file of any of these as a texture
-void container(Bytes bytes);   // inspect --verify, and export
-void scene(Bytes bytes);       // render
-void gltf(Bytes bytes);        // convert
+void jpeg_index(Bytes bytes);    // an indexed JPEG, as it lies in a container
+void jpeg_file(Bytes bytes);     // a JPEG file on its way into one, with mip levels
+void block_file(Bytes bytes);    // a KTX2 or DDS file, level by level
+void image(Bytes bytes);         // a file of any of these as a texture
+void container(Bytes bytes);     // inspect --verify, and export
+void scene(Bytes bytes);         // render
+void gltf(Bytes bytes);          // convert
+void view_message(Bytes bytes);  // a page's message to scree view
 
 struct Target {
   const char* name;
@@ -41,6 +42,7 @@ inline constexpr Target kTargets[] = {
     {"container", container, true},
     {"scene", scene, true},
     {"gltf", gltf, false},
+    {"view_message", view_message, false},
 };
 
 }  // namespace scree::fuzz

@@ -77,6 +77,9 @@ TEST_CASE("fuzz corpus: scene", "[fuzz]") {
 TEST_CASE("fuzz corpus: gltf", "[fuzz]") {
   replay("gltf", "gltf");
 }
+TEST_CASE("fuzz corpus: view_message", "[fuzz][view]") {
+  replay("view_message", "view_message");
+}
 
 /// The picture of a seed as scripts/sanitize-gpu asks for it.
 std::vector<uint8_t> picture_of(const std::filesystem::path& seed) {

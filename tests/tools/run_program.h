@@ -20,10 +20,11 @@
 
 namespace scree::tests {
 
-/// Starts the program; its output, both streams, goes to the file `log`.
-inline pid_t start_program(const std::vector<std::string>& words, const std::string& log) {
+/// Starts `program`; its output, both streams, goes to the file `log`.
+inline pid_t start_program(const std::vector<std::string>& words, const std::string& log,
+                           const char* program = kProgram) {
   std::vector<char*> arguments;
-  std::vector<std::string> all{kProgram};
+  std::vector<std::string> all{program};
   all.insert(all.end(), words.begin(), words.end());
   for (std::string& word : all) arguments.push_back(word.data());
   arguments.push_back(nullptr);
@@ -32,7 +33,7 @@ inline pid_t start_program(const std::vector<std::string>& words, const std::str
   posix_spawn_file_actions_addopen(&files, STDOUT_FILENO, log.c_str(), O_WRONLY | O_CREAT | O_TRUNC, 0666);
   posix_spawn_file_actions_adddup2(&files, STDOUT_FILENO, STDERR_FILENO);
   pid_t child = -1;
-  REQUIRE(posix_spawn(&child, kProgram, &files, nullptr, arguments.data(), environ) == 0);
+  REQUIRE(posix_spawn(&child, program, &files, nullptr, arguments.data(), environ) == 0);
   posix_spawn_file_actions_destroy(&files);
   return child;
 }
@@ -49,8 +50,9 @@ struct ProgramRun {
   std::string output;  // both streams
 };
 
-inline ProgramRun run_program(const std::vector<std::string>& words, const std::string& log) {
-  const pid_t child = start_program(words, log);
+inline ProgramRun run_program(const std::vector<std::string>& words, const std::string& log,
+                              const char* program = kProgram) {
+  const pid_t child = start_program(words, log, program);
   int status = 0;
   rusage usage{};
   REQUIRE(wait4(child, &status, 0, &usage) == child);

@@ -10,6 +10,7 @@
 #include "format/geometry/cluster_codec.h"
 #include "format/geometry/index_codec.h"
 #include "format/geometry/position_codec.h"
+#include "runtime/scene/pages.h"
 
 namespace scree::tools {
 namespace {
@@ -49,30 +50,21 @@ void set_size(std::vector<T>& values, uint64_t size) {
 
 }  // namespace
 
-std::string chunk_place(const format::Container& file, uint64_t chunk) {
-  const ChunkRecord& record = file.chunks()[chunk];
-  const std::string_view name = file.string(file.groups()[file.meshes()[record.mesh].group].name);
-  std::string place = "mesh " + std::to_string(record.mesh);
-  if (!name.empty()) place.append(" (").append(name).append(")");
-  return place + ", chunk " + std::to_string(chunk) + " (page " + std::to_string(record.page) + ", byte " +
-         std::to_string(record.offset) + ")";
-}
-
 Result<void> decode_chunk(const format::Container& file, uint64_t chunk, std::span<const std::byte> page,
                           uint32_t parts, DecodedChunk& out) {
   const ChunkRecord& record = file.chunks()[chunk];
   const MeshRecord& mesh = file.meshes()[record.mesh];
-  const auto place = [&](const char* stream) { return chunk_place(file, chunk) + ": " + stream; };
+  const auto place = [&](const char* stream) { return runtime::chunk_place(file, chunk) + ": " + stream; };
 
   const format::ChunkStreams streams = format::chunk_streams(mesh, record);
   if (record.bytes != streams.bytes || !format::range_within(record.offset, record.bytes, page.size())) {
-    return Error{ErrorCode::kRange, chunk_place(file, chunk) + ": takes " + std::to_string(record.bytes) +
+    return Error{ErrorCode::kRange, runtime::chunk_place(file, chunk) + ": takes " + std::to_string(record.bytes) +
                                         " bytes, but its streams take " + std::to_string(streams.bytes) +
                                         " and the page has " + std::to_string(page.size())};
   }
   const uint64_t needed = decoded_bytes(mesh, record, parts);
   if (needed > memory_limit()) {
-    return Error{ErrorCode::kMemory, chunk_place(file, chunk) + ": decodes to " + std::to_string(needed) +
+    return Error{ErrorCode::kMemory, runtime::chunk_place(file, chunk) + ": decodes to " + std::to_string(needed) +
                                          " bytes, more than half of this machine's memory"};
   }
   const uint64_t vertices = record.vertex_count, triangles = record.triangle_count;
@@ -86,7 +78,7 @@ Result<void> decode_chunk(const format::Container& file, uint64_t chunk, std::sp
     set_size(out.source_ids, wanted(kPartSourceIds, format::kHasSourceIds) ? triangles : 0);
   } catch (const std::bad_alloc&) {
     return Error{ErrorCode::kMemory,
-                 chunk_place(file, chunk) + ": no memory for its " + std::to_string(needed) + " bytes"};
+                 runtime::chunk_place(file, chunk) + ": no memory for its " + std::to_string(needed) + " bytes"};
   }
 
   const std::span<const std::byte> payload = page.subspan(record.offset, record.bytes);

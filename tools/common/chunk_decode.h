@@ -34,10 +34,6 @@ struct DecodedChunk {
   std::vector<uint64_t> source_ids;  // 1 a triangle: its number in the source primitive
 };
 
-/// "mesh 12 (Rock), chunk 340 (page 7, byte 65536)", for messages. The name is the glTF mesh's, left out where it has
-/// none.
-std::string chunk_place(const format::Container& file, uint64_t chunk);
-
 /// Decodes the wanted streams of a chunk of `file` into `out`, whose memory is reused; every byte of them is checked,
 /// and with kPartAll every byte of the chunk. `page`: the raw bytes of the chunk's page, as Container::load_page gives
 /// them. Errors kRange, kTruncated, kTrailing, kFormat (place and stream named), kMemory; `out` is unspecified then.

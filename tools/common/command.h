@@ -24,5 +24,6 @@ Command add_synth(CLI::App& parent);
 Command add_export(CLI::App& parent);
 Command add_bench(CLI::App& parent);
 Command add_devices(CLI::App& parent);
+Command add_view(CLI::App& parent);
 
 }  // namespace scree::tools

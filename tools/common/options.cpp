@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <array>
-#include <cctype>
 #include <charconv>
 #include <cmath>
 #include <cstdio>
@@ -10,6 +9,7 @@
 #include <system_error>
 #include <thread>
 
+#include "format/text.h"
 #include "kernels/visbuffer.h"
 
 namespace scree::tools {
@@ -32,9 +32,7 @@ bool split_amount(std::string_view text, Amount& out) {
   if (status != std::errc{} || !std::isfinite(out.number)) return false;
   std::string_view unit(rest, static_cast<size_t>(end - rest));
   while (!unit.empty() && unit.front() == ' ') unit.remove_prefix(1);
-  out.unit.assign(unit);
-  std::transform(out.unit.begin(), out.unit.end(), out.unit.begin(),
-                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+  out.unit = format::lower_case(unit);
   return true;
 }
 
@@ -87,6 +85,12 @@ Result<uint64_t> parse_size(std::string_view text) {
   return static_cast<uint64_t>(bytes);
 }
 
+Result<uint64_t> parse_size(std::string_view text, std::string_view option, uint64_t otherwise) {
+  if (text.empty()) return otherwise;
+  const Result<uint64_t> bytes = parse_size(text);
+  return bytes ? *bytes : Result<uint64_t>(at(std::string(option), bytes.error()));
+}
+
 Result<double> parse_length(std::string_view text) {
   constexpr const char* kExpected = "a length such as 0.001, 0.5mm or 2cm";
   Amount amount;
@@ -115,7 +119,7 @@ Result<uint32_t> parse_threads(std::string_view text) {
 }
 
 Result<ImageSize> parse_image_size(std::string_view text, std::string_view what) {
-  const size_t by = std::min(text.find('x'), text.size());
+  const size_t by = std::min(text.find_first_of("xX"), text.size());
   const Result<uint64_t> width = parse_whole(text.substr(0, by), 1, kernels::kMaxImageSide, what);
   const Result<uint64_t> height =
       parse_whole(text.substr(std::min(by + 1, text.size())), 1, kernels::kMaxImageSide, what);

@@ -12,6 +12,8 @@ namespace scree::tools {
 /// "1234", "64KiB", "1.5 GiB", "2GB": bytes. KiB, MiB, GiB, TiB count in 1024s, kB, MB, GB, TB in 1000s; case does not
 /// matter. Errors kUsage: not a number, an unknown unit, negative, past 2^63.
 Result<uint64_t> parse_size(std::string_view text);
+/// Likewise of `option`, which the message names; `otherwise` where nothing was typed.
+Result<uint64_t> parse_size(std::string_view text, std::string_view option, uint64_t otherwise);
 
 /// "1e-3", "0.5mm", "2 cm": model units, where a glTF unit is one metre (um, mm, cm, m, km, in, ft). Positive and
 /// finite. Errors kUsage.
@@ -35,7 +37,8 @@ struct ImageSize {
   uint32_t height;
 };
 
-/// "1920x1080", each side 1 to kernels::kMaxImageSide. Errors kUsage; `what` names the option in the message.
+/// "1920x1080" or "1920X1080", each side 1 to kernels::kMaxImageSide. Errors kUsage; `what` names the option in the
+/// message.
 Result<ImageSize> parse_image_size(std::string_view text, std::string_view what);
 
 /// "950", "12.4 k", "8.31 M", "1.64 G": three significant digits from a thousand on.

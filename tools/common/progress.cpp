@@ -5,13 +5,17 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <utility>
 
 #include "tools/common/options.h"
 
 namespace scree::tools {
 
-Progress::Progress(bool enabled)
-    : enabled_(enabled && isatty(STDERR_FILENO) == 1), start_(Clock::now()), last_(start_) {}
+Progress::Progress(bool enabled, Listener listener)
+    : enabled_(enabled && isatty(STDERR_FILENO) == 1),
+      listener_(std::move(listener)),
+      start_(Clock::now()),
+      last_(start_) {}
 
 Progress::~Progress() {
   erase();
@@ -23,13 +27,16 @@ void Progress::stage(std::string name, uint64_t count, std::string things) {
   total_ = count;
   start_ = Clock::now();
   last_ = start_;
+  if (listener_) listener_(name_, 0, total_);
 }
 
 void Progress::update(uint64_t done, uint64_t bytes, const std::function<std::string()>& detail) {
-  if (!enabled_) return;
+  if (!enabled_ && !listener_) return;
   const Clock::time_point now = Clock::now();
   if (now - last_ < std::chrono::milliseconds(200)) return;
   last_ = now;
+  if (listener_) listener_(name_, done, total_);
+  if (!enabled_) return;
   const double seconds = std::chrono::duration<double>(now - start_).count();
   const double rate = seconds > 0 ? static_cast<double>(done) / seconds : 0;
   const double share = total_ > 0 ? static_cast<double>(done) / static_cast<double>(total_) : 0;
@@ -37,8 +44,9 @@ void Progress::update(uint64_t done, uint64_t bytes, const std::function<std::st
       rate > 0 && done <= total_ ? format_duration(static_cast<double>(total_ - done) / rate) + " left" : "";
   // The clear code comes last: a shorter line leaves nothing of a longer one behind.
   const std::string more = detail ? "; " + detail() : "";
-  std::fprintf(stderr, "\r%s: %3.0f%%, %s, %s %s/s, %s%s\x1b[K", name_.c_str(), std::floor(100 * share),
-               format_bytes(bytes).c_str(), format_count(rate).c_str(), things_.c_str(), left.c_str(), more.c_str());
+  const std::string size = bytes > 0 ? format_bytes(bytes) + ", " : "";
+  std::fprintf(stderr, "\r%s: %3.0f%%, %s%s %s/s, %s%s\x1b[K", name_.c_str(), std::floor(100 * share), size.c_str(),
+               format_count(rate).c_str(), things_.c_str(), left.c_str(), more.c_str());
   std::fflush(stderr);
   shown_ = true;
 }

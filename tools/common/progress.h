@@ -9,10 +9,12 @@
 namespace scree::tools {
 
 /// Rewrites one line at most five times a second and erases it at the end. Silent where stderr is no terminal or
-/// `enabled` is false. Not thread-safe: one thread owns it.
+/// `enabled` is false. A listener hears of the same steps either way. Not thread-safe: one thread owns it.
 class Progress {
  public:
-  explicit Progress(bool enabled);
+  using Listener = std::function<void(const std::string& stage, uint64_t done, uint64_t total)>;
+
+  explicit Progress(bool enabled, Listener listener = nullptr);
   ~Progress();
   Progress(const Progress&) = delete;
   Progress& operator=(const Progress&) = delete;
@@ -20,8 +22,8 @@ class Progress {
   /// Starts a stage of `count` things in all, which `things` names; the line begins with `name`.
   void stage(std::string name, uint64_t count, std::string things = "triangles");
 
-  /// `done` things of the stage are done, with `bytes` read or written so far. `detail`: asked for what else to say,
-  /// when something is shown.
+  /// `done` things of the stage are done, with `bytes` read or written so far (0: not shown). `detail`: asked for what
+  /// else to say, when something is shown.
   void update(uint64_t done, uint64_t bytes, const std::function<std::string()>& detail = nullptr);
 
   /// Erases the line, so that other text can be printed.
@@ -30,6 +32,7 @@ class Progress {
  private:
   using Clock = std::chrono::steady_clock;
   bool enabled_;
+  Listener listener_;
   bool shown_ = false;
   std::string name_;
   std::string things_;

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cstdint>
 
+#include "format/text.h"
+
 namespace scree::inspect {
 namespace {
 
@@ -10,21 +12,6 @@ constexpr size_t kGap = 2;  // columns between columns
 
 size_t letters(std::string_view text) {
   return static_cast<size_t>(std::count_if(text.begin(), text.end(), [](char c) { return (c & 0xc0) != 0x80; }));
-}
-
-/// Bytes of the UTF-8 letter at the front of `text`, or 0.
-size_t letter_bytes(std::string_view text) {
-  const auto byte = [&](size_t i) { return static_cast<uint8_t>(text[i]); };
-  const size_t length = byte(0) < 0x80                      ? 1
-                        : byte(0) >= 0xc2 && byte(0) < 0xe0 ? 2
-                        : byte(0) >= 0xe0 && byte(0) < 0xf0 ? 3
-                        : byte(0) >= 0xf0 && byte(0) < 0xf5 ? 4
-                                                            : 0;
-  if (length == 0 || length > text.size()) return 0;
-  for (size_t i = 1; i < length; ++i) {
-    if ((byte(i) & 0xc0) != 0x80) return 0;
-  }
-  return length;
 }
 
 }  // namespace
@@ -64,7 +51,7 @@ std::string printable(std::string_view name, size_t width) {
       }
       return text + "...";
     }
-    const size_t length = letter_bytes(name);
+    const size_t length = format::utf8_length(name);
     const auto first = static_cast<uint8_t>(name[0]);
     // U+0080 to U+009F are control characters too.
     const bool is_control =

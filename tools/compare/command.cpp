@@ -1,6 +1,5 @@
 // scree compare: one picture of a scene, or its geometry, against another.
 #include <algorithm>
-#include <cctype>
 #include <cmath>
 #include <cstdio>
 #include <cstring>
@@ -14,6 +13,7 @@
 #include <vector>
 
 #include "format/layout.h"
+#include "format/text.h"
 #include "runtime/files/mapped_file.h"
 #include "runtime/scene/camera.h"
 #include "runtime/scene/scene.h"
@@ -65,9 +65,7 @@ constexpr const char* kWhatItCompares =
 Result<FileKind> kind_of(const std::string& path) {
   const auto map = runtime::MappedFile::open(path);
   if (!map) return map.error();
-  std::string extension = std::filesystem::path(path).extension().string();
-  std::transform(extension.begin(), extension.end(), extension.begin(),
-                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+  const std::string extension = format::lower_case(std::filesystem::path(path).extension().string());
   if (extension == ".gltf" || extension == ".glb") return FileKind::kSource;
   constexpr uint8_t kPngMagic[8] = {0x89, 'P', 'N', 'G', '\r', '\n', 0x1a, '\n'};
   const auto starts_with = [&](const uint8_t(&magic)[8]) {
@@ -314,12 +312,7 @@ Command add_compare(CLI::App& parent) {
                   "A picture of the FLIP error, a .png, black 0 to white 1: of two PNGs, or of the lit pictures of a\n"
                   ".scree file and its glTF");
   app->add_option("--size", render.size, "Pixels, WxH (default: 1920x1080)");
-  app->add_option("--scene", render.scene, "Scene of the file, by name or number (default: the file's default)");
-  app->add_option("--camera", render.camera, "Camera of the file, by name, node name or number");
-  app->add_option("--eye", render.eye, "Where to look from, X,Y,Z (default: where all of the scene is seen)");
-  app->add_option("--target", render.target, "Where --eye looks to, X,Y,Z (default: the middle of the scene)");
-  app->add_option("--up", render.up, "What is up in the picture, X,Y,Z (default: 0,1,0)");
-  app->add_option("--fov", render.fov, "Vertical field of view in degrees (default: 45, or the camera's)");
+  add_camera_options(*app, render);
   app->add_option(
          "--of", words->of,
          "The .scree file of two visibility buffers: tells other meshes and neighbours apart. Given twice, A's "

@@ -4,9 +4,11 @@
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
+#include <filesystem>
 #include <memory>
 #include <string>
 
+#include "format/text.h"
 #include "tools/common/options.h"
 #include "tools/common/output_file.h"
 #include "tools/common/standard_output.h"
@@ -45,6 +47,8 @@ struct ConvertArguments {
   bool allow_outside = false;
   bool resume = false;
   bool force = false;
+  bool stats = false;
+  bool json = false;
   bool quiet = false;
 };
 
@@ -103,6 +107,11 @@ Result<convert::ConvertOptions> parse(const ConvertArguments& words, bool positi
     return Error{ErrorCode::kUsage, "the input '-': scree reads files, not standard input (./- is a file called -)"};
   options.input = words.input;
   options.output = words.output;
+  const std::string extension = format::lower_case(std::filesystem::path(words.output).extension().string());
+  if ((extension == ".gltf" || extension == ".glb") && !is_same_file(words.output, words.input))
+    return Error{ErrorCode::kUsage, "--output: '" + words.output +
+                                        "' has the extension of a glTF; what is written is a "
+                                        "scree file (scree export writes a glTF)"};
   options.existing = existing_of(words.force);
   options.float32 = words.positions == "float32";
   if (!options.float32) {
@@ -177,9 +186,11 @@ Result<void> run(const ConvertArguments& words, bool positions_given) {
   note_written(report->output);
   for (const std::string& warning : report->warnings)
     std::fprintf(stderr, "scree convert: warning: %s\n", warning.c_str());
-  if (!words.quiet) {
+  if (words.json) {
+    std::fputs(convert::json_report(*options, *report).c_str(), stdout);
+  } else if (!words.quiet) {
     if (!report->positions.rows().empty()) std::printf("%s", report->positions.text().c_str());
-    std::printf("%s\n", convert::describe(*options, *report).c_str());
+    std::fputs(convert::describe(*options, *report, words.stats).c_str(), stdout);
   }
   return finish_output();
 }
@@ -254,7 +265,9 @@ Command add_convert(CLI::App& parent) {
       "Go on with OUTPUT.part where an earlier run of the same input and options was killed, to the same bytes;\n"
       "and leave it there when this one is stopped or fails");
   app->add_flag("-f,--force", words->force, kForceHelp);
-  app->add_flag("-q,--quiet", words->quiet, "No progress and no closing line");
+  app->add_flag("--stats", words->stats, "Print rates of every stage, and which of them limited the others");
+  app->add_flag("--json", words->json, "Print one JSON object instead of the closing lines");
+  app->add_flag("-q,--quiet", words->quiet, "No progress and no closing lines");
   return {app, [words, positions] { return run(*words, positions->count() > 0); }};
 }
 

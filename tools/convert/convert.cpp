@@ -524,6 +524,14 @@ class Converter {
       report_.position_error_bound = std::max(report_.position_error_bound, mesh.max_position_error);
     }
     for (const format::SceneRecord& scene : tables_.scenes) report_.triangles_drawn += scene.triangle_count;
+    report_.geometry_bytes = writer_->page_bytes(format::PageKind::kGeometry);
+    report_.image_bytes = writer_->page_bytes(format::PageKind::kImage);
+    for (const format::LeftOutRecord& record : tables_.left_out) {
+      const std::string_view what = tables_.strings.bytes().data() + record.what;
+      // What is stored once, or is implied, is not lost.
+      if (what.starts_with("duplicate ") || what.starts_with("unused ") || what == "COLOR_0 (all white)") continue;
+      report_.left_out.push_back({std::string(what), record.count, record.source_bytes, 0});
+    }
   }
 
   const ConvertOptions& options_;
@@ -571,6 +579,7 @@ Result<ConvertReport> convert_or_throw(const ConvertOptions& options) {
   ImportOptions import_options;
   import_options.exclude = options.exclude;
   import_options.allow_outside = options.allow_outside;
+  import_options.keep_going = options.images.keep_going;
   import_options.kept_view_bytes = kept_view_bytes(options.memory);
   import_options.memory = options.memory;
   Result<SourceScene> scene = import_gltf(options.input, import_options);
@@ -582,7 +591,7 @@ Result<ConvertReport> convert_or_throw(const ConvertOptions& options) {
   if (!input_bytes) return input_bytes.error();
   report.input_bytes = *input_bytes;
   {
-    tools::Progress progress(options.progress);
+    tools::Progress progress(options.progress, options.on_progress);
     if (const Result<void> done = Converter(options, *scene, files, progress, report).run(); !done) return done.error();
   }
   report.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();

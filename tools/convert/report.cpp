@@ -1,10 +1,35 @@
 #include "tools/convert/report.h"
 
+#include <algorithm>
 #include <cstdio>
 
+#include "tools/common/json_writer.h"
 #include "tools/common/options.h"
 
 namespace scree::convert {
+namespace {
+
+uint64_t left_out_bytes(const ConvertReport& report) {
+  uint64_t bytes = 0;
+  for (const LeftOut& entry : report.left_out) bytes += entry.source_bytes;
+  return bytes;
+}
+
+/// "images not used for base colour (3, 1.10 MiB), NORMAL (170 KiB; --normals keeps them)".
+std::string list_left_out(const ConvertReport& report) {
+  std::string text;
+  for (const LeftOut& entry : report.left_out) {
+    const bool is_attribute =
+        entry.what.find_first_not_of("ABCDEFGHIJKLMNOPQRSTUVWXYZ_0123456789") == std::string::npos;
+    std::string more = is_attribute ? "" : std::to_string(entry.count);
+    if (entry.source_bytes > 0) more += (more.empty() ? "" : ", ") + tools::format_bytes(entry.source_bytes);
+    if (entry.what == "NORMAL") more += "; --normals keeps them";
+    text += (text.empty() ? "" : ", ") + entry.what + (more.empty() ? "" : " (" + more + ")");
+  }
+  return text;
+}
+
+}  // namespace
 
 std::string describe_work(const ConvertReport& report) {
   std::string text = describe(report.rates);
@@ -17,26 +42,74 @@ std::string describe_work(const ConvertReport& report) {
   return text;
 }
 
-std::string describe(const ConvertOptions& options, const ConvertReport& report) {
-  char numbers[256];
-  const double in = static_cast<double>(report.input_bytes);
+std::string describe(const ConvertOptions& options, const ConvertReport& report, bool stats) {
+  const uint64_t left_out = left_out_bytes(report);
+  const double kept = static_cast<double>(report.input_bytes - std::min(left_out, report.input_bytes));
   const double out = static_cast<double>(report.output_bytes);
   const double triangles = static_cast<double>(report.triangles);
-  std::snprintf(numbers, sizeof numbers,
-                "ratio %.2f, %.2f bits/triangle, max position error %.3g (%.2g of the diagonal), %.2f s, "
-                "%s triangles/s, peak memory %s",
-                out > 0 ? in / out : 0.0, triangles > 0 ? 8 * out / triangles : 0.0, report.position_error,
-                report.relative_position_error, report.seconds,
-                tools::format_count(report.seconds > 0 ? triangles / report.seconds : 0).c_str(),
-                tools::format_bytes(report.peak_bytes).c_str());
   std::string text = options.input + " -> " + report.output + ": " + tools::format_bytes(report.input_bytes) + " -> " +
-                     tools::format_bytes(report.output_bytes) + ", " + numbers;
-  if (report.rates.encoded_triangles > 0) text += "; " + describe_work(report);
+                     tools::format_bytes(report.output_bytes);
+  if (report.image_bytes > 0) text += " (textures " + tools::format_bytes(report.image_bytes) + ")";
+  char numbers[256];
+  std::snprintf(numbers, sizeof numbers, ", ratio %.2f%s\n", out > 0 ? kept / out : 0.0,
+                left_out > 0 ? " over what was kept" : "");
+  text += numbers;
+  std::snprintf(numbers, sizeof numbers,
+                "%s triangles, %.2f bits/triangle without textures, position error up to %.3g (%.2g of the diagonal); "
+                "%.2f s, peak memory %s",
+                tools::format_count(triangles).c_str(),
+                triangles > 0 ? 8 * (out - static_cast<double>(report.image_bytes)) / triangles : 0.0,
+                report.position_error, report.relative_position_error, report.seconds,
+                tools::format_bytes(report.peak_bytes).c_str());
+  text += numbers;
+  if (report.resumed_pages > 0) text += "; resumed after " + std::to_string(report.resumed_pages) + " pages";
+  text += "\n";
+  if (!report.left_out.empty()) text += "left out: " + list_left_out(report) + "\n";
+  if (!stats) return text;
+  text += describe_work(report);
   if (report.sorted_triangles > 0)
     text += ", sorted " + tools::format_count(static_cast<double>(report.sorted_triangles)) +
             " triangles that lay in no order (a temporary file of " + tools::format_bytes(report.sort_file_bytes) + ")";
-  if (report.resumed_pages > 0) text += ", resumed after " + std::to_string(report.resumed_pages) + " pages";
-  return text;
+  return text + "\n";
+}
+
+std::string json_report(const ConvertOptions& options, const ConvertReport& report) {
+  std::string text;
+  tools::JsonWriter json(text);
+  json.begin_object();
+  json.member("input", options.input);
+  json.member("output", report.output);
+  json.member("input_bytes", report.input_bytes);
+  json.member("output_bytes", report.output_bytes);
+  json.member("geometry_bytes", report.geometry_bytes);
+  json.member("image_bytes", report.image_bytes);
+  json.member("meshes", report.meshes);
+  json.member("chunks", report.chunks);
+  json.member("triangles", report.triangles);
+  json.member("drawn_triangles", report.triangles_drawn);
+  json.member("position_error", report.position_error);
+  json.member("position_error_bound", report.position_error_bound);
+  json.member("relative_position_error", report.relative_position_error);
+  json.member("seconds", report.seconds);
+  json.member("peak_bytes", report.peak_bytes);
+  json.member("threads", report.threads);
+  json.member("work", describe_work(report));
+  json.key("left_out");
+  json.begin_array();
+  for (const LeftOut& entry : report.left_out) {
+    json.begin_object();
+    json.member("what", entry.what);
+    json.member("count", entry.count);
+    json.member("source_bytes", entry.source_bytes);
+    json.end_object();
+  }
+  json.end_array();
+  json.key("warnings");
+  json.begin_array();
+  for (const std::string& warning : report.warnings) json.value(warning);
+  json.end_array();
+  json.end_object();
+  return text + "\n";
 }
 
 }  // namespace scree::convert

@@ -8,6 +8,7 @@
 #include "tools/common/stage_rates.h"
 #include "tools/convert/plan/convert_options.h"
 #include "tools/convert/plan/position_table.h"
+#include "tools/gltf/source.h"
 
 namespace scree::convert {
 
@@ -15,6 +16,9 @@ struct ConvertReport {
   std::string output;
   uint64_t input_bytes = 0;  // of the input and the buffer and image files it names
   uint64_t output_bytes = 0;
+  uint64_t geometry_bytes = 0;    // of the pages of the output
+  uint64_t image_bytes = 0;       // likewise
+  std::vector<LeftOut> left_out;  // of the source; what was merely stored once is not among it
   uint64_t meshes = 0;
   uint64_t chunks = 0;
   uint64_t triangles = 0;              // stored
@@ -43,7 +47,11 @@ struct ConvertReport {
 /// "read 2.30 GiB/s, measure 493 M triangles/s, ...: encoding limits, 15 of 16 threads (--memory), ...".
 std::string describe_work(const ConvertReport& report);
 
-/// "a.glb -> a.scree: 1.41 MiB -> 283 KiB, ratio 5.10, ..." in one line.
-std::string describe(const ConvertOptions& options, const ConvertReport& report);
+/// Two lines: "a.glb -> a.scree: 1.41 MiB -> 283 KiB, ratio 5.10", then triangles, error, time and memory; a third
+/// where something was left out. `stats`: another one, of describe_work().
+std::string describe(const ConvertOptions& options, const ConvertReport& report, bool stats);
+
+/// One JSON object and a line's end.
+std::string json_report(const ConvertOptions& options, const ConvertReport& report);
 
 }  // namespace scree::convert

@@ -383,7 +383,7 @@ Command add_export(CLI::App& parent) {
       ->required();
   app->add_flag("-f,--force", arguments->force, kForceHelp);
   app->add_flag("-q,--quiet", arguments->quiet, "No progress and no closing line");
-  app->add_option("--threads", arguments->threads, "Threads; 0 is one a core")->capture_default_str();
+  app->add_option("--threads", arguments->threads, "Threads; 0: one per processor")->capture_default_str();
   return {app, [arguments] { return run_export(*arguments); }};
 }
 

@@ -4,7 +4,6 @@
 #include <array>
 #include <atomic>
 #include <cmath>
-#include <exception>
 #include <limits>
 #include <mutex>
 #include <new>
@@ -13,6 +12,7 @@
 #include <utility>
 
 #include "format/bytes.h"
+#include "runtime/threads/parallel.h"
 #include "tools/common/chunk_decode.h"
 
 namespace scree::tools {
@@ -269,16 +269,7 @@ class JobRunner {
   Result<void> run() {
     const uint32_t threads =
         options_.threads != 0 ? options_.threads : std::max(1u, std::thread::hardware_concurrency());
-    std::vector<std::thread> workers;
-    for (uint32_t i = 1; i < threads && i < plan_.jobs.size(); ++i) {
-      try {
-        workers.emplace_back([this] { work(false); });
-      } catch (const std::exception&) {
-        break;  // refused, or no memory: fewer threads do the same work
-      }
-    }
-    work(true);
-    for (std::thread& worker : workers) worker.join();
+    runtime::on_threads(std::min<uint64_t>(threads, plan_.jobs.size()), [this](bool is_caller) { work(is_caller); });
     if (failed_) return failed_->second;
     return {};
   }

@@ -59,9 +59,10 @@ bool is_filter(int32_t number, bool minifying) {
 
 class MaterialMaker {
  public:
-  MaterialMaker(const GltfDocument& document, GltfBuffers& buffers, SourceScene& scene)
+  MaterialMaker(const GltfDocument& document, GltfBuffers& buffers, bool keep_going, SourceScene& scene)
       : document_(document),
         buffers_(buffers),
+        keep_going_(keep_going),
         scene_(scene),
         image_places_(document.images.size(), kUnknown),
         texture_places_(document.textures.size(), kUnknown) {}
@@ -174,6 +175,10 @@ class MaterialMaker {
 
   Result<uint32_t> make_image(const DocImage& from, std::string& reason) {
     auto bytes = buffers_.image(from);
+    if (!bytes && keep_going_ && bytes.error().code == ErrorCode::kFile) {
+      reason = "missing (" + bytes.error().message + ")";
+      return kNone;
+    }
     if (!bytes) return bytes.error();
     std::array<char, 12> head{};
     const size_t head_bytes = static_cast<size_t>(std::min<uint64_t>(bytes->bytes, head.size()));
@@ -224,6 +229,7 @@ class MaterialMaker {
 
   const GltfDocument& document_;
   GltfBuffers& buffers_;
+  bool keep_going_;
   SourceScene& scene_;
   std::vector<uint32_t> image_places_;
   std::vector<uint32_t> texture_places_;
@@ -251,11 +257,11 @@ void warn_of_alpha(const GltfDocument& document, const std::vector<bool>& used, 
 }  // namespace
 
 Result<MaterialPlan> make_materials(const GltfDocument& document, const std::vector<bool>& used, GltfBuffers& buffers,
-                                    SourceScene& scene) {
+                                    bool keep_going, SourceScene& scene) {
   MaterialPlan plan;
   plan.place.assign(document.materials.size(), kNone);
   plan.textured.assign(document.materials.size(), false);
-  MaterialMaker maker(document, buffers, scene);
+  MaterialMaker maker(document, buffers, keep_going, scene);
   uint64_t unused = 0;
   for (size_t i = 0; i < document.materials.size(); ++i) {
     if (!used[i]) {

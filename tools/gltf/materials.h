@@ -20,9 +20,9 @@ struct MaterialPlan {
 
 /// Adds the materials marked in `used` (by document number), in the document's order, with their textures and images,
 /// to `scene`, which also gets the warnings and what was left out. Only images of base colours are opened; formats
-/// other than PNG and JPEG are told by their first bytes and left out with a warning. Errors kRange, kFormat and those
-/// of GltfBuffers.
+/// other than PNG and JPEG are told by their first bytes and left out with a warning. With
+/// `keep_going` an image that cannot be opened is left out likewise. Errors kRange, kFormat and those of GltfBuffers.
 Result<MaterialPlan> make_materials(const GltfDocument& document, const std::vector<bool>& used, GltfBuffers& buffers,
-                                    SourceScene& scene);
+                                    bool keep_going, SourceScene& scene);
 
 }  // namespace scree::convert

@@ -155,6 +155,7 @@ class Importer {
            const ImportOptions& options, SourceScene& scene)
       : document_(document),
         buffers_(document, std::move(folder), std::move(bin), options.kept_view_bytes, options.allow_outside),
+        keep_going_(options.keep_going),
         scene_(scene),
         left_out_(document, buffers_) {}
 
@@ -303,7 +304,7 @@ class Importer {
   }
 
   Result<void> finish_primitives() {
-    auto materials = make_materials(document_, material_used_, buffers_, scene_);
+    auto materials = make_materials(document_, material_used_, buffers_, keep_going_, scene_);
     if (!materials) return materials.error();
     uint64_t without_uv = 0;
     for (Primitive& to : scene_.primitives) {
@@ -470,6 +471,7 @@ class Importer {
 
   const GltfDocument& document_;
   GltfBuffers buffers_;
+  bool keep_going_;
   SourceScene& scene_;
   LeftOutList left_out_;
   std::vector<uint32_t> group_of_mesh_;

@@ -224,6 +224,7 @@ struct ImportOptions {
   uint64_t max_json_bytes = uint64_t{1} << 31;
   uint64_t kept_view_bytes = uint64_t{1} << 30;  // memory for compressed buffer views that were unpacked
   bool allow_outside = false;    // reads files that URIs name by "../" or symbolic links outside the scene's folder
+  bool keep_going = false;       // a texture whose image file cannot be opened is left out, with a warning
   uint64_t memory = UINT64_MAX;  // bytes that the process may take while the document is read
 };
 

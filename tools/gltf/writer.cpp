@@ -11,6 +11,7 @@
 
 #include "format/bytes.h"
 #include "format/container/part_file.h"
+#include "format/text.h"
 #include "tools/common/json_writer.h"
 #include "tools/common/output_file.h"
 #include "tools/gltf/replacement.h"
@@ -94,11 +95,6 @@ std::string safe_name(std::string_view name) {
     safe += kept ? letter : '_';
   }
   return safe.empty() ? "image" : safe;
-}
-
-std::string lower_case(std::string text) {
-  for (char& letter : text) letter = static_cast<char>(std::tolower(static_cast<unsigned char>(letter)));
-  return text;
 }
 
 bool is_identity(const std::array<double, 16>& matrix) {
@@ -359,7 +355,7 @@ GltfWriter::~GltfWriter() = default;
 Result<GltfWriter> GltfWriter::create(const std::string& path, std::string_view copyright, format::Existing existing) {
   auto state = std::make_unique<State>();
   state->path = path;
-  const std::string extension = lower_case(state->path.extension().string());
+  const std::string extension = format::lower_case(state->path.extension().string());
   if (extension != ".gltf" && extension != ".glb")
     return Error{ErrorCode::kUsage, path + ": the output's name ends in .gltf or .glb"};
   state->glb = extension == ".glb";
@@ -448,7 +444,7 @@ std::string GltfWriter::State::image_file_name(std::string_view name, format::Im
   const char* extension = codec == format::ImageCodec::kJpeg ? ".jpg" : ".png";
   const std::string safe = safe_name(name);
   std::string unique = safe;
-  for (uint64_t k = 2; !taken.insert(lower_case(unique) + extension).second; ++k)
+  for (uint64_t k = 2; !taken.insert(format::lower_case(unique) + extension).second; ++k)
     unique = safe + "_" + std::to_string(k);
   return stem() + "_" + unique + extension;
 }

@@ -132,10 +132,12 @@ Command add_inspect(CLI::App& parent) {
   app->add_option("--exclude", options.exclude, "The --exclude that the file was converted with, for --source");
   app->add_flag("--allow-outside", options.allow_outside, convert::kAllowOutsideHelp);
   app->add_option("--top", options.top, "Meshes and images to list by name")->capture_default_str();
-  app->add_option("--threads", options.threads, "Threads of --verify; 0 is one a core")->capture_default_str();
-  return {app, [arguments] {
+  app->add_option("--threads", options.threads, "Threads of --verify; 0: one per processor")->capture_default_str();
+  const auto quiet = std::make_shared<bool>(false);
+  app->add_flag("-q,--quiet", *quiet, "No progress");
+  return {app, [arguments, quiet] {
             report_sigbus("inspect", arguments->path);
-            arguments->options.progress = true;
+            arguments->options.progress = !*quiet;
             return inspect::inspect_file(arguments->path, arguments->options, stdout);
           }};
 }

@@ -1,7 +1,9 @@
 #include "tools/inspect/report.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <iterator>
 #include <string_view>
 
 #include "format/blocks/format.h"
@@ -19,6 +21,30 @@ using tools::grouped;
 using tools::short_number;
 
 constexpr size_t kBarLetters = 40;
+
+/// Below the tables; note('a') refers to the first.
+constexpr const char* kNotes[] = {
+    "8 x bytes / stored triangles; a mesh counts once, however many instances draw it.",
+    "bytes / what the same takes in the source: of the accessors used, each once; for the file, the files of the\n"
+    "      source: document, buffers, images.",
+    "bytes / the same plainly stored: 12 bytes per triangle (32-bit indices), 12 per position, 12 per normal, 8 per\n"
+    "      texture coordinate, 16 per colour (float32); of vertices the fewer of source's and stored, mesh by mesh;\n"
+    "      images as they are.",
+    "A mesh is a glTF primitive: triangles with one material.",
+    "A vertex on the border of chunks is stored in each of them; one that no triangle uses is not stored.",
+    "Positions are whole multiples of the step, in model units (before the nodes' transforms).",
+    "The largest distance of a stored from a source coordinate, per axis: half a step and half an ulp, 0 for float32.\n"
+    "      In model units; of a scene in world units.",
+    "Of a compressed page, each stream has the share of the stored bytes that it has of the raw bytes.",
+    "A chunk's indices are stored as differences to its smallest, all with the bits that the largest needs.",
+    "As near as can be told without encoding it, before compression; -: not known (as of duplicate vertices in\n"
+    "      clusters), or nothing."};
+
+/// A reference to a note, lettered by add_footnotes(). In it stands a control character, which no name has (printable).
+constexpr char kFirstNote = 0x0e;
+std::string note(char letter) {
+  return {'[', static_cast<char>(kFirstNote + letter - 'a'), ']'};
+}
 
 /// "812 B", "1.46 MiB": columns are narrow.
 std::string human_bytes(uint64_t bytes) {
@@ -86,7 +112,7 @@ void add_size(const format::Container& file, const Stats& stats, std::string& te
     if (stats.stream_meshes[which] != 0)
       row(stream_title(which), stats.streams[which].stored, source_of, stats.reference_bytes[which]);
   };
-  table.row({"", "bytes", "share", "bits/tri [1]", "of source [2]", "of float32 [3]"});
+  table.row({"", "bytes", "share", "bits/tri " + note('a'), "of source " + note('b'), "of float32 " + note('c')});
   // The source's bytes are not known for a part of the triangles.
   const bool is_mixed = stats.stream_meshes[kIndices] != 0 && stats.stream_meshes[kClusterData] != 0;
   stream(kIndices, is_mixed ? 0 : source.indices);
@@ -98,7 +124,7 @@ void add_size(const format::Container& file, const Stats& stats, std::string& te
       stats.reference_bytes[kUvs] + stats.reference_bytes[kColors] + stats.reference_bytes[kNormals];
   if (attribute_reference != 0) row("attributes", stats.attribute_bytes(), source.attributes, attribute_reference);
   stream(kSourceIds, 0);
-  if (!file.images().empty()) row("textures", stats.images.stored, stats.images.raw, 0);
+  if (!file.images().empty()) row("textures", stats.images.stored, 0, 0);
   row("container", stats.container_bytes(), 0, 0);
   table.rule();
   uint64_t reference = stats.images.raw;
@@ -107,7 +133,12 @@ void add_size(const format::Container& file, const Stats& stats, std::string& te
   text += "\nSize\n" + table.text();
 }
 
-void add_scenes(const format::Container& file, std::string& text) {
+/// "-1.2 0 3.5".
+std::string point_text(const runtime::Vec3& point) {
+  return short_number(point[0]) + " " + short_number(point[1]) + " " + short_number(point[2]);
+}
+
+void add_scenes(const format::Container& file, const Stats& stats, std::string& text) {
   text += "\nScene\n";
   TextTable counts(2);
   counts.row({"nodes", grouped(file.nodes().size()), "glTF meshes", grouped(file.groups().size())});
@@ -116,15 +147,18 @@ void add_scenes(const format::Container& file, std::string& text) {
   counts.row({"cameras", grouped(file.cameras().size()), "world matrices", grouped(file.matrices().size())});
   text += counts.text();
   TextTable table;
-  table.row({"scene", "roots", "instances", "triangles drawn"});
+  table.row({"scene", "roots", "instances", "triangles drawn", "from x y z", "to x y z", "error " + note('g')});
   const auto scenes = file.scenes();
   for (uint64_t i = 0; i < scenes.size(); ++i) {
     const std::string_view name = file.string(scenes[i].name);
     std::string label = std::to_string(i);
     if (!name.empty()) label += " " + printable(name);
     if (scenes[i].flags & 1) label += " (default)";
-    table.row(
-        {label, grouped(scenes[i].root_count), grouped(scenes[i].instance_count), grouped(scenes[i].triangle_count)});
+    const SceneExtent& extent = stats.extents[i];
+    const bool is_empty = extent.box.is_empty();
+    table.row({label, grouped(scenes[i].root_count), grouped(scenes[i].instance_count),
+               grouped(scenes[i].triangle_count), is_empty ? "-" : point_text(extent.box.min),
+               is_empty ? "-" : point_text(extent.box.max), short_number(extent.max_position_error)});
   }
   if (!scenes.empty()) text += table.text();
 }
@@ -137,15 +171,15 @@ std::string spread(const Spread& values, uint64_t sum, uint64_t count, bool in_b
 
 void add_meshes(const format::Container& file, const Stats& stats, std::string& text) {
   const auto meshes = file.meshes();
-  text += "\nMeshes\n  " + times(meshes.size(), "mesh", "meshes") + " [4], " +
+  text += "\nMeshes\n  " + times(meshes.size(), "mesh", "meshes") + " " + note('d') + ", " +
           times(stats.triangles, "triangle", "triangles") + ", " + times(stats.vertices, "vertex", "vertices") +
-          " stored, " + grouped(stats.source_vertices) + " in the source [5]\n";
+          " stored, " + grouped(stats.source_vertices) + " in the source " + note('e') + "\n";
   if (meshes.empty()) return;
   text += "  triangles a mesh: " + spread(stats.mesh_triangles, stats.triangles, meshes.size(), false) + "\n";
   if (stats.top_meshes.empty()) return;
   TextTable table;
-  table.row({"largest by bytes", "bytes", "share", "triangles", "vertices", "chunks", "bits/tri", "step [6]",
-             "max error [7]"});
+  table.row({"largest by bytes", "bytes", "share", "triangles", "vertices", "chunks", "bits/tri", "step " + note('f'),
+             "max error " + note('g')});
   const auto row = [&](std::string name, uint64_t bytes, uint64_t triangles, uint64_t vertices, uint64_t chunks,
                        std::string step, double error) {
     table.row({std::move(name), human_bytes(bytes), percent(bytes, stats.file_bytes), grouped(triangles),
@@ -189,7 +223,7 @@ void add_chunks(const format::Container& file, const Stats& stats, std::string& 
                       times(stats.pages - stats.geometry_pages, "other", "others");
   if (stats.compressed_pages != 0) {
     pages += ", " + grouped(stats.compressed_pages) + " compressed: geometry " + human_bytes(payload) + " -> " +
-             human_bytes(stats.geometry_bytes()) + " (" + percent(stats.geometry_bytes(), payload) + ") [8]";
+             human_bytes(stats.geometry_bytes()) + " (" + percent(stats.geometry_bytes(), payload) + ") " + note('h');
   }
   table.row({"pages", pages});
   text += table.text();
@@ -204,7 +238,7 @@ void add_indices(const Stats& stats, std::string& text) {
   uint64_t most = 0;
   for (const IndexBits& bits : stats.index_bits) most = std::max(most, bits.triangles);
   TextTable table(0);
-  table.row({"bits [9]", "chunks", "triangles", "share"});
+  table.row({"bits " + note('i'), "chunks", "triangles", "share"});
   std::vector<std::string> tails{""};
   for (size_t bits = 0; bits < stats.index_bits.size(); ++bits) {
     const IndexBits& row = stats.index_bits[bits];
@@ -269,9 +303,9 @@ void add_positions(const Stats& stats, std::string& text) {
   if (is_known)
     text += human_bytes(cost.stored) + ", " + bits_each(cost.stored, stats.vertices) + " bits a vertex, " +
             bits_each(cost.stored, stats.triangles) + " bits a triangle, ";
-  text += "error at most " + short_number(stats.max_position_error) + " model units [7]\n";
+  text += "error at most " + short_number(stats.max_position_error) + " model units " + note('g') + "\n";
   TextTable table;
-  table.row({"step [6]", "meshes", "triangles", "vertices", "bits/vertex", "max error [7]"});
+  table.row({"step " + note('f'), "meshes", "triangles", "vertices", "bits/vertex", "max error " + note('g')});
   for (const LatticeStats& lattice : stats.lattices) {
     table.row({step_text(lattice), grouped(lattice.meshes), grouped(lattice.triangles), grouped(lattice.vertices),
                is_known ? bits_each(lattice.stored, lattice.vertices) : "-", short_number(lattice.max_error)});
@@ -281,7 +315,8 @@ void add_positions(const Stats& stats, std::string& text) {
 
 void add_attributes(const Stats& stats, std::string& text) {
   TextTable table;
-  table.row({"", "meshes", "vertices", "bytes", "share", "bits/vertex", "bits/tri [1]", "of float32 [3]", "max error"});
+  table.row({"", "meshes", "vertices", "bytes", "share", "bits/vertex", "bits/tri " + note('a'),
+             "of float32 " + note('c'), "max error"});
   bool any = false;
   for (const Stream stream : {kUvs, kColors, kNormals, kSourceIds}) {
     if (stats.stream_meshes[stream] == 0) continue;
@@ -342,7 +377,7 @@ void add_textures(const format::Container& file, const Stats& stats, std::string
 
 void add_container(const Stats& stats, std::string& text) {
   TextTable table;
-  table.row({"", "records", "bytes each", "bytes", "share", "bits/tri [1]"});
+  table.row({"", "records", "bytes each", "bytes", "share", "bits/tri " + note('a')});
   const auto row = [&](const std::string& what, uint64_t records, uint64_t each, uint64_t bytes) {
     table.row({what, records == 0 ? "-" : grouped(records), each == 0 ? "-" : grouped(each), human_bytes(bytes),
                percent(bytes, stats.file_bytes), bits_each(bytes, stats.triangles)});
@@ -366,7 +401,7 @@ void add_left_out(const format::Container& file, std::string& text) {
   TextTable table;
   const auto costs = file.left_out_costs();
   const auto known = [](uint64_t bytes) { return bytes == 0 ? "-" : human_bytes(bytes); };
-  table.row({"what", "count", "bytes in the source", "would take here [10]"});
+  table.row({"what", "count", "bytes in the source", "would take here " + note('j')});
   uint64_t in_source = 0, here = 0;
   for (uint64_t i = 0; i < left_out.size(); ++i) {
     const uint64_t cost = costs.empty() ? 0 : costs[i];
@@ -380,30 +415,21 @@ void add_left_out(const format::Container& file, std::string& text) {
   text += "\nLeft out (in the source, not in this file)\n" + table.text();
 }
 
-void add_footnotes(const Stats& stats, std::string& text) {
-  text +=
-      "\n"
-      "  [1] 8 x bytes / stored triangles; a mesh counts once, however many instances draw it.\n"
-      "  [2] bytes / what the same takes in the source: of the accessors used, each once; images as they came; for "
-      "the\n"
-      "      file, the files of the source: document, buffers, images.\n"
-      "  [3] bytes / the same plainly stored: 12 bytes a triangle (32-bit indices), 12 a position, 12 a normal, 8 a "
-      "texture\n"
-      "      coordinate, 16 a colour (float32); of vertices the fewer of source's and stored, mesh by mesh; images as "
-      "they are.\n"
-      "  [4] A mesh is a glTF primitive: triangles with one material.\n"
-      "  [5] A vertex on the border of chunks is stored in each of them; one that no triangle uses is not stored.\n"
-      "  [6] Positions are whole multiples of the step, in model units (before the nodes' transforms).\n"
-      "  [7] The largest distance of a stored from a source coordinate, per axis, in model units: half a step and half "
-      "an\n"
-      "      ulp; 0 for float32.\n";
-  if (stats.compressed_pages != 0) {
-    text += "  [8] Of a compressed page, each stream has the share of the stored bytes that it has of the raw bytes.\n";
+/// Appends the notes that `text` refers to, and letters them as they come.
+void add_footnotes(std::string& text) {
+  std::array<char, std::size(kNotes)> letters{};
+  std::string notes;
+  char next = 'a';
+  for (char& c : text) {
+    if (c < kFirstNote || c >= kFirstNote + static_cast<char>(std::size(kNotes))) continue;
+    const auto index = static_cast<size_t>(c - kFirstNote);
+    if (letters[index] == 0) {
+      letters[index] = next++;
+      notes += std::string("  [") + letters[index] + "] " + kNotes[index] + "\n";
+    }
+    c = letters[index];
   }
-  text +=
-      "  [9] A chunk's indices are stored as differences to its smallest, all with the bits that the largest needs.\n"
-      "  [10] As near as can be said without encoding it, before compression; -: not known (as of duplicate\n"
-      "      vertices in clusters), or nothing.\n";
+  text += "\n" + notes;
 }
 
 }  // namespace
@@ -417,7 +443,7 @@ std::string text_report(const format::Container& file, const Stats& stats, const
   std::string text;
   add_head(file, stats, path, text);
   add_size(file, stats, text);
-  add_scenes(file, text);
+  add_scenes(file, stats, text);
   add_meshes(file, stats, text);
   add_chunks(file, stats, text);
   add_indices(stats, text);
@@ -427,7 +453,7 @@ std::string text_report(const format::Container& file, const Stats& stats, const
   add_textures(file, stats, text);
   add_container(stats, text);
   add_left_out(file, text);
-  add_footnotes(stats, text);
+  add_footnotes(text);
   return text;
 }
 

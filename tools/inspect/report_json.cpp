@@ -92,7 +92,7 @@ void size_member(JsonWriter& json, const format::Container& file, const Stats& s
   }
   json.key("textures");
   json.begin_object();
-  cost(json, stats, stats.images, stats.images.raw, 0);
+  cost(json, stats, stats.images, 0, 0);
   json.end_object();
   json.key("container");
   json.begin_object();
@@ -111,7 +111,14 @@ void size_member(JsonWriter& json, const format::Container& file, const Stats& s
   json.line();
 }
 
-void scene_member(JsonWriter& json, const format::Container& file) {
+void point_member(JsonWriter& json, const char* name, const runtime::Vec3& point) {
+  json.key(name);
+  json.begin_array();
+  for (const double value : point) json.value(value);
+  json.end_array();
+}
+
+void scene_member(JsonWriter& json, const format::Container& file, const Stats& stats) {
   json.key("scene");
   json.begin_object();
   json.member("nodes", file.nodes().size());
@@ -134,6 +141,11 @@ void scene_member(JsonWriter& json, const format::Container& file) {
     json.member("roots", scenes[i].root_count);
     json.member("instances", scenes[i].instance_count);
     json.member("triangles_drawn", scenes[i].triangle_count);
+    if (!stats.extents[i].box.is_empty()) {
+      point_member(json, "min", stats.extents[i].box.min);
+      point_member(json, "max", stats.extents[i].box.max);
+    }
+    json.member("max_position_error", stats.extents[i].max_position_error);
     json.end_object();
   }
   json.end_array();
@@ -429,7 +441,7 @@ void print_json(const format::Container& file, const Stats& stats, const std::st
   json.line();
   file_member(json, file, stats, path);
   size_member(json, file, stats);
-  scene_member(json, file);
+  scene_member(json, file, stats);
   meshes_member(json, file, stats);
   chunks_member(json, file, stats);
   attributes_member(json, file, stats);

@@ -332,6 +332,26 @@ void count_images(const format::Container& file, uint32_t top, Stats& stats) {
   stats.top_images = largest(bytes_of, top);
 }
 
+std::vector<SceneExtent> scene_extents(const format::Container& file) {
+  std::vector<SceneExtent> extents;
+  for (uint64_t s = 0; s < file.scenes().size(); ++s) {
+    const format::SceneRecord& scene = file.scenes()[s];
+    SceneExtent& extent = extents.emplace_back();
+    for (uint64_t i = scene.first_instance; i < scene.first_instance + scene.instance_count; ++i) {
+      const format::InstanceRecord& instance = file.instances()[i];
+      const format::MeshRecord& mesh = file.meshes()[instance.mesh];
+      if (mesh.triangle_count == 0) continue;
+      const format::MatrixRecord& matrix = file.matrices()[instance.matrix];
+      for (const runtime::Vec3& corner : runtime::box_corners(mesh, matrix)) extent.box.add(corner);
+      for (const auto& row : matrix.rows) {
+        const double scale = std::abs(row[0]) + std::abs(row[1]) + std::abs(row[2]);
+        extent.max_position_error = std::max(extent.max_position_error, scale * mesh.max_position_error);
+      }
+    }
+  }
+  return extents;
+}
+
 }  // namespace
 
 uint64_t image_bytes(const format::Container& file, uint32_t image) {
@@ -408,6 +428,7 @@ Stats gather(const format::Container& file, std::span<const std::byte> bytes, ui
   for (const uint32_t mesh : largest(mesh_bytes, top)) stats.top_meshes.push_back({mesh, mesh_bytes[mesh]});
   for (auto entry = lattices.rbegin(); entry != lattices.rend(); ++entry) stats.lattices.push_back(entry->second);
   count_images(file, top, stats);
+  stats.extents = scene_extents(file);
 
   stats.padding_bytes = stats.file_bytes - stats.header_bytes - stats.toc_bytes - stats.tables_bytes - page_bytes;
   return stats;

@@ -11,6 +11,7 @@
 
 #include "format/container/container.h"
 #include "format/layout.h"
+#include "runtime/scene/camera.h"
 
 namespace scree::inspect {
 
@@ -95,6 +96,12 @@ struct ImageStats {
   Cost cost;
 };
 
+/// What a scene's instances draw, in world space.
+struct SceneExtent {
+  runtime::WorldBox box;          // of their meshes' boxes, so a little larger where they are turned
+  double max_position_error = 0;  // world units, per axis
+};
+
 struct Stats {
   uint64_t file_bytes = 0;
 
@@ -125,6 +132,8 @@ struct Stats {
   double max_uv_error = 0;
   uint32_t min_normal_bits = 0;
   uint64_t float32_meshes = 0;
+
+  std::vector<SceneExtent> extents;  // of the scenes
 
   Spread mesh_triangles, chunk_triangles, chunk_vertices, chunk_bytes;
   uint64_t pages = 0, compressed_pages = 0, geometry_pages = 0;

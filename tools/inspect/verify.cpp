@@ -4,7 +4,6 @@
 #include <array>
 #include <atomic>
 #include <cstring>
-#include <exception>
 #include <limits>
 #include <mutex>
 #include <new>
@@ -14,7 +13,9 @@
 #include "format/bytes.h"
 #include "format/container/checksum.h"
 #include "runtime/images/image.h"
+#include "runtime/scene/pages.h"
 #include "runtime/textures/jpeg_image.h"
+#include "runtime/threads/parallel.h"
 #include "tools/common/chunk_decode.h"
 
 namespace scree::inspect {
@@ -175,16 +176,7 @@ class Verifier {
         }
       }
     };
-    std::vector<std::thread> workers;
-    for (uint64_t i = 1; i < threads && i < pages; ++i) {
-      try {
-        workers.emplace_back(work, false);
-      } catch (const std::exception&) {
-        break;  // refused, or no memory: fewer threads do the same work
-      }
-    }
-    work(true);
-    for (std::thread& worker : workers) worker.join();
+    runtime::on_threads(std::min<uint64_t>(threads, pages), work);
   }
 
   std::string page_place(uint64_t page) const {
@@ -236,7 +228,7 @@ class Verifier {
       const ChunkRecord& record = file_.chunks()[chunk];
       if (record.offset < end && record.bytes != 0) {
         fail(page_offset,
-             {ErrorCode::kRange, page_place(number) + ": " + tools::chunk_place(file_, chunk) +
+             {ErrorCode::kRange, page_place(number) + ": " + runtime::chunk_place(file_, chunk) +
                                      ": begins inside another chunk, which ends at byte " + std::to_string(end)});
       } else if (record.offset > end && record.offset <= raw.size()) {
         check_gap(record.offset);

@@ -15,11 +15,13 @@
 #include "runtime/scene/scene.h"
 #include "runtime/threads/stopwatch.h"
 #include "tools/common/command.h"
+#include "tools/common/json_writer.h"
 #include "tools/common/options.h"
 #include "tools/common/output_file.h"
 #include "tools/common/sigbus.h"
 #include "tools/common/standard_output.h"
 #include "tools/common/stop_signal.h"
+#include "tools/common/text_table.h"
 #include "tools/render/render_options.h"
 
 namespace scree::tools {
@@ -28,13 +30,9 @@ namespace {
 using runtime::Duration;
 using runtime::Stopwatch;
 
-/// "12 (Rock)"; names come from files, so what a terminal would obey is not printed.
+/// "12 (Rock)".
 std::string number_and_name(uint64_t number, std::string_view name) {
-  std::string text = std::to_string(number);
-  if (name.empty()) return text;
-  text += " (";
-  for (const char c : name) text += static_cast<unsigned char>(c) < 0x20 || c == 0x7f ? '?' : c;
-  return text + ")";
+  return std::to_string(number) + (name.empty() ? "" : " (" + inspect::printable(name, 400) + ")");
 }
 
 std::string milliseconds(double ms) {
@@ -169,6 +167,12 @@ struct Drawn {
   std::optional<runtime::Picture> picture;
 };
 
+double loading_ms(const runtime::Scene& scene, const Times& times) {
+  const runtime::LoadStats& load = scene.stats();
+  return times.open.wall_ms + load.geometry.wall_ms + load.textures.wall_ms +
+         (times.upload ? times.upload->upload_ms : 0);
+}
+
 /// One line: what was drawn, how fast, where it is.
 void print_summary(const RenderOptions& options, const runtime::Scene& scene, const runtime::Frame& frame,
                    const Times& times) {
@@ -176,17 +180,44 @@ void print_summary(const RenderOptions& options, const runtime::Scene& scene, co
   for (const std::string* path : {&options.output, &options.depth, &options.visbuffer})
     if (!path->empty()) places += (places.empty() ? "" : ", ") + *path;
   if (places.empty()) return;  // picks only
-  const runtime::LoadStats& load = scene.stats();
   const uint64_t triangles = scene.view().instance_base[scene.view().instance_count];
   std::string size = std::to_string(frame.width()) + " x " + std::to_string(frame.height());
   if (options.samples_per_side > 1)
     size += " (" + std::to_string(options.samples_per_side * options.samples_per_side) + " samples a pixel)";
-  const double loading_ms =
-      times.open.wall_ms + load.geometry.wall_ms + load.textures.wall_ms + (times.upload ? times.upload->upload_ms : 0);
   std::printf("%s: %s triangles at %s in %s on %s (shading %s, loading %s) -> %s\n", options.file.c_str(),
               format_count(static_cast<double>(triangles)).c_str(), size.c_str(),
               milliseconds(frame.draw_time().wall_ms).c_str(), times.drawn_on.c_str(),
-              milliseconds(times.shade.wall_ms).c_str(), milliseconds(loading_ms).c_str(), places.c_str());
+              milliseconds(times.shade.wall_ms).c_str(), milliseconds(loading_ms(scene, times)).c_str(),
+              places.c_str());
+}
+
+/// The same and the counts as one JSON object.
+void print_json(const RenderOptions& options, const runtime::Scene& scene, const runtime::Frame& frame,
+                const Times& times) {
+  std::string text;
+  JsonWriter json(text);
+  json.begin_object();
+  json.member("file", options.file);
+  const std::pair<const char*, const std::string*> outputs[] = {
+      {"output", &options.output}, {"depth", &options.depth}, {"visbuffer", &options.visbuffer}};
+  for (const auto& [name, path] : outputs)
+    if (!path->empty()) json.member(name, *path);
+  json.member("width", frame.width());
+  json.member("height", frame.height());
+  json.member("samples_per_side", options.samples_per_side);
+  json.member("device", times.drawn_on);
+  json.member("triangles", scene.view().instance_base[scene.view().instance_count]);
+  json.member("instances_drawn", frame.stats().instances_drawn);
+  json.member("draws", frame.stats().draws);
+  json.member("triangles_drawn", frame.stats().triangles);
+  json.member("clusters_drawn", frame.stats().clusters_drawn);
+  json.member("load_ms", loading_ms(scene, times));
+  json.member("draw_ms", frame.draw_time().wall_ms);
+  json.member("shade_ms", times.shade.wall_ms);
+  json.member("write_ms", times.write.wall_ms);
+  if (times.streamed) json.member("streamed_bytes", times.streamed->streamed_bytes);
+  json.end_object();
+  std::printf("%s\n", text.c_str());
 }
 
 /// After each output the next is begun only where no signal asks to stop.
@@ -379,7 +410,11 @@ Result<void> render(const RenderOptions& options) {
   if (const auto written = write_outputs(options, scene->file().map(), *drawn, times); !written) return written;
   if (const Result<void> printed = print_picks(options, *scene, frame); !printed) return printed;
   if (options.stats) print_stats(*scene, frame, *view, times);
-  if (!options.quiet) print_summary(options, *scene, frame, times);
+  if (options.json) {
+    print_json(options, *scene, frame, times);
+  } else if (!options.quiet) {
+    print_summary(options, *scene, frame, times);
+  }
   return {};
 }
 
@@ -398,15 +433,9 @@ Command add_render(CLI::App& parent) {
   CLI::App* app = parent.add_subcommand("render", "Draws a packed scene");
   app->add_option("file", words->file, "The scene: a .scree file")->required();
   app->add_option("-o,--output", words->output, "The picture to write, a .png (default: beside the file)");
-  app->add_option("--size", words->size, "Pixels, WxH (default: 1920x1080)");
-  app->add_option("--samples", words->samples, "Samples a pixel along each side: 1 (default), 2 or 4");
-  app->add_option("--scene", words->scene, "Scene of the file, by name or number (default: the file's default)");
-  app->add_option("--camera", words->camera, "Camera of the file, by name, node name or number");
+  add_picture_options(*app, *words);
+  add_camera_options(*app, *words);
   app->add_flag("--list-cameras", words->list_cameras, "List the scene's cameras and draw nothing");
-  app->add_option("--eye", words->eye, "Where to look from, X,Y,Z (default: where all of the scene is seen)");
-  app->add_option("--target", words->target, "Where --eye looks to, X,Y,Z (default: the middle of the scene)");
-  app->add_option("--up", words->up, "What is up in the picture, X,Y,Z (default: 0,1,0)");
-  app->add_option("--fov", words->fov, "Vertical field of view in degrees (default: 45, or the camera's)");
   app->add_option(
       "--show", words->show,
       "texture (default), color: without textures, uv, normal, triangle, cluster, mesh, stage: of the rasteriser, or "
@@ -416,36 +445,22 @@ Command add_render(CLI::App& parent) {
   app->add_flag("--edl", words->edl, "Eye-dome lighting: a pixel gets darker where its neighbours stand before it");
   app->add_option("--edl-strength", words->edl_strength, "How much darker, 0 to 100 (default: 1)");
   app->add_option("--edl-radius", words->edl_radius, "Of which neighbours, in pixels, 1 to 64 (default: 1)");
-  app->add_option("--background", words->background, "#rgb, #rrggbb, #rrggbbaa, a name, or none: transparent");
+  app->add_option("--background", words->background,
+                  "#rgb, #rrggbb, #rrggbbaa, a name such as black or skyblue, or transparent (default: #9aa4b0)");
   app->add_option(
       "--depth", words->depth,
-      "Write the depth image, a PFM: distances from the eye's plane in the scene's units, inf where nothing is");
+      "Write the depth image, a .pfm: distances from the eye's plane in the scene's units, inf where nothing is");
   app->add_option(
       "--visbuffer", words->visbuffer,
       "Write the visibility buffer: a little-endian 64-bit word a sample, rows from the top, 28 bits of depth "
       "code over 36 of triangle id, all ones where nothing is");
-  app->add_option("--pick", words->picks, "Print what lies under the pixel X,Y; may be given several times")
+  app->add_option("--pick", words->picks,
+                  "Print what lies under the pixel X,Y; may be given several times; without -o no picture is written")
       ->type_size(1)
       ->expected(1)
       ->allow_extra_args(false)  // the next word is a file to read
       ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll);
-  app->add_option("--threads", words->threads, "Threads; 0: one per processor (default)");
-  app->add_option("--backend", words->backend,
-                  "cpu, cuda, or auto: the GPU, or the CPU with one line that says why (default)");
-  app->add_option(
-      "--device", words->device,
-      "The GPU to draw on, by its index or UUID, as scree devices lists them (default: the first that can be "
-      "used)");
-  app->add_option("--device-memory", words->device_memory,
-                  "The most that the scene, its frames and the picture may take of the GPU's memory, such as 8GiB "
-                  "(default: what is "
-                  "free); chunks that it does not hold are streamed");
-  app->add_option(
-      "--host-memory", words->host_memory,
-      "The most host memory for the picture's buffers and for pinned memory that the GPU is fed from, such as 16GiB; "
-      "what is left of it keeps the chunks of a scene that the GPU's memory does not hold (default, and with 0: no "
-      "limit, "
-      "and chunks come from the file)");
+  add_device_options(*app, *words);
   app->add_option("--frames", words->frames,
                   "Draw so many frames of a still camera and write the last (default: 1); with --stats, what each of "
                   "them streamed");
@@ -453,11 +468,9 @@ Command add_render(CLI::App& parent) {
       "--texture-cache", words->texture_cache,
       "Memory for decoded blocks of JPEG textures, such as 1GiB; the picture does not depend on it (default: "
       "64MiB, on a GPU 256MiB)");
-  app->add_option("--read", words->read,
-                  "How the GPU's pages come from the file: mapped, buffered: read through the page cache, direct: past "
-                  "it, or auto: direct where much is to be read that is not cached, else buffered (default)");
   app->add_flag("-f,--force", words->force, kForceHelp);
   app->add_flag("--stats", words->stats, "Print counts and times of every step");
+  app->add_flag("--json", words->json, "Print one JSON object instead of the closing line");
   app->add_flag("-q,--quiet", words->quiet, "No closing line and no warnings");
   return {app, [words] { return run(*words); }};
 }

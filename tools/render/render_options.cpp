@@ -1,14 +1,13 @@
 #include "tools/render/render_options.h"
 
 #include <algorithm>
-#include <cctype>
 #include <charconv>
 #include <cmath>
 #include <filesystem>
 #include <optional>
 #include <utility>
 
-#include "kernels/visbuffer.h"
+#include "format/text.h"
 #include "runtime/textures/srgb.h"
 #include "tools/common/options.h"
 
@@ -39,22 +38,30 @@ struct NamedColor {
   std::string_view code;
 };
 
-constexpr std::array<NamedColor, 9> kColors{{{"black", "#000000"},
-                                             {"white", "#ffffff"},
-                                             {"gray", "#808080"},
-                                             {"grey", "#808080"},
-                                             {"red", "#ff0000"},
-                                             {"green", "#008000"},
-                                             {"blue", "#0000ff"},
-                                             {"skyblue", "#87ceeb"},
-                                             {"none", "#00000000"}}};
+constexpr std::array<NamedColor, 10> kColors{{{"black", "#000000"},
+                                              {"white", "#ffffff"},
+                                              {"gray", "#808080"},
+                                              {"grey", "#808080"},
+                                              {"red", "#ff0000"},
+                                              {"green", "#008000"},
+                                              {"blue", "#0000ff"},
+                                              {"skyblue", "#87ceeb"},
+                                              {"none", "#00000000"},
+                                              {"transparent", "#00000000"}}};
 
-std::string lower_case(std::string_view text) {
-  std::string out(text);
-  std::transform(out.begin(), out.end(), out.begin(),
-                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
-  return out;
-}
+struct NamedDirection {
+  std::string_view name;
+  double turn_degrees;  // to the right of the front
+  double rise_degrees;
+};
+
+constexpr std::array<NamedDirection, 7> kDirections{{{"front", 0, 0},
+                                                     {"right", 90, 0},
+                                                     {"back", 180, 0},
+                                                     {"left", -90, 0},
+                                                     {"top", 0, 90},
+                                                     {"bottom", 0, -90},
+                                                     {"iso", 45, 35.26438968275465}}};  // atan(1 / sqrt(2))
 
 /// The parts of "a,b,c"; a text without the separator is one part.
 std::vector<std::string_view> split(std::string_view text, char separator) {
@@ -84,15 +91,6 @@ std::optional<uint32_t> whole(std::string_view text) {
   return value;
 }
 
-Result<kernels::Show> parse_show(std::string_view text) {
-  std::string names;
-  for (const NamedShow& named : kShows) {
-    if (text == named.name) return named.show;
-    names += (names.empty() ? "" : ", ") + std::string(named.name);
-  }
-  return usage("--show", text, "one of " + names);
-}
-
 Result<PixelPlace> parse_pick(std::string_view text, uint32_t width, uint32_t height) {
   const std::vector<std::string_view> parts = split(text, ',');
   const std::string expected = "a pixel X,Y with X below " + std::to_string(width) + " and Y below " +
@@ -117,6 +115,15 @@ Result<void> parse_camera(const RenderWords& words, runtime::CameraOptions& came
     const Result<runtime::Vec3> vector = parse_vector(*vectors[i].first, names[i]);
     if (!vector) return vector.error();
     *vectors[i].second = *vector;
+  }
+  if (!words.view.empty()) {
+    if (!words.camera.empty() || camera.eye) return Error{ErrorCode::kUsage, "--view excludes --camera and --eye"};
+    const auto* const named = std::find_if(kDirections.begin(), kDirections.end(),
+                                           [&](const NamedDirection& one) { return one.name == words.view; });
+    if (named == kDirections.end())
+      return usage("--view", words.view, "one of front, right, back, left, top, bottom, iso");
+    camera.turn_degrees = named->turn_degrees;
+    camera.rise_degrees = named->rise_degrees;
   }
   if (camera.target && !camera.eye) return Error{ErrorCode::kUsage, "--target needs --eye"};
   if (!words.fov.empty()) {
@@ -164,15 +171,42 @@ Result<void> check_outputs(const RenderOptions& options) {
       if (other != path && !other->empty() && is_same_file(*other, *path))
         return Error{ErrorCode::kUsage, std::string(name) + " and " + other_name + " are both " + *path};
   }
+  if (!options.depth.empty() && format::lower_case(std::filesystem::path(options.depth).extension().string()) != ".pfm")
+    return usage("--depth", options.depth, "a .pfm file, which holds a float per pixel (--show depth draws a .png)");
   return {};
 }
 
 }  // namespace
 
+void add_camera_options(CLI::App& app, RenderWords& words) {
+  app.add_option("--scene", words.scene, "Scene of the file, by name or number (default: the file's default)")
+      ->type_name("NAME");
+  app.add_option("--camera", words.camera, "Camera of the file, by name, node name or number")->type_name("NAME");
+  app.add_option("--view", words.view,
+                 "Show all of the scene from front, right, back, left, top, bottom or iso (default: from 30 degrees to "
+                 "the right of its front and 20 above)")
+      ->type_name("NAME");
+  app.add_option("--eye", words.eye, "Where to look from, X,Y,Z")->type_name("X,Y,Z");
+  app.add_option("--target", words.target, "Where --eye looks to, X,Y,Z (default: the middle of the scene)")
+      ->type_name("X,Y,Z");
+  app.add_option("--up", words.up, "What is up in the picture, X,Y,Z (default: 0,1,0)")->type_name("X,Y,Z");
+  app.add_option("--fov", words.fov, "Vertical field of view in degrees (default: 45, or the camera's)")
+      ->type_name("DEGREES");
+}
+
+Result<kernels::Show> parse_show(std::string_view text) {
+  std::string names;
+  for (const NamedShow& named : kShows) {
+    if (text == named.name) return named.show;
+    names += (names.empty() ? "" : ", ") + std::string(named.name);
+  }
+  return usage("--show", text, "one of " + names);
+}
+
 Result<std::array<float, 4>> parse_color(std::string_view text) {
   const std::string expected =
-      "a colour: #rgb, #rrggbb, #rrggbbaa, none, black, white, gray, red, green, blue or skyblue";
-  std::string code = lower_case(text);
+      "a colour: #rgb, #rrggbb, #rrggbbaa, none, transparent, black, white, gray, red, green, blue or skyblue";
+  std::string code = format::lower_case(text);
   for (const NamedColor& named : kColors)
     if (code == named.name) code = named.code;
   if (!code.starts_with('#')) return usage("--background", text, expected);
@@ -191,7 +225,7 @@ Result<std::array<float, 4>> parse_color(std::string_view text) {
 }
 
 Result<void> check_picture_path(std::string_view option, const std::string& path) {
-  if (lower_case(std::filesystem::path(path).extension().string()) == ".png") return {};
+  if (format::lower_case(std::filesystem::path(path).extension().string()) == ".png") return {};
   return usage(option, path, "a .png file, the one kind of picture that is written");
 }
 
@@ -208,7 +242,12 @@ Result<runtime::Vec3> parse_vector(std::string_view text, std::string_view what)
 }
 
 Result<RenderOptions> parse_render_options(const RenderWords& words) {
+  const Result<DrawOptions> drawing = parse_draw_options(words);
+  if (!drawing) return drawing.error();
   RenderOptions options;
+  static_cast<DrawOptions&>(options) = *drawing;
+  options.camera.width = drawing->size.width;
+  options.camera.height = drawing->size.height;
   options.file = words.file;
   options.output = words.output;
   options.depth = words.depth;
@@ -216,21 +255,10 @@ Result<RenderOptions> parse_render_options(const RenderWords& words) {
   options.scene = words.scene;
   options.list_cameras = words.list_cameras;
   options.stats = words.stats;
+  options.json = words.json;
   options.existing = words.force ? format::Existing::kReplace : format::Existing::kRefuse;
   options.quiet = words.quiet;
 
-  const Result<ImageSize> size = parse_image_size(words.size, "--size");
-  if (!size) return size.error();
-  options.camera.width = size->width;
-  options.camera.height = size->height;
-  if (words.samples != "1" && words.samples != "2" && words.samples != "4")
-    return usage("--samples", words.samples, "1, 2 or 4");
-  options.samples_per_side = *whole(words.samples);
-  const uint64_t longest = uint64_t{std::max(size->width, size->height)} * options.samples_per_side;
-  if (longest > kernels::kMaxImageSide)
-    return Error{ErrorCode::kUsage, "--size " + words.size + " with --samples " + words.samples + " makes " +
-                                        std::to_string(longest) + " samples a side, at most " +
-                                        std::to_string(kernels::kMaxImageSide)};
   if (const Result<void> camera = parse_camera(words, options.camera); !camera) return camera.error();
 
   const Result<kernels::Show> show = parse_show(words.show);
@@ -245,35 +273,10 @@ Result<RenderOptions> parse_render_options(const RenderWords& words) {
   const Result<uint64_t> frames = parse_whole(words.frames, 1, 1000000, "--frames");
   if (!frames) return frames.error();
   options.frames = static_cast<uint32_t>(*frames);
-  const Result<uint32_t> threads = parse_threads(words.threads);
-  if (!threads) return threads.error();
-  options.threads = *threads;
-  const Result<BackendOptions> backend = parse_backend(words.backend, words.device);
-  if (!backend) return backend.error();
-  options.backend = *backend;
-  if (!words.device_memory.empty()) {
-    const Result<uint64_t> bytes = parse_size(words.device_memory);
-    if (!bytes) return at("--device-memory", bytes.error());
-    options.device_memory = *bytes;
-  }
-  if (!words.host_memory.empty()) {
-    const Result<uint64_t> bytes = parse_size(words.host_memory);
-    if (!bytes) return at("--host-memory", bytes.error());
-    options.host_memory = *bytes;
-  }
   if (!words.texture_cache.empty()) {
     const Result<uint64_t> bytes = parse_size(words.texture_cache);
     if (!bytes) return at("--texture-cache", bytes.error());
     options.texture_cache = std::max<uint64_t>(*bytes, 1);
-  }
-  if (words.read == "mapped") {
-    options.reading = runtime::Reading::kMapped;
-  } else if (words.read == "buffered") {
-    options.reading = runtime::Reading::kBuffered;
-  } else if (words.read == "direct") {
-    options.reading = runtime::Reading::kDirect;
-  } else if (words.read != "auto") {
-    return usage("--read", words.read, "auto, mapped, buffered or direct");
   }
   for (const std::string& text : words.picks) {
     const Result<PixelPlace> place = parse_pick(text, options.camera.width, options.camera.height);

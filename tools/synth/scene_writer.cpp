@@ -7,10 +7,9 @@
 #include <mutex>
 #include <numbers>
 #include <optional>
-#include <system_error>
-#include <thread>
 #include <vector>
 
+#include "runtime/threads/parallel.h"
 #include "tools/common/progress.h"
 #include "tools/gltf/writer.h"
 #include "tools/synth/gltf_parts.h"
@@ -213,16 +212,7 @@ Result<Sums> generate(const Scene& scene, const SynthOptions& options, const Glt
     sums.positions += generator.sums().positions;
     sums.indices += generator.sums().indices;
   };
-  {
-    const uint64_t count = thread_count(options.threads, windows.size());
-    std::vector<std::jthread> threads;
-    // Fewer threads make the same bytes.
-    try {
-      for (uint64_t i = 1; i < count; ++i) threads.emplace_back(work, false);
-    } catch (const std::system_error&) {
-    }
-    work(true);
-  }
+  runtime::on_threads(thread_count(options.threads, windows.size()), work);
   if (failed) return *failed;
   for (uint64_t i = 0; i < windows.size(); ++i)
     if (!windows[i].quads) mesh_bounds[windows[i].mesh].add(window_bounds[i].min, window_bounds[i].max);

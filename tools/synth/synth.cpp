@@ -70,6 +70,7 @@ Result<void> run_synth(const synth::SynthOptions& options) {
   if (options.checks)
     std::printf("%s %s 0 %016" PRIx64 " %016" PRIx64 "\n", options.scene.c_str(),
                 options.order == synth::MeshOrder::kRow ? "row" : "block", report->position_sum, report->index_sum);
+  if (!options.progress) return finish_output();
   std::fprintf(stderr,
                "scene %s -> %s: %" PRIu64 " triangles in %" PRIu64 " instances (%" PRIu64 " unique), %" PRIu64
                " bytes, %.2f s, %.2f M vertices/s\n",
@@ -106,7 +107,7 @@ Command add_synth(CLI::App& parent) {
   app->add_flag(
       "--checks", options->checks,
       "A to D: print scene, order, 0 and the order-independent sums of positions and indices (-o is not needed)");
-  app->add_option("--threads", options->threads, "Threads; 0: as many as the machine runs at once")
+  app->add_option("--threads", options->threads, "Threads; 0: one per processor")
       ->capture_default_str()
       ->type_name("N");
   app->add_option("--seed", options->seed, "Slope: another scattering of the stones")
@@ -117,8 +118,10 @@ Command add_synth(CLI::App& parent) {
       ->type_name("N");
   const auto force = std::make_shared<bool>(false);
   app->add_flag("-f,--force", *force, kForceHelp);
-  options->progress = true;
-  return {app, [options, order, force] {
+  const auto quiet = std::make_shared<bool>(false);
+  app->add_flag("-q,--quiet", *quiet, "No progress and no closing line");
+  return {app, [options, order, force, quiet] {
+            options->progress = !*quiet;
             options->existing = existing_of(*force);
             if (*order == "block") options->order = synth::MeshOrder::kBlock;
             return run_synth(*options);

@@ -8,10 +8,12 @@
 #include <random>
 
 #include "format/bytes.h"
+#include "format/container/checksum.h"
 #include "format/container/container.h"
 #include "format/geometry/chunk_layout.h"
 #include "tests/catch.h"
 #include "tests/format/container/container_fixture.h"
+#include "tests/format/geometry/spec_vectors.h"
 #include "tests/speed.h"
 
 namespace scree::tests {
@@ -27,6 +29,19 @@ bool same(const Table<Record>& table, const std::vector<Record>& records) {
     if (std::memcmp(&table[i], &records[i], sizeof(Record)) != 0) return false;
   }
   return true;
+}
+
+TEST_CASE("checksums of the spec", "[container][spec]") {
+  for (const auto& vector : spec_vectors("checksum.txt")) {
+    INFO(vector.text("name"));
+    const std::vector<std::byte> bytes = vector.bytes("bytes");
+    const uint64_t expected = std::stoull(vector.text("checksum"), nullptr, 16);
+    CHECK(checksum(bytes) == expected);
+    Checksum parts;  // of two pieces
+    parts.add(std::span(bytes).first(bytes.size() / 3));
+    parts.add(std::span(bytes).subspan(bytes.size() / 3));
+    CHECK(parts.value() == expected);
+  }
 }
 
 TEST_CASE("container: every table and page comes back as it was written", "[container]") {

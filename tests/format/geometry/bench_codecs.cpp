@@ -9,6 +9,7 @@
 #include "format/geometry/attribute_codec.h"
 #include "format/geometry/chunk_layout.h"
 #include "format/geometry/cluster_codec.h"
+#include "format/geometry/cluster_page.h"
 #include "format/geometry/index_codec.h"
 #include "format/geometry/position_codec.h"
 #include "tests/catch.h"
@@ -171,5 +172,11 @@ TEST_CASE("cluster speed", "[.bench]") {
   report("clusters, check", triangles, [&] { good &= bool(check_clusters(streams)); });
   std::printf("clusters, bytes a triangle %27.2f\n",
               static_cast<double>(bytes.size()) / static_cast<double>(triangles));
+  const PageClusters parts[] = {{0, record.cluster_count}};
+  SplitPage split;
+  report("clusters, split a page", triangles, [&] { split = split_page(bytes, parts); });
+  std::vector<std::byte> joined(bytes.size());
+  report("clusters, join a split page", triangles, [&] { good &= bool(join_page(split.bytes, joined)); });
+  CHECK(joined == bytes);
   CHECK(good);
 }

@@ -101,8 +101,9 @@ void tally_scene(const SceneView& scene, const View& camera, Tally& tally) {
   for_each_drawn_chunk(scene, view, [&](const auto& mesh, const auto& chunk, const Transform& transform) {
     const std::byte* const page = scene.pages[chunk.page] + chunk.offset;
     const format::ChunkStreams streams = format::chunk_streams(mesh, chunk);
-    const RelativeBox box = chunk_box(mesh, chunk, transform);
-    const CoverageFilter filter = make_coverage_filter(view, transform, error_of(transform, box), box, mesh, chunk);
+    const RoundedBox box = rounded_chunk_box(mesh, chunk, transform);
+    const CoverageFilter filter =
+        make_coverage_filter(view, transform, error_of(transform, box), lattice_box(transform, mesh, chunk));
     const auto* const bounds = reinterpret_cast<const format::ClusterBounds*>(page + streams.cluster_bounds.offset);
     const auto* const records = reinterpret_cast<const format::ClusterRecord*>(page + streams.clusters.offset);
     const auto* const data = reinterpret_cast<const uint32_t*>(page + streams.cluster_data.offset);

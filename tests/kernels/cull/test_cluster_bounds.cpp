@@ -98,8 +98,9 @@ void add_triangle(const FrameView& view, const Transform& transform, const Chunk
 template <bool kOrthographic>
 void tally_chunk(const FrameView& view, const format::MeshRecord& mesh, const format::ChunkRecord& chunk,
                  const ChunkReader& reader, const Transform& transform, std::mt19937& random, Tally& tally) {
-  const RelativeBox whole = chunk_box(mesh, chunk, transform);
-  const CoverageFilter filter = make_coverage_filter(view, transform, error_of(transform, whole), whole, mesh, chunk);
+  const RoundedBox whole = rounded_chunk_box(mesh, chunk, transform);
+  const CoverageFilter filter =
+      make_coverage_filter(view, transform, error_of(transform, whole), lattice_box(transform, mesh, chunk));
   const CenterRange centers = center_range(view);
   for (uint32_t first = 0; first < chunk.triangle_count;) {
     const uint32_t count = std::min(1 + static_cast<uint32_t>(random() % 128), chunk.triangle_count - first);

@@ -40,7 +40,7 @@ void tally_chunk(const FrameView& view, const format::MeshRecord& mesh, const fo
                  const ChunkReader& reader, const Transform& transform, Tally& tally) {
   const CoverageFilter filter =
       make_coverage_filter(view, transform, error_of(transform, vertex_box(mesh, chunk, transform)),
-                           vertex_box(mesh, chunk, transform), mesh, chunk);
+                           stored_box(transform, vertex_box(mesh, chunk, transform), mesh, chunk));
   const SampleLimits limits = make_sample_limits(view);
   for (uint32_t t = 0; t < chunk.triangle_count; ++t) {
     uint32_t v[3];

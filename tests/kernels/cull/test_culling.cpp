@@ -1,5 +1,6 @@
 // What the CPU leaves out of a frame never shows, and is most of what is hidden.
 #include <algorithm>
+#include <cmath>
 #include <random>
 #include <utility>
 
@@ -201,4 +202,42 @@ TEST_CASE("culling: parts of a picture hide what comes in later ones", "[raster]
     REQUIRE(draw_part_cpu(scene, view, samples, 2));
   }
   CHECK(samples == expected);
+}
+
+TEST_CASE("culling: single precision keeps every box that double precision keeps, and hardly another", "[raster]") {
+  std::mt19937_64 random(17);
+  std::uniform_real_distribution<double> unit(-1, 1);
+  uint64_t kept = 0;
+  uint64_t kept_rounded = 0;
+  for (int i = 0; i < 200000; ++i) {
+    const double distance = std::pow(10.0, 3 * unit(random));
+    View camera = look_at({unit(random), unit(random), unit(random)}, {2 * unit(random), unit(random), 0.1},
+                          1 + static_cast<uint32_t>(random() % 4000), 1 + static_cast<uint32_t>(random() % 4000),
+                          std::pow(10.0, -3 + 2 * unit(random)) * distance);
+    if (i % 4 == 0) camera = orthographic(camera, distance * std::abs(unit(random)), 0.1 * distance, 2 * distance);
+    const FrameView view = make_frame_view(camera);
+    format::MeshRecord mesh{};
+    mesh.lattice_exponent = -static_cast<int32_t>(random() % 24);
+    format::ChunkRecord chunk{};
+    format::MatrixRecord matrix{};
+    for (int row = 0; row < 3; ++row) {
+      for (int column = 0; column < 3; ++column) matrix.rows[row][column] = unit(random);
+      matrix.rows[row][3] = distance * unit(random);
+      // Boxes of all sizes, from one side of the origin to the other.
+      const double steps = std::min(std::ldexp(distance, -mesh.lattice_exponent), 1e9);
+      mesh.lattice_min[row] = static_cast<int64_t>(steps * unit(random));
+      chunk.position_min[row] = static_cast<uint32_t>(random() % 65536);
+      chunk.position_bits[row] = static_cast<uint8_t>(random() % 25);
+    }
+    const Transform transform = make_transform(view, matrix, mesh.lattice_exponent, false);
+    const bool keeps = may_be_seen(transform, view, chunk_box(mesh, chunk, transform));
+    const bool keeps_rounded = may_be_seen(transform, view, rounded_chunk_box(mesh, chunk, transform));
+    if (keeps && !keeps_rounded) FAIL("box " << i);
+    kept += keeps;
+    kept_rounded += keeps_rounded;
+  }
+  CAPTURE(kept, kept_rounded);
+  CHECK(kept > 20000);
+  CHECK(kept < 180000);
+  CHECK(kept_rounded - kept < kept / 1000);
 }

@@ -28,7 +28,7 @@
 #include "tests/runtime/load_scene.h"
 #include "tests/runtime/paged_scene.h"
 #include "tests/tools/temp_folder.h"
-#include "tools/bench/disk/file_cache.h"
+#include "tools/bench/file_cache.h"
 
 using scree::Error;
 using scree::ErrorCode;

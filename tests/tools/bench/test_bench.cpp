@@ -1,169 +1,72 @@
-// scree bench without a GPU: its words, its statistics, its files, and how pictures are compared.
-#include <cmath>
-#include <fstream>
-#include <limits>
-#include <sstream>
+// scree bench: how much of a file is cached, and what is said of a file's loads and frames.
+#include <filesystem>
+#include <span>
+#include <string>
+#include <vector>
 
 #include "tests/catch.h"
-#include "tests/tools/bench/refused_bench.h"
+#include "tests/csv.h"
+#include "tests/runtime/paged_scene.h"
+#include "tests/tools/run_program.h"
 #include "tests/tools/temp_folder.h"
-#include "tools/bench/frames/picture_error.h"
-#include "tools/bench/report/case_result.h"
-#include "tools/bench/report/csv.h"
-#include "tools/bench/report/tables.h"
-#include "tools/bench/scenes/touched.h"
-#include "tools/bench/setup/options.h"
-#include "tools/bench/setup/views.h"
+#include "tools/bench/bench.h"
+#include "tools/bench/file_cache.h"
+#include "tools/bench/times.h"
 
 using namespace scree;
 using namespace scree::bench;
-using tests::refused;
+using tests::TempFolder;
 
 namespace {
 
-size_t commas(const std::string& line) {
-  return static_cast<size_t>(std::count(line.begin(), line.end(), ','));
+/// A file of raw and compressed pages, every third one compressed.
+std::string paged_file(const TempFolder& folder) {
+  const std::string path = folder.file("paged.scree");
+  tests::Encoding floats;
+  floats.float32 = true;
+  tests::PagedScene{}.write(path, {{tests::grid(40, 0.2), {}}, {tests::grid(25, 0.1), floats}});
+  return path;
 }
 
-CaseResult sample_result() {
-  CaseResult result;
-  result.scene = "A";
-  result.order = "row";
-  result.positions = "16";
-  result.indices = "packed";
-  result.view = "overview";
-  result.width = 1920;
-  result.height = 1080;
-  result.frames = 60;
-  result.unique_triangles = 1000;
-  result.drawn_triangles = 2000;
-  result.geometry_bytes = 8000;
-  result.stats.triangles = 1500;
-  result.frame = {2, 1, 3, 2, 4};
-  return result;
+BenchOptions small_options() {
+  BenchOptions options;
+  options.size = {64, 48};
+  options.threads = 2;
+  options.repeats = 2;
+  options.frames = 3;
+  options.warmup = 1;
+  options.quiet = true;
+  return options;
 }
 
 }  // namespace
 
-TEST_CASE("bench: its defaults measure A to D, packed and as floats", "[bench_tool]") {
-  const Result<BenchOptions> options = parse_options({});
-  REQUIRE(options);
-  CHECK(options->scenes == std::vector<std::string>{"A", "B", "C", "D"});
-  REQUIRE(options->encodings.size() == 2);
-  CHECK(encoding_name(options->encodings[0]) == "16-bit, packed");
-  CHECK(encoding_name(options->encodings[1]) == "float32, 32-bit");
-  CHECK(options->samples_per_side == std::vector<uint32_t>{1});
-  BenchWords words;
-  words.effects = "none, ssao+edl";
-  const Result<BenchOptions> effects = parse_options(words);
-  REQUIRE(effects);
-  REQUIRE(effects->effects.size() == 2);
-  CHECK_FALSE(effects->effects[0].ssao);
-  CHECK((effects->effects[1].ssao && effects->effects[1].edl));
-}
+TEST_CASE("bench: how much of a file the page cache has", "[bench_tool]") {
+  const TempFolder folder;
+  const std::string path = folder.write("bytes", std::string(300'000, 'x'));
+  const Result<double> brought = bring_to_cache(path);
+  REQUIRE(brought);
+  const Result<double> found = cached_share(path);
+  REQUIRE(found);
+  CHECK(*found == *brought);
+  const Result<double> dropped = drop_from_cache(path);
+  REQUIRE(dropped);
+  CHECK(*dropped >= 0);
+  CHECK(*dropped <= *brought);
+  if (*brought < 1) WARN("the folder for temporary files does not go through the page cache");
+  if (*dropped > 0) WARN("files in the folder for temporary files do not leave the page cache");
 
-TEST_CASE("bench: words that cannot be are refused with what can", "[bench_tool]") {
-  const auto with = [](auto member, auto value) {
-    BenchWords words;
-    words.*member = value;
-    return words;
-  };
-  CHECK(refused(with(&BenchWords::scenes, "A,E")).find("\"E\"") != std::string::npos);
-  CHECK(refused(with(&BenchWords::positions, "7")).find("8 to 24") != std::string::npos);
-  CHECK(refused(with(&BenchWords::positions, "16,")).find("8 to 24") != std::string::npos);
-  CHECK(refused(with(&BenchWords::indices, "16")).find("packed") != std::string::npos);
-  CHECK(refused(with(&BenchWords::order, "column")).find("block") != std::string::npos);
-  CHECK(refused(with(&BenchWords::samples, "3")).find("1, 2 or 4") != std::string::npos);
-  CHECK(refused(with(&BenchWords::sampleless, "no")).find("on or off") != std::string::npos);
-  CHECK(refused(with(&BenchWords::effects, "ssao,fog")).find("edl") != std::string::npos);
-  CHECK(refused(with(&BenchWords::size, "1920")).find("WxH") != std::string::npos);
-  CHECK(refused(with(&BenchWords::size, "0x9")).find("WxH") != std::string::npos);
-  CHECK(refused(with(&BenchWords::scale, 0.0)).find("--scale") != std::string::npos);
-  CHECK(refused(with(&BenchWords::scale, std::nan(""))).find("--scale") != std::string::npos);
-  CHECK(refused(with(&BenchWords::frames, 0u)).find("--frames") != std::string::npos);
-  CHECK(refused(with(&BenchWords::views, "inside,left")).find("overview") != std::string::npos);
-  BenchWords words;
-  words.scenes = "D";
-  words.views = "overview";
-  CHECK(refused(words).find("inside, corner") != std::string::npos);
-  words = {};
-  words.files = {"a.scree"};
-  words.scenes = "A";
-  CHECK(refused(words).find("exclude") != std::string::npos);
-  words.scenes.clear();
-  words.order = "block";
-  CHECK(refused(words).find("brings its own") != std::string::npos);
-  words.order = "row";
-  words.sweep = true;
-  CHECK(refused(words).find("--sweep") != std::string::npos);
-  words.path = true;
-  CHECK(refused(words).find("exclude") != std::string::npos);
-}
-
-TEST_CASE("bench: a sweep goes over the encodings that are asked for", "[bench_tool]") {
-  BenchWords words;
-  words.scenes = "A";
-  words.sweep = true;
-  Result<BenchOptions> options = parse_options(words);
-  REQUIRE(options);
-  CHECK(options->encodings.size() == 8);
-  CHECK(options->encodings.front().position_bits == 8);
-  CHECK(options->encodings.back().position_bits == 24);
-  words.indices = "packed,clustered";
-  words.positions = "12,float32";
-  options = parse_options(words);
-  REQUIRE(options);
-  REQUIRE(options->encodings.size() == 3);
-  CHECK_FALSE(options->encodings[0].clustered);
-  CHECK(options->encodings[1].clustered);
-  CHECK(options->encodings[2].float32);
-}
-
-TEST_CASE("bench: the textured scene is measured by itself", "[bench_tool]") {
-  BenchWords words;
-  words.scenes = "textured";
-  Result<BenchOptions> options = parse_options(words);
-  REQUIRE(options);
-  CHECK(options->is_textured);
-  CHECK(options->textures == 12);
-  CHECK(options->texture_size == 16384);
-  CHECK(options->texture_cache == runtime::kDeviceTextureCache);
-  words.textures = 20;
-  words.texture_size = 8192;
-  words.texture_cache = "1GiB";
-  words.size = "1920x1080";
-  options = parse_options(words);
-  REQUIRE(options);
-  CHECK(options->textures == 20);
-  CHECK(options->texture_size == 8192);
-  CHECK(options->texture_cache == uint64_t{1} << 30);
-  CHECK(options->size->width == 1920);
-  for (const uint32_t size : {0u, 1000u, 65536u}) {
-    BenchWords bad = words;
-    bad.texture_size = size;
-    CHECK(refused(bad).find("--texture-size") != std::string::npos);
+  const std::string empty = folder.write("empty", "");
+  CHECK(*bring_to_cache(empty) == 0);
+  CHECK(*drop_from_cache(empty) == 0);
+  for (const auto& missing :
+       {cached_share(folder.file("none")), drop_from_cache(folder.file("none")), bring_to_cache(folder.file("none"))}) {
+    REQUIRE_FALSE(missing);
+    CHECK(missing.error().code == ErrorCode::kFile);
   }
-  BenchWords bad = words;
-  bad.csv = "rows.csv";
-  CHECK(refused(bad).find("--scene textured takes") != std::string::npos);
-  bad = words;
-  bad.texture_cache = "much";
-  CHECK(refused(bad).find("--texture-cache") != std::string::npos);
-  bad = words;
-  bad.scenes = "A";  // which has no textures
-  CHECK(refused(bad).find("--scene textured") != std::string::npos);
-  bad.scenes = "A,textured";
-  CHECK(refused(bad).find("\"textured\"") != std::string::npos);
 }
 
-TEST_CASE("bench: the extra scenes have the paper's sizes", "[bench_tool]") {
-  CHECK(make_scene("lantern", synth::MeshOrder::kRow, 1).drawn_triangles() == 995328);
-  const uint64_t sixty = make_scene("A60", synth::MeshOrder::kBlock, 1).drawn_triangles();
-  CHECK(sixty > 59'000'000);
-  CHECK(sixty < 61'000'000);
-}
-
-TEST_CASE("bench: statistics", "[bench_tool]") {
+TEST_CASE("bench: the median, the ends and the mean of times", "[bench_tool]") {
   const std::vector<float> odd{3, 1, 2};
   CHECK(summarize(odd).median == 2);
   CHECK(summarize(odd).minimum == 1);
@@ -174,90 +77,128 @@ TEST_CASE("bench: statistics", "[bench_tool]") {
   CHECK(summarize(even).mean == 2.5);
 }
 
-TEST_CASE("bench: a CSV file has one header and a row a case", "[bench_tool]") {
-  const tests::TempFolder folder;
-  const std::string path = folder.file("rows.csv");
-  const Machine machine{"0123456789ab", "NVIDIA \"X\", large", "1.2", 4000};
-  CaseResult result = sample_result();
-  const std::string row = csv_row(machine, result);
-  REQUIRE(append_csv(path, csv_header(), row));
-  result.raster = Times{1, 1, 0, 1, 1};
-  result.error = PictureError{5, 0.25, 0.125, std::numeric_limits<double>::infinity(), 0.5};
-  REQUIRE(append_csv(path, csv_header(), csv_row(machine, result)));
-  std::istringstream lines(tests::read_whole(path));
-  std::string header, first, second, more;
-  std::getline(lines, header);
-  std::getline(lines, first);
-  std::getline(lines, second);
-  CHECK_FALSE(std::getline(lines, more));
-  CHECK(header == csv_header());
-  CHECK(header.starts_with("commit,gpu,driver,"));
-  CHECK(first == row);
-  CHECK(first.starts_with("0123456789ab,\"NVIDIA \"\"X\"\", large\",1.2,4000,A,row,1,16,packed,overview,1920,1080,1,"));
-  CHECK(commas(first) == commas(header) + 1);  // one inside the quotes
-  CHECK(commas(second) == commas(header) + 1);
-  CHECK(second.ends_with(",0.5,5,0.25,0.125,inf"));
-  CHECK(first.ends_with(",,,,,"));
+TEST_CASE("bench: frames are counted, and an error ends them", "[bench_tool]") {
+  uint32_t drawn = 0;
+  const auto times = timed_frames(5, 3, [&]() -> Result<float> { return static_cast<float>(drawn++); });
+  REQUIRE(times);
+  CHECK(*times == std::vector<float>{3, 4, 5, 6, 7});
+  const auto failed = timed_frames(5, 0, [&]() -> Result<float> { return Error{ErrorCode::kDevice, "gone"}; });
+  REQUIRE_FALSE(failed);
+  CHECK(failed.error().message == "gone");
 }
 
-TEST_CASE("bench: rows are not put under other columns", "[bench_tool]") {
-  const tests::TempFolder folder;
-  const std::string path = folder.file("other.csv");
-  std::ofstream(path) << "a,b\n1,2\n";
-  const Result<void> done = append_csv(path, csv_header(), csv_row({}, sample_result()));
-  REQUIRE_FALSE(done);
-  CHECK(done.error().code == ErrorCode::kFormat);
-  CHECK(done.error().message.find("other.csv: line 1") != std::string::npos);
-  CHECK(tests::read_whole(path) == "a,b\n1,2\n");
-  const Result<void> nowhere = append_csv(folder.file("none/rows.csv"), "a", "1");
-  REQUIRE_FALSE(nowhere);
-  CHECK(nowhere.error().code == ErrorCode::kFile);
-}
-
-TEST_CASE("bench: tables leave out what was not timed", "[bench_tool]") {
-  CaseResult result = sample_result();
-  const std::string whole = times_table({&result, 1});
-  CHECK(whole.find(" - ") != std::string::npos);
-  CHECK(whole.find("2.000") != std::string::npos);
-  result.raster = Times{0.5, 0.5, 0, 0.5, 0.5};
-  CHECK(result.triangles_per_s() == 2000 / 0.5e-3);
-  CHECK(result.culled_triangles() == 500);
-  result.touched_bytes = 2'000'000;  // 4 GB/s
-  CHECK(counts_table({&result, 1}, Machine{"", "", "", 40}).find("10.0%") != std::string::npos);
-}
-
-TEST_CASE("bench: pictures are compared by triangle, depth and colour", "[bench_tool]") {
-  const kernels::View view = scene_view({"v", {0, 0, 0}, {1, 0, 0}}, 2, 2);
-  const uint32_t near_code = 1u << 20;
-  const uint32_t far_code = near_code + (1u << 10);
-  HostPicture reference;
-  reference.samples = {kernels::pack_sample(near_code, 1), kernels::pack_sample(near_code, 2), kernels::kBackground,
-                       kernels::pack_sample(near_code, 4)};
-  reference.pixels.assign(16, 100);
-  CHECK(compare_pictures(view, reference, reference).wrong_pixels == 0);
-  CHECK(std::isinf(compare_pictures(view, reference, reference).psnr_db));
-  HostPicture other = reference;
-  other.samples[0] = kernels::pack_sample(far_code, 1);  // deeper
-  other.samples[1] = kernels::pack_sample(near_code, 3);
-  other.samples[3] = kernels::kBackground;
-  other.pixels[0] = 110;
-  other.pixels[3] = 0;  // alpha does not count
-  const PictureError error = compare_pictures(view, other, reference);
-  CHECK(error.wrong_pixels == 2);
-  const double ratio = kernels::depth_of_code(view, far_code) / kernels::depth_of_code(view, near_code) - 1;
-  CHECK(error.depth_error_max == Approx(ratio));
-  CHECK(error.depth_error_rms == Approx(ratio / std::sqrt(2.0)));
-  CHECK(error.psnr_db == Approx(10 * std::log10(255.0 * 255.0 / (100.0 / 12))));
-}
-
-TEST_CASE("bench: the path goes from a scene's first view to its second", "[bench_tool]") {
-  const synth::Scene scene = make_scene("D", synth::MeshOrder::kRow, 1);
-  const std::vector<kernels::View> path = path_views(scene.cameras, 64, 32);
-  REQUIRE(path.size() == kPathFrames);
-  for (size_t i = 0; i < 3; ++i) {
-    CHECK(path.front().eye[i] == scene.cameras[0].eye[i]);
-    CHECK(path.back().eye[i] == Approx(scene.cameras[1].eye[i]));
+TEST_CASE("bench: a file's loads and frames on the CPU", "[bench_tool]") {
+  const TempFolder folder;
+  const std::string path = paged_file(folder);
+  const Result<FileResult> file = measure_file(path, small_options(), false);
+  REQUIRE(file);
+  CHECK(file->file_bytes == std::filesystem::file_size(path));
+  CHECK(file->unique_triangles == 2 * (40 * 40 + 25 * 25));
+  CHECK(file->drawn_triangles >= file->unique_triangles);
+  REQUIRE(file->loads.size() == 2);
+  for (const LoadResult& load : file->loads) {
+    CHECK(load.load.median > 0);
+    CHECK(load.load.minimum <= load.load.median);
+    CHECK(load.first_picture.median > load.load.minimum);
+    CHECK(load.read_bytes == file->file_bytes);
+    CHECK(load.device_bytes > load.read_bytes / 2);
+    CHECK(load.gb_per_s() > 0);
   }
-  CHECK(path.front().half_height == Approx(std::tan(0.5235987755982988)));
-  CHECK(path.front().half_width == Approx(2 * path.front().half_height));
+  CHECK(file->loads[0].is_cold);
+  CHECK_FALSE(file->loads[1].is_cold);
+  CHECK(file->loads[0].cached_share <= file->loads[1].cached_share);
+  REQUIRE(file->views.size() == 1);
+  const ViewResult& view = file->views[0];
+  CHECK(view.name == "default");
+  CHECK(view.frames == 3);
+  CHECK(view.draw.minimum > 0);
+  CHECK(view.shade.minimum > 0);
+  CHECK(view.first_ms > 0);
+  CHECK_FALSE(view.streamed_bytes);
+  const Result<FileResult> again = measure_file(path, small_options(), false);
+  REQUIRE(again);
+  CHECK(again->views[0].picture == view.picture);
+  BenchOptions finer = small_options();
+  finer.samples_per_side = 2;
+  const Result<FileResult> other = measure_file(path, finer, false);
+  REQUIRE(other);
+  CHECK(other->views[0].picture != view.picture);
+
+  BenchOptions options = small_options();
+  options.cameras = {"nowhere"};
+  const Result<FileResult> no_view = measure_file(path, options, false);
+  REQUIRE_FALSE(no_view);
+  CHECK(no_view.error().message.find("nowhere") != std::string::npos);
+}
+
+TEST_CASE("bench: what is said of loads and frames", "[bench_tool]") {
+  BenchReport report{small_options(), {"0123456789ab", "NVIDIA \"X\"", "580"}, {FileResult{}}};
+  FileResult& file = report.files[0];
+  file.file = "a.scree";
+  file.loads.resize(2);
+  file.loads[0].is_cold = true;
+  file.loads[0].cached_share = 0.37;
+  file.loads[0].read_bytes = 3'000'000'000;
+  file.loads[0].load = file.loads[0].first_picture = summarize(std::vector<float>{1500});
+  file.loads[1].cached_share = 1;
+  file.loads[1].load = file.loads[1].first_picture = summarize(std::vector<float>{500});
+  ViewResult view;
+  view.name = "front";
+  view.draw = view.shade = summarize(std::vector<float>{0.5});
+  file.views.push_back(view);
+  const std::string text = bench_text(report);
+  INFO(text);
+  CHECK(text.find("NVIDIA \"X\", driver 580, 2 threads; commit 0123456789ab") != std::string::npos);
+  CHECK(text.find("not dropped, 37% cached") != std::string::npos);
+  CHECK(text.find("page cache") != std::string::npos);
+  CHECK(text.find(" 2.00") != std::string::npos);  // GB/s
+  CHECK(text.find("streamed") == std::string::npos);
+  file.views[0].streamed_bytes = 4096;
+  CHECK(bench_text(report).find("streamed") != std::string::npos);
+  const std::string json = bench_json(report);
+  INFO(json);
+  CHECK(json.find("\"device\":\"NVIDIA \\\"X\\\"\"") != std::string::npos);
+  CHECK(json.find("\"streamed_bytes\":4096") != std::string::npos);
+}
+
+TEST_CASE("bench: the program prints tables or JSON and appends rows", "[bench_tool]") {
+  const TempFolder folder;
+  const std::string path = paged_file(folder);
+  const std::string csv = folder.file("rows.csv");
+  std::vector<std::string> words{"bench", path,       "--backend", "cpu",    "--repeats", "1",     "--frames",
+                                 "2",     "--warmup", "0",         "--size", "32x32",     "--csv", csv};
+  const auto run = tests::run_program(words, folder.file("log"));
+  INFO(run.output);
+  REQUIRE(run.exit_code == 0);
+  CHECK(run.output.find("first picture s") != std::string::npos);
+  words.push_back("--json");
+  words.push_back("-q");
+  const auto json = tests::run_program(words, folder.file("log"));
+  REQUIRE(json.exit_code == 0);
+  CHECK(json.output.starts_with("{\"commit\":"));
+  CHECK(json.output.ends_with("]}\n"));
+  const std::vector<tests::CsvRow> rows = tests::read_csv(csv);
+  REQUIRE(rows.size() == 2);
+  CHECK(rows[0].at("file") == path);
+  CHECK(rows[0].at("picture") == rows[1].at("picture"));
+  CHECK(std::stod(rows[0].at("draw_ms")) > 0);
+  CHECK(std::stod(rows[0].at("cache_load_ms")) > 0);
+
+  // A damaged file is reported as by render; what was measured before it is printed.
+  words = {"bench",
+           "--backend",
+           "cpu",
+           "--repeats",
+           "1",
+           "--frames",
+           "1",
+           "--size",
+           "32x32",
+           path,
+           folder.write("cut.scree", tests::read_whole(path).substr(0, 9000))};
+  const auto cut = tests::run_program(words, folder.file("log"));
+  INFO(cut.output);
+  CHECK(cut.exit_code == 3);
+  CHECK(cut.output.find("cut.scree: ") != std::string::npos);
+  CHECK(cut.output.find("paged.scree: ") != std::string::npos);
 }

@@ -528,9 +528,14 @@ TEST_CASE("the report says what was made", "[convert]") {
   CHECK(report.peak_bytes > 1000000);
   CHECK(report.relative_position_error > 0);
   CHECK(report.relative_position_error < 2e-5);  // half of 1 / 65536 an axis, at worst twice that
-  const std::string line = convert::describe(options, report);
-  CHECK(line.find('\n') == std::string::npos);
-  CHECK(line.find("bits/triangle") != std::string::npos);
+  const std::string text = convert::describe(options, report, false);
+  INFO(text);
+  CHECK(std::count(text.begin(), text.end(), '\n') == 2);  // nothing is left out
+  CHECK(text.find("bits/triangle") != std::string::npos);
+  CHECK(convert::describe(options, report, true).find("triangles/s") != std::string::npos);
+  CHECK(convert::json_report(options, report).find("\"triangles\":5000,") != std::string::npos);
+  CHECK(report.geometry_bytes > 0);
+  CHECK(report.geometry_bytes < report.output_bytes);
   const tests::OpenFile opened = must_open(options.output);
   CHECK(opened.file.string(opened.file.source().name) == "in.glb");
   CHECK(opened.file.source().position_bytes == 51 * 51 * 12);

@@ -6,7 +6,7 @@
 #include <cstdint>
 #include <random>
 
-#include "tools/bench/setup/views.h"
+#include "lab/setup/views.h"
 #include "tools/synth/scenes.h"
 
 namespace scree::tests {
@@ -32,7 +32,7 @@ inline kernels::View random_view(const synth::Scene& scene, std::mt19937& random
     distance += std::abs(camera.target[axis] - camera.eye[axis]);
   }
   const ImageSize size = number % 9 == 4 ? tall : wide;
-  kernels::View view = bench::scene_view(camera, size.width, size.height);
+  kernels::View view = lab::scene_view(camera, size.width, size.height);
   if (number % 5 != 3) return view;
   view.orthographic = true;
   view.half_height = 0.3 * distance;

@@ -4,13 +4,13 @@
 #include <vector>
 
 #include "format/bytes.h"
+#include "lab/setup/views.h"
 #include "runtime/draw/stream_cpu.h"
 #include "runtime/stream/chunk_source.h"
 #include "runtime/stream/residency.h"
 #include "tests/catch.h"
 #include "tests/runtime/load_scene.h"
 #include "tests/tools/convert/convert_fixture.h"
-#include "tools/bench/setup/views.h"
 #include "tools/synth/scenes.h"
 #include "tools/synth/synth.h"
 
@@ -37,7 +37,7 @@ TEST_CASE("a streamed frame loads little beside what its picture needs, a still 
     auto stream = runtime::CpuStream::create(scene, bytes / 4, 2);
     REQUIRE(stream);
     for (int frame = 0; frame < 3; ++frame) {
-      const auto stats = (*stream)->draw_frame(bench::scene_view(camera, 960, 540), nullptr);
+      const auto stats = (*stream)->draw_frame(lab::scene_view(camera, 960, 540), nullptr);
       REQUIRE(stats);
       INFO("frame " << frame << ": " << stats->needed_bytes << " of " << stats->streamed_bytes << " bytes were needed, "
                     << stats->seen_bytes << " in the view, " << bytes << " in all");

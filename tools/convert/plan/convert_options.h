@@ -3,6 +3,7 @@
 
 #include <atomic>
 #include <cstdint>
+#include <functional>
 #include <string>
 
 #include "format/layout.h"
@@ -53,6 +54,8 @@ struct ConvertOptions {
   bool allow_outside = false;           // reads files of the source outside its folder
   bool resume = false;    // goes on with the .part of an earlier run where it fits, and leaves one that is not finished
   bool progress = false;  // a line on stderr where that is a terminal
+  // Called by the caller's thread, five times a second at most: `done` of the `total` things of a stage.
+  std::function<void(const std::string& stage, uint64_t done, uint64_t total)> on_progress;
   const std::atomic<bool>* stop = nullptr;  // raised: the conversion ends with kFile "interrupted", nothing is left
                                             // behind but with `resume`
 };

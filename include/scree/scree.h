@@ -1,0 +1,408 @@
+/* scree as a library: packs glTF scenes of any size into one checked file, loads it, and draws it exactly, on a GPU or
+ * on the CPU. docs/library.md explains it with examples.
+ *
+ * Handles. scree_file, scree_scene and scree_view are made by scree_open(), scree_load() and scree_view_create() and
+ * ended by scree_close(), scree_unload() and scree_view_destroy(). A handle is a number in the form of a pointer, never
+ * used twice: a call with a handle that was ended fails with SCREE_ERROR_HANDLE. What a handle needs stays as long as
+ * the handle: a file may be closed while its scenes are drawn, a scene unloaded while it has views.
+ *
+ * Errors. Every function that can fail returns a scree_status; scree_error() then gives one line of text. A failed
+ * call leaves its outputs as they were, unless it says otherwise. Nothing exits, prints, or throws through this border.
+ * A file that another program cuts short while it is open raises SIGBUS where it is read, as with any mapped file.
+ *
+ * Threads. All functions may be called from any thread. Calls with the same view wait for each other; calls with
+ * different views run at the same time on the CPU, and one after the other on a GPU. A handle may be ended while
+ * another thread uses it: that call still ends well.
+ *
+ * Structures begin with `size`, which the caller sets to sizeof: a later version of the library may know more fields,
+ * and takes those that are missing to be 0. In options 0 always means the default. So begin with
+ *     scree_load_options options = {.size = sizeof options};
+ *
+ * Pixels go row by row from the top left. World space is glTF's: right-handed, units as in the scene. */
+#ifndef SCREE_SCREE_H
+#define SCREE_SCREE_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+#define SCREE_API_VERSION 1 /* grows by 1 with every addition; what is here stays as it is */
+
+#if defined(__GNUC__)
+#define SCREE_API __attribute__((visibility("default")))
+#else
+#define SCREE_API
+#endif
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+typedef struct scree_file scree_file;   /* an open .scree file */
+typedef struct scree_scene scree_scene; /* one scene of it, loaded to be drawn */
+typedef struct scree_view scree_view;   /* what draws a scene, frame after frame */
+
+typedef enum scree_status {
+  SCREE_OK = 0,
+  SCREE_ERROR_ARGUMENT = 1,  /* a null pointer, a number out of range, options that exclude each other */
+  SCREE_ERROR_FILE = 2,      /* the operating system refused: missing, unreadable, no room on the disk */
+  SCREE_ERROR_DATA = 3,      /* a damaged file, or one of another kind or of a newer version */
+  SCREE_ERROR_DEVICE = 4,    /* no usable GPU, a failing one, not enough of its memory */
+  SCREE_ERROR_MEMORY = 5,    /* not enough host memory */
+  SCREE_ERROR_HANDLE = 6,    /* a handle that was ended, or is of another kind */
+  SCREE_ERROR_BUFFER = 7,    /* a buffer of another size than is needed; the text has both sizes */
+  SCREE_ERROR_NO_FRAME = 8,  /* the view has drawn nothing yet, or the last draw failed */
+  SCREE_ERROR_CANCELLED = 9, /* a progress function returned something else than 0 */
+  SCREE_ERROR_INTERNAL = 10, /* a mistake of the library's own */
+  SCREE_STATUS_32_BITS = 0x7fffffff
+} scree_status;
+
+/* The library's version, "0.2.0", and the newest SCREE_API_VERSION that it has. */
+SCREE_API const char* scree_version(void);
+SCREE_API uint32_t scree_api_version(void);
+
+/* One line about the calling thread's last call that failed; "" where none has. Valid until its next failing call. */
+SCREE_API const char* scree_error(void);
+
+/* "SCREE_ERROR_FILE" and the like; "SCREE_ERROR_INTERNAL" for a number that is none. */
+SCREE_API const char* scree_status_name(scree_status status);
+
+/* How far a call is: `done` of `total` bytes or things of `stage`, such as "geometry" or "encode". Returns 0 to go on;
+ * anything else ends the call with SCREE_ERROR_CANCELLED. Called by one thread at a time, not always the caller's, some
+ * twenty times a second; it may not call the function that it reports about. */
+typedef int (*scree_progress)(void* user, const char* stage, uint64_t done, uint64_t total);
+
+/* ---- Files ------------------------------------------------------------------------------------------------------- */
+
+/* Opens a .scree file and checks its records; no geometry is read. 15 ns a record. */
+SCREE_API scree_status scree_open(const char* path, scree_file** file);
+
+/* Ends a handle. Null is nothing to do. */
+SCREE_API scree_status scree_close(scree_file* file);
+
+typedef struct scree_file_info {
+  size_t size;
+  uint64_t bytes;
+  uint64_t triangles; /* stored, in all meshes */
+  uint32_t scenes;
+  uint32_t default_scene;
+  uint32_t meshes; /* a glTF primitive each */
+  uint32_t materials;
+  uint32_t textures;
+  uint32_t nodes;
+} scree_file_info;
+
+typedef struct scree_scene_info {
+  size_t size;
+  const char* name;   /* UTF-8, "" where there is none; stays until the file is closed and its scenes are unloaded */
+  uint64_t triangles; /* drawn: each instance's */
+  uint64_t instances;
+  uint32_t cameras;
+} scree_scene_info;
+
+typedef struct scree_mesh_info {
+  size_t size;
+  const char* name; /* of the glTF mesh */
+  uint64_t triangles;
+  uint64_t vertices; /* stored */
+  float box_min[3];  /* in the mesh's own units */
+  float box_max[3];
+  double max_position_error; /* an axis, in the mesh's own units */
+  int32_t material;          /* -1: the default material */
+  uint32_t attributes;       /* 1: texture coordinates, 2: colours, 4: normals, 8: triangle numbers of the source */
+} scree_mesh_info;
+
+typedef struct scree_material_info {
+  size_t size;
+  const char* name;
+  float base_color[4]; /* linear RGBA */
+  int32_t texture;     /* -1: none */
+  uint32_t flags;      /* 1: double-sided, 2: unlit, 4: alpha mask, 8: alpha blend; both are drawn opaque */
+} scree_material_info;
+
+typedef struct scree_camera_info {
+  size_t size;
+  const char* name;      /* of the camera */
+  const char* node_name; /* of the node that it hangs on */
+  uint32_t camera;       /* number in the file, which scree_camera::name takes too */
+  uint32_t orthographic; /* 1: yes */
+  double fov_degrees;    /* vertical; 0 where orthographic */
+  double half_height;    /* in units, where orthographic */
+  double z_near;
+  double z_far;     /* 0: none */
+  double world[12]; /* of the node: three rows of x, y, z, translation */
+} scree_camera_info;
+
+SCREE_API scree_status scree_get_file_info(scree_file* file, scree_file_info* info);
+/* `index` is below the count that scree_file_info has, and for a camera below that of its scene. */
+SCREE_API scree_status scree_get_scene_info(scree_file* file, uint32_t index, scree_scene_info* info);
+SCREE_API scree_status scree_get_mesh_info(scree_file* file, uint32_t index, scree_mesh_info* info);
+SCREE_API scree_status scree_get_material_info(scree_file* file, uint32_t index, scree_material_info* info);
+SCREE_API scree_status scree_get_camera_info(scree_file* file, uint32_t scene, uint32_t index, scree_camera_info* info);
+
+/* ---- Scenes ------------------------------------------------------------------------------------------------------ */
+
+typedef enum scree_backend {
+  SCREE_BACKEND_AUTO = 0, /* a GPU where one can be used and takes the scene, else the CPU */
+  SCREE_BACKEND_CPU = 1,
+  SCREE_BACKEND_CUDA = 2,
+  SCREE_BACKEND_32_BITS = 0x7fffffff
+} scree_backend;
+
+typedef struct scree_load_options {
+  size_t size;
+  const char* scene; /* by name or number; null: the file's default */
+  scree_backend backend;
+  const char* gpu;        /* index or UUID; null: the first that can be used */
+  uint32_t threads;       /* at most 4096; 0: one per processor */
+  uint32_t no_textures;   /* 1: materials have their colour alone */
+  uint64_t device_memory; /* bytes of the GPU that scene and pictures may take; chunks that it does not hold are
+                             streamed while frames are drawn. 0: what is free */
+  uint64_t host_memory;   /* pinned bytes that feed the GPU; what is left keeps chunks. 0: no limit, none are kept */
+  uint64_t texture_cache; /* bytes of decoded blocks of JPEG textures. 0: 64 MiB, on a GPU 256 MiB */
+  uint32_t max_width;     /* the largest frames, whose memory device_memory then counts; 0: not counted */
+  uint32_t max_height;
+  uint32_t max_samples; /* a pixel's side: 1, 2 or 4 */
+  scree_progress progress;
+  void* user;
+} scree_load_options;
+
+/* Loads a scene and checks every byte of it. `options` may be null. */
+SCREE_API scree_status scree_load(scree_file* file, const scree_load_options* options, scree_scene** scene);
+SCREE_API scree_status scree_unload(scree_scene* scene);
+
+typedef struct scree_scene_stats {
+  size_t size;
+  uint64_t triangles; /* drawn: each instance's */
+  uint64_t instances;
+  double box_min[3]; /* of all instances, world space; min > max where nothing is drawn */
+  double box_max[3];
+  uint32_t on_gpu; /* 1: a GPU draws it */
+  int32_t gpu;     /* its index, -1: the CPU */
+  uint32_t streamed;
+  uint32_t scene; /* its number in the file */
+  uint64_t device_bytes;
+  double load_ms;       /* geometry, textures, upload */
+  const char* gpu_name; /* stays as long as the handle */
+  const char* why_cpu;  /* why SCREE_BACKEND_AUTO took no GPU, one line; "" where one draws or none was looked for */
+} scree_scene_stats;
+
+SCREE_API scree_status scree_get_scene_stats(scree_scene* scene, scree_scene_stats* stats);
+
+/* What an id of the instance layer stands for. */
+typedef struct scree_instance_info {
+  size_t size;
+  uint32_t mesh;
+  uint32_t node;
+  uint32_t node_instance; /* place among the node's instances (EXT_mesh_gpu_instancing); 0 where it has none */
+  int32_t material;
+  uint64_t first_triangle; /* global id of its first triangle */
+  double world[12];        /* three rows of x, y, z, translation */
+} scree_instance_info;
+
+SCREE_API scree_status scree_get_instance_info(scree_scene* scene, uint64_t index, scree_instance_info* info);
+
+/* ---- Views and frames -------------------------------------------------------------------------------------------- */
+
+/* What draws a scene: a camera, buffers and, on a GPU, what it knows of the last frame. A scene may have any number. */
+SCREE_API scree_status scree_view_create(scree_scene* scene, scree_view** view);
+SCREE_API scree_status scree_view_destroy(scree_view* view);
+
+typedef enum scree_camera_kind {
+  SCREE_CAMERA_DEFAULT = 0,  /* all of the scene, from the front, right and above; takes `up` and `fov_degrees` */
+  SCREE_CAMERA_NAMED = 1,    /* `name`, of the file; takes `fov_degrees` */
+  SCREE_CAMERA_LOOK_AT = 2,  /* `eye`, `target`, `up`, `fov_degrees` */
+  SCREE_CAMERA_MATRICES = 3, /* `view`, `projection`, `z_near` */
+  SCREE_CAMERA_32_BITS = 0x7fffffff
+} scree_camera_kind;
+
+typedef struct scree_camera {
+  size_t size;
+  scree_camera_kind kind;
+  const char* name; /* of a camera, of its node, or the camera's number */
+  double eye[3];
+  double target[3];
+  double up[3];          /* 0,0,0: y */
+  double fov_degrees;    /* vertical, below 180; 0: 45, or the camera's own */
+  uint32_t look_at_box;  /* 1: LOOK_AT looks at the middle of the scene's box, not at `target` */
+  double view[16];       /* rows first: from world to camera, which looks along -z with y up; no scale */
+  double projection[16]; /* rows first: from camera to clip space as OpenGL has it (w = -z, depths -1 to 1), perspective
+                            or orthographic, around the middle of the picture. A perspective has no far plane here */
+  double z_near;         /* above 0: in place of the projection's near plane, for other ranges of depth */
+} scree_camera;
+
+typedef enum scree_show {
+  SCREE_SHOW_TEXTURE = 0,
+  SCREE_SHOW_COLOR = 1, /* without textures */
+  SCREE_SHOW_UV = 2,    /* texture coordinates */
+  SCREE_SHOW_NORMAL = 3,
+  SCREE_SHOW_TRIANGLE = 4, /* this and the next two: a colour for each */
+  SCREE_SHOW_CLUSTER = 5,
+  SCREE_SHOW_MESH = 6,
+  SCREE_SHOW_STAGE = 7, /* of the rasteriser */
+  SCREE_SHOW_DEPTH = 8,
+  SCREE_SHOW_32_BITS = 0x7fffffff
+} scree_show;
+
+enum { SCREE_NO_LIGHT = 1, SCREE_SSAO = 2, SCREE_EDL = 4 };
+
+typedef struct scree_draw_options {
+  size_t size;
+  uint32_t width;   /* pixels; width and height times samples at most 16384. 0: 1920 */
+  uint32_t height;  /* 0: 1080 */
+  uint32_t samples; /* a pixel's side: 1, 2 or 4. 0: 1 */
+  scree_show show;
+  uint32_t flags;      /* SCREE_NO_LIGHT: without the camera's light; SCREE_SSAO; SCREE_EDL: eye-dome lighting */
+  float background[4]; /* linear RGBA */
+  float edl_strength;  /* 0: 1 */
+  uint32_t edl_radius; /* pixels, at most 64. 0: 1 */
+} scree_draw_options;
+
+/* Draws a frame and returns when its samples are there. `camera` and `options` may be null. Nothing is allocated for a
+ * frame no larger than one before. */
+SCREE_API scree_status scree_draw(scree_view* view, const scree_camera* camera, const scree_draw_options* options);
+
+/* Draws a frame for each of `count` cameras, all of one size, in one call. `layers`: which of them are made, a bit
+ * 1 << SCREE_COLOR and so on each; SCREE_SAMPLES is none of them. Until the next draw these layers have one more, first
+ * dimension, of cameras: one block of memory, on the GPU where a GPU draws. There is nothing to pick then. On the CPU
+ * the cameras are shared out among the scene's threads. */
+SCREE_API scree_status scree_draw_batch(scree_view* view, const scree_camera* cameras, uint32_t count,
+                                        const scree_draw_options* options, uint32_t layers);
+
+/* Shows the frame otherwise, without drawing it again: `show`, `flags`, `background`, `edl_...` of `options`. Not where
+ * chunks are streamed. */
+SCREE_API scree_status scree_shade(scree_view* view, const scree_draw_options* options);
+
+/* A pixel of depth, triangle and instance shows its nearest sample. */
+typedef enum scree_layer {
+  SCREE_COLOR = 0,    /* height x width x 4 uint8: 8-bit sRGB, alpha linear and not premultiplied */
+  SCREE_DEPTH = 1,    /* height x width float32: from the eye's plane, in units; infinity on the background */
+  SCREE_TRIANGLE = 2, /* height x width int64: id, -1 on the background */
+  SCREE_INSTANCE = 3, /* height x width int32: index for scree_get_instance_info(), -1 on the background */
+  SCREE_SAMPLES = 4,  /* height * samples x width * samples uint64: 28 bits of depth code over 36 of triangle id */
+  SCREE_LAYER_32_BITS = 0x7fffffff
+} scree_layer;
+
+typedef enum scree_type {
+  SCREE_UINT8 = 0,
+  SCREE_FLOAT32 = 1,
+  SCREE_INT64 = 2,
+  SCREE_INT32 = 3,
+  SCREE_UINT64 = 4,
+  SCREE_TYPE_32_BITS = 0x7fffffff
+} scree_type;
+
+typedef struct scree_array {
+  size_t size;
+  const void* data; /* rows follow each other without gaps */
+  uint64_t bytes;
+  scree_type type;
+  uint32_t dimensions;
+  int64_t shape[4];
+  int32_t gpu; /* whose memory `data` is in; -1: the host's */
+} scree_array;
+
+/* A layer of the last frame, made when it is first asked for, in memory of the view's: it stays until the next
+ * scree_draw(), scree_shade() (colours alone) or the end of the view. */
+SCREE_API scree_status scree_host_layer(scree_view* view, scree_layer layer, scree_array* array);
+
+/* The same in the GPU's memory, where it was written, without a copy. `stream`: a cudaStream_t of that GPU, which waits
+ * until the layer is there; null: the default stream. SCREE_ERROR_DEVICE where the CPU draws. */
+SCREE_API scree_status scree_device_layer(scree_view* view, scree_layer layer, void* stream, scree_array* array);
+
+/* Copies a layer to host memory of the caller's; `bytes`: of `buffer`, as many as the layer has. */
+SCREE_API scree_status scree_read(scree_view* view, scree_layer layer, void* buffer, uint64_t bytes);
+
+typedef struct scree_pick_info {
+  size_t size;
+  uint32_t hit; /* 0: the background, and nothing below is set */
+  uint32_t mesh;
+  uint32_t node;
+  uint32_t node_instance;
+  uint64_t instance;
+  uint64_t triangle;       /* global id */
+  uint64_t mesh_triangle;  /* in the mesh as stored */
+  int64_t source_triangle; /* in the source's primitive; -1 where the file has none */
+  double depth;            /* from the eye's plane, in units */
+  double position[3];      /* world space, at the pixel's middle */
+} scree_pick_info;
+
+/* What lies at the middle of a pixel of the last frame. Reads one sample. */
+SCREE_API scree_status scree_pick(scree_view* view, uint32_t x, uint32_t y, scree_pick_info* info);
+
+typedef struct scree_frame_stats {
+  size_t size;
+  uint32_t width; /* of the last frame, pixels */
+  uint32_t height;
+  uint32_t samples;
+  uint64_t instances; /* after culling; with a streamed scene once for each part of the frame */
+  uint64_t triangles; /* drawn after culling; which clusters are hidden depends on threads and earlier frames */
+  uint64_t clusters;
+  double draw_ms;          /* the host's clock */
+  double gpu_ms;           /* the GPU's clock, for the samples alone; 0: the CPU drew, or chunks were streamed */
+  uint64_t streamed_bytes; /* of a batch 0 */
+  uint32_t cameras;        /* of the batch, whose counts are sums; 0: no batch */
+} scree_frame_stats;
+
+SCREE_API scree_status scree_get_frame_stats(scree_view* view, scree_frame_stats* stats);
+
+/* ---- Converting -------------------------------------------------------------------------------------------------- */
+
+typedef enum scree_textures {
+  SCREE_TEXTURES_KEEP = 0, /* JPEGs are indexed without loss, other images stay as they are */
+  SCREE_TEXTURES_RAW = 1,  /* all stay as they are */
+  SCREE_TEXTURES_JPEG = 2, /* others become JPEGs of `jpeg_quality` */
+  SCREE_TEXTURES_32_BITS = 0x7fffffff
+} scree_textures;
+
+enum {
+  SCREE_CONVERT_INDEXED = 1,         /* chunks of vertices and indices instead of clusters */
+  SCREE_CONVERT_FLOAT32 = 2,         /* positions as they are */
+  SCREE_CONVERT_NORMALS = 4,         /* stores normals */
+  SCREE_CONVERT_SOURCE_IDS = 8,      /* stores every triangle's number in the source */
+  SCREE_CONVERT_REPLACE = 16,        /* replaces an output that is there */
+  SCREE_CONVERT_KEEP_GOING = 32,     /* a damaged image becomes grey */
+  SCREE_CONVERT_DROP_NONFINITE = 64, /* leaves out triangles with a position that is not finite */
+  SCREE_CONVERT_ALLOW_OUTSIDE = 128, /* reads files outside the folder of the source */
+  SCREE_CONVERT_NO_WELD = 256,
+  SCREE_CONVERT_NO_SHARE = 512,
+  SCREE_CONVERT_GRID_SCENE = 1024, /* meshes under one world matrix share the finest step */
+  SCREE_CONVERT_BEST = 2048        /* smaller clusters, many times slower */
+};
+
+typedef struct scree_convert_options {
+  size_t size;
+  uint32_t flags;
+  uint32_t position_bits; /* an axis, 8 to 24. 0: 16 */
+  double max_error;       /* above 0: an axis in a mesh's own units, in place of position_bits */
+  int32_t zstd_level;     /* 0 to 22. 0: not compressed */
+  scree_textures textures;
+  int32_t jpeg_quality; /* 1 to 100. 0: 90 */
+  uint32_t threads;     /* 0: one per processor */
+  uint64_t memory;      /* bytes that the process may take. 0: 2 GiB */
+  const char* exclude;  /* a regular expression: nodes with such names are left out, and those below them */
+  scree_progress progress;
+  void (*warning)(void* user, const char* line); /* called for each by the caller's thread, at the end */
+  void* user;                                    /* for both */
+} scree_convert_options;
+
+typedef struct scree_convert_report {
+  size_t size;
+  uint64_t input_bytes;
+  uint64_t output_bytes;
+  uint64_t triangles; /* stored */
+  uint64_t meshes;
+  double position_error; /* the largest found, an axis in a mesh's own units */
+  double seconds;
+  uint64_t warnings;
+} scree_convert_report;
+
+/* Packs a .gltf or .glb into a .scree file, in bounded memory. `output` null: `input` with the extension .scree. On an
+ * error nothing is left of it that was not there before. `options` and `report` may be null. */
+SCREE_API scree_status scree_convert(const char* input, const char* output, const scree_convert_options* options,
+                                     scree_convert_report* report);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif

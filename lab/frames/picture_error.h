@@ -1,0 +1,22 @@
+// One picture against another of the same view: by triangle, by depth, by colour.
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "kernels/frame.h"
+#include "lab/report/case_result.h"
+
+namespace scree::lab {
+
+/// A frame on the host.
+struct HostPicture {
+  std::vector<uint64_t> samples;  // the visibility buffer
+  std::vector<uint8_t> pixels;    // RGBA8, sRGB-coded, 4 bytes a pixel
+};
+
+/// `picture` against `reference`, both of `view`. The position error is left 0.
+PictureError compare_pictures(const kernels::View& view, const HostPicture& picture, const HostPicture& reference);
+
+}  // namespace scree::lab

@@ -1,0 +1,324 @@
+#include "lab/frames/run.h"
+
+#include <algorithm>
+#include <chrono>
+#include <cstdio>
+#include <iterator>
+#include <memory>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "format/container/checksum.h"
+#include "lab/frames/frames.h"
+#include "lab/frames/textured.h"
+#include "lab/report/case_row.h"
+#include "lab/report/tables.h"
+#include "lab/scenes/touched.h"
+#include "lab/setup/machine.h"
+#include "lab/setup/views.h"
+#include "runtime/scene/scene.h"
+#include "tools/bench/csv.h"
+#include "tools/bench/file_views.h"
+#include "tools/common/options.h"
+
+namespace scree::lab {
+namespace {
+
+/// The times of all frames, stage by stage.
+struct Series {
+  std::vector<float> clear, cull, small, medium, large, pyramid, second, raster, wall, resolve, occlusion, frame;
+
+  static void add(std::vector<float>& times, const std::optional<float>& ms) {
+    if (ms) times.push_back(*ms);
+  }
+  void add(const FrameMs& ms) {
+    add(clear, ms.clear);
+    add(cull, ms.cull);
+    add(small, ms.small);
+    add(medium, ms.medium);
+    add(large, ms.large);
+    add(pyramid, ms.pyramid);
+    add(second, ms.second);
+    add(raster, ms.raster);
+    add(resolve, ms.resolve);
+    add(occlusion, ms.occlusion);
+    wall.push_back(ms.wall);
+    frame.push_back(ms.frame);
+  }
+  static std::optional<Times> times(const std::vector<float>& series) {
+    if (series.empty()) return std::nullopt;
+    return summarize(series);
+  }
+  void summarize_into(CaseResult& result) const {
+    result.clear = times(clear);
+    result.cull = times(cull);
+    result.small = times(small);
+    result.medium = times(medium);
+    result.large = times(large);
+    result.pyramid = times(pyramid);
+    result.second = times(second);
+    result.raster = times(raster);
+    result.wall = times(wall);
+    result.resolve = times(resolve);
+    result.occlusion = times(occlusion);
+    result.frame = summarize(frame);
+  }
+};
+
+class Runner {
+ public:
+  Runner(const LabOptions& options, Machine machine) : options_(options), machine_(std::move(machine)) {}
+
+  Result<void> run() {
+    std::printf("%s, driver %s, copies %.2f TB/s; commit %s; median of %u frames after %u, ms\n",
+                machine_.device.c_str(), machine_.driver.c_str(), machine_.copy_gb_per_s * 1e-3,
+                machine_.commit.c_str(), options_.frames, options_.warmup);
+    // What was measured before a failure is printed all the same.
+    const Result<void> done = measure_all();
+    if (!results_.empty()) print();
+    return done;
+  }
+
+ private:
+  Result<void> measure_all() {
+    if (!options_.files.empty()) return measure_file(options_.files[0]);
+    for (const std::string& name : options_.scenes) {
+      if (Result<void> done = options_.sweep ? sweep_scene(name) : measure_scene(name); !done) return done;
+    }
+    return {};
+  }
+
+  ImageSize image_size(ImageSize own) const { return options_.size.value_or(own); }
+
+  std::vector<NamedView> views_of(const synth::Scene& scene, uint32_t samples_per_side) const {
+    const ImageSize size = image_size({scene.width, scene.height});
+    const uint32_t width = size.width * samples_per_side;
+    const uint32_t height = size.height * samples_per_side;
+    if (options_.path) return {{"path", path_views(scene.cameras, width, height)}};
+    std::vector<NamedView> views;
+    for (const synth::SceneCamera& camera : scene.cameras)
+      if (options_.views.empty() ||
+          std::find(options_.views.begin(), options_.views.end(), camera.name) != options_.views.end())
+        views.push_back({camera.name, {scene_view(camera, width, height)}});
+    return views;
+  }
+
+  CaseResult describe(const std::string& name, const synth::Scene& scene, const Encoding& encoding,
+                      const ResidentScene& resident) const {
+    CaseResult result;
+    result.scene = name;
+    result.order = name == "D" || options_.order == synth::MeshOrder::kRow ? "row" : "block";  // D has row order only
+    result.scale = scene_scale(name, options_.scale);
+    result.positions = encoding.float32 ? "float32" : std::to_string(encoding.position_bits);
+    result.indices = encoding.clustered ? "clustered" : encoding.packed_indices ? "packed" : "32";
+    const ImageSize size = image_size({scene.width, scene.height});
+    result.width = size.width;
+    result.height = size.height;
+    add_sizes(resident, result);
+    return result;
+  }
+  static void add_sizes(const ResidentScene& resident, CaseResult& result) {
+    result.unique_triangles = resident.unique_triangles();
+    result.drawn_triangles = resident.drawn_triangles();
+    result.geometry_bytes = resident.geometry_bytes();
+    result.device_bytes = resident.device_bytes();
+  }
+
+  Result<ResidentScene> generate(const std::string& name, const synth::Scene& scene, const Encoding& encoding) const {
+    const auto start = std::chrono::steady_clock::now();
+    Result<ResidentScene> resident = ResidentScene::generate(scene, encoding);
+    if (!resident) return Error{resident.error().code, "scene " + name + ": " + resident.error().message};
+    const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+    std::fprintf(stderr, "scene %s, %s: %s in %.2f s\n", name.c_str(), encoding_name(encoding).c_str(),
+                 tools::format_bytes(resident->geometry_bytes()).c_str(), seconds);
+    return resident;
+  }
+
+  /// The cases of one view and number of samples: what is culled, the effects.
+  Result<void> measure_view(const ResidentScene& resident, Frames& frames, const NamedView& view, CaseResult result) {
+    for (const bool test : options_.sampleless_tests) {
+      for (const Culling& culling : options_.culling) {
+        for (const Effects& effects : options_.effects) {
+          result.sampleless_test = test;
+          result.culling = culling_name(culling);
+          result.effects = effects_name(effects);
+          if (Result<void> done = measure(resident, frames, view, culling, effects, result); !done) return done;
+          if (Result<void> done = keep(result); !done) return done;
+        }
+      }
+    }
+    return {};
+  }
+
+  Result<void> measure_scene(const std::string& name) {
+    const synth::Scene scene = make_scene(name, options_.order, options_.scale);
+    for (const Encoding& encoding : options_.encodings) {
+      const Result<ResidentScene> resident = generate(name, scene, encoding);
+      if (!resident) return resident.error();
+      Result<Frames> frames = Frames::create(*resident);
+      if (!frames) return frames.error();
+      for (const uint32_t samples : options_.samples_per_side) {
+        for (const NamedView& view : views_of(scene, samples)) {
+          CaseResult result = describe(name, scene, encoding, *resident);
+          result.samples_per_side = samples;
+          if (Result<void> done = measure_view(*resident, *frames, view, std::move(result)); !done) return done;
+        }
+      }
+    }
+    return {};
+  }
+
+  /// Every encoding against packed float32 of the same view.
+  Result<void> sweep_scene(const std::string& name) {
+    const synth::Scene scene = make_scene(name, options_.order, options_.scale);
+    std::vector<HostPicture> references;
+    std::vector<Encoding> encodings{{.float32 = true}};
+    std::copy_if(options_.encodings.begin(), options_.encodings.end(), std::back_inserter(encodings),
+                 [](const Encoding& encoding) { return !encoding.float32; });
+    for (const Encoding& encoding : encodings) {
+      const Result<ResidentScene> resident = generate(name, scene, encoding);
+      if (!resident) return resident.error();
+      Result<Frames> frames = Frames::create(*resident);
+      if (!frames) return frames.error();
+      size_t number = 0;
+      for (const NamedView& view : views_of(scene, 1)) {
+        CaseResult result = describe(name, scene, encoding, *resident);
+        if (Result<void> done = measure(*resident, *frames, view, Culling{}, Effects{}, result); !done) return done;
+        Result<HostPicture> picture = frames->picture();
+        if (!picture) return picture.error();
+        if (encoding.float32) references.push_back(*picture);
+        result.error = compare_pictures(view.frames[0], *picture, references[number]);
+        result.error->position_error = largest_position_error(resident->host());
+        if (Result<void> done = keep(std::move(result)); !done) return done;
+        ++number;
+      }
+    }
+    return {};
+  }
+
+  static double largest_position_error(const kernels::SceneView& scene) {
+    double largest = 0;
+    for (uint64_t m = 0; m < scene.mesh_count; ++m) largest = std::max(largest, scene.meshes[m].max_position_error);
+    return largest;
+  }
+
+  static void print_upload(const std::string& path, const runtime::UploadStats& stats) {
+    std::printf(
+        "%s: %s of pages in the file, %s read past the page cache, %s decompressed, %s to the device in %.3f s, %.2f "
+        "GB/s\n",
+        path.c_str(), tools::format_bytes(stats.counts.stored_bytes).c_str(),
+        tools::format_bytes(stats.counts.direct_bytes).c_str(),
+        tools::format_bytes(stats.counts.unpacked_bytes).c_str(),
+        tools::format_bytes(stats.counts.copied_bytes).c_str(), stats.upload_ms * 1e-3, stats.gb_per_s());
+  }
+
+  Result<void> measure_file(const std::string& path) {
+    const uint32_t threads = std::max(1u, std::thread::hardware_concurrency());
+    Result<runtime::Scene> loaded = runtime::Scene::open(path, {.textures = false, .threads = threads, .pages = false});
+    if (!loaded) return loaded.error();
+    Result<ResidentScene> resident = ResidentScene::upload(std::move(*loaded), threads);
+    if (!resident && resident.error().code == ErrorCode::kDevice) return at(path, resident.error());
+    if (!resident) return resident.error();
+    print_upload(path, resident->upload_stats());
+    Result<Frames> frames = Frames::create(*resident);
+    if (!frames) return frames.error();
+    const ImageSize size = image_size({1920, 1080});
+    for (const uint32_t samples : options_.samples_per_side) {
+      const auto views = bench::file_views(resident->file(), path, options_.views,
+                                           {size.width * samples, size.height * samples}, threads);
+      if (!views) return views.error();
+      for (const bench::FileView& view : *views) {
+        CaseResult result;
+        result.scene = file_name(path);
+        result.order = result.positions = result.indices = "file";
+        result.width = size.width;
+        result.height = size.height;
+        result.samples_per_side = samples;
+        add_sizes(*resident, result);
+        if (Result<void> done = measure_view(*resident, *frames, {view.name, {view.view}}, std::move(result)); !done)
+          return done;
+      }
+    }
+    return {};
+  }
+
+  /// Warms up and takes the times of options_.frames frames, or of a path once.
+  Result<void> measure(const ResidentScene& resident, Frames& frames, const NamedView& view, const Culling& culling,
+                       const Effects& effects, CaseResult& result) {
+    result.view = view.name;
+    result.frames = view.frames.size() > 1 ? static_cast<uint32_t>(view.frames.size()) : options_.frames;
+    Series series;
+    FrameMs ms;
+    FrameOptions frame;
+    frame.samples_per_side = result.samples_per_side;
+    frame.sampleless_test = result.sampleless_test;
+    frame.stage_times = options_.stage_times;
+    frame.culling = culling;
+    frame.effects = effects;
+    for (uint32_t i = 0; i < options_.warmup; ++i) {
+      if (const auto stats = frames.draw(view.frames.front(), frame, ms); !stats) return stats.error();
+    }
+    for (uint32_t i = 0; i < result.frames; ++i) {
+      const Result<kernels::FrameStats> stats = frames.draw(view.frames[i % view.frames.size()], frame, ms);
+      if (!stats) return stats.error();
+      result.stats = *stats;
+      series.add(ms);
+    }
+    series.summarize_into(result);
+    const Result<std::vector<uint64_t>> samples = frames.samples();
+    if (!samples) return samples.error();
+    if (view.frames.size() > 1) {
+      if (const auto stats = frames.draw(view.frames.front(), frame, ms); !stats) return stats.error();
+      result.jump_ms = ms.raster.value_or(ms.frame);
+    }
+    result.covered_samples = static_cast<uint64_t>(std::count_if(
+        samples->begin(), samples->end(), [](uint64_t sample) { return sample != kernels::kBackground; }));
+    result.picture = format::checksum(std::as_bytes(std::span(*samples)));
+    const Touched touched = count_touched(resident.host(), resident.boxes(), view.frames.back());
+    // Only where the frame drew just these chunks are these the bytes it read.
+    if (view.frames.size() == 1 && result.stats.clusters_drawn == 0 && touched.draws == result.stats.draws)
+      result.touched_bytes = touched.bytes;
+    return {};
+  }
+
+  Result<void> keep(CaseResult result) {
+    std::fprintf(stderr, "  %s %s %ux%u: %.3f ms\n", result.scene.c_str(), result.view.c_str(),
+                 result.width * result.samples_per_side, result.height * result.samples_per_side,
+                 result.drawing().median);
+    if (!options_.csv.empty()) {
+      if (Result<void> done = bench::append_csv(options_.csv, case_cells(machine_, result)); !done) return done;
+    }
+    results_.push_back(std::move(result));
+    return {};
+  }
+
+  void print() const {
+    if (options_.sweep) {
+      std::printf("\n%s", sweep_table(results_).c_str());
+      return;
+    }
+    if (options_.path) {
+      std::printf("\n%s", path_table(results_).c_str());
+      return;
+    }
+    std::printf("\n%s\n%s", times_table(results_).c_str(), counts_table(results_, machine_).c_str());
+  }
+
+  const LabOptions& options_;
+  Machine machine_;
+  std::vector<CaseResult> results_;
+};
+
+}  // namespace
+
+Result<void> run_bench(const LabOptions& options) {
+  const Result<runtime::Gpu> gpu = runtime::use_gpu(options.backend.device);
+  if (!gpu) return Error{gpu.error().code, gpu.error().message + "; frames are measured on a GPU"};
+  Result<Machine> machine = find_machine(*gpu);
+  if (!machine) return machine.error();
+  if (options.is_textured) return run_textured(options, *machine);
+  return Runner(options, std::move(*machine)).run();
+}
+
+}  // namespace scree::lab

@@ -1,0 +1,175 @@
+#include "lab/judge/judge.h"
+
+#include <algorithm>
+#include <utility>
+
+#include "lab/setup/packed_file.h"
+#include "tools/compare/against_source.h"
+#include "tools/compare/flip.h"
+#include "tools/compare/reference_shade.h"
+#include "tools/convert/convert.h"
+
+namespace scree::lab {
+namespace {
+
+convert::ConvertOptions convert_options(const std::string& source, const std::string& path, const Encoding& encoding,
+                                        uint32_t threads) {
+  convert::ConvertOptions options = packing(source, path, encoding, threads);
+  options.source_ids = true;
+  options.drop_nonfinite = true;
+  options.images.textures = convert::Textures::kRaw;  // they are not drawn
+  return options;
+}
+
+}  // namespace
+
+Result<PackedScene> PackedScene::make(const std::string& source, const std::string& path, const Encoding& encoding,
+                                      const DrawSettings& settings) {
+  const Result<convert::ConvertReport> report =
+      convert::convert(convert_options(source, path, encoding, settings.threads));
+  if (!report) return report.error();
+  PackedScene packed;
+  packed.settings_ = settings;
+  packed.position_error_ = report->position_error;
+  packed.position_bound_ = report->position_error_bound;
+  runtime::SceneOptions load;
+  load.textures = false;
+  load.threads = settings.threads;
+  Result<runtime::Scene> scene = runtime::Scene::open(path, load);
+  if (!scene) return scene.error();
+  packed.scene_ = std::make_unique<runtime::Scene>(std::move(*scene));
+  if (settings.gpu) {
+    Result<runtime::DeviceScene> device = runtime::DeviceScene::upload(*packed.scene_, 0, settings.threads);
+    if (!device) return device.error();
+    packed.device_ = std::make_unique<runtime::DeviceScene>(std::move(*device));
+  }
+  const kernels::SceneView& view = packed.scene_->view();
+  packed.drawn_triangles_ = view.instance_base[view.instance_count];
+  std::vector<bool> drawn(view.mesh_count);
+  for (uint64_t i = 0; i < view.instance_count; ++i) drawn[view.instances[i].mesh] = true;
+  for (uint64_t m = 0; m < view.mesh_count; ++m)
+    if (drawn[m]) packed.unique_triangles_ += view.meshes[m].triangle_count;
+  for (uint64_t c = 0; c < view.chunk_count; ++c)
+    if (drawn[view.chunks[c].mesh])
+      packed.geometry_bytes_ += geometry_bytes(view.meshes[view.chunks[c].mesh], view.chunks[c]);
+  return packed;
+}
+
+Result<PackedScene::Drawn> PackedScene::draw(const kernels::View& view, uint32_t samples_per_side) const {
+  kernels::View samples = view;
+  samples.width *= samples_per_side;
+  samples.height *= samples_per_side;
+  Drawn drawn;
+  // Draws once more and gives the time it took, ms.
+  const auto draw_one = [&]() -> Result<float> {
+    if (device_ != nullptr) {
+      kernels::FrameTimes times{};
+      const Result<kernels::FrameStats> stats = device_->draw(samples, &times);
+      if (!stats) return stats.error();
+      return times.raster_ms;
+    }
+    Result<runtime::Frame> frame = runtime::Frame::draw(*scene_, view, samples_per_side, settings_.threads);
+    if (!frame) return frame.error();
+    drawn.frame = std::move(*frame);
+    return static_cast<float>(drawn.frame->draw_time().wall_ms);
+  };
+  const Result<std::vector<float>> times = bench::timed_frames(settings_.frames, settings_.warmup, draw_one);
+  if (!times) return times.error();
+  drawn.times = summarize(*times);
+  drawn.frames = static_cast<uint32_t>(times->size());
+  if (device_ != nullptr) {
+    Result<runtime::Frame> frame =
+        runtime::Frame::draw(*scene_, view, samples_per_side, settings_.threads, device_.get());
+    if (!frame) return frame.error();
+    drawn.frame = std::move(*frame);
+  }
+  Result<runtime::Picture> picture = drawn.frame->shade(compare::shading_of_reference(), settings_.threads);
+  if (!picture) return picture.error();
+  drawn.picture = std::move(*picture);
+  if (Result<void> read = drawn.frame->read_samples(); !read) return read.error();
+  return drawn;
+}
+
+void PackedScene::describe(JudgedCase& row) const {
+  row.geometry_bytes = geometry_bytes_;
+  row.unique_triangles = unique_triangles_;
+  row.drawn_triangles = drawn_triangles_;
+  row.position_error = position_error_;
+  row.position_bound = position_bound_;
+}
+
+Result<SourceJudge> SourceJudge::open(const std::string& source, const PackedScene& packed, uint32_t threads) {
+  const Result<convert::SourceScene> gltf = convert::import_gltf(source, {});
+  if (!gltf) return gltf.error();
+  const runtime::Scene& scene = packed.scene();
+  Result<compare::SourceModel> model = compare::load_source_model(*gltf, scene.container(), scene.scene_index());
+  if (!model) return at(source, model.error());
+  SourceJudge judge;
+  judge.model_ = std::make_unique<compare::SourceModel>(std::move(*model));
+  judge.threads_ = threads;
+  return judge;
+}
+
+Result<SourceJudge::Truth> SourceJudge::draw(const bench::FileView& view) const {
+  Truth truth{view.name, view.view, {}, {}, 0};
+  Result<std::vector<compare::ReferencePixel>> pixels =
+      compare::draw_reference(model_->views, model_->instances, truth.view, threads_);
+  if (!pixels) return pixels.error();
+  truth.pixels = std::move(*pixels);
+  truth.covered = static_cast<uint64_t>(std::count_if(truth.pixels.begin(), truth.pixels.end(),
+                                                      [](const auto& pixel) { return !pixel.is_background(); }));
+  Result<std::vector<uint8_t>> rgb = compare::shade_reference(*model_, truth.pixels, truth.view, 1, threads_);
+  if (!rgb) return rgb.error();
+  truth.rgb = std::move(*rgb);
+  return truth;
+}
+
+Result<std::vector<uint8_t>> SourceJudge::draw_supersampled(const kernels::View& view,
+                                                            uint32_t samples_per_side) const {
+  kernels::View samples = view;
+  samples.width *= samples_per_side;
+  samples.height *= samples_per_side;
+  const Result<std::vector<compare::ReferencePixel>> pixels =
+      compare::draw_reference(model_->views, model_->instances, samples, threads_);
+  if (!pixels) return pixels.error();
+  return compare::shade_reference(*model_, *pixels, samples, samples_per_side, threads_);
+}
+
+Result<void> SourceJudge::judge(const PackedScene::Drawn& drawn, const Truth& truth, JudgedCase& row) const {
+  const Result<compare::PixelReport> report =
+      compare::compare_frame(*drawn.frame, *model_, truth.pixels, truth.view, threads_);
+  if (!report) return report.error();
+  keep(*report, truth, row);
+  judge_picture(drawn.picture.pixels, truth.rgb, truth.view, row);
+  return {};
+}
+
+Result<void> SourceJudge::judge_mode(const compare::ReferenceMode& mode, const Truth& truth, JudgedCase& row) const {
+  const Result<std::vector<compare::ReferencePixel>> pixels =
+      compare::draw_reference(model_->views, model_->instances, truth.view, threads_, mode);
+  if (!pixels) return pixels.error();
+  const Result<compare::PixelReport> report =
+      compare::compare_references(*pixels, *model_, truth.pixels, truth.view, threads_);
+  if (!report) return report.error();
+  const Result<std::vector<uint8_t>> rgb = compare::shade_reference(*model_, *pixels, truth.view, 1, threads_);
+  if (!rgb) return rgb.error();
+  keep(*report, truth, row);
+  judge_picture(*rgb, truth.rgb, truth.view, row);
+  return {};
+}
+
+void SourceJudge::judge_picture(std::span<const uint8_t> rgb, std::span<const uint8_t> expected,
+                                const kernels::View& view, JudgedCase& row) const {
+  const compare::PictureReport report = compare::compare_rgb(
+      {view.width, view.height, rgb}, {view.width, view.height, expected}, compare::kPixelsPerDegree, threads_);
+  row.psnr_db = report.psnr;
+  row.flip_mean = report.flip_mean;
+  row.flip_max = report.flip_max;
+}
+
+void SourceJudge::keep(const compare::PixelReport& report, const Truth& truth, JudgedCase& row) const {
+  row.pixels =
+      JudgedCase::Pixels{truth.covered, report.wrong(), report.counts(), report.same_depth, report.surface_depth};
+}
+
+}  // namespace scree::lab

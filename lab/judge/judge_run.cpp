@@ -1,0 +1,238 @@
+#include "lab/judge/judge_run.h"
+
+#include <algorithm>
+#include <cstdio>
+#include <filesystem>
+#include <new>
+#include <thread>
+#include <utility>
+
+#include "lab/judge/judge.h"
+#include "lab/judge/judged_case.h"
+#include "lab/setup/machine.h"
+#include "lab/setup/work_folder.h"
+#include "runtime/threads/stopwatch.h"
+#include "tools/bench/file_views.h"
+#include "tools/synth/synth.h"
+
+namespace scree::lab {
+namespace {
+
+constexpr ImageSize kImageSize{1920, 1080};
+
+/// A glTF to judge.
+struct Source {
+  std::string name;
+  std::string path;
+  double scale = 1;
+  std::vector<std::string> views;  // by name; empty: all
+};
+
+class JudgeRun {
+ public:
+  JudgeRun(const LabOptions& options, Machine machine, DrawSettings settings, WorkFolder folder)
+      : options_(options), machine_(std::move(machine)), settings_(settings), folder_(std::move(folder)) {}
+
+  Result<void> run() {
+    std::printf("%s; commit %s; median of up to %u frames, ms\n", machine_.device.c_str(), machine_.commit.c_str(),
+                settings_.frames);
+    // What was judged before a failure is printed all the same.
+    const Result<void> done = judge_all();
+    if (!rows_.empty()) std::printf("\n%s", judged_tables(rows_).c_str());
+    return done;
+  }
+
+ private:
+  Result<void> judge_all() {
+    for (const std::string& name : options_.scenes) {
+      if (!has_view(name)) continue;  // the views named are other scenes'
+      const Result<Source> source = synthesize(name);
+      if (!source) return source.error();
+      if (Result<void> done = judge_source(*source); !done) return done;
+      std::error_code ignored;
+      std::filesystem::remove_all(folder_.file(kSceneFolder), ignored);
+    }
+    for (const std::string& path : options_.files) {
+      // Beside scenes, views named are theirs.
+      const std::vector<std::string> views = options_.scenes.empty() ? options_.views : std::vector<std::string>();
+      if (Result<void> done = judge_source({file_name(path), path, 1, views}); !done) return done;
+    }
+    return {};
+  }
+
+  /// Whether a scene has one of the views named; where none is, all are drawn.
+  bool has_view(const std::string& name) const {
+    if (options_.views.empty()) return true;
+    const synth::Scene scene = make_scene(name, options_.order, options_.scale);
+    return std::any_of(scene.cameras.begin(), scene.cameras.end(), [&](const synth::SceneCamera& camera) {
+      return std::find(options_.views.begin(), options_.views.end(), camera.name) != options_.views.end();
+    });
+  }
+
+  /// Writes a measured scene as a glTF.
+  Result<Source> synthesize(const std::string& name) const {
+    const synth::Scene scene = make_scene(name, options_.order, options_.scale);
+    std::error_code failed;
+    std::filesystem::create_directories(folder_.file(kSceneFolder), failed);
+    if (failed) return Error{ErrorCode::kFile, folder_.file(kSceneFolder) + ": " + failed.message()};
+    synth::SynthOptions synth;
+    synth.scene = name;
+    synth.output = folder_.file(std::string(kSceneFolder) + "/scene.gltf");
+    synth.threads = settings_.threads;
+    const Result<synth::SynthReport> written = synth::write_scene(scene, synth);
+    if (!written) return written.error();
+    Source source{name, synth.output, scene_scale(name, options_.scale), {}};
+    for (const synth::SceneCamera& camera : scene.cameras)
+      if (std::find(options_.views.begin(), options_.views.end(), camera.name) != options_.views.end())
+        source.views.push_back(camera.name);
+    return source;
+  }
+
+  Result<PackedScene> pack(const Source& source, const Encoding& encoding) const {
+    const std::string path = folder_.file("packed.scree");
+    Result<PackedScene> packed = PackedScene::make(source.path, path, encoding, settings_);
+    std::error_code ignored;
+    std::filesystem::remove(path, ignored);  // it stays mapped
+    return packed;
+  }
+
+  Result<void> judge_source(const Source& source) {
+    Encoding exact;
+    exact.float32 = true;
+    Result<PackedScene> packed = pack(source, exact);
+    if (!packed) return packed.error();
+    const Result<SourceJudge> judge = SourceJudge::open(source.path, *packed, settings_.threads);
+    if (!judge) return judge.error();
+    // The default view depends a little on the vertices: all pictures are of float32's.
+    const auto views = bench::file_views(packed->scene(), source.path, source.views, options_.size.value_or(kImageSize),
+                                         settings_.threads);
+    if (!views) return views.error();
+    std::vector<SourceJudge::Truth> truths;
+    std::vector<std::vector<uint8_t>> supersampled;
+    for (const bench::FileView& view : *views) {
+      const runtime::Stopwatch watch;
+      Result<SourceJudge::Truth> truth = judge->draw(view);
+      if (!truth) return truth.error();
+      std::fprintf(
+          stderr, "%s %s: reference of %llu triangles in %.2f s\n", source.name.c_str(), view.name.c_str(),
+          static_cast<unsigned long long>(packed->scene().view().instance_base[packed->scene().view().instance_count]),
+          watch.elapsed().wall_ms * 1e-3);
+      truths.push_back(std::move(*truth));
+      if (!options_.curves) continue;
+      Result<std::vector<uint8_t>> picture = judge->draw_supersampled(truths.back().view, kTruthSamples);
+      if (!picture) return picture.error();
+      supersampled.push_back(std::move(*picture));
+    }
+    bool is_exact = true;  // packed is still what judged the views
+    for (const Encoding& encoding : options_.encodings) {
+      if (!encoding.float32 || !is_exact) packed = pack(source, encoding);
+      if (!packed) return packed.error();
+      is_exact = encoding.float32;
+      for (size_t i = 0; i < truths.size(); ++i) {
+        JudgedCase row = describe(source, truths[i], *packed);
+        row.positions = encoding.float32 ? "float32" : std::to_string(encoding.position_bits);
+        row.indices = encoding.clustered ? "clustered" : "packed";
+        if (Result<void> done = judge_positions(*packed, *judge, truths[i], row); !done) return done;
+        const bool studied = options_.curves && (encoding.float32 || encoding.position_bits == 16);
+        if (!studied) continue;
+        if (Result<void> done = judge_samples(*packed, *judge, truths[i], supersampled[i], row); !done) return done;
+      }
+    }
+    if (!options_.curves) return {};
+    for (const SourceJudge::Truth& truth : truths)
+      if (Result<void> done = judge_modes(*judge, truth, describe(source, truth, *packed)); !done) return done;
+    return {};
+  }
+
+  JudgedCase describe(const Source& source, const SourceJudge::Truth& truth, const PackedScene& packed) const {
+    JudgedCase row;
+    row.scene = source.name;
+    row.scale = source.scale;
+    row.view = truth.name;
+    row.width = truth.view.width;
+    row.height = truth.view.height;
+    packed.describe(row);
+    return row;
+  }
+
+  Result<void> judge_positions(const PackedScene& packed, const SourceJudge& judge, const SourceJudge::Truth& truth,
+                               JudgedCase row) {
+    const Result<PackedScene::Drawn> drawn = packed.draw(truth.view, 1);
+    if (!drawn) return drawn.error();
+    row.drawing = drawn->times;
+    row.frames = drawn->frames;
+    if (Result<void> done = judge.judge(*drawn, truth, row); !done) return done;
+    return keep(std::move(row));
+  }
+
+  Result<void> judge_samples(const PackedScene& packed, const SourceJudge& judge, const SourceJudge::Truth& truth,
+                             const std::vector<uint8_t>& expected, JudgedCase row) {
+    row.study = Study::kSupersample;
+    for (const uint32_t samples : {1u, 2u, 4u}) {
+      const Result<PackedScene::Drawn> drawn = packed.draw(truth.view, samples);
+      if (!drawn) return drawn.error();
+      row.samples_per_side = samples;
+      row.drawing = drawn->times;
+      row.frames = drawn->frames;
+      judge.judge_picture(drawn->picture.pixels, expected, truth.view, row);
+      if (Result<void> done = keep(row); !done) return done;
+    }
+    return {};
+  }
+
+  Result<void> judge_modes(const SourceJudge& judge, const SourceJudge::Truth& truth, JudgedCase row) {
+    row.positions = "source";
+    row.geometry_bytes = 0;
+    const auto judge_mode = [&](Study study, const compare::ReferenceMode& mode) -> Result<void> {
+      row.study = study;
+      row.snap = mode.snap;
+      row.depth_bits = mode.depth_bits;
+      if (Result<void> done = judge.judge_mode(mode, truth, row); !done) return done;
+      return keep(row);
+    };
+    for (const uint32_t snap : {16u, 256u, 4096u})
+      if (Result<void> done = judge_mode(Study::kSnapping, {.snap = snap, .depth_bits = 0}); !done) return done;
+    for (const uint32_t bits : {28u, 32u})
+      if (Result<void> done = judge_mode(Study::kDepth, {.snap = 0, .depth_bits = bits}); !done) return done;
+    return {};
+  }
+
+  Result<void> keep(JudgedCase row) {
+    if (!options_.csv.empty()) {
+      if (Result<void> done = bench::append_csv(options_.csv, judged_cells(machine_, row)); !done) return done;
+    }
+    rows_.push_back(std::move(row));
+    return {};
+  }
+
+  static constexpr const char* kSceneFolder = "scene";
+
+  const LabOptions& options_;
+  Machine machine_;
+  DrawSettings settings_;
+  WorkFolder folder_;
+  std::vector<JudgedCase> rows_;
+};
+
+}  // namespace
+
+Result<void> judge_scenes(const LabOptions& options) {
+  DrawSettings settings;
+  const Result<std::optional<runtime::Gpu>> gpu = tools::choose_gpu("lab", options.backend);
+  if (!gpu) return gpu.error();
+  settings.gpu = gpu->has_value();
+  settings.threads = std::max(1u, std::thread::hardware_concurrency());
+  settings.frames = options.frames;
+  settings.warmup = options.warmup;
+  Result<Machine> machine = settings.gpu ? find_machine(**gpu) : Result<Machine>(Machine{bench::cpu_machine(), 0});
+  if (!machine) return machine.error();
+  Result<WorkFolder> folder = WorkFolder::make();
+  if (!folder) return folder.error();
+  try {
+    return JudgeRun(options, std::move(*machine), settings, std::move(*folder)).run();
+  } catch (const std::bad_alloc&) {
+    return Error{ErrorCode::kMemory, "no memory left for the reference; a smaller --scale or --size needs less"};
+  }
+}
+
+}  // namespace scree::lab

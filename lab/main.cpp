@@ -1,0 +1,138 @@
+// scree-lab: measures scree for its developers. Not part of the package; `scree bench` is the users'.
+#include <algorithm>
+#include <cstdio>
+#include <exception>
+#include <string>
+#include <vector>
+
+#include <CLI/CLI.hpp>
+
+#include "lab/frames/run.h"
+#include "lab/judge/judge_run.h"
+#include "lab/options.h"
+#include "lab/sizes.h"
+#include "tools/common/standard_output.h"
+#include "tools/common/stop_signal.h"
+#include "tools/common/suggest.h"
+
+namespace scree::lab {
+namespace {
+
+void add_options(CLI::App& app, LabWords& words) {
+  app.add_option("files", words.files,
+                 "A .scree file, instead of --scene; with --reference, --curves or --sizes .gltf and .glb models")
+      ->type_name("FILES");
+  app.add_option("--scene", words.scenes,
+                 "A, B, C, D, lantern (B's mesh once) or A60 (A with 60 M triangles), with commas between\n"
+                 "(default: A,B,C,D); or textured: JPEG textures, decoded as they are drawn")
+      ->type_name("NAMES");
+  app.add_option("--view", words.views,
+                 "Views by name: overview, closeup (A, B, C), inside, corner (D), or a file's cameras (default: all)")
+      ->type_name("NAMES");
+  app.add_option("--positions", words.positions, "Encodings of generated scenes: 8 to 24 (bits per axis), float32")
+      ->capture_default_str()
+      ->type_name("LIST");
+  app.add_option("--indices", words.indices,
+                 "packed, 32, clustered (clusters, not chunks of indices), or auto: 32 bits with float32 positions, "
+                 "else packed")
+      ->capture_default_str()
+      ->type_name("LIST");
+  app.add_option("--order", words.order, "Order of triangles and vertices: row, or block (A, B, C)")
+      ->capture_default_str()
+      ->type_name("ORDER");
+  app.add_option("--scale", words.scale, "Share of the triangles of A, B and C to keep, above 0 to 1, as in synth")
+      ->capture_default_str()
+      ->type_name("SHARE");
+  app.add_option("--samples", words.samples, "Samples per pixel along each side: 1, 2, 4")
+      ->capture_default_str()
+      ->type_name("LIST");
+  app.add_option("--sampleless", words.sampleless,
+                 "Dropping triangles that cover no pixel centre early: on, off; the picture is the same")
+      ->capture_default_str()
+      ->type_name("LIST");
+  app.add_option("--culling", words.culling,
+                 "Of clusters: all, bounds (not those hidden by others), none; the picture is the same")
+      ->capture_default_str()
+      ->type_name("LIST");
+  app.add_option("--effects", words.effects, "none, ssao (ambient occlusion), edl (eye-dome lighting), ssao+edl")
+      ->capture_default_str()
+      ->type_name("LIST");
+  app.add_option("--size", words.size, "Image size in pixels (default: the scene's; of a file 1920x1080)")
+      ->type_name("WxH");
+  app.add_option("--frames", words.frames, "Frames measured")->capture_default_str()->type_name("N");
+  app.add_option("--warmup", words.warmup, "Frames before them")->capture_default_str()->type_name("N");
+  app.add_flag("--stages", words.stages,
+               "Time the stages of small scenes too, whose frames are one submission otherwise and take less");
+  app.add_flag("--path", words.path,
+               "Move from a scene's first view to its second over 120 frames: mean, worst, and the jump back");
+  app.add_flag("--sweep", words.sweep,
+               "Speed beside size beside error against float32 positions, for all --indices and --positions (default:\n"
+               "8,10,12,14,16,18,20,24)");
+  app.add_flag("--reference", words.reference,
+               "Judge the pictures of --scene (default: D) and of models, as convert packs them with --positions and\n"
+               "--indices, by a double-precision reference that draws the source's own vertices: every triangle, by\n"
+               "brute force, so that A, B and C want a small --scale. The CPU draws where there is no GPU");
+  app.add_flag("--curves", words.curves,
+               "--reference for 8 to 24 bits and float32, and what snapping, depth codes and supersampling cost");
+  app.add_flag("--sizes", words.sizes,
+               "What geometry takes, and seconds to encode and decode it: models (.gltf, .glb) as convert packs them,\n"
+               "through meshoptimizer's codecs, and in the glTF");
+  app.add_option("--textures", words.textures, "Textured: how many")->capture_default_str()->type_name("N");
+  app.add_option("--texture-size", words.texture_size, "Textured: texels a side")
+      ->capture_default_str()
+      ->type_name("N");
+  app.add_option("--texture-cache", words.texture_cache, "Textured: memory for decoded blocks (default: 256MiB)")
+      ->type_name("SIZE");
+  app.add_option("--device", words.device,
+                 "The GPU, by its index or UUID, as scree devices lists them (default: the first that can be used)")
+      ->type_name("N|UUID");
+  app.add_option("--csv", words.csv, "Append a row per case to this file")->type_name("FILE");
+}
+
+Result<void> measure(const LabWords& words) {
+  if (words.sizes) {
+    if (words.files.empty()) return Error{ErrorCode::kUsage, "--sizes takes models"};
+    return run_sizes(words.files, words.csv);
+  }
+  const Result<LabOptions> options = parse_options(words);
+  if (!options) return options.error();
+  return options->reference ? judge_scenes(*options) : run_bench(*options);
+}
+
+int run(int argc, char** argv) {
+  CLI::App app(
+      "Measures frames on the GPU: the scenes A to D of synth, made in its memory, or a .scree file; judges pictures\n"
+      "and sizes. Prints tables, and appends a CSV row per case (docs/results/README.md).",
+      "scree-lab");
+  LabWords words;
+  add_options(app, words);
+  for (CLI::Option* option : app.get_options())  // a mode of its own: only files and --csv go with it
+    if (option->get_name() != "--sizes" && option->get_name() != "files" && option->get_name() != "--csv" &&
+        option->get_name() != "--help")
+      app.get_option("--sizes")->excludes(option);
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::ParseError& error) {
+    if (error.get_exit_code() == 0) return app.exit(error);
+    std::fprintf(stderr, "scree-lab: %s (see scree-lab --help)\n", tools::describe_parse_error(app, error).c_str());
+    return exit_code(ErrorCode::kUsage);
+  }
+  tools::end_on_signal("lab");
+  Result<void> done = measure(words);
+  if (done) done = tools::finish_output();
+  if (done) return 0;
+  std::fprintf(stderr, "scree-lab: %s\n", done.error().message.c_str());
+  return exit_code(done.error().code);
+}
+
+}  // namespace
+}  // namespace scree::lab
+
+int main(int argc, char** argv) {
+  try {
+    return scree::lab::run(argc, argv);
+  } catch (const std::exception& error) {
+    std::fprintf(stderr, "scree-lab: %s\n", error.what());
+    return scree::exit_code(scree::ErrorCode::kMemory);
+  }
+}

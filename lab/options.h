@@ -1,0 +1,110 @@
+// scree-lab's command line.
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "format/result.h"
+#include "lab/scenes/scene_tables.h"
+#include "runtime/scene/scene.h"
+#include "tools/common/backend.h"
+#include "tools/common/options.h"
+#include "tools/synth/scenes.h"
+
+namespace scree::lab {
+
+/// As typed; empty where nothing was.
+struct LabWords {
+  std::vector<std::string> files;
+  std::string scenes;
+  std::string views;
+  std::string positions = "16,float32";
+  std::string indices = "auto";
+  std::string order = "row";
+  std::string samples = "1";
+  std::string sampleless = "on";
+  bool stages = false;
+  std::string culling = "all";
+  std::string effects = "none";
+  std::string size;
+  std::string csv;
+  std::string texture_cache;
+  uint32_t textures = 12;
+  uint32_t texture_size = 16384;
+  double scale = 1;
+  uint32_t frames = 60;
+  uint32_t warmup = 10;
+  bool path = false;
+  bool sweep = false;
+  bool reference = false;
+  bool curves = false;
+  bool sizes = false;
+  std::string device;
+};
+
+using tools::ImageSize;
+
+constexpr uint32_t kTruthSamples = 8;  // a side of a pixel, of the supersampled reference of --curves
+
+/// What is drawn beside the shaded triangles.
+struct Effects {
+  bool ssao = false;  // ambient occlusion
+  bool edl = false;   // eye-dome lighting
+};
+
+/// What of clustered chunks is left out; the picture is the same.
+struct Culling {
+  bool bounds = true;     // clusters outside of the picture, and between pixel centres
+  bool occlusion = true;  // and hidden ones
+};
+
+struct LabOptions {
+  std::vector<std::string> files;   // one .scree file, or none: generated scenes; where `reference`, glTF models
+  std::vector<std::string> scenes;  // names that make_scene() takes
+  std::vector<std::string> views;   // empty: all of a scene
+  std::vector<Encoding> encodings;  // of generated scenes
+  synth::MeshOrder order = synth::MeshOrder::kRow;
+  double scale = 1;                        // of A, B and C
+  std::vector<uint32_t> samples_per_side;  // 1, 2, 4
+  std::vector<Culling> culling;
+  std::vector<Effects> effects;
+  std::vector<bool> sampleless_tests;  // on, off
+  bool stage_times = false;            // of small scenes too
+  std::optional<ImageSize> size;       // instead of the scene's own
+  uint32_t frames = 60;
+  uint32_t warmup = 10;
+  bool path = false;
+  bool sweep = false;
+  bool reference = false;         // against an exact picture of the source: what judge_run.h measures
+  bool curves = false;            // that, for every width, and the studies
+  tools::BackendOptions backend;  // --reference and --curves draw on the CPU without a GPU; the others need one
+  std::string csv;                // empty: none
+  // Of the scene "textured", which is measured by itself:
+  bool is_textured = false;
+  uint32_t textures = 12;
+  uint32_t texture_size = 16384;  // texels a side
+  uint64_t texture_cache = runtime::kDeviceTextureCache;
+};
+
+/// "all", "bounds" or "none".
+std::string culling_name(const Culling& culling);
+
+/// "none", "ssao", "edl" or "ssao+edl".
+std::string effects_name(const Effects& effects);
+
+/// The last part of a path.
+std::string file_name(const std::string& path);
+
+/// Errors kUsage: what cannot be, with what can.
+Result<LabOptions> parse_options(const LabWords& words);
+
+/// The share of its triangles that a scene is made with: `scale`, but D and A60 are always whole.
+double scene_scale(const std::string& name, double scale);
+
+/// A, B, C or D; "lantern": B's mesh, one instance; "A60": A with 60 M triangles. `name` is one that parse_options()
+/// accepted.
+synth::Scene make_scene(const std::string& name, synth::MeshOrder order, double scale);
+
+}  // namespace scree::lab

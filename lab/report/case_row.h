@@ -1,0 +1,11 @@
+// The CSV row of a measured frame. docs/results/README.md says what the columns mean.
+#pragma once
+
+#include "lab/report/case_result.h"
+#include "tools/bench/csv.h"
+
+namespace scree::lab {
+
+bench::CsvCells case_cells(const Machine& machine, const CaseResult& result);
+
+}  // namespace scree::lab

@@ -1,0 +1,20 @@
+// Measured cases as tables on a console.
+#pragma once
+
+#include <span>
+#include <string>
+
+#include "lab/report/case_result.h"
+
+namespace scree::lab {
+
+/// Milliseconds a stage, and speed.
+std::string times_table(std::span<const CaseResult> cases);
+/// Sizes, what was culled and drawn, bytes against the machine's copy rate.
+std::string counts_table(std::span<const CaseResult> cases, const Machine& machine);
+/// Mean and worst frame of camera paths.
+std::string path_table(std::span<const CaseResult> cases);
+/// Speed beside size beside error.
+std::string sweep_table(std::span<const CaseResult> cases);
+
+}  // namespace scree::lab

@@ -1,0 +1,26 @@
+// Generated scenes in the clustered encoding, made on the host: as `scree convert` makes them, but straight from the
+// scene functions.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "format/result.h"
+#include "lab/scenes/scene_tables.h"
+
+namespace scree::lab {
+
+/// The tables of a scene and the payload of each of its chunks.
+struct ClusteredScene {
+  SceneTables tables;
+  std::vector<std::vector<std::byte>> payloads;
+};
+
+/// Encodes the chunks of `tables`, which make_tables() made of `plans` for lattice positions, with `threads` threads.
+/// All payloads are in memory at once. Errors kMemory.
+Result<ClusteredScene> encode_clustered(const synth::Scene& scene, std::span<const ChunkPlan> plans, SceneTables tables,
+                                        uint32_t threads);
+
+}  // namespace scree::lab

@@ -1,0 +1,70 @@
+#include "lab/scenes/generate.h"
+
+#include <algorithm>
+
+#include "kernels/cuda/check.h"
+#include "lab/scenes/generate_kernels.h"
+
+namespace scree::lab {
+namespace {
+
+using kernels::cuda_check;
+using kernels::DeviceBuffer;
+
+/// A copy of `items` on the device.
+template <class T>
+Result<DeviceBuffer> to_device(std::span<const T> items, const char* what) {
+  Result<DeviceBuffer> buffer = DeviceBuffer::allocate(std::max<uint64_t>(items.size_bytes(), 1), what);
+  if (!buffer) return buffer;
+  if (Result<void> done =
+          cuda_check(cudaMemcpy(buffer->data(), items.data(), items.size_bytes(), cudaMemcpyHostToDevice), what);
+      !done)
+    return done.error();
+  return buffer;
+}
+
+/// `launched`: the status of starting it.
+Result<void> finish(cudaError_t launched, const char* what) {
+  if (Result<void> done = cuda_check(launched, what); !done) return done;
+  return cuda_check(cudaDeviceSynchronize(), what);
+}
+
+}  // namespace
+
+Result<std::vector<ChunkBox>> chunk_boxes_cuda(const synth::Scene& scene, std::span<const ChunkPlan> plans) {
+  std::vector<ChunkBox> boxes(plans.size());
+  if (plans.empty()) return boxes;
+  Result<DeviceBuffer> meshes = to_device(std::span<const synth::MeshRecipe>(scene.meshes), "copying the recipes");
+  if (!meshes) return meshes.error();
+  Result<DeviceBuffer> device_plans = to_device(plans, "copying the chunks' plans");
+  if (!device_plans) return device_plans.error();
+  const uint64_t bytes = boxes.size() * sizeof(ChunkBox);
+  Result<DeviceBuffer> device_boxes = DeviceBuffer::allocate(bytes, "allocating the chunks' boxes");
+  if (!device_boxes) return device_boxes.error();
+  const cudaError_t launched =
+      launch_chunk_boxes(reinterpret_cast<const synth::MeshRecipe*>(meshes->data()),
+                         reinterpret_cast<const ChunkPlan*>(device_plans->data()), static_cast<uint32_t>(plans.size()),
+                         reinterpret_cast<ChunkBox*>(device_boxes->data()));
+  if (Result<void> done = finish(launched, "finding the chunks' boxes"); !done) return done.error();
+  if (Result<void> done = cuda_check(cudaMemcpy(boxes.data(), device_boxes->data(), bytes, cudaMemcpyDeviceToHost),
+                                     "reading the chunks' boxes");
+      !done)
+    return done.error();
+  return boxes;
+}
+
+Result<void> fill_chunks_cuda(const synth::Scene& scene, std::span<const ChunkPlan> plans,
+                              const format::MeshRecord* meshes, const format::ChunkRecord* chunks,
+                              const std::byte* const* pages) {
+  if (plans.empty()) return {};
+  Result<DeviceBuffer> recipes = to_device(std::span<const synth::MeshRecipe>(scene.meshes), "copying the recipes");
+  if (!recipes) return recipes.error();
+  Result<DeviceBuffer> device_plans = to_device(plans, "copying the chunks' plans");
+  if (!device_plans) return device_plans.error();
+  const cudaError_t launched = launch_fill_chunks(reinterpret_cast<const synth::MeshRecipe*>(recipes->data()),
+                                                  reinterpret_cast<const ChunkPlan*>(device_plans->data()),
+                                                  static_cast<uint32_t>(plans.size()), meshes, chunks, pages);
+  return finish(launched, "generating the scene");
+}
+
+}  // namespace scree::lab

@@ -1,0 +1,23 @@
+// The kernels behind generate.h. Every pointer is of device memory; nothing waits.
+#pragma once
+
+#include <cuda_runtime_api.h>
+
+#include <cstddef>
+#include <cstdint>
+
+#include "lab/scenes/chunk_plan.h"
+#include "lab/scenes/scene_tables.h"
+
+namespace scree::lab {
+
+/// boxes[i]: of the vertices of chunk i.
+cudaError_t launch_chunk_boxes(const synth::MeshRecipe* recipes, const ChunkPlan* plans, uint32_t count,
+                               ChunkBox* boxes);
+
+/// Fills the payloads of chunks 0 to count - 1.
+cudaError_t launch_fill_chunks(const synth::MeshRecipe* recipes, const ChunkPlan* plans, uint32_t count,
+                               const format::MeshRecord* meshes, const format::ChunkRecord* chunks,
+                               const std::byte* const* pages);
+
+}  // namespace scree::lab

@@ -1,0 +1,31 @@
+// Where the measured scenes are seen from.
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "kernels/frame.h"
+#include "tools/synth/scenes.h"
+
+namespace scree::lab {
+
+/// A camera by name; for a picture of one sample a pixel.
+struct NamedView {
+  std::string name;
+  std::vector<kernels::View> frames;  // one, or those of a path
+};
+
+inline constexpr uint32_t kPathFrames = 120;
+
+/// The view of a measured scene's camera; `width`, `height` in samples. Near plane at 0.1, as in the files that synth
+/// writes.
+kernels::View scene_view(const synth::SceneCamera& camera, uint32_t width, uint32_t height);
+
+/// The camera path of a scene: frames on which eye and target move linearly from its first view to its
+/// second, both ends included. Played in a circle, its first frame is the jump back.
+std::vector<kernels::View> path_views(std::span<const synth::SceneCamera> cameras, uint32_t width, uint32_t height,
+                                      uint32_t frames = kPathFrames);
+
+}  // namespace scree::lab

@@ -1,0 +1,98 @@
+// Handles: numbers in the form of pointers, never used twice, and what they stand for.
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <mutex>
+#include <shared_mutex>
+#include <string>
+#include <unordered_map>
+
+#include "library/status.h"
+#include "runtime/draw/loaded_scene.h"
+#include "runtime/draw/view_renderer.h"
+#include "runtime/scene/scene.h"
+
+namespace scree::library {
+
+struct File {
+  runtime::SceneFile file;
+};
+
+struct LoadedFile {
+  std::shared_ptr<runtime::LoadedScene> scene;
+  double load_ms = 0;
+};
+
+struct DrawnView {
+  std::mutex mutex;  // held by a call that uses the renderer
+  std::unique_ptr<runtime::ViewRenderer> renderer;
+};
+
+/// All handles of one kind, whose low bits are kTag. Thread-safe.
+template <class Handle, class Object, uint64_t kTag>
+class Handles {
+ public:
+  static Handles& all() {
+    static Handles* const handles = new Handles;  // never destroyed: other threads may still call while a program ends
+    return *handles;
+  }
+
+  Handle* add(std::shared_ptr<Object> object) {
+    const std::unique_lock<std::shared_mutex> lock(mutex_);
+    const uint64_t number = ++last_ << kTagBits | kTag;
+    objects_.emplace(number, std::move(object));
+    return reinterpret_cast<Handle*>(number);
+  }
+
+  /// Null where it was ended or is none.
+  std::shared_ptr<Object> find(const Handle* handle) const {
+    const std::shared_lock<std::shared_mutex> lock(mutex_);
+    const auto found = objects_.find(reinterpret_cast<uint64_t>(handle));
+    return found == objects_.end() ? nullptr : found->second;
+  }
+
+  /// What it stood for, so that it ends without the lock.
+  std::shared_ptr<Object> remove(const Handle* handle) {
+    const std::unique_lock<std::shared_mutex> lock(mutex_);
+    const auto found = objects_.find(reinterpret_cast<uint64_t>(handle));
+    if (found == objects_.end()) return nullptr;
+    std::shared_ptr<Object> object = std::move(found->second);
+    objects_.erase(found);
+    return object;
+  }
+
+ private:
+  static constexpr uint64_t kTagBits = 4;
+
+  mutable std::shared_mutex mutex_;
+  std::unordered_map<uint64_t, std::shared_ptr<Object>> objects_;
+  uint64_t last_ = 0;
+};
+
+using Files = Handles<scree_file, File, 1>;
+using Scenes = Handles<scree_scene, LoadedFile, 2>;
+using Views = Handles<scree_view, DrawnView, 3>;
+
+/// Calls body(object) with what `handle` stands for; nothing is thrown past it. `name`: "scree_view" and the like.
+template <class Kind, class Handle, class Body>
+scree_status with(const Handle* handle, const char* name, const Body& body) noexcept {
+  return guarded([&] {
+    if (handle == nullptr) return fail(SCREE_ERROR_ARGUMENT, std::string("the ") + name + " is null");
+    const auto object = Kind::all().find(handle);
+    if (object == nullptr)
+      return fail(SCREE_ERROR_HANDLE, std::string("the handle is of no ") + name + ", or of one that was ended");
+    return body(*object);
+  });
+}
+
+/// Ends a handle; null is nothing to do.
+template <class Kind, class Handle>
+scree_status end(const Handle* handle, const char* name) noexcept {
+  return guarded([&] {
+    if (handle == nullptr || Kind::all().remove(handle) != nullptr) return SCREE_OK;
+    return fail(SCREE_ERROR_HANDLE, std::string("the handle is of no ") + name + ", or of one that was ended");
+  });
+}
+
+}  // namespace scree::library

@@ -1,0 +1,327 @@
+// Views: cameras, frames and what is read of them.
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "library/handles.h"
+#include "library/structs.h"
+
+namespace scree::library {
+namespace {
+
+using kernels::View;
+using runtime::Layer;
+using runtime::ViewRenderer;
+
+bool are_finite(std::initializer_list<const double*> vectors) {
+  return std::all_of(vectors.begin(), vectors.end(),
+                     [](const double* v) { return std::isfinite(v[0]) && std::isfinite(v[1]) && std::isfinite(v[2]); });
+}
+
+runtime::Vec3 vector_of(const double (&v)[3]) {
+  return {v[0], v[1], v[2]};
+}
+
+/// The camera as the engine takes it, `width` x `height` pixels.
+scree_status make_view(const runtime::LoadedScene& scene, const scree_camera& camera, uint32_t width, uint32_t height,
+                       View& out) {
+  runtime::CameraOptions options;
+  options.width = width;
+  options.height = height;
+  if (camera.fov_degrees != 0) {
+    if (!(camera.fov_degrees > 0 && camera.fov_degrees < 180))
+      return fail(SCREE_ERROR_ARGUMENT, "scree_camera::fov_degrees is " + std::to_string(camera.fov_degrees) +
+                                            ", expected an angle above 0 and below 180");
+    options.fov_degrees = camera.fov_degrees;
+  }
+  if (camera.kind <= SCREE_CAMERA_LOOK_AT && !are_finite({camera.eye, camera.target, camera.up}))
+    return fail(SCREE_ERROR_ARGUMENT, "scree_camera: eye, target or up is not finite");
+  if (camera.up[0] != 0 || camera.up[1] != 0 || camera.up[2] != 0) options.up = vector_of(camera.up);
+  Result<View> view = View{};
+  switch (camera.kind) {
+    case SCREE_CAMERA_DEFAULT:
+      break;
+    case SCREE_CAMERA_NAMED:
+      if (camera.name == nullptr || *camera.name == 0)
+        return fail(SCREE_ERROR_ARGUMENT, "scree_camera::name is missing");
+      options.camera = camera.name;
+      options.up.reset();
+      break;
+    case SCREE_CAMERA_LOOK_AT:
+      options.eye = vector_of(camera.eye);
+      if (camera.look_at_box == 0) options.target = vector_of(camera.target);
+      break;
+    case SCREE_CAMERA_MATRICES: {
+      runtime::CameraMatrices matrices;
+      std::copy_n(camera.view, 16, matrices.view.begin());
+      std::copy_n(camera.projection, 16, matrices.projection.begin());
+      matrices.z_near = camera.z_near;
+      view = runtime::view_of_matrices(matrices, width, height);
+      if (!view) return fail(view.error(), Subject::kArguments);
+      out = *view;
+      return SCREE_OK;
+    }
+    default:
+      return fail(SCREE_ERROR_ARGUMENT, "scree_camera::kind is " + std::to_string(camera.kind) + ", at most 3");
+  }
+  view = scene.view(options);
+  if (!view) return fail(view.error(), Subject::kArguments);
+  out = *view;
+  return SCREE_OK;
+}
+
+scree_status take_shade(const scree_draw_options& options, kernels::ShadeOptions& shade) {
+  if (options.show > SCREE_SHOW_DEPTH)
+    return fail(SCREE_ERROR_ARGUMENT, "scree_draw_options::show is " + std::to_string(options.show) + ", at most 8");
+  if ((options.flags & ~uint32_t{SCREE_NO_LIGHT | SCREE_SSAO | SCREE_EDL}) != 0)
+    return fail(SCREE_ERROR_ARGUMENT, "scree_draw_options::flags has unknown flags: " + std::to_string(options.flags));
+  if (!(options.edl_strength >= 0 && options.edl_strength <= 100) || options.edl_radius > 64)
+    return fail(SCREE_ERROR_ARGUMENT, "scree_draw_options: edl_strength is at most 100 and edl_radius at most 64");
+  shade.show = static_cast<kernels::Show>(options.show);
+  shade.light = (options.flags & SCREE_NO_LIGHT) == 0;
+  shade.ssao = (options.flags & SCREE_SSAO) != 0;
+  shade.edl = (options.flags & SCREE_EDL) != 0;
+  if (options.edl_strength > 0) shade.edl_strength = options.edl_strength;
+  if (options.edl_radius > 0) shade.edl_radius = options.edl_radius;
+  for (size_t i = 0; i < 4; ++i) {
+    if (!std::isfinite(options.background[i]))
+      return fail(SCREE_ERROR_ARGUMENT, "scree_draw_options::background is not finite");
+    shade.background[i] = options.background[i];
+  }
+  return SCREE_OK;
+}
+
+/// The size, the samples and the shading of a frame.
+scree_status take_frame(const scree_draw_options* options, scree_draw_options& taken, kernels::ShadeOptions& shade) {
+  if (const scree_status checked = take(options, taken, "scree_draw_options"); checked != SCREE_OK) return checked;
+  if (taken.width == 0) taken.width = 1920;
+  if (taken.height == 0) taken.height = 1080;
+  if (taken.samples == 0) taken.samples = 1;
+  if (taken.samples != 1 && taken.samples != 2 && taken.samples != 4)
+    return fail(SCREE_ERROR_ARGUMENT,
+                "scree_draw_options::samples is " + std::to_string(taken.samples) + ", expected 1, 2 or 4");
+  const uint64_t side = uint64_t{std::max(taken.width, taken.height)} * taken.samples;
+  if (side > kernels::kMaxImageSide)
+    return fail(SCREE_ERROR_ARGUMENT, "the frame has " + std::to_string(side) + " samples a side, at most " +
+                                          std::to_string(kernels::kMaxImageSide));
+  return take_shade(taken, shade);
+}
+
+/// For the instance layer.
+bool has_too_many_instances(const runtime::LoadedScene& scene) {
+  return scene.scene().view().instance_count > uint64_t{1} << 31;
+}
+
+/// Layers by number.
+struct LayerKind {
+  Layer layer;
+  scree_type type;
+  uint32_t channels;  // 0: no dimension of their own
+};
+constexpr std::array<LayerKind, runtime::kLayerCount> kLayers{{{Layer::kColor, SCREE_UINT8, 4},
+                                                               {Layer::kDepth, SCREE_FLOAT32, 0},
+                                                               {Layer::kTriangle, SCREE_INT64, 0},
+                                                               {Layer::kInstance, SCREE_INT32, 0},
+                                                               {Layer::kSamples, SCREE_UINT64, 0}}};
+
+/// Calls body(renderer, kind) with the view's frame, for functions that read a layer.
+template <class Body>
+scree_status with_layer(scree_view* view, scree_layer layer, const Body& body) {
+  return with<Views>(view, "scree_view", [&](DrawnView& drawn) {
+    if (static_cast<uint32_t>(layer) >= kLayers.size())
+      return fail(SCREE_ERROR_ARGUMENT, "no layer " + std::to_string(layer) + ", at most 4");
+    const std::lock_guard<std::mutex> lock(drawn.mutex);
+    ViewRenderer& renderer = *drawn.renderer;
+    if (!renderer.has_frame())
+      return fail(SCREE_ERROR_NO_FRAME, "the view has drawn nothing yet, or the last draw failed");
+    if (layer == SCREE_INSTANCE && has_too_many_instances(renderer.scene()))
+      return fail(SCREE_ERROR_DATA, "the scene has more instances than 32-bit ids tell apart");
+    return body(renderer, kLayers[static_cast<size_t>(layer)]);
+  });
+}
+
+scree_array describe(const ViewRenderer& renderer, const LayerKind& kind, const std::byte* data, int32_t gpu) {
+  const bool is_samples = kind.layer == Layer::kSamples;
+  const uint32_t side = is_samples ? renderer.samples_per_side() : 1;
+  scree_array array{};
+  array.data = data;
+  array.bytes = renderer.layer_bytes(kind.layer);
+  array.type = kind.type;
+  int64_t* shape = array.shape;
+  if (renderer.batch() != 0) *shape++ = renderer.batch();
+  *shape++ = int64_t{renderer.height()} * side;
+  *shape++ = int64_t{renderer.width()} * side;
+  if (kind.channels != 0) *shape++ = kind.channels;
+  array.dimensions = static_cast<uint32_t>(shape - array.shape);
+  array.gpu = gpu;
+  return array;
+}
+
+/// World space: where the ray of a sample has a depth.
+void place(const ViewRenderer& renderer, uint32_t x, uint32_t y, double depth, double out[3]) {
+  const View& view = renderer.view();
+  const uint32_t side = renderer.samples_per_side();
+  const double column = static_cast<double>(x * side + side / 2) + 0.5;
+  const double row = static_cast<double>(y * side + side / 2) + 0.5;
+  const double across = (2 * column / view.width - 1) * view.half_width * (view.orthographic ? 1 : depth);
+  const double up = (1 - 2 * row / view.height) * view.half_height * (view.orthographic ? 1 : depth);
+  for (int i = 0; i < 3; ++i) out[i] = view.eye[i] + depth * view.forward[i] + across * view.right[i] + up * view.up[i];
+}
+
+}  // namespace
+}  // namespace scree::library
+
+using namespace scree::library;
+
+extern "C" {
+
+scree_status scree_view_create(scree_scene* scene, scree_view** view) {
+  return with<Scenes>(scene, "scree_scene", [&](const LoadedFile& loaded) {
+    if (view == nullptr) return fail(SCREE_ERROR_ARGUMENT, "scree_view_create: view is null");
+    scree::Result<std::unique_ptr<ViewRenderer>> renderer = ViewRenderer::create(loaded.scene);
+    if (!renderer) return fail(renderer.error(), Subject::kArguments);
+    auto made = std::make_shared<DrawnView>();
+    made->renderer = std::move(*renderer);
+    *view = Views::all().add(std::move(made));
+    return SCREE_OK;
+  });
+}
+
+scree_status scree_view_destroy(scree_view* view) {
+  return end<Views>(view, "scree_view");
+}
+
+scree_status scree_draw(scree_view* view, const scree_camera* camera, const scree_draw_options* options) {
+  return with<Views>(view, "scree_view", [&](DrawnView& drawn) {
+    scree_camera seen;
+    if (const scree_status checked = take(camera, seen, "scree_camera"); checked != SCREE_OK) return checked;
+    scree_draw_options taken;
+    scree::kernels::ShadeOptions shade;
+    if (const scree_status checked = take_frame(options, taken, shade); checked != SCREE_OK) return checked;
+    const std::lock_guard<std::mutex> lock(drawn.mutex);
+    View seen_view{};
+    if (const scree_status made = make_view(drawn.renderer->scene(), seen, taken.width, taken.height, seen_view);
+        made != SCREE_OK)
+      return made;
+    const scree::Result<void> done = drawn.renderer->draw(seen_view, taken.samples, shade);
+    return done ? SCREE_OK : fail(done.error(), Subject::kArguments);
+  });
+}
+
+scree_status scree_draw_batch(scree_view* view, const scree_camera* cameras, uint32_t count,
+                              const scree_draw_options* options, uint32_t layers) {
+  return with<Views>(view, "scree_view", [&](DrawnView& drawn) {
+    if (cameras == nullptr) return fail(SCREE_ERROR_ARGUMENT, "scree_draw_batch: cameras is null");
+    scree_draw_options taken;
+    scree::kernels::ShadeOptions shade;
+    if (const scree_status checked = take_frame(options, taken, shade); checked != SCREE_OK) return checked;
+    const std::lock_guard<std::mutex> lock(drawn.mutex);
+    const scree::runtime::LoadedScene& scene = drawn.renderer->scene();
+    if ((layers >> SCREE_INSTANCE & 1) != 0 && has_too_many_instances(scene))
+      return fail(SCREE_ERROR_DATA, "the scene has more instances than 32-bit ids tell apart");
+    std::vector<View> views(count);
+    const auto* next = reinterpret_cast<const std::byte*>(cameras);
+    for (uint32_t i = 0; i < count; ++i, next += cameras->size) {
+      const auto* const camera = reinterpret_cast<const scree_camera*>(next);
+      scree_camera seen;
+      if (const scree_status checked = take(camera, seen, "scree_camera"); checked != SCREE_OK) return checked;
+      if (camera->size != cameras->size)
+        return fail(SCREE_ERROR_ARGUMENT, "camera " + std::to_string(i) + " of the batch has another size");
+      if (const scree_status made = make_view(scene, seen, taken.width, taken.height, views[i]); made != SCREE_OK)
+        return fail(made, "camera " + std::to_string(i) + ": " + std::string(scree_error()));
+    }
+    const scree::Result<void> done = drawn.renderer->draw_batch(views, taken.samples, shade, layers);
+    return done ? SCREE_OK : fail(done.error(), Subject::kArguments);
+  });
+}
+
+scree_status scree_shade(scree_view* view, const scree_draw_options* options) {
+  return with_layer(view, SCREE_COLOR, [&](ViewRenderer& renderer, const LayerKind&) {
+    scree_draw_options taken;
+    if (const scree_status checked = take(options, taken, "scree_draw_options"); checked != SCREE_OK) return checked;
+    scree::kernels::ShadeOptions shade;
+    if (const scree_status checked = take_shade(taken, shade); checked != SCREE_OK) return checked;
+    const scree::Result<void> done = renderer.set_shade(shade);
+    return done ? SCREE_OK : fail(done.error(), Subject::kArguments);
+  });
+}
+
+scree_status scree_host_layer(scree_view* view, scree_layer layer, scree_array* array) {
+  return with_layer(view, layer, [&](ViewRenderer& renderer, const LayerKind& kind) {
+    if (const scree_status checked = check_output(array, "scree_array"); checked != SCREE_OK) return checked;
+    const scree::Result<std::span<const std::byte>> bytes = renderer.layer(kind.layer);
+    if (!bytes) return fail(bytes.error(), Subject::kArguments);
+    give(array, describe(renderer, kind, bytes->data(), -1));
+    return SCREE_OK;
+  });
+}
+
+scree_status scree_device_layer(scree_view* view, scree_layer layer, void* stream, scree_array* array) {
+  return with_layer(view, layer, [&](ViewRenderer& renderer, const LayerKind& kind) {
+    if (const scree_status checked = check_output(array, "scree_array"); checked != SCREE_OK) return checked;
+    const scree::Result<const std::byte*> data = renderer.device_layer(kind.layer, stream);
+    if (!data) return fail(data.error(), Subject::kArguments);
+    give(array, describe(renderer, kind, *data, renderer.scene().gpu()->index));
+    return SCREE_OK;
+  });
+}
+
+scree_status scree_read(scree_view* view, scree_layer layer, void* buffer, uint64_t bytes) {
+  return with_layer(view, layer, [&](ViewRenderer& renderer, const LayerKind& kind) {
+    if (buffer == nullptr) return fail(SCREE_ERROR_ARGUMENT, "scree_read: buffer is null");
+    const uint64_t needed = renderer.layer_bytes(kind.layer);
+    if (bytes != needed)
+      return fail(SCREE_ERROR_BUFFER,
+                  "a buffer of " + std::to_string(bytes) + " bytes, but the layer has " + std::to_string(needed));
+    const scree::Result<void> done = renderer.read(kind.layer, {static_cast<std::byte*>(buffer), bytes});
+    return done ? SCREE_OK : fail(done.error(), Subject::kArguments);
+  });
+}
+
+scree_status scree_pick(scree_view* view, uint32_t x, uint32_t y, scree_pick_info* info) {
+  return with_layer(view, SCREE_SAMPLES, [&](ViewRenderer& renderer, const LayerKind&) {
+    if (const scree_status checked = check_output(info, "scree_pick_info"); checked != SCREE_OK) return checked;
+    const scree::Result<std::optional<scree::runtime::Pick>> pick = renderer.pick(x, y);
+    if (!pick) return fail(pick.error(), Subject::kArguments);
+    scree_pick_info out{};
+    if (*pick) {
+      const scree::runtime::Pick& found = **pick;
+      out.hit = 1;
+      out.mesh = found.mesh;
+      out.node = found.node;
+      out.node_instance = found.node_instance;
+      out.instance = found.hit.instance;
+      out.triangle = found.id;
+      out.mesh_triangle = found.mesh_triangle;
+      out.source_triangle = found.source_triangle ? static_cast<int64_t>(*found.source_triangle) : -1;
+      out.depth = found.depth;
+      place(renderer, x, y, found.depth, out.position);
+    }
+    give(info, out);
+    return SCREE_OK;
+  });
+}
+
+scree_status scree_get_frame_stats(scree_view* view, scree_frame_stats* stats) {
+  return with_layer(view, SCREE_SAMPLES, [&](ViewRenderer& renderer, const LayerKind&) {
+    if (const scree_status checked = check_output(stats, "scree_frame_stats"); checked != SCREE_OK) return checked;
+    scree_frame_stats out{};
+    out.width = renderer.width();
+    out.height = renderer.height();
+    out.samples = renderer.samples_per_side();
+    out.instances = renderer.stats().instances_drawn;
+    out.triangles = renderer.stats().triangles;
+    out.clusters = renderer.stats().clusters_drawn;
+    out.draw_ms = renderer.draw_time().wall_ms;
+    out.gpu_ms = static_cast<double>(renderer.gpu_ms());
+    out.cameras = renderer.batch();
+    out.streamed_bytes = renderer.stream_stats() ? renderer.stream_stats()->streamed_bytes : 0;
+    give(stats, out);
+    return SCREE_OK;
+  });
+}
+
+}  // extern "C"

@@ -1,0 +1,557 @@
+// The Python package's module: scree.hpp with numpy arrays on the CPU and DLPack on the GPU. python/scree/__init__.py
+// has what people see of it, python/scree/__init__.pyi its types.
+#include <pybind11/functional.h>
+#include <pybind11/numpy.h>
+#include <pybind11/pybind11.h>
+#include <pybind11/stl.h>
+
+#include <scree/scree.hpp>
+
+#include <array>
+#include <cstdint>
+#include <cstring>
+#include <functional>
+#include <memory>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+namespace py = pybind11;
+using namespace py::literals;
+
+namespace {
+
+// DLPack's structures (its version 0.8, dlpack.h), as far as they cross the border.
+struct DlDevice {
+  int32_t type;
+  int32_t index;
+};
+constexpr int32_t kDlCpu = 1;
+constexpr int32_t kDlCuda = 2;
+struct DlDataType {
+  uint8_t code;  // 0: int, 1: unsigned int, 2: float
+  uint8_t bits;
+  uint16_t lanes;
+};
+struct DlTensor {
+  void* data;
+  DlDevice device;
+  int32_t dimensions;
+  DlDataType type;
+  int64_t* shape;
+  int64_t* strides;
+  uint64_t byte_offset;
+};
+struct DlManagedTensor {
+  DlTensor tensor;
+  void* context;
+  void (*deleter)(DlManagedTensor*);
+};
+
+DlDataType dl_type(scree_type type) {
+  switch (type) {
+    case SCREE_UINT8:
+      return {1, 8, 1};
+    case SCREE_FLOAT32:
+      return {2, 32, 1};
+    case SCREE_INT64:
+      return {0, 64, 1};
+    case SCREE_INT32:
+      return {0, 32, 1};
+    default:
+      return {1, 64, 1};
+  }
+}
+
+py::dtype numpy_type(scree_type type) {
+  switch (type) {
+    case SCREE_UINT8:
+      return py::dtype::of<uint8_t>();
+    case SCREE_FLOAT32:
+      return py::dtype::of<float>();
+    case SCREE_INT64:
+      return py::dtype::of<int64_t>();
+    case SCREE_INT32:
+      return py::dtype::of<int32_t>();
+    default:
+      return py::dtype::of<uint64_t>();
+  }
+}
+
+std::vector<py::ssize_t> shape_of(const scree_array& array) {
+  return {array.shape, array.shape + array.dimensions};
+}
+
+/// What a layer of a view has, without making it: the frame's sizes say it.
+scree_array describe(const scree::View& view, scree_layer layer) {
+  const scree_frame_stats stats = view.stats();
+  const uint32_t side = layer == SCREE_SAMPLES ? stats.samples : 1;
+  constexpr std::array<scree_type, 5> kTypes{SCREE_UINT8, SCREE_FLOAT32, SCREE_INT64, SCREE_INT32, SCREE_UINT64};
+  scree_array array{};
+  array.type = kTypes[static_cast<size_t>(layer)];
+  int64_t* shape = array.shape;
+  if (stats.cameras != 0) *shape++ = stats.cameras;
+  *shape++ = int64_t{stats.height} * side;
+  *shape++ = int64_t{stats.width} * side;
+  if (layer == SCREE_COLOR) *shape++ = 4;
+  array.dimensions = static_cast<uint32_t>(shape - array.shape);
+  return array;
+}
+
+py::array read(const scree::View& view, scree_layer layer) {
+  const scree_array array = describe(view, layer);
+  py::array out(numpy_type(array.type), shape_of(array));
+  void* const data = out.mutable_data();
+  const auto bytes = static_cast<uint64_t>(out.nbytes());
+  const py::gil_scoped_release release;
+  view.read(layer, data, bytes);
+  return out;
+}
+
+/// A layer where it was made: what DLPack's consumers take without a copy.
+struct SharedLayer {
+  std::shared_ptr<scree::View> view;
+  scree_layer layer;
+  int gpu;  // -1: host memory
+
+  std::pair<int, int> device() const {
+    return gpu < 0 ? std::pair<int, int>{kDlCpu, 0} : std::pair<int, int>{kDlCuda, gpu};
+  }
+
+  /// `stream`: as the array API has it: none and 1 are the default stream, 2 each thread's own, -1 no stream at all,
+  /// and others a cudaStream_t.
+  py::capsule dlpack(const py::object& stream, const py::kwargs&) const {
+    scree_array array;
+    if (gpu < 0) {
+      const py::gil_scoped_release release;
+      array = view->host_layer(layer);
+    } else {
+      const int64_t number = stream.is_none() ? 1 : stream.cast<int64_t>();
+      if (number == 0 || number < -1) throw py::value_error("stream: expected None, -1, 1, 2 or a cudaStream_t");
+      void* const waits = number <= 1 ? nullptr : reinterpret_cast<void*>(number);
+      const py::gil_scoped_release release;
+      array = view->device_layer(layer, waits);
+    }
+    struct Shared {
+      DlManagedTensor managed;
+      std::shared_ptr<scree::View> view;
+      std::array<int64_t, 4> shape;
+    };
+    auto shared = std::make_unique<Shared>();
+    shared->view = view;
+    std::copy(array.shape, array.shape + 4, shared->shape.begin());
+    DlTensor& tensor = shared->managed.tensor;
+    tensor.data = const_cast<void*>(array.data);
+    tensor.device = {device().first, device().second};
+    tensor.dimensions = static_cast<int32_t>(array.dimensions);
+    tensor.type = dl_type(array.type);
+    tensor.shape = shared->shape.data();
+    tensor.strides = nullptr;
+    tensor.byte_offset = 0;
+    shared->managed.context = shared.get();
+    shared->managed.deleter = [](DlManagedTensor* managed) { delete static_cast<Shared*>(managed->context); };
+    PyObject* const capsule = PyCapsule_New(&shared.get()->managed, "dltensor", [](PyObject* object) {
+      if (PyCapsule_IsValid(object, "dltensor") == 0) return;  // a consumer took it
+      auto* const managed = static_cast<DlManagedTensor*>(PyCapsule_GetPointer(object, "dltensor"));
+      managed->deleter(managed);
+    });
+    if (capsule == nullptr) throw py::error_already_set();
+    (void)shared.release();
+    return py::reinterpret_steal<py::capsule>(capsule);
+  }
+};
+
+/// A camera as Python has it; its name stays with it.
+struct Camera {
+  scree_camera camera = scree::make<scree_camera>();
+  std::string name;
+
+  const scree_camera& get() {
+    camera.name = name.empty() ? nullptr : name.c_str();
+    return camera;
+  }
+};
+
+Camera look_at(const scree::Vec3& eye, const std::optional<scree::Vec3>& target, const scree::Vec3& up, double fov) {
+  Camera out;
+  out.camera = scree::look_at(eye, target.value_or(scree::Vec3{}), up, fov);
+  out.camera.look_at_box = target ? 0 : 1;
+  return out;
+}
+
+using Matrix = py::array_t<double, py::array::c_style | py::array::forcecast>;
+
+Camera matrices(const Matrix& view, const Matrix& projection, double z_near) {
+  Camera out;
+  out.camera.kind = SCREE_CAMERA_MATRICES;
+  for (const auto& [from, to] : {std::pair(&view, out.camera.view), std::pair(&projection, out.camera.projection)}) {
+    if (from->ndim() != 2 || from->shape(0) != 4 || from->shape(1) != 4)
+      throw py::value_error("a camera's matrices are 4 x 4");
+    std::copy(from->data(), from->data() + 16, to);
+  }
+  out.camera.z_near = z_near;
+  return out;
+}
+
+Camera camera_of(const py::object& given) {
+  Camera camera;
+  if (given.is_none()) return camera;
+  if (py::isinstance<Camera>(given)) return given.cast<Camera>();
+  camera.name = py::str(given).cast<std::string>();
+  camera.camera.kind = SCREE_CAMERA_NAMED;
+  return camera;
+}
+
+/// The number of a word; the words are listed in an error.
+template <size_t kCount>
+int number_of(const std::array<const char*, kCount>& words, const std::string& word, const char* what) {
+  std::string all;
+  for (size_t i = 0; i < kCount; ++i) {
+    if (word == words[i]) return static_cast<int>(i);
+    all += (i == 0 ? "" : ", ") + std::string(words[i]);
+  }
+  throw py::value_error(std::string(what) + ": '" + word + "' is not one of " + all);
+}
+
+constexpr std::array<const char*, 9> kShows{"texture", "color", "uv",    "normal", "triangle",
+                                            "cluster", "mesh",  "stage", "depth"};
+constexpr std::array<const char*, 5> kLayers{"color", "depth", "triangle", "instance", "samples"};
+constexpr std::array<const char*, 3> kBackends{"auto", "cpu", "cuda"};
+constexpr std::array<const char*, 3> kTextures{"keep", "raw", "jpeg"};
+
+scree_layer layer_of(const std::string& word) {
+  return static_cast<scree_layer>(number_of(kLayers, word, "layer"));
+}
+
+scree_draw_options draw_options(uint32_t width, uint32_t height, uint32_t samples, const std::string& show, bool light,
+                                bool ssao, bool edl, const std::array<float, 4>& background) {
+  auto options = scree::make<scree_draw_options>();
+  options.width = width;
+  options.height = height;
+  options.samples = samples;
+  options.show = static_cast<scree_show>(number_of(kShows, show, "show"));
+  if (!light) options.flags |= SCREE_NO_LIGHT;
+  if (ssao) options.flags |= SCREE_SSAO;
+  if (edl) options.flags |= SCREE_EDL;
+  std::copy(background.begin(), background.end(), options.background);
+  if (width == 0 || height == 0 || samples == 0) throw py::value_error("width, height and samples are 1 at least");
+  return options;
+}
+
+/// A Python function as a scree_progress; what it raises is raised by the call.
+struct Progress {
+  py::object function;
+  std::exception_ptr raised;
+
+  static int hear(void* user, const char* stage, uint64_t done, uint64_t total) {
+    auto& progress = *static_cast<Progress*>(user);
+    const py::gil_scoped_acquire acquire;
+    try {
+      const py::object answer = progress.function(stage, done, total);
+      return !answer.is_none() && !answer.cast<bool>() ? 1 : 0;
+    } catch (...) {
+      progress.raised = std::current_exception();
+      return 1;
+    }
+  }
+  void raise() const {
+    if (raised) std::rethrow_exception(raised);
+  }
+};
+
+py::dict stats_of(const scree::Scene& scene) {
+  const scree_scene_stats stats = scene.stats();
+  return py::dict("triangles"_a = stats.triangles, "instances"_a = stats.instances,
+                  "box_min"_a = std::array<double, 3>{stats.box_min[0], stats.box_min[1], stats.box_min[2]},
+                  "box_max"_a = std::array<double, 3>{stats.box_max[0], stats.box_max[1], stats.box_max[2]},
+                  "on_gpu"_a = stats.on_gpu != 0, "gpu"_a = stats.gpu, "gpu_name"_a = stats.gpu_name,
+                  "why_cpu"_a = stats.why_cpu, "streamed"_a = stats.streamed != 0, "scene"_a = stats.scene,
+                  "device_bytes"_a = stats.device_bytes, "load_ms"_a = stats.load_ms);
+}
+
+/// The columns of all instances.
+py::dict instances_of(const scree::Scene& scene) {
+  const auto count = static_cast<py::ssize_t>(scene.stats().instances);
+  py::array_t<int32_t> mesh(count), node(count), material(count);
+  py::array_t<int64_t> first(count);
+  py::array_t<double> world(std::vector<py::ssize_t>{count, 3, 4});
+  for (py::ssize_t i = 0; i < count; ++i) {
+    const scree_instance_info info = scene.instance(static_cast<uint64_t>(i));
+    mesh.mutable_at(i) = static_cast<int32_t>(info.mesh);
+    node.mutable_at(i) = static_cast<int32_t>(info.node);
+    material.mutable_at(i) = info.material;
+    first.mutable_at(i) = static_cast<int64_t>(info.first_triangle);
+    std::copy(info.world, info.world + 12, world.mutable_data(i, 0, 0));
+  }
+  return py::dict("mesh"_a = mesh, "node"_a = node, "material"_a = material, "first_triangle"_a = first,
+                  "world"_a = world);
+}
+
+py::object pick_of(const scree::View& view, uint32_t x, uint32_t y) {
+  const scree_pick_info info = view.pick(x, y);
+  if (info.hit == 0) return py::none();
+  return py::dict("mesh"_a = info.mesh, "node"_a = info.node, "node_instance"_a = info.node_instance,
+                  "instance"_a = info.instance, "triangle"_a = info.triangle, "mesh_triangle"_a = info.mesh_triangle,
+                  "source_triangle"_a = info.source_triangle, "depth"_a = info.depth,
+                  "position"_a = std::array<double, 3>{info.position[0], info.position[1], info.position[2]});
+}
+
+py::dict stats_of(const scree::View& view) {
+  const scree_frame_stats stats = view.stats();
+  return py::dict("width"_a = stats.width, "height"_a = stats.height, "samples"_a = stats.samples,
+                  "instances"_a = stats.instances, "triangles"_a = stats.triangles, "clusters"_a = stats.clusters,
+                  "draw_ms"_a = stats.draw_ms, "gpu_ms"_a = stats.gpu_ms, "streamed_bytes"_a = stats.streamed_bytes,
+                  "cameras"_a = stats.cameras);
+}
+
+std::vector<py::dict> scenes_of(const scree::File& file) {
+  std::vector<py::dict> out;
+  for (uint32_t i = 0; i < file.info().scenes; ++i) {
+    const scree_scene_info info = file.scene(i);
+    out.push_back(py::dict("name"_a = info.name, "triangles"_a = info.triangles, "instances"_a = info.instances,
+                           "cameras"_a = info.cameras));
+  }
+  return out;
+}
+
+std::vector<py::dict> meshes_of(const scree::File& file) {
+  std::vector<py::dict> out;
+  for (uint32_t i = 0; i < file.info().meshes; ++i) {
+    const scree_mesh_info info = file.mesh(i);
+    out.push_back(py::dict("name"_a = info.name, "triangles"_a = info.triangles, "vertices"_a = info.vertices,
+                           "box_min"_a = std::array<float, 3>{info.box_min[0], info.box_min[1], info.box_min[2]},
+                           "box_max"_a = std::array<float, 3>{info.box_max[0], info.box_max[1], info.box_max[2]},
+                           "max_position_error"_a = info.max_position_error, "material"_a = info.material,
+                           "has_uv"_a = (info.attributes & 1) != 0, "has_color"_a = (info.attributes & 2) != 0,
+                           "has_normal"_a = (info.attributes & 4) != 0));
+  }
+  return out;
+}
+
+std::vector<py::dict> materials_of(const scree::File& file) {
+  std::vector<py::dict> out;
+  for (uint32_t i = 0; i < file.info().materials; ++i) {
+    const scree_material_info info = file.material(i);
+    std::array<float, 4> color{};
+    std::copy(info.base_color, info.base_color + 4, color.begin());
+    out.push_back(py::dict("name"_a = info.name, "base_color"_a = color, "texture"_a = info.texture,
+                           "double_sided"_a = (info.flags & 1) != 0, "unlit"_a = (info.flags & 2) != 0));
+  }
+  return out;
+}
+
+std::vector<py::dict> cameras_of(const scree::File& file, uint32_t scene) {
+  std::vector<py::dict> out;
+  for (uint32_t i = 0; i < file.scene(scene).cameras; ++i) {
+    const scree_camera_info info = file.camera(scene, i);
+    py::array_t<double> world(std::vector<py::ssize_t>{3, 4});
+    std::copy(info.world, info.world + 12, world.mutable_data());
+    out.push_back(py::dict("name"_a = info.name, "node_name"_a = info.node_name, "camera"_a = info.camera,
+                           "orthographic"_a = info.orthographic != 0, "fov"_a = info.fov_degrees,
+                           "half_height"_a = info.half_height, "z_near"_a = info.z_near, "z_far"_a = info.z_far,
+                           "world"_a = world));
+  }
+  return out;
+}
+
+std::shared_ptr<scree::Scene> load(const scree::File& file, const std::optional<std::string>& scene,
+                                   const std::string& backend, const std::optional<std::string>& gpu, uint32_t threads,
+                                   bool textures, uint64_t device_memory, uint64_t host_memory, uint64_t texture_cache,
+                                   const std::array<uint32_t, 3>& largest, const py::object& progress) {
+  auto options = scree::make<scree_load_options>();
+  options.scene = scene ? scene->c_str() : nullptr;
+  options.backend = static_cast<scree_backend>(number_of(kBackends, backend, "backend"));
+  options.gpu = gpu ? gpu->c_str() : nullptr;
+  options.threads = threads;
+  options.no_textures = textures ? 0 : 1;
+  options.device_memory = device_memory;
+  options.host_memory = host_memory;
+  options.texture_cache = texture_cache;
+  options.max_width = largest[0];
+  options.max_height = largest[1];
+  options.max_samples = largest[2];
+  Progress heard{progress, nullptr};
+  if (!progress.is_none()) {
+    options.progress = &Progress::hear;
+    options.user = &heard;
+  }
+  std::shared_ptr<scree::Scene> loaded;
+  std::optional<scree::Error> error;
+  {
+    const py::gil_scoped_release release;
+    try {
+      loaded = std::make_shared<scree::Scene>(file.handle(), options);
+    } catch (const scree::Error& failed) {
+      error = failed;
+    }
+  }
+  heard.raise();
+  if (error) throw *error;
+  return loaded;
+}
+
+py::dict convert(const std::string& input, const std::optional<std::string>& output, uint32_t position_bits,
+                 bool float32, double max_error, const std::string& encoding, int zstd, const std::string& textures,
+                 int jpeg_quality, bool normals, bool source_ids, bool replace, bool keep_going, bool drop_nonfinite,
+                 bool allow_outside, const std::optional<std::string>& exclude, uint32_t threads, uint64_t memory,
+                 const py::object& progress) {
+  auto options = scree::make<scree_convert_options>();
+  constexpr std::array<const char*, 2> kEncodings{"clustered", "indexed"};
+  const auto flag = [&](bool is_set, uint32_t bit) { options.flags |= is_set ? bit : 0u; };
+  flag(number_of(kEncodings, encoding, "encoding") == 1, SCREE_CONVERT_INDEXED);
+  flag(float32, SCREE_CONVERT_FLOAT32);
+  flag(normals, SCREE_CONVERT_NORMALS);
+  flag(source_ids, SCREE_CONVERT_SOURCE_IDS);
+  flag(replace, SCREE_CONVERT_REPLACE);
+  flag(keep_going, SCREE_CONVERT_KEEP_GOING);
+  flag(drop_nonfinite, SCREE_CONVERT_DROP_NONFINITE);
+  flag(allow_outside, SCREE_CONVERT_ALLOW_OUTSIDE);
+  options.position_bits = position_bits;
+  options.max_error = max_error;
+  options.zstd_level = zstd;
+  options.textures = static_cast<scree_textures>(number_of(kTextures, textures, "textures"));
+  options.jpeg_quality = jpeg_quality;
+  options.exclude = exclude ? exclude->c_str() : nullptr;
+  options.threads = threads;
+  options.memory = memory;
+  struct Both {
+    Progress progress;
+    std::vector<std::string> warnings;
+  } heard{{progress, nullptr}, {}};
+  options.user = &heard;
+  if (!progress.is_none())
+    options.progress = [](void* user, const char* stage, uint64_t done, uint64_t total) {
+      return Progress::hear(&static_cast<Both*>(user)->progress, stage, done, total);
+    };
+  options.warning = [](void* user, const char* line) { static_cast<Both*>(user)->warnings.emplace_back(line); };
+  scree_convert_report report;
+  std::optional<scree::Error> error;
+  {
+    const py::gil_scoped_release release;
+    try {
+      report = scree::convert(input, output.value_or(""), options);
+    } catch (const scree::Error& failed) {
+      error = failed;
+    }
+  }
+  heard.progress.raise();
+  if (error) throw *error;
+  return py::dict("input_bytes"_a = report.input_bytes, "output_bytes"_a = report.output_bytes,
+                  "triangles"_a = report.triangles, "meshes"_a = report.meshes,
+                  "position_error"_a = report.position_error, "seconds"_a = report.seconds,
+                  "warnings"_a = heard.warnings);
+}
+
+PyObject* error_class = nullptr;  // lives as long as the interpreter
+
+}  // namespace
+
+PYBIND11_MODULE(_scree, module) {
+  error_class = PyErr_NewExceptionWithDoc(
+      "scree.Error", "What a call failed with, in one line; `status` names its kind.", PyExc_RuntimeError, nullptr);
+  module.add_object("Error", py::reinterpret_borrow<py::object>(error_class));
+  py::register_exception_translator([](std::exception_ptr thrown) {
+    try {
+      if (thrown) std::rethrow_exception(thrown);
+    } catch (const scree::Error& error) {
+      const py::object type = py::reinterpret_borrow<py::object>(error_class);
+      const py::object value = type(error.what());
+      value.attr("status") = scree_status_name(error.status());
+      PyErr_SetObject(error_class, value.ptr());
+    }
+  });
+  module.attr("__version__") = scree_version();
+
+  py::class_<Camera>(module, "Camera");
+  module.def("look_at", &look_at, "eye"_a, "target"_a = py::none(), "up"_a = scree::Vec3{0, 1, 0}, "fov"_a = 45.0);
+  module.def("matrices", &matrices, "view"_a, "projection"_a, "z_near"_a = 0.0);
+
+  py::class_<SharedLayer>(module, "SharedLayer")
+      .def("__dlpack__", &SharedLayer::dlpack, "stream"_a = py::none())
+      .def("__dlpack_device__", &SharedLayer::device)
+      .def_property_readonly(
+          "shape",
+          [](const SharedLayer& layer) { return py::tuple(py::cast(shape_of(describe(*layer.view, layer.layer)))); })
+      .def_property_readonly(
+          "dtype", [](const SharedLayer& layer) { return numpy_type(describe(*layer.view, layer.layer).type); });
+
+  py::class_<scree::View, std::shared_ptr<scree::View>>(module, "View")
+      .def(
+          "draw",
+          [](scree::View& view, uint32_t width, uint32_t height, const py::object& camera, uint32_t samples,
+             const std::string& show, bool light, bool ssao, bool edl, const std::array<float, 4>& background) {
+            Camera seen = camera_of(camera);
+            const scree_draw_options options = draw_options(width, height, samples, show, light, ssao, edl, background);
+            const py::gil_scoped_release release;
+            view.draw(seen.get(), options);
+          },
+          "width"_a = 1920, "height"_a = 1080, py::kw_only(), "camera"_a = py::none(), "samples"_a = 1,
+          "show"_a = "texture", "light"_a = true, "ssao"_a = false, "edl"_a = false,
+          "background"_a = std::array<float, 4>{})
+      .def(
+          "draw_batch",
+          [](scree::View& view, const std::vector<py::object>& cameras, uint32_t width, uint32_t height,
+             const std::vector<std::string>& layers, uint32_t samples, const std::string& show, bool light, bool ssao,
+             bool edl, const std::array<float, 4>& background) {
+            const scree_draw_options options = draw_options(width, height, samples, show, light, ssao, edl, background);
+            uint32_t made = 0;
+            for (const std::string& layer : layers) made |= 1u << layer_of(layer);
+            std::vector<Camera> all;
+            for (const py::object& camera : cameras) all.push_back(camera_of(camera));
+            std::vector<scree_camera> seen;
+            for (Camera& camera : all) seen.push_back(camera.get());
+            if (seen.empty()) throw py::value_error("a batch has one camera at least");
+            const py::gil_scoped_release release;
+            view.draw_batch(seen.data(), static_cast<uint32_t>(seen.size()), options, made);
+          },
+          "cameras"_a, "width"_a, "height"_a, py::kw_only(), "layers"_a, "samples"_a, "show"_a, "light"_a, "ssao"_a,
+          "edl"_a, "background"_a)
+      .def(
+          "shade",
+          [](scree::View& view, const std::string& show, bool light, bool ssao, bool edl,
+             const std::array<float, 4>& background) {
+            const scree_draw_options options = draw_options(1, 1, 1, show, light, ssao, edl, background);
+            const py::gil_scoped_release release;
+            view.shade(options);
+          },
+          py::kw_only(), "show"_a = "texture", "light"_a = true, "ssao"_a = false, "edl"_a = false,
+          "background"_a = std::array<float, 4>{})
+      .def(
+          "read", [](const scree::View& view, const std::string& layer) { return read(view, layer_of(layer)); },
+          "layer"_a)
+      .def(
+          "share",
+          [](const std::shared_ptr<scree::View>& view, const std::string& layer, int gpu) {
+            (void)view->stats();  // or there is no frame
+            return SharedLayer{view, layer_of(layer), gpu};
+          },
+          "layer"_a, "gpu"_a)
+      .def("pick", &pick_of, "x"_a, "y"_a)
+      .def_property_readonly("stats", [](const scree::View& view) { return stats_of(view); });
+
+  py::class_<scree::Scene, std::shared_ptr<scree::Scene>>(module, "Scene")
+      .def("view",
+           [](const scree::Scene& scene) {
+             const py::gil_scoped_release release;
+             return std::make_shared<scree::View>(scene.handle());
+           })
+      .def_property_readonly("stats", [](const scree::Scene& scene) { return stats_of(scene); })
+      .def("instances", &instances_of);
+
+  py::class_<scree::File, std::shared_ptr<scree::File>>(module, "File")
+      .def(py::init<const std::string&>(), "path"_a)
+      .def("load", &load, py::kw_only(), "scene"_a, "backend"_a, "gpu"_a, "threads"_a, "textures"_a, "device_memory"_a,
+           "host_memory"_a, "texture_cache"_a, "largest"_a, "progress"_a)
+      .def_property_readonly("bytes", [](const scree::File& file) { return file.info().bytes; })
+      .def_property_readonly("triangles", [](const scree::File& file) { return file.info().triangles; })
+      .def_property_readonly("default_scene", [](const scree::File& file) { return file.info().default_scene; })
+      .def_property_readonly("scenes", &scenes_of)
+      .def_property_readonly("meshes", &meshes_of)
+      .def_property_readonly("materials", &materials_of)
+      .def("cameras", &cameras_of, "scene"_a);
+
+  module.def("convert", &convert, "input"_a, "output"_a, py::kw_only(), "position_bits"_a, "float32"_a, "max_error"_a,
+             "encoding"_a, "zstd"_a, "textures"_a, "jpeg_quality"_a, "normals"_a, "source_ids"_a, "replace"_a,
+             "keep_going"_a, "drop_nonfinite"_a, "allow_outside"_a, "exclude"_a, "threads"_a, "memory"_a, "progress"_a);
+}

@@ -1,0 +1,211 @@
+"""Packs glTF scenes of any size into one small, checked file, and draws them exactly: on a GPU, or on the CPU.
+
+    import scree
+
+    scree.convert("city.glb", "city.scree")
+    scene = scree.open("city.scree").load()
+    frame = scene.render(1920, 1080, camera=scree.look_at(eye=(40, 30, 60)))
+    frame["color"]    # numpy, 1080 x 1920 x 4, uint8
+
+Every error of the library is a `scree.Error`: one line of text, and `status`, the name of its kind.
+"""
+
+from __future__ import annotations
+
+import os
+
+from . import _scree
+from ._scree import Camera, Error, SharedLayer, __version__
+
+__all__ = ["Camera", "Error", "File", "Scene", "SharedLayer", "View", "convert", "look_at", "matrices", "open"]
+
+LAYERS = ("color", "depth", "triangle", "instance", "samples")
+
+
+def look_at(eye, target=None, up=(0, 1, 0), fov=45.0) -> Camera:
+    """A camera at `eye`, x, y, z in world units, that looks at `target`, else at the middle of the scene's box.
+
+    `fov`: the vertical field of view in degrees, above 0 and below 180.
+    """
+    return _scree.look_at(tuple(eye), None if target is None else tuple(target), tuple(up), fov)
+
+
+def matrices(view, projection, z_near=0.0) -> Camera:
+    """A camera as two 4 x 4 matrices, rows first.
+
+    `view`: from world to camera, which looks along -z with y up; a rotation and a translation, no scale.
+    `projection`: from camera to clip space as OpenGL has it (w = -z, depths from -1 to 1), perspective or orthographic,
+    around the middle of the picture. `z_near`, above 0, replaces its near plane: for other ranges of depth.
+    """
+    return _scree.matrices(view, projection, z_near)
+
+
+def open(path) -> File:
+    """Opens a .scree file and checks its records; no geometry is read."""
+    return File(path)
+
+
+class File:
+    """A .scree file. `scenes`, `meshes`, `materials`: a list of dicts each."""
+
+    def __init__(self, path):
+        self.path = os.fspath(path)
+        self._file = _scree.File(self.path)
+
+    @property
+    def bytes(self) -> int:
+        """The file's size."""
+        return self._file.bytes
+
+    @property
+    def triangles(self) -> int:
+        """Stored triangles of all meshes."""
+        return self._file.triangles
+
+    @property
+    def default_scene(self) -> int:
+        """The number of the scene that load() takes where none is named."""
+        return self._file.default_scene
+
+    @property
+    def scenes(self) -> list[dict]:
+        """name, triangles (drawn), instances, cameras."""
+        return self._file.scenes
+
+    @property
+    def meshes(self) -> list[dict]:
+        """name, triangles, vertices, box_min, box_max, max_position_error (in the mesh's units), material, has_..."""
+        return self._file.meshes
+
+    @property
+    def materials(self) -> list[dict]:
+        """name, base_color (linear RGBA), texture (-1: none), double_sided, unlit."""
+        return self._file.materials
+
+    def cameras(self, scene: int | None = None) -> list[dict]:
+        """The cameras of a scene: name, node_name, camera (its number), orthographic, fov (degrees, vertical), world..."""
+        return self._file.cameras(self.default_scene if scene is None else scene)
+
+    def load(self, scene=None, *, backend="auto", gpu=None, threads=0, textures=True, device_memory=0, host_memory=0,
+             texture_cache=0, largest=(0, 0, 1), progress=None) -> Scene:
+        """Loads a scene, by name or number, and checks every byte of it.
+
+        `backend`: "cpu", "cuda", or "auto": a GPU where one can be used and takes the scene. `gpu`: its index or UUID.
+        `threads`: 0 is one per processor. `device_memory`: bytes of the GPU that scene and pictures may take; chunks
+        that it does not hold are streamed while frames are drawn. `host_memory`: bytes of pinned memory that feed it.
+        `texture_cache`: bytes of decoded blocks of JPEG textures. `largest`: width, height and samples of the largest
+        frames, which `device_memory` then counts. `progress(stage, done, total)` is called now and then; it returns
+        False to stop.
+        """
+        return Scene(self._file.load(
+            scene=None if scene is None else str(scene), backend=backend, gpu=None if gpu is None else str(gpu),
+            threads=threads, textures=textures, device_memory=device_memory, host_memory=host_memory,
+            texture_cache=texture_cache, largest=tuple(largest), progress=progress))
+
+    def render(self, width=1920, height=1080, **options) -> dict:
+        """load().render(): for one picture. Whoever draws more keeps the scene."""
+        return self.load().render(width, height, **options)
+
+
+class Scene:
+    """A loaded scene. `stats`: triangles, instances, box_min, box_max, on_gpu, why_cpu, streamed, load_ms..."""
+
+    def __init__(self, scene):
+        self._scene = scene
+        self._view = None
+
+    @property
+    def stats(self) -> dict:
+        return self._scene.stats
+
+    def instances(self) -> dict:
+        """Columns by instance id: mesh, node, material (int32), first_triangle (int64), world (float64, n x 3 x 4)."""
+        return self._scene.instances()
+
+    def view(self) -> View:
+        """A view of its own: what a thread or a camera that moves should have."""
+        return View(self._scene.view(), self._scene.stats)
+
+    def render(self, width=1920, height=1080, *, layers=("color",), **options) -> dict:
+        """Draws one frame with a view that the scene keeps; numpy arrays by layer. `options`: as View.draw()."""
+        if self._view is None:
+            self._view = self.view()
+        self._view.draw(width, height, **options)
+        return {layer: self._view.read(layer) for layer in layers}
+
+
+class View:
+    """Draws a scene, frame after frame; its buffers grow to the largest frame and stay."""
+
+    def __init__(self, view, stats):
+        self._view = view
+        self._gpu = stats["gpu"] if stats["on_gpu"] else -1
+
+    def draw(self, width=1920, height=1080, *, camera=None, samples=1, show="texture", light=True, ssao=False, edl=False,
+             background=(0, 0, 0, 0)) -> View:
+        """Draws a frame of width x height pixels with samples x samples each (1, 2 or 4).
+
+        `camera`: look_at(), matrices(), the name or number of one of the file's; None shows all of the scene.
+        `show`: texture, color, uv, normal, triangle, cluster, mesh, stage or depth. `background`: linear RGBA.
+        """
+        self._view.draw(width, height, camera=camera, samples=samples, show=show, light=light, ssao=ssao, edl=edl,
+                        background=tuple(background))
+        return self
+
+    def draw_batch(self, cameras, width, height, *, layers=("color",), samples=1, show="texture", light=True, ssao=False,
+                   edl=False, background=(0, 0, 0, 0)) -> View:
+        """Draws a frame for each of `cameras`, all of width x height pixels, in one call.
+
+        `layers`: which of color, depth, triangle and instance are made. read() and share() then give them with one more,
+        first dimension, of cameras; on a GPU they are one block of its memory. Otherwise as draw().
+        """
+        self._view.draw_batch(list(cameras), width, height, layers=list(layers), samples=samples, show=show, light=light,
+                              ssao=ssao, edl=edl, background=tuple(background))
+        return self
+
+    def shade(self, *, show="texture", light=True, ssao=False, edl=False, background=(0, 0, 0, 0)) -> View:
+        """Shows the last frame otherwise, without drawing it again; not where chunks are streamed."""
+        self._view.shade(show=show, light=light, ssao=ssao, edl=edl, background=tuple(background))
+        return self
+
+    def read(self, layer="color"):
+        """A copy of a layer of the last frame as a numpy array, rows from the top.
+
+        color: height x width x 4 uint8, 8-bit sRGB, alpha linear and not premultiplied. depth: float32, from the eye's
+        plane in world units, inf on the background. triangle: int64 ids, -1 on the background. instance: int32, places
+        in Scene.instances(), -1 on the background. samples: uint64, the visibility buffer.
+        """
+        return self._view.read(layer)
+
+    def share(self, layer="color") -> SharedLayer:
+        """A layer where it was made, without a copy, for from_dlpack() of numpy, torch, cupy or jax.
+
+        On a GPU it lies in its memory. What it shows changes with the next draw().
+        """
+        return self._view.share(layer, self._gpu)
+
+    def pick(self, x: int, y: int) -> dict | None:
+        """What lies at a pixel's middle: mesh, node, instance, triangle, depth, position...; None on the background."""
+        return self._view.pick(x, y)
+
+    @property
+    def stats(self) -> dict:
+        """Of the last frame or batch: width, height, samples, instances, triangles, clusters, draw_ms, cameras..."""
+        return self._view.stats
+
+
+def convert(input, output=None, *, position_bits=16, float32=False, max_error=0.0, encoding="clustered", zstd=0,
+            textures="keep", jpeg_quality=90, normals=False, source_ids=False, replace=False, keep_going=False,
+            drop_nonfinite=False, allow_outside=False, exclude=None, threads=0, memory=2 << 30, progress=None) -> dict:
+    """Packs a .gltf or .glb into a .scree file, in bounded memory; `output` None is `input` with the extension .scree.
+
+    `position_bits`: an axis of a mesh, 8 to 24; `float32` keeps positions as they are; `max_error`, above 0, picks the
+    step of each mesh instead, in its own units. `encoding`: "clustered" or "indexed". `zstd`: 0 to 22. `textures`:
+    "keep", "raw" or "jpeg". `replace`: an output that is there. `memory`: bytes that the process may take. `progress` as
+    File.load(). Returns input_bytes, output_bytes, triangles, meshes, position_error, seconds and warnings.
+    """
+    return _scree.convert(
+        os.fspath(input), None if output is None else os.fspath(output), position_bits=position_bits, float32=float32,
+        max_error=max_error, encoding=encoding, zstd=zstd, textures=textures, jpeg_quality=jpeg_quality, normals=normals,
+        source_ids=source_ids, replace=replace, keep_going=keep_going, drop_nonfinite=drop_nonfinite,
+        allow_outside=allow_outside, exclude=exclude, threads=threads, memory=memory, progress=progress)

@@ -1,0 +1,140 @@
+import os
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+__version__: str
+LAYERS: tuple[str, ...]
+
+_Layer = Literal["color", "depth", "triangle", "instance", "samples"]
+_Show = Literal["texture", "color", "uv", "normal", "triangle", "cluster", "mesh", "stage", "depth"]
+_Progress = Callable[[str, int, int], bool | None]
+_Path = str | os.PathLike[str]
+
+class Error(RuntimeError):
+    status: str
+
+class Camera: ...
+
+class SharedLayer:
+    def __dlpack__(self, stream: int | None = ...) -> Any: ...
+    def __dlpack_device__(self) -> tuple[int, int]: ...
+    @property
+    def shape(self) -> tuple[int, ...]: ...
+    @property
+    def dtype(self) -> np.dtype[Any]: ...
+
+def look_at(
+    eye: Sequence[float], target: Sequence[float] | None = ..., up: Sequence[float] = ..., fov: float = ...
+) -> Camera: ...
+def matrices(view: npt.ArrayLike, projection: npt.ArrayLike, z_near: float = ...) -> Camera: ...
+def open(path: _Path) -> File: ...
+
+class File:
+    path: str
+    def __init__(self, path: _Path) -> None: ...
+    @property
+    def bytes(self) -> int: ...
+    @property
+    def triangles(self) -> int: ...
+    @property
+    def default_scene(self) -> int: ...
+    @property
+    def scenes(self) -> list[dict[str, Any]]: ...
+    @property
+    def meshes(self) -> list[dict[str, Any]]: ...
+    @property
+    def materials(self) -> list[dict[str, Any]]: ...
+    def cameras(self, scene: int | None = ...) -> list[dict[str, Any]]: ...
+    def load(
+        self,
+        scene: str | int | None = ...,
+        *,
+        backend: Literal["auto", "cpu", "cuda"] = ...,
+        gpu: str | int | None = ...,
+        threads: int = ...,
+        textures: bool = ...,
+        device_memory: int = ...,
+        host_memory: int = ...,
+        texture_cache: int = ...,
+        largest: Sequence[int] = ...,
+        progress: _Progress | None = ...,
+    ) -> Scene: ...
+    def render(self, width: int = ..., height: int = ..., **options: Any) -> dict[str, npt.NDArray[Any]]: ...
+
+class Scene:
+    @property
+    def stats(self) -> dict[str, Any]: ...
+    def instances(self) -> dict[str, npt.NDArray[Any]]: ...
+    def view(self) -> View: ...
+    def render(
+        self, width: int = ..., height: int = ..., *, layers: Iterable[_Layer] = ..., **options: Any
+    ) -> dict[str, npt.NDArray[Any]]: ...
+
+class View:
+    def draw(
+        self,
+        width: int = ...,
+        height: int = ...,
+        *,
+        camera: Camera | str | int | None = ...,
+        samples: Literal[1, 2, 4] = ...,
+        show: _Show = ...,
+        light: bool = ...,
+        ssao: bool = ...,
+        edl: bool = ...,
+        background: Sequence[float] = ...,
+    ) -> View: ...
+    def draw_batch(
+        self,
+        cameras: Iterable[Camera | str | int | None],
+        width: int,
+        height: int,
+        *,
+        layers: Iterable[_Layer] = ...,
+        samples: Literal[1, 2, 4] = ...,
+        show: _Show = ...,
+        light: bool = ...,
+        ssao: bool = ...,
+        edl: bool = ...,
+        background: Sequence[float] = ...,
+    ) -> View: ...
+    def shade(
+        self,
+        *,
+        show: _Show = ...,
+        light: bool = ...,
+        ssao: bool = ...,
+        edl: bool = ...,
+        background: Sequence[float] = ...,
+    ) -> View: ...
+    def read(self, layer: _Layer = ...) -> npt.NDArray[Any]: ...
+    def share(self, layer: _Layer = ...) -> SharedLayer: ...
+    def pick(self, x: int, y: int) -> dict[str, Any] | None: ...
+    @property
+    def stats(self) -> dict[str, Any]: ...
+
+def convert(
+    input: _Path,
+    output: _Path | None = ...,
+    *,
+    position_bits: int = ...,
+    float32: bool = ...,
+    max_error: float = ...,
+    encoding: Literal["clustered", "indexed"] = ...,
+    zstd: int = ...,
+    textures: Literal["keep", "raw", "jpeg"] = ...,
+    jpeg_quality: int = ...,
+    normals: bool = ...,
+    source_ids: bool = ...,
+    replace: bool = ...,
+    keep_going: bool = ...,
+    drop_nonfinite: bool = ...,
+    allow_outside: bool = ...,
+    exclude: str | None = ...,
+    threads: int = ...,
+    memory: int = ...,
+    progress: _Progress | None = ...,
+) -> dict[str, Any]: ...

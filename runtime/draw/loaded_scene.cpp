@@ -1,0 +1,72 @@
+#include "runtime/draw/loaded_scene.h"
+
+#include <new>
+#include <utility>
+
+namespace scree::runtime {
+
+std::unique_lock<std::mutex> LoadedScene::gpu_lock() {
+  static std::mutex mutex;
+  return std::unique_lock<std::mutex>(mutex);
+}
+
+LoadedScene::~LoadedScene() {
+  if (device_ == nullptr) return;
+  const std::unique_lock<std::mutex> lock = gpu_lock();
+  device_.reset();
+}
+
+Result<std::shared_ptr<LoadedScene>> LoadedScene::load(SceneFile file, const LoadOptions& options) {
+  const std::string path = file.path();
+  const Result<uint32_t> index = file.find_scene(options.scene);
+  if (!index) return index.error();
+  try {
+    std::shared_ptr<LoadedScene> loaded(new LoadedScene);
+    loaded->threads_ = options.threads;
+    if (options.on != DrawOn::kCpu) {
+      const std::unique_lock<std::mutex> lock = gpu_lock();
+      Result<Gpu> gpu = use_gpu(options.gpu);
+      if (!gpu && options.on == DrawOn::kGpu) return at(path, gpu.error());
+      if (gpu)
+        loaded->gpu_ = std::move(*gpu);
+      else
+        loaded->why_cpu_ = gpu.error().message;
+    }
+    SceneOptions scene_options;
+    scene_options.textures = options.textures;
+    scene_options.threads = options.threads;
+    scene_options.texture_cache = options.texture_cache != 0 ? options.texture_cache : kHostTextureCache;
+    scene_options.pages = !loaded->gpu_;
+    scene_options.progress = options.progress;
+    Result<Scene> scene = Scene::load(std::move(file), *index, scene_options);
+    if (!scene) return scene.error();
+    loaded->scene_ = std::make_unique<Scene>(std::move(*scene));
+    if (loaded->gpu_) {
+      if (const Result<void> uploaded = loaded->upload(options); !uploaded) {
+        if (uploaded.error().code != ErrorCode::kDevice) return uploaded.error();
+        if (options.on == DrawOn::kGpu) return at(path, uploaded.error());
+        loaded->gpu_.reset();
+        loaded->why_cpu_ = uploaded.error().message;
+      }
+    }
+    if (!loaded->gpu_ || view_reads_vertices(loaded->scene_->view(), {}))
+      if (const Result<void> done = loaded->scene_->load_pages(options.threads, options.progress); !done)
+        return done.error();
+    return loaded;
+  } catch (const std::bad_alloc&) {
+    return Error{ErrorCode::kMemory, path + ": no memory left to load it"};
+  }
+}
+
+Result<void> LoadedScene::upload(const LoadOptions& options) {
+  const std::unique_lock<std::mutex> lock = gpu_lock();
+  Result<DeviceScene> device =
+      DeviceScene::upload(*scene_, options.device_memory, options.threads, Reading::kAuto,
+                          options.texture_cache != 0 ? options.texture_cache : kDeviceTextureCache, options.host_memory,
+                          options.pictures, options.progress);
+  if (!device) return device.error();
+  device_ = std::make_unique<DeviceScene>(std::move(*device));
+  return {};
+}
+
+}  // namespace scree::runtime

@@ -1,0 +1,378 @@
+#include "runtime/draw/view_renderer.h"
+
+#include <algorithm>
+#include <cstring>
+#include <mutex>
+#include <new>
+#include <numeric>
+#include <string>
+#include <utility>
+
+#include "kernels/shade/layers.h"
+#include "runtime/threads/first_error.h"
+#include "runtime/threads/parallel.h"
+
+namespace scree::runtime {
+namespace {
+
+/// A thread as a team of one lane, for passes over pixels.
+struct OneLane {
+  static constexpr uint32_t rank() { return 0; }
+  static constexpr uint32_t size() { return 1; }
+};
+
+PixelLayer pixel_layer(Layer layer) {
+  return layer == Layer::kDepth      ? PixelLayer::kDepth
+         : layer == Layer::kTriangle ? PixelLayer::kTriangle
+                                     : PixelLayer::kInstance;
+}
+
+kernels::LayerTargets target_of(Layer layer, std::byte* out) {
+  kernels::LayerTargets targets{};
+  if (layer == Layer::kDepth) targets.depth = reinterpret_cast<float*>(out);
+  if (layer == Layer::kTriangle) targets.triangle = reinterpret_cast<int64_t*>(out);
+  if (layer == Layer::kInstance) targets.instance = reinterpret_cast<int32_t*>(out);
+  return targets;
+}
+
+void add(kernels::FrameStats& sum, const kernels::FrameStats& frame) {
+  sum.instances_drawn += frame.instances_drawn;
+  sum.draws += frame.draws;
+  sum.triangles += frame.triangles;
+  sum.triangles_small += frame.triangles_small;
+  sum.triangles_medium += frame.triangles_medium;
+  sum.triangles_large += frame.triangles_large;
+  sum.triangles_clipped += frame.triangles_clipped;
+  sum.groups_tested += frame.groups_tested;
+  sum.clusters_tested += frame.clusters_tested;
+  sum.clusters_drawn += frame.clusters_drawn;
+}
+
+Error out_of_memory(uint64_t bytes) {
+  return {ErrorCode::kMemory, "no memory left for " + std::to_string(bytes) + " bytes of a frame"};
+}
+
+}  // namespace
+
+Result<std::unique_ptr<ViewRenderer>> ViewRenderer::create(std::shared_ptr<const LoadedScene> scene) {
+  try {
+    std::unique_ptr<ViewRenderer> renderer(new ViewRenderer(std::move(scene)));
+    if (DeviceScene* const device = renderer->scene_->device()) {
+      const std::unique_lock<std::mutex> lock = LoadedScene::gpu_lock();
+      Result<DeviceView> view = device->add_view(renderer->scene_->scene());
+      if (!view) return view.error();
+      renderer->device_ = std::move(*view);
+    }
+    return renderer;
+  } catch (const std::bad_alloc&) {
+    return out_of_memory(sizeof(ViewRenderer));
+  }
+}
+
+ViewRenderer::~ViewRenderer() {
+  if (!device_) return;
+  const std::unique_lock<std::mutex> lock = LoadedScene::gpu_lock();
+  (void)device_->make_current();
+  device_.reset();
+}
+
+uint64_t ViewRenderer::layer_bytes(Layer layer) const {
+  const uint64_t samples = uint64_t{view_.width} * view_.height;
+  return bytes_of(layer) * std::max(batch_, 1u) * (layer == Layer::kSamples ? samples : uint64_t{width()} * height());
+}
+
+Result<void> ViewRenderer::check_frame() const {
+  if (has_frame_) return {};
+  return Error{ErrorCode::kRange, "no frame was drawn yet, or the last one failed"};
+}
+
+Result<void> ViewRenderer::check_single() const {
+  if (Result<void> checked = check_frame(); !checked || batch_ == 0) return checked;
+  return Error{ErrorCode::kRange, "the last draw was a batch, of which there is nothing but its layers"};
+}
+
+kernels::View ViewRenderer::in_samples(kernels::View view) const {
+  view.width *= samples_per_side_;
+  view.height *= samples_per_side_;
+  return view;
+}
+
+/// What every draw begins with; `view`: the size of its frames, in pixels.
+Result<void> ViewRenderer::begin(const kernels::View& view, uint32_t samples_per_side,
+                                 const kernels::ShadeOptions& shade) {
+  has_frame_ = false;
+  batch_ = 0;
+  for (HostLayer& layer : host_) layer.is_made = false;
+  std::fill(std::begin(on_gpu_), std::end(on_gpu_), nullptr);
+  streamed_.reset();
+  gpu_ms_ = 0;
+  shade_ = shade;
+  const uint64_t width = uint64_t{view.width} * samples_per_side;
+  const uint64_t height = uint64_t{view.height} * samples_per_side;
+  if (width == 0 || height == 0 || width > kernels::kMaxImageSide || height > kernels::kMaxImageSide)
+    return Error{ErrorCode::kRange, "a picture of " + std::to_string(width) + " x " + std::to_string(height) +
+                                        " samples, expected 1 to " + std::to_string(kernels::kMaxImageSide) +
+                                        " a side"};
+  samples_per_side_ = samples_per_side;
+  view_ = in_samples(view);
+  return kernels::check_resolve(view_, samples_per_side);
+}
+
+Result<void> ViewRenderer::draw(const kernels::View& view, uint32_t samples_per_side,
+                                const kernels::ShadeOptions& shade) {
+  if (Result<void> begun = begin(view, samples_per_side, shade); !begun) return begun;
+  const Stopwatch watch;
+  if (device_) {
+    if (Result<void> drawn = draw_on_gpu(); !drawn) return drawn;
+  } else {
+    const uint64_t count = uint64_t{view_.width} * view_.height;
+    try {
+      if (samples_.size() < count) samples_.resize(count);
+    } catch (const std::bad_alloc&) {
+      return out_of_memory(count * sizeof(uint64_t));
+    }
+    const Result<kernels::FrameStats> drawn =
+        kernels::draw_cpu(scene_->scene().view(), view_, std::span(samples_).first(count), scene_->threads());
+    if (!drawn) return drawn.error();
+    stats_ = *drawn;
+  }
+  draw_time_ = watch.elapsed();
+  has_frame_ = true;
+  return {};
+}
+
+Result<void> ViewRenderer::draw_batch(std::span<const kernels::View> views, uint32_t samples_per_side,
+                                      const kernels::ShadeOptions& shade, uint32_t layers) {
+  constexpr uint32_t kAll = (1u << static_cast<uint32_t>(Layer::kSamples)) - 1;
+  if (views.empty() || views.size() > UINT32_MAX) return Error{ErrorCode::kUsage, "a batch has 1 to 2^32 - 1 cameras"};
+  if (layers == 0 || (layers & ~kAll) != 0)
+    return Error{ErrorCode::kUsage, "a batch has one layer at least, of colour, depth, triangle and instance"};
+  for (const kernels::View& view : views)
+    if (view.width != views[0].width || view.height != views[0].height)
+      return Error{ErrorCode::kUsage, "all frames of a batch have one size"};
+  if (Result<void> begun = begin(views[0], samples_per_side, shade); !begun) return begun;
+  batch_ = static_cast<uint32_t>(views.size());
+  stats_ = {};
+  const Stopwatch watch;
+  if (Result<void> drawn = device_ ? draw_batch_on_gpu(views, layers) : draw_batch_on_cpu(views, layers); !drawn)
+    return drawn;
+  draw_time_ = watch.elapsed();
+  has_frame_ = true;
+  return {};
+}
+
+Result<void> ViewRenderer::draw_batch_on_cpu(std::span<const kernels::View> views, uint32_t layers) {
+  const uint64_t count = uint64_t{view_.width} * view_.height;
+  const auto shared = static_cast<uint32_t>(std::min<uint64_t>(scene_->threads(), views.size()));
+  const uint32_t threads_each = std::max(1u, scene_->threads() / shared);
+  try {
+    for (size_t i = 0; i < kLayerCount; ++i) {
+      if ((layers >> i & 1) == 0) continue;
+      const uint64_t bytes = layer_bytes(static_cast<Layer>(i));
+      if (host_[i].bytes.size() < bytes) host_[i].bytes.resize(bytes);
+    }
+    // A worker's samples are those of the frame that it draws.
+    if (samples_.size() < shared * count) samples_.resize(shared * count);
+    FirstError failure;
+    std::mutex mutex;
+    std::vector<uint32_t> free(shared);
+    std::iota(free.begin(), free.end(), 0u);
+    parallel_for(views.size(), shared, [&](uint64_t v) {
+      if (failure.is_moot(v)) return;
+      std::unique_lock<std::mutex> lock(mutex);
+      const uint32_t worker = free.back();
+      free.pop_back();
+      lock.unlock();
+      const auto samples = std::span(samples_).subspan(worker * count, count);
+      const kernels::View view = in_samples(views[v]);
+      const Result<kernels::FrameStats> drawn = kernels::draw_cpu(scene_->scene().view(), view, samples, threads_each);
+      Result<void> done = drawn ? Result<void>() : drawn.error();
+      for (size_t i = 0; i < kLayerCount && done; ++i) {
+        if ((layers >> i & 1) == 0) continue;
+        const uint64_t bytes = layer_bytes(static_cast<Layer>(i)) / batch_;
+        done = make_of(static_cast<Layer>(i), view, samples, threads_each,
+                       std::span(host_[i].bytes).subspan(v * bytes, bytes));
+      }
+      if (!done) failure.report(v, done.error());
+      lock.lock();
+      free.push_back(worker);
+      if (drawn) add(stats_, *drawn);
+    });
+    if (failure.any()) return failure.error();
+  } catch (const std::bad_alloc&) {
+    return out_of_memory(views.size() * count * sizeof(uint64_t));
+  }
+  for (size_t i = 0; i < kLayerCount; ++i) host_[i].is_made = (layers >> i & 1) != 0;
+  return {};
+}
+
+Result<void> ViewRenderer::draw_batch_on_gpu(std::span<const kernels::View> views, uint32_t layers) {
+  const std::unique_lock<std::mutex> lock = LoadedScene::gpu_lock();
+  if (Result<void> done = device_->make_current(); !done) return done;
+  std::byte* blocks[kLayerCount] = {};
+  for (size_t i = 0; i < kLayerCount; ++i) {
+    if ((layers >> i & 1) == 0) continue;
+    const Result<std::byte*> block = device_->reserve_block(i, layer_bytes(static_cast<Layer>(i)));
+    if (!block) return block.error();
+    blocks[i] = *block;
+  }
+  const bool shades = (layers & 1u << static_cast<uint32_t>(Layer::kColor)) != 0;
+  for (uint64_t v = 0; v < views.size(); ++v) {
+    const kernels::View view = in_samples(views[v]);
+    const Result<kernels::FrameStats> drawn =
+        device_->draw(view, nullptr, scene_->is_streamed() && shades ? &shade_ : nullptr);
+    if (!drawn) return drawn.error();
+    add(stats_, *drawn);
+    for (size_t i = 0; i < kLayerCount; ++i) {
+      if (blocks[i] == nullptr) continue;
+      const auto layer = static_cast<Layer>(i);
+      std::byte* const out = blocks[i] + v * (layer_bytes(layer) / batch_);
+      if (layer == Layer::kColor) {
+        if (Result<void> done =
+                device_->resolve(view, samples_per_side_, shade_, {}, nullptr, reinterpret_cast<uint32_t*>(out));
+            !done)
+          return done;
+      } else if (const auto done = device_->make_layer(view, samples_per_side_, pixel_layer(layer), out); !done) {
+        return done.error();
+      }
+    }
+  }
+  std::copy(std::begin(blocks), std::end(blocks), std::begin(on_gpu_));
+  return {};
+}
+
+Result<void> ViewRenderer::draw_on_gpu() {
+  const std::unique_lock<std::mutex> lock = LoadedScene::gpu_lock();
+  if (Result<void> done = device_->make_current(); !done) return done;
+  const bool is_streamed = scene_->is_streamed();
+  kernels::FrameTimes times{};
+  const Result<kernels::FrameStats> drawn =
+      device_->draw(view_, is_streamed ? nullptr : &times, is_streamed ? &shade_ : nullptr);
+  if (!drawn) return drawn.error();
+  stats_ = *drawn;
+  gpu_ms_ = times.raster_ms;
+  streamed_ = device_->stream_stats();
+  if (!is_streamed) return {};
+  // The colours of the parts are the stream's: another view's frame writes over them.
+  if (Result<void> resolved = device_->resolve(view_, samples_per_side_, shade_, {}); !resolved) return resolved;
+  on_gpu_[static_cast<size_t>(Layer::kColor)] = reinterpret_cast<const std::byte*>(device_->pixels());
+  return {};
+}
+
+Result<void> ViewRenderer::set_shade(const kernels::ShadeOptions& shade) {
+  if (Result<void> checked = check_single(); !checked) return checked;
+  if (scene_->is_streamed())
+    return Error{ErrorCode::kUnsupported, "a streamed frame is shaded while it is drawn: draw it again"};
+  shade_ = shade;
+  host_[static_cast<size_t>(Layer::kColor)].is_made = false;
+  on_gpu_[static_cast<size_t>(Layer::kColor)] = nullptr;
+  return {};
+}
+
+Result<std::span<const std::byte>> ViewRenderer::layer(Layer layer) {
+  if (Result<void> checked = check_frame(); !checked) return checked.error();
+  const uint64_t bytes = layer_bytes(layer);
+  if (layer == Layer::kSamples && !device_ && batch_ == 0)
+    return std::as_bytes(std::span(samples_).first(bytes / sizeof(uint64_t)));
+  HostLayer& host = host_[static_cast<size_t>(layer)];
+  if (!host.is_made) {
+    try {
+      if (host.bytes.size() < bytes) host.bytes.resize(bytes);
+    } catch (const std::bad_alloc&) {
+      return out_of_memory(bytes);
+    }
+    if (const Result<void> made = make(layer, std::span(host.bytes).first(bytes)); !made) return made.error();
+    host.is_made = true;
+  }
+  return std::span<const std::byte>(host.bytes).first(bytes);
+}
+
+Result<void> ViewRenderer::read(Layer layer, std::span<std::byte> out) {
+  if (Result<void> checked = check_frame(); !checked) return checked;
+  if (out.size() != layer_bytes(layer))
+    return Error{ErrorCode::kRange,
+                 std::to_string(out.size()) + " bytes, but the layer has " + std::to_string(layer_bytes(layer))};
+  const HostLayer& host = host_[static_cast<size_t>(layer)];
+  if (!host.is_made) return make(layer, out);
+  std::copy_n(host.bytes.begin(), out.size(), out.begin());
+  return {};
+}
+
+Result<void> ViewRenderer::make(Layer layer, std::span<std::byte> out) {
+  if (!device_ && batch_ != 0) return Error{ErrorCode::kRange, "the batch was drawn without this layer"};
+  if (!device_) return make_on_cpu(layer, out);
+  const std::unique_lock<std::mutex> lock = LoadedScene::gpu_lock();
+  const Result<const std::byte*> made = make_on_gpu(layer);
+  if (!made) return made.error();
+  return device_->read(*made, out);
+}
+
+Result<void> ViewRenderer::make_on_cpu(Layer layer, std::span<std::byte> out) {
+  const auto samples = std::span<const uint64_t>(samples_).first(uint64_t{view_.width} * view_.height);
+  return make_of(layer, view_, samples, scene_->threads(), out);
+}
+
+/// A layer of one frame from its samples.
+Result<void> ViewRenderer::make_of(Layer layer, const kernels::View& view, std::span<const uint64_t> samples,
+                                   uint32_t threads, std::span<std::byte> out) const {
+  const kernels::SceneView& scene = scene_->scene().view();
+  if (layer == Layer::kSamples) {
+    std::memcpy(out.data(), samples.data(), out.size());
+    return {};
+  }
+  if (layer == Layer::kColor)
+    return kernels::resolve_cpu(scene, view, samples_per_side_, samples, shade_, 4,
+                                {reinterpret_cast<uint8_t*>(out.data()), out.size()}, threads);
+  const kernels::MakeLayers pass =
+      kernels::make_layers(scene, view, samples_per_side_, samples.data(), target_of(layer, out.data()));
+  parallel_for(pass.items(), threads, [&](uint64_t i) { pass(static_cast<uint32_t>(i), OneLane{}); });
+  return {};
+}
+
+/// With the GPUs' lock held.
+Result<const std::byte*> ViewRenderer::make_on_gpu(Layer layer) {
+  if (Result<void> done = device_->make_current(); !done) return done.error();
+  const std::byte*& made = on_gpu_[static_cast<size_t>(layer)];
+  if (made != nullptr) return made;
+  if (batch_ != 0) return Error{ErrorCode::kRange, "the batch was drawn without this layer"};
+  if (layer == Layer::kSamples) return reinterpret_cast<const std::byte*>(device_->samples());
+  if (layer == Layer::kColor) {
+    if (Result<void> resolved = device_->resolve(view_, samples_per_side_, shade_, {}); !resolved)
+      return resolved.error();
+    made = reinterpret_cast<const std::byte*>(device_->pixels());
+  } else {
+    const Result<const std::byte*> queued = device_->make_layer(view_, samples_per_side_, pixel_layer(layer));
+    if (!queued) return queued.error();
+    made = *queued;
+  }
+  return made;
+}
+
+Result<const std::byte*> ViewRenderer::device_layer(Layer layer, void* stream) {
+  if (Result<void> checked = check_frame(); !checked) return checked.error();
+  if (!device_) return Error{ErrorCode::kDevice, "the scene is drawn on the CPU: its layers are in host memory"};
+  const std::unique_lock<std::mutex> lock = LoadedScene::gpu_lock();
+  const Result<const std::byte*> made = make_on_gpu(layer);
+  if (!made) return made;
+  if (const Result<void> ordered = device_->order_before(stream); !ordered) return ordered.error();
+  return made;
+}
+
+Result<std::optional<Pick>> ViewRenderer::pick(uint32_t x, uint32_t y) {
+  if (Result<void> checked = check_single(); !checked) return checked.error();
+  if (x >= width() || y >= height())
+    return Error{ErrorCode::kRange, "pixel " + std::to_string(x) + "," + std::to_string(y) + " of a picture of " +
+                                        std::to_string(width()) + " x " + std::to_string(height())};
+  const uint64_t index = sample_index(view_, samples_per_side_, x, y);
+  if (!device_) return pick_sample(scene_->scene(), view_, samples_[index]);
+  Result<uint64_t> sample = uint64_t{0};
+  {
+    const std::unique_lock<std::mutex> lock = LoadedScene::gpu_lock();
+    if (const Result<void> done = device_->make_current(); !done) return done.error();
+    sample = device_->read_sample(index);
+  }
+  if (!sample) return sample.error();
+  return pick_sample(scene_->scene(), view_, *sample);
+}
+
+}  // namespace scree::runtime

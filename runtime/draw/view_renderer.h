@@ -1,0 +1,125 @@
+// A view of a scene that lives for many frames.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <span>
+#include <vector>
+
+#include "format/result.h"
+#include "kernels/frame.h"
+#include "runtime/draw/loaded_scene.h"
+#include "runtime/draw/renderer.h"
+#include "runtime/threads/stopwatch.h"
+
+namespace scree::runtime {
+
+/// What can be read of a frame, rows from the top. A pixel of depth, triangle and instance shows its nearest sample.
+enum class Layer {
+  kColor,     // 4 bytes a pixel: red, green, blue as 8-bit sRGB, alpha linear, not premultiplied
+  kDepth,     // float: distance from the eye's plane in world units, infinity on the background
+  kTriangle,  // int64_t: global triangle id, -1 on the background
+  kInstance,  // int32_t: place in the scene's instances, -1 on the background
+  kSamples,   // uint64_t a sample: the visibility buffer (kernels/visbuffer.h)
+};
+inline constexpr size_t kLayerCount = 5;
+
+/// Bytes of a pixel, or of a sample of kSamples.
+constexpr uint64_t bytes_of(Layer layer) {
+  return layer == Layer::kTriangle || layer == Layer::kSamples ? 8 : 4;
+}
+
+/// Draws frame after frame of one scene, of any camera, size, samples and shading. Layers are made when they are first
+/// asked for. Buffers grow to the largest frame and stay; of a frame no larger than one before none is allocated. The
+/// bits of the clusters that a GPU saw last are the view's own. One thread at a time; several views of a scene may be
+/// used by several threads.
+class ViewRenderer {
+ public:
+  /// Errors as DeviceScene::add_view().
+  static Result<std::unique_ptr<ViewRenderer>> create(std::shared_ptr<const LoadedScene> scene);
+  ViewRenderer(const ViewRenderer&) = delete;
+  ViewRenderer& operator=(const ViewRenderer&) = delete;
+  ~ViewRenderer();
+
+  /// Draws; `view` has its sides in pixels, of `samples_per_side` squared samples (1, 2 or 4). Returns when the samples
+  /// are there; after an error there is no frame. Errors kRange (no such size or camera), kMemory, kDevice.
+  Result<void> draw(const kernels::View& view, uint32_t samples_per_side, const kernels::ShadeOptions& shade);
+
+  /// Draws one frame for each of `views`, all of one size, and makes the `layers` of all of them, bit 1 << Layer each
+  /// but kSamples: a layer is then one block, frame by frame. On the CPU frames are shared out among the threads, each
+  /// with samples of its own. Until the next draw there is nothing to pick and no other layer. Errors as draw(),
+  /// kUsage: no view, views of several sizes, no such layers.
+  Result<void> draw_batch(std::span<const kernels::View> views, uint32_t samples_per_side,
+                          const kernels::ShadeOptions& shade, uint32_t layers);
+
+  /// The frame shown otherwise, without drawing it again. Errors kRange (no frame), kUnsupported: a streamed frame is
+  /// shaded while it is drawn.
+  Result<void> set_shade(const kernels::ShadeOptions& shade);
+
+  /// A layer in host memory of this view's, until the next draw(), set_shade() or end. Errors kRange (no frame),
+  /// kMemory, kDevice.
+  Result<std::span<const std::byte>> layer(Layer layer);
+
+  /// The same into `out`, of layer_bytes().
+  Result<void> read(Layer layer, std::span<std::byte> out);
+
+  /// A layer in the GPU's memory, where it was written; `stream`, a cudaStream_t, waits until it is. It stays until the
+  /// next draw(), set_shade() or end. Errors as layer(); kDevice: the CPU draws.
+  Result<const std::byte*> device_layer(Layer layer, void* stream);
+
+  /// As Frame::pick(); reads one sample. Errors kRange: no frame, no such pixel.
+  Result<std::optional<Pick>> pick(uint32_t x, uint32_t y);
+
+  const LoadedScene& scene() const { return *scene_; }
+  bool has_frame() const { return has_frame_; }
+  uint32_t batch() const { return batch_; }                             // frames; 0: the last draw was no batch
+  uint32_t width() const { return view_.width / samples_per_side_; }    // of the frame, in pixels
+  uint32_t height() const { return view_.height / samples_per_side_; }  // likewise
+  uint32_t samples_per_side() const { return samples_per_side_; }
+  uint64_t layer_bytes(Layer layer) const;
+  const kernels::View& view() const { return view_; }  // its sides in samples
+  const kernels::FrameStats& stats() const { return stats_; }
+  const Duration& draw_time() const { return draw_time_; }
+  /// What the GPU took for the samples of a resident frame, by its own clock; 0 where there was none, and for a batch.
+  float gpu_ms() const { return gpu_ms_; }
+  /// Of the frame, where the scene is streamed and it was no batch.
+  const std::optional<StreamStats>& stream_stats() const { return streamed_; }
+
+ private:
+  explicit ViewRenderer(std::shared_ptr<const LoadedScene> scene) : scene_(std::move(scene)) {}
+  Result<void> check_frame() const;
+  Result<void> check_single() const;
+  Result<void> begin(const kernels::View& view, uint32_t samples_per_side, const kernels::ShadeOptions& shade);
+  Result<void> draw_batch_on_cpu(std::span<const kernels::View> views, uint32_t layers);
+  Result<void> draw_batch_on_gpu(std::span<const kernels::View> views, uint32_t layers);
+  kernels::View in_samples(kernels::View view) const;
+  Result<void> draw_on_gpu();
+  Result<void> make(Layer layer, std::span<std::byte> out);
+  Result<void> make_on_cpu(Layer layer, std::span<std::byte> out);
+  Result<void> make_of(Layer layer, const kernels::View& view, std::span<const uint64_t> samples, uint32_t threads,
+                       std::span<std::byte> out) const;
+  Result<const std::byte*> make_on_gpu(Layer layer);
+
+  std::shared_ptr<const LoadedScene> scene_;
+  std::optional<DeviceView> device_;
+  kernels::View view_{};  // of the frame, in samples
+  uint32_t samples_per_side_ = 1;
+  kernels::ShadeOptions shade_;
+  bool has_frame_ = false;
+  uint32_t batch_ = 0;
+  std::vector<uint64_t> samples_;  // where the CPU draws; may be longer than the frame
+  struct HostLayer {
+    std::vector<std::byte> bytes;  // may be longer than the frame's
+    bool is_made = false;
+  };
+  HostLayer host_[kLayerCount];
+  const std::byte* on_gpu_[kLayerCount] = {};  // null: not made
+  kernels::FrameStats stats_{};
+  Duration draw_time_;
+  float gpu_ms_ = 0;
+  std::optional<StreamStats> streamed_;
+};
+
+}  // namespace scree::runtime

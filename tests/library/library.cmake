@@ -1,0 +1,39 @@
+# The library as its users have it: everything here goes through include/scree/.
+add_executable(scree_library_tests gpu.cpp main.cpp paths.cpp library/test_abi.cpp library/test_misuse.cpp
+  library/test_render_equal.cpp library/test_views.cpp)
+set_property(TARGET scree_library_tests PROPERTY UNITY_BUILD OFF)
+target_link_libraries(scree_library_tests PRIVATE scree::scree scree_convert
+  $<IF:$<TARGET_EXISTS:Catch2::Catch2WithMain>,Catch2::Catch2WithMain,Catch2::Catch2>)
+add_dependencies(scree_library_tests scree)
+catch_discover_tests(scree_library_tests TEST_SPEC "~[cuda]~[.]" PROPERTIES LABELS cpu)
+if(scree_cuda STREQUAL emulated)
+  catch_discover_tests(scree_library_tests TEST_SPEC "[cuda]~[.]" TEST_SUFFIX " (emulated)"
+    PROPERTIES LABELS cuda ENVIRONMENT SCREE_EMULATED_GPU=1)
+else()
+  catch_discover_tests(scree_library_tests TEST_SPEC "[cuda]~[.]" TEST_SUFFIX " (cuda)" PROPERTIES LABELS cuda)
+endif()
+
+if(CMAKE_NM)
+  add_test(NAME library-symbols COMMAND "${CMAKE_COMMAND}" "-DNM=${CMAKE_NM}" "-DLIST=${CMAKE_SOURCE_DIR}/library/abi.txt"
+    "-DLIBRARY=$<TARGET_FILE:libscree>" "-DARCHIVE=$<$<TARGET_EXISTS:libscree_static>:${CMAKE_BINARY_DIR}/library/libscree.a>"
+    -P "${CMAKE_CURRENT_SOURCE_DIR}/library/check_symbols.cmake")
+  set_tests_properties(library-symbols PROPERTIES LABELS cpu)
+endif()
+
+find_program(PKG_CONFIG pkg-config)
+if(PKG_CONFIG AND NOT SCREE_SANITIZE)  # whose runtime a program of somebody else's does not have
+  add_test(NAME library-install COMMAND "${Python3_EXECUTABLE}" "${CMAKE_CURRENT_SOURCE_DIR}/library/check_install.py"
+    "${CMAKE_BINARY_DIR}" "${CMAKE_SOURCE_DIR}" "${CMAKE_CURRENT_SOURCE_DIR}/data/textured_cube.glb")
+  set_tests_properties(library-install PROPERTIES LABELS cpu)
+endif()
+
+if(TARGET scree_python)
+  execute_process(COMMAND "${Python3_EXECUTABLE}" -c "import numpy" RESULT_VARIABLE no_numpy OUTPUT_QUIET ERROR_QUIET)
+  if(no_numpy)
+    message(STATUS "The Python package is not tested: numpy (python3-numpy) is not there")
+  elseif(NOT SCREE_SANITIZE)
+    add_test(NAME python COMMAND "${Python3_EXECUTABLE}" "${CMAKE_CURRENT_SOURCE_DIR}/python/test_scree.py"
+      "${CMAKE_CURRENT_SOURCE_DIR}/data" "${CMAKE_SOURCE_DIR}/python/examples")
+    set_tests_properties(python PROPERTIES LABELS cpu ENVIRONMENT "PYTHONPATH=${CMAKE_BINARY_DIR}/python")
+  endif()
+endif()

@@ -1,0 +1,55 @@
+// What programs that were built before rely on: names (check_symbols.cmake), sizes of structures, numbers.
+#include <fstream>
+#include <map>
+#include <string>
+
+#include "tests/library/handles.h"
+
+using namespace scree::tests;
+
+TEST_CASE("structures have the sizes that library/abi.txt lists", "[library][abi]") {
+  std::map<std::string, size_t> sizes;
+#define ADD(type) sizes[#type] = sizeof(type)
+  ADD(scree_file_info);
+  ADD(scree_scene_info);
+  ADD(scree_mesh_info);
+  ADD(scree_material_info);
+  ADD(scree_camera_info);
+  ADD(scree_load_options);
+  ADD(scree_scene_stats);
+  ADD(scree_instance_info);
+  ADD(scree_camera);
+  ADD(scree_draw_options);
+  ADD(scree_array);
+  ADD(scree_pick_info);
+  ADD(scree_frame_stats);
+  ADD(scree_convert_options);
+  ADD(scree_convert_report);
+#undef ADD
+  std::ifstream list(std::string(kDataFolder) + "/../../library/abi.txt");
+  REQUIRE(list.good());
+  std::string kind, name;
+  size_t found = 0;
+  while (list >> kind >> name) {
+    if (kind != "struct") continue;
+    size_t bytes = 0;
+    list >> bytes;
+    INFO(name);
+    REQUIRE(sizes.count(name) == 1);
+    CHECK(sizes[name] == bytes);
+    ++found;
+  }
+  CHECK(found == sizes.size());
+}
+
+TEST_CASE("numbers of the interface stay", "[library][abi]") {
+  CHECK(scree_api_version() == SCREE_API_VERSION);
+  CHECK(std::string(scree_version()).find('.') != std::string::npos);
+  CHECK(SCREE_ERROR_INTERNAL == 10);
+  CHECK(SCREE_SHOW_DEPTH == 8);
+  CHECK(SCREE_SAMPLES == 4);
+  CHECK(SCREE_CAMERA_MATRICES == 3);
+  CHECK(SCREE_CONVERT_BEST == 2048);
+  CHECK(offsetof(scree_camera, projection) == 240);
+  CHECK(offsetof(scree_array, shape) == 32);
+}

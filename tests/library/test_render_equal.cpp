@@ -1,0 +1,149 @@
+// A frame of the library is what `scree render` writes, bit for bit.
+#include <algorithm>
+#include <cmath>
+#include <filesystem>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "runtime/images/image.h"
+#include "tests/library/handles.h"
+#include "tests/sanitized.h"
+#include "tests/tools/model_files.h"
+#include "tests/tools/run_program.h"
+
+using namespace scree::tests;
+namespace fs = std::filesystem;
+
+namespace {
+
+/// The values of a PFM, rows from the top.
+std::string pfm_values(const std::string& bytes, uint32_t width, uint32_t height) {
+  const size_t head = ("Pf\n" + std::to_string(width) + " " + std::to_string(height) + "\n-1.0\n").size();
+  const size_t row = 4 * size_t{width};
+  REQUIRE(bytes.size() == head + row * height);
+  std::string values;
+  for (size_t y = height; y-- > 0;) values += bytes.substr(head + y * row, row);
+  return values;
+}
+
+/// Whether what `render` drew of `file` is what the library draws.
+void compare(const TempFolder& folder, const std::string& file, uint32_t samples) {
+  const uint32_t width = 97, height = 61;
+  const std::string picture = folder.file("a.png"), depth = folder.file("a.pfm"), visibility = folder.file("a.vis");
+  const ProgramRun run =
+      run_program({"render",       file,       "-o",        picture, "--depth",   depth,
+                   "--visbuffer",  visibility, "--size",    "97x61", "--samples", std::to_string(samples),
+                   "--background", "none",     "--backend", "cpu",   "--threads", "2",
+                   "--force",      "--quiet"},
+                  folder.file("log"));
+  if (run.exit_code != 0) INFO(run.output);
+  REQUIRE(run.exit_code == 0);
+
+  const Opened opened(file);
+  const scree_draw_options options = draw_options(width, height, samples);
+  must(scree_draw(opened.view, nullptr, &options));
+  CHECK(layer_of(opened.view, SCREE_SAMPLES) == read_whole(visibility));
+  CHECK(layer_of(opened.view, SCREE_DEPTH) == pfm_values(read_whole(depth), width, height));
+  const std::string png = read_whole(picture);
+  const scree::Result<scree::runtime::Image> image = scree::runtime::decode_image(std::as_bytes(std::span(png)));
+  REQUIRE(image);
+  const std::string color = layer_of(opened.view, SCREE_COLOR);
+  CHECK(std::equal(color.begin(), color.end(), image->rgba.begin(), image->rgba.end(),
+                   [](char a, uint8_t b) { return static_cast<uint8_t>(a) == b; }));
+}
+
+/// Of a pixel's samples the nearest; what the layers of ids and depths show.
+void check_layers(const std::string& file) {
+  const Opened opened(file);
+  const scree_draw_options options = draw_options(50, 40, 2);
+  must(scree_draw(opened.view, nullptr, &options));
+  const auto samples = values_of<uint64_t>(layer_of(opened.view, SCREE_SAMPLES));
+  const auto triangles = values_of<int64_t>(layer_of(opened.view, SCREE_TRIANGLE));
+  const auto instances = values_of<int32_t>(layer_of(opened.view, SCREE_INSTANCE));
+  const auto depths = values_of<float>(layer_of(opened.view, SCREE_DEPTH));
+  auto stats = sized<scree_scene_stats>();
+  must(scree_get_scene_stats(opened.scene, &stats));
+  size_t covered = 0;
+  for (size_t y = 0; y < 40; ++y) {
+    for (size_t x = 0; x < 50; ++x) {
+      const size_t pixel = y * 50 + x;
+      const uint64_t nearest = std::min({samples[2 * y * 100 + 2 * x], samples[2 * y * 100 + 2 * x + 1],
+                                         samples[(2 * y + 1) * 100 + 2 * x], samples[(2 * y + 1) * 100 + 2 * x + 1]});
+      if (nearest == ~uint64_t{0}) {
+        CHECK((triangles[pixel] == -1 && instances[pixel] == -1 && std::isinf(depths[pixel])));
+        continue;
+      }
+      ++covered;
+      CHECK(triangles[pixel] == static_cast<int64_t>(nearest & ((uint64_t{1} << 36) - 1)));
+      REQUIRE((instances[pixel] >= 0 && static_cast<uint64_t>(instances[pixel]) < stats.instances));
+      auto info = sized<scree_instance_info>(), next = info;
+      must(scree_get_instance_info(opened.scene, static_cast<uint64_t>(instances[pixel]), &info));
+      CHECK(info.first_triangle <= static_cast<uint64_t>(triangles[pixel]));
+      if (static_cast<uint64_t>(instances[pixel]) + 1 < stats.instances) {
+        must(scree_get_instance_info(opened.scene, static_cast<uint64_t>(instances[pixel]) + 1, &next));
+        CHECK(next.first_triangle > static_cast<uint64_t>(triangles[pixel]));
+      }
+      auto pick = sized<scree_pick_info>();
+      must(scree_pick(opened.view, static_cast<uint32_t>(x), static_cast<uint32_t>(y), &pick));
+      if (pick.hit != 0) CHECK(pick.depth >= static_cast<double>(depths[pixel]) * (1 - 1e-6));
+    }
+  }
+  CHECK(covered > 0);
+}
+
+uint64_t folder_bytes(const fs::path& folder) {
+  uint64_t bytes = 0;
+  for (const fs::directory_entry& entry : fs::recursive_directory_iterator(folder))
+    if (entry.is_regular_file()) bytes += entry.file_size();
+  return bytes;
+}
+
+/// Compares every model below `root` whose folder is no larger than `most_bytes`; returns how many.
+size_t compare_all(const fs::path& root, uint64_t most_bytes) {
+  const TempFolder folder;
+  size_t compared = 0;
+  for (const fs::path& model : model_files(root)) {
+    if (folder_bytes(model.parent_path()) > most_bytes) continue;
+    INFO(model.string());
+    const std::string file = folder.file("model.scree");
+    auto options = sized<scree_convert_options>();
+    options.flags = SCREE_CONVERT_REPLACE | (compared % 2 == 0 ? SCREE_CONVERT_NORMALS : 0) |
+                    (compared % 3 == 0 ? SCREE_CONVERT_INDEXED : 0);
+    options.threads = 2;
+    if (scree_convert(model.c_str(), file.c_str(), &options, nullptr) != SCREE_OK) continue;  // Draco and the like
+    compare(folder, file, compared % 4 == 0 ? 2 : 1);
+    ++compared;
+  }
+  return compared;
+}
+
+}  // namespace
+
+TEST_CASE("a frame of the library is what scree render writes", "[library]") {
+  CHECK(compare_all(kDataFolder, ~uint64_t{0}) >= 12);
+}
+
+TEST_CASE("a frame of every small real model is what scree render writes", "[library][models]") {
+  const fs::path models = models_path();
+  if (models.empty()) {
+    WARN("the models are not there: skipped");
+    return;
+  }
+  CHECK(compare_all(models / "scenes", kIsSanitized ? 30000 : 2000000) >= 10);
+}
+
+// Minutes; run by its name.
+TEST_CASE("a frame of every real model is what scree render writes", "[.][library-models]") {
+  const fs::path models = models_path();
+  REQUIRE(!models.empty());
+  const size_t compared = compare_all(models / "scenes", ~uint64_t{0});
+  WARN(compared << " models");
+  CHECK(compared >= 100);
+}
+
+TEST_CASE("layers show the nearest sample of a pixel", "[library]") {
+  const TempFolder folder;
+  check_layers(packed(folder, "two_instances.gltf"));
+  check_layers(packed(folder, "gpu_instancing.glb", SCREE_CONVERT_INDEXED));
+}

@@ -1,0 +1,109 @@
+#include "tools/view/encode.h"
+
+#include <cmath>
+#include <string>
+#include <vector>
+
+#include "runtime/images/image.h"
+#include "tests/catch.h"
+#include "tools/view/adaptation.h"
+
+using namespace scree::tools::view;
+using scree::runtime::Image;
+using scree::runtime::Workers;
+
+namespace {
+
+struct TestPicture {
+  std::vector<uint8_t> bytes;
+  PixelView view;
+};
+
+/// Smooth, so that JPEG changes little, with a step from strip to strip that a wrong place would show.
+TestPicture make_picture(uint32_t width, uint32_t height, uint32_t channels) {
+  TestPicture out;
+  for (uint32_t y = 0; y < height; ++y)
+    for (uint32_t x = 0; x < width; ++x)
+      for (uint32_t c = 0; c < channels; ++c)
+        out.bytes.push_back(
+            static_cast<uint8_t>(127 + 90 * std::sin(0.02 * x + 0.05 * y * (c + 1)) + (c == 0 ? x % 7 : 0)));
+  out.view = {width, height, channels, out.bytes};
+  return out;
+}
+
+Image decoded(const std::vector<std::byte>& file) {
+  const auto image = scree::runtime::decode_image(file);
+  if (!image) FAIL(image.error().message);
+  CHECK(image->warning.empty());
+  return *image;
+}
+
+}  // namespace
+
+TEST_CASE("a PNG in strips holds every pixel", "[view][view-encode]") {
+  for (const uint32_t threads : {1u, 3u}) {
+    Workers workers(threads);
+    for (const uint32_t channels : {3u, 4u}) {
+      for (const auto& [width, height] : {std::pair{1u, 1u}, {1u, 700u}, {700u, 1u}, {331u, 257u}, {1280u, 720u}}) {
+        const TestPicture picture = make_picture(width, height, channels);
+        const auto file = encode_png(picture.view, workers);
+        REQUIRE(file);
+        const Image image = decoded(*file);
+        REQUIRE(image.width == width);
+        REQUIRE(image.height == height);
+        bool same = true;
+        for (size_t i = 0; i < size_t{width} * height; ++i)
+          for (size_t c = 0; c < 3; ++c) same = same && image.rgba[4 * i + c] == picture.bytes[channels * i + c];
+        CHECK(same);
+      }
+    }
+  }
+}
+
+TEST_CASE("a JPEG in strips is the JPEG of one strip", "[view][view-encode]") {
+  Workers one(1), three(3);
+  for (const bool is_sharp : {false, true}) {
+    for (const auto& [width, height] : {std::pair{1u, 1u}, {17u, 200u}, {331u, 257u}, {8192u, 40u}, {1280u, 720u}}) {
+      const TestPicture picture = make_picture(width, height, 3);
+      const auto a = encode_jpeg(picture.view, 90, is_sharp, one), b = encode_jpeg(picture.view, 90, is_sharp, three);
+      REQUIRE(a);
+      REQUIRE(b);
+      const Image left = decoded(*a), right = decoded(*b);
+      REQUIRE(left.height == height);
+      if (is_sharp) CHECK(left.rgba == right.rgba);  // 4:2:0 is smoothed across what were strips by the decoder alone
+      double squares = 0;
+      for (size_t i = 0; i < size_t{width} * height; ++i)
+        for (size_t c = 0; c < 3; ++c) squares += std::pow(right.rgba[4 * i + c] - picture.bytes[3 * i + c], 2);
+      CHECK(squares / (3.0 * width * height) < 40);
+    }
+  }
+}
+
+TEST_CASE("an encoder stops where its picture is no longer wanted", "[view][view-encode]") {
+  Workers workers(2);
+  const TestPicture picture = make_picture(640, 360, 3);
+  const auto yes = [] { return true; };
+  CHECK(encode_png(picture.view, workers, yes)->empty());
+  CHECK(encode_jpeg(picture.view, 80, false, workers, yes)->empty());
+}
+
+TEST_CASE("quality follows what a link and a renderer take", "[view][view-encode]") {
+  // A picture takes fixed_ms, and more by its pixels and its bytes, which go with its quality.
+  const auto settle = [](double fixed_ms, double pixel_ms, double byte_ms) {
+    Adaptation adaptation;
+    double now = 1000;
+    for (int i = 0; i < 2000; ++i) {
+      const Quality& quality = adaptation.quality();
+      const double pixels = quality.scale * quality.scale;
+      const double ms = fixed_ms + pixels * (pixel_ms + byte_ms * quality.jpeg / 75.0);
+      adaptation.note(adaptation.level(), ms, now);
+      now += ms;
+    }
+    return adaptation.level();
+  };
+  CHECK(settle(5, 5, 5) == 0);     // fast everywhere: the best
+  CHECK(settle(10, 200, 0) >= 2);  // a slow renderer: fewer pixels
+  CHECK(settle(10, 200, 0) <= 4);
+  CHECK(settle(10, 10, 1500) == 5);  // a slow link: the least
+  CHECK(settle(200, 1, 1) <= 1);     // neither pixels nor bytes: a good picture comes no later
+}

@@ -1,0 +1,143 @@
+// The hub without a server.
+#include "tools/view/hub.h"
+
+#include <condition_variable>
+#include <mutex>
+#include <string>
+#include <vector>
+
+#include "tests/catch.h"
+#include "tests/runtime/small_scene.h"
+
+using namespace scree::tools::view;
+using namespace std::chrono_literals;
+using scree::tests::ScratchPath;
+using scree::tests::SmallScene;
+
+namespace {
+
+/// A page that keeps what it is told.
+class Page : public ViewerLink {
+ public:
+  void send_text(std::string text) override {
+    const std::lock_guard lock(mutex_);
+    texts_.push_back(std::move(text));
+    changed_.notify_all();
+  }
+  void send_picture(std::vector<std::byte> message) override {
+    const std::lock_guard lock(mutex_);
+    const char* const bytes = reinterpret_cast<const char*>(message.data());
+    const size_t head = static_cast<unsigned char>(bytes[0]) + 256 * static_cast<unsigned char>(bytes[1]);
+    pictures_.emplace_back(bytes + 4, head);
+    changed_.notify_all();
+  }
+  /// The head of picture number `index`; empty where it does not come in time.
+  std::string picture(size_t index, std::chrono::milliseconds patience = 20s) {
+    std::unique_lock lock(mutex_);
+    changed_.wait_for(lock, patience, [&] { return pictures_.size() > index; });
+    return pictures_.size() > index ? pictures_[index] : "";
+  }
+  bool hears(const std::string& part, std::chrono::milliseconds patience = 20s) {
+    std::unique_lock lock(mutex_);
+    return changed_.wait_for(lock, patience, [&] {
+      for (const std::string& text : texts_)
+        if (text.find(part) != std::string::npos) return true;
+      return false;
+    });
+  }
+
+ private:
+  std::mutex mutex_;
+  std::condition_variable changed_;
+  std::vector<std::string> texts_;
+  std::vector<std::string> pictures_;
+};
+
+uint64_t frame_of(const std::string& head) {
+  return std::strtoull(head.c_str() + head.find("\"frame\":") + 8, nullptr, 10);
+}
+
+PictureRequest request(uint64_t sequence, double x) {
+  PictureRequest out;
+  out.sequence = sequence;
+  out.camera.eye = {x, 0, 2.5};
+  out.width = 96;
+  out.height = 54;
+  out.shade.background[3] = 1;
+  out.most_samples = 2;
+  return out;
+}
+
+SessionOptions options_of(const std::string& path) {
+  SessionOptions options;
+  options.file = path;
+  options.threads = 2;
+  options.backend.choice = scree::tools::BackendChoice::kCpu;
+  options.quiet = true;
+  return options;
+}
+
+}  // namespace
+
+TEST_CASE("a hub draws the newest camera, then the picture at rest, then more samples", "[view][view-hub]") {
+  const ScratchPath path("hub.scree");
+  SmallScene{}.write(path.string());
+  Hub hub(options_of(path.string()), [](scree::Error error) { FAIL(error.message); });
+  const auto page = std::make_shared<Page>();
+  const uint32_t number = hub.join(page);
+  CHECK(number == 1);
+  REQUIRE(page->hears("\"type\":\"scene\""));
+  hub.receive(number, request(1, 0));
+  REQUIRE(page->picture(0).find("\"seq\":1,") != std::string::npos);
+  for (uint64_t i = 2; i <= 30; ++i) hub.receive(number, request(i, 0.01 * static_cast<double>(i)));
+  REQUIRE(!page->picture(1).empty());
+  CHECK(page->picture(2, 300ms).empty());  // two are on their way
+  size_t count = 2;
+  for (size_t i = 0; i < count; ++i) {
+    hub.receive(number, Ack{frame_of(page->picture(i))});
+    if (!page->picture(count, 600ms).empty()) ++count;  // longer than a picture at rest waits
+  }
+  REQUIRE(count >= 4);
+  CHECK(count <= 5);  // between the first and the last camera at most one was drawn
+  const std::string exact = page->picture(count - 2), finer = page->picture(count - 1);
+  for (const std::string& head : {exact, finer}) {
+    CHECK(head.find("\"seq\":30,") != std::string::npos);
+    CHECK(head.find("\"exact\":true") != std::string::npos);
+  }
+  CHECK(exact.find("\"samples\":1,") != std::string::npos);
+  CHECK(finer.find("\"samples\":2,") != std::string::npos);
+  hub.leave(number);
+  hub.receive(number, request(99, 0));  // nobody's
+  CHECK(hub.stop(5s));
+}
+
+TEST_CASE("questions to a hub are bounded", "[view][view-hub]") {
+  const ScratchPath path("hub.scree");
+  SmallScene{}.write(path.string());
+  Hub hub(options_of(path.string()), [](scree::Error error) { FAIL(error.message); });
+  const auto page = std::make_shared<Page>();
+  const uint32_t number = hub.join(page);
+  REQUIRE(page->hears("\"type\":\"scene\""));
+  hub.receive(number, PickRequest{1, {5, 5}});  // no camera yet: no answer
+  hub.receive(number, request(1, 0));
+  REQUIRE(!page->picture(0).empty());
+  for (uint64_t i = 0; i < 200; ++i) hub.receive(number, Screenshot{i, 512, 512, 2});
+  CHECK(page->hears("too many questions"));
+  CHECK(hub.stop(20s));
+}
+
+TEST_CASE("a hub whose file cannot be drawn says so once", "[view][view-hub]") {
+  std::mutex mutex;
+  std::condition_variable changed;
+  std::string said;
+  Hub hub(options_of("/nowhere/none.scree"), [&](scree::Error error) {
+    const std::lock_guard lock(mutex);
+    said = error.message;
+    changed.notify_all();
+  });
+  std::unique_lock lock(mutex);
+  REQUIRE(changed.wait_for(lock, 20s, [&] { return !said.empty(); }));
+  CHECK(said.find("none.scree") != std::string::npos);
+  lock.unlock();
+  CHECK(hub.stop(5s));
+}

@@ -1,0 +1,277 @@
+// scree view over loopback: who is let in, what is answered, and what a bad or slow page may cost.
+#include <chrono>
+#include <memory>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "runtime/images/image.h"
+#include "tests/catch.h"
+#include "tests/sanitized.h"
+#include "tests/tools/run_program.h"
+#include "tests/tools/view/page_client.h"
+#include "tools/view/server.h"
+
+using namespace scree::tests;
+
+namespace {
+
+std::string get(const ViewProcess& server, const std::string& path, const std::string& host = {},
+                const std::string& more = {}) {
+  return http(server.port(), "GET " + path + " HTTP/1.1\r\nHost: " + (host.empty() ? server.address() : host) + "\r\n" +
+                                 more + "Connection: close\r\n\r\n");
+}
+
+int status_of(const std::string& response) {
+  return response.size() > 12 ? std::atoi(response.c_str() + 9) : 0;
+}
+
+bool holds(const std::string& text, const std::string& part) {
+  return text.find(part) != std::string::npos;
+}
+
+/// The code of the close frame that ends a connection; 0 where it just ends.
+uint16_t close_code(PageClient& client) {
+  for (;;) {
+    const auto got = client.receive();
+    if (!got) return 0;
+    if (got->close_code != 0) return got->close_code;
+  }
+}
+
+std::vector<uint8_t> rgba_of(const std::string& file) {
+  const auto image = scree::runtime::decode_image(std::as_bytes(std::span(file)));
+  REQUIRE(image);
+  return image->rgba;
+}
+
+}  // namespace
+
+TEST_CASE("scree view serves its page and nothing else", "[view][view-server]") {
+  ViewProcess server;
+  CHECK(server.token().size() == 32);
+  CHECK(holds(server.output(), "ssh -N -L"));
+  const std::string page = get(server, "/");
+  CHECK(status_of(page) == 200);
+  CHECK(holds(page, "text/html"));
+  CHECK(holds(page, "default-src 'none'"));
+  CHECK(holds(page, "nosniff"));
+  CHECK(holds(page, "no-referrer"));
+  CHECK(holds(page, "main.js"));
+  CHECK_FALSE(holds(page, server.token()));
+  CHECK(holds(get(server, "/main.js?v=1"), "text/javascript"));
+  CHECK(status_of(get(server, "/worker.js")) == 200);
+  CHECK(status_of(get(server, "/../etc/passwd")) == 404);
+  CHECK(status_of(get(server, "/page/main.js")) == 404);
+  CHECK(status_of(get(server, "/ws")) == 426);
+  CHECK(status_of(http(server.port(), "POST / HTTP/1.1\r\nHost: " + server.address() +
+                                          "\r\nConnection: close\r\nContent-Length: 0\r\n\r\n")) == 405);
+  CHECK(status_of(http(server.port(),
+                       "HEAD / HTTP/1.1\r\nHost: " + server.address() + "\r\nConnection: close\r\n\r\n")) == 200);
+
+  SECTION("hosts") {
+    CHECK(status_of(get(server, "/", "localhost:9999")) == 200);  // a tunnel's port
+    CHECK(status_of(get(server, "/", "[::1]")) == 200);
+    CHECK(status_of(get(server, "/", "evil.example")) == 421);
+    CHECK(status_of(get(server, "/", "127.0.0.1.evil.example")) == 421);
+    CHECK(status_of(get(server, "/", server.address(), "Host: evil.example\r\n")) == 421);
+    CHECK(status_of(http(server.port(), "GET / HTTP/1.0\r\n\r\n")) == 421);
+  }
+  SECTION("long or broken requests") {
+    CHECK(status_of(get(server, "/", {}, "X-Long: " + std::string(9000, 'x') + "\r\n")) == 400);
+    CHECK(status_of(http(server.port(), "POST / HTTP/1.1\r\nHost: " + server.address() +
+                                            "\r\nContent-Length: 999999999\r\n\r\n")) == 400);
+    http(server.port(), std::string("\0\xff\r\n\r\n", 6));
+    CHECK(status_of(get(server, "/")) == 200);
+  }
+}
+
+TEST_CASE("scree view lets a page in by its token, from where it came", "[view][view-server]") {
+  ViewProcess server({"--viewers", "1", "--allow-host", "viewer.example"});
+  const std::string own = server.address(), origin = "http://" + own;
+  const auto upgrade = [&](const std::string& host, const std::string& from) {
+    PageClient client(server.port());
+    return client.upgrade(host, from);
+  };
+  CHECK(upgrade(own, "http://evil.example") == 403);
+  CHECK(upgrade(own, "http://127.0.0.1:1") == 403);  // another server of this machine
+  CHECK(upgrade(own, "") == 403);
+  CHECK(upgrade(own, "null") == 403);
+  CHECK(upgrade("evil.example", "http://evil.example") == 421);  // DNS rebinding: they equal each other
+  CHECK(upgrade(own, "https://viewer.example") == 101);          // a proxy that changes Host
+  CHECK(upgrade("viewer.example", "https://viewer.example") == 101);
+
+  const auto refused_with = [&](const std::string& first) {
+    PageClient client(server.port());
+    REQUIRE(client.upgrade(own, origin) == 101);
+    client.send(first);
+    return close_code(client);
+  };
+  CHECK(refused_with("{\"type\":\"hello\",\"token\":\"00000000000000000000000000000000\"}") == 4001);
+  CHECK(refused_with("{\"type\":\"hello\",\"token\":\"\"}") == 4001);
+  CHECK(refused_with(view_text(1, 64, 64)) == 4001);
+  CHECK(refused_with("nothing") == 4001);
+
+  PageClient first(server.port());
+  first.join(server);
+  CHECK(refused_with("{\"type\":\"hello\",\"token\":\"" + server.token() + "\"}") == 4002);  // --viewers 1
+}
+
+TEST_CASE("scree view draws what render draws", "[view][view-server]") {
+  ViewProcess server;
+  PageClient client(server.port());
+  client.join(server);
+  client.send(view_text(5, 160, 90, 0.5, false, 4));
+  auto picture = client.receive_picture();
+  REQUIRE(picture);
+  CHECK_FALSE(picture->is_exact());
+  CHECK(picture->number("seq") == 5);
+  for (const uint32_t samples : {1u, 2u, 4u}) {
+    client.acknowledge(*picture);
+    picture = client.receive_picture();
+    REQUIRE(picture);
+    CHECK(picture->is_exact());
+    CHECK(picture->number("samples") == samples);
+    const std::string file = server.folder().file("render.png");
+    const ProgramRun run = run_program(
+        {"render", server.scene(), "--size", "160x90", "--eye=0.5,0.25,2.5", "--target=0,0,0", "--up=0,1,0", "--fov",
+         "45", "--background", "#20252d", "--samples", std::to_string(samples), "-o", file, "-f", "-q"},
+        server.folder().file("render.log"));
+    INFO(run.output);
+    REQUIRE(run.exit_code == 0);
+    CHECK(rgba_of(picture->file) == rgba_of(read_whole(file)));
+  }
+
+  client.send("{\"type\":\"pick\",\"id\":3,\"x\":80,\"y\":45}");
+  const std::string pick = client.receive_text("pick");
+  CHECK(holds(pick, "\"id\":3"));
+  CHECK(holds(pick, "\"nodeName\":\"Quad\""));
+  client.send("{\"type\":\"probe\",\"x\":80,\"y\":45}");
+  CHECK(holds(client.receive_text("point"), "\"point\":["));
+  client.send("{\"type\":\"probe\",\"x\":0,\"y\":0}");
+  CHECK_FALSE(holds(client.receive_text("point"), "\"point\":["));
+  client.send("{\"type\":\"nodes\"}");
+  CHECK(holds(client.receive_text("nodes"), "\"names\":["));
+  client.send("{\"type\":\"screenshot\",\"id\":9,\"width\":33,\"height\":21,\"samples\":2}");
+  const auto shot = client.receive_picture();
+  REQUIRE(shot);
+  CHECK(holds(shot->head, "screenshot"));
+  CHECK(rgba_of(shot->file).size() == 33 * 21 * 4);
+
+  client.send("{\"type\":\"hide\",\"hidden\":[0],\"only\":[]}");
+  do {
+    picture = client.receive_picture();
+    REQUIRE(picture);
+    client.acknowledge(*picture);
+  } while (!picture->is_exact());
+  const std::vector<uint8_t> empty = rgba_of(picture->file);
+  CHECK(std::equal(empty.begin() + 4, empty.end(), empty.begin()));  // nothing but background
+  client.send("{\"type\":\"pick\",\"id\":4,\"x\":80,\"y\":45}");
+  CHECK(holds(client.receive_text("pick"), "\"hit\":false"));
+}
+
+TEST_CASE("a page that never acknowledges costs the others nothing", "[view][view-server]") {
+  ViewProcess server;
+  PageClient dead(server.port(), std::chrono::milliseconds(400)), alive(server.port());
+  dead.join(server);
+  alive.join(server);
+  for (uint64_t i = 1; i <= 40; ++i) dead.send(view_text(i, 320, 180, 0.01 * static_cast<double>(i), true));
+  size_t got = 0;
+  while (dead.receive_picture()) ++got;
+  CHECK(got == 2);
+
+  const uint64_t before = server.resident();
+  uint64_t shown = 0;
+  for (uint64_t i = 1; i <= 60; ++i) {
+    dead.send(view_text(100 + i, 320, 180, -0.01 * static_cast<double>(i), true));
+    alive.send(view_text(i, 64, 36, 0.01 * static_cast<double>(i), true));
+    const auto picture = alive.receive_picture();
+    REQUIRE(picture);
+    alive.acknowledge(*picture);
+    shown = picture->number("seq");
+  }
+  CHECK(shown >= 55);
+  // ASan keeps what was freed, up to 256 MiB.
+  CHECK(server.resident() < before + (uint64_t{kIsSanitized ? 288 : 32} << 20));
+}
+
+TEST_CASE("scree view ends connections that break its limits, and goes on", "[view][view-server]") {
+  ViewProcess server;
+  const auto ended_by = [&](const auto& act) {
+    PageClient client(server.port());
+    client.join(server);
+    act(client);
+    return close_code(client);
+  };
+  CHECK(ended_by([](PageClient& client) { client.send(std::string(20000, ' ')); }) == 1009);  // RFC 6455: too big
+  CHECK(ended_by([](PageClient& client) { client.send(view_text(1, 64, 64), 2); }) == 4003);
+  CHECK(ended_by([](PageClient& client) { client.send("{\"type\":\"view\"}"); }) == 4003);
+  CHECK(ended_by([](PageClient& client) { client.send(view_text(1, 8192, 8192)); }) == 4003);
+  CHECK(ended_by([](PageClient& client) {
+          for (int i = 0; i < 400; ++i) client.send("{\"type\":\"ack\",\"frame\":1}");
+        }) == 4005);
+  // A camera without a direction is answered, not fatal; so are nodes that are not there.
+  PageClient client(server.port());
+  client.join(server);
+  std::string nowhere = view_text(1, 64, 64);
+  nowhere.replace(nowhere.find("\"eye\":["), nowhere.find("],\"target\"") - nowhere.find("\"eye\":["),
+                  "\"eye\":[0,0,0");
+  client.send(nowhere);
+  CHECK(holds(client.receive_text("error"), "same point"));
+  client.send(view_text(2, 64, 64));
+  client.send("{\"type\":\"hide\",\"hidden\":[4000000000],\"only\":[]}");
+  CHECK(client.receive_picture());
+
+  // More sockets than there may be: the ones too many are closed at once, and room comes back.
+  {
+    std::vector<std::unique_ptr<PageClient>> crowd;
+    for (uint32_t i = 0; i < scree::tools::view::kMaxSockets + 6; ++i)
+      crowd.push_back(std::make_unique<PageClient>(server.port(), std::chrono::milliseconds(2000)));
+    CHECK(crowd.back()->read_all().empty());
+  }
+  for (int tries = 0; tries < 100; ++tries) {
+    if (status_of(get(server, "/")) == 200) break;
+    std::this_thread::sleep_for(std::chrono::milliseconds(20));
+  }
+  CHECK(status_of(get(server, "/")) == 200);
+}
+
+TEST_CASE("viewers follow each other and Ctrl-C ends scree view within a second", "[view][view-server]") {
+  ViewProcess server({"--base-path", "scree/"});
+  CHECK(status_of(get(server, "/scree")) == 308);
+  CHECK(status_of(get(server, "/scree/")) == 200);
+  CHECK(status_of(get(server, "/scree/main.js")) == 200);
+  CHECK(status_of(get(server, "/main.js")) == 200);  // where the proxy takes the path away
+  CHECK(status_of(get(server, "/screen/main.js")) == 404);
+  PageClient leader(server.port()), follower(server.port());
+  leader.join(server);
+  follower.join(server);
+  follower.send("{\"type\":\"follow\",\"viewer\":1}");
+  leader.send(view_text(1, 64, 64, 0.125));
+  CHECK(holds(follower.receive_text("camera"), "\"eye\":[0.125,0.25,2.5]"));
+  const ViewProcess::End end = server.interrupt();
+  CHECK(end.exit_code == 0);
+  CHECK(end.seconds < 1);
+  CHECK(close_code(leader) == 4000);
+}
+
+TEST_CASE("scree view says what is wrong with its words", "[view][view-server]") {
+  TempFolder folder;
+  const auto run = [&](std::vector<std::string> words) {
+    words.insert(words.begin(), "view");
+    return run_program(words, folder.file("log"));
+  };
+  ProgramRun done = run({folder.file("none.scree")});
+  CHECK(done.exit_code == 2);
+  CHECK(holds(done.output, "none.scree"));
+  folder.write("bad.scree", "not a scene");
+  CHECK(run({folder.file("bad.scree")}).exit_code == 3);
+  ViewProcess server;
+  CHECK(run({server.scene(), "--port", "70000"}).exit_code == 1);
+  CHECK(run({server.scene(), "--host", "nowhere"}).exit_code == 1);
+  CHECK(run({server.scene(), "--base-path", "/a/../b"}).exit_code == 1);
+  CHECK(run({server.scene(), "--allow-host", "http://x"}).exit_code == 1);
+  done = run({server.scene(), "--port", std::to_string(server.port())});
+  CHECK(done.exit_code == 2);
+  CHECK(holds(done.output, "cannot listen"));
+}

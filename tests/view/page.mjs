@@ -1,0 +1,189 @@
+// The page of scree view as a person uses it: node page.mjs PROGRAM SCENE FOLDER. Prints a line per check; exit code 1
+// where one fails, 77 where there is no browser.
+import assert from 'node:assert/strict';
+import {readFileSync} from 'node:fs';
+import {join} from 'node:path';
+
+const [program, scene, folder] = process.argv.slice(2);
+const {browserPath, decode, launch, open, pixels, render, rests, serve} = await import('./browser.mjs').catch((error) => {
+  console.log(`playwright-core is not installed (npm ci --prefix tests/view): ${error.code}`);
+  process.exit(77);
+});
+if (!browserPath) {
+  console.log('there is no Chromium (chromium-headless-shell; scripts/setup installs it where the system has it)');
+  process.exit(77);
+}
+
+const browser = await launch();
+let server = await serve(program, scene);
+let failed = 0;
+async function check(name, body) {
+  try {
+    await body();
+    console.log(`ok: ${name}`);
+  } catch (error) {
+    ++failed;
+    console.log(`FAILED: ${name}: ${error.stack}`);
+  }
+}
+const differs = (a, b) => {
+  let count = 0;
+  for (let i = 0; i < a.length; i += 4) if (a[i] !== b[i] || a[i + 1] !== b[i + 1] || a[i + 2] !== b[i + 2]) ++count;
+  return count;
+};
+/// What the page shows at rest is what its own command renders.
+async function isExact(page, samples) {
+  await page.evaluate((samples) => scree.set({samples}), samples);
+  await rests(page, samples);
+  const shown = await pixels(page);
+  const command = await page.evaluate(() => scree.command());
+  const file = join(folder, 'render.png');
+  render(program, command, file);
+  const rendered = await decode(page, readFileSync(file));
+  assert.equal(shown.bytes.length, rendered.length, 'sizes');
+  assert.equal(differs(shown.bytes, rendered), 0, 'pixels differ from scree render');
+  assert.ok(differs(shown.bytes, Buffer.alloc(shown.bytes.length)) > 0);
+}
+
+const page = await open(browser, server.url);
+await check('the page loads and shows a picture', async () => {
+  await rests(page);
+  assert.equal(await page.evaluate(() => location.hash.includes('token')), false, 'the token stays in the address');
+  assert.match(await page.textContent('#scene-facts'), /triangles/);
+  assert.equal(await page.evaluate(() => document.getElementById('cover').className), 'gone');
+});
+await check('the picture at rest is that of scree render', () => isExact(page, 1));
+await check('more samples come, as scree render makes them', async () => {
+  await page.setViewportSize({width: 240, height: 140});  // so few pixels that a slow machine takes them too
+  await page.waitForFunction(() => document.documentElement.dataset.exact === '0');
+  await isExact(page, 4);
+  await page.setViewportSize({width: 800, height: 450});
+  await page.waitForFunction(() => document.documentElement.dataset.exact === '0');
+  await rests(page);
+});
+await check('a drag turns the view, and what it shows is exact again', async () => {
+  const before = await pixels(page), eye = await page.evaluate(() => scree.camera.eye);
+  await page.mouse.move(400, 225);
+  await page.mouse.down();
+  await page.mouse.move(460, 245, {steps: 6});
+  await page.mouse.up();
+  assert.notDeepEqual(await page.evaluate(() => scree.camera.eye), eye);
+  await page.waitForFunction(() => document.documentElement.dataset.exact === '0');
+  await isExact(page, 1);
+  assert.ok(differs(before.bytes, (await pixels(page)).bytes) > 100);
+});
+await check('the wheel goes nearer and the point under the cursor stays', async () => {
+  const project = () => page.evaluate((point) => {
+    const at = scree.camera.project(point, innerWidth / innerHeight);
+    return [at.x * innerWidth, at.y * innerHeight, at.depth];
+  }, point);
+  await page.mouse.move(380, 215);
+  await page.waitForTimeout(150);
+  await page.mouse.click(380, 215);
+  await page.waitForSelector('#picked dd');
+  const text = await page.textContent('#picked');
+  const point = /Point([-\d., e+]+)/.exec(text)[1].split(',').map(Number);
+  const before = await project();
+  await page.mouse.wheel(0, -200);
+  await page.waitForTimeout(600);
+  const after = await project();
+  assert.ok(after[2] < 0.9 * before[2], 'not nearer');
+  assert.ok(Math.hypot(after[0] - before[0], after[1] - before[1]) < 2, 'the point has moved');
+});
+await check('keys: shading, help, panel, bookmarks', async () => {
+  await page.keyboard.press('v');
+  assert.equal(await page.inputValue('#show'), 'color');
+  await isExact(page, 1);
+  await page.keyboard.press('?');
+  assert.ok(await page.isVisible('#help'));
+  await page.keyboard.press('Escape');
+  await page.keyboard.press('Tab');
+  assert.ok(!await page.isVisible('#panel'));
+  await page.keyboard.press('Tab');
+  await page.keyboard.press('b');
+  const eye = await page.evaluate(() => scree.camera.eye);
+  await page.keyboard.press('h');
+  await page.waitForTimeout(700);
+  await page.keyboard.press(']');
+  await page.waitForTimeout(1000);
+  assert.deepEqual(await page.evaluate(() => scree.camera.eye), eye);
+});
+await check('what is hidden is not drawn, and all comes back', async () => {
+  await rests(page);
+  const before = await pixels(page);
+  await page.click('#tree-part > summary');
+  await page.hover('.node >> nth=0');
+  await page.click('.node >> nth=0 >> .eye');
+  await page.waitForFunction(() => document.documentElement.dataset.exact === '0');
+  await rests(page);
+  assert.ok(differs(before.bytes, (await pixels(page)).bytes) > 100);
+  await page.click('[data-do=show-all]');
+  await page.waitForFunction(() => document.documentElement.dataset.exact === '0');
+  await isExact(page, 1);
+});
+await check('another size, and a screen with small pixels', async () => {
+  await page.setViewportSize({width: 500, height: 400});
+  await page.waitForFunction(() => document.documentElement.dataset.exact === '0');
+  await isExact(page, 1);
+  const fine = await open(browser, server.url, {viewport: {width: 301, height: 200}, deviceScaleFactor: 2});
+  await rests(fine);
+  const shown = await pixels(fine);
+  assert.deepEqual([shown.width, shown.height], [602, 400]);
+  await isExact(fine, 1);
+  await fine.context().close();
+});
+await check('two pages have their own cameras, and one can follow the other', async () => {
+  const other = await open(browser, server.url);
+  await rests(other);
+  const mine = await page.evaluate(() => scree.camera.eye);
+  await other.evaluate(() => scree.go({...scree.camera.pose(), eye: scree.camera.eye.map((value) => 1.5 * value)}));
+  await rests(other);
+  assert.deepEqual(await page.evaluate(() => scree.camera.eye), mine);
+  await page.evaluate(() => { document.getElementById('viewers-part').open = true; });
+  await page.click('#viewers li button:has-text("Follow")');
+  const theirs = await other.evaluate(() => scree.camera.eye);
+  await page.waitForFunction((eye) => Math.hypot(...scree.camera.eye.map((value, i) => value - eye[i])) < 1e-9, theirs);
+  await other.evaluate(() => scree.go({...scree.camera.pose(), eye: scree.camera.eye.map((value) => 1.1 * value)}));
+  const later = await other.evaluate(() => scree.camera.eye);
+  await page.waitForFunction((eye) => Math.hypot(...scree.camera.eye.map((value, i) => value - eye[i])) < 1e-9, later);
+  await other.context().close();
+});
+await check('a link shows the same view', async () => {
+  await rests(page);
+  await page.waitForFunction(() => location.hash.includes('e='));
+  const hash = await page.evaluate(() => location.hash);
+  const again = await page.context().newPage();
+  await again.goto(server.url.replace(/#.*/, hash));
+  await rests(again);
+  const [a, b] = [await page.evaluate(() => scree.camera.eye), await again.evaluate(() => scree.camera.eye)];
+  a.forEach((value, i) => assert.ok(Math.abs(value - b[i]) <= 1e-9 * (1 + Math.abs(value))));
+  assert.equal(await again.inputValue('#show'), await page.inputValue('#show'));
+  await again.close();
+});
+await check('a wrong token is explained, and the right one can be pasted', async () => {
+  const lost = await open(browser, server.url.replace(/token=.*/, `token=${'0'.repeat(32)}`));
+  await lost.waitForSelector('#token-form:visible');
+  assert.match(await lost.textContent('#cover'), /token/);
+  await lost.fill('#token-input', server.url);
+  await lost.click('#token-form button');
+  await rests(lost);
+  await lost.context().close();
+});
+await check('a broken connection comes back by itself', async () => {
+  await page.evaluate(() => { document.documentElement.dataset.exact = 0; scree.drop(); });
+  await rests(page);
+  assert.equal(await page.evaluate(() => document.getElementById('cover').className), 'gone');
+});
+await check('the end of the server is said, and that it ends in time', async () => {
+  const started = Date.now();
+  assert.equal(await server.end(), 0);
+  assert.ok(Date.now() - started < 1000, `${Date.now() - started} ms`);
+  await page.waitForFunction(() => document.getElementById('cover').className === '');
+  assert.match(await page.textContent('#cover'), /ended|No server/);
+});
+await check('nothing was wrong on the way', async () => {
+  // What a browser says of a connection that is gone is no fault of the page.
+  assert.deepEqual(page.problems.filter((problem) => !/WebSocket connection to/.test(problem)), []);
+});
+await browser.close();
+process.exit(failed ? 1 : 0);

@@ -1,0 +1,282 @@
+#include "tools/bench/bench.h"
+
+#include <algorithm>
+#include <cstdio>
+#include <new>
+#include <span>
+#include <utility>
+
+#include "format/container/checksum.h"
+#include "runtime/draw/device_scene.h"
+#include "runtime/draw/renderer.h"
+#include "runtime/scene/scene.h"
+#include "tools/bench/file_cache.h"
+#include "tools/bench/file_views.h"
+#include "tools/common/progress.h"
+#include "tools/common/sigbus.h"
+
+namespace scree::bench {
+namespace {
+
+/// The file without the geometry that the scene does not draw.
+uint64_t read_bytes(const runtime::Scene& scene) {
+  uint64_t bytes = scene.file().map().size();
+  for (uint64_t i = 0; i < scene.container().pages().size(); ++i) {
+    const format::PageRecord& page = scene.container().pages()[i];
+    if (page.kind == format::PageKind::kGeometry) bytes -= page.stored_bytes;
+  }
+  for (uint64_t i = 0; i < scene.drawn_pages().size(); ++i) bytes += scene.drawn_pages().record(i).stored_bytes;
+  return bytes;
+}
+
+/// A scene where it is drawn from. Neither copied nor moved: the device's copy refers to the scene.
+class LoadedScene {
+ public:
+  explicit LoadedScene(const BenchOptions& options) : options_(options) {}
+
+  Result<void> load(const std::string& path, bool on_gpu) {
+    runtime::SceneOptions load;
+    load.threads = options_.threads;
+    load.pages = !on_gpu;
+    load.texture_cache = runtime::kHostTextureCache;
+    Result<runtime::Scene> scene = runtime::Scene::open(path, load);
+    if (!scene) return scene.error();
+    scene_.emplace(std::move(*scene));
+    if (!on_gpu) return {};
+    const runtime::PictureNeeds pictures{options_.size.width, options_.size.height, options_.samples_per_side, &shade_};
+    Result<runtime::DeviceScene> device =
+        runtime::DeviceScene::upload(*scene_, options_.device_memory, options_.threads, options_.reading,
+                                     runtime::kDeviceTextureCache, options_.host_memory, pictures);
+    if (!device) return device.error();
+    device_.emplace(std::move(*device));
+    return {};
+  }
+
+  /// Draws and shades a frame; the times in ms.
+  struct FrameMs {
+    float draw = 0;
+    float shade = 0;
+  };
+  Result<FrameMs> draw(const kernels::View& view) {
+    if (device_) return draw_on_gpu(view);
+    Result<runtime::Frame> frame =
+        runtime::Frame::draw(*scene_, view, options_.samples_per_side, options_.threads, nullptr, &shade_);
+    if (!frame) return frame.error();
+    const runtime::Stopwatch watch;
+    const Result<runtime::Picture> picture = frame->shade(shade_, options_.threads);
+    if (!picture) return picture.error();
+    const FrameMs ms{static_cast<float>(frame->draw_time().wall_ms), static_cast<float>(watch.elapsed().wall_ms)};
+    frame_.emplace(std::move(*frame));
+    return ms;
+  }
+
+  /// Of the frame drawn last.
+  Result<uint64_t> picture_hash(const kernels::View& view) {
+    if (!device_) return format::checksum(std::as_bytes(frame_->samples()));
+    const kernels::View samples_view = in_samples(view);
+    std::vector<uint64_t> samples(uint64_t{samples_view.width} * samples_view.height);
+    if (const Result<void> read = device_->read_samples(samples); !read) return read.error();
+    return format::checksum(std::as_bytes(std::span(samples)));
+  }
+
+  runtime::Scene& scene() { return *scene_; }
+  std::optional<uint64_t> streamed_bytes() const {
+    if (!device_ || !device_->stream_stats()) return std::nullopt;
+    return device_->stream_stats()->streamed_bytes;
+  }
+  uint64_t device_bytes() const {
+    if (device_) return device_->stats().device_bytes;
+    uint64_t bytes = scene_->stats().texture_bytes + scene_->stats().jpeg_bytes;
+    for (uint64_t i = 0; i < scene_->drawn_pages().size(); ++i) bytes += scene_->drawn_pages().record(i).raw_bytes;
+    return bytes;
+  }
+
+ private:
+  kernels::View in_samples(kernels::View view) const {
+    view.width *= options_.samples_per_side;
+    view.height *= options_.samples_per_side;
+    return view;
+  }
+
+  Result<FrameMs> draw_on_gpu(const kernels::View& view) {
+    const kernels::View samples = in_samples(view);
+    kernels::FrameTimes drawn{};
+    if (const auto stats = device_->draw(samples, &drawn, &shade_); !stats) return stats.error();
+    kernels::ResolveTimes resolved{};
+    if (const auto done = device_->resolve(samples, options_.samples_per_side, shade_, {}, &resolved); !done)
+      return done.error();
+    return FrameMs{drawn.raster_ms, resolved.resolve_ms};
+  }
+
+  const BenchOptions& options_;
+  const kernels::ShadeOptions shade_;
+  std::optional<runtime::Scene> scene_;
+  std::optional<runtime::DeviceScene> device_;
+  std::optional<runtime::Frame> frame_;  // of a processor, the last one
+};
+
+/// Loads from one state of the page cache while they are measured.
+struct LoadSeries {
+  LoadResult result;
+  std::vector<float> load, first_picture;
+
+  void add(float load_ms, float first_ms, double share) {
+    result.cached_share = load.empty()     ? share
+                          : result.is_cold ? std::max(result.cached_share, share)
+                                           : std::min(result.cached_share, share);
+    load.push_back(load_ms);
+    first_picture.push_back(first_ms);
+  }
+  LoadResult finish() {
+    result.load = summarize(load);
+    result.first_picture = summarize(first_picture);
+    return result;
+  }
+};
+
+class FileBench {
+ public:
+  FileBench(const std::string& path, const BenchOptions& options, bool has_gpu)
+      : path_(path), options_(options), has_gpu_(has_gpu), progress_(!options.quiet) {
+    result_.file = path;
+  }
+
+  Result<FileResult> run() {
+    if (const Result<void> done = measure_loads(); !done) return done.error();
+    runtime::Scene& scene = loaded_->scene();
+    const kernels::SceneView& drawn = scene.view();
+    result_.file_bytes = scene.file().map().size();
+    result_.drawn_triangles = drawn.instance_base[drawn.instance_count];
+    for (uint64_t m = 0; m < drawn.mesh_count; ++m) result_.unique_triangles += drawn.meshes[m].triangle_count;
+    progress_.stage(path_ + ": drawing", views_.size(), "views");
+    for (const FileView& view : views_) {
+      progress_.update(result_.views.size(), 0);
+      const Result<ViewResult> measured = measure_view(view);
+      if (!measured) return measured.error();
+      result_.views.push_back(*measured);
+    }
+    progress_.erase();
+    if (const Result<void> whole = tools::check_not_cut(scene.file().map()); !whole) return whole.error();
+    return result_;
+  }
+
+ private:
+  /// From the disk and from the page cache in turn, so that other users of the machine slow both down alike. Where the
+  /// system hides what is cached, loads are measured as they come.
+  Result<void> measure_loads() {
+    std::vector<LoadSeries> all(2);
+    all[0].result.is_cold = true;
+    const Result<double> cached = cached_share(path_);
+    if (!cached) {
+      if (cached.error().code != ErrorCode::kUnsupported) return cached.error();
+      warn(cached.error().message + "; loads from the disk are not measured");
+      all.erase(all.begin());
+    }
+    progress_.stage(path_ + ": loading", options_.repeats * all.size(), "loads");
+    uint64_t loads = 0;
+    for (uint32_t i = 0; i < options_.repeats; ++i) {
+      for (LoadSeries& series : all) {
+        progress_.update(loads++, 0);
+        double share = 1;
+        if (cached) {
+          const Result<double> now = series.result.is_cold ? drop_from_cache(path_) : bring_to_cache(path_);
+          if (!now) return now.error();
+          share = *now;
+        }
+        if (const Result<void> done = load(series, share); !done) return done;
+      }
+    }
+    progress_.erase();
+    for (LoadSeries& series : all) result_.loads.push_back(series.finish());
+    return {};
+  }
+
+  Result<void> load(LoadSeries& series, double share) {
+    loaded_.reset();
+    const runtime::Stopwatch watch;
+    loaded_.emplace(options_);
+    if (const Result<void> done = loaded_->load(path_, has_gpu_); !done) return done;
+    const auto load_ms = static_cast<float>(watch.elapsed().wall_ms);
+    Result<std::vector<FileView>> views =
+        file_views(loaded_->scene(), path_, options_.cameras, options_.size, options_.threads);
+    if (!views) return views.error();
+    views_ = std::move(*views);
+    if (const auto drawn = loaded_->draw(views_.front().view); !drawn) return at(path_, drawn.error());
+    series.add(load_ms, static_cast<float>(watch.elapsed().wall_ms), share);
+    series.result.read_bytes = read_bytes(loaded_->scene());
+    series.result.device_bytes = loaded_->device_bytes();
+    return {};
+  }
+
+  Result<ViewResult> measure_view(const FileView& view) {
+    ViewResult result;
+    result.name = view.name;
+    std::vector<float> shade;
+    const auto draw_one = [&]() -> Result<float> {
+      const auto ms = loaded_->draw(view.view);
+      if (!ms) return ms.error();
+      shade.push_back(ms->shade);
+      return ms->draw;
+    };
+    const Result<float> first = draw_one();
+    if (!first) return at(path_, first.error());
+    result.first_ms = static_cast<double>(*first);
+    const Result<std::vector<float>> times = timed_frames(options_.frames, options_.warmup, draw_one);
+    if (!times) return at(path_, times.error());
+    result.frames = static_cast<uint32_t>(times->size());
+    result.draw = summarize(*times);
+    result.shade = summarize(std::span(shade).last(times->size()));
+    result.streamed_bytes = loaded_->streamed_bytes();
+    const Result<uint64_t> hash = loaded_->picture_hash(view.view);
+    if (!hash) return at(path_, hash.error());
+    result.picture = *hash;
+    return result;
+  }
+
+  void warn(const std::string& message) {
+    if (options_.quiet) return;
+    progress_.erase();
+    std::fprintf(stderr, "scree bench: warning: %s\n", message.c_str());
+  }
+
+  const std::string& path_;
+  const BenchOptions& options_;
+  const bool has_gpu_;
+  tools::Progress progress_;
+  std::optional<LoadedScene> loaded_;
+  std::vector<FileView> views_;
+  FileResult result_;
+};
+
+}  // namespace
+
+Result<FileResult> measure_file(const std::string& path, const BenchOptions& options, bool has_gpu) {
+  try {
+    return FileBench(path, options, has_gpu).run();
+  } catch (const std::bad_alloc&) {
+    return Error{ErrorCode::kMemory, path + ": no memory left to load or draw it"};
+  }
+}
+
+Result<void> run_bench(const BenchOptions& options) {
+  const Result<std::optional<runtime::Gpu>> gpu = tools::choose_gpu("bench", options.backend, options.quiet);
+  if (!gpu) return gpu.error();
+  BenchReport report{options, gpu->has_value() ? gpu_machine(**gpu) : cpu_machine(), {}};
+  Result<void> done;
+  for (const std::string& file : options.files) {
+    tools::report_sigbus("bench", file);
+    Result<FileResult> measured = measure_file(file, options, gpu->has_value());
+    if (!measured) {
+      done = measured.error();
+      break;
+    }
+    report.files.push_back(std::move(*measured));
+  }
+  if (report.files.empty()) return done;
+  std::fputs((options.json ? bench_json(report) : bench_text(report)).c_str(), stdout);
+  if (!options.csv.empty())
+    if (const Result<void> added = append_rows(report); !added) return added;
+  return done;
+}
+
+}  // namespace scree::bench

@@ -1,0 +1,76 @@
+// How fast a .scree file loads and draws on this machine.
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "format/result.h"
+#include "tools/bench/machine.h"
+#include "tools/bench/times.h"
+#include "tools/common/draw_options.h"
+
+namespace scree::bench {
+
+struct BenchOptions : tools::DrawOptions {
+  std::vector<std::string> files;
+  std::vector<std::string> cameras;  // empty: all of a file's, or its default view
+  uint32_t frames = 60;              // of each view; fewer where they take longer than kTimeBudgetMs
+  uint32_t warmup = 10;
+  uint32_t repeats = 5;  // of each kind of load, at least 1
+  std::string csv;       // empty: none
+  bool json = false;
+  bool quiet = false;
+};
+
+/// Loads of one file from one state of the page cache.
+struct LoadResult {
+  bool is_cold = false;
+  double cached_share = 0;  // of the file before its loads: cold the most, else the least
+  Times load;               // ms, from opening the file to all of it checked and where it is drawn from
+  Times first_picture;      // and on to the first picture, shaded
+  uint64_t read_bytes = 0;  // the file without the geometry that the scene does not draw
+  uint64_t device_bytes = 0;
+
+  double gb_per_s() const { return static_cast<double>(read_bytes) * 1e-6 / load.median; }
+};
+
+struct ViewResult {
+  std::string name;
+  uint32_t frames = 0;
+  double first_ms = 0;  // the first frame of this view, wall clock, without shading
+  Times draw;           // ms: a GPU's by its clock; a processor's, and a streamed frame's, by the wall's
+  Times shade;
+  std::optional<uint64_t> streamed_bytes;  // by the last frame, where the scene is streamed
+  uint64_t picture = 0;                    // XXH3-64 of the visibility buffer: equal pictures have equal ones
+};
+
+struct FileResult {
+  std::string file;
+  uint64_t file_bytes = 0;
+  uint64_t unique_triangles = 0;  // stored
+  uint64_t drawn_triangles = 0;   // over all instances of the scene
+  std::vector<LoadResult> loads;
+  std::vector<ViewResult> views;
+};
+
+struct BenchReport {
+  BenchOptions options;
+  Machine machine;
+  std::vector<FileResult> files;
+};
+
+/// Loads `path` several times, dropped from the page cache and out of it, and draws frames of its views. `gpu`: the
+/// current device, or none. Errors, the file named: those of Scene::open, DeviceScene::upload, drawing and shading.
+Result<FileResult> measure_file(const std::string& path, const BenchOptions& options, bool has_gpu);
+
+/// Measures every file, prints the report and appends the CSV rows; what was measured before an error is printed too.
+Result<void> run_bench(const BenchOptions& options);
+
+/// Tables for people; one JSON object; a row per view.
+std::string bench_text(const BenchReport& report);
+std::string bench_json(const BenchReport& report);
+Result<void> append_rows(const BenchReport& report);
+
+}  // namespace scree::bench

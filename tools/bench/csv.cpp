@@ -1,0 +1,100 @@
+#include "tools/bench/csv.h"
+
+#include <cerrno>
+#include <cmath>
+#include <cstdio>
+#include <cstring>
+#include <fstream>
+
+#include <fcntl.h>
+#include <sys/file.h>
+#include <unistd.h>
+
+#include "tools/common/stop_signal.h"
+
+namespace scree::bench {
+namespace {
+
+std::string quoted(const std::string& text) {
+  if (text.find_first_of(",\"\r\n") == std::string::npos) return text;
+  std::string out = "\"";
+  for (const char c : text) {
+    out += c;
+    if (c == '"') out += '"';
+  }
+  return out + '"';
+}
+
+Error file_error(const std::string& path) {
+  return {ErrorCode::kFile, path + ": " + std::strerror(errno)};
+}
+
+}  // namespace
+
+std::string csv_columns(const CsvCells& cells) {
+  std::string line;
+  for (const auto& cell : cells) line += (line.empty() ? "" : ",") + cell.first;
+  return line;
+}
+
+std::string csv_values(const CsvCells& cells) {
+  std::string line;
+  bool first = true;
+  for (const auto& cell : cells) {
+    if (!first) line += ',';
+    first = false;
+    line += quoted(cell.second);
+  }
+  return line;
+}
+
+void add_times(CsvCells& cells, const std::string& name, const std::optional<Times>& times) {
+  cells.emplace_back(name + "_ms", times ? csv_number(times->median) : "");
+  cells.emplace_back(name + "_min_ms", times ? csv_number(times->minimum) : "");
+  cells.emplace_back(name + "_spread_ms", times ? csv_number(times->spread) : "");
+}
+
+std::string csv_number(double value) {
+  if (std::isinf(value)) return "inf";
+  char text[32];
+  std::snprintf(text, sizeof text, "%.6g", value);
+  return text;
+}
+std::string csv_number(uint64_t value) {
+  return std::to_string(value);
+}
+
+Result<void> append_csv(const std::string& path, const CsvCells& cells) {
+  const std::string header = csv_columns(cells);
+  // The lock is held from the test of the first line to the end of the write, so that two programs that begin a file
+  // leave one header and whole rows.
+  const int file = ::open(path.c_str(), O_RDWR | O_CREAT | O_APPEND | O_CLOEXEC, 0666);
+  if (file < 0) return file_error(path);
+  struct Close {
+    int file;
+    ~Close() { ::close(file); }
+  } const closes{file};
+  while (::flock(file, LOCK_EX) != 0 && errno == EINTR) {
+  }
+  bool is_new = true;
+  {
+    std::ifstream in(path, std::ios::binary);
+    std::string line;
+    if (in && std::getline(in, line)) {
+      is_new = false;
+      if (line != header)
+        return Error{ErrorCode::kFormat, path + ": line 1 is not this version's list of columns; name another file"};
+    }
+  }
+  const std::string text = (is_new ? header + '\n' : std::string()) + csv_values(cells) + '\n';
+  for (size_t done = 0; done < text.size();) {
+    const ssize_t written = ::write(file, text.data() + done, text.size() - done);
+    if (written < 0 && errno == EINTR) continue;
+    if (written <= 0) return file_error(path);
+    done += static_cast<size_t>(written);
+  }
+  tools::note_written(path);
+  return {};
+}
+
+}  // namespace scree::bench

@@ -1,0 +1,48 @@
+// How long frames take: a loop that stops by the clock, and what is made of its times.
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "format/result.h"
+#include "runtime/threads/stopwatch.h"
+
+namespace scree::bench {
+
+/// Of the times of several frames, ms.
+struct Times {
+  double median = 0;
+  double minimum = 0;
+  double spread = 0;  // largest minus smallest
+  double mean = 0;
+  double worst = 0;
+};
+
+/// `ms`: at least one. The median of an even number is the mean of the middle two.
+Times summarize(std::span<const float> ms);
+
+inline constexpr double kTimeBudgetMs = 2000;
+
+/// Draws up to `warmup` frames and up to `frames` (at least 1) more: fewer where they take longer than a quarter of
+/// kTimeBudgetMs, or all of it. `draw_one`: draws once more and gives a Result<float> of the ms it took. Returns those
+/// of the second part. Errors: those of `draw_one`.
+template <class DrawOne>
+Result<std::vector<float>> timed_frames(uint32_t frames, uint32_t warmup, const DrawOne& draw_one) {
+  std::vector<float> times;
+  const auto draw_many = [&](uint32_t count, double budget_ms) -> Result<void> {
+    const runtime::Stopwatch watch;
+    times.clear();
+    while (times.size() < count && (times.empty() || watch.elapsed().wall_ms < budget_ms)) {
+      const Result<float> ms = draw_one();
+      if (!ms) return ms.error();
+      times.push_back(*ms);
+    }
+    return {};
+  };
+  if (Result<void> done = draw_many(warmup, kTimeBudgetMs / 4); !done) return done.error();
+  if (Result<void> done = draw_many(frames, kTimeBudgetMs); !done) return done.error();
+  return times;
+}
+
+}  // namespace scree::bench

@@ -1,0 +1,79 @@
+#include "tools/common/draw_options.h"
+
+#include <algorithm>
+
+#include "kernels/visbuffer.h"
+
+namespace scree::tools {
+
+void add_picture_options(CLI::App& app, DrawWords& words) {
+  app.add_option("--size", words.size, "Pixels, WxH (default: 1920x1080)")->type_name("WxH");
+  app.add_option("--samples", words.samples, "Samples per pixel along each side: 1 (default), 2 or 4")->type_name("N");
+}
+
+void add_device_options(CLI::App& app, DrawWords& words) {
+  app.add_option("--threads", words.threads, "Threads; 0: one per processor (default)")->type_name("N");
+  app.add_option("--backend", words.backend,
+                 "cpu, cuda, or auto: the GPU, or the CPU with one line that says why (default)")
+      ->type_name("NAME");
+  app.add_option("--device", words.device,
+                 "The GPU, by its index or UUID, as scree devices lists them (default: the first that can be used)")
+      ->type_name("N|UUID");
+  app.add_option("--device-memory", words.device_memory,
+                 "The most that the scene, its frames and the picture may take of the GPU's memory, such as 8GiB "
+                 "(default: what is free); chunks that it does not hold are streamed")
+      ->type_name("SIZE");
+  app.add_option(
+         "--host-memory", words.host_memory,
+         "The most host memory for the picture's buffers and for pinned memory that the GPU is fed from, such as "
+         "16GiB; "
+         "the rest of it keeps the chunks of a scene that the GPU's memory does not hold (default, and with 0: no "
+         "limit, and chunks come from the file)")
+      ->type_name("SIZE");
+  app.add_option("--read", words.read,
+                 "How the GPU's pages come from the file: mapped, buffered: read through the page cache, direct: past "
+                 "it, or auto: direct where much is to be read that is not cached, else buffered (default)")
+      ->type_name("NAME");
+}
+
+Result<DrawOptions> parse_draw_options(const DrawWords& words) {
+  const auto usage = [](const char* option, const std::string& text, const char* expected) {
+    return Error{ErrorCode::kUsage, std::string(option) + ": '" + text + "' is not " + expected};
+  };
+  DrawOptions options;
+  const Result<ImageSize> size = parse_image_size(words.size, "--size");
+  if (!size) return size.error();
+  options.size = *size;
+  if (words.samples != "1" && words.samples != "2" && words.samples != "4")
+    return usage("--samples", words.samples, "1, 2 or 4");
+  options.samples_per_side = static_cast<uint32_t>(words.samples[0] - '0');
+  const uint64_t longest = uint64_t{std::max(size->width, size->height)} * options.samples_per_side;
+  if (longest > kernels::kMaxImageSide)
+    return Error{ErrorCode::kUsage, "--size " + words.size + " with --samples " + words.samples + " makes " +
+                                        std::to_string(longest) + " samples a side, at most " +
+                                        std::to_string(kernels::kMaxImageSide)};
+  const Result<uint32_t> threads = parse_threads(words.threads);
+  if (!threads) return threads.error();
+  options.threads = *threads;
+  const Result<BackendOptions> backend = parse_backend(words.backend, words.device);
+  if (!backend) return backend.error();
+  options.backend = *backend;
+  const Result<uint64_t> device_memory = parse_size(words.device_memory, "--device-memory", 0);
+  if (!device_memory) return device_memory.error();
+  options.device_memory = *device_memory;
+  const Result<uint64_t> host_memory = parse_size(words.host_memory, "--host-memory", 0);
+  if (!host_memory) return host_memory.error();
+  options.host_memory = *host_memory;
+  if (words.read == "mapped") {
+    options.reading = runtime::Reading::kMapped;
+  } else if (words.read == "buffered") {
+    options.reading = runtime::Reading::kBuffered;
+  } else if (words.read == "direct") {
+    options.reading = runtime::Reading::kDirect;
+  } else if (words.read != "auto") {
+    return usage("--read", words.read, "auto, mapped, buffered or direct");
+  }
+  return options;
+}
+
+}  // namespace scree::tools

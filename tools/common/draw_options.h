@@ -1,0 +1,46 @@
+// The options of every command that draws a scene: render, compare, bench.
+#pragma once
+
+#include <cstdint>
+#include <string>
+
+#include <CLI/CLI.hpp>
+
+#include "format/result.h"
+#include "runtime/stream/upload.h"
+#include "tools/common/backend.h"
+#include "tools/common/options.h"
+
+namespace scree::tools {
+
+/// As typed; empty where nothing was.
+struct DrawWords {
+  std::string size = "1920x1080";
+  std::string samples = "1";
+  std::string threads = "0";
+  std::string backend = "auto";
+  std::string device;
+  std::string device_memory;
+  std::string host_memory;
+  std::string read = "auto";
+};
+
+struct DrawOptions {
+  ImageSize size{1920, 1080};  // in pixels
+  uint32_t samples_per_side = 1;
+  uint32_t threads = 1;
+  BackendOptions backend;
+  uint64_t device_memory = 0;  // bytes the scene, its frames and the picture may take on the GPU; 0: what is free
+  uint64_t host_memory = 0;    // bytes of pictures and pinned memory on the host; 0: no limit, no chunks kept
+  runtime::Reading reading = runtime::Reading::kAuto;  // of a GPU's pages
+};
+
+/// --size and --samples; and those that choose what draws and what it may take: --threads, --backend, --device,
+/// --device-memory, --host-memory, --read.
+void add_picture_options(CLI::App& app, DrawWords& words);
+void add_device_options(CLI::App& app, DrawWords& words);
+
+/// Errors kUsage: the option, what was typed, what is allowed.
+Result<DrawOptions> parse_draw_options(const DrawWords& words);
+
+}  // namespace scree::tools

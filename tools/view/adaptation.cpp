@@ -1,0 +1,40 @@
+#include "tools/view/adaptation.h"
+
+namespace scree::tools::view {
+
+void Adaptation::go_to(size_t level, double now_ms) {
+  level_ = level;
+  changed_ms_ = now_ms;
+  fast_since_ms_ = -1;
+  average_ms_[level] = 0;
+}
+
+void Adaptation::note(size_t level, double ms, double now_ms) {
+  double& average = average_ms_[level];
+  average = average == 0 ? ms : 0.7 * average + 0.3 * ms;
+  if (level != level_) return;  // it was on its way when the level changed
+  if (now_ms >= lowest_until_ms_) lowest_ = kQualities.size() - 1;
+
+  const bool has_settled = now_ms - changed_ms_ >= kSettleMs;
+  const bool has_fewer_pixels = level_ > 0 && kQualities[level_].scale < kQualities[level_ - 1].scale;
+  if (has_settled && has_fewer_pixels && average > kSlow && average > kGain * average_ms_[level_ - 1] &&
+      average_ms_[level_ - 1] > 0) {
+    // Neither bytes nor pixels take the time: a worse picture would come no sooner.
+    lowest_ = level_ - 1;
+    lowest_until_ms_ = now_ms + kUselessMs;
+    return go_to(level_ - 1, now_ms);
+  }
+  if (average > kSlow) {
+    fast_since_ms_ = -1;
+    if (has_settled && level_ < lowest_) go_to(level_ + 1, now_ms);
+    return;
+  }
+  if (average >= kFast) {
+    fast_since_ms_ = -1;
+    return;
+  }
+  if (fast_since_ms_ < 0) fast_since_ms_ = now_ms;
+  if (now_ms - fast_since_ms_ >= kRiseMs && level_ > 0) go_to(level_ - 1, now_ms);
+}
+
+}  // namespace scree::tools::view

@@ -1,0 +1,267 @@
+// scree view: a server of pictures, and of the page that asks for them.
+#include <fcntl.h>
+#include <spawn.h>
+#include <sys/wait.h>
+#include <unistd.h>
+#include <cstdio>
+#include <cstdlib>
+#include <cstring>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <string>
+#include <thread>
+#include <utility>
+#include <vector>
+
+#include "runtime/scene/scene.h"
+#include "tools/common/backend.h"
+#include "tools/common/command.h"
+#include "tools/common/options.h"
+#include "tools/common/standard_output.h"
+#include "tools/common/stop_signal.h"
+#include "tools/view/access.h"
+#include "tools/view/hub.h"
+#include "tools/view/server.h"
+
+extern char** environ;
+
+namespace scree::tools {
+namespace {
+
+/// As typed; empty where nothing was.
+struct ViewWords {
+  std::string file;
+  std::string scene;
+  std::string host = "127.0.0.1";
+  std::string port;
+  std::string base_path;
+  std::vector<std::string> allowed_hosts;
+  std::string viewers = "8";
+  std::string threads = "0";
+  std::string backend = "auto";
+  std::string device;
+  std::string device_memory;
+  std::string texture_cache;
+  bool open = false;
+  bool quiet = false;
+};
+
+struct ViewOptions {
+  view::SessionOptions session;
+  view::ServerOptions server;
+  bool open = false;
+  bool quiet = false;
+};
+
+Result<ViewOptions> parse_view_options(const ViewWords& words) {
+  ViewOptions options;
+  options.open = words.open;
+  options.quiet = words.quiet;
+  options.session.file = words.file;
+  options.session.scene = words.scene;
+  options.session.quiet = words.quiet;
+  const Result<uint32_t> threads = parse_threads(words.threads);
+  if (!threads) return threads.error();
+  options.session.threads = *threads;
+  const Result<BackendOptions> backend = parse_backend(words.backend, words.device);
+  if (!backend) return backend.error();
+  options.session.backend = *backend;
+  const std::pair<const char*, const std::string*> names[] = {{"--device-memory", &words.device_memory},
+                                                              {"--texture-cache", &words.texture_cache}};
+  uint64_t* const sizes[] = {&options.session.device_memory, &options.session.texture_cache};
+  for (size_t i = 0; i < 2; ++i) {
+    if (names[i].second->empty()) continue;
+    const Result<uint64_t> bytes = parse_size(*names[i].second);
+    if (!bytes) return at(names[i].first, bytes.error());
+    *sizes[i] = *bytes;
+  }
+  options.server.host = words.host;
+  if (!words.port.empty()) {
+    const Result<uint64_t> port = parse_whole(words.port, 0, 65535, "--port");
+    if (!port) return port.error();
+    options.server.port = static_cast<uint16_t>(*port);
+    options.server.is_port_fixed = true;
+  }
+  const Result<std::string> base_path = view::parse_base_path(words.base_path);
+  if (!base_path) return base_path.error();
+  options.server.base_path = *base_path;
+  for (const std::string& host : words.allowed_hosts) {
+    if (view::host_of(host).empty() || (host.find(':') != std::string::npos && host.front() != '['))
+      return Error{ErrorCode::kUsage, "--allow-host: '" + host + "' is not a host name without a port"};
+    options.server.allowed_hosts.push_back(host);
+  }
+  const Result<uint64_t> viewers = parse_whole(words.viewers, 1, view::kMaxSockets / 2, "--viewers");
+  if (!viewers) return viewers.error();
+  options.server.max_viewers = static_cast<uint32_t>(*viewers);
+  return options;
+}
+
+std::string host_name() {
+  char name[256] = {};
+  return ::gethostname(name, sizeof name - 1) == 0 && name[0] != 0 ? name : "HOST";
+}
+
+std::string user_name() {
+  const char* const name = std::getenv("USER");
+  return name != nullptr && name[0] != 0 ? name : "USER";
+}
+
+bool is_any_address(const std::string& host) {
+  return host == "0.0.0.0" || host == "::";
+}
+
+/// As it stands in an address: "[::1]".
+std::string bracketed(const std::string& host) {
+  return host.find(':') == std::string::npos ? host : "[" + host + "]";
+}
+
+/// "http://127.0.0.1:8080/scree/#token=...".
+std::string page_url(const view::ServerOptions& options, uint16_t port) {
+  const std::string host = bracketed(is_any_address(options.host) ? host_name() : options.host);
+  return "http://" + host + ":" + std::to_string(port) + options.base_path + "/#token=" + options.token;
+}
+
+void print_places(const view::ServerOptions& options, uint16_t port) {
+  std::printf("%s\n", page_url(options, port).c_str());
+  if (view::is_loopback(options.host)) {
+    const std::string number = std::to_string(port);
+    std::printf("from another machine: ssh -N -L %s:%s:%s %s@%s, then the same address there\n", number.c_str(),
+                bracketed(options.host).c_str(), number.c_str(), user_name().c_str(), host_name().c_str());
+  }
+  std::fflush(stdout);
+}
+
+/// Opens a browser with a page that only this user can read, since everyone sees the words of a command line. The file
+/// is removed at the end of the program.
+class BrowserPage {
+ public:
+  explicit BrowserPage(const std::string& url) {
+    const char* const folder = std::getenv("XDG_RUNTIME_DIR");
+    path_ = std::string(folder != nullptr && folder[0] == '/' ? folder : "/tmp") + "/scree-view-XXXXXX.html";
+    const int file = ::mkstemps(path_.data(), 5);  // mode 0600
+    if (file < 0) {
+      path_.clear();
+      return;
+    }
+    const std::string page = "<!doctype html><meta http-equiv=\"refresh\" content=\"0;url=" + url + "\">\n";
+    const bool written = ::write(file, page.data(), page.size()) == static_cast<ssize_t>(page.size());
+    ::close(file);
+    if (!written) return;
+    std::string program = "xdg-open", argument = "file://" + path_;
+    char* words[] = {program.data(), argument.data(), nullptr};
+    posix_spawn_file_actions_t actions;
+    posix_spawn_file_actions_init(&actions);
+    for (const int output : {STDOUT_FILENO, STDERR_FILENO})
+      posix_spawn_file_actions_addopen(&actions, output, "/dev/null", O_WRONLY, 0);
+    pid_t child = 0;
+    is_opened_ = ::posix_spawnp(&child, "xdg-open", &actions, nullptr, words, environ) == 0;
+    posix_spawn_file_actions_destroy(&actions);
+    if (is_opened_) std::thread([child] { ::waitpid(child, nullptr, 0); }).detach();
+  }
+  BrowserPage(const BrowserPage&) = delete;
+  BrowserPage& operator=(const BrowserPage&) = delete;
+  ~BrowserPage() {
+    if (!path_.empty()) ::unlink(path_.c_str());
+  }
+  bool is_opened() const { return is_opened_; }
+
+ private:
+  std::string path_;
+  bool is_opened_ = false;
+};
+
+Result<void> serve(ViewOptions options) {
+  // A wrong name or a damaged file is an error of the command, not of a page.
+  Result<runtime::SceneFile> file = runtime::SceneFile::open(options.session.file);
+  if (!file) return file.error();
+  if (const Result<uint32_t> scene = file->find_scene(options.session.scene); !scene) return scene.error();
+  Result<std::string> token = view::make_token();
+  if (!token) return token.error();
+  options.server.token = *token;
+  if (!view::is_loopback(options.server.host) && !options.quiet)
+    std::fprintf(
+        stderr,
+        "scree view: warning: --host %s: other machines can connect, and nothing is encrypted; use an SSH tunnel or "
+        "a proxy with TLS where others share the network\n",
+        options.server.host.c_str());
+  const StopOnSignal handlers("no longer served");
+  Result<view::ViewServer> listening = view::ViewServer::listen(options.server);
+  if (!listening) return listening.error();
+  auto server = std::make_unique<view::ViewServer>(std::move(*listening));
+  print_places(options.server, server->port());
+  std::optional<BrowserPage> page;
+  if (options.open) {
+    page.emplace(page_url(options.server, server->port()));
+    if (!page->is_opened() && !options.quiet)
+      std::fprintf(stderr, "scree view: warning: --open: xdg-open does not start; open the address yourself\n");
+  }
+
+  // Of the hub's thread, which may outlive this function.
+  struct Failure {
+    std::mutex mutex;
+    std::optional<Error> error;
+  };
+  const auto failure = std::make_shared<Failure>();
+  const auto failed = [failure] {
+    const std::lock_guard lock(failure->mutex);
+    return failure->error;
+  };
+  auto hub = std::make_unique<view::Hub>(options.session, [failure](Error error) {
+    const std::lock_guard lock(failure->mutex);
+    failure->error = std::move(error);
+  });
+  server->run(*hub, [&] { return StopOnSignal::flag()->load() || failed(); });
+  if (!hub->stop(std::chrono::milliseconds(500))) {
+    // A picture is still being drawn. Nothing of it is kept, so the program ends without it.
+    (void)hub.release();
+    (void)server.release();
+    return Error{ErrorCode::kFile, "interrupted"};
+  }
+  hub.reset();
+  if (const std::optional<Error> error = failed()) return *error;
+  if (!options.quiet) std::fprintf(stderr, "scree view: stopped\n");
+  return finish_output();
+}
+
+}  // namespace
+
+Command add_view(CLI::App& parent) {
+  const auto words = std::make_shared<ViewWords>();
+  CLI::App* app = parent.add_subcommand("view", "Serves a scene to browsers: look around, pick, measure");
+  app->add_option("file", words->file, "The scene: a .scree file")->required();
+  app->add_option("--scene", words->scene, "Scene of the file, by name or number (default: the file's default)");
+  app->add_flag("--open", words->open, "Open the page in this machine's browser");
+  app->add_option("--host", words->host,
+                  "The address to listen on (default: 127.0.0.1, which only this machine reaches)");
+  app->add_option("--port", words->port,
+                  "The port to listen on; 0: any that is free (default: 8080, or the next of 20 that is free)");
+  app->add_option("--base-path", words->base_path, "Path under which a proxy serves the page, such as /scree");
+  app->add_option("--allow-host", words->allowed_hosts,
+                  "A host name by which browsers may reach the server, as that of a proxy; may be given several times")
+      ->type_size(1)
+      ->expected(1)
+      ->allow_extra_args(false)
+      ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll);
+  app->add_option("--viewers", words->viewers, "The most pages at once, 1 to 32 (default: 8)");
+  app->add_option("--threads", words->threads, "Threads; 0: one per processor (default)");
+  app->add_option("--backend", words->backend,
+                  "cpu, cuda, or auto: the GPU, or the CPU with one line that says why (default)");
+  app->add_option(
+      "--device", words->device,
+      "The GPU to draw on, by its index or UUID, as scree devices lists them (default: the first that can be "
+      "used)");
+  app->add_option("--device-memory", words->device_memory,
+                  "The most that the scene, its frames and the picture may take of the GPU's memory, such as 8GiB "
+                  "(default: what is free); chunks that it does not hold are streamed");
+  app->add_option("--texture-cache", words->texture_cache,
+                  "Memory for decoded blocks of JPEG textures, such as 1GiB (default: 64MiB, on a GPU 256MiB)");
+  app->add_flag("-q,--quiet", words->quiet, "No warnings");
+  return {app, [words]() -> Result<void> {
+            Result<ViewOptions> options = parse_view_options(*words);
+            if (!options) return options.error();
+            return serve(std::move(*options));
+          }};
+}
+
+}  // namespace scree::tools

@@ -1,0 +1,233 @@
+#include "tools/view/encode.h"
+
+#include <algorithm>
+#include <array>
+#include <cassert>
+#include <memory>
+#include <new>
+#include <string_view>
+
+#include <turbojpeg.h>
+#include <zlib.h>
+
+namespace scree::tools::view {
+namespace {
+
+using Bytes = std::vector<std::byte>;
+
+/// A few strips per thread, so that none waits long for the last, of at least `least` rows each.
+uint32_t rows_per_strip(uint32_t rows, uint32_t threads, uint32_t least) {
+  const uint32_t strips = std::max(1u, threads > 1 ? 3 * threads : 2);
+  return std::max((rows + strips - 1) / strips, least);
+}
+
+void append(Bytes& out, std::span<const std::byte> more) {
+  out.insert(out.end(), more.begin(), more.end());
+}
+
+template <class... Values>
+void append_bytes(Bytes& out, Values... values) {
+  (out.push_back(static_cast<std::byte>(values)), ...);
+}
+
+void append_big_endian(Bytes& out, uint32_t value) {
+  append_bytes(out, value >> 24, value >> 16, value >> 8, value);
+}
+
+struct TurboFree {
+  void operator()(void* handle) const { tjDestroy(handle); }
+};
+
+/// The compressor of a thread: making one clears 100 KB.
+tjhandle compressor() {
+  thread_local std::unique_ptr<void, TurboFree> handle(tjInitCompress());
+  return handle.get();
+}
+
+/// A whole JPEG of rows [first, first + count); empty where libjpeg fails, for lack of memory.
+Bytes jpeg_strip(const PixelView& picture, uint32_t first, uint32_t count, int quality, int sampling) {
+  const tjhandle handle = compressor();
+  if (handle == nullptr) return {};
+  Bytes out(tjBufSize(static_cast<int>(picture.width), static_cast<int>(count), sampling));
+  auto* place = reinterpret_cast<unsigned char*>(out.data());
+  unsigned long size = out.size();
+  const size_t row_bytes = size_t{picture.width} * picture.channels;
+  const int failed =
+      tjCompress2(handle, picture.bytes.data() + first * row_bytes, static_cast<int>(picture.width),
+                  static_cast<int>(row_bytes), static_cast<int>(count), picture.channels == 4 ? TJPF_RGBX : TJPF_RGB,
+                  &place, &size, sampling, quality, TJFLAG_NOREALLOC | TJFLAG_FASTDCT);
+  out.resize(failed != 0 ? 0 : size);
+  return out;
+}
+
+/// Where the entropy-coded bytes of a strip begin; they end before the EOI, its last two bytes.
+struct StripPlaces {
+  size_t frame = 0;  // the SOF0 marker
+  size_t scan = 0;   // the SOS marker
+  size_t data = 0;
+};
+
+StripPlaces find_places(const Bytes& jpeg) {
+  StripPlaces places;
+  const auto byte = [&](size_t at) { return static_cast<size_t>(jpeg[at]); };
+  for (size_t at = 2; at + 4 <= jpeg.size();) {  // behind SOI
+    const size_t length = byte(at + 2) << 8 | byte(at + 3);
+    if (byte(at + 1) == 0xc0) places.frame = at;
+    if (byte(at + 1) == 0xda) {
+      places.scan = at;
+      places.data = at + 2 + length;
+      break;
+    }
+    at += 2 + length;
+  }
+  assert(places.frame != 0 && places.data != 0 && places.data + 2 <= jpeg.size());
+  return places;
+}
+
+/// The strips as one picture: the first one's head with the whole height and the restart interval, then all their
+/// data. Each starts from a DC of 0 at a byte's edge, as behind a restart marker. Source: T.81, B.2.1, B.2.4.4.
+Bytes join_strips(const std::vector<Bytes>& strips, uint32_t height, uint32_t mcus_per_strip) {
+  size_t total = 64;
+  for (const Bytes& strip : strips) total += strip.size();
+  Bytes out;
+  out.reserve(total);
+  for (size_t i = 0; i < strips.size(); ++i) {
+    const std::span<const std::byte> strip(strips[i]);
+    const StripPlaces places = find_places(strips[i]);
+    if (i == 0) {
+      append(out, strip.first(places.scan));
+      out[places.frame + 5] = static_cast<std::byte>(height >> 8);
+      out[places.frame + 6] = static_cast<std::byte>(height);
+      append_bytes(out, 0xff, 0xdd, 0, 4, mcus_per_strip >> 8, mcus_per_strip);
+      append(out, strip.subspan(places.scan, places.data - places.scan));
+    } else {
+      append_bytes(out, 0xff, 0xd0 + (i - 1) % 8);
+    }
+    append(out, strip.subspan(places.data, strip.size() - 2 - places.data));
+  }
+  append_bytes(out, 0xff, 0xd9);
+  return out;
+}
+
+/// A strip of a PNG's image data: deflate blocks that end at a byte, and the checksum of the bytes they unpack to.
+struct PngStrip {
+  Bytes data;
+  uint32_t adler = 0;
+  size_t raw_bytes = 0;
+};
+
+bool deflate_strip(const PixelView& picture, uint32_t first, uint32_t count, bool is_last, PngStrip& out) {
+  const size_t row_bytes = 1 + size_t{3} * picture.width;
+  std::vector<uint8_t> raw(row_bytes * count);
+  for (uint32_t y = 0; y < count; ++y) {
+    uint8_t* to = raw.data() + y * row_bytes;
+    const uint8_t* from = picture.bytes.data() + size_t{first + y} * picture.width * picture.channels;
+    *to++ = 1;  // filter: Sub
+    std::array<uint8_t, 3> left{};
+    for (uint32_t x = 0; x < picture.width; ++x, from += picture.channels) {
+      for (size_t c = 0; c < 3; ++c) {
+        *to++ = static_cast<uint8_t>(from[c] - left[c]);
+        left[c] = from[c];
+      }
+    }
+  }
+  out.raw_bytes = raw.size();
+  out.adler = static_cast<uint32_t>(adler32_z(1, raw.data(), raw.size()));
+  z_stream stream{};
+  constexpr int kRaw = -15;  // no zlib header; a window of 32 KiB
+  if (deflateInit2(&stream, 1, Z_DEFLATED, kRaw, 8, Z_DEFAULT_STRATEGY) != Z_OK) return false;
+  out.data.resize(deflateBound(&stream, static_cast<uLong>(raw.size())) + 16);
+  stream.next_in = raw.data();
+  stream.avail_in = static_cast<uInt>(raw.size());
+  stream.next_out = reinterpret_cast<Bytef*>(out.data.data());
+  stream.avail_out = static_cast<uInt>(out.data.size());
+  const int status = deflate(&stream, is_last ? Z_FINISH : Z_FULL_FLUSH);
+  const bool is_done = status == (is_last ? Z_STREAM_END : Z_OK) && stream.avail_in == 0 && stream.avail_out > 0;
+  out.data.resize(stream.total_out);
+  deflateEnd(&stream);
+  return is_done;
+}
+
+void append_chunk(Bytes& out, std::string_view type, std::span<const std::byte> data) {
+  append_big_endian(out, static_cast<uint32_t>(data.size()));
+  const size_t start = out.size();
+  append(out, std::as_bytes(std::span(type)));
+  append(out, data);
+  append_big_endian(
+      out, static_cast<uint32_t>(crc32_z(0, reinterpret_cast<const Bytef*>(out.data() + start), out.size() - start)));
+}
+
+Error out_of_memory() {
+  return {ErrorCode::kMemory, "no memory left to encode a picture"};
+}
+
+}  // namespace
+
+Result<Bytes> encode_jpeg(const PixelView& picture, int quality, bool is_sharp, runtime::Workers& workers,
+                          const IsAbandoned& is_abandoned) try {
+  assert(picture.bytes.size() == size_t{picture.width} * picture.height * picture.channels);
+  const int sampling = is_sharp ? TJSAMP_444 : TJSAMP_420;
+  const uint32_t mcu = is_sharp ? 8 : 16;
+  const uint32_t mcus_across = (picture.width + mcu - 1) / mcu;
+  const uint32_t mcu_rows = (picture.height + mcu - 1) / mcu;
+  // At most 65,535 MCUs between restart markers: 16 bits.
+  const uint32_t per_strip = std::min(rows_per_strip(mcu_rows, workers.count(), 2), std::max(65535 / mcus_across, 1u));
+  const uint32_t strip_count = (mcu_rows + per_strip - 1) / per_strip;
+  std::vector<Bytes> strips(strip_count);
+  std::atomic<bool> is_left{false};
+  workers.for_each(strip_count, [&](uint64_t i) {
+    if (is_left || (is_abandoned && is_abandoned())) return is_left.store(true);
+    const uint32_t first = static_cast<uint32_t>(i) * per_strip * mcu;
+    strips[i] = jpeg_strip(picture, first, std::min(per_strip * mcu, picture.height - first), quality, sampling);
+  });
+  if (is_left) return Bytes();
+  if (std::any_of(strips.begin(), strips.end(), [](const Bytes& strip) { return strip.empty(); }))
+    return out_of_memory();
+  return join_strips(strips, picture.height, per_strip * mcus_across);
+} catch (const std::bad_alloc&) {
+  return out_of_memory();
+}
+
+Result<Bytes> encode_png(const PixelView& picture, runtime::Workers& workers, const IsAbandoned& is_abandoned) try {
+  assert(picture.bytes.size() == size_t{picture.width} * picture.height * picture.channels);
+  // Strips of 64 KiB or more, or what is lost between them shows in the size.
+  const uint32_t least = std::max(1u, (64 << 10) / (3 * picture.width));
+  const uint32_t per_strip = std::min(rows_per_strip(picture.height, 4 * workers.count(), least), picture.height);
+  const uint32_t strip_count = (picture.height + per_strip - 1) / per_strip;
+  std::vector<PngStrip> strips(strip_count);
+  std::atomic<bool> is_left{false}, has_failed{false};
+  workers.for_each(strip_count, [&](uint64_t i) {
+    if (is_left || (is_abandoned && is_abandoned())) return is_left.store(true);
+    const uint32_t first = static_cast<uint32_t>(i) * per_strip;
+    if (!deflate_strip(picture, first, std::min(per_strip, picture.height - first), i + 1 == strip_count, strips[i]))
+      has_failed = true;
+  });
+  if (is_left) return Bytes();
+  if (has_failed) return out_of_memory();
+
+  Bytes out;
+  size_t total = 128;
+  for (const PngStrip& strip : strips) total += strip.data.size() + 16;
+  out.reserve(total);
+  append_bytes(out, 0x89, 'P', 'N', 'G', '\r', '\n', 0x1a, '\n');
+  Bytes head;
+  append_big_endian(head, picture.width);
+  append_big_endian(head, picture.height);
+  append_bytes(head, 8, 2, 0, 0, 0);  // bits, RGB, deflate, adaptive filters, not interlaced
+  append_chunk(out, "IHDR", head);
+  uint32_t adler = 1;
+  for (size_t i = 0; i < strips.size(); ++i) {
+    PngStrip& strip = strips[i];
+    adler = static_cast<uint32_t>(adler32_combine(adler, strip.adler, static_cast<z_off_t>(strip.raw_bytes)));
+    constexpr std::byte kZlibHead[2] = {std::byte{0x78}, std::byte{0x01}};
+    if (i == 0) strip.data.insert(strip.data.begin(), std::begin(kZlibHead), std::end(kZlibHead));
+    if (i + 1 == strips.size()) append_big_endian(strip.data, adler);
+    append_chunk(out, "IDAT", strip.data);
+  }
+  append_chunk(out, "IEND", {});
+  return out;
+} catch (const std::bad_alloc&) {
+  return out_of_memory();
+}
+
+}  // namespace scree::tools::view

@@ -1,0 +1,135 @@
+// The viewers of a scene and the one thread that draws for them. Sockets stay outside: a viewer is a ViewerLink.
+#pragma once
+
+#include <chrono>
+#include <condition_variable>
+#include <cstdint>
+#include <deque>
+#include <functional>
+#include <map>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "tools/view/adaptation.h"
+#include "tools/view/message.h"
+#include "tools/view/session.h"
+
+namespace scree::tools::view {
+
+/// The way to one page. Called from any thread, must not block, and must not call the hub.
+class ViewerLink {
+ public:
+  virtual ~ViewerLink() = default;
+  virtual void send_text(std::string text) = 0;
+  /// A picture message: u32 little-endian, bytes of the JSON head that follows; then the image file.
+  virtual void send_picture(std::vector<std::byte> message) = 0;
+};
+
+/// Pictures sent to a viewer and not acknowledged by it; more would only queue on the way.
+inline constexpr size_t kMaxInFlight = 2;
+
+/// Answers to one viewer that are still to be made; a page that asks for more gets an error.
+inline constexpr size_t kMaxJobs = 16;
+
+/// Thread-safe. Nothing a viewer does makes the hub hold more than kMaxInFlight pictures, kMaxJobs jobs and a depth map
+/// of 4 MiB for it, or keeps the others waiting for longer than the drawing of one picture.
+class Hub {
+ public:
+  using Clock = std::chrono::steady_clock;
+
+  /// Begins to open the scene, on the hub's own thread. `on_end`: called there if that fails, and when the hub can draw
+  /// no longer; the hub is then of no use.
+  Hub(SessionOptions options, std::function<void(Error)> on_end);
+  Hub(const Hub&) = delete;
+  Hub& operator=(const Hub&) = delete;
+  ~Hub();
+
+  /// A new viewer's number, from 1 on.
+  uint32_t join(std::shared_ptr<ViewerLink> link);
+  void leave(uint32_t viewer);
+  void receive(uint32_t viewer, Message message);
+
+  /// Ends the thread behind the picture that it is drawing. Returns whether it has ended within `patience`; where it
+  /// has not, the destructor waits for it.
+  bool stop(std::chrono::milliseconds patience);
+
+ private:
+  using Job = std::variant<PickRequest, Screenshot, NodesRequest>;
+
+  struct InFlight {
+    uint64_t frame;
+    Clock::time_point begun;
+    size_t level;
+    bool is_moving;  // as the adaptation counts it
+  };
+
+  struct Viewer {
+    uint32_t number = 0;
+    std::shared_ptr<ViewerLink> link;
+    std::optional<PictureRequest> wanted;  // the newest
+    Clock::time_point wanted_at;
+    Visibility visibility;
+    uint64_t version = 0;        // of wanted and visibility
+    uint64_t drawn_version = 0;  // of the picture sent last
+    uint32_t exact_samples = 0;  // a side, of the lossless picture of this version; 0: none was sent yet
+    double exact_ms = 0;         // that it took to draw
+    std::deque<InFlight> in_flight;
+    std::deque<Job> jobs;
+    Adaptation adaptation;
+    DepthMap depths;
+    uint64_t depths_version = 0;  // that they are of
+    uint32_t follows = 0;
+  };
+  using ViewerPtr = std::shared_ptr<Viewer>;
+
+  /// Something to draw. `request` etc. are copies: the viewer changes meanwhile.
+  struct Work {
+    ViewerPtr viewer;
+    PictureRequest request;
+    Visibility visibility;
+    uint64_t version = 0;
+    Clock::time_point wanted_at;
+    Clock::time_point begun;
+    std::optional<Job> job;  // nothing: a picture,
+    uint32_t samples = 0;    // lossless with so many samples a side; 0: a JPEG at once
+    size_t level = 0;
+  };
+
+  void run();
+  std::optional<Work> next_work(Clock::time_point now, Clock::time_point& wake);
+  std::optional<Work> work_of(const ViewerPtr& viewer, Clock::time_point now, Clock::time_point& wake) const;
+  Result<void> draw_moving(const Work& work);
+  Result<void> draw_exact(const Work& work);
+  Result<void> do_job(const Work& work);
+  Result<void> take_screenshot(const Work& work, const Screenshot& shot);
+  Result<void> pick(const Work& work, const PickRequest& request);
+  void send_nodes(const Work& work) const;
+  void sent(const Work& work, uint64_t frame, bool is_moving);
+  std::string scene_text() const;
+  std::string viewers_text(uint32_t viewer) const;
+  void tell_viewers() const;
+  bool is_outdated(const Work& work) const;
+
+  const SessionOptions options_;
+  const std::function<void(Error)> on_end_;
+  std::optional<ViewSession> session_;  // of the thread
+
+  mutable std::mutex mutex_;  // of all below
+  std::condition_variable changed_;
+  std::condition_variable ended_;
+  bool is_ready_ = false;
+  bool is_stopping_ = false;
+  bool has_ended_ = false;
+  std::map<uint32_t, ViewerPtr> viewers_;
+  uint32_t last_number_ = 0;
+  uint32_t served_ = 0;        // the viewer that was drawn for last
+  uint64_t frames_ = 0;        // sent so far
+  std::string scene_members_;  // of the "scene" text, the same for all
+  std::thread thread_;
+};
+
+}  // namespace scree::tools::view

@@ -1,0 +1,137 @@
+// The scene's nodes as a list of rows, of which only those in sight exist: 100,000 nodes are as fast as ten.
+import {countText} from './stats.js';
+
+const kRow = 24;
+
+export class Tree {
+  /// `on`: {pick(node), changed(hidden, only)}.
+  constructor(box, search, on) {
+    this.box = box;
+    this.space = box.querySelector('#tree-space');
+    this.rows = box.querySelector('#tree-rows');
+    this.search = search;
+    this.on = on;
+    this.names = [];
+    this.hidden = new Set();
+    this.only = new Set();
+    this.open = new Set();
+    this.picked = -1;
+    this.canHide = true;
+    box.addEventListener('scroll', () => this.draw());
+    search.addEventListener('input', () => this.list());
+  }
+
+  get isLoaded() { return this.names.length > 0; }
+
+  load({names, parents, triangles}) {
+    this.names = names;
+    this.parents = parents.map((parent) => parent - 1);
+    this.triangles = [...triangles];
+    this.children = names.map(() => []);
+    this.roots = [];
+    this.parents.forEach((parent, node) => (parent < 0 ? this.roots : this.children[parent]).push(node));
+    for (let node = names.length - 1; node >= 0; --node)  // parents come before their children
+      if (this.parents[node] >= 0) this.triangles[this.parents[node]] += this.triangles[node];
+    if (names.length <= 40) names.forEach((name, node) => this.open.add(node));
+    this.roots.forEach((root) => this.open.add(root));
+    this.list();
+  }
+
+  name(node) { return this.names[node] || `node ${node}`; }
+
+  /// Which nodes have a row, and how deep they are.
+  list() {
+    const words = this.search.value.trim().toLowerCase();
+    this.listed = [];
+    if (words) {
+      for (let node = 0; node < this.names.length; ++node)
+        if (this.name(node).toLowerCase().includes(words)) this.listed.push([node, 0]);
+    } else {
+      const stack = this.roots.map((root) => [root, 0]).reverse();
+      while (stack.length > 0) {
+        const [node, depth] = stack.pop();
+        this.listed.push([node, depth]);
+        if (this.open.has(node)) for (let i = this.children[node].length - 1; i >= 0; --i) stack.push([this.children[node][i], depth + 1]);
+      }
+    }
+    this.space.style.height = `${this.listed.length * kRow}px`;
+    this.draw();
+  }
+
+  /// Hidden by itself or by a node above it, or not among those that are shown alone.
+  isOff(node) {
+    let only = this.only.size === 0;
+    for (let n = node; n >= 0; n = this.parents[n]) {
+      if (this.hidden.has(n)) return true;
+      only ||= this.only.has(n);
+    }
+    return !only;
+  }
+
+  draw() {
+    const first = Math.max(0, Math.floor(this.box.scrollTop / kRow) - 4);
+    const count = Math.ceil(this.box.clientHeight / kRow) + 8;
+    this.rows.style.transform = `translateY(${first * kRow}px)`;
+    this.rows.replaceChildren(...(this.listed ?? []).slice(first, first + count).map(([node, depth]) => this.row(node, depth)));
+  }
+
+  row(node, depth) {
+    const row = document.createElement('div');
+    row.className = `node${this.isOff(node) ? ' off' : ''}${node === this.picked ? ' picked' : ''}`;
+    row.style.paddingLeft = `${6 + 12 * Math.min(depth, 10)}px`;
+    row.setAttribute('role', 'treeitem');
+    const part = (tag, name, text, title, click) => {
+      const element = document.createElement(tag);
+      element.className = name;
+      element.textContent = text;
+      if (title) element.title = title;
+      if (click) element.addEventListener('click', (event) => { event.stopPropagation(); click(event); });
+      row.append(element);
+    };
+    const hasChildren = this.children[node].length > 0 && !this.search.value.trim();
+    part('span', 'fold', hasChildren ? (this.open.has(node) ? '▾' : '▸') : '', '', () => this.fold(node));
+    part('span', 'name', this.name(node), this.name(node));
+    part('span', 'size', this.triangles[node] ? countText(this.triangles[node]) : '', `${this.triangles[node]} triangles`);
+    if (this.canHide) {
+      part('button', 'only', '◎', 'Show this alone', () => this.isolate(node));
+      part('button', 'eye', this.hidden.has(node) ? '○' : '●', this.hidden.has(node) ? 'Show' : 'Hide', () => this.toggle(node));
+    }
+    return row;
+  }
+
+  fold(node) {
+    if (!this.open.delete(node)) this.open.add(node);
+    this.list();
+  }
+  toggle(node) {
+    if (!this.hidden.delete(node)) this.hidden.add(node);
+    this.tell();
+  }
+  isolate(node) {
+    const isAlone = this.only.size === 1 && this.only.has(node);
+    this.only = new Set(isAlone ? [] : [node]);
+    if (!isAlone) this.hidden.delete(node);
+    this.tell();
+  }
+  showAll() {
+    this.hidden.clear();
+    this.only.clear();
+    this.tell();
+  }
+  tell() {
+    this.on.changed([...this.hidden], [...this.only]);
+    this.draw();
+  }
+
+  /// Opens what is above a node and scrolls to it.
+  reveal(node) {
+    this.picked = node;
+    if (!this.isLoaded || node >= this.names.length) return;
+    for (let n = this.parents[node]; n >= 0; n = this.parents[n]) this.open.add(n);
+    this.list();
+    const place = this.listed.findIndex(([other]) => other === node) * kRow;
+    if (place < this.box.scrollTop || place > this.box.scrollTop + this.box.clientHeight - kRow)
+      this.box.scrollTop = place - this.box.clientHeight / 2;
+    this.draw();
+  }
+}

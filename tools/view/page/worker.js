@@ -1,0 +1,106 @@
+// The connection and the pictures, away from the page's own thread: texts go to it, pictures to its canvas.
+let canvas, context, socket, address, token;
+let last = Promise.resolve();
+let retryMs = 250, retryTimer = 0, isWanted = false;
+
+const now = () => performance.timeOrigin + performance.now();
+const tell = (type, content = {}) => postMessage({type, ...content});
+
+const kReasons = {4001: 'token', 4002: 'full', 4003: 'refused', 4004: 'slow', 4005: 'busy', 4000: 'ended'};
+
+function connect() {
+  clearTimeout(retryTimer);
+  isWanted = true;
+  tell('state', {state: 'connecting'});
+  const opened = socket = new WebSocket(address);
+  let isOpen = false;
+  opened.binaryType = 'arraybuffer';
+  opened.onopen = () => {
+    isOpen = true;
+    retryMs = 250;
+    opened.send(JSON.stringify({type: 'hello', token}));
+  };
+  opened.onmessage = ({data}) => {
+    if (opened !== socket) return;
+    if (typeof data === 'string') return tell('text', {message: JSON.parse(data)});
+    const arrived = now();
+    last = last.then(() => show(opened, data, arrived)).catch((error) => tell('trouble', {message: String(error)}));
+  };
+  opened.onclose = ({code}) => {
+    if (opened !== socket) return;
+    const reason = kReasons[code] ?? (isOpen ? 'lost' : 'unreachable');
+    tell('state', {state: 'closed', reason, retryMs});
+    if (reason === 'token' || reason === 'full' || !isWanted) return;
+    retryTimer = setTimeout(connect, retryMs);
+    retryMs = Math.min(2 * retryMs, 4000);
+  };
+}
+
+/// JPEG: WebCodecs is twice as fast where there is one (secure contexts alone). PNG: bytes come back unchanged.
+async function decode(bytes, type) {
+  if (type === 'image/jpeg' && self.ImageDecoder) {
+    const decoder = new ImageDecoder({data: bytes, type, colorSpaceConversion: 'none'});
+    const {image} = await decoder.decode();
+    decoder.close();
+    return image;
+  }
+  return createImageBitmap(new Blob([bytes], {type}), {colorSpaceConversion: 'none', premultiplyAlpha: 'none'});
+}
+
+function acknowledge(from, {frame}) {
+  if (from.readyState === WebSocket.OPEN) from.send(JSON.stringify({type: 'ack', frame}));
+}
+
+async function show(from, data, arrived) {
+  const headBytes = new DataView(data).getUint32(0, true);
+  const head = JSON.parse(new TextDecoder().decode(new Uint8Array(data, 4, headBytes)));
+  const bytes = new Uint8Array(data, 4 + headBytes);
+  if (head.kind === 'screenshot') {
+    const copy = bytes.slice().buffer;
+    return postMessage({type: 'screenshot', head, bytes: copy}, [copy]);
+  }
+  const started = now();
+  let image;
+  try {
+    image = await decode(bytes, head.kind === 'png' ? 'image/png' : 'image/jpeg');
+  } finally {  // one that cannot be shown is not on its way any more either
+    if (!image) acknowledge(from, head);
+  }
+  const decoded = now();
+  if (canvas.width !== head.fullWidth || canvas.height !== head.fullHeight) {
+    canvas.width = head.fullWidth;
+    canvas.height = head.fullHeight;
+  }
+  context.imageSmoothingEnabled = head.width !== canvas.width;
+  context.imageSmoothingQuality = 'low';
+  context.drawImage(image, 0, 0, canvas.width, canvas.height);
+  image.close();
+  acknowledge(from, head);
+  tell('frame', {head, bytes: data.byteLength, arrived, decodeMs: decoded - started, shown: now()});
+}
+
+onmessage = ({data}) => {
+  switch (data.type) {
+    case 'start':
+      canvas = data.canvas;
+      context = canvas.getContext('2d', {alpha: false});
+      address = data.address;
+      break;
+    case 'connect':
+      token = data.token;
+      connect();
+      break;
+    case 'send':
+      if (socket?.readyState === WebSocket.OPEN) socket.send(JSON.stringify(data.message));
+      break;
+    case 'read':  // the pixels, for tests: RGBA
+      last = last.then(() => {
+        const pixels = context.getImageData(0, 0, canvas.width, canvas.height);
+        postMessage({type: 'pixels', width: canvas.width, height: canvas.height, pixels: pixels.data.buffer}, [pixels.data.buffer]);
+      });
+      break;
+    case 'drop':  // for tests: as if the connection broke
+      socket?.close();
+      break;
+  }
+};

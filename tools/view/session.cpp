@@ -1,0 +1,446 @@
+#include "tools/view/session.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <new>
+#include <utility>
+
+#include "runtime/draw/device_scene.h"
+#include "runtime/scene/camera.h"
+#include "runtime/threads/stopwatch.h"
+#include "tools/common/sigbus.h"
+
+namespace scree::tools::view {
+namespace {
+
+using runtime::Stopwatch;
+using runtime::Vec3;
+
+constexpr uint64_t kMostDepths = uint64_t{1} << 20;  // of a DepthMap: 4 MiB
+
+/// World place of a sample's centre at a distance from the eye's plane.
+Vec3 place_of(const kernels::View& view, double x, double y, double depth) {
+  const double across = (2 * x / view.width - 1) * view.half_width;
+  const double along = (1 - 2 * y / view.height) * view.half_height;
+  Vec3 out;
+  for (size_t i = 0; i < 3; ++i)
+    out[i] = view.eye[i] + depth * (view.forward[i] + across * view.right[i] + along * view.up[i]);
+  return out;
+}
+
+/// The scene without the instances of hidden nodes. Ids of triangles are its own.
+class VisibleScene {
+ public:
+  /// Throws std::bad_alloc.
+  void update(const runtime::Scene& scene, const Visibility& wanted) {
+    if (is_made_ && wanted == visibility_) return;
+    is_made_ = false;
+    const kernels::SceneView& whole = scene.view();
+    const auto nodes = scene.container().nodes();
+    std::vector<bool> hidden(nodes.size(), false), shown(nodes.size(), wanted.only.empty());
+    for (const uint32_t node : wanted.hidden)
+      if (node < nodes.size()) hidden[node] = true;
+    for (const uint32_t node : wanted.only)
+      if (node < nodes.size()) shown[node] = true;
+    for (uint64_t n = 0; n < nodes.size(); ++n) {  // parents come before their children
+      const uint32_t parent = nodes[n].parent;
+      if (parent == format::kNone) continue;
+      hidden[n] = hidden[n] || hidden[parent];
+      shown[n] = shown[n] || shown[parent];
+    }
+    instances_.clear();
+    numbers_.clear();
+    bases_.assign(1, 0);
+    for (uint64_t i = 0; i < whole.instance_count; ++i) {
+      const format::InstanceRecord& instance = whole.instances[i];
+      if (hidden[instance.node] || !shown[instance.node]) continue;
+      instances_.push_back(instance);
+      numbers_.push_back(i);
+      bases_.push_back(bases_.back() + whole.meshes[instance.mesh].triangle_count);
+    }
+    view_ = whole;
+    view_.instances = instances_.data();
+    view_.instance_base = bases_.data();
+    view_.instance_count = instances_.size();
+    visibility_ = wanted;
+    is_made_ = true;
+  }
+
+  const kernels::SceneView& view() const { return view_; }
+  /// In the whole scene.
+  uint64_t number(uint64_t instance) const { return numbers_[instance]; }
+
+ private:
+  bool is_made_ = false;
+  Visibility visibility_;
+  std::vector<format::InstanceRecord> instances_;
+  std::vector<uint64_t> numbers_;
+  std::vector<uint64_t> bases_;
+  kernels::SceneView view_{};
+};
+
+/// What decides a visibility buffer.
+struct BufferKey {
+  Camera camera;
+  uint32_t width = 0;
+  uint32_t height = 0;
+  uint32_t samples = 0;
+  Visibility visibility;
+  bool operator==(const BufferKey&) const = default;
+};
+
+std::string string_of(const format::Container& container, uint32_t offset) {
+  return std::string(container.string(offset));
+}
+
+}  // namespace
+
+std::optional<double> DepthMap::depth(Pixel at) const {
+  const uint64_t place = uint64_t{at.y / step_} * across_ + at.x / step_;
+  if (codes_.empty() || at.x / step_ >= across_ || place >= codes_.size()) return std::nullopt;
+  const double depth = kernels::depth_of_code(view_, codes_[place]);
+  return std::isfinite(depth) ? std::optional(depth) : std::nullopt;
+}
+
+std::optional<Vec3> DepthMap::point(Pixel at) const {
+  const std::optional<double> distance = depth(at);
+  if (!distance) return std::nullopt;
+  const double middle = samples_ / 2 + 0.5;  // the sample that was kept
+  return place_of(view_, at.x / step_ * step_ * samples_ + middle, at.y / step_ * step_ * samples_ + middle, *distance);
+}
+
+struct ViewSession::Impl {
+  Impl(SessionOptions session_options, runtime::Scene loaded)
+      : options(std::move(session_options)), scene(std::move(loaded)), workers(options.threads) {}
+
+  SessionOptions options;
+  runtime::Scene scene;
+  std::optional<runtime::DeviceScene> device;
+  std::string drawn_on;
+  runtime::Workers workers;
+  VisibleScene visible;
+  bool is_filtered = false;
+
+  // The picture drawn last.
+  std::optional<BufferKey> key;
+  kernels::View view{};  // in samples
+  uint32_t samples_per_side = 1;
+  kernels::FrameStats stats{};
+  std::vector<uint64_t> samples;  // of the CPU, or read from the GPU
+  bool has_samples = false;
+  double buffer_ms = 0;  // that drawing it took
+  std::vector<uint8_t> pixels;
+  std::vector<uint32_t> device_pixels;
+
+  const kernels::SceneView& drawn_view() const { return is_filtered ? visible.view() : scene.view(); }
+
+  Result<void> upload() {
+    runtime::PictureNeeds pictures;
+    pictures.width = 3840;
+    pictures.height = 2160;
+    kernels::ShadeOptions shade;
+    shade.ssao = shade.edl = true;
+    pictures.shade = &shade;
+    const uint64_t cache = options.texture_cache != 0 ? options.texture_cache : runtime::kDeviceTextureCache;
+    Result<runtime::DeviceScene> uploaded = runtime::DeviceScene::upload(scene, options.device_memory, options.threads,
+                                                                         runtime::Reading::kAuto, cache, 0, pictures);
+    if (!uploaded) return uploaded.error();
+    device = std::move(*uploaded);
+    return {};
+  }
+
+  /// From now on the CPU draws.
+  Result<void> use_cpu() {
+    device.reset();
+    key.reset();
+    drawn_on = "the CPU, " + std::to_string(options.threads) + (options.threads == 1 ? " thread" : " threads");
+    return scene.load_pages(options.threads);
+  }
+
+  Result<void> draw_buffer(const BufferKey& wanted, const kernels::ShadeOptions& shade) {
+    key.reset();
+    has_samples = false;
+    runtime::CameraOptions camera;
+    camera.eye = wanted.camera.eye;
+    camera.target = wanted.camera.target;
+    camera.up = wanted.camera.up;
+    camera.fov_degrees = wanted.camera.fov_degrees;
+    camera.width = wanted.width;
+    camera.height = wanted.height;
+    const Result<kernels::View> made = runtime::make_view(scene.container(), scene.scene_index(), scene.view(), camera);
+    if (!made) return made.error();
+    view = *made;
+    view.width *= wanted.samples;
+    view.height *= wanted.samples;
+    samples_per_side = wanted.samples;
+    is_filtered = !wanted.visibility.is_all();
+    if (is_filtered) visible.update(scene, wanted.visibility);
+    Result<kernels::FrameStats> drawn = kernels::FrameStats{};
+    if (device) {
+      drawn = device->draw(view, nullptr, &shade);
+    } else {
+      samples.resize(uint64_t{view.width} * view.height);
+      drawn = kernels::draw_cpu(drawn_view(), view, samples, options.threads);
+      has_samples = bool(drawn);
+    }
+    if (!drawn) return drawn.error();
+    stats = *drawn;
+    key = wanted;
+    return {};
+  }
+
+  Result<PixelView> shade_buffer(const kernels::ShadeOptions& shade) {
+    PixelView out;
+    out.width = view.width / samples_per_side;
+    out.height = view.height / samples_per_side;
+    const size_t count = size_t{out.width} * out.height;
+    if (device) {
+      out.channels = 4;
+      device_pixels.resize(count);
+      if (const Result<void> done = device->resolve(view, samples_per_side, shade, device_pixels); !done)
+        return done.error();
+      out.bytes = {reinterpret_cast<const uint8_t*>(device_pixels.data()), 4 * count};
+    } else {
+      out.channels = 3;
+      pixels.resize(3 * count);
+      if (const Result<void> done =
+              kernels::resolve_cpu(drawn_view(), view, samples_per_side, samples, shade, 3, pixels, options.threads);
+          !done)
+        return done.error();
+      out.bytes = pixels;
+    }
+    return out;
+  }
+
+  Result<Drawn> draw(const BufferKey& wanted, const kernels::ShadeOptions& shade) {
+    Drawn out;
+    out.samples = wanted.samples;
+    // What a streamed frame keeps of a part is its colours: other shading needs another frame.
+    const bool is_streamed = device && device->stream_stats();
+    if (key != wanted || is_streamed) {
+      const Stopwatch draw_watch;
+      if (const Result<void> drawn = draw_buffer(wanted, shade); !drawn) return drawn.error();
+      out.draw_ms = buffer_ms = draw_watch.elapsed().wall_ms;
+    }
+    out.buffer_ms = buffer_ms;
+    const Stopwatch shade_watch;
+    const Result<PixelView> shaded = shade_buffer(shade);
+    if (!shaded) return shaded.error();
+    out.shade_ms = shade_watch.elapsed().wall_ms;
+    out.pixels = *shaded;
+    out.stats = stats;
+    return out;
+  }
+
+  Result<void> need_samples() {
+    if (!key) return Error{ErrorCode::kUsage, "no picture was drawn"};
+    if (has_samples) return {};
+    samples.resize(uint64_t{view.width} * view.height);
+    if (const Result<void> read = device->read_samples(samples); !read) return read;
+    has_samples = true;
+    return {};
+  }
+};
+
+ViewSession::ViewSession(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
+ViewSession::ViewSession(ViewSession&&) noexcept = default;
+ViewSession& ViewSession::operator=(ViewSession&&) noexcept = default;
+ViewSession::~ViewSession() = default;
+
+Result<ViewSession> ViewSession::open(const SessionOptions& options) {
+  report_sigbus("view", options.file);
+  Result<runtime::SceneFile> file = runtime::SceneFile::open(options.file);
+  if (!file) return file.error();
+  const Result<uint32_t> scene_index = file->find_scene(options.scene);
+  if (!scene_index) return scene_index.error();
+  const Result<std::optional<runtime::Gpu>> gpu = choose_gpu("view", options.backend, options.quiet);
+  if (!gpu) return at(options.file, gpu.error());
+  runtime::SceneOptions load;
+  load.threads = options.threads;
+  load.pages = !gpu->has_value();
+  load.texture_cache = options.texture_cache != 0 ? options.texture_cache : runtime::kHostTextureCache;
+  Result<runtime::Scene> scene = runtime::Scene::load(std::move(*file), *scene_index, load);
+  if (!scene) return scene.error();
+  if (!options.quiet)
+    for (const std::string& warning : scene->warnings())
+      std::fprintf(stderr, "scree view: warning: %s: %s\n", options.file.c_str(), warning.c_str());
+  if (!gpu->has_value() || runtime::view_reads_vertices(scene->view(), {}))  // for home()
+    if (const Result<void> loaded = scene->load_pages(options.threads); !loaded) return loaded.error();
+
+  ViewSession session(std::make_unique<Impl>(options, std::move(*scene)));
+  Impl& impl = *session.impl_;
+  if (gpu->has_value()) {
+    impl.drawn_on = name_of(**gpu);
+    const Result<void> uploaded = impl.upload();
+    if (uploaded) return Result<ViewSession>(std::move(session));
+    if (uploaded.error().code != ErrorCode::kDevice || options.backend.choice != BackendChoice::kAuto)
+      return at(options.file, uploaded.error());
+    if (!options.quiet) warn_of_cpu("view", impl.drawn_on + ": " + uploaded.error().message);
+  }
+  if (const Result<void> ready = impl.use_cpu(); !ready) return ready.error();
+  return Result<ViewSession>(std::move(session));
+}
+
+Result<Drawn> ViewSession::draw(const PictureRequest& request, uint32_t width, uint32_t height, uint32_t samples,
+                                const Visibility& visibility) try {
+  if (!visibility.is_all() && !can_hide())
+    return Error{ErrorCode::kUnsupported, "nodes are hidden by the CPU's renderer alone (--backend cpu)"};
+  BufferKey wanted{request.camera, width, height, samples, visibility};
+  Result<Drawn> drawn = impl_->draw(wanted, request.shade);
+  const bool may_fall_back = impl_->device && impl_->options.backend.choice == BackendChoice::kAuto;
+  if (drawn || drawn.error().code != ErrorCode::kDevice || !may_fall_back) return drawn;
+  if (!impl_->options.quiet) warn_of_cpu("view", impl_->drawn_on + ": " + drawn.error().message);
+  if (const Result<void> ready = impl_->use_cpu(); !ready) return ready.error();
+  return impl_->draw(wanted, request.shade);
+} catch (const std::bad_alloc&) {
+  impl_->key.reset();
+  return Error{ErrorCode::kMemory,
+               "no memory left for a picture of " + std::to_string(width) + " x " + std::to_string(height) + " pixels"};
+}
+
+Result<DepthMap> ViewSession::depths() try {
+  if (const Result<void> read = impl_->need_samples(); !read) return read.error();
+  const kernels::View& view = impl_->view;
+  DepthMap map;
+  map.view_ = view;
+  map.samples_ = impl_->samples_per_side;
+  const uint32_t width = view.width / map.samples_, height = view.height / map.samples_;
+  while (uint64_t{width / map.step_} * (height / map.step_) > kMostDepths) ++map.step_;
+  map.across_ = (width + map.step_ - 1) / map.step_;
+  map.codes_.reserve(uint64_t{map.across_} * ((height + map.step_ - 1) / map.step_));
+  for (uint64_t y = 0; y < height; y += map.step_)
+    for (uint64_t x = 0; x < width; x += map.step_)
+      map.codes_.push_back(kernels::sample_depth_code(
+          impl_->samples[(y * map.samples_ + map.samples_ / 2) * view.width + x * map.samples_ + map.samples_ / 2]));
+  return map;
+} catch (const std::bad_alloc&) {
+  return Error{ErrorCode::kMemory, "no memory left for the picture's depths"};
+}
+
+std::optional<Vec3> ViewSession::point(Pixel at) const {
+  const uint32_t side = impl_->samples_per_side;
+  const kernels::View& view = impl_->view;
+  const uint64_t column = uint64_t{at.x} * side + side / 2, row = uint64_t{at.y} * side + side / 2;
+  if (!impl_->has_samples || column >= view.width || row >= view.height) return std::nullopt;
+  const uint64_t sample = impl_->samples[row * view.width + column];
+  if (sample == kernels::kBackground) return std::nullopt;
+  return place_of(view, static_cast<double>(column) + 0.5, static_cast<double>(row) + 0.5,
+                  kernels::depth_of_code(view, kernels::sample_depth_code(sample)));
+}
+
+Result<std::optional<Picked>> ViewSession::pick(Pixel at) try {
+  if (const Result<void> read = impl_->need_samples(); !read) return read.error();
+  const uint32_t side = impl_->samples_per_side;
+  const kernels::View& view = impl_->view;
+  const uint64_t column = uint64_t{at.x} * side + side / 2, row = uint64_t{at.y} * side + side / 2;
+  if (column >= view.width || row >= view.height) return std::optional<Picked>();
+  const uint64_t sample = impl_->samples[row * view.width + column];
+  if (sample == kernels::kBackground) return std::optional<Picked>();
+  const kernels::SceneView& scene = impl_->drawn_view();
+  const format::Container& container = impl_->scene.container();
+  const kernels::Hit hit = kernels::find_triangle(scene, kernels::sample_id(sample));
+  const format::InstanceRecord& instance = scene.instances[hit.instance];
+  const format::MeshRecord& mesh = scene.meshes[instance.mesh];
+  Picked out;
+  out.node = instance.node;
+  out.node_instance = instance.node_instance;
+  out.instance = impl_->is_filtered ? impl_->visible.number(hit.instance) : hit.instance;
+  out.mesh = instance.mesh;
+  out.triangle = scene.chunks[hit.chunk].first_triangle + hit.triangle;
+  out.material = mesh.material;
+  out.node_name = string_of(container, container.nodes()[instance.node].name);
+  out.mesh_name = string_of(container, container.groups()[mesh.group].name);
+  if (mesh.material != format::kNone) out.material_name = string_of(container, scene.materials[mesh.material].name);
+  out.depth = kernels::depth_of_code(view, kernels::sample_depth_code(sample));
+  out.point = *point(at);
+  const format::MatrixRecord& matrix = scene.matrices[instance.matrix];
+  for (size_t k = 0; k < 8; ++k) {
+    for (size_t i = 0; i < 3; ++i) {
+      out.box[k][i] = matrix.rows[i][3];
+      for (size_t axis = 0; axis < 3; ++axis)
+        out.box[k][i] += matrix.rows[i][axis] *
+                         static_cast<double>((k >> axis & 1) != 0 ? mesh.bounds_max[axis] : mesh.bounds_min[axis]);
+    }
+  }
+  return std::optional<Picked>(std::move(out));
+} catch (const std::bad_alloc&) {
+  return Error{ErrorCode::kMemory, "no memory left to pick"};
+}
+
+Result<Camera> ViewSession::home(uint32_t width, uint32_t height) const {
+  runtime::CameraOptions options;
+  options.width = width;
+  options.height = height;
+  const runtime::Scene& scene = impl_->scene;
+  const Result<kernels::View> view = runtime::make_view(scene.container(), scene.scene_index(), scene.view(), options);
+  if (!view) return view.error();
+  // The target is where the line of sight passes the middle of the scene's box.
+  const runtime::WorldBox bounds = box();
+  double distance = 1;
+  if (!bounds.is_empty()) {
+    distance = 0;
+    for (size_t i = 0; i < 3; ++i)
+      distance += (0.5 * (bounds.min[i] + bounds.max[i]) - view->eye[i]) * view->forward[i];
+    if (!(distance > 0)) distance = 1;
+  }
+  Camera camera;
+  for (size_t i = 0; i < 3; ++i) {
+    camera.eye[i] = view->eye[i];
+    camera.target[i] = view->eye[i] + distance * view->forward[i];
+  }
+  return camera;
+}
+
+std::vector<NamedCamera> ViewSession::cameras() const {
+  const format::Container& container = impl_->scene.container();
+  std::vector<NamedCamera> out;
+  for (const runtime::PlacedCamera& placed : runtime::placed_cameras(container, impl_->scene.scene_index())) {
+    const format::CameraRecord& record = container.cameras()[placed.camera];
+    if (record.kind != format::CameraKind::kPerspective || out.size() == 200) continue;
+    NamedCamera named;
+    named.name = string_of(container, record.name);
+    if (named.name.empty()) named.name = string_of(container, container.nodes()[placed.node].name);
+    if (named.name.empty()) named.name = "camera " + std::to_string(placed.camera);
+    double forward = 0;
+    for (size_t i = 0; i < 3; ++i) forward += placed.world[i][2] * placed.world[i][2];
+    if (!(forward > 0) || !std::isfinite(forward)) continue;
+    // Its target is as far away as the middle of the scene.
+    const runtime::WorldBox bounds = box();
+    double distance = 0;
+    for (size_t i = 0; i < 3 && !bounds.is_empty(); ++i) {
+      const double offset = 0.5 * (bounds.min[i] + bounds.max[i]) - placed.world[i][3];
+      distance += offset * offset;
+    }
+    distance = distance > 0 ? std::sqrt(distance) : 1;
+    for (size_t i = 0; i < 3; ++i) {
+      named.camera.eye[i] = placed.world[i][3];
+      named.camera.target[i] = placed.world[i][3] - distance * placed.world[i][2] / std::sqrt(forward);
+      named.camera.up[i] = placed.world[i][1];
+    }
+    named.camera.fov_degrees = std::clamp(record.y * 180 / 3.14159265358979323846, 0.001, 179.9);
+    out.push_back(std::move(named));
+  }
+  return out;
+}
+
+runtime::WorldBox ViewSession::box() const {
+  return runtime::scene_box(impl_->scene.view());
+}
+const runtime::Scene& ViewSession::scene() const {
+  return impl_->scene;
+}
+const std::string& ViewSession::drawn_on() const {
+  return impl_->drawn_on;
+}
+uint64_t ViewSession::device_bytes() const {
+  return impl_->device ? impl_->device->stats().device_bytes : 0;
+}
+bool ViewSession::can_hide() const {
+  return !impl_->device;
+}
+runtime::Workers& ViewSession::workers() {
+  return impl_->workers;
+}
+
+}  // namespace scree::tools::view
