@@ -87,7 +87,7 @@ const bytes = (array) => new Uint8Array(array.buffer);
 const views = [];
 let bin = Buffer.alloc(0);
 function view(stream, count, stride, mode, filter) {
-  views.push({ buffer: 1, byteLength: count * stride, extensions: { KHR_meshopt_compression:
+  views.push({ buffer: 1, byteLength: count * stride, ...(mode === 'ATTRIBUTES' ? { byteStride: stride } : {}), extensions: { KHR_meshopt_compression:
     { buffer: 0, byteOffset: bin.length, byteLength: stream.length, byteStride: stride, count, mode, filter } } });
   bin = Buffer.concat([bin, stream, Buffer.alloc((4 - (stream.length % 4)) % 4)]);
 }
