@@ -8,6 +8,7 @@
 #include "format/hd.h"
 
 namespace scree::format {
+inline namespace SCREE_ISA {
 
 struct Bc7Mode {
   uint8_t subsets;
@@ -131,4 +132,5 @@ SCREE_HD inline uint32_t bc7_pixel(const BlockBits& block, uint32_t pixel) {
   return (rgba & ~(0xff000000u | 255u << shift)) | rgba >> 24 << shift | moved << 24;
 }
 
+}  // namespace SCREE_ISA
 }  // namespace scree::format

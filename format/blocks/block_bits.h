@@ -7,6 +7,7 @@
 #include "format/hd.h"
 
 namespace scree::format {
+inline namespace SCREE_ISA {
 
 /// A block of 16 bytes, or of 8 with a `high` of 0: bit 0 is the lowest of the first byte.
 struct BlockBits {
@@ -27,4 +28,5 @@ SCREE_HD inline uint64_t load_eight(const uint8_t* at) {
   return value;
 }
 
+}  // namespace SCREE_ISA
 }  // namespace scree::format

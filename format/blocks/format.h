@@ -9,6 +9,7 @@
 #include "format/layout.h"
 
 namespace scree::format {
+inline namespace SCREE_ISA {
 
 inline constexpr uint32_t kMaxBlockImageSide = 65536;  // pixels
 
@@ -95,4 +96,5 @@ constexpr uint16_t swizzle_of_swizzle(uint16_t first, uint16_t second) {
   return static_cast<uint16_t>(both);
 }
 
+}  // namespace SCREE_ISA
 }  // namespace scree::format

@@ -11,6 +11,7 @@
 #include "format/hd.h"
 
 namespace scree::format {
+inline namespace SCREE_ISA {
 
 SCREE_HD inline uint32_t rounded_ratio(uint32_t value, uint32_t divisor) {
   return (2 * value + divisor) / (2 * divisor);
@@ -96,4 +97,5 @@ SCREE_HD inline uint32_t block_image_pixel(BlockFormat format, uint16_t swizzle,
   return swizzled(block_pixel(format, blocks + number * block_bytes(format), y % side * 4 + x % side), swizzle);
 }
 
+}  // namespace SCREE_ISA
 }  // namespace scree::format

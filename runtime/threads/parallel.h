@@ -46,9 +46,14 @@ class SharedLoop {
 /// work(true) may throw.
 template <class Work>
 void on_threads(uint64_t threads, const Work& work) {
-  std::vector<std::jthread> helpers;  // joined whatever happens
+  struct Helpers {
+    std::vector<std::thread> threads;
+    ~Helpers() {  // whatever happens
+      for (std::thread& thread : threads) thread.join();
+    }
+  } helpers;
   try {
-    for (uint64_t i = 1; i < threads; ++i) helpers.emplace_back([&] { work(false); });
+    for (uint64_t i = 1; i < threads; ++i) helpers.threads.emplace_back([&] { work(false); });
   } catch (const std::exception&) {
   }
   work(true);

@@ -372,7 +372,7 @@ TEST_CASE("an upload tells the first bad page, as loading it for the CPU does", 
       page.record.checksum = scree::format::checksum(page.stored);
     };
     scene.write(path, some_meshes());
-    check_error(path, "(page 5): indices:");
+    check_error(path, "(page 5, byte 0): indices:");
   }
   SECTION("a page larger than a slot, raw or compressed") {
     for (const uint32_t zstd_every : {1u, 1000u}) {

@@ -28,8 +28,9 @@ bool has_entry(const std::string& folder, const std::string& begin) {
 
 /// Stops the program once `is_ready`, and checks that it ends soon, by the signal. Returns what it printed.
 template <class IsReady>
-std::string stop(const std::vector<std::string>& words, const std::string& log, int signal, const IsReady& is_ready) {
-  const pid_t child = start_program(words, log);
+std::string stop(const std::vector<std::string>& words, const std::string& log, int signal, const IsReady& is_ready,
+                 const char* program = kProgram) {
+  const pid_t child = start_program(words, log, program);
   const auto start = Clock::now();
   while (!is_ready() && Clock::now() - start < std::chrono::seconds(60))
     std::this_thread::sleep_for(std::chrono::milliseconds(2));
@@ -76,7 +77,7 @@ TEST_CASE("a signal stops render and compare while they draw", "[stop]") {
   CHECK(folder.names().empty());
 }
 
-TEST_CASE("a signal that comes to bench removes its folder", "[stop]") {
+TEST_CASE("a signal that comes to scree-lab removes its folder", "[stop]") {
   const TempFolder folder;
   const TempFolder outside;
   REQUIRE(setenv("TMPDIR", folder.path().c_str(), 1) == 0);
@@ -86,10 +87,9 @@ TEST_CASE("a signal that comes to bench removes its folder", "[stop]") {
     return false;
   };
   const std::string printed =
-      stop({"bench", "--end-to-end", "--scene", "A", "--backend", "cpu", "--threads", "2", "--scale", "0.2"},
-           outside.file("log"), SIGINT, has_files);
+      stop({"--reference", "--scene", "A", "--scale", "0.2"}, outside.file("log"), SIGINT, has_files, kLabProgram);
   unsetenv("TMPDIR");
-  CHECK(printed.ends_with("scree bench: stopped; nothing written\n"));
+  CHECK(printed.ends_with("scree lab: stopped; nothing written\n"));
   CHECK(folder.names().empty());
 }
 

@@ -102,7 +102,7 @@ ConvertReport must_be_same(ConvertOptions options) {
   return ahead;
 }
 
-/// Of a run of the program, as its closing line says.
+/// As the last line of `convert --stats` says.
 uint64_t windows_ahead(const tests::ProgramRun& run) {
   INFO(run.output);
   REQUIRE(run.exit_code == 0);
@@ -123,7 +123,7 @@ class TightMemory {
 
   tests::ProgramRun convert_within(uint64_t mib) const {
     return tests::run_program({"convert", folder_.file("in.glb"), "-o", folder_.file("out.scree"), "--force",
-                               "--threads", "1", "--memory", std::to_string(mib) + "MiB"},
+                               "--stats", "--threads", "1", "--memory", std::to_string(mib) + "MiB"},
                               folder_.file("log"));
   }
 

@@ -136,7 +136,7 @@ std::string check_kept_within(const TempFolder& folder, const std::string& input
   const auto convert = [&](uint64_t limit, const std::string& output) {
     const std::string command = "cd '" + folder.path().string() + "' && ulimit -d " + std::to_string(data >> 10) +
                                 " && '" + tests::kProgram + "' convert " + input + " -o " + output +
-                                " --source-ids --threads 8 --memory " + std::to_string(limit >> 20) + "MiB >log 2>&1";
+                                " --source-ids --stats --threads 8 --memory " + std::to_string(limit >> 20) + "MiB >log 2>&1";
     const int status = std::system(command.c_str());
     REQUIRE(WIFEXITED(status));
     return WEXITSTATUS(status);
