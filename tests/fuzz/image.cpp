@@ -13,8 +13,11 @@ void image(Bytes bytes) {
   if (info && uint64_t{info->width} * info->height > 1024 * 1024 && bytes.size() > 4096) return;
   const auto checked = runtime::check_image(copy.bytes());
   const auto decoded = runtime::decode_image(copy.bytes());
-  must(bool(checked) == bool(decoded), "check and decode of an image agree");
-  if (!decoded) return;
+  must(!checked || decoded, "an image that passes the check decodes");
+  // The check unpacks every level of KTX2 and DDS; decoding needs the first alone.
+  const bool has_levels = info && info->codec == format::ImageCodec::kBlocks;
+  must(checked || !decoded || has_levels, "an image that decodes passes the check");
+  if (!decoded || !checked) return;
   must(bool(info), "what decodes has a head");
   must(decoded->width == info->width && decoded->height == info->height, "the head says the size");
   must(decoded->rgba.size() == size_t{4} * decoded->width * decoded->height, "a pixel is 4 bytes");
