@@ -13,10 +13,10 @@
 
 namespace scree::lab {
 
-/// A signal that ends the program (tools::end_on_signal) first removes the folder with all that is in it. Of at most 8
-/// folders at a time; more stay.
+/// A signal that ends the program (tools::end_on_signal) first removes the folder with all that is in it. One folder at
+/// a time; another one stays.
 void remove_on_signal(const std::string& path);
-void forget_folder(const std::string& path);
+void forget_folder();
 
 /// A folder of its own, gone with all that is in it when this goes or a signal ends the program.
 class WorkFolder {
@@ -36,7 +36,7 @@ class WorkFolder {
     std::error_code ignored;
     if (path_.empty()) return;
     std::filesystem::remove_all(path_, ignored);
-    forget_folder(path_);
+    forget_folder();
   }
   const std::string& path() const { return path_; }
   std::string file(const std::string& name) const { return path_ + "/" + name; }

@@ -72,7 +72,8 @@ struct JpegWriter::Impl {
       jpeg.comp_info[i].v_samp_factor = from.v;
       if (!coding.quant.empty()) jpeg.comp_info[i].quant_tbl_no = from.quant;
     }
-    jpeg.optimize_coding = uint64_t{coding.width} * coding.height <= kOptimisedJpegPixels ? TRUE : FALSE;
+    const bool is_small = uint64_t{coding.width} * coding.height <= kOptimisedJpegPixels;
+    jpeg.optimize_coding = coding.has_own_tables && is_small ? TRUE : FALSE;
     jpeg_start_compress(&jpeg, TRUE);
   }
 };

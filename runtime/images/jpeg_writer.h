@@ -21,6 +21,7 @@ struct JpegCoding {
   std::array<format::JpegComponent, 3> components;         // factors and `quant`; factors divide the largest
   std::vector<std::array<uint16_t, 64>> quant;             // zigzag order; empty: libjpeg's of `quality`
   int quality = 90;                                        // 1 to 100
+  bool has_own_tables = true;                              // Huffman tables, where it is not too large for them
 };
 
 /// Pictures of at most so many pixels get Huffman tables of their own, for which their coefficients are held, 2 bytes

@@ -3,14 +3,11 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <csetjmp>
-#include <cstdio>
-#include <cstdlib>
+#include <span>
 
-// jpeglib.h wants <cstdio> before it.
-#include <jpeglib.h>
 #include <png.h>
 
+#include "runtime/images/jpeg_writer.h"
 #include "runtime/threads/parallel.h"
 #include "tools/synth/gltf_parts.h"
 #include "tools/synth/scene_functions.h"
@@ -170,43 +167,21 @@ uint8_t to_byte(double value) {
   return static_cast<uint8_t>(std::clamp(value, 0.0, 255.0) + 0.5);
 }
 
-struct JpegFailure {
-  jpeg_error_mgr manager;
-  std::jmp_buf place;
-  char message[JMSG_LENGTH_MAX];
-};
-
-void jpeg_failed(j_common_ptr info) {
-  JpegFailure* failure = reinterpret_cast<JpegFailure*>(info->err);
-  info->err->format_message(info, failure->message);
-  std::longjmp(failure->place, 1);
-}
-
-/// No object with a destructor lives between setjmp and longjmp. `*out` is malloc()ed; false: failure.message.
-bool compress_jpeg(uint32_t size, const uint8_t* rgb, JpegFailure& failure, unsigned char** out, unsigned long* bytes) {
-  jpeg_compress_struct info;
-  info.err = jpeg_std_error(&failure.manager);
-  failure.manager.error_exit = jpeg_failed;
-  if (setjmp(failure.place) != 0) {
-    jpeg_destroy_compress(&info);
-    return false;
-  }
-  jpeg_create_compress(&info);
-  jpeg_mem_dest(&info, out, bytes);
-  info.image_width = size;
-  info.image_height = size;
-  info.input_components = 3;
-  info.in_color_space = JCS_RGB;
-  jpeg_set_defaults(&info);
-  jpeg_set_quality(&info, kJpegQuality, TRUE);
-  jpeg_start_compress(&info, TRUE);
-  while (info.next_scanline < size) {
-    JSAMPROW row = const_cast<uint8_t*>(rgb + uint64_t{info.next_scanline} * size * 3);
-    jpeg_write_scanlines(&info, &row, 1);
-  }
-  jpeg_finish_compress(&info);
-  jpeg_destroy_compress(&info);
-  return true;
+/// With the tables of T.81, so that what libjpeg makes of a texture does not depend on its size.
+Result<std::vector<std::byte>> encode_jpeg(uint32_t size, const std::vector<uint8_t>& rgb) {
+  runtime::JpegCoding coding;
+  coding.width = coding.height = size;
+  coding.components[0].h = coding.components[0].v = 2;
+  for (size_t i = 1; i < 3; ++i) coding.components[i].h = coding.components[i].v = 1;
+  coding.quality = kJpegQuality;
+  coding.has_own_tables = false;
+  Result<runtime::JpegWriter> writer = runtime::JpegWriter::create(coding);
+  if (!writer) return writer.error();
+  const std::span<const uint8_t> pixels(rgb);
+  for (uint64_t y = 0; y < size; ++y)
+    if (const Result<void> done = writer->row(pixels.subspan(3 * y * size, 3 * uint64_t{size})); !done)
+      return done.error();
+  return writer->finish();
 }
 
 }  // namespace
@@ -226,17 +201,7 @@ std::vector<uint8_t> make_texture(TextureKind kind, uint32_t size, uint32_t thre
 }
 
 Result<std::vector<std::byte>> encode_image(format::ImageCodec codec, uint32_t size, const std::vector<uint8_t>& rgb) {
-  if (codec == format::ImageCodec::kJpeg) {
-    JpegFailure failure;
-    unsigned char* data = nullptr;
-    unsigned long bytes = 0;
-    const bool done = compress_jpeg(size, rgb.data(), failure, &data, &bytes);
-    std::vector<std::byte> out;
-    if (done) out.assign(reinterpret_cast<std::byte*>(data), reinterpret_cast<std::byte*>(data) + bytes);
-    std::free(data);
-    if (!done) return Error{ErrorCode::kFormat, std::string("encoding a JPEG: ") + failure.message};
-    return out;
-  }
+  if (codec == format::ImageCodec::kJpeg) return encode_jpeg(size, rgb);
   png_image image{};
   image.version = PNG_IMAGE_VERSION;
   image.width = size;
