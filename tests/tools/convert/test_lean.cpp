@@ -244,7 +244,7 @@ TEST_CASE("lean: what is left out is named with what it takes there and would ta
   check("images not used for base colour", 1, checker, checker + 32);
 
   // What normals would have cost is what they cost where they are stored.
-  options.normals = true;
+  options.normals = convert::Normals::kAlways;
   options.output = folder.file("normals.scree");
   must_convert(options);
   const OpenFile with_normals = must_open(options.output);

@@ -10,14 +10,15 @@
 namespace scree::convert {
 
 /// The mesh that `primitive` becomes if it keeps all of its triangles, the box that its document states of its
-/// positions is that of the vertices they use, and its colours are all `white`, or not. Nothing where no box is stated
-/// or there is no lattice for it.
+/// positions is that of the vertices they use, and its colours and normals are like those `so_far`. Nothing where no box
+/// is stated or there is no lattice for it.
 std::optional<PlannedMesh> guess_mesh(const ConvertOptions& options, const SourceScene& scene, uint32_t primitive,
-                                      bool white);
+                                      const Measured& so_far);
 
-/// Whether a window of it, and colours that are all white so far, or not, can be encoded as a window of `guess`. What
+/// Whether a window of it, with colours and normals like those `so_far`, can be encoded as a window of `guess`. What
 /// can not is none of this mesh.
-bool may_be_of(const PlannedMesh& guess, const WindowPlan& window, bool white);
+bool may_be_of(const ConvertOptions& options, const SourceScene& scene, const PlannedMesh& guess,
+               const WindowPlan& window, const Measured& so_far);
 
 /// Whether windows that were encoded as of `guess` are those of `measured`, byte for byte, what is noted of them too.
 bool is_same(const PlannedMesh& guess, const PlannedMesh& measured);

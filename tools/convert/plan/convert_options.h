@@ -40,7 +40,7 @@ struct ConvertOptions {
   tools::ClusterEffort clusters = tools::ClusterEffort::kFast;  // where clustered
   uint64_t chunk_triangles = format::kMaxChunkTriangles;        // 1 and up; 0: every mesh is one chunk and one window
   int zstd_level = 0;                                           // 0 (raw pages) to 22
-  bool normals = false;
+  Normals normals = Normals::kAuto;
   bool source_ids = false;
   bool drop_nonfinite = false;
   bool weld = true;     // vertices that are equal in all that is stored of them are stored once a chunk

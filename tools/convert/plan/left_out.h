@@ -40,6 +40,10 @@ class AccessorBytes {
 /// mesh of each of SourceScene::primitives, or kNone.
 void add_source_bytes(const SourceScene& scene, const std::vector<uint32_t>& mesh_of, format::SourceRecord& source);
 
+/// Names of normals that Normals::kAuto leaves out, which show nothing.
+inline constexpr const char* kFaceNormals = "NORMAL (as of the faces)";
+inline constexpr const char* kUnlitNormals = "NORMAL (of unlit materials)";
+
 /// What a conversion knows when its geometry is written.
 struct LeftOutFacts {
   const SourceScene& scene;
@@ -50,6 +54,7 @@ struct LeftOutFacts {
   const ImagePlan& images;
   MergedMaterials merged;
   Welded welded;
+  Normals normals = Normals::kAuto;
   uint64_t undrawn = 0;  // primitives
   uint64_t dropped_degenerate = 0;
   uint64_t dropped_nonfinite = 0;

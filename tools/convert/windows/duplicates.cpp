@@ -95,6 +95,7 @@ uint32_t EqualGroups::find_first(const SourceScene& scene, const std::vector<Mea
     add_value(hasher, measured[i].triangles);
     add_value(hasher, scene.primitives[i].material);
     hasher.add(std::as_bytes(std::span(*measured[i].content)));
+    if (measured[i].shows_normals) hasher.add(std::as_bytes(std::span(measured[i].normals)));
   }
   return is_hashed ? known_.try_emplace(hasher.value(), group).first->second : group;
 }

@@ -31,6 +31,16 @@ struct WindowPlan {
   Box box = empty_box();
 };
 
+/// Which normals of the source are stored.
+enum class Normals {
+  kAuto,    // of a mesh where they show: its material is lit, and some are not those of its faces (face_normals.h)
+  kAlways,  // all
+  kNever,
+};
+
+/// Whether normals of `primitive` are stored, or, with kAuto, are where they differ from the faces'.
+bool may_keep_normals(const SourceScene& scene, const Primitive& primitive, Normals normals);
+
 /// A primitive after measure.
 struct Measured {
   uint64_t triangles = 0;  // kept
@@ -38,7 +48,9 @@ struct Measured {
   uint64_t dropped_nonfinite = 0;
   Box box = empty_box();               // of the vertices its kept triangles use
   bool white = true;                   // every used COLOR_0 is exactly (1, 1, 1, 1)
-  std::optional<ContentHash> content;  // where MeasureOptions::hashed asks: of its triangles and their vertices
+  bool shows_normals = false;          // they are stored: some differ from their faces', or Normals::kAlways
+  std::optional<ContentHash> content;  // where MeasureOptions::hashed asks: of its triangles and their vertices,
+  ContentHash normals{};               // and of their normals, where they may be kept
 };
 
 /// A primitive without locality (locality.h): it was not measured, but for dropped_degenerate.
@@ -52,7 +64,7 @@ struct MeasureOptions {
   bool may_sort = false;  // primitives without locality become Measurement::scattered
   bool drop_nonfinite = false;
   bool whole_meshes = false;  // one window a primitive
-  bool normals = false;       // are content
+  Normals normals = Normals::kAuto;
   std::vector<bool> hashed;   // a flag a primitive, or empty: none
 };
 
