@@ -14,7 +14,7 @@
 
 namespace scree::format {
 
-inline constexpr uint32_t kKnownTableKinds = 20;  // TableKind values below this, 0 aside
+inline constexpr uint32_t kKnownTableKinds = 22;  // TableKind values below this, 0 aside
 
 /// The tables of a file by kind; those it does not have are empty.
 struct TableViews {

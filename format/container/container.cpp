@@ -52,6 +52,8 @@ constexpr std::array<KnownTable, kKnownTableKinds> kKnownTables = {{
     known<LeftOutRecord>("left-out"),
     known<MipLevelRecord>("mip level"),
     known<uint64_t>("left-out cost"),
+    known<SurfaceRecord>("surface"),
+    known<LightRecord>("light"),
 }};
 static_assert(kKnownTables[static_cast<uint32_t>(TableKind::kLeftOutCosts)].record_bytes == sizeof(uint64_t));
 
@@ -381,6 +383,12 @@ Table<TextureRecord> Container::textures() const {
 }
 Table<ImageRecord> Container::images() const {
   return views_->table<ImageRecord>(TableKind::kImages);
+}
+Table<SurfaceRecord> Container::surfaces() const {
+  return views_->table<SurfaceRecord>(TableKind::kSurfaces);
+}
+Table<LightRecord> Container::lights() const {
+  return views_->table<LightRecord>(TableKind::kLights);
 }
 Table<MipLevelRecord> Container::mip_levels() const {
   return views_->table<MipLevelRecord>(TableKind::kMipLevels);

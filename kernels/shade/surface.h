@@ -212,13 +212,13 @@ SCREE_HD inline Float3 mapped_normal(const Reader& reader, const format::Surface
   return unit_or(tangent * bump_x + bitangent * bump_y + normal * bump_z, normal);
 }
 
-/// Lights the base colour in `rgb`. `lighting`: not kAuto.
+/// As shade.h declares it.
 template <bool kOrthographic, class Shader>
-SCREE_HD inline void light_surface(const Shader& shader, const PlacedChunk& at, uint32_t material,
-                                   const uint32_t vertex[3], const PlaneHit<float>& m, const Corners<float>& corners,
-                                   const float weights[3], float x, float y, typename Shader::Texels::Lane& lane,
-                                   Lighting lighting, float rgb[3]) {
+SCREE_HD void light_surface(const Shader& shader, const PlacedChunk& at, uint32_t material, const uint32_t vertex[3],
+                            const PlaneHit<float>& m, const Corners<float>& corners, const float weights[3], float x,
+                            float y, typename Shader::Texels::Lane& lane, float rgb[3]) {
   const ShadeInputs& in = shader.in;
+  const Lighting lighting = in.light.lighting;
   const uint32_t number = material != format::kNone && in.scene.surface_of != nullptr ? in.scene.surface_of[material]
                                                                                       : format::kNone;
   const format::SurfaceRecord* const surface = number != format::kNone ? in.scene.surfaces + number : nullptr;
@@ -253,7 +253,7 @@ SCREE_HD inline void light_surface(const Shader& shader, const PlacedChunk& at, 
   if (dot(face, point.to_viewer) < 0) normal = normal * -1.0f;
   point.normal = normal;
 
-  float metallic = surface != nullptr ? surface->metallic : 1.0f;
+  float metallic = surface != nullptr ? surface->metallic : 0.0f;  // a base colour alone is matt
   float roughness = surface != nullptr ? surface->roughness : 1.0f;
   Float3 emission = grey(0);
   point.occlusion = 1.0f;

@@ -239,6 +239,11 @@ std::vector<float> make_sky(uint32_t threads) {
   return filter(panorama, threads);
 }
 
+const std::vector<float>& sky(uint32_t threads) {
+  static const std::vector<float> made = make_sky(threads);
+  return made;
+}
+
 Result<std::vector<float>> load_environment(const std::string& path, uint32_t threads) {
   const Result<MappedFile> map = MappedFile::open(path);
   if (!map) return map.error();

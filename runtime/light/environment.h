@@ -14,6 +14,9 @@ namespace scree::runtime {
 /// number of threads. Throws std::bad_alloc.
 std::vector<float> make_sky(uint32_t threads);
 
+/// make_sky(), made when it is first asked for and kept as long as the process.
+const std::vector<float>& sky(uint32_t threads);
+
 /// The same from a Radiance picture of all directions: longitude across, latitude down, -z in the middle, y up. Holds
 /// the file and 8 MiB. Errors as MappedFile::open and read_hdr, the file named.
 Result<std::vector<float>> load_environment(const std::string& path, uint32_t threads);

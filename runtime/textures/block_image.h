@@ -19,7 +19,8 @@ class BlockTexture {
   /// Image `image` of `container`, whose codec is kBlocks. Checks its pages' checksums. Levels below the last stored
   /// one are made from it as make_mips() makes them. Errors those of Container::load_page, with the level; kRange (the
   /// last stored level has more than kMaxImagePixels, and levels below). Throws std::bad_alloc.
-  static Result<BlockTexture> load(const format::Container& container, uint32_t image);
+  static Result<BlockTexture> load(const format::Container& container, uint32_t image,
+                                   TexelCoding coding = TexelCoding::kColor);
 
   /// Valid while this is; it may be moved.
   kernels::TextureView view(const format::TextureRecord& record) const;

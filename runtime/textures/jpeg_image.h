@@ -28,10 +28,10 @@ class JpegImage {
   const std::vector<format::JpegIndex>& levels() const { return levels_; }
 
   /// All levels decoded, those below the stored ones made from the last of them. Errors kFormat. Throws std::bad_alloc.
-  Result<MipChain> decode() const;
+  Result<MipChain> decode(TexelCoding coding = TexelCoding::kColor) const;
 
   /// The levels below the stored ones alone: level 0 of the result is the last stored one. Errors and throws so.
-  Result<MipChain> decode_tail() const;
+  Result<MipChain> decode_tail(TexelCoding coding = TexelCoding::kColor) const;
 
  private:
   struct Page {
@@ -47,7 +47,7 @@ class JpegImage {
 class JpegTexture {
  public:
   /// Errors and throws as JpegImage::decode_tail.
-  static Result<JpegTexture> make(JpegImage image);
+  static Result<JpegTexture> make(JpegImage image, TexelCoding coding = TexelCoding::kColor);
 
   /// Where a level's bytes lie: its data, anchor blocks and anchors, one behind the other as in the file, from
   /// JpegView::data on.

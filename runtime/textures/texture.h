@@ -7,6 +7,7 @@
 #include "format/layout.h"
 #include "kernels/scene_view.h"
 #include "runtime/images/image.h"
+#include "runtime/textures/mip_rows.h"
 
 namespace scree::runtime {
 
@@ -20,10 +21,10 @@ struct MipChain {
 };
 
 /// Makes the levels of a picture, at most kMaxDecodedSide a side. Each texel is the mean of the area it covers of the
-/// level above: colour in linear light, alpha as it is. A level is half the size, rounded down, of the one above; where
+/// level above: colour in linear light, numbers and alpha as they are. A level is half the size, rounded down, of the one above; where
 /// that was odd, a texel covers two texels and a fraction, weighted, so that no column or row is lost and the picture's
 /// mean stays. Levels are averaged in float, each rounded once. Throws std::bad_alloc.
-MipChain make_mips(Image image);
+MipChain make_mips(Image image, TexelCoding coding = TexelCoding::kColor);
 
 /// How kernels see a chain through a texture record's wrapping and filters.
 kernels::TextureView texture_view(const MipChain& chain, const format::TextureRecord& record);

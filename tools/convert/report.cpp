@@ -15,7 +15,7 @@ uint64_t left_out_bytes(const ConvertReport& report) {
   return bytes;
 }
 
-/// "images not used for base colour (3, 1.10 MiB), NORMAL (170 KiB; --normals never)".
+/// "unused images (3, 1.10 MiB), NORMAL (170 KiB; --normals never)".
 std::string list_left_out(const ConvertReport& report) {
   std::string text;
   for (const LeftOut& entry : report.left_out) {

@@ -33,6 +33,7 @@ struct ImagePlan {
   std::vector<uint32_t> places;                // for each of SourceScene::images: its ImageRecord, or kNone
   std::vector<uint32_t> sources;               // for each ImageRecord: the image of the source it is
   std::vector<format::ImageRecord> records;    // name, page and levels unset
+  std::vector<bool> is_color;                  // some texture shows it as colour; else it has numbers
   std::vector<uint64_t> costs;                 // bytes that storing a record takes
   std::vector<std::string> broken;             // why a record's file becomes grey; empty where it does not
   std::vector<format::MipLevelRecord> levels;  // of the records

@@ -18,7 +18,7 @@ constexpr uint64_t kSetBytes = 4;
 uint64_t cost_of(const LeftOut& entry) {
   const auto starts_with = [&](std::string_view prefix) { return entry.what.rfind(prefix, 0) == 0; };
   if (starts_with("TEXCOORD_") || starts_with("COLOR_")) return kSetBytes * entry.elements;
-  if (starts_with("images")) return entry.source_bytes + sizeof(format::ImageRecord) * entry.count;
+  if (entry.what == "unused images") return entry.source_bytes + sizeof(format::ImageRecord) * entry.count;
   if (entry.what == "unused materials") return sizeof(format::MaterialRecord) * entry.count;
   if (entry.what == "unused textures") return sizeof(format::TextureRecord) * entry.count;
   if (entry.what == "excluded nodes" || entry.what == "nodes outside every scene")
