@@ -13,7 +13,7 @@
 namespace scree::runtime {
 
 struct JpegWriter::Impl {
-  jpeg_error_mgr manager{};  // first: libjpeg hands back a pointer to it
+  jpeg_error_mgr manager{};  // first: libjpeg passes on a pointer to it
   std::jmp_buf escape{};
   char fatal[JMSG_LENGTH_MAX]{};
   jpeg_compress_struct jpeg{};
@@ -28,7 +28,7 @@ struct JpegWriter::Impl {
   Impl(const Impl&) = delete;
   Impl& operator=(const Impl&) = delete;
   ~Impl() {
-    jpeg_destroy_compress(&jpeg);  // does nothing where nothing was created
+    jpeg_destroy_compress(&jpeg);  // does nothing if nothing was created
     std::free(out);
   }
 

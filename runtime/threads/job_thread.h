@@ -1,4 +1,4 @@
-// A thread that does jobs one after another, for whoever goes on meanwhile.
+// A thread that runs jobs one after another while its owner continues.
 #pragma once
 
 #include <condition_variable>
@@ -11,7 +11,7 @@
 
 namespace scree::runtime {
 
-/// Jobs that return `Value`, done in the order in which they were given. Given by one thread.
+/// Runs jobs that return `Value`, in the order in which they were added. Jobs are added by one thread.
 template <class Value>
 class JobThread {
  public:
@@ -29,8 +29,8 @@ class JobThread {
     thread_.join();
   }
 
-  /// What `job()` returns, or throws. Where the system has no thread left, the caller does the job at once. Throws
-  /// std::bad_alloc, the job then not given.
+  /// The future has the result or the exception of `job()`. If the system has no thread left, the caller runs the job
+  /// at once. Throws std::bad_alloc, in which case the job is not added.
   template <class Job>
   std::future<Value> add(Job&& job) {
     std::packaged_task<Value()> task(std::forward<Job>(job));
@@ -73,7 +73,7 @@ class JobThread {
       works_ = true;
       lock.unlock();
       job();
-      job = {};  // what it held goes before it counts as done
+      job = {};  // destroys the job's captures before it counts as done
       lock.lock();
       works_ = false;
       changed_.notify_all();
@@ -81,7 +81,7 @@ class JobThread {
   }
 
   std::mutex mutex_;
-  std::condition_variable changed_;  // jobs, or whether one is being done
+  std::condition_variable changed_;  // signals new jobs, a finished job and the end
   std::deque<std::packaged_task<Value()>> jobs_;
   bool works_ = false;
   bool ends_ = false;

@@ -19,7 +19,7 @@ void Workers::start() {
   try {
     for (uint32_t i = 1; i < threads_; ++i) helpers_.emplace_back([this] { help(); });
   } catch (const std::exception&) {
-    // Fewer threads than asked for (a limit of the system) do the same work.
+    // If the system starts fewer threads, these do the same work.
   }
 }
 
