@@ -1,55 +1,16 @@
 #include <bit>
-#include <csetjmp>
 #include <cstddef>
-#include <cstdio>
 #include <cstring>
 #include <span>
 #include <string>
 #include <vector>
 
-#include <jerror.h>
-#include <jpeglib.h>
-
 #include "runtime/images/codecs.h"
 #include "runtime/images/image.h"
+#include "runtime/images/jpeg_errors.h"
 
 namespace scree::runtime {
 namespace {
-
-/// libjpeg's error manager with a jump target; trivially destructible.
-struct JpegErrors {
-  jpeg_error_mgr manager;  // first: libjpeg passes on a pointer to it
-  std::jmp_buf escape;
-  char fatal[JMSG_LENGTH_MAX];
-  char warning[JMSG_LENGTH_MAX];
-};
-
-[[noreturn]] void on_jpeg_error(j_common_ptr info) {
-  auto* const errors = reinterpret_cast<JpegErrors*>(info->err);
-  if (errors->fatal[0] == 0) info->err->format_message(info, errors->fatal);
-  std::longjmp(errors->escape, 1);
-}
-
-void on_jpeg_message(j_common_ptr info, int level) {
-  if (level >= 0) return;  // traces
-  auto* const errors = reinterpret_cast<JpegErrors*>(info->err);
-  if (info->err->num_warnings++ == 0) info->err->format_message(info, errors->warning);
-}
-
-void on_jpeg_progress(j_common_ptr info) {
-  if (reinterpret_cast<j_decompress_ptr>(info)->input_scan_number <= kMaxJpegScans) return;
-  auto* const errors = reinterpret_cast<JpegErrors*>(info->err);
-  std::snprintf(errors->fatal, sizeof errors->fatal, "more than %d scans", kMaxJpegScans);
-  on_jpeg_error(info);
-}
-
-/// Runs `body`, whose frame must own nothing, and returns whether libjpeg completed it.
-template <class Body>
-bool guarded(JpegErrors& errors, const Body& body) {
-  if (setjmp(errors.escape) != 0) return false;
-  body();
-  return true;
-}
 
 /// libjpeg's source: windows of an ImageFile. A file that ends early gets an end marker and a warning, as in libjpeg's
 /// own sources.
@@ -76,7 +37,7 @@ boolean fill_jpeg_input(j_decompress_ptr info) {
   static constexpr JOCTET kEnd[2] = {0xff, JPEG_EOI};
   JpegSource& source = source_of(info);
   if (next_window(source)) return TRUE;
-  if (source.file->error()) on_jpeg_error(reinterpret_cast<j_common_ptr>(info));
+  if (source.file->error()) JpegErrors::of(reinterpret_cast<j_common_ptr>(info)).leave();
   WARNMS(info, JWRN_JPEG_EOF);
   source.manager.next_input_byte = kEnd;
   source.manager.bytes_in_buffer = sizeof kEnd;
@@ -161,10 +122,8 @@ JBLOCKARRAY access_masks(j_common_ptr info, jvirt_barray_ptr handle, JDIMENSION 
 class JpegReader {
  public:
   explicit JpegReader(ImageFile& file) : file_(file) {
-    jpeg_.err = jpeg_std_error(&errors_.manager);
-    errors_.manager.error_exit = on_jpeg_error;
-    errors_.manager.emit_message = on_jpeg_message;
-    progress_.progress_monitor = on_jpeg_progress;
+    jpeg_.err = errors_.set_up();
+    progress_.progress_monitor = JpegErrors::limit_scans;
     source_.file = &file;
     source_.manager.init_source = ignore_jpeg_call;
     source_.manager.fill_input_buffer = fill_jpeg_input;
@@ -182,7 +141,7 @@ class JpegReader {
   /// Reads the header and compares it with the probe's result.
   Result<void> open(const ImageInfo& info) {
     jpeg_decompress_struct* const jpeg = &jpeg_;
-    if (!guarded(errors_, [&] {
+    if (!errors_.guarded([&] {
           jpeg_create_decompress(jpeg);
           jpeg->progress = &progress_;
           jpeg->src = &source_.manager;
@@ -204,9 +163,9 @@ class JpegReader {
   /// Returns whether libjpeg reached the end.
   bool read_rows(uint8_t* first, size_t stride) {
     jpeg_decompress_struct* const jpeg = &jpeg_;
-    return guarded(errors_, [&] {
+    return errors_.guarded([&] {
       jpeg_start_decompress(jpeg);
-      // All scans are decoded by now. The remaining step cannot fail, and it lacks the coefficients.
+      // All scans are decoded by now. The remaining steps cannot fail, and have no coefficients to work on.
       if (masks_only_ && jpeg_has_multiple_scans(jpeg)) return;
       while (jpeg->output_scanline < jpeg->output_height) {
         JSAMPROW row = first + stride * jpeg->output_scanline;
@@ -223,9 +182,7 @@ class JpegReader {
   }
 
   Error failure() const {
-    if (file_.error()) return *file_.error();
-    const bool out_of_memory = errors_.manager.msg_code == JERR_OUT_OF_MEMORY;
-    return Error{out_of_memory ? ErrorCode::kMemory : ErrorCode::kFormat, std::string("JPEG: ") + errors_.fatal};
+    return file_.error() ? *file_.error() : errors_.error();
   }
 
  private:
