@@ -25,7 +25,7 @@ struct ImageInfo {
   uint32_t height;
   uint32_t channels;     // 1 grey, 2 grey and alpha, 3 colour, 4 colour and alpha (PNG) or CMYK (JPEG); for blocks:
                          // their channels
-  bool is_coded_anew;    // JPEG: progressive or arithmetic; making it sequential holds 2 bytes per sample
+  bool needs_transcode;  // JPEG: progressive or arithmetic; making it sequential holds 2 bytes per sample
   uint64_t block_bytes;  // KTX2 and DDS: of level 0, unpacked; else 0
 };
 

@@ -235,7 +235,7 @@ Result<ImageInfo> probe_jpeg(ImageFile& file) {
     info.height = byte(at + 3) << 8 | byte(at + 4);
     info.width = byte(at + 5) << 8 | byte(at + 6);
     info.channels = byte(at + 7);
-    info.is_coded_anew = marker != 0xc0 && marker != 0xc1;
+    info.needs_transcode = marker != 0xc0 && marker != 0xc1;
     if (info.width == 0) return Error{ErrorCode::kFormat, "JPEG: width 0"};
     if (info.height == 0)
       return Error{ErrorCode::kUnsupported, "JPEG: height 0 (given after the data, by a DNL marker)"};

@@ -109,7 +109,7 @@ Result<PageSet> load_pages(const DrawnPages& pages, const MappedFile& map, uint3
     if (progress != nullptr) progress->begin("geometry", set.stored_bytes);
     FirstError failure;
     parallel_for(set.page_count, threads, [&](uint64_t i) {
-      if (failure.is_moot(i)) return;
+      if (failure.is_superseded(i)) return;
       const uint32_t page = pages.page(i);
       const format::PageRecord& record = pages.record(i);
       map.will_need(record.offset, record.stored_bytes);

@@ -55,7 +55,7 @@ Result<void> ChunkSource::read(std::span<const Residency::Place> places, std::by
     for (size_t i = 0; i < workers.count(); ++i) ask_for(i);
     FirstError failure;
     workers.for_each(jobs.size(), [&](uint64_t i) {
-      if (failure.is_moot(i)) return;
+      if (failure.is_superseded(i)) return;
       ask_for(i + workers.count());
       if (const Result<void> done = read(jobs[i], sorted, memory, reader); !done) failure.report(i, done.error());
     });

@@ -54,7 +54,7 @@ Streamer::Streamer(const Scene& scene, Residency residency, uint64_t batch_bytes
     chunks_[c].page = static_cast<uint32_t>(c);
     chunks_[c].offset = 0;
   }
-  known_.assign(view_.chunk_count, Known::kNothing);
+  last_seen_.assign(view_.chunk_count, LastSeen::kUnknown);
   view_.chunks = chunks_.data();
   view_.pages = nullptr;
 }
@@ -78,8 +78,8 @@ uint64_t Streamer::most_batch_bytes() const {
 /// One frame, drawn in parts: the chunks in the pool at its beginning, and each batch.
 class Streamer::Frame {
  public:
-  Frame(Residency& residency, uint64_t batch_bytes, std::span<Known> known, StreamTarget& target)
-      : residency_(residency), known_(known), target_(target), batch_bytes_(batch_bytes) {}
+  Frame(Residency& residency, uint64_t batch_bytes, std::span<LastSeen> last_seen, StreamTarget& target)
+      : residency_(residency), last_seen_(last_seen), target_(target), batch_bytes_(batch_bytes) {}
 
   Result<StreamStats> draw(const kernels::View& view, const kernels::ShadeOptions* shade);
 
@@ -116,7 +116,7 @@ class Streamer::Frame {
   void look_at_picture();
 
   Residency& residency_;
-  const std::span<Known> known_;
+  const std::span<LastSeen> last_seen_;
   StreamTarget& target_;
   const uint64_t batch_bytes_;
   StreamStats stats_{};
@@ -164,7 +164,7 @@ Result<void> Streamer::Frame::list() {
   // The order of eviction, from the end: a chunk that was hidden before goes before all needed ones.
   listed_.assign(listed->begin(), listed->end());
   std::stable_partition(listed_.begin(), listed_.end(),
-                        [&](uint32_t chunk) { return known_[chunk] != Known::kHidden; });
+                        [&](uint32_t chunk) { return last_seen_[chunk] != LastSeen::kHidden; });
   stats_.seen_chunks = listed_.size();
   for (const uint32_t chunk : listed_) stats_.seen_bytes += residency_.chunk_bytes(chunk);
   std::vector<Residency::Place> there = residency_.begin_frame(listed_);
@@ -173,10 +173,10 @@ Result<void> Streamer::Frame::list() {
   std::vector<uint32_t> unknown;
   uint64_t wanted = 0;
   residency_.drop_missing([&](uint32_t chunk) {
-    if (known_[chunk] == Known::kNeeded) wanted += residency_.chunk_bytes(chunk);
-    if (known_[chunk] == Known::kNothing) unknown.push_back(chunk);
-    if (known_[chunk] == Known::kHidden) hidden_.push_back(chunk);
-    return known_[chunk] != Known::kNeeded;
+    if (last_seen_[chunk] == LastSeen::kVisible) wanted += residency_.chunk_bytes(chunk);
+    if (last_seen_[chunk] == LastSeen::kUnknown) unknown.push_back(chunk);
+    if (last_seen_[chunk] == LastSeen::kHidden) hidden_.push_back(chunk);
+    return last_seen_[chunk] != LastSeen::kVisible;
   });
   ask_for(unknown);
   split(std::move(there), wanted);
@@ -366,9 +366,9 @@ Result<void> Streamer::Frame::finish_loading() {
 void Streamer::Frame::look_at_picture() {
   if (!has_all_depths_) return;
   for (const uint32_t chunk : listed_)
-    known_[chunk] = target_.nearest_shown(chunk) == kNotInView ? Known::kHidden : Known::kNeeded;
+    last_seen_[chunk] = target_.nearest_shown(chunk) == kNotInView ? LastSeen::kHidden : LastSeen::kVisible;
   for (const uint32_t chunk : streamed_)
-    if (known_[chunk] == Known::kNeeded) stats_.needed_bytes += residency_.chunk_bytes(chunk);
+    if (last_seen_[chunk] == LastSeen::kVisible) stats_.needed_bytes += residency_.chunk_bytes(chunk);
 }
 
 Result<StreamStats> Streamer::draw(const kernels::View& view, const kernels::ShadeOptions* shade,
@@ -377,7 +377,7 @@ Result<StreamStats> Streamer::draw(const kernels::View& view, const kernels::Sha
   if (Result<void> checked = kernels::check_frame(view, triangles); !checked) return checked.error();
   Result<StreamStats> drawn = [&]() -> Result<StreamStats> {
     try {
-      return Frame(residency_, batch_bytes_, known_, target).draw(view, shade);
+      return Frame(residency_, batch_bytes_, last_seen_, target).draw(view, shade);
     } catch (const std::bad_alloc&) {
       return no_memory("for the frame's chunks");
     }

@@ -127,14 +127,14 @@ class Streamer {
 
  private:
   /// Visibility of a chunk in the last picture that was examined.
-  enum class Known : uint8_t { kNothing, kNeeded, kHidden };
+  enum class LastSeen : uint8_t { kUnknown, kVisible, kHidden };
   class Frame;
 
   Streamer(const Scene& scene, Residency residency, uint64_t batch_bytes);
 
   Residency residency_;
-  uint64_t batch_bytes_;      // wanted size of a batch
-  std::vector<Known> known_;  // by chunk
+  uint64_t batch_bytes_;             // wanted size of a batch
+  std::vector<LastSeen> last_seen_;  // by chunk
   std::vector<format::ChunkRecord> chunks_;
   kernels::SceneView view_{};
 };

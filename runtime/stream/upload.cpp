@@ -170,7 +170,7 @@ class Uploader {
     if (progress_ != nullptr) progress_->begin("upload", job_bytes());
     try {
       parallel_for(jobs_.size(), threads, [&](uint64_t i) {
-        if (failure.is_moot(i)) return;
+        if (failure.is_superseded(i)) return;
         ask_for(i + threads);
         Result<void> done = run(jobs_[i]);
         if (done) done = JobProgress::advance(progress_, jobs_[i].bytes);

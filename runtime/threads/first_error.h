@@ -21,7 +21,7 @@ class FirstError {
     error_ = std::move(error);
   }
   /// Whether an earlier place has failed, so that a failure of this one would not be reported.
-  bool is_moot(uint64_t place) const { return place > place_.load(); }
+  bool is_superseded(uint64_t place) const { return place > place_.load(); }
   bool any() const { return place_.load() != kNoPlace; }
   const Error& error() const { return error_; }
 

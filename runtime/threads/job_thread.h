@@ -23,7 +23,7 @@ class JobThread {
     if (!thread_.joinable()) return;
     {
       const std::lock_guard lock(mutex_);
-      ends_ = true;
+      is_stopping_ = true;
     }
     changed_.notify_all();
     thread_.join();
@@ -50,7 +50,7 @@ class JobThread {
   /// Returns when every job is done.
   void wait() {
     std::unique_lock lock(mutex_);
-    changed_.wait(lock, [&] { return jobs_.empty() && !works_; });
+    changed_.wait(lock, [&] { return jobs_.empty() && !is_busy_; });
   }
 
  private:
@@ -66,16 +66,16 @@ class JobThread {
   void run() {
     std::unique_lock lock(mutex_);
     for (;;) {
-      changed_.wait(lock, [&] { return ends_ || !jobs_.empty(); });
+      changed_.wait(lock, [&] { return is_stopping_ || !jobs_.empty(); });
       if (jobs_.empty()) return;
       std::packaged_task<Value()> job = std::move(jobs_.front());
       jobs_.pop_front();
-      works_ = true;
+      is_busy_ = true;
       lock.unlock();
       job();
       job = {};  // destroys the job's captures before it counts as done
       lock.lock();
-      works_ = false;
+      is_busy_ = false;
       changed_.notify_all();
     }
   }
@@ -83,8 +83,8 @@ class JobThread {
   std::mutex mutex_;
   std::condition_variable changed_;  // signals new jobs, a finished job and the end
   std::deque<std::packaged_task<Value()>> jobs_;
-  bool works_ = false;
-  bool ends_ = false;
+  bool is_busy_ = false;
+  bool is_stopping_ = false;
   std::thread thread_;
 };
 

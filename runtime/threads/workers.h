@@ -46,13 +46,13 @@ class Workers {
   const uint32_t threads_;
   std::vector<std::thread> helpers_;
   std::mutex mutex_;
-  std::condition_variable begun_;  // a loop has begun, or the workers end
-  std::condition_variable left_;
+  std::condition_variable loop_begun_;  // a loop has begun, or the workers end
+  std::condition_variable all_left_;
   const std::function<void()>* work_ = nullptr;
   uint64_t loops_ = 0;    // loops begun so far
   uint64_t wanted_ = 0;   // threads that may still join the last loop
   uint64_t helping_ = 0;  // threads that have joined it and not left
-  bool ends_ = false;
+  bool is_stopping_ = false;
 };
 
 }  // namespace scree::runtime

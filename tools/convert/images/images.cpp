@@ -220,7 +220,7 @@ uint64_t store_cost(const SourceImage& source, const runtime::ImageInfo& info, c
   uint64_t bytes = 4 * source.bytes;
   if (info.codec != format::ImageCodec::kJpeg) bytes += 10 * pixels;
   if (has_blocks) bytes += 2 * info.block_bytes;
-  if (info.is_coded_anew) bytes += 2 * info.channels * pixels;
+  if (info.needs_transcode) bytes += 2 * info.channels * pixels;
   return bytes;
 }
 
