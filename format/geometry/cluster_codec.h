@@ -76,8 +76,7 @@ struct ClusterSet {
   std::vector<PackedCluster> clusters;
   std::vector<uint32_t> words;      // of their data
   std::vector<uint32_t> triangles;  // index of each triangle in the packer's input
-  std::vector<uint32_t> vertices;   // index of each vertex in the packer's input; vertices that clusters share are
-                                    // repeated
+  std::vector<uint32_t> vertices;   // the same for vertices; vertices that clusters share are repeated
 
   void clear();
 };

@@ -10,8 +10,7 @@ namespace scree::format {
 
 inline constexpr uint32_t kMaxClusterTriangles = 128;
 inline constexpr uint32_t kMaxClusterVertices = 128;
-inline constexpr uint32_t kGroupClusters = 32;          // clusters that share a group's bounds; the last group may have
-                                                        // fewer
+inline constexpr uint32_t kGroupClusters = 32;          // clusters per group of bounds; the last may have fewer
 inline constexpr uint32_t kMaxClusterWords = 1u << 29;  // of a chunk's cluster data
 inline constexpr uint32_t kMaxPredictorBits = 15;       // of the axes from which the third is predicted
 inline constexpr uint32_t kPredictorShift = 14;         // slopes are multiples of 2^-14

@@ -69,8 +69,7 @@ class ClusterPacker {
   // The cluster being packed, vertices by first use:
   uint32_t triangle_count_ = 0;
   uint32_t vertex_count_ = 0;
-  std::array<uint32_t, kMaxClusterVertices + 3> vertices_;  // indices in the list; room for a triangle that does not
-                                                            // fit
+  std::array<uint32_t, kMaxClusterVertices + 3> vertices_;  // in the list; room for a triangle that does not fit
   std::array<std::array<uint8_t, 3>, kMaxClusterTriangles> corners_;
   std::array<CornerSets, kMaxClusterVertices> at_vertex_{};  // empty between clusters
   Numbering best_;

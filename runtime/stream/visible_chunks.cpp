@@ -65,8 +65,7 @@ std::vector<uint32_t> order_by_depth(std::span<const uint32_t> nearest_codes) {
     return nearest_codes[chunk] >> pass * kBits & (kDigits - 1);
   };
   std::vector<uint32_t> chunks;
-  std::vector<uint32_t> first(kPasses * kDigits, 0);  // first the count of each digit, then the next position of each
-                                                      // digit
+  std::vector<uint32_t> first(kPasses * kDigits, 0);  // count per digit, then the next position per digit
   chunks.reserve(nearest_codes.size());
   for (uint64_t c = 0; c < nearest_codes.size(); ++c) {
     const auto chunk = static_cast<uint32_t>(c);

@@ -50,8 +50,7 @@ class VisibleChunks {
   std::vector<uint32_t> order_;
   std::vector<uint32_t> nearest_;              // by chunk
   std::vector<kernels::ScreenBounds> places_;  // chunk by chunk
-  std::vector<uint64_t> first_;                // by chunk: index of its first entry in places_; one more entry ends the
-                                               // last
+  std::vector<uint64_t> first_;                // by chunk: its first index in places_; one more ends the last
 };
 
 }  // namespace scree::runtime
