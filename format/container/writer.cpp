@@ -223,9 +223,8 @@ Result<void> ContainerWriter::Impl::rename_into_place(const FileHeader& header) 
   }
   const std::filesystem::path folder = std::filesystem::path(path).parent_path();
   const int opened = ::open(folder.empty() ? "." : folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
-  if (opened < 0)
-    return {};  // a folder that can be written but not read: the file exists, its name may reach the disk
-                // later
+  // A folder may be writable but not readable. The file exists; its name may reach the disk later.
+  if (opened < 0) return {};
   const int synced = ::fsync(opened);
   const int error = errno;
   ::close(opened);
