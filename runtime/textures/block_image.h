@@ -1,4 +1,4 @@
-// An image of a .scree file that is stored as blocks: its stored levels stay blocks, those below are made.
+// An image of a .scree file that is stored as blocks. Stored levels stay blocks; the levels below them are computed.
 #pragma once
 
 #include <cstddef>
@@ -22,7 +22,7 @@ class BlockTexture {
   static Result<BlockTexture> load(const format::Container& container, uint32_t image,
                                    TexelCoding coding = TexelCoding::kColor);
 
-  /// Valid while this is; it may be moved.
+  /// Valid as long as this, which may be moved.
   kernels::TextureView view(const format::TextureRecord& record) const;
 
   bool empty() const { return blocks_.empty(); }
@@ -33,10 +33,10 @@ class BlockTexture {
   format::ImageRecord record_{};
   std::vector<std::byte> blocks_;  // of all stored levels, each at a multiple of 16
   std::vector<uint64_t> offsets_;
-  MipChain made_;  // of the levels below; level 0 is the first of them
+  MipChain made_;  // the levels below; its level 0 is the first of them
 };
 
-/// The blocks of a stored level, `scratch` holding them where the page is compressed. Errors as BlockTexture::load.
+/// The blocks of a stored level. `scratch` holds them if the page is compressed. Errors as BlockTexture::load.
 Result<std::span<const std::byte>> block_level(const format::Container& container, uint32_t image, uint32_t level,
                                                std::vector<std::byte>& scratch);
 

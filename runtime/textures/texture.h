@@ -11,7 +11,7 @@
 
 namespace scree::runtime {
 
-/// A picture and its mip levels down to 1 x 1, one after the other, as kernels::TextureView has them.
+/// A picture and its mip levels down to 1 x 1, one after the other, in the layout of kernels::TextureView.
 struct MipChain {
   uint32_t width = 0;
   uint32_t height = 0;
@@ -26,7 +26,7 @@ struct MipChain {
 /// mean stays. Levels are averaged in float, each rounded once. Throws std::bad_alloc.
 MipChain make_mips(Image image, TexelCoding coding = TexelCoding::kColor);
 
-/// How kernels see a chain through a texture record's wrapping and filters.
+/// The view of a chain for kernels, with a texture record's wrapping and filters.
 kernels::TextureView texture_view(const MipChain& chain, const format::TextureRecord& record);
 
 }  // namespace scree::runtime

@@ -14,7 +14,7 @@
 
 namespace scree::tools {
 
-/// As typed; empty where nothing was.
+/// The options as typed; empty if not given.
 struct DrawWords {
   std::string size = "1920x1080";
   std::string samples = "1";
@@ -31,9 +31,9 @@ struct DrawOptions {
   uint32_t samples_per_side = 1;
   uint32_t threads = 1;
   BackendOptions backend;
-  uint64_t device_memory = 0;  // bytes the scene, its frames and the picture may take on the GPU; 0: what is free
-  uint64_t host_memory = 0;    // bytes of pictures and pinned memory on the host; 0: no limit, no chunks kept
-  runtime::Reading reading = runtime::Reading::kAuto;  // of a GPU's pages
+  uint64_t device_memory = 0;  // limit for the scene, its frames and the picture on the GPU, bytes; 0: all that is free
+  uint64_t host_memory = 0;    // the same for pictures and pinned memory on the host; 0: no limit, no chunks kept
+  runtime::Reading reading = runtime::Reading::kAuto;  // how a GPU's pages are read
 };
 
 /// Where the light of pictures comes from, as render and view take it.
@@ -63,7 +63,7 @@ Result<void> check_lights(const LightOptions& options, const kernels::SceneView&
 void add_picture_options(CLI::App& app, DrawWords& words);
 void add_device_options(CLI::App& app, DrawWords& words);
 
-/// Errors kUsage: the option, what was typed, what is allowed.
+/// Errors kUsage: the option, its value, the allowed values.
 Result<DrawOptions> parse_draw_options(const DrawWords& words);
 
 }  // namespace scree::tools

@@ -1,5 +1,5 @@
-// What a primitive will become, as far as its document and its first window say: so that a primitive of any size can be
-// encoded while it is being measured.
+// Predicts the output mesh of a primitive from its document and its first window, so that a primitive of any size can
+// be encoded while it is measured.
 #pragma once
 
 #include <cstdint>
@@ -20,7 +20,7 @@ std::optional<PlannedMesh> guess_mesh(const ConvertOptions& options, const Sourc
 bool may_be_of(const ConvertOptions& options, const SourceScene& scene, const PlannedMesh& guess,
                const WindowPlan& window, const Measured& so_far);
 
-/// Whether windows that were encoded as of `guess` are those of `measured`, byte for byte, what is noted of them too.
+/// Whether windows encoded for `guess` equal windows for `measured` byte for byte, including their log entries.
 bool is_same(const PlannedMesh& guess, const PlannedMesh& measured);
 
 }  // namespace scree::convert

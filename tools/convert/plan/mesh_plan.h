@@ -1,4 +1,4 @@
-// What a measured primitive becomes: a mesh of the output, before its lattice is chosen.
+// The output mesh of a measured primitive, before its lattice is chosen.
 #pragma once
 
 #include <cstdint>
