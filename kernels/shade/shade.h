@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cmath>
+#include <cstddef>
 
 #include "format/geometry/attribute_codec.h"
 #include "kernels/shade/locate.h"
@@ -250,8 +251,15 @@ struct TextureCorners {
   Real edge[2][2];
 };
 
-/// `transform`: the offset, scale and rotation of KHR_texture_transform, as in MaterialRecord and SurfaceTexture; null
-/// for plain coordinates.
+/// Offset, scale and rotation of KHR_texture_transform: five floats of a MaterialRecord or SurfaceTexture.
+template <class Record>
+SCREE_HD inline const float* uv_transform(const Record& record) {
+  static_assert(offsetof(Record, uv_scale) == offsetof(Record, uv_offset) + 8 &&
+                offsetof(Record, uv_rotation) == offsetof(Record, uv_offset) + 16);
+  return reinterpret_cast<const float*>(&record) + offsetof(Record, uv_offset) / sizeof(float);
+}
+
+/// `transform`: uv_transform() of the record, or null for plain coordinates.
 template <class Real>
 SCREE_HD inline TextureCorners<Real> texture_corners(const PlacedChunk& at, const uint32_t vertex[3],
                                                      const float* transform) {
@@ -505,7 +513,7 @@ struct Shader {
             const TextureView& texture = in.scene.textures[material->texture];
             if (texture.level_count != 0) {
               const TexturePlace place =
-                  find_place(at, vertex, material->uv_offset, static_cast<float>(texture.width),
+                  find_place(at, vertex, uv_transform(*material), static_cast<float>(texture.width),
                              static_cast<float>(texture.height), m, weights, x, y);
               sample_texture(texels, lane, texture, in.srgb->linear, place.u, place.v, place.footprint, rgb);
             }
@@ -517,9 +525,9 @@ struct Shader {
       if constexpr (kShow == Show::kSurface) {
         if (!unlit)
           light_surface<kOrthographic>(*this, at, at.mesh.material, vertex, m, corners, weights, x, y, lane, rgb);
-        return;
+      } else {
+        for (int c = 0; c < 3; ++c) rgb[c] = rgb[c] * light;
       }
-      for (int c = 0; c < 3; ++c) rgb[c] = rgb[c] * light;
     }
   }
 

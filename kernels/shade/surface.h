@@ -177,7 +177,7 @@ struct SurfaceReader {
   SCREE_HD bool read(const format::SurfaceTexture& use, const Table& table, float out[kCount]) const {
     const TextureView* const view = texture(use);
     if (view == nullptr) return false;
-    const TexturePlace place = shader.find_place(at, vertex, use.uv_offset, static_cast<float>(view->width),
+    const TexturePlace place = shader.find_place(at, vertex, uv_transform(use), static_cast<float>(view->width),
                                                  static_cast<float>(view->height), m, weights, x, y);
     sample_channels<kFirst, kCount>(shader.texels, lane, *view, table, place.u, place.v, place.footprint, out);
     return true;
@@ -197,7 +197,7 @@ SCREE_HD inline Float3 mapped_normal(const Reader& reader, const format::Surface
   const format::SurfaceTexture& use = surface.textures[static_cast<uint32_t>(format::SurfaceUse::kNormalMap)];
   float code[3];
   if (!reader.template read<0, 3>(use, UnitCodes{}, code)) return normal;
-  const TextureCorners<float> corners = texture_corners<float>(reader.at, reader.vertex, use.uv_offset);
+  const TextureCorners<float> corners = texture_corners<float>(reader.at, reader.vertex, uv_transform(use));
   const float(*d)[2] = corners.edge;
   const float side = d[0][0] * d[1][1] - d[1][0] * d[0][1] >= 0 ? 1.0f : -1.0f;
   const Float3 along_u = unit_or((edge[0] * d[1][1] - edge[1] * d[0][1]) * side, grey(0));

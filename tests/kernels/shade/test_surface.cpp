@@ -195,8 +195,8 @@ TEST_CASE("surface: textures of roughness, metalness and specular multiply their
   };
   const std::array<uint8_t, 4> half{0, 255, 51, 255}, alpha{0, 0, 0, 51};
   using Use = format::SurfaceUse;
-  CHECK(lit(1, 1, &half, Use::kMetallicRoughness) == lit(0.2f, 1, nullptr, Use::kMetallicRoughness));
-  CHECK(lit(0, 1, &alpha, Use::kSpecular) == lit(0, 0.2f, nullptr, Use::kSpecular));
+  CHECK(lit(1, 1, &half, Use::kMetallicRoughness) == Approx(lit(0.2f, 1, nullptr, Use::kMetallicRoughness)));
+  CHECK(lit(0, 1, &alpha, Use::kSpecular) == Approx(lit(0, 0.2f, nullptr, Use::kSpecular)));
   CHECK(lit(0, 0, nullptr, Use::kSpecular) == Approx(0.25f));  // nothing but what is matt
 }
 
