@@ -93,7 +93,7 @@ class Values {
     static_assert(sizeof(T) <= sizeof(uint64_t) && std::is_trivially_copyable_v<T>);
     uint64_t bits = 0;
     std::memcpy(&bits, &value, sizeof value);
-    std::memcpy(bits_, meet_warp(what, mask, bits), sizeof bits_);
+    std::memcpy(bits_, exchange_in_warp(what, mask, bits), sizeof bits_);
   }
 
   T operator[](uint32_t lane) const {
@@ -180,10 +180,10 @@ inline uint32_t __reduce_or_sync(uint32_t mask, uint32_t value) {
   });
 }
 inline void __syncwarp(uint32_t mask = ~0u) {
-  scree::emulator::meet_warp("__syncwarp", mask, 0);
+  scree::emulator::exchange_in_warp("__syncwarp", mask, 0);
 }
 inline void __syncthreads() {
-  scree::emulator::meet_block();
+  scree::emulator::sync_block();
 }
 
 // Atomics.

@@ -60,7 +60,7 @@ struct StackOf {
 };
 
 /// A barrier of lanes: of a mask in a warp, or of a block.
-struct Meeting {
+struct Barrier {
   const char* what = nullptr;
   uint32_t mask = 0;
   uint32_t arrived = 0;  // mask of arrived lanes; for a block: their number
@@ -84,7 +84,7 @@ struct SharedVariable {
 struct Block;
 
 struct Warp {
-  std::deque<Meeting> meetings;  // one per mask that was used
+  std::deque<Barrier> barriers;  // one per mask that was used
   uint32_t ended = 0;            // mask of ended lanes
 };
 
@@ -96,7 +96,7 @@ struct Lane {
   std::byte* stack;
   fiber here;  // while the lane does not run
   fiber back;  // while it runs
-  const Meeting* waits = nullptr;
+  const Barrier* waits = nullptr;
   uint64_t since = 0;  // value of waits->ended when the wait began
   bool has_ended = false;
   std::vector<LaterCopy> copies;
@@ -109,7 +109,7 @@ struct Block {
   uint3 index;
   std::vector<Lane> lanes;
   std::vector<Warp> warps;
-  Meeting all;
+  Barrier all;
   uint32_t ended = 0;  // number of ended lanes
   std::map<uint32_t, SharedVariable> shared;
   size_t shared_bytes = 0;  // of all variables, and of the launch's dynamic memory
@@ -173,7 +173,7 @@ bool can_go_on(const Lane& lane) {
 }
 
 void end_block_meeting_if_all_came(Block& block) {
-  Meeting& all = block.all;
+  Barrier& all = block.all;
   if (all.arrived == 0 || all.arrived + block.ended != block.lanes.size()) return;
   all.arrived = 0;
   ++all.ended;
@@ -283,7 +283,7 @@ void* dynamic_shared_memory() {
   return current->block->dynamic.get();
 }
 
-const uint64_t* meet_warp(const char* what, uint32_t mask, uint64_t value) {
+const uint64_t* exchange_in_warp(const char* what, uint32_t mask, uint64_t value) {
   Lane& lane = *current;
   Warp& warp = *lane.warp;
   const char* const kernel = lane.block->grid->name;
@@ -292,32 +292,32 @@ const uint64_t* meet_warp(const char* what, uint32_t mask, uint64_t value) {
     fail("%s: lane %u in %s(0x%08x) would wait for lanes 0x%08x that have ended", kernel, lane.number, what, mask,
          mask & warp.ended);
   }
-  auto meeting =
-      std::find_if(warp.meetings.begin(), warp.meetings.end(), [&](const Meeting& m) { return m.mask == mask; });
-  if (meeting == warp.meetings.end()) {
-    meeting = warp.meetings.emplace(meeting);
-    meeting->mask = mask;
+  auto barrier =
+      std::find_if(warp.barriers.begin(), warp.barriers.end(), [&](const Barrier& m) { return m.mask == mask; });
+  if (barrier == warp.barriers.end()) {
+    barrier = warp.barriers.emplace(barrier);
+    barrier->mask = mask;
   }
-  if (meeting->arrived == 0) meeting->what = what;
-  if (meeting->what != what && std::strcmp(meeting->what, what) != 0) {
-    fail("%s: of one warp, lane %u is in %s(0x%08x), others in %s", kernel, lane.number, what, mask, meeting->what);
+  if (barrier->arrived == 0) barrier->what = what;
+  if (barrier->what != what && std::strcmp(barrier->what, what) != 0) {
+    fail("%s: of one warp, lane %u is in %s(0x%08x), others in %s", kernel, lane.number, what, mask, barrier->what);
   }
-  const auto& values = meeting->values[meeting->ended % 2];
-  meeting->values[meeting->ended % 2][lane.number] = value;
-  meeting->arrived |= 1u << lane.number;
-  if (meeting->arrived == mask) {
-    meeting->arrived = 0;
-    ++meeting->ended;
+  const auto& values = barrier->values[barrier->ended % 2];
+  barrier->values[barrier->ended % 2][lane.number] = value;
+  barrier->arrived |= 1u << lane.number;
+  if (barrier->arrived == mask) {
+    barrier->arrived = 0;
+    ++barrier->ended;
     if (random_below(8) == 0) yield(lane);
   } else {
-    lane.waits = &*meeting;
-    lane.since = meeting->ended;
+    lane.waits = &*barrier;
+    lane.since = barrier->ended;
     yield(lane);
   }
   return values.data();
 }
 
-void meet_block() {
+void sync_block() {
   Lane& lane = *current;
   lane.waits = &lane.block->all;
   lane.since = lane.block->all.ended;

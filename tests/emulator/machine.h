@@ -46,8 +46,8 @@ void* dynamic_shared_memory();
 
 /// Passes `value` to the lanes of `mask` and waits for their values. Returns 32 values; only those of the mask are set.
 /// Valid until the lane's next call. `what`: the collective's name.
-const uint64_t* meet_warp(const char* what, uint32_t mask, uint64_t value);
-void meet_block();
+const uint64_t* exchange_in_warp(const char* what, uint32_t mask, uint64_t value);
+void sync_block();
 
 /// Requests a copy of 4, 8 or 16 bytes for the running lane, ends a group of copies, and waits for all groups except
 /// the last `groups`.
