@@ -416,7 +416,7 @@ TEST_CASE("a still camera over a pool that is too small streams what is missing,
   CHECK(first.missing_bytes == first.seen_bytes);
   for (int i = 0; i < 3; ++i) {
     const StreamStats again = scene.draw(*stream, *view, 1, shade_options(0));
-    CHECK(again.missing_bytes + pool.all / 4 <= again.seen_bytes);  // most of the pool was of use
+    CHECK(again.missing_bytes + pool.all / 4 <= again.seen_bytes);  // most of the pool was useful
     CHECK(again.streamed_bytes <= first.streamed_bytes - pool.all / 4);
   }
 }
