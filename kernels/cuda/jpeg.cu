@@ -16,7 +16,8 @@ namespace {
 constexpr uint32_t kBlockValues = 64;  // of 8 x 8
 constexpr uint32_t kTransformed = 4;   // blocks that a block of threads transforms, a thread one coefficient
 constexpr uint32_t kSegmentBlocks = 30;
-constexpr uint32_t kCoders = 4;  // warps of a block of threads
+constexpr uint32_t kGuessedBytes = 24;  // of a coded block
+constexpr uint32_t kCoders = 4;         // warps of a block of threads
 // A block takes 11 + 11 bits of DC and 63 times 16 + 10 of AC at most.
 constexpr uint32_t kSegmentWords = (kSegmentBlocks * (22 + 63 * 26) + 31) / 32;
 
@@ -272,6 +273,12 @@ Transform make_transform(const uint32_t* pixels, const format::JpegHeader& head,
 
 }  // namespace
 
+uint64_t CudaJpegCoder::device_bytes(uint32_t width, uint32_t height) {
+  const uint64_t blocks = uint64_t{3} * ((width + 15) / 8) * ((height + 15) / 8);  // of 4:4:4, the more
+  const uint64_t segments = (blocks + kSegmentBlocks - 1) / kSegmentBlocks + 1;
+  return blocks * (kBlockValues * sizeof(int16_t) + kGuessedBytes) + segments * sizeof(Segment) + sizeof(Codes);
+}
+
 Result<std::vector<std::byte>> CudaJpegCoder::encode(const uint32_t* pixels, const format::JpegHeader& head,
                                                      bool is_sharp) try {
   const Transform picture = make_transform(pixels, head, is_sharp);
@@ -288,7 +295,7 @@ Result<std::vector<std::byte>> CudaJpegCoder::encode(const uint32_t* pixels, con
                                  "allocating a JPEG's coefficients");
   if (done) done = segments_.reserve((count + uint64_t{1}) * sizeof(Segment), "allocating a JPEG's segments");
   // Enough but for noise.
-  if (done) done = bytes_.reserve(uint64_t{picture.block_count} * 24, "allocating a JPEG");
+  if (done) done = bytes_.reserve(uint64_t{picture.block_count} * kGuessedBytes, "allocating a JPEG");
   if (!done) return done.error();
   auto* const coefficients = reinterpret_cast<int16_t*>(coefficients_.data());
   auto* const device_segments = reinterpret_cast<Segment*>(segments_.data());

@@ -27,6 +27,9 @@ class CudaJpegCoder {
   /// F.1. Errors kDevice, kMemory.
   Result<std::vector<std::byte>> encode(const uint32_t* pixels, const format::JpegHeader& head, bool is_sharp);
 
+  /// What it takes for a picture of this size, unless it is noise.
+  static uint64_t device_bytes(uint32_t width, uint32_t height);
+
  private:
   DeviceBuffer coefficients_;
   DeviceBuffer segments_;

@@ -22,6 +22,7 @@ struct PictureNeeds {
   uint32_t height = 0;
   uint32_t samples_per_side = 1;
   const kernels::ShadeOptions* shade = nullptr;  // null: they are not shaded
+  bool is_encoded = false;                       // as JPEGs, on the device
 };
 
 /// What beside the colours can be made of a picture's pixels (kernels/shade/layers.h).

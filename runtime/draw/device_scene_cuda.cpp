@@ -71,6 +71,7 @@ uint64_t picture_bytes(const PictureNeeds& needs, bool streamed, bool has_jpegs)
   }
   if (needs.shade == nullptr) return bytes;
   bytes += pixels * sizeof(uint32_t) + kResolverBytes;
+  if (needs.is_encoded) bytes += kernels::CudaJpegCoder::device_bytes(needs.width, needs.height);
   if (needs.shade->ssao || needs.shade->edl) bytes += 3 * pixels * sizeof(float);
   if (has_jpegs && !streamed) bytes += tile_list_bytes(needs.width, needs.height);
   return bytes;
