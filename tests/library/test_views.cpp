@@ -185,6 +185,32 @@ TEST_CASE("threads draw views of scenes that others open and close", "[library]"
   CHECK(wrong == 0);
 }
 
+TEST_CASE("a file is closed while other threads read what it has", "[library]") {
+  const TempFolder folder;
+  const std::string path = packed(folder);
+  std::atomic<scree_file*> current{nullptr};
+  std::atomic<bool> ends{false};
+  std::atomic<size_t> wrong{0};
+  std::vector<std::thread> threads;
+  for (size_t t = 0; t < 2; ++t)
+    threads.emplace_back([&] {
+      while (!ends) {
+        auto info = sized<scree_file_info>();
+        const scree_status status = scree_get_file_info(current, &info);
+        if (status == SCREE_OK ? info.triangles != 12 : current != nullptr && status != SCREE_ERROR_HANDLE) ++wrong;
+      }
+    });
+  for (size_t i = 0; i < (kIsSanitized ? 2000 : 20000); ++i) {
+    scree_file* file = nullptr;
+    must(scree_open(path.c_str(), &file));
+    current = file;
+    must(scree_close(file));
+  }
+  ends = true;
+  for (std::thread& thread : threads) thread.join();
+  CHECK(wrong == 0);
+}
+
 TEST_CASE("a camera of matrices sees what the same camera by eye and target sees", "[library]") {
   const TempFolder folder;
   const Opened opened(packed(folder));
