@@ -63,6 +63,8 @@ class Checker {
         scenes_(tables.table<SceneRecord>(TableKind::kScenes)),
         scene_roots_(tables.table<uint32_t>(TableKind::kSceneRoots)) {}
 
+  // One function per table, and for parts of a table that is checked in parts. Errors kRange, kReserved, kFormat;
+  // each gives the record and the field.
   Result<void> strings();
   Result<void> pages() const;
   Result<void> meshes(Part part);

@@ -25,6 +25,7 @@ struct ClusterBounds {
 };
 static_assert(sizeof(ClusterBounds) == 16);
 
+/// Smallest offset along an axis (0 to 2), from the chunk's position_min.
 SCREE_HD constexpr uint32_t bounds_min(const ClusterBounds& bounds, int axis) {
   return bounds.axis[axis] & 0xffffffu;
 }
@@ -61,6 +62,7 @@ struct ClusterLayout {
   uint32_t end;
 };
 
+/// Decodes a record. Defined for any record; whether the data fit the chunk is for the caller to check.
 SCREE_HD constexpr ClusterLayout cluster_layout(const ClusterRecord& record) {
   ClusterLayout out{};
   out.triangle_count = (record.counts & 127) + 1;
