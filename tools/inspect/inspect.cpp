@@ -125,7 +125,7 @@ Command add_inspect(CLI::App& parent) {
   app->add_option("FILE", arguments->path, "The .scree file")->required();
   app->add_flag("--json", options.json, "One JSON object, amounts in bytes");
   app->add_flag("--verify", options.verify,
-                "Check every checksum and decode everything; and say how much of clusters is indices");
+                "Check every checksum and decode everything; also show the share of indices in clusters");
   app->add_flag("--chunks", options.chunks, "Add a row for every chunk");
   app->add_option("--source", options.source,
                   "Measure the true position error against this .gltf or .glb (needs convert --source-ids)");
