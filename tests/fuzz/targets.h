@@ -22,6 +22,7 @@ void container(Bytes bytes);     // inspect --verify, and export
 void scene(Bytes bytes);         // render
 void gltf(Bytes bytes);          // convert
 void view_message(Bytes bytes);  // a page's message to scree view
+void camera_path(Bytes bytes);   // render --path
 
 struct Target {
   const char* name;
@@ -43,6 +44,7 @@ inline constexpr Target kTargets[] = {
     {"scene", scene, true},
     {"gltf", gltf, false},
     {"view_message", view_message, false},
+    {"camera_path", camera_path, false},
 };
 
 }  // namespace scree::fuzz

@@ -80,6 +80,9 @@ TEST_CASE("fuzz corpus: gltf", "[fuzz]") {
 TEST_CASE("fuzz corpus: view_message", "[fuzz][view]") {
   replay("view_message", "view_message");
 }
+TEST_CASE("fuzz corpus: camera_path", "[fuzz][path]") {
+  replay("camera_path", "camera_path");
+}
 
 /// The picture of a seed with the options of scripts/sanitize-gpu.
 std::vector<uint8_t> picture_of(const std::filesystem::path& seed) {
