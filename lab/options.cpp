@@ -15,7 +15,7 @@ constexpr double kSixtyMillion = 0.15;  // the share of A's triangles that gives
 constexpr uint32_t kLeastBits = 8;
 constexpr const char* kAllPositions = "8,9,10,11,12,13,14,15,16,17,18,19,20,21,22,23,24,float32";
 constexpr const char* kSweepPositions = "8,10,12,14,16,18,20,24";  // compared with float32
-constexpr uint32_t kMaxCurveSide = kernels::kMaxImageSide / kTruthSamples;
+constexpr uint32_t kMaxCurveSide = kernels::kMaxImageSide / kReferenceSamples;
 
 Error usage(std::string message) {
   return {ErrorCode::kUsage, std::move(message)};
@@ -120,7 +120,7 @@ Result<void> check_reference(const LabWords& words, const LabOptions& options) {
       return usage("--indices: files that convert makes have packed or clustered ones");
   if (options.curves && options.size && std::max(options.size->width, options.size->height) > kMaxCurveSide)
     return usage("--size: --curves takes at most " + std::to_string(kMaxCurveSide) +
-                 " pixels a side, for its reference has " + std::to_string(kTruthSamples) +
+                 " pixels a side, for its reference has " + std::to_string(kReferenceSamples) +
                  " samples a side of a pixel");
   return {};
 }

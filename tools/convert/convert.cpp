@@ -332,7 +332,7 @@ class Converter {
       if (writer && !is_of_this_input(resumed_))
         writer = Error{ErrorCode::kFormat, "it was made from another input or with other options"};
       if (writer) {
-        settle(resumed_, writer->page_count(), images_.records.size(), measurement_.windows.size());
+        drop_incomplete_tail(resumed_, writer->page_count(), images_.records.size(), measurement_.windows.size());
         writer->drop_pages(resumed_.pages);
         report_.resumed_pages = resumed_.pages;
       }

@@ -28,7 +28,7 @@ void print(const std::string& text, std::FILE* out) {
 }
 
 /// The error if the file breaks its stated bounds; nullopt if it keeps them.
-std::optional<Error> broken_promise(const compare::GeometryReport& report, const InspectOptions& options) {
+std::optional<Error> bound_error(const compare::GeometryReport& report, const InspectOptions& options) {
   if (!report.broken.empty()) {
     const compare::BrokenBound& first = report.broken.front();
     std::string message = "mesh " + std::to_string(first.mesh) + ": position error " +
@@ -106,7 +106,7 @@ Result<void> inspect_file(const std::string& path, const InspectOptions& options
     return error;
   }
   if (measured)
-    if (const auto broken = broken_promise(*measured, options)) return at(path, *broken);
+    if (const auto broken = bound_error(*measured, options)) return at(path, *broken);
   return {};
 }
 

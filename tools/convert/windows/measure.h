@@ -80,7 +80,7 @@ std::vector<Batch> make_batches(const std::vector<WindowPlan>& windows, uint64_t
 std::string primitive_place(const SourceScene& scene, uint32_t primitive);
 
 /// Takes what is measured while more is being measured, on the same pool.
-class MeasureListener : public Meanwhile {
+class MeasureListener : public OtherResults {
  public:
   /// Windows are held while it has something left.
   virtual HeldBudget& budget() = 0;
