@@ -43,7 +43,10 @@ Result<std::shared_ptr<LoadedScene>> LoadedScene::load(SceneFile file, const Loa
     if (!scene) return scene.error();
     loaded->scene_ = std::make_unique<Scene>(std::move(*scene));
     if (loaded->gpu_) {
-      if (const Result<void> uploaded = loaded->upload(options); !uploaded) {
+      const auto upload = [&] { return loaded->upload(options); };
+      // The listener may draw another scene, for which it takes the lock that uploading holds.
+      const Result<void> uploaded = options.progress != nullptr ? options.progress->relay(upload) : upload();
+      if (!uploaded) {
         if (uploaded.error().code != ErrorCode::kDevice) return uploaded.error();
         if (options.on == DrawOn::kGpu) return at(path, uploaded.error());
         loaded->gpu_.reset();

@@ -228,6 +228,34 @@ TEST_CASE("views draw on their scene's GPU, and their caller's stays current", "
   CHECK(emulator::memory_of_gpu(1).now == 0);
   setenv("SCREE_EMULATED_GPU", "1", 1);
 }
+
+TEST_CASE("a listener to one scene's loading draws another", "[cuda]") {
+  if (!has_gpu()) return;
+  const TempFolder folder;
+  PagedScene{}.write(folder.file("a.scree"), {{sphere(20, 0.1), {}}});
+  const runtime::SceneFile file = *runtime::SceneFile::open(folder.file("a.scree"));
+  runtime::LoadOptions options;
+  options.on = runtime::DrawOn::kGpu;
+  const auto first = runtime::LoadedScene::load(file, options);
+  REQUIRE(first);
+  std::vector<std::string> stages;
+  bool draws = true;
+  runtime::JobProgress progress([&](const char* stage, uint64_t, uint64_t) {
+    stages.push_back(stage);
+    const auto view = runtime::ViewRenderer::create(*first);
+    draws = draws && view && (*view)->draw(view_of((*first)->scene(), 16, 8), 1, {}) && (*view)->pick(0, 0);
+    return true;
+  });
+  options.progress = &progress;
+  REQUIRE(runtime::LoadedScene::load(file, options));
+  CHECK(draws);
+  CHECK(std::count(stages.begin(), stages.end(), "upload") >= 2);
+
+  runtime::JobProgress stops([](const char* stage, uint64_t, uint64_t) { return std::string(stage) != "upload"; });
+  options.progress = &stops;
+  CHECK_FALSE(runtime::LoadedScene::load(file, options));
+  CHECK(stops.is_stopped());
+}
 #endif
 
 }  // namespace scree::tests
