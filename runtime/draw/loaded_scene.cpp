@@ -66,7 +66,7 @@ Result<void> LoadedScene::upload(const LoadOptions& options) {
   const GpuLock lock = gpu_lock();
   if (const Result<void> done = set_current_gpu(gpu_->index); !done) return done;
   Result<DeviceScene> device =
-      DeviceScene::upload(*scene_, options.device_memory, options.threads, Reading::kAuto,
+      DeviceScene::upload(*scene_, options.device_memory, options.threads, options.reading,
                           options.texture_cache != 0 ? options.texture_cache : kDeviceTextureCache, options.host_memory,
                           options.pictures, options.progress);
   if (!device) return device.error();

@@ -57,7 +57,7 @@ struct JpegErrors {
   /// After guarded() returned false. kMemory, kUnsupported (blocks too many for an MCU), else `other`. `place`: of the
   /// file, with ": " behind it.
   Error error(ErrorCode other = ErrorCode::kFormat, const std::string& place = "") const {
-    const ErrorCode code = manager.msg_code == JERR_OUT_OF_MEMORY   ? ErrorCode::kMemory
+    const ErrorCode code = manager.msg_code == JERR_OUT_OF_MEMORY  ? ErrorCode::kMemory
                            : manager.msg_code == JERR_BAD_MCU_SIZE ? ErrorCode::kUnsupported
                                                                    : other;
     return {code, "JPEG: " + place + fatal};

@@ -17,7 +17,7 @@ struct JpegWriter::Impl {
   Impl(const Impl&) = delete;
   Impl& operator=(const Impl&) = delete;
   ~Impl() {
-    jpeg_destroy_compress(&jpeg);  // does nothing where nothing was created
+    jpeg_destroy_compress(&jpeg);  // does nothing if nothing was created
     std::free(out);
   }
 

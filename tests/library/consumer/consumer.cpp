@@ -1,4 +1,4 @@
-// consumer_cpp MODEL.glb FOLDER: the same as consumer.c in C++, to the same line.
+// consumer_cpp MODEL.glb FOLDER: the C++ version of consumer.c, with the same output line.
 #include <scree/scree.hpp>
 
 #include <cstdio>
@@ -16,7 +16,7 @@ int main(int argc, char** argv) {
     const scree_convert_report report = scree::convert(argv[1], path, convert);
     auto load = scree::make<scree_load_options>();
     load.backend = SCREE_BACKEND_CPU;
-    scree::View view = scree::File(path).load(load).view();  // which keeps what it needs
+    scree::View view = scree::File(path).load(load).view();  // keeps the objects that it needs
     auto draw = scree::make<scree_draw_options>();
     draw.width = 64;
     draw.height = 48;

@@ -12,7 +12,7 @@
 namespace scree::runtime {
 namespace {
 
-/// A warning after which coefficients are made up is an error here: what is kept is kept for good.
+/// A warning after which libjpeg invents coefficients is an error here, because the result is kept for good.
 void on_message(j_common_ptr info, int level) {
   if (level >= 0) return;  // traces
   JpegErrors& errors = JpegErrors::of(info);
@@ -29,7 +29,7 @@ void on_message(j_common_ptr info, int level) {
   }
 }
 
-/// Owns both ends and the output, so that an early return frees what libjpeg took.
+/// Owns reader, writer and output, so that an early return frees libjpeg's memory.
 class Transcoder {
  public:
   Transcoder() {
@@ -40,7 +40,7 @@ class Transcoder {
   Transcoder(const Transcoder&) = delete;
   Transcoder& operator=(const Transcoder&) = delete;
   ~Transcoder() {
-    jpeg_destroy_compress(&writer_);  // do nothing where nothing was created
+    jpeg_destroy_compress(&writer_);  // do nothing if nothing was created
     jpeg_destroy_decompress(&reader_);
     std::free(out_);
   }
@@ -69,7 +69,7 @@ class Transcoder {
   }
   std::string warning() const { return errors_.manager.num_warnings > 0 ? errors_.warning : ""; }
 
-  /// After transcode() returned false. Names the byte that libjpeg had come to.
+  /// The error after transcode() returned false, with the byte that libjpeg had reached.
   Error failure() const {
     const int message = errors_.manager.msg_code;
     const bool ended = message == JWRN_JPEG_EOF || message == JWRN_HIT_MARKER;
@@ -96,7 +96,7 @@ Result<TranscodedJpeg> transcode_jpeg(std::span<const std::byte> file) {
   const format::JpegVerdict verdict = format::judge_jpeg(*header);
   if (verdict.treatment == format::JpegTreatment::kRefuse || verdict.treatment == format::JpegTreatment::kReencode)
     return Error{ErrorCode::kUnsupported, "JPEG: " + verdict.reason};
-  // Before libjpeg takes memory by what the header claims.
+  // Checked before libjpeg allocates memory for the claims of the header.
   const uint64_t pixels = uint64_t{header->width} * header->height;
   if (pixels > kMaxImagePixels) {
     return Error{ErrorCode::kRange, "JPEG: " + std::to_string(uint32_t{header->width}) + " x " +
