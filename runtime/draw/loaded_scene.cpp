@@ -61,7 +61,7 @@ Result<std::shared_ptr<LoadedScene>> LoadedScene::load(SceneFile file, const Loa
 Result<void> LoadedScene::upload(const LoadOptions& options) {
   const std::unique_lock<std::mutex> lock = gpu_lock();
   Result<DeviceScene> device =
-      DeviceScene::upload(*scene_, options.device_memory, options.threads, Reading::kAuto,
+      DeviceScene::upload(*scene_, options.device_memory, options.threads, options.reading,
                           options.texture_cache != 0 ? options.texture_cache : kDeviceTextureCache, options.host_memory,
                           options.pictures, options.progress);
   if (!device) return device.error();

@@ -29,6 +29,7 @@ struct LoadOptions {
   uint64_t device_memory = 0;       // as DeviceScene::upload()
   uint64_t host_memory = 0;         // likewise
   PictureNeeds pictures;            // likewise
+  Reading reading = Reading::kAuto;  // likewise
   JobProgress* progress = nullptr;  // hears of loading, and may stop it (kFile)
 };
 

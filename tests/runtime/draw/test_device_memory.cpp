@@ -1,4 +1,4 @@
-// What a scene, its frames and its pictures take of a GPU's memory and of pinned memory stays below what was allowed.
+// The GPU memory and pinned memory of a scene, its frames and its pictures stay within the limits.
 #include <algorithm>
 #include <string>
 #include <utility>
@@ -45,7 +45,7 @@ kernels::View view_of(const Scene& scene, uint32_t width, uint32_t height) {
 }
 
 #if defined(SCREE_EMULATED_CUDA)
-/// Many chunks: whole they take more than a streamed scene does.
+/// Many chunks: together they take more than a streamed scene does.
 void write_spheres(const std::string& path) {
   std::vector<std::pair<Soup, Encoding>> meshes;
   for (int i = 0; i < 24; ++i) meshes.push_back({sphere(24, 0.1 + 0.01 * i), {}});
@@ -109,7 +109,7 @@ TEST_CASE("a scene and its pictures take no more device memory than they may", "
       const auto upload = [&](uint64_t budget) {
         return DeviceScene::upload(scene, budget, 2, Reading::kAuto, kCache, 0, needs);
       };
-      // All that it takes where it may take anything is what a resident scene needs; a byte less is streamed.
+      // Without a limit, it takes the memory of a resident scene. With one byte less it is streamed.
       const Result<DeviceScene> refused = upload(1);
       REQUIRE_FALSE(refused);
       const uint64_t least = least_device_memory(refused.error().message);
@@ -122,7 +122,7 @@ TEST_CASE("a scene and its pictures take no more device memory than they may", "
       REQUIRE(resident > 0);
       std::vector<uint64_t> samples;
       for (const uint64_t budget : {resident, resident - 1, least, uint64_t{0}}) {
-        if (budget != 0 && budget < least) continue;  // a small scene takes less whole than streamed
+        if (budget != 0 && budget < least) continue;  // a small scene takes less as a whole than streamed
         CAPTURE(file, size.width, size.samples, budget, resident, least);
         REQUIRE(emulator::memory_of_gpu(0).now == 0);
         emulator::forget_peaks();

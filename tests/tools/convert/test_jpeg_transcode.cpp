@@ -22,7 +22,7 @@ using scree::tests::jpeg::read_file;
 
 namespace {
 
-/// Whether the file can be indexed, and opened then.
+/// Checks that the file can be indexed, and the index opened.
 void check_indexable(const Bytes& file) {
   const auto header = format::parse_jpeg(file);
   if (!header) FAIL(header.error().message);
@@ -126,7 +126,7 @@ TEST_CASE("what cannot be transcoded is refused before memory is taken", "[jpeg_
   huge[frame + 5] = huge[frame + 7] = std::byte{0x3f};
   CHECK(message(huge).find("expected a bit a block or more") != std::string::npos);
   Bytes wide = set(11, 0x33);
-  CHECK(runtime::transcode_jpeg(wide).error().code == ErrorCode::kUnsupported);  // 11 blocks an MCU
+  CHECK(runtime::transcode_jpeg(wide).error().code == ErrorCode::kUnsupported);  // 11 blocks per MCU
   CHECK(message(make_jpeg(colour_recipe({{1, 1}, {1, 1}, {1, 1}, {1, 1}}))) == "JPEG: 4 components (CMYK)");
 }
 
