@@ -14,7 +14,7 @@
 
 namespace scree::format {
 
-inline constexpr uint32_t kKnownTableKinds = 20;  // TableKind values below this, 0 aside
+inline constexpr uint32_t kKnownTableKinds = 23;  // TableKind values are below this
 
 /// The tables of a file by kind. Kinds that the file lacks are empty.
 struct TableViews {

@@ -305,6 +305,46 @@ std::optional<Error> Checker::levels_of(uint64_t image, uint64_t first) const {
   return std::nullopt;
 }
 
+Result<void> Checker::masks() const {
+  for (uint64_t i = 0; i < masks_.size(); ++i) {
+    const MaskRecord& mask = masks_[i];
+    if (mask.material >= materials_.size()) {
+      return fail_index("mask", i, "material", mask.material, materials_.size(), "materials");
+    }
+    if (i > 0 && mask.material <= masks_[i - 1].material) {
+      return fail(kRange, "mask ", i, ": material ", mask.material, " after material ", masks_[i - 1].material,
+                  ", expected ascending order");
+    }
+    if (mask.page >= pages_.size()) return fail_index("mask", i, "page", mask.page, pages_.size(), "pages");
+    const PageRecord& page = pages_[mask.page];
+    if (page.kind != PageKind::kMask) {
+      return fail(kRange, "mask ", i, ": page ", mask.page, " is of kind ", static_cast<uint32_t>(page.kind),
+                  ", which holds no mask");
+    }
+    if (mask.width == 0 || mask.width > kMaxMaskSide || mask.height == 0 || mask.height > kMaxMaskSide) {
+      return fail(kRange, "mask ", i, ": ", mask.width, " x ", mask.height, " texels, expected 1 to ", kMaxMaskSide);
+    }
+    if (mask.level_count == 0 || mask.level_count > max_mask_levels(mask.width, mask.height)) {
+      return fail(kRange, "mask ", i, ": ", mask.level_count, " levels, expected 1 to ",
+                  max_mask_levels(mask.width, mask.height));
+    }
+    const uint64_t bytes = mask_bytes(mask.width, mask.height, mask.level_count);
+    if (page.raw_bytes != bytes) {
+      return fail(kRange, "mask ", i, ": page ", mask.page, " has ", page.raw_bytes, " bytes, expected ", bytes);
+    }
+    if (mask.threshold == 0 || mask.threshold > kMaxMaskThreshold) {
+      return fail(kRange, "mask ", i, ": threshold ", mask.threshold, ", expected 1 to ", kMaxMaskThreshold);
+    }
+    if (mask.wrap_s > Wrap::kClamp || mask.wrap_t > Wrap::kClamp) {
+      return fail(kRange, "mask ", i, ": wrap ", static_cast<uint32_t>(mask.wrap_s), " and ",
+                  static_cast<uint32_t>(mask.wrap_t));
+    }
+    if ((mask.flags & ~uint32_t{kMaskNearest}) != 0) return fail(kReserved, "mask ", i, ": flags ", mask.flags);
+    if (!all_finite(&mask.place[0][0], 6)) return fail(kRange, "mask ", i, ": a transform that is not finite");
+  }
+  return {};
+}
+
 Result<void> Checker::cameras() const {
   for (uint64_t i = 0; i < cameras_.size(); ++i) {
     const CameraRecord& camera = cameras_[i];

@@ -59,6 +59,7 @@ class Checker {
         textures_(tables.table<TextureRecord>(TableKind::kTextures)),
         images_(tables.table<ImageRecord>(TableKind::kImages)),
         mip_levels_(tables.table<MipLevelRecord>(TableKind::kMipLevels)),
+        masks_(tables.table<MaskRecord>(TableKind::kMasks)),
         cameras_(tables.table<CameraRecord>(TableKind::kCameras)),
         scenes_(tables.table<SceneRecord>(TableKind::kScenes)),
         scene_roots_(tables.table<uint32_t>(TableKind::kSceneRoots)) {}
@@ -77,6 +78,7 @@ class Checker {
   Result<void> materials() const;
   Result<void> textures() const;
   Result<void> images() const;
+  Result<void> masks() const;
   Result<void> cameras() const;
   Result<void> source() const;
 
@@ -144,6 +146,7 @@ class Checker {
   Table<TextureRecord> textures_;
   Table<ImageRecord> images_;
   Table<MipLevelRecord> mip_levels_;
+  Table<MaskRecord> masks_;
   Table<CameraRecord> cameras_;
   Table<SceneRecord> scenes_;
   Table<uint32_t> scene_roots_;

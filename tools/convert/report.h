@@ -17,7 +17,10 @@ struct ConvertReport {
   uint64_t input_bytes = 0;  // of the input and the buffer and image files it names
   uint64_t output_bytes = 0;
   uint64_t geometry_bytes = 0;    // of the pages of the output
-  uint64_t image_bytes = 0;       // likewise
+  uint64_t image_bytes = 0;       // likewise, and of masks
+  uint64_t masks = 0;             // materials with alpha masks that are drawn so
+  uint64_t mask_bytes = 0;        // of their pages
+  uint64_t opaque_masks = 0;      // materials whose alpha masks hide nothing, drawn as opaque ones
   std::vector<LeftOut> left_out;  // of the source; what was merely stored once is not among it
   uint64_t meshes = 0;
   uint64_t chunks = 0;

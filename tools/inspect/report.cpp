@@ -359,6 +359,15 @@ void add_textures(const format::Container& file, const Stats& stats, std::string
     text += "  of which " + human_bytes(stats.level_bytes) + " in " +
             times(stats.mip_levels, "mip level", "mip levels") + "\n";
   }
+  if (stats.masks + stats.opaque_masks != 0) {
+    text += "  of which " + human_bytes(stats.mask_pages.stored) + " in " +
+            times(stats.masks, "alpha mask", "alpha masks") + " (" + human_bytes(stats.mask_pages.raw) +
+            " in memory, always)";
+    if (stats.opaque_masks != 0)
+      text += "; " +
+              times(stats.opaque_masks, "material has one that hides nothing", "materials have one that hides nothing");
+    text += "\n";
+  }
   if (stats.top_images.empty()) return;
   TextTable largest;
   largest.row({"largest by bytes", "kind", "size", "channels", "bytes", "share"});

@@ -593,6 +593,62 @@ TEST_CASE("container rules: indexed JPEGs and their mip levels", "[container]") 
       "mip level 1: 18446744073709551615 bytes at byte 64 of page 3, which has 96");
 }
 
+TEST_CASE("container rules: masks", "[container][mask]") {
+  scree::tests::Parts parts = full_parts();
+  // 5 x 3, 2 x 1 and 1 x 1 texels.
+  parts.pages.push_back(seal_page(PageKind::kMask, Bytes(18, std::byte{1}), 0));
+  MaskRecord mask{};
+  mask.page = 3;
+  mask.width = 5;
+  mask.height = 3;
+  mask.level_count = 3;
+  mask.threshold = kMaxMaskThreshold;
+  mask.wrap_s = Wrap::kClamp;
+  mask.flags = kMaskNearest;
+  mask.place[0][0] = mask.place[1][1] = 1;
+  parts.tables.masks = {mask, mask};
+  parts.tables.masks[1].material = 1;
+  const Bytes file = file_of(parts);
+  CHECK(load<FileHeader>(file.data()).version_minor == 1);
+  CHECK(load<FileHeader>(file_of(full_parts()).data()).version_minor == 0);
+  const Breaker b(parts);
+
+  using M = MaskRecord;
+  constexpr TableKind m = TableKind::kMasks;
+  b.record<M>(
+      m, 1, [](M& r) { r.material = 2; }, "mask 1: material 2, but the file has 2 materials");
+  b.record<M>(
+      m, 1, [](M& r) { r.material = 0; }, "mask 1: material 0 after material 0, expected ascending order");
+  b.record<M>(
+      m, 0, [](M& r) { r.page = 4; }, "mask 0: page 4, but the file has 4 pages");
+  b.record<M>(
+      m, 0, [](M& r) { r.page = 2; }, "mask 0: page 2 is of kind 2, which holds no mask");
+  b.record<M>(
+      m, 0, [](M& r) { r.width = 0; }, "mask 0: 0 x 3 texels, expected 1 to 65536");
+  b.record<M>(
+      m, 0, [](M& r) { r.height = 65537; }, "mask 0: 5 x 65537 texels, expected 1 to 65536");
+  b.record<M>(
+      m, 0, [](M& r) { r.level_count = 0; }, "mask 0: 0 levels, expected 1 to 3");
+  b.record<M>(
+      m, 0, [](M& r) { r.level_count = 4; }, "mask 0: 4 levels, expected 1 to 3");
+  b.record<M>(
+      m, 0, [](M& r) { r.level_count = UINT32_MAX; }, "mask 0: 4294967295 levels, expected 1 to 3");
+  b.record<M>(
+      m, 0, [](M& r) { r.level_count = 2; }, "mask 0: page 3 has 18 bytes, expected 17");
+  b.record<M>(
+      m, 0, [](M& r) { r.width = r.height = 65536; }, "mask 0: page 3 has 18 bytes, expected 5637144576");
+  b.record<M>(
+      m, 0, [](M& r) { r.threshold = 0; }, "mask 0: threshold 0, expected 1 to 16711680");
+  b.record<M>(
+      m, 0, [](M& r) { r.threshold = kMaxMaskThreshold + 1; }, "mask 0: threshold 16711681, expected 1 to 16711680");
+  b.record<M>(
+      m, 0, [](M& r) { r.wrap_t = Wrap{3}; }, "mask 0: wrap 2 and 3");
+  b.record<M>(
+      m, 0, [](M& r) { r.flags = 2; }, "mask 0: flags 2", ErrorCode::kReserved);
+  b.record<M>(
+      m, 1, [](M& r) { r.place[1][2] = kInfinity; }, "mask 1: a transform that is not finite");
+}
+
 TEST_CASE("container rules: block images and their mip levels", "[container]") {
   scree::tests::Parts parts = full_parts();
   // 9 x 6 pixels of BC1 have 3 x 2 blocks; its levels of 4 x 3 and 2 x 1 have one each.
