@@ -51,7 +51,7 @@ struct ConvertReport {
 std::string describe_work(const ConvertReport& report);
 
 /// Two lines: "a.glb -> a.scree: 1.41 MiB -> 283 KiB, ratio 5.10", then triangles, error, time and memory; a third
-/// where something was left out. `stats`: another one, of describe_work().
+/// if something was left out. `stats`: adds the line of describe_work().
 std::string describe(const ConvertOptions& options, const ConvertReport& report, bool stats);
 
 /// One JSON object and a line break.
