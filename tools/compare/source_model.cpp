@@ -115,7 +115,7 @@ ReferenceMask reference_mask(const convert::SourceScene& scene, const convert::P
   constexpr uint16_t kGlNearest = 9728;
   ReferenceMask mask;
   double place[2][3];
-  convert::mask_place(record, place);
+  convert::uv_transform(record, place);
   for (size_t c = 0; c < 2; ++c) std::copy_n(place[c], 3, mask.place[c].begin());
   mask.wrap = {texture.wrap_s, texture.wrap_t};
   mask.width = planned.width;

@@ -16,10 +16,10 @@ struct ConvertReport {
   std::string output;
   uint64_t input_bytes = 0;  // of the input and its buffer and image files
   uint64_t output_bytes = 0;
-  uint64_t geometry_bytes = 0;    // of the pages of the output
-  uint64_t image_bytes = 0;       // likewise, and of masks
-  uint64_t masks = 0;             // materials with alpha masks that are drawn so
-  uint64_t mask_bytes = 0;        // of their pages
+  uint64_t geometry_bytes = 0;    // of the output's geometry pages
+  uint64_t image_bytes = 0;       // of its image pages and mask pages
+  uint64_t masks = 0;             // materials drawn with an alpha mask
+  uint64_t mask_bytes = 0;        // of the mask pages
   uint64_t opaque_masks = 0;      // materials whose alpha masks hide nothing, drawn as opaque ones
   std::vector<LeftOut> left_out;  // of the source; equal parts stored once are not listed
   uint64_t meshes = 0;

@@ -1,5 +1,5 @@
-// Alpha masks in convert: thresholds, levels that keep their share, what is a mask in fact, and the whole way to a
-// picture and back.
+// Alpha masks in convert: thresholds, levels that keep the share of passing texels, masks that hide nothing or all, and
+// the way to a picture and back to glTF.
 #include <algorithm>
 #include <cmath>
 
@@ -39,7 +39,7 @@ std::vector<std::byte> disc_png(uint8_t low, uint8_t high) {
   return *png;
 }
 
-/// A grid with a masked material of this picture.
+/// Adds a grid whose masked material has `png` as its texture.
 void add_masked(ModelMaker& maker, const std::string& name, const std::vector<std::byte>& png, double cutoff,
                 double factor, bool uv = true) {
   tools::GltfMaterial material;
@@ -89,7 +89,7 @@ TEST_CASE("a mask's threshold is the least alpha that passes", "[convert][mask]"
 }
 
 TEST_CASE("levels of a mask keep the share that passes", "[convert][mask]") {
-  // Thin lines, which plain levels lose: a sixth of the texels.
+  // Thin lines on a sixth of the texels. A box filter alone would lose them.
   const uint32_t width = 192, height = 131;
   std::vector<uint8_t> alpha(size_t{width} * height);
   for (uint32_t y = 0; y < height; ++y)
@@ -110,7 +110,7 @@ TEST_CASE("levels of a mask keep the share that passes", "[convert][mask]") {
       const double share = static_cast<double>(passing) / static_cast<double>(texels);
       if (l == 0) first = share;
       INFO("level " << l << ", threshold " << threshold);
-      // Equal texels pass together.
+      // Texels of equal value pass together, so the share cannot be exact.
       CHECK(std::fabs(share - first) < 0.05);
       at += texels;
     }
@@ -178,7 +178,7 @@ TEST_CASE("a masked picture shows a mask's share, whatever holds its colours", "
   const std::vector<uint64_t> whole = picture(0.01, convert::Textures::kKeep, "whole.scree");
   const std::vector<uint64_t> masked = picture(0.5, convert::Textures::kKeep, "masked.scree");
   CHECK((masked == picture(0.5, convert::Textures::kJpeg, "jpeg.scree")));
-  // Its alpha comes back with an export, though the JPEG has none.
+  // An export restores the alpha, though the JPEG has none.
   {
     const tests::OpenFile opened = must_open(folder.file("jpeg.scree"));
     REQUIRE(tools::export_gltf(opened.file, folder.file("back.glb"), {}));
