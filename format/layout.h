@@ -211,8 +211,9 @@ enum MaterialFlags : uint32_t {
   kMaterialDoubleSided = 1,
   kMaterialUnlit = 2,
   kMaterialAlphaMask = 4,   // kept for export; a MaskRecord says what is drawn
-  kMaterialAlphaBlend = 8,  // drawn opaque by this version; kept for export
+  kMaterialAlphaBlend = 8,  // likewise; blended by no version yet, but drawn as a mask
 };
+inline constexpr uint32_t kMaterialCutOut = kMaterialAlphaMask | kMaterialAlphaBlend;  // may have a MaskRecord
 
 struct MaterialRecord {
   uint32_t name;

@@ -280,7 +280,7 @@ uint64_t source_model_bytes(const convert::SourceScene& scene) {
     bytes += (primitive.color ? 6 : 3) * sizeof(float) * primitive.vertex_count();
     bytes += 3 * sizeof(uint32_t) * primitive.triangle_count() + primitive.triangle_count() / 8;
     if (primitive.uv && primitive.material != format::kNone &&
-        (scene.materials[primitive.material].record.flags & format::kMaterialAlphaMask) != 0)
+        (scene.materials[primitive.material].record.flags & format::kMaterialCutOut) != 0)
       bytes += 2 * sizeof(float) * primitive.vertex_count();
   }
   return bytes;

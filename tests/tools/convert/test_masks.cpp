@@ -41,11 +41,11 @@ std::vector<std::byte> disc_png(uint8_t low, uint8_t high) {
 
 /// Adds a grid whose masked material has `png` as its texture.
 void add_masked(ModelMaker& maker, const std::string& name, const std::vector<std::byte>& png, double cutoff,
-                double factor, bool uv = true) {
+                double factor, bool uv = true, tools::GltfAlpha kind = tools::GltfAlpha::kMask) {
   tools::GltfMaterial material;
   material.name = name;
   material.texture = maker.writer().add_texture(maker.texture(name, format::ImageCodec::kPng, png));
-  material.alpha = tools::GltfAlpha::kMask;
+  material.alpha = kind;
   material.alpha_cutoff = cutoff;
   material.base_color[3] = factor;
   material.double_sided = true;
@@ -120,6 +120,27 @@ TEST_CASE("levels of a mask keep the share that passes", "[convert][mask]") {
   CHECK(convert::mask_level_count(1, 1) == 1);
   CHECK(convert::mask_level_count(1, 16) == 1);
   CHECK(convert::mask_level_count(32, 16) == 2);
+}
+
+TEST_CASE("blended materials are drawn as masks of one half", "[convert][mask]") {
+  const TempFolder folder;
+  {
+    ModelMaker maker(folder.file("in.glb"));
+    add_masked(maker, "leaf", disc_png(20, 240), 0.9, 1, true, tools::GltfAlpha::kBlend);
+    add_masked(maker, "wood", disc_png(140, 240), 0.9, 1, true, tools::GltfAlpha::kBlend);
+    maker.finish();
+  }
+  const convert::ConvertReport report = must_convert(options_of(folder));
+  CHECK(report.masks == 1);
+  CHECK(report.opaque_masks == 1);
+  CHECK(std::any_of(report.warnings.begin(), report.warnings.end(), [](const std::string& warning) {
+    return warning == "in.glb: alpha blending of 2 materials is left out: drawn where alpha is at least 0.5";
+  }));
+  const tests::OpenFile opened = must_open(options_of(folder).output);
+  REQUIRE(opened.file.masks().size() == 1);
+  CHECK(opened.file.masks()[0].threshold == convert::mask_threshold(1, 0.5f));
+  CHECK(opened.file.materials()[opened.file.masks()[0].material].flags ==
+        (format::kMaterialAlphaBlend | format::kMaterialDoubleSided));
 }
 
 TEST_CASE("masks are stored where they hide something, and drawn", "[convert][mask]") {

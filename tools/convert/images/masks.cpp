@@ -133,7 +133,7 @@ uint64_t largest_mask_bytes(const SourceScene& scene) {
   uint64_t largest = 0;
   for (const NamedMaterial& material : scene.materials) {
     const uint32_t texture = material.record.texture;
-    if ((material.record.flags & format::kMaterialAlphaMask) == 0 || texture == kNone) continue;
+    if ((material.record.flags & format::kMaterialCutOut) == 0 || texture == kNone) continue;
     largest = std::max(largest, mask_cost(scene.images[scene.textures[texture].record.image]));
   }
   return largest;
@@ -153,7 +153,7 @@ Result<MaskPlan> plan_masks(const SourceScene& scene, const std::vector<bool>& w
   std::map<uint32_t, std::vector<size_t>> materials_of;  // by image
   for (size_t i = 0; i < scene.materials.size(); ++i) {
     const format::MaterialRecord& record = scene.materials[i].record;
-    if (!used[i] || (record.flags & format::kMaterialAlphaMask) == 0) continue;
+    if (!used[i] || (record.flags & format::kMaterialCutOut) == 0) continue;
     PlannedMask& mask = plan.materials[i];
     mask.threshold = mask_threshold(record.base_color[3], record.alpha_cutoff);
     mask.plain = mask.textured = kind_of(255, 255, mask.threshold);
