@@ -211,8 +211,9 @@ enum MaterialFlags : uint32_t {
   kMaterialDoubleSided = 1,
   kMaterialUnlit = 2,
   kMaterialAlphaMask = 4,   // kept for export; a MaskRecord says what is drawn
-  kMaterialAlphaBlend = 8,  // drawn opaque by this version; kept for export
+  kMaterialAlphaBlend = 8,  // likewise; blended by no version yet, but drawn as a mask
 };
+inline constexpr uint32_t kMaterialCutOut = kMaterialAlphaMask | kMaterialAlphaBlend;  // may have a MaskRecord
 
 struct MaterialRecord {
   uint32_t name;
@@ -282,20 +283,20 @@ static_assert(sizeof(MipLevelRecord) == 24);
 
 enum MaskFlags : uint32_t { kMaskNearest = 1 };
 
-/// How the triangles of a masked material with texture coordinates are drawn (spec/rasterization.md, alpha masks):
-/// level l of its alpha is max(1, width >> l) by max(1, height >> l) bytes, and the levels fill the page one after the
+/// How the triangles of a masked material with texture coordinates are drawn (spec/rasterization.md, alpha masks).
+/// Level l of the alpha is max(1, width >> l) by max(1, height >> l) bytes. The levels fill the page one after the
 /// other.
 struct MaskRecord {
-  uint32_t material;  // above that of the record before
-  uint32_t page;      // of kind kMask; masks may share one
+  uint32_t material;  // strictly ascending
+  uint32_t page;      // a page of kind kMask; masks may share it
   uint32_t width;     // texels of level 0, 1 to kMaxMaskSide
   uint32_t height;
   uint32_t level_count;  // 1 to max_mask_levels()
-  uint32_t threshold;    // 1 to kMaxMaskThreshold: of alpha, in 1 / 65536 of a code of 8 bits
+  uint32_t threshold;    // smallest alpha that passes, 1 to kMaxMaskThreshold, in 1 / 65536 of an 8-bit code
   Wrap wrap_s;
   Wrap wrap_t;
   uint32_t flags;      // MaskFlags
-  double place[2][3];  // of texture coordinates (u, v, 1): KHR_texture_transform
+  double place[2][3];  // takes texture coordinates (u, v, 1) to the mask: KHR_texture_transform
 };
 static_assert(sizeof(MaskRecord) == 80);
 

@@ -42,7 +42,7 @@ class TableReader {
  public:
   /// At least the records up to `record` of the table are read next. Returns the record (exclusive, more than `record`)
   /// up to which no further call is needed.
-  virtual uint64_t read_to(TableKind kind, uint64_t record) = 0;
+  virtual uint64_t announce(TableKind kind, uint64_t record) = 0;
 
  protected:
   ~TableReader() = default;

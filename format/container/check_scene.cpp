@@ -20,7 +20,7 @@ constexpr uint64_t kNodesAhead = 32;  // instances
 
 Result<void> Checker::nodes(Part part) const {
   for (uint64_t n = part.begin(nodes_.size()); n < part.end(nodes_.size()); ++n) {
-    reach(TableKind::kNodes, n);
+    announce(TableKind::kNodes, n);
     const NodeRecord& node = nodes_[n];
     if (name_is_bad(node.name)) return fail_name("node", n, node.name);
     if (node.parent >= n && node.parent != kNone) {
@@ -51,7 +51,7 @@ Result<void> Checker::nodes(Part part) const {
 
 Result<void> Checker::node_instances() const {
   for (uint64_t i = 0; i < node_instances_.size(); ++i) {
-    reach(TableKind::kNodeInstances, i);
+    announce(TableKind::kNodeInstances, i);
     const NodeInstanceRecord& record = node_instances_[i];
     if (!all_finite(record.translation, 3) || !all_finite(record.rotation, 4) || !all_finite(record.scale, 3)) {
       return fail(kRange, "node instance ", i, ": a transform that is not finite");
@@ -62,7 +62,7 @@ Result<void> Checker::node_instances() const {
 
 Result<void> Checker::matrices(Part part) const {
   for (uint64_t i = part.begin(matrices_.size()); i < part.end(matrices_.size()); ++i) {
-    reach(TableKind::kMatrices, i);
+    announce(TableKind::kMatrices, i);
     if (!all_finite(&matrices_[i].rows[0][0], 12)) return fail(kRange, "matrix ", i, ": not finite");
   }
   return {};
@@ -72,7 +72,7 @@ Result<void> Checker::matrices(Part part) const {
 Result<void> Checker::instances_to(uint64_t end) {
   for (; next_instance_ < end; ++next_instance_) {
     const uint64_t i = next_instance_;
-    reach(TableKind::kInstances, i);
+    announce(TableKind::kInstances, i);
     if (i + kNodesAhead < end) {  // nodes come in any order, so that each would be a cache miss
       const uint32_t node = instances_[i + kNodesAhead].node;
       if (node < nodes_.size()) __builtin_prefetch(&nodes_[node].group);
@@ -156,7 +156,7 @@ Result<void> Checker::scenes(Part part) {
 
 Result<void> Checker::scene_roots() const {
   for (uint64_t i = 0; i < scene_roots_.size(); ++i) {
-    reach(TableKind::kSceneRoots, i);
+    announce(TableKind::kSceneRoots, i);
     if (scene_roots_[i] >= nodes_.size()) {
       return fail_index("scene root", i, "node", scene_roots_[i], nodes_.size(), "nodes");
     }

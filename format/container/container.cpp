@@ -124,7 +124,7 @@ class TableHashes final : public TableReader {
  public:
   explicit TableHashes(const TableViews& tables) : tables_(tables) {}
 
-  uint64_t read_to(TableKind kind, uint64_t record) override {
+  uint64_t announce(TableKind kind, uint64_t record) override {
     const TableViews::View& table = tables_.view(kind);
     const uint64_t block = std::max<uint64_t>(1, kBlockBytes / table.stride);
     hash_to(static_cast<uint32_t>(kind), std::min(table.count, record + block));

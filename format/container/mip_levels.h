@@ -1,5 +1,5 @@
-// Which mip levels of an indexed JPEG a file stores, and how long those of a mask are. Source: spec/container.md, mip
-// levels and masks.
+// Which mip levels of an indexed JPEG a file stores, and how many bytes the levels of a mask take.
+// Source: spec/container.md, mip levels and masks.
 #pragma once
 
 #include <algorithm>
@@ -27,7 +27,7 @@ inline uint32_t max_mask_levels(uint32_t width, uint32_t height) {
   return count;
 }
 
-/// Bytes of the levels of a mask, at most kMaxMaskSide a side.
+/// Bytes of the levels of a mask. Each side is at most kMaxMaskSide.
 inline uint64_t mask_bytes(uint32_t width, uint32_t height, uint32_t level_count) {
   uint64_t bytes = 0;
   for (uint32_t l = 0; l < level_count; ++l) bytes += uint64_t{std::max(1u, width >> l)} * std::max(1u, height >> l);

@@ -198,7 +198,8 @@ Result<std::span<const std::byte>> Scene::page(uint32_t page, std::vector<std::b
   return read;
 }
 
-/// The masks of the materials that something drawn has. They decide what is covered, so no option leaves them out.
+/// Loads the masks of all drawn meshes' materials. Masks decide which samples are covered, so no option leaves them
+/// out.
 Result<void> Scene::load_masks() {
   std::vector<bool> material_drawn(view_.material_count, false);
   for (uint64_t m = 0; m < view_.mesh_count; ++m)
@@ -216,7 +217,7 @@ Result<void> Scene::load_masks() {
       const Result<std::span<const std::byte>> page = container().load_page(record.page, unpacked);
       if (!page) return at("mask " + std::to_string(i), page.error());
       entry->second = *page;
-      if (!unpacked.empty()) unpacked_masks_.push_back(std::move(unpacked));  // its bytes stay where they are
+      if (!unpacked.empty()) unpacked_masks_.push_back(std::move(unpacked));  // a move keeps the bytes' address
       mask_pages_.push_back(*page);
       stats_.mask_bytes += page->size();
     }

@@ -64,8 +64,8 @@ struct LoadStats {
   uint64_t images = 0;
   uint64_t texture_bytes = 0;  // of their decoded levels
   uint64_t jpeg_bytes = 0;     // of the levels that stay JPEGs, with their tables
-  uint64_t masks = 0;          // alpha masks of what is drawn
-  uint64_t mask_bytes = 0;     // of their levels, each page once
+  uint64_t masks = 0;          // alpha masks of the drawn meshes
+  uint64_t mask_bytes = 0;     // of the masks' levels, each page counted once
   Duration geometry;
   Duration textures;
 };
@@ -155,9 +155,9 @@ class Scene {
   uint32_t jpeg_slot_bytes_ = 0;
   std::unique_ptr<kernels::BlockCache> blocks_;
   std::vector<kernels::TextureView> textures_;
-  std::vector<kernels::MaskView> masks_;                // by material, or none
-  std::vector<std::span<const std::byte>> mask_pages_;  // of the map, or
-  std::vector<std::vector<std::byte>> unpacked_masks_;  // of these
+  std::vector<kernels::MaskView> masks_;                // one per material; empty if nothing is masked
+  std::vector<std::span<const std::byte>> mask_pages_;  // in the mapped file or in
+  std::vector<std::vector<std::byte>> unpacked_masks_;  // pages that had to be unpacked
   std::vector<std::string> warnings_;
   LoadStats stats_;
   std::unique_ptr<LazyBox> box_ = std::make_unique<LazyBox>();

@@ -115,7 +115,7 @@ ReferenceMask reference_mask(const convert::SourceScene& scene, const convert::P
   constexpr uint16_t kGlNearest = 9728;
   ReferenceMask mask;
   double place[2][3];
-  convert::mask_place(record, place);
+  convert::uv_transform(record, place);
   for (size_t c = 0; c < 2; ++c) std::copy_n(place[c], 3, mask.place[c].begin());
   mask.wrap = {texture.wrap_s, texture.wrap_t};
   mask.width = planned.width;
@@ -280,7 +280,7 @@ uint64_t source_model_bytes(const convert::SourceScene& scene) {
     bytes += (primitive.color ? 6 : 3) * sizeof(float) * primitive.vertex_count();
     bytes += 3 * sizeof(uint32_t) * primitive.triangle_count() + primitive.triangle_count() / 8;
     if (primitive.uv && primitive.material != format::kNone &&
-        (scene.materials[primitive.material].record.flags & format::kMaterialAlphaMask) != 0)
+        (scene.materials[primitive.material].record.flags & format::kMaterialCutOut) != 0)
       bytes += 2 * sizeof(float) * primitive.vertex_count();
   }
   return bytes;

@@ -363,7 +363,7 @@ class Converter {
       if (writer && !is_of_this_input(resumed_))
         writer = Error{ErrorCode::kFormat, "it was made from another input or with other options"};
       if (writer) {
-        settle(resumed_, writer->page_count(), images_.records.size(), measurement_.windows.size());
+        drop_incomplete_tail(resumed_, writer->page_count(), images_.records.size(), measurement_.windows.size());
         writer->drop_pages(resumed_.pages);
         report_.resumed_pages = resumed_.pages;
       }
@@ -562,7 +562,7 @@ class Converter {
     report_.masks = tables_.masks.size();
     report_.mask_bytes = writer_->page_bytes(format::PageKind::kMask);
     for (const format::MaterialRecord& material : tables_.materials)
-      report_.opaque_masks += (material.flags & format::kMaterialAlphaMask) != 0 ? 1 : 0;
+      report_.opaque_masks += (material.flags & format::kMaterialCutOut) != 0 ? 1 : 0;
     report_.opaque_masks -= tables_.masks.size();
     for (const format::LeftOutRecord& record : tables_.left_out) {
       const std::string_view what = tables_.strings.bytes().data() + record.what;

@@ -71,7 +71,8 @@ class MaterialMaker {
     to.texture = kNone;
     for (size_t i = 0; i < 4; ++i) to.base_color[i] = static_cast<float>(from.base_color[i]);
     to.uv_scale[0] = to.uv_scale[1] = 1.0f;
-    to.alpha_cutoff = static_cast<float>(from.alpha_cutoff);
+    // Where a blended surface shows more of itself than of what lies behind it.
+    to.alpha_cutoff = from.alpha_blend ? 0.5f : static_cast<float>(from.alpha_cutoff);
     to.flags = (from.double_sided ? format::kMaterialDoubleSided : 0u) | (from.unlit ? format::kMaterialUnlit : 0u) |
                (from.alpha_mask ? format::kMaterialAlphaMask : 0u) |
                (from.alpha_blend ? format::kMaterialAlphaBlend : 0u);
@@ -242,7 +243,7 @@ void warn_of_blending(const GltfDocument& document, const std::vector<bool>& use
     blended += used[i] && document.materials[i].alpha_blend ? 1 : 0;
   if (blended == 0) return;
   scene.warnings.push_back("alpha blending of " + std::to_string(blended) +
-                           (blended == 1 ? " material" : " materials") + " is left out: drawn opaque");
+                           (blended == 1 ? " material" : " materials") + " is left out: drawn where alpha is at least 0.5");
   scene.left_out.push_back({"alpha blending", blended, 0, 0});
 }
 

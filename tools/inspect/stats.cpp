@@ -339,7 +339,7 @@ void count_images(const format::Container& file, uint32_t top, Stats& stats) {
   }
   stats.masks = file.masks().size();
   for (uint64_t i = 0; i < file.materials().size(); ++i)
-    stats.opaque_masks += (file.materials()[i].flags & format::kMaterialAlphaMask) != 0 ? 1 : 0;
+    stats.opaque_masks += (file.materials()[i].flags & format::kMaterialCutOut) != 0 ? 1 : 0;
   stats.opaque_masks -= std::min(stats.opaque_masks, stats.masks);
   for (uint64_t i = 0; i < pages.size(); ++i) {
     if (pages[i].kind != PageKind::kGeometry && !seen[i]) stats.other_pages += pages[i].stored_bytes;

@@ -108,7 +108,7 @@ struct Stats {
   // Contents. The sum of all `stored` here and of all bytes of the container below is file_bytes.
   std::array<Cost, kStreamCount> streams{};
   bool has_split = false;  // cluster data are counted as indices and positions
-  Cost images;             // and masks
+  Cost images;             // with masks
 
   // Container.
   uint64_t header_bytes = 0;
@@ -144,7 +144,7 @@ struct Stats {
   std::vector<uint32_t> top_images;         // by stored bytes of their page and levels
   uint64_t mip_levels = 0;
   uint64_t level_bytes = 0;   // of the mip levels
-  uint64_t masks = 0;         // materials with one
+  uint64_t masks = 0;         // materials with a mask
   uint64_t opaque_masks = 0;  // materials whose alpha mask hides nothing
   Cost mask_pages;
 

@@ -122,7 +122,7 @@ Command add_synth(CLI::App& parent) {
       ->capture_default_str()
       ->type_name("N");
   app->add_option("--texture-size", options->texture_size,
-                  "Slope, forest: texels a side, a power of two from 64 to 8192; 0: 1024 (slope), 4096")
+                  "Slope, forest: texels per side, a power of two from 64 to 8192; 0: 1024 (slope), 4096")
       ->capture_default_str()
       ->type_name("N");
   const auto force = std::make_shared<bool>(false);

@@ -1,5 +1,5 @@
-// Alpha masks on the GPU: the CPU's visibility buffer, bit for bit, from every encoding, camera and stage, frame after
-// frame, from queues that hold all and queues that have to grow.
+// Alpha masks on the GPU: its visibility buffer equals the CPU's bit for bit, for every encoding, camera and stage,
+// over a series of frames, with queues that are large enough and queues that have to grow.
 #include <vector>
 
 #include "tests/catch.h"
@@ -17,7 +17,7 @@ TEST_CASE("masked scenes are drawn alike on the GPU", "[cuda][mask]") {
   add_masked_meshes(builder, is_clustered);
   const kernels::SceneView scene = builder.view();
   std::vector<View> views = masked_views();
-  // A walk for frames that know the one before, and more of it where a frame takes no minute.
+  // A walk, because a frame reuses the visibility of the previous one. The emulator is slow, so its walk is short.
   for (int step = 0; step < (kEmulatesGpu ? 5 : 60); ++step) {
     const double turn = 0.11 * step;
     views.push_back(look_at({2 * std::cos(turn), 0.3 + 0.01 * step, 2 * std::sin(turn)}, {0, 0, 0}, 160, 120, 0.2));

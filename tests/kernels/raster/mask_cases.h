@@ -9,7 +9,7 @@
 
 namespace scree::tests {
 
-/// Noise of 8 bits in all levels, some of it runs.
+/// Levels of 8-bit noise with some runs of equal values.
 inline std::vector<uint8_t> noisy_levels(uint32_t width, uint32_t height, uint32_t levels, uint32_t seed) {
   std::mt19937 random(seed);
   std::vector<uint8_t> alpha(format::mask_bytes(width, height, levels));
@@ -28,7 +28,7 @@ inline kernels::MaskView mask_view(uint32_t width, uint32_t height, uint32_t lev
   return mask;
 }
 
-/// A soup with texture coordinates: `repeats` times the texture over x and z, turned a little.
+/// Adds texture coordinates to a soup: the texture along x and z, rotated a little, `repeats` times as often.
 inline Soup with_uvs(Soup soup, double repeats) {
   for (size_t v = 0; v < soup.positions.size() / 3; ++v) {
     const double x = soup.positions[3 * v];
@@ -39,8 +39,8 @@ inline Soup with_uvs(Soup soup, double repeats) {
   return soup;
 }
 
-/// Masked and opaque meshes of every encoding that `clusters` asks for, in front of one another, some mirrored, of
-/// small triangles and large ones, with every wrap mode.
+/// Adds masked and opaque meshes with small and large triangles and every wrap mode. They hide each other in part, and
+/// some instances are mirrored. `clustered_alone`: all encodings are clustered.
 inline void add_masked_meshes(SceneBuilder& builder, bool clustered_alone) {
   using format::Wrap;
   kernels::MaskView wraps[3];
@@ -50,7 +50,7 @@ inline void add_masked_meshes(SceneBuilder& builder, bool clustered_alone) {
     wraps[i].wrap_t = static_cast<Wrap>((i + 1) % 3);
     wraps[i].nearest = i == 1;
   }
-  // KHR_texture_transform: a half turn and a shift.
+  // KHR_texture_transform: a rotation by 180 degrees, a scale of 1.25 and an offset.
   wraps[0].place[0][0] = wraps[0].place[1][1] = -1.25;
   wraps[0].place[0][2] = 0.3;
   uint32_t materials[3];
@@ -82,7 +82,7 @@ inline void add_masked_meshes(SceneBuilder& builder, bool clustered_alone) {
     for (const uint32_t matrix : matrices) builder.instance(mesh, matrix);
 }
 
-/// From far, near (the near plane cuts), within, above and orthographic.
+/// Views from far, near (the near plane cuts triangles), inside and above, and two orthographic ones.
 inline std::vector<kernels::View> masked_views() {
   const kernels::View far = look_at({2.5, 2, 3}, {0, 0, 0}, 321, 203);
   const kernels::View near = look_at({0.4, 0.25, 0.5}, {0, 0.1, 0}, 200, 333, 0.3);

@@ -1,5 +1,5 @@
-// Alpha masks: the rule's parts by numbers, the pictures beside a ray cast of their own, and one picture whatever way
-// it is drawn.
+// Alpha masks: the rule's parts with numbers, pictures compared with an independent ray cast, and the same picture for
+// every way to draw it.
 #include <cmath>
 
 #include "tests/catch.h"
@@ -52,8 +52,8 @@ TEST_CASE("texels, levels and alpha of masks are those of the vectors", "[mask]"
 
 namespace {
 
-/// What the rule says of a flat quad at y = 0 under with_uvs(), by a ray cast of its own: how far above the threshold,
-/// in codes of 8 bits; NaN where the ray misses the quad.
+/// The rule's result for a flat quad at y = 0 under with_uvs(), from an independent ray cast: the alpha's distance
+/// above the threshold, in 8-bit codes; NaN where the ray misses the quad.
 double alpha_above(const View& view, const MaskView& mask, double repeats, uint32_t x, uint32_t y) {
   const auto hit = [&](double sample_x, double sample_y, double out[2]) {
     const double across = (2 * (sample_x + 0.5) / view.width - 1) * view.half_width;
@@ -127,7 +127,7 @@ TEST_CASE("a masked quad has the holes that a ray cast sees", "[mask]") {
         const bool passes = seen[i] != kBackground;
         (passes ? kept : dropped) += 1;
         const double above = alpha_above(view, mask, repeats, i % view.width, i / view.width);
-        // Places of 1/256 texel and texture coordinates of few bits move an alpha by some codes.
+        // Positions are rounded to 1/256 texel and texture coordinates to few bits: an alpha can move by some codes.
         if (std::fabs(above) > 6 && (above > 0) != passes) ++wrong;
       }
       INFO(repeats << ", mesh " << mesh << ", " << view.width << " samples wide: " << kept << " kept, " << dropped
@@ -135,7 +135,7 @@ TEST_CASE("a masked quad has the holes that a ray cast sees", "[mask]") {
       CHECK(foreign == 0);
       CHECK(kept > 300);
       CHECK(dropped > 300);
-      CHECK(wrong <= (kept + dropped) / 200);  // level borders, and where quads end
+      CHECK(wrong <= (kept + dropped) / 200);  // borders between levels and edges of quads
     }
   }
 }

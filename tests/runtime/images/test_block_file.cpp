@@ -155,7 +155,7 @@ TEST_CASE("malformed KTX2 and DDS files are refused by name", "[block_file][bad]
       {with(dds, 16, 70000u), ErrorCode::kRange, "DDS: 70000 x 8 pixels"},
       {with(dds, 28, 200u), ErrorCode::kRange, "DDS: 200 levels, but a picture of 8 x 8 pixels has at most 4"},
       {with(dds, 84, 0x39545844u), ErrorCode::kUnsupported, "DDS: of format \"DXT9\""},
-      {with(dds, 80, 0u), ErrorCode::kUnsupported, "DDS: of 0 bits a pixel in another order"},
+      {with(dds, 80, 0u), ErrorCode::kUnsupported, "DDS: of 0 bits per pixel in another order"},
       {with(dds, 112, 0x200u), ErrorCode::kUnsupported, "DDS: a cube map"},
       {with(dds, 112, 0x200000u), ErrorCode::kUnsupported, "DDS: a picture of three dimensions"},
       {with(dds, 128, 95u), ErrorCode::kUnsupported, "DDS: of DXGI format 95"},

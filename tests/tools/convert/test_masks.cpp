@@ -1,5 +1,5 @@
-// Alpha masks in convert: thresholds, levels that keep their share, what is a mask in fact, and the whole way to a
-// picture and back.
+// Alpha masks in convert: thresholds, levels that keep the share of passing texels, masks that hide nothing or all, and
+// the way to a picture and back to glTF.
 #include <algorithm>
 #include <cmath>
 
@@ -39,13 +39,13 @@ std::vector<std::byte> disc_png(uint8_t low, uint8_t high) {
   return *png;
 }
 
-/// A grid with a masked material of this picture.
+/// Adds a grid whose masked material has `png` as its texture.
 void add_masked(ModelMaker& maker, const std::string& name, const std::vector<std::byte>& png, double cutoff,
-                double factor, bool uv = true) {
+                double factor, bool uv = true, tools::GltfAlpha kind = tools::GltfAlpha::kMask) {
   tools::GltfMaterial material;
   material.name = name;
   material.texture = maker.writer().add_texture(maker.texture(name, format::ImageCodec::kPng, png));
-  material.alpha = tools::GltfAlpha::kMask;
+  material.alpha = kind;
   material.alpha_cutoff = cutoff;
   material.base_color[3] = factor;
   material.double_sided = true;
@@ -89,7 +89,7 @@ TEST_CASE("a mask's threshold is the least alpha that passes", "[convert][mask]"
 }
 
 TEST_CASE("levels of a mask keep the share that passes", "[convert][mask]") {
-  // Thin lines, which plain levels lose: a sixth of the texels.
+  // Thin lines on a sixth of the texels. A box filter alone would lose them.
   const uint32_t width = 192, height = 131;
   std::vector<uint8_t> alpha(size_t{width} * height);
   for (uint32_t y = 0; y < height; ++y)
@@ -110,7 +110,7 @@ TEST_CASE("levels of a mask keep the share that passes", "[convert][mask]") {
       const double share = static_cast<double>(passing) / static_cast<double>(texels);
       if (l == 0) first = share;
       INFO("level " << l << ", threshold " << threshold);
-      // Equal texels pass together.
+      // Texels of equal value pass together, so the share cannot be exact.
       CHECK(std::fabs(share - first) < 0.05);
       at += texels;
     }
@@ -120,6 +120,27 @@ TEST_CASE("levels of a mask keep the share that passes", "[convert][mask]") {
   CHECK(convert::mask_level_count(1, 1) == 1);
   CHECK(convert::mask_level_count(1, 16) == 1);
   CHECK(convert::mask_level_count(32, 16) == 2);
+}
+
+TEST_CASE("blended materials are drawn as masks of one half", "[convert][mask]") {
+  const TempFolder folder;
+  {
+    ModelMaker maker(folder.file("in.glb"));
+    add_masked(maker, "leaf", disc_png(20, 240), 0.9, 1, true, tools::GltfAlpha::kBlend);
+    add_masked(maker, "wood", disc_png(140, 240), 0.9, 1, true, tools::GltfAlpha::kBlend);
+    maker.finish();
+  }
+  const convert::ConvertReport report = must_convert(options_of(folder));
+  CHECK(report.masks == 1);
+  CHECK(report.opaque_masks == 1);
+  CHECK(std::any_of(report.warnings.begin(), report.warnings.end(), [](const std::string& warning) {
+    return warning == "in.glb: alpha blending of 2 materials is left out: drawn where alpha is at least 0.5";
+  }));
+  const tests::OpenFile opened = must_open(options_of(folder).output);
+  REQUIRE(opened.file.masks().size() == 1);
+  CHECK(opened.file.masks()[0].threshold == convert::mask_threshold(1, 0.5f));
+  CHECK(opened.file.materials()[opened.file.masks()[0].material].flags ==
+        (format::kMaterialAlphaBlend | format::kMaterialDoubleSided));
 }
 
 TEST_CASE("masks are stored where they hide something, and drawn", "[convert][mask]") {
@@ -178,7 +199,7 @@ TEST_CASE("a masked picture shows a mask's share, whatever holds its colours", "
   const std::vector<uint64_t> whole = picture(0.01, convert::Textures::kKeep, "whole.scree");
   const std::vector<uint64_t> masked = picture(0.5, convert::Textures::kKeep, "masked.scree");
   CHECK((masked == picture(0.5, convert::Textures::kJpeg, "jpeg.scree")));
-  // Its alpha comes back with an export, though the JPEG has none.
+  // An export restores the alpha, though the JPEG has none.
   {
     const tests::OpenFile opened = must_open(folder.file("jpeg.scree"));
     REQUIRE(tools::export_gltf(opened.file, folder.file("back.glb"), {}));

@@ -165,7 +165,7 @@ TEST_CASE("a GLB past 4 GiB has its lengths modulo 2^32", "[import][glb]") {
   CHECK(longer.error().code == ErrorCode::kTrailing);
 }
 
-/// The most bytes resident since tools::forget_peak(), without the bytes of `before`; nullopt if the system does not
+/// The most bytes resident since tools::reset_peak(), without the bytes of `before`; nullopt if the system does not
 /// report it.
 std::optional<uint64_t> most_resident_since(const tools::MemoryUse& before) {
   const uint64_t peak = tools::memory_use().peak, resident = before.anonymous + before.file;
@@ -200,7 +200,7 @@ TEST_CASE("a 40 GB buffer is opened and read without being held", "[import]") {
   json = tests::replaced(json, R"("count":3)", R"("count":3000000000)");
   const std::string path = folder.write("large.gltf", json);
 
-  tools::forget_peak();
+  tools::reset_peak();
   const tools::MemoryUse before = tools::memory_use();
   const auto scene = import_gltf(path, {});
   if (!scene) FAIL(scene.error().message);
@@ -236,7 +236,7 @@ TEST_CASE("a document's own size bounds the memory it takes", "[import]") {
   json += "}";
   const tests::TempFolder folder;
   const std::string path = folder.write("nodes.gltf", json);
-  tools::forget_peak();
+  tools::reset_peak();
   const tools::MemoryUse before = tools::memory_use();
   const auto scene = import_gltf(path, {});
   const std::optional<uint64_t> most = most_resident_since(before);

@@ -14,10 +14,10 @@ namespace {
 
 using format::kNone;
 
-constexpr uint32_t kLeastMaskSide = 16;  // texels: fewer cannot keep a share
+constexpr uint32_t kLeastMaskSide = 16;  // texels; a smaller level has too few of them to keep the share
 constexpr uint16_t kGlNearest = 9728;
 
-/// The alpha of a picture, level 0.
+/// The alpha of an image, as 8-bit codes. The default is one opaque texel.
 struct Alpha {
   uint32_t width = 1;
   uint32_t height = 1;
@@ -47,7 +47,7 @@ Result<Alpha> decode_alpha(const SourceScene& scene, uint32_t number, bool keep_
   return alpha;
 }
 
-/// A picture, its alpha and the levels as floats and as bytes.
+/// Memory of one mask's work, in bytes: the file, the decoded image, its alpha, and the levels as floats and as bytes.
 uint64_t mask_cost(const SourceImage& image) {
   const Result<runtime::ImageInfo> info = runtime::probe_image(file_of(image));
   return info ? image.bytes + 12 * uint64_t{info->width} * info->height : image.bytes;
@@ -58,7 +58,7 @@ MaskKind kind_of(uint32_t least, uint32_t most, uint32_t threshold) {
   return uint64_t{most} * 65536 < threshold ? MaskKind::kClear : MaskKind::kMixed;
 }
 
-/// Bytes of a level: `level` scaled so that `passing` of its texels reach `threshold`.
+/// Writes a level's codes to `out`: `level` scaled so that `passing` of its texels reach `threshold`.
 void keep_share(const std::vector<float>& level, uint64_t passing, uint32_t threshold, std::byte* out) {
   const auto least = static_cast<float>((threshold + 65535) / 65536);  // the smallest code that passes
   float scale = 1;
@@ -66,7 +66,7 @@ void keep_share(const std::vector<float>& level, uint64_t passing, uint32_t thre
     std::vector<float> sorted = level;
     const auto place = sorted.begin() + static_cast<ptrdiff_t>(passing - 1);
     std::nth_element(sorted.begin(), place, sorted.end(), std::greater<float>());
-    // Codes are rounded to nearest: from here on they become `least`.
+    // Codes are rounded to nearest, so this scale takes the value at `place` to `least`.
     if (*place > 0) scale = (least - 0.5f) / *place;
   }
   for (size_t i = 0; i < level.size(); ++i)
@@ -133,7 +133,7 @@ uint64_t largest_mask_bytes(const SourceScene& scene) {
   uint64_t largest = 0;
   for (const NamedMaterial& material : scene.materials) {
     const uint32_t texture = material.record.texture;
-    if ((material.record.flags & format::kMaterialAlphaMask) == 0 || texture == kNone) continue;
+    if ((material.record.flags & format::kMaterialCutOut) == 0 || texture == kNone) continue;
     largest = std::max(largest, mask_cost(scene.images[scene.textures[texture].record.image]));
   }
   return largest;
@@ -153,11 +153,11 @@ Result<MaskPlan> plan_masks(const SourceScene& scene, const std::vector<bool>& w
   std::map<uint32_t, std::vector<size_t>> materials_of;  // by image
   for (size_t i = 0; i < scene.materials.size(); ++i) {
     const format::MaterialRecord& record = scene.materials[i].record;
-    if (!used[i] || (record.flags & format::kMaterialAlphaMask) == 0) continue;
+    if (!used[i] || (record.flags & format::kMaterialCutOut) == 0) continue;
     PlannedMask& mask = plan.materials[i];
     mask.threshold = mask_threshold(record.base_color[3], record.alpha_cutoff);
     mask.plain = mask.textured = kind_of(255, 255, mask.threshold);
-    // Less alpha does not pass where all of it does not.
+    // If full alpha fails, every smaller alpha fails too: no need to decode the image.
     if (record.texture != kNone && has_places[i] && mask.plain == MaskKind::kOpaque && mask.threshold > 0)
       materials_of[scene.textures[record.texture].record.image].push_back(i);
   }
@@ -207,19 +207,19 @@ Result<std::vector<std::byte>> load_mask_levels(const SourceScene& scene, const 
   return make_mask_levels(alpha->codes, alpha->width, alpha->height, planned.threshold);
 }
 
-void mask_place(const format::MaterialRecord& material, double place[2][3]) {
+void uv_transform(const format::MaterialRecord& material, double matrix[2][3]) {
   const auto angle = static_cast<double>(material.uv_rotation);
   const double turn[2][2] = {{std::cos(angle), std::sin(angle)}, {-std::sin(angle), std::cos(angle)}};
   for (int c = 0; c < 2; ++c) {
-    for (int k = 0; k < 2; ++k) place[c][k] = turn[c][k] * static_cast<double>(material.uv_scale[k]);
-    place[c][2] = static_cast<double>(material.uv_offset[c]);
+    for (int k = 0; k < 2; ++k) matrix[c][k] = turn[c][k] * static_cast<double>(material.uv_scale[k]);
+    matrix[c][2] = static_cast<double>(material.uv_offset[c]);
   }
 }
 
 Result<void> write_masks(const SourceScene& scene, const MaskPlan& plan, const std::vector<uint32_t>& materials,
                          const ImageOptions& options, WorkerPool& pool, format::ContainerWriter& writer,
                          format::TableSet& tables) {
-  // The threshold shapes the levels.
+  // The levels depend on the threshold too, so materials share a page only with the same image and threshold.
   std::map<std::pair<uint32_t, uint32_t>, std::vector<size_t>> materials_of;  // by image and threshold
   for (size_t i = 0; i < materials.size(); ++i) {
     if (materials[i] == kNone || plan.materials[i].textured != MaskKind::kMixed) continue;
@@ -252,7 +252,7 @@ Result<void> write_masks(const SourceScene& scene, const MaskPlan& plan, const s
       mask.wrap_s = texture.wrap_s;
       mask.wrap_t = texture.wrap_t;
       mask.flags = texture.mag_filter == kGlNearest ? uint32_t{format::kMaskNearest} : 0;
-      mask_place(source, mask.place);
+      uv_transform(source, mask.place);
       tables.masks.push_back(mask);
     }
     return {};
