@@ -252,8 +252,9 @@ Result<GltfPrimitive> add_part(GltfWriter& writer, const Part& part) {
 /// Materials 0 and 1: the atlases; 2 and 3: bark and ground.
 Result<void> add_materials(GltfWriter& writer, const SynthOptions& options) {
   for (uint32_t atlas = 0; atlas < 2; ++atlas) {
-    const std::vector<uint8_t> rgba = make_atlas(atlas, options.texture_size, options.threads);
-    const Result<std::vector<std::byte>> png = runtime::encode_png(options.texture_size, options.texture_size, 4, rgba);
+    const uint32_t size = *options.texture_size;
+    const std::vector<uint8_t> rgba = make_atlas(atlas, size, options.threads);
+    const Result<std::vector<std::byte>> png = runtime::encode_png(size, size, 4, rgba);
     if (!png) return png.error();
     GltfMaterial material;
     material.name = atlas == 0 ? "leaves" : "blades";

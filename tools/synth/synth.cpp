@@ -31,8 +31,8 @@ Result<void> check_options(const SynthOptions& options) {
   if (slope && (options.normals || options.uvs)) return usage("--normals and --uvs are for the scenes A, B, C and D");
   if (slope && options.order != MeshOrder::kRow) return usage("--order is for the scenes A, B and C");
   if (options.scene == "D" && options.order != MeshOrder::kRow) return usage("scene D has row order only");
-  if (options.texture_size != 0 &&
-      (!std::has_single_bit(options.texture_size) || options.texture_size < 64 || options.texture_size > 8192))
+  const uint32_t size = options.texture_size.value_or(64);
+  if (!std::has_single_bit(size) || size < 64 || size > 8192)
     return usage("--texture-size is a power of two from 64 to 8192");
   if (!slope && options.seed != 1) return usage("--seed is for the slope and the forest: the other scenes are fixed");
   return {};
@@ -43,7 +43,7 @@ Result<void> check_options(const SynthOptions& options) {
 Result<SynthReport> synthesize(const SynthOptions& options) {
   if (Result<void> checked = check_options(options); !checked) return checked.error();
   SynthOptions sized = options;
-  if (sized.texture_size == 0) sized.texture_size = options.scene == "forest" ? 4096 : 1024;
+  if (!sized.texture_size) sized.texture_size = options.scene == "forest" ? 4096 : 1024;
   if (options.scene == "slope") return write_slope(sized);
   if (options.scene == "forest") return write_forest(sized);
   if (options.scene == "A") return write_scene(terrain_scene(options.order, options.scale), options);
@@ -122,8 +122,7 @@ Command add_synth(CLI::App& parent) {
       ->capture_default_str()
       ->type_name("N");
   app->add_option("--texture-size", options->texture_size,
-                  "Slope, forest: texels per side, a power of two from 64 to 8192; 0: 1024 (slope), 4096")
-      ->capture_default_str()
+                  "Slope, forest: texels per side, a power of two from 64 to 8192 (default: 1024, of the forest 4096)")
       ->type_name("N");
   const auto force = std::make_shared<bool>(false);
   app->add_flag("-f,--force", *force, kForceHelp);
