@@ -400,6 +400,7 @@ void make_scene_seeds(const TempFolder& folder) {
     o.source_ids = true;
   });
   pack_as(data_path("materials.gltf").string(), "materials", indexed);
+  pack_as(data_path("masked.glb").string(), "masked", clustered);
   pack_as(data_path("nodes.gltf").string(), "nodes",
           [](convert::ConvertOptions& o) { o.encoding = convert::Encoding::kIndexed, o.float32 = true; });
   const std::string grid = folder.file("grid.glb");
