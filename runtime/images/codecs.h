@@ -1,5 +1,5 @@
-// The two libraries behind decode_image, check_image and write_png. Both report errors by longjmp: nothing with a
-// destructor lives in a frame that a jump may leave.
+// The libraries behind decode_image, check_image and write_png. Those of PNG and JPEG report errors by longjmp: nothing
+// with a destructor lives in a frame that a jump may leave.
 #pragma once
 
 #include <string>
@@ -16,10 +16,13 @@ inline constexpr int kMaxJpegScans = 500;
 /// caller looks at ImageFile::error().
 Result<ImageInfo> probe_png(ImageFile& file);
 Result<ImageInfo> probe_jpeg(ImageFile& file);
+Result<ImageInfo> probe_webp(ImageFile& file);
 
 /// `info`: what the probe said, within the limits of decode_image.
 Result<Image> decode_png(ImageFile& file, const ImageInfo& info);
 Result<Image> decode_jpeg(ImageFile& file, const ImageInfo& info);
+/// libwebp has the whole file in memory, and up to 5 bytes a pixel beside the picture.
+Result<Image> decode_webp(ImageFile& file, const ImageInfo& info);
 
 /// The same without a picture; they give Image::warning.
 Result<std::string> check_png(ImageFile& file, const ImageInfo& info);

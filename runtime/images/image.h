@@ -1,4 +1,4 @@
-// Pictures in and out: PNG, JPEG, KTX2 and DDS decoding, PNG, PFM and raw writing. Every writer goes through
+// Pictures in and out: PNG, JPEG, WebP, KTX2 and DDS decoding, PNG, PFM and raw writing. Every writer goes through
 // `path`.part and a rename, so that nobody sees half a picture.
 #pragma once
 
@@ -20,10 +20,12 @@ namespace scree::runtime {
 
 /// What the head of an image file says.
 struct ImageInfo {
-  format::ImageCodec codec;
+  format::ImageCodec codec;  // in a .scree file; there a WebP becomes a PNG
+  bool is_webp;
   uint32_t width;  // pixels, at least 1
   uint32_t height;
-  uint32_t channels;     // 1 grey, 2 grey and alpha, 3 colour, 4 colour and alpha (PNG) or CMYK (JPEG); of the blocks
+  uint32_t
+      channels;  // 1 grey, 2 grey and alpha, 3 colour, 4 colour and alpha (PNG, WebP) or CMYK (JPEG); of the blocks
   bool is_coded_anew;    // JPEG: progressive or arithmetic; making it sequential holds 2 bytes a sample
   uint64_t block_bytes;  // KTX2 and DDS: of level 0, unpacked; else 0
 };
@@ -51,6 +53,9 @@ class ImageFile {
   /// until the next call.
   std::span<const std::byte> from(uint64_t offset);
 
+  /// Fills `out` with the bytes at `offset`. Errors kTruncated, those of reading.
+  Result<void> copy(uint64_t offset, std::span<std::byte> out);
+
   /// Byte `offset`, 0 past the end of the file or after an error.
   uint32_t byte(uint64_t offset) {
     const std::span<const std::byte> bytes = from(offset);
@@ -69,8 +74,8 @@ class ImageFile {
   std::optional<Error> error_;
 };
 
-/// Reads the size of a PNG, JPEG, KTX2 or DDS file from its head; decodes nothing. The codec is told by the first
-/// bytes. Errors kFormat (none of them, or malformed), kTruncated, and those of reading the file.
+/// Reads the size of a PNG, JPEG, WebP, KTX2 or DDS file from its head; decodes nothing. The codec is told by the first
+/// bytes. Errors kFormat (none of them, or malformed), kTruncated, kUnsupported, and those of reading the file.
 Result<ImageInfo> probe_image(ImageFile file);
 
 /// The same for pictures that decode_image() would try: errors as its own where what the header says is too much.
@@ -96,7 +101,8 @@ constexpr bool may_hold_pixels(uint64_t pixels, uint64_t bytes) {
 }
 
 /// Decodes a PNG (any colour type, depth and interlace; 16 bits are rounded to 8) or JPEG (grey, YCbCr, RGB, CMYK,
-/// YCCK; baseline and progressive), or level 0 of what open_block_file() takes. Sizes are checked before anything is
+/// YCCK; baseline and progressive), a WebP (lossy and lossless; not animated), or level 0 of what open_block_file()
+/// takes. Sizes are checked before anything is
 /// allocated. Corrupt entropy-coded JPEG data is put up with and named in Image::warning, as other decoders do; all
 /// else is an error: kFormat (what the library said), kTruncated (also where the file is too small for so many pixels),
 /// kRange (more than kMaxImagePixels or kMaxDecodedSide), kUnsupported, kMemory, and those of reading the file.
@@ -104,12 +110,16 @@ constexpr bool may_hold_pixels(uint64_t pixels, uint64_t bytes) {
 Result<Image> decode_image(ImageFile file);
 
 /// What decode_image would say: an error where it has one, else its warning, which is empty where all was well. Decodes
-/// the whole file without holding the picture; see image_check_bytes.
+/// the whole file without holding the picture, but for a WebP; see image_check_bytes.
 Result<std::string> check_image(ImageFile file);
 
-/// At most what check_image takes for a picture of this size, bytes: some rows, and for a JPEG a bit a coefficient, as
-/// the scans of a progressive one build upon each other (96 MiB for 16384 x 16384 in colour).
-uint64_t image_check_bytes(const ImageInfo& info);
+/// At most what check_image takes for a picture of this size in a file of so many bytes: of a WebP both, else some
+/// rows, and for a JPEG a bit a coefficient, as the scans of a progressive one build upon each other (96 MiB for 16384
+/// x 16384 in colour).
+uint64_t image_check_bytes(const ImageInfo& info, uint64_t file_bytes);
+
+/// libwebp's version, such as "1.2.4"; empty where scree is built without it, and WebP files are kUnsupported.
+std::string webp_version();
 
 /// Writes 8-bit sRGB pixels. `channels`: 3 (RGB) or 4 (RGBA, not premultiplied); `pixels`: width * height * channels
 /// bytes, rows top to bottom, no padding. Errors kFile.

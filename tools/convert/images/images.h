@@ -16,9 +16,10 @@ namespace scree::convert {
 
 /// What becomes of images.
 enum class Textures {
-  kKeep,  // JPEGs are indexed, with the same coefficients; KTX2 and DDS keep their blocks; PNGs stay the files they are
+  kKeep,  // JPEGs are indexed, with the same coefficients; KTX2 and DDS keep their blocks; PNGs stay the files they
+          // are, and WebPs become PNGs of the same pixels
   kJpeg,  // all become indexed JPEGs
-  kRaw,   // JPEGs and PNGs stay the files they are, KTX2 and DDS keep their blocks
+  kRaw,   // as kKeep, but JPEGs stay the files they are too
 };
 
 struct ImageOptions {
