@@ -16,8 +16,8 @@
 namespace scree::runtime {
 namespace {
 
-constexpr uint64_t kWindowBytes = 64 << 10;  // of a file that is read as it is needed
-constexpr uint64_t kWebpPixelBytes = 10;     // the picture, libwebp's own, and its alpha
+constexpr uint64_t kWindowBytes = 64 << 10;  // of a file that is read on demand
+constexpr uint64_t kWebpPixelBytes = 10;     // the picture, libwebp's copy, and its alpha
 
 std::string size_text(const ImageInfo& info) {
   return std::to_string(info.width) + " x " + std::to_string(info.height) + " pixels";
@@ -47,7 +47,7 @@ Result<Image> decode_blocks(ImageFile& file) {
   return decode_block_level(head->format, head->swizzle, head->width, head->height, blocks->data());
 }
 
-/// Unpacks every level; any blocks are good.
+/// Unpacks every level. The content of blocks is never an error.
 Result<std::string> check_blocks(ImageFile& file) {
   const Result<BlockFile> head = open_block_file(file);
   if (!head) return head.error();
@@ -162,7 +162,7 @@ Result<std::string> check_image(ImageFile file) {
 uint64_t image_check_bytes(const ImageInfo& info, uint64_t file_bytes) {
   if (info.is_webp) return file_bytes + kWebpPixelBytes * info.width * info.height;
   if (info.codec == format::ImageCodec::kBlocks) return kWindowBytes + 2 * info.block_bytes;
-  // A row of blocks is 16 bytes a sample, up to 12 of them are held, and as many rows of samples and of pixels.
+  // A row of blocks takes 16 bytes per sample. Up to 12 block rows are held, and as many rows of samples and of pixels.
   const uint64_t rows = uint64_t{256} * info.width * info.channels;
   if (info.codec == format::ImageCodec::kPng) return kWindowBytes + rows / 8;
   return kWindowBytes + rows + uint64_t{info.width + 32} * (info.height + 32) * info.channels / 8;

@@ -19,7 +19,7 @@ constexpr uint64_t kHeaderBytes = 80;
 constexpr uint64_t kLevelBytes = 24;
 constexpr std::array<unsigned char, 12> kIdentifier = {0xab, 'K',  'T',  'X',  ' ',  '2',
                                                        '0',  0xbb, '\r', '\n', 0x1a, '\n'};
-constexpr uint32_t kMaxKeyValueBytes = 1 << 20;  // of which two keys are read
+constexpr uint32_t kMaxKeyValueBytes = 1 << 20;  // only two keys are used
 
 /// Colour models of the data format descriptor.
 enum Model : uint32_t {
@@ -35,7 +35,7 @@ enum Model : uint32_t {
 };
 
 struct Format {
-  uint32_t number;  // VkFormat, UNORM and SRGB
+  uint32_t number;  // VkFormat, for UNORM and SRGB
   uint32_t srgb_number;
   BlockFormat format;
   uint16_t swizzle;
@@ -169,8 +169,9 @@ class Reader {
     return not_read("of Vulkan format " + std::to_string(number));
   }
 
-  /// The data format descriptor: that it is there, of blocks that fill it, and of the format. Colour spaces are glTF's
-  /// business, whatever it says of them; of compressed blocks the format says all, and writers are sloppy with samples.
+  /// Checks that the data format descriptor is present, consists of blocks that fill it, and belongs to the format.
+  /// Colour spaces are not checked, because glTF defines them. Samples of compressed blocks are not checked either,
+  /// because the format already defines the blocks.
   Result<void> descriptor() {
     const uint64_t offset = word(48), bytes = word(52);
     if (offset != index_end() || bytes < 28 || !format::range_within(offset, bytes, file_.size()))
@@ -214,7 +215,7 @@ class Reader {
                                         " unsigned bytes");
   }
 
-  /// The keys and values: KTXswizzle is applied, KTXorientation must be glTF's.
+  /// Reads the keys and values: applies KTXswizzle, and requires glTF's KTXorientation.
   Result<void> keys() {
     const uint64_t begin = word(56), bytes = word(60);
     if (bytes == 0) return {};
@@ -283,6 +284,10 @@ class Reader {
         return fail(ErrorCode::kFormat, name + std::to_string(stated != expected ? stated : level.bytes) +
                                             " bytes, but " + std::to_string(width) + " x " + std::to_string(height) +
                                             " pixels take " + std::to_string(expected));
+      // Neither zstd nor zlib needs more; frames to be skipped would take memory that the pixels do not.
+      if (const uint64_t most = expected + expected / 8 + 1024; level.bytes > most)
+        return fail(ErrorCode::kFormat, name + std::to_string(level.bytes) + " packed bytes of " +
+                                            std::to_string(expected) + ", expected at most " + std::to_string(most));
       head_.levels.push_back(level);
     }
     return {};

@@ -8,6 +8,7 @@
 #include <exception>
 #include <new>
 #include <optional>
+#include <string>
 
 #include "tools/gltf/draco_source.h"
 
@@ -18,6 +19,13 @@ namespace {
 
 Error malformed(const std::string& what) {
   return {ErrorCode::kFormat, what};
+}
+
+/// Without the full stop that libdraco ends some messages with.
+std::string message_of(const draco::Status& status) {
+  std::string text = status.error_msg_string();
+  while (text.ends_with('.')) text.pop_back();
+  return text.empty() ? "the stream is malformed" : text;
 }
 
 /// What attributes that the primitive does not name may have, bytes a vertex, and how many there may be in all.
@@ -112,8 +120,7 @@ Result<void> decode_mesh(const DracoPrimitive& primitive, std::span<const std::b
   if (status.ok()) return {};
   const bool is_version =
       status.code() == draco::Status::UNKNOWN_VERSION || status.code() == draco::Status::UNSUPPORTED_VERSION;
-  return Error{is_version ? ErrorCode::kUnsupported : ErrorCode::kFormat,
-               status.error_msg_string().empty() ? "the stream is malformed" : status.error_msg_string()};
+  return Error{is_version ? ErrorCode::kUnsupported : ErrorCode::kFormat, message_of(status)};
 }
 
 template <class T>
@@ -150,7 +157,7 @@ Result<void> take_array(const draco::Mesh& mesh, const DracoArray& array, uint64
   bool is_done = false;
   if (from->data_type() == type) {
     is_done = copy_values(*from, static_cast<uint64_t>(draco::DataTypeLength(type)) * array.components, count, out);
-  } else {
+  } else if (from->data_type() != draco::DT_BOOL) {  // bytes of which may be no bool
     switch (array.type) {
       case ComponentType::kInt8:
         is_done = convert_values<int8_t>(*from, array.components, count, out);
@@ -182,7 +189,7 @@ Result<void> decode_or_throw(const DracoPrimitive& primitive, std::span<const st
   buffer.Init(reinterpret_cast<const char*>(stream.data()), stream.size());
   draco::DracoHeader header{};
   if (const draco::Status status = draco::PointCloudDecoder::DecodeHeader(&buffer, &header); !status.ok())
-    return malformed("no Draco stream: " + status.error_msg_string());
+    return malformed("no Draco stream: " + message_of(status));
   if (header.encoder_type != draco::TRIANGULAR_MESH)
     return Error{ErrorCode::kUnsupported, "a point cloud, but its primitive has triangles"};
   draco::Mesh mesh;
