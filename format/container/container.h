@@ -62,6 +62,7 @@ class Container {
   Table<MipLevelRecord> mip_levels() const;
   Table<SurfaceRecord> surfaces() const;
   Table<LightRecord> lights() const;
+  Table<MaskRecord> masks() const;
   Table<CameraRecord> cameras() const;
   Table<SceneRecord> scenes() const;
   Table<uint32_t> scene_roots() const;
@@ -139,6 +140,7 @@ struct TableSet {
   std::vector<MipLevelRecord> mip_levels;
   std::vector<SurfaceRecord> surfaces;
   std::vector<LightRecord> lights;
+  std::vector<MaskRecord> masks;
   std::vector<CameraRecord> cameras;
   std::vector<SceneRecord> scenes;
   std::vector<uint32_t> scene_roots;

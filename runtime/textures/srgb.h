@@ -31,6 +31,7 @@ inline uint8_t code_of_number(float number) {
   return static_cast<uint8_t>(std::clamp(number, 0.0f, 1.0f) * 255.0f + 0.5f);
 }
 
+/// Srgb::linear() and Srgb::code() with the shared tables.
 inline float linear_of_srgb(uint8_t code) {
   return Srgb::tables().linear(code);
 }

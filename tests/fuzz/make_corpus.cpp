@@ -1,5 +1,5 @@
-// Makes the seeds of the corpus, from what the tests have: scree_tests "[make-corpus]". They are committed; a new
-// codec or table wants new ones.
+// Makes the seeds of the corpus from the tests' inputs: scree_tests "[make-corpus]". The seeds are committed; a new
+// codec or table needs new ones.
 #include <meshoptimizer.h>
 
 #include <cstdint>
@@ -24,6 +24,12 @@
 #include "tests/paths.h"
 #include "tests/runtime/images/block_files.h"
 #include "tests/tools/model_maker.h"
+#ifdef SCREE_TESTS_DRACO
+#include "tests/tools/gltf/draco_streams.h"
+#endif
+#ifdef SCREE_TESTS_WEBP
+#include "tests/runtime/images/webp_files.h"
+#endif
 #include "tests/tools/packed_file.h"
 #include "tests/tools/temp_folder.h"
 #include "tools/clusters/cluster_builder.h"
@@ -31,7 +37,7 @@
 namespace scree::tests {
 namespace {
 
-/// The fields of a seed as fuzz::Parameters takes them, then a stream.
+/// The fields of a seed in the order of fuzz::Parameters, then a stream.
 class Seed {
  public:
   template <class T>
@@ -223,6 +229,42 @@ void make_png_seeds(const TempFolder& folder) {
   Seed::save(tests::read_file(data_path("checker.png").string()), "image", "checker");
 }
 
+void make_webp_seeds() {
+#ifdef SCREE_TESTS_WEBP
+  for (const bool has_alpha : {false, true})
+    for (const float quality : {0.0f, 60.0f})
+      Seed::save(make_webp(smooth_pixels(21, 13, has_alpha), 21, 13, quality), "image",
+                 std::string("webp_") + (quality == 0 ? "lossless" : "lossy") + (has_alpha ? "_alpha" : ""));
+#endif
+}
+
+void make_draco_seeds() {
+#ifdef SCREE_TESTS_DRACO
+  const DracoGrid grid(4);
+  for (const bool is_sequential : {false, true})
+    for (const int bits : {0, 8}) {
+      const DracoRecipe recipe{.is_sequential = is_sequential, .position_bits = bits};
+      const Bytes stream = make_draco(grid, recipe);
+      std::string json = draco_document({stream}, grid.triangles(), grid.vertices(), recipe);
+      // The stream lies in the file, where it can be changed byte by byte.
+      const size_t uri = json.find(R"(,"uri":"data:)");
+      json.erase(uri, json.find('"', uri + 8) + 1 - uri);
+      json = replaced(json, R"("textures":[{"source":0}],"images":[{"uri":"t.png"}],)", R"("textures":[{}],)");
+      json.append((4 - json.size() % 4) % 4, ' ');
+      Seed glb;
+      const auto padded = static_cast<uint32_t>((stream.size() + 3) / 4 * 4);
+      Bytes binary = stream;
+      binary.resize(padded);
+      glb.add(uint32_t{0x46546c67}).add(uint32_t{2}).add(static_cast<uint32_t>(28 + json.size() + padded));
+      glb.add(static_cast<uint32_t>(json.size())).add(uint32_t{0x4e4f534a});
+      for (const char c : json) glb.add(c);
+      glb.add(padded).add(uint32_t{0x004e4942}).stream(binary);
+      glb.save("gltf", std::string("draco_") + (is_sequential ? "sequential" : "edgebreaker") +
+                           (bits == 0 ? ".glb" : "_8bits.glb"));
+    }
+#endif
+}
+
 void make_block_seeds() {
   for (const auto& [name, bytes] : block_files()) {
     Seed::save(bytes, "block_file", name);
@@ -230,8 +272,8 @@ void make_block_seeds() {
   }
 }
 
-/// A textured grid whose JPEG is kept as one, with two levels. `is_magnified`: a part of the picture, so that level 0
-/// is looked at.
+/// A textured grid whose JPEG is kept, with two levels. `is_magnified`: shows a part of the picture, so that level 0 is
+/// used.
 std::string textured_model(const TempFolder& folder, bool is_magnified) {
   JpegRecipe recipe;
   recipe.width = recipe.height = 128;
@@ -249,8 +291,8 @@ std::string textured_model(const TempFolder& folder, bool is_magnified) {
   return path;
 }
 
-/// Flips bits all over the entropy-coded data of an indexed JPEG, whose decoders then run out of step, into codes that
-/// are none and past the end. `jpeg` lies in `file`.
+/// Flips bits all over the entropy-coded data of an indexed JPEG, so that decoders lose synchronisation, read invalid
+/// codes and run past the end. `jpeg` lies in `file`.
 void damage(std::span<std::byte> file, std::span<const std::byte> jpeg) {
   const auto index = format::open_jpeg_index(jpeg);
   REQUIRE(index);
@@ -263,8 +305,8 @@ void damage(std::span<std::byte> file, std::span<const std::byte> jpeg) {
   REQUIRE(!jpeg::rebuild(*damaged));
 }
 
-/// The container with its texture's data damaged, and sealed again. It is opened and drawn: only verifying decodes
-/// level 0, while loading makes the levels that are not stored from the last one, which stays whole.
+/// The container with its texture's data damaged, and resealed. It opens and can be drawn: only verifying decodes level
+/// 0, while loading computes the missing levels from the last stored one, which is intact.
 void make_damaged_seed(const std::string& path) {
   const auto packed = open_packed(path);
   REQUIRE(packed);
@@ -281,7 +323,8 @@ void make_damaged_seed(const std::string& path) {
   Seed::save(file, "container", "magnified_damaged");
 }
 
-/// A .glb whose positions, normals (by the octahedral filter) and triangles are compressed by meshopt, a stream a mode.
+/// A .glb whose positions, normals (by the octahedral filter) and triangles are compressed by meshopt, one stream per
+/// mode.
 void make_meshopt_seed(const TempFolder& folder) {
   constexpr uint32_t kSide = 5;
   constexpr uint32_t kVertices = (kSide + 1) * (kSide + 1);
@@ -399,6 +442,7 @@ void make_scene_seeds(const TempFolder& folder) {
     o.source_ids = true;
   });
   pack_as(data_path("materials.gltf").string(), "materials", indexed);
+  pack_as(data_path("masked.glb").string(), "masked", clustered);
   pack_as(data_path("nodes.gltf").string(), "nodes",
           [](convert::ConvertOptions& o) { o.encoding = convert::Encoding::kIndexed, o.float32 = true; });
   const std::string grid = folder.file("grid.glb");
@@ -420,7 +464,7 @@ void make_scene_seeds(const TempFolder& folder) {
        {"colors.glb", "gpu_instancing.glb", "index_types.glb", "interleaved.glb", "left_out.glb", "modes.glb",
         "multi_primitive.glb", "quantized.glb", "textured_cube.glb", "data_uri.gltf", "nodes.gltf", "materials.gltf"})
     Seed::save(tests::read_file(data_path(name).string()), "gltf", name);
-  // What a .gltf and its .bin beside it say, in one file.
+  // The content of a .gltf and its .bin, in one file.
   const std::string sparse = replaced(read_whole(data_path("sparse.gltf").string()), "sparse.bin", "data.bin");
   Seed::save(std::as_bytes(std::span<const char>(sparse)), "gltf", "sparse");
 }
@@ -435,6 +479,8 @@ TEST_CASE("fuzz corpus: the seeds are made anew", "[.][make-corpus]") {
   make_cluster_seed(40, tools::ClusterEffort::kFast, "groups");
   make_jpeg_seeds();
   make_png_seeds(folder);
+  make_webp_seeds();
+  make_draco_seeds();
   make_block_seeds();
   make_scene_seeds(folder);
 }

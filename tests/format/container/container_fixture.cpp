@@ -36,7 +36,7 @@ NodeRecord node_of(uint32_t name, uint32_t parent, uint32_t group) {
   return node;
 }
 
-/// Gives the chunk the next free place of a page, and its page the bytes.
+/// Places the chunk at the end of a page and adds its bytes to the page.
 void place(const MeshRecord& mesh, ChunkRecord& chunk, uint32_t page, Bytes& raw) {
   chunk.page = page;
   chunk.offset = raw.size();

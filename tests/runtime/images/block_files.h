@@ -1,4 +1,4 @@
-// KTX2 and DDS files as the tests make them.
+// Makes KTX2 and DDS files for the tests.
 #pragma once
 
 #include <zlib.h>
@@ -29,7 +29,7 @@ inline void put_text(FileBytes& file, const std::string& text) {
   for (const char c : text) put(file, c);
 }
 
-/// What a file is to hold.
+/// The content of a file.
 struct BlockRecipe {
   uint32_t vk_format = 145;  // BC7_UNORM
   uint32_t model = 134;      // of the data format descriptor
@@ -43,7 +43,7 @@ struct BlockRecipe {
   uint32_t seed = 1;
 };
 
-/// Blocks of a level: any bytes, many of them equal so that they compress.
+/// Blocks of a level: random bytes, many of them equal so that they compress.
 inline FileBytes level_blocks(const BlockRecipe& recipe, uint32_t level) {
   std::mt19937 random(recipe.seed * 100 + level);
   FileBytes blocks(format::block_level_bytes(recipe.format, std::max(1u, recipe.width >> level),
@@ -66,7 +66,7 @@ inline FileBytes packed_by(uint32_t scheme, const FileBytes& raw) {
   return packed;
 }
 
-/// A KTX2 file, its smallest level first as the format has it.
+/// A KTX2 file, with its smallest level first as the format requires.
 inline FileBytes make_ktx2(const BlockRecipe& recipe) {
   FileBytes keys;
   for (const auto& [key, value] : {std::pair{"KTXorientation", recipe.orientation}, {"KTXswizzle", recipe.swizzle}}) {
@@ -77,7 +77,9 @@ inline FileBytes make_ktx2(const BlockRecipe& recipe) {
     keys.resize((keys.size() + 3) & ~size_t{3});
   }
   const uint32_t levels = std::max(1u, recipe.levels);
-  const uint32_t descriptor_at = 80 + 24 * levels, descriptor_bytes = 44;
+  constexpr uint32_t kRgbModel = 1;
+  const uint32_t samples = recipe.model == kRgbModel ? format::block_channels(recipe.format) : 1;
+  const uint32_t descriptor_at = 80 + 24 * levels, descriptor_bytes = 28 + 16 * samples;
   FileBytes file;
   put_text(file, std::string("\xabKTX 20\xbb\r\n\x1a\n", 12));
   for (const uint32_t word :
@@ -100,16 +102,21 @@ inline FileBytes make_ktx2(const BlockRecipe& recipe) {
   for (const uint64_t word : index) put(file, word);
   put(file, descriptor_bytes);
   put(file, 0u);
-  put(file, 2u | 40u << 16);
+  put(file, 2u | (24 + 16 * samples) << 16);
   put(file, recipe.model | 1u << 8 | 1u << 16);
-  file.resize(descriptor_at + descriptor_bytes);
+  file.resize(descriptor_at + 28);
+  for (uint32_t i = 0; i < samples; ++i) {
+    const bool is_reversed = recipe.vk_format == 44 || recipe.vk_format == 50;
+    put(file, 8 * i | 7u << 16 | (i == 3 ? 15 : is_reversed ? 2 - i : i) << 24);
+    file.resize(file.size() + 12);
+  }
   file.insert(file.end(), keys.begin(), keys.end());
   file.resize(begin);
   file.insert(file.end(), data.begin(), data.end());
   return file;
 }
 
-/// A DDS file with a header of DX10; `dxgi`: the format's number.
+/// A DDS file with a DX10 header. `dxgi`: the format's number.
 inline FileBytes make_dds(const BlockRecipe& recipe, uint32_t dxgi) {
   FileBytes file;
   put_text(file, "DDS ");

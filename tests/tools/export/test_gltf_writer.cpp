@@ -1,4 +1,4 @@
-// The glTF writer: what it writes is valid JSON and says what it was told, nothing is left of a write that failed.
+// The glTF writer: its output is valid JSON with the given content, and a failed write leaves no files.
 #include "tools/gltf/writer.h"
 
 #include <sys/resource.h>
@@ -12,8 +12,10 @@
 
 #include "format/bytes.h"
 #include "tests/catch.h"
+#include "tests/tools/model_maker.h"
 #include "tests/tools/temp_folder.h"
 #include "tools/common/json_writer.h"
+#include "tools/gltf/source.h"
 
 using namespace scree;
 using namespace scree::tools;
@@ -32,7 +34,7 @@ void fill(GltfWriter& writer) {
   const float positions[9] = {0, 0, 0, 0.1f, 0, 0, 0, 1e-7f, -0.0f};
   const Result<uint64_t> offset = writer.append(std::as_bytes(std::span(positions)), 16);
   REQUIRE(offset);
-  REQUIRE(writer.append(bytes_of("abc"), 1));  // leaves an odd end
+  REQUIRE(writer.append(bytes_of("abc"), 1));  // leaves an unaligned end
   const uint32_t view = writer.add_buffer_view({*offset, sizeof positions, 0, GltfTarget::kVertices});
   GltfAccessor accessor;
   accessor.buffer_view = view;
@@ -99,6 +101,55 @@ TEST_CASE("a .gltf, its .bin and its images", "[gltf_writer]") {
   CHECK(std::filesystem::file_size(folder.file("a b%.bin")) == document["buffers"][0]["byteLength"]);
 }
 
+TEST_CASE("a .glb past the lengths of version 2 is one of version 3", "[gltf_writer]") {
+  const TempFolder folder;
+  const auto written = [&](uint64_t most) {
+    Result<GltfWriter> writer = GltfWriter::create(folder.file("x.glb"));
+    REQUIRE(writer);
+    fill(*writer);
+    writer->set_most_version_2_bytes(most);
+    REQUIRE(writer->finish());
+    const std::string file = read_whole(folder.file("x.glb"));
+    CHECK(file.size() == writer->total_bytes());
+    CHECK(folder.names() == std::vector<std::string>{"x.glb"});
+    CHECK(writer->is_version_3() == (static_cast<unsigned char>(file[4]) == 3));
+    return file;
+  };
+  const std::string narrow = written(uint64_t{1} << 32);
+  CHECK(written(narrow.size()) == narrow);
+  // By its buffer, and by its document alone.
+  for (const uint64_t most : {uint64_t{1}, uint64_t{narrow.size() - 1}}) {
+    const std::string wide = written(most);
+    const auto* const bytes = reinterpret_cast<const std::byte*>(wide.data());
+    REQUIRE(format::load<uint32_t>(bytes + 4) == 3);
+    CHECK(format::load<uint64_t>(bytes + 8) == wide.size());
+    CHECK(wide.substr(16, 4) == "JSON");
+    CHECK(format::load<uint32_t>(bytes + 20) == 0);
+    const uint64_t json_bytes = format::load<uint64_t>(bytes + 24);
+    CHECK(json_bytes % 8 == 0);
+    const json document = json::parse(wide.substr(32, json_bytes));
+    check_document(document);
+    const uint64_t chunk = 32 + json_bytes;
+    CHECK(wide.substr(chunk, 4) == std::string("BIN\0", 4));
+    const uint64_t binary_bytes = format::load<uint64_t>(bytes + chunk + 8);
+    CHECK(chunk + 16 + binary_bytes == wide.size());
+    CHECK(binary_bytes - document["buffers"][0]["byteLength"].get<uint64_t>() < 8);
+    const float x = format::load<float>(bytes + chunk + 16 + 12);
+    CHECK(x == 0.1f);
+  }
+  // And convert's reader finds what was written.
+  tests::ModelMaker maker(folder.file("y.glb"));
+  maker.writer().set_most_version_2_bytes(1);
+  maker.node("node", maker.mesh("mesh", {maker.primitive({0, 0, 0, 0.1f, 0, 0, 0, 1, 0}, {0, 1, 2})}));
+  maker.finish();
+  CHECK(maker.writer().is_version_3());
+  const auto scene = convert::import_gltf(folder.file("y.glb"), {});
+  if (!scene) FAIL(scene.error().message);
+  std::vector<float> positions(9);
+  REQUIRE(read_floats(scene->primitives.at(0).positions, 0, 3, positions));
+  CHECK(positions[3] == 0.1f);
+}
+
 TEST_CASE("a .glb", "[gltf_writer]") {
   const TempFolder folder;
   Result<GltfWriter> writer = GltfWriter::create(folder.file("x.glb"));
@@ -142,11 +193,11 @@ TEST_CASE("what the writer refuses", "[gltf_writer]") {
   {
     Result<GltfWriter> writer = GltfWriter::create(folder.file("x.glb"));
     REQUIRE(writer);
-    REQUIRE(writer->reserve(0xfffffff0u));
+    REQUIRE(writer->reserve(uint64_t{1} << 62));
     const Result<uint64_t> past = writer->reserve(100);
     REQUIRE(!past);
     CHECK(past.error().code == ErrorCode::kRange);
-    CHECK(past.error().message.find("name the output .gltf") != std::string::npos);
+    CHECK(past.error().message.find("a buffer of more than 2^62 bytes") != std::string::npos);
   }
   {
     Result<GltfWriter> writer = GltfWriter::create(folder.file("x.gltf"));
@@ -156,7 +207,7 @@ TEST_CASE("what the writer refuses", "[gltf_writer]") {
     writer->add_node(node);
     CHECK(writer->finish().error().code == ErrorCode::kRange);
   }
-  // The document cannot take its name any more: the buffer, renamed before it, goes again.
+  // The document can no longer take its name, so the buffer, which was already renamed, is removed.
   {
     Result<GltfWriter> writer = GltfWriter::create(folder.file("dir.gltf"));
     REQUIRE(writer);
@@ -169,7 +220,7 @@ TEST_CASE("what the writer refuses", "[gltf_writer]") {
 }
 
 TEST_CASE("a full disk leaves nothing behind", "[gltf_writer]") {
-  // A file-size limit makes writes fail as a full disk does.
+  // A file-size limit makes writes fail like a full disk.
   const TempFolder folder;
   rlimit before{};
   REQUIRE(getrlimit(RLIMIT_FSIZE, &before) == 0);
@@ -182,7 +233,7 @@ TEST_CASE("a full disk leaves nothing behind", "[gltf_writer]") {
   {
     Result<GltfWriter> writer = GltfWriter::create(folder.file("x.gltf"));
     if (writer) offset = writer->append(std::vector<std::byte>(65 << 10));
-    Result<GltfWriter> glb = GltfWriter::create(folder.file("y.glb"));  // its two parts fit apart, not together
+    Result<GltfWriter> glb = GltfWriter::create(folder.file("y.glb"));  // each part fits, but not both
     if (glb && glb->append(std::vector<std::byte>(64 << 10))) finished = glb->finish();
   }
   setrlimit(RLIMIT_FSIZE, &before);

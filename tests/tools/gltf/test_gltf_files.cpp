@@ -1,4 +1,4 @@
-// Files around a document: GLB chunks, relative paths, buffers far larger than memory.
+// The files of a document: GLB chunks, relative paths, buffers far larger than memory.
 #include <sys/stat.h>
 #include <unistd.h>
 
@@ -95,7 +95,8 @@ TEST_CASE("GLB chunks are found, unknown ones skipped, padding tolerated", "[imp
   long_length[8] = static_cast<char>(long_length[8] + 1);
   for (const Bad& bad : std::initializer_list<Bad>{
            {glb(json + bin, 1), ErrorCode::kVersion, "GLB header: version is 1"},
-           {glb(json + bin, 3), ErrorCode::kVersion, "GLB header: version is 3"},
+           {glb(json + bin, 4), ErrorCode::kVersion, "GLB header: version is 4, expected 2 or 3"},
+           {glb(json + bin, 3), ErrorCode::kTruncated, "GLB header: length is"},
            {long_length, ErrorCode::kTruncated, "GLB header: length is"},
            {glb(bin + json), ErrorCode::kFormat, "GLB chunk 0: expected the JSON chunk first"},
            {glb(json + json), ErrorCode::kFormat, "GLB chunk 1: a second JSON chunk"},
@@ -124,7 +125,7 @@ TEST_CASE("GLB chunks are found, unknown ones skipped, padding tolerated", "[imp
   }
 }
 
-// A file of any size that takes no room: `parts` at their offsets, holes between them.
+// A file of any size that takes no disk space: `parts` at their offsets, with holes between them.
 std::string sparse_file(const tests::TempFolder& folder, const std::string& name, uint64_t size,
                         const std::vector<std::pair<uint64_t, std::string>>& parts) {
   const std::string path = folder.write(name, "");
@@ -159,14 +160,98 @@ TEST_CASE("a GLB past 4 GiB has its lengths modulo 2^32", "[import][glb]") {
   CHECK((*positions)[3] == 1.0f);
   CHECK((*positions)[7] == 1.0f);
 
-  // A length that does not agree with the file's is a length of this file, which then ends too late.
+  // If the header's length differs from the file's, it is taken as the length, and the file then ends early.
   const auto longer = positions_of(sparse_file(folder, "longer.glb", size + 8, {{0, head}}));
   REQUIRE_FALSE(longer);
   CHECK(longer.error().code == ErrorCode::kTrailing);
 }
 
-/// The most bytes that were resident since tools::forget_peak(), beside those that were `before`; nothing where the
-/// system does not say.
+// Version 3, of the draft of glTF 2.1: lengths of 64 bits, a chunk's type before them, chunks at multiples of 8.
+std::string wide_chunk(std::string_view type, std::string_view data, uint32_t encoding = 0) {
+  std::string bytes(type);
+  append(bytes, encoding);
+  append(bytes, static_cast<uint32_t>(data.size()));
+  append(bytes, 0);
+  bytes.append(data);
+  return bytes.append((8 - bytes.size() % 8) % 8, '\0');
+}
+
+std::string wide_glb(const std::string& chunks) {
+  std::string bytes = "glTF";
+  append(bytes, 3);
+  append(bytes, static_cast<uint32_t>(16 + chunks.size()));
+  append(bytes, 0);
+  return bytes + chunks;
+}
+
+TEST_CASE("a GLB of version 3 has chunks of 64-bit lengths in any order", "[import][glb]") {
+  const tests::TempFolder folder;
+  const std::string json = wide_chunk("JSON", kDocument), bin = wide_chunk(kBin, kTriangle);
+  const std::string named =
+      wide_chunk("JSON", tests::replaced(kDocument, R"({"byteLength":36})", R"({"byteLength":36,"chunk":0})"));
+  for (const std::string& good :
+       {wide_glb(json + bin), wide_glb(json + bin + wide_chunk("XYZ ", "12345", 7)), wide_glb(bin + named),
+        wide_glb(bin + wide_chunk("XYZ ", "1") + named + bin + wide_chunk("JSON", "{}")),
+        wide_glb(json + bin) + std::string(100, '\0')}) {
+    const auto positions = positions_of(folder.write("good.glb", good));
+    if (!positions) FAIL(positions.error().message);
+    CHECK((*positions)[3] == 1.0f);
+  }
+  struct Bad {
+    std::string bytes;
+    ErrorCode code;
+    std::string words;
+  };
+  std::string long_chunk = json;
+  long_chunk[15] = 1;
+  std::string many = json;
+  for (int i = 0; i < 5000; ++i) many += wide_chunk("XYZ ", "");
+  for (const Bad& bad : std::initializer_list<Bad>{
+           {wide_glb(json + bin).substr(0, 12), ErrorCode::kTruncated, "GLB header: the file ends after 12 bytes"},
+           {wide_glb(""), ErrorCode::kFormat, "too short for a chunk"},
+           {wide_glb(bin + bin), ErrorCode::kFormat, "GLB: there is no JSON chunk"},
+           {wide_glb(wide_chunk("JSON", "")), ErrorCode::kFormat, "GLB chunk 0: the JSON chunk is empty"},
+           {wide_glb(wide_chunk("JSON", kDocument, 1) + bin), ErrorCode::kUnsupported,
+            "GLB chunk 0: encoded by method 1"},
+           {wide_glb(json + bin.substr(0, 8)), ErrorCode::kTruncated, "GLB chunk 1: 8 bytes left for its header"},
+           {wide_glb(json + bin.substr(0, 40)), ErrorCode::kTruncated, "GLB chunk 1: length is 36, but 24 bytes"},
+           {wide_glb(long_chunk), ErrorCode::kTruncated, "GLB chunk 0: length is 72057594"},
+           {wide_glb(json), ErrorCode::kFormat, "buffer 0: uri is missing, and the file has no binary chunk"},
+           {wide_glb(json + wide_chunk("XYZ ", kTriangle)), ErrorCode::kFormat, "the file has no binary chunk"},
+           {wide_glb(wide_chunk("XYZ ", kTriangle) + named), ErrorCode::kFormat,
+            "chunk 0 is no binary chunk of the file"},
+           {wide_glb(many), ErrorCode::kFormat, "GLB chunk 4096: at most 4096 are read"},
+       }) {
+    INFO(bad.words);
+    const auto scene = positions_of(folder.write("bad.glb", bad.bytes));
+    REQUIRE_FALSE(scene);
+    INFO(scene.error().message);
+    CHECK(scene.error().code == bad.code);
+    CHECK(scene.error().message.find(bad.words) != std::string::npos);
+  }
+}
+
+TEST_CASE("a GLB of version 3 past 4 GiB is read where its data are", "[import][glb]") {
+  const tests::TempFolder folder;
+  const uint64_t bin_bytes = (uint64_t{5} << 30) + 36, last = bin_bytes - 36;
+  const std::string document =
+      tests::replaced(tests::replaced(kDocument, R"("byteLength":36}],"bufferViews")",
+                                      R"("byteLength":)" + std::to_string(bin_bytes) + R"(}],"bufferViews")"),
+                      R"("buffer":0,)", R"("buffer":0,"byteOffset":)" + std::to_string(last) + ",");
+  std::string head = wide_glb(wide_chunk("JSON", document)).append(kBin);
+  append(head, 0);
+  append(head, static_cast<uint32_t>(bin_bytes));
+  append(head, static_cast<uint32_t>(bin_bytes >> 32));
+  const uint64_t size = head.size() + bin_bytes;
+  for (uint32_t i = 0; i < 8; ++i) head[8 + i] = static_cast<char>(size >> 8 * i);
+  const auto positions =
+      positions_of(sparse_file(folder, "large.glb", size, {{0, head}, {head.size() + last, kTriangle}}));
+  if (!positions) FAIL(positions.error().message);
+  CHECK((*positions)[7] == 1.0f);
+}
+
+/// The most bytes resident since tools::reset_peak(), without the bytes of `before`; nullopt if the system does not
+/// report it.
 std::optional<uint64_t> most_resident_since(const tools::MemoryUse& before) {
   const uint64_t peak = tools::memory_use().peak, resident = before.anonymous + before.file;
   if (resident == 0 || peak < resident) return std::nullopt;
@@ -200,7 +285,7 @@ TEST_CASE("a 40 GB buffer is opened and read without being held", "[import]") {
   json = tests::replaced(json, R"("count":3)", R"("count":3000000000)");
   const std::string path = folder.write("large.gltf", json);
 
-  tools::forget_peak();
+  tools::reset_peak();
   const tools::MemoryUse before = tools::memory_use();
   const auto scene = import_gltf(path, {});
   if (!scene) FAIL(scene.error().message);
@@ -228,7 +313,7 @@ TEST_CASE("a 40 GB buffer is opened and read without being held", "[import]") {
 }
 
 TEST_CASE("a document's own size bounds the memory it takes", "[import]") {
-  // 8 MB of nodes: at most 15 times as much, while tinygltf alone would take more than that.
+  // 8 MB of nodes take at most 15 times as much memory, while tinygltf alone would take more.
   std::string json = R"({"asset":{"version":"2.0"},"nodes":[)";
   for (int i = 0; i < 120000; ++i)
     json += R"({"name":"node )" + std::to_string(i) + R"(","translation":[1.5,2.5,-3.25],"scale":[2,2,2]},)";
@@ -236,7 +321,7 @@ TEST_CASE("a document's own size bounds the memory it takes", "[import]") {
   json += "}";
   const tests::TempFolder folder;
   const std::string path = folder.write("nodes.gltf", json);
-  tools::forget_peak();
+  tools::reset_peak();
   const tools::MemoryUse before = tools::memory_use();
   const auto scene = import_gltf(path, {});
   const std::optional<uint64_t> most = most_resident_since(before);
@@ -245,7 +330,7 @@ TEST_CASE("a document's own size bounds the memory it takes", "[import]") {
   REQUIRE(scene->scenes.size() == 1);
   CHECK(scene->scenes[0].roots.size() == 120000);
   CHECK(scene->warnings.size() == 1);
-  // Freed memory that the sanitizer holds back.
+  // Freed memory that the sanitizer keeps.
   constexpr uint64_t kQuarantine = tests::kIsSanitized ? uint64_t{256} << 20 : 0;
   if (most) CHECK(*most < 15 * json.size() + (uint64_t{64} << 20) + kQuarantine);
 }
@@ -277,7 +362,7 @@ TEST_CASE("paths stay inside the scene's folder", "[import][uri]") {
     if (!positions) FAIL(positions.error().message);
     CHECK((*positions)[3] == 1.0f);
   }
-  // The folder itself may be reached by a link.
+  // The folder itself may be reached through a link.
   CHECK(import_uri("here.bin", "same/again.gltf"));
 
   struct Bad {
@@ -316,7 +401,7 @@ TEST_CASE("paths stay inside the scene's folder", "[import][uri]") {
     CHECK(positions.error().message.find(bad.message) != std::string::npos);
     CHECK(positions.error().message.find("buffer 0: ") != std::string::npos);
   }
-  // Those that leave the folder are read on request, and the refusal names it.
+  // Files outside the folder are read on request, and the refusal gives the option.
   for (const char* outside :
        {"../outside.bin", "..%2Foutside.bin", "../scene/here.bin", "escape.bin", "up/outside.bin"}) {
     INFO(outside);
@@ -403,7 +488,7 @@ TEST_CASE("a buffer file that is opened anew must be the same", "[import]") {
   const auto path = [&](size_t number) { return folder.file(std::to_string(number) + ".bin"); };
   fs::remove(path(590));
   must_fail(590, "No such file or directory");
-  // The same bytes, size and time, but another file; and one that is not even a file.
+  // The same bytes, size and time, but another file; and one that is not a file.
   fs::copy_file(path(591), folder.file("copy"));
   fs::last_write_time(folder.file("copy"), fs::last_write_time(path(591)));
   fs::rename(folder.file("copy"), path(591));
@@ -411,7 +496,7 @@ TEST_CASE("a buffer file that is opened anew must be the same", "[import]") {
   REQUIRE(::mkfifo(folder.file("pipe").c_str(), 0600) == 0);
   fs::rename(folder.file("pipe"), path(592));
   must_fail(592, "was replaced by another file while it was being read");
-  // The same file, of another size, or written to since.
+  // The same file with another size, or modified since.
   fs::resize_file(path(593), 35);
   must_fail(593, "was changed while it was being read");
   fs::resize_file(path(594), 37);
@@ -421,7 +506,7 @@ TEST_CASE("a buffer file that is opened anew must be the same", "[import]") {
   must_fail(596, "was changed while it was being read");
   fs::last_write_time(path(597), fs::last_write_time(path(597)) - std::chrono::seconds(1));
   must_fail(597, "was changed while it was being read");
-  // Those that stay open are the files that they were.
+  // Files that stay open keep their content.
   fs::remove(path(0));
   CHECK(read(0));
   fs::rename(path(1), path(2));

@@ -42,18 +42,18 @@ std::optional<PlannedMesh> guess_mesh(const ConvertOptions& options, const Sourc
   // Documents often give boxes with fewer digits than floats have, so accept boxes that are equally good.
   PlannedMesh wide = mesh;
   wide.plan.box = all_of_codes(mesh.plan);
-  if (choose_lattice(options, scene, wide.plan, wide.record) && is_same(mesh, wide)) return wide;
+  if (choose_lattice(options, scene, wide.plan, wide.record) && matches_measured(mesh, wide)) return wide;
   return mesh;
 }
 
-bool may_be_of(const ConvertOptions& options, const SourceScene& scene, const PlannedMesh& guess,
-               const WindowPlan& window, const Measured& so_far) {
+bool fits_guess(const ConvertOptions& options, const SourceScene& scene, const PlannedMesh& guess,
+                const WindowPlan& window, const Measured& so_far) {
   const Primitive& source = scene.primitives[window.primitive];
   return window.kept == window.count && inside(window.box, guess.plan.box) &&
          stored_attributes(options, source, so_far) == guess.record.attributes;
 }
 
-bool is_same(const PlannedMesh& guess, const PlannedMesh& measured) {
+bool matches_measured(const PlannedMesh& guess, const PlannedMesh& measured) {
   return std::memcmp(&guess.record, &measured.record, sizeof guess.record) == 0;
 }
 

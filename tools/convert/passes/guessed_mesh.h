@@ -15,12 +15,12 @@ namespace scree::convert {
 std::optional<PlannedMesh> guess_mesh(const ConvertOptions& options, const SourceScene& scene, uint32_t primitive,
                                       const Measured& so_far);
 
-/// Whether a window of it, with colours and normals like those `so_far`, can be encoded as a window of `guess`. What
-/// can not is none of this mesh.
-bool may_be_of(const ConvertOptions& options, const SourceScene& scene, const PlannedMesh& guess,
-               const WindowPlan& window, const Measured& so_far);
+/// Whether a window of the primitive can be encoded as a window of `guess`. `so_far`: whether its colours are all white
+/// and its normals those of its faces. False means that the guess is wrong.
+bool fits_guess(const ConvertOptions& options, const SourceScene& scene, const PlannedMesh& guess,
+                const WindowPlan& window, const Measured& so_far);
 
 /// Whether windows encoded for `guess` equal windows for `measured` byte for byte, including their log entries.
-bool is_same(const PlannedMesh& guess, const PlannedMesh& measured);
+bool matches_measured(const PlannedMesh& guess, const PlannedMesh& measured);
 
 }  // namespace scree::convert
