@@ -38,6 +38,10 @@ Result<MipChain> load_image(const format::Container& container, uint32_t index, 
   std::vector<std::byte> scratch;
   const Result<std::span<const std::byte>> file = container.load_page(record.page, scratch);
   if (!file) return file.error();
+  const Result<ImageInfo> info = probe_image(*file);
+  if (!info) return info.error();
+  if (info->codec != record.codec || info->is_webp)
+    return Error{ErrorCode::kFormat, "the image is of another kind than its record says"};
   Result<Image> image = decode_image(*file);
   if (!image) return image.error();
   if (image->width != record.width || image->height != record.height)

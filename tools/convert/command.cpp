@@ -241,8 +241,8 @@ Command add_convert(CLI::App& parent) {
   app->add_option(
       "--textures", words->textures,
       "keep (default): JPEGs are indexed without loss, KTX2 and DDS keep their blocks and levels, PNGs stay as "
-      "they are; jpeg:QUALITY (jpeg: 90): others become JPEGs, 4:4:4, without alpha; raw: as keep, but JPEGs "
-      "stay as they are too");
+      "they are, WebPs become PNGs; jpeg:QUALITY (jpeg: 90): others become JPEGs, 4:4:4, without alpha; raw: as "
+      "keep, but JPEGs stay as they are too");
   app->add_flag("--keep-going", words->keep_going,
                 "An image that is damaged or of an unsupported kind becomes grey instead of an error");
   app->add_flag("--normals", words->normals, "Store normals, 12 bits an axis of the octahedral map");

@@ -367,6 +367,8 @@ Result<void> run_export(const Arguments& arguments) {
     return names_output ? error : at(arguments.input, error);
   }
   note_written(arguments.output);
+  if (summary->is_version_3)
+    std::fprintf(stderr, "scree export: warning: %s%s\n", arguments.output.c_str(), kVersion3Note);
   if (arguments.quiet) return {};
   const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   std::printf("%s (%s) -> %s (%s): %s triangles, %s vertices, %s primitives, %s images in %.2f s\n",
@@ -412,6 +414,7 @@ Result<ExportSummary> export_gltf(const format::Container& file, const std::stri
   const auto finished = writer.finish();
   if (!finished) return finished.error();
   summary.bytes = writer.total_bytes();
+  summary.is_version_3 = writer.is_version_3();
   return summary;
 }
 

@@ -138,13 +138,8 @@ DocTexture read_texture(const tinygltf::Texture& source) {
   DocTexture texture;
   texture.name = source.name;
   texture.sampler = source.sampler;
-  texture.source = source.source;
-  for (const char* extension : {"EXT_texture_webp", "KHR_texture_basisu", "MSFT_texture_dds"}) {
-    const int32_t other = index_member(member(source.extensions, extension), "source");
-    if (other == kAbsent) continue;
-    texture.other_source = other;
-    texture.other_format = extension;
-  }
+  const auto of = [&](const char* extension) { return index_member(member(source.extensions, extension), "source"); };
+  texture.sources = {of("KHR_texture_basisu"), of("MSFT_texture_dds"), source.source, of("EXT_texture_webp")};
   return texture;
 }
 
@@ -178,7 +173,7 @@ DocNode read_node(const tinygltf::Node& source) {
   return node;
 }
 
-DocMesh read_mesh(const tinygltf::Mesh& source, std::span<const int32_t> indices) {
+DocMesh read_mesh(const tinygltf::Mesh& source, std::span<const int32_t> indices, GltfDocument& document) {
   DocMesh mesh;
   mesh.name = source.name;
   for (size_t i = 0; i < source.primitives.size(); ++i) {
@@ -187,7 +182,14 @@ DocMesh read_mesh(const tinygltf::Mesh& source, std::span<const int32_t> indices
     primitive.mode = from.mode;
     primitive.indices = indices[i];
     primitive.material = from.material;
-    primitive.draco = from.extensions.count("KHR_draco_mesh_compression") != 0;
+    if (const tinygltf::Value* packed = member(from.extensions, "KHR_draco_mesh_compression")) {
+      primitive.draco = static_cast<int32_t>(document.draco.size());
+      DocDraco& draco = document.draco.emplace_back();
+      draco.view = index_member(packed, "bufferView");
+      if (const tinygltf::Value* attributes = member(*packed, "attributes"))
+        for (const std::string& key : attributes->Keys())  // in their order
+          draco.attributes.emplace_back(key, index_member(attributes, key.c_str()));
+    }
     primitive.attributes.assign(from.attributes.begin(), from.attributes.end());
     primitive.targets = static_cast<uint32_t>(from.targets.size());
     for (const auto& target : from.targets) {
@@ -256,7 +258,7 @@ void take_model(const tinygltf::Model& model, std::span<const int32_t> primitive
     document.views.push_back({view.buffer, kAbsent, view.byteOffset, view.byteLength, view.byteStride});
   for (const auto& accessor : model.accessors) read_accessor(accessor, document);
   for (const auto& mesh : model.meshes) {
-    document.meshes.push_back(read_mesh(mesh, primitive_indices));
+    document.meshes.push_back(read_mesh(mesh, primitive_indices, document));
     primitive_indices = primitive_indices.subspan(mesh.primitives.size());
   }
   for (const auto& node : model.nodes) document.nodes.push_back(read_node(node));
@@ -441,6 +443,7 @@ Result<void> read_uris(GltfDocument& document, const std::string& section, JsonR
       buffer.uri = std::move(uri);
       buffer.is_data = is_data;
       buffer.bytes = json.at("byteLength").get<uint64_t>();
+      if (has_member(json, "chunk")) buffer.chunk = json.at("chunk").get<int32_t>();
       buffer.json = batch->elements;
       if (const auto extensions = json.find("extensions"); extensions != json.end() && extensions->is_object())
         buffer.meshopt_fallback =
@@ -475,6 +478,19 @@ Result<void> read_default_scene(GltfDocument& document, std::string_view value, 
                                         std::string(value.substr(0, 40)) + ", expected an index"};
   document.scene = static_cast<int32_t>(json.get<uint64_t>());
   return {};
+}
+
+void mark_draco_accessors(GltfDocument& document) {
+  const auto mark = [&](int32_t accessor) {
+    if (accessor >= 0 && static_cast<size_t>(accessor) < document.accessors.size())
+      document.accessors[static_cast<size_t>(accessor)].is_draco = true;
+  };
+  for (const DocMesh& mesh : document.meshes)
+    for (const DocPrimitive& primitive : mesh.primitives) {
+      if (primitive.draco == kAbsent) continue;
+      mark(primitive.indices);
+      for (const auto& [name, accessor] : primitive.attributes) mark(accessor);
+    }
 }
 
 }  // namespace
@@ -533,6 +549,7 @@ Result<GltfDocument> read_document(std::vector<char> json, uint64_t memory) {
   }
   sort_unique(document.skin_accessors);
   sort_unique(document.animation_accessors);
+  mark_draco_accessors(document);
   return document;
 }
 

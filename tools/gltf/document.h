@@ -21,6 +21,7 @@ struct DocBuffer {
   std::string uri;       // empty: none, or a data: URI, which stays in the text
   bool is_data = false;  // the URI is data:; data_uri() decodes it
   bool meshopt_fallback = false;
+  int32_t chunk = kAbsent;  // of the .glb (glTF 2.1)
   uint64_t bytes = 0;
   JsonRange json;
 };
@@ -69,6 +70,7 @@ struct DocAccessor {
   uint32_t components = 0;   // 1 to 4; 9 and 16 (and 0 for MAT2, 4 being taken) for matrices
   int32_t sparse = kAbsent;  // in GltfDocument::sparse
   bool normalized = false;
+  bool is_draco = false;  // of a primitive that is compressed by Draco, too
   uint64_t offset = 0;
   uint64_t count = 0;
 };
@@ -85,11 +87,17 @@ inline constexpr uint64_t kLeastBounded = 65536;
 
 using DocAttribute = std::pair<std::string, int32_t>;  // name, accessor
 
+/// KHR_draco_mesh_compression of a primitive.
+struct DocDraco {
+  int32_t view = kAbsent;
+  std::vector<DocAttribute> attributes;  // name, the stream's number of it; sorted by name
+};
+
 struct DocPrimitive {
   int32_t mode = 4;
   int32_t indices = kAbsent;
   int32_t material = kAbsent;
-  bool draco = false;
+  int32_t draco = kAbsent;                // in GltfDocument::draco
   std::vector<DocAttribute> attributes;   // sorted by name
   std::vector<int32_t> target_accessors;  // of morph targets
   uint32_t targets = 0;
@@ -134,9 +142,9 @@ struct DocMaterial {
 struct DocTexture {
   std::string name;
   int32_t sampler = kAbsent;
-  int32_t source = kAbsent;
-  int32_t other_source = kAbsent;  // of an extension for another image format
-  std::string other_format;        // that extension
+  /// Images that stand for each other: of KHR_texture_basisu, of MSFT_texture_dds, its plain source, of
+  /// EXT_texture_webp.
+  std::array<int32_t, 4> sources{kAbsent, kAbsent, kAbsent, kAbsent};
 };
 
 struct DocSampler {
@@ -177,6 +185,7 @@ struct GltfDocument {
   std::vector<DocBuffer> buffers;
   std::vector<DocBufferView> views;
   std::vector<DocMeshopt> meshopt;
+  std::vector<DocDraco> draco;
   std::vector<DocAccessor> accessors;
   std::vector<DocSparse> sparse;
   std::vector<DocBounds> bounds;  // by accessor, ascending

@@ -7,6 +7,7 @@
 #include <string_view>
 
 #include "format/bytes.h"
+#include "runtime/images/image.h"
 
 namespace scree::convert {
 namespace {
@@ -17,6 +18,7 @@ using format::kNone;
 struct ImageKind {
   std::string_view name;  // empty: none known
   std::optional<format::ImageCodec> codec;
+  bool is_webp = false;
 };
 
 ImageKind sniff(std::string_view head) {
@@ -26,7 +28,7 @@ ImageKind sniff(std::string_view head) {
   using namespace std::string_view_literals;
   if (starts("\x89PNG\r\n\x1a\n"sv)) return {"PNG", format::ImageCodec::kPng};
   if (starts("\xff\xd8\xff"sv)) return {"JPEG", format::ImageCodec::kJpeg};
-  if (starts("RIFF"sv) && starts("WEBP"sv, 8)) return {"WebP", {}};
+  if (starts("RIFF"sv) && starts("WEBP"sv, 8)) return {"WebP", format::ImageCodec::kPng, true};
   if (starts("\xabKTX 20\xbb"sv)) return {"KTX2", format::ImageCodec::kBlocks};
   if (starts("\xabKTX 11\xbb"sv)) return {"KTX", {}};
   if (starts("DDS "sv)) return {"DDS", format::ImageCodec::kBlocks};
@@ -141,22 +143,48 @@ class MaterialMaker {
     to.record.mag_filter = static_cast<uint16_t>(sampler.mag_filter);
     to.record.min_filter = static_cast<uint16_t>(sampler.min_filter);
 
-    // The source is also the fallback of an extension's image; the latter is tried where there is no fallback.
-    uint32_t place = kNone;
     std::string why = "without an image";
-    for (const int32_t source : {from.source, from.other_source}) {
-      if (source == kAbsent || place != kNone) continue;
-      auto found = image(source, why);
-      if (!found) return found.error();
-      place = *found;
-    }
-    if (place == kNone) {
+    const int32_t source = best_source(from);
+    const auto place = source == kAbsent ? kNone : image(source, why);
+    if (!place) return place.error();
+    if (*place == kNone) {
       drop(why);
       return kNone;
     }
-    to.record.image = place;
+    to.record.image = *place;
     scene_.textures.push_back(std::move(to));
     return static_cast<uint32_t>(scene_.textures.size() - 1);
+  }
+
+  // Of images that stand for each other the best that can be read: blocks, which stay as they are and have levels; a
+  // PNG or JPEG; a WebP, which has to be coded anew. Of equal ones the first of DocTexture::sources. Where none can be
+  // read it is the first, for its error.
+  int32_t best_source(const DocTexture& from) {
+    std::array<int32_t, 4> sources = from.sources;
+    const auto end = std::remove(sources.begin(), sources.end(), kAbsent);
+    if (end - sources.begin() < 2) return sources[0];
+    int32_t best = sources[0];
+    uint32_t best_rank = kUnreadable;
+    for (auto source = sources.begin(); source != end && best_rank > kBlockRank; ++source) {
+      const uint32_t rank = rank_of(document_.images[static_cast<size_t>(*source)]);
+      if (rank < best_rank) best = *source, best_rank = rank;
+    }
+    return best;
+  }
+
+  static constexpr uint32_t kBlockRank = 0, kPlainRank = 1, kWebpRank = 2, kUnreadable = 3;
+
+  uint32_t rank_of(const DocImage& from) {
+    std::string ignored;
+    const auto made = describe_image(from, ignored);
+    if (!made || !*made) return kUnreadable;
+    const SourceImage& found = **made;
+    const auto read = [&](uint64_t offset, std::span<std::byte> out) {
+      return found.source->read(found.offset + offset, out);
+    };
+    if (!runtime::probe_decodable({found.bytes, read})) return kUnreadable;
+    if (found.codec == format::ImageCodec::kBlocks) return kBlockRank;
+    return found.is_webp ? kWebpRank : kPlainRank;
   }
 
   // Place in SourceScene::images, or kNone with the reason in `why`.
@@ -174,10 +202,19 @@ class MaterialMaker {
   }
 
   Result<uint32_t> make_image(const DocImage& from, std::string& reason) {
+    auto described = describe_image(from, reason);
+    if (!described) return described.error();
+    if (!*described) return kNone;
+    scene_.images.push_back(std::move(**described));
+    return static_cast<uint32_t>(scene_.images.size() - 1);
+  }
+
+  // What its first bytes say, or nothing, with the reason in `reason`, of a kind that is not read.
+  Result<std::optional<SourceImage>> describe_image(const DocImage& from, std::string& reason) {
     auto bytes = buffers_.image(from);
     if (!bytes && keep_going_ && bytes.error().code == ErrorCode::kFile) {
       reason = "missing (" + bytes.error().message + ")";
-      return kNone;
+      return std::optional<SourceImage>();
     }
     if (!bytes) return bytes.error();
     std::array<char, 12> head{};
@@ -189,20 +226,20 @@ class MaterialMaker {
     if (kind.name.empty()) {
       return Error{ErrorCode::kFormat, bytes->bytes == 0
                                            ? "is empty"
-                                           : "is no image file of a known kind, expected PNG, JPEG, KTX2 or DDS"};
+                                           : "is no image file of a known kind, expected PNG, JPEG, WebP, KTX2 or DDS"};
     }
     if (!kind.codec) {
       reason = std::string(kind.name);
-      return kNone;
+      return std::optional<SourceImage>();
     }
     SourceImage image;
     image.name = from.name.empty() && !from.is_data ? from.uri : from.name;
     image.codec = *kind.codec;
+    image.is_webp = kind.is_webp;
     image.source = bytes->source;
     image.offset = bytes->offset;
     image.bytes = bytes->bytes;
-    scene_.images.push_back(std::move(image));
-    return static_cast<uint32_t>(scene_.images.size() - 1);
+    return std::optional(std::move(image));
   }
 
   void drop(const std::string& why) {

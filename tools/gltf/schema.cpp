@@ -106,6 +106,7 @@ constexpr ObjectRule kBufferExtensions{kBufferExtensionMembers};
 constexpr Member kBufferMembers[] = {{"name", Kind::kString},
                                      {"uri", Kind::kString},
                                      {"byteLength", Kind::kSize, nullptr, 0, kRequired},
+                                     {"chunk", Kind::kIndex},
                                      {"extensions", Kind::kObject, &kBufferExtensions}};
 constexpr Member kMeshoptMembers[] = {{"buffer", Kind::kIndex, nullptr, 0, kRequired},
                                       {"byteOffset", Kind::kSize},
@@ -146,12 +147,17 @@ constexpr Member kAccessorMembers[] = {{"name", Kind::kString},
                                        {"min", Kind::kNumbers},
                                        {"max", Kind::kNumbers},
                                        {"sparse", Kind::kObject, &kSparse}};
+constexpr Member kDracoMembers[] = {{"bufferView", Kind::kIndex, nullptr, 0, kRequired},
+                                    {"attributes", Kind::kIndexMap}};
+constexpr ObjectRule kDraco{kDracoMembers};
+constexpr Member kPrimitiveExtensionMembers[] = {{"KHR_draco_mesh_compression", Kind::kObject, &kDraco}};
+constexpr ObjectRule kPrimitiveExtensions{kPrimitiveExtensionMembers};
 constexpr Member kPrimitiveMembers[] = {{"attributes", Kind::kIndexMap, nullptr, 0, kRequired},
                                         {"indices", Kind::kIndex},
                                         {"material", Kind::kIndex},
                                         {"mode", Kind::kIndex},
                                         {"targets", Kind::kIndexMaps},
-                                        {"extensions", Kind::kObject, nullptr}};
+                                        {"extensions", Kind::kObject, &kPrimitiveExtensions}};
 constexpr ObjectRule kPrimitive{kPrimitiveMembers};
 constexpr Member kMeshMembers[] = {
     {"name", Kind::kString}, {"primitives", Kind::kObjects, &kPrimitive, 0, kRequired}, {"weights", Kind::kNumbers}};

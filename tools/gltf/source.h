@@ -151,7 +151,8 @@ struct SourceNode {
 
 struct SourceImage {
   std::string name;
-  format::ImageCodec codec = format::ImageCodec::kPng;
+  format::ImageCodec codec = format::ImageCodec::kPng;  // of a WebP too
+  bool is_webp = false;
   std::shared_ptr<const ByteSource> source;
   uint64_t offset = 0;
   uint64_t bytes = 0;

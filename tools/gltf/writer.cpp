@@ -21,10 +21,11 @@ namespace {
 
 using format::PartFile;
 
-constexpr uint64_t kGlbMaxBytes = 0xffffffffu;  // its length field has 32 bits
+constexpr uint64_t kGlbMaxBytes = 0xffffffffu;  // of version 2, whose lengths have 32 bits
 constexpr uint64_t kGlbHeaderBytes = 12;
 constexpr uint64_t kGlbChunkHeaderBytes = 8;
-constexpr uint32_t kGlbMagic = 0x46546c67;  // "glTF"
+constexpr uint64_t kGlbWideHeaderBytes = 16;  // of version 3, its own and each chunk's
+constexpr uint32_t kGlbMagic = 0x46546c67;    // "glTF"
 constexpr uint32_t kGlbJson = 0x4e4f534a;
 constexpr uint32_t kGlbBinary = 0x004e4942;
 constexpr size_t kDrainBytes = size_t{1} << 20;
@@ -265,6 +266,8 @@ struct GltfWriter::State {
   uint64_t buffer_bytes = 0;
   uint64_t image_bytes = 0;
   uint64_t total_bytes = 0;
+  uint64_t most_version_2_bytes = kGlbMaxBytes;
+  bool is_version_3 = false;
 
   std::vector<GltfBufferView> buffer_views;
   std::vector<GltfAccessor> accessors;
@@ -287,6 +290,20 @@ struct GltfWriter::State {
     if (stop != nullptr && stop->load()) return Error{ErrorCode::kFile, "interrupted"};
     return {};
   }
+  /// Where the document begins in the file.
+  uint64_t document_start() const {
+    return !glb ? 0 : is_version_3 ? 2 * kGlbWideHeaderBytes : kGlbHeaderBytes + kGlbChunkHeaderBytes;
+  }
+  uint64_t alignment() const { return is_version_3 ? 8 : 4; }  // of chunks
+  /// Of a .glb whose document ends at `document_end`, padded.
+  uint64_t file_bytes(uint64_t document_end) const {
+    const uint64_t head = is_version_3 ? kGlbWideHeaderBytes : kGlbChunkHeaderBytes;
+    return document_end + (buffer_bytes == 0 ? 0 : head + format::align_up(buffer_bytes, alignment()));
+  }
+  /// Writes the document and returns where it ends, padded.
+  Result<uint64_t> write_document();
+  /// Writes the header of a .glb, and its buffer behind the document.
+  Result<void> write_chunks(uint64_t document_end);
   /// Drops what was renamed before a later rename failed.
   Result<void> commit_all();
 };
@@ -382,9 +399,6 @@ Result<uint64_t> GltfWriter::reserve(uint64_t bytes, uint64_t alignment) {
   const auto end = format::checked_add(offset, bytes);
   if (!end || *end > uint64_t{1} << 62)
     return Error{ErrorCode::kRange, state_->path.string() + ": a buffer of more than 2^62 bytes"};
-  if (state_->glb && *end > kGlbMaxBytes)
-    return Error{ErrorCode::kRange, state_->path.string() + ": " + std::to_string(*end) +
-                                        " bytes or more, but a .glb holds at most 4294967295 (name the output .gltf)"};
   state_->buffer_bytes = *end;
   return offset;
 }
@@ -515,12 +529,17 @@ Result<void> GltfWriter::State::commit_all() {
   return replacement.keep();
 }
 
-Result<void> GltfWriter::finish() {
-  State& state = *state_;
-  if (Result<void> sized = state.binary.resize(state.buffer_bytes); !sized) return sized;
+void GltfWriter::set_most_version_2_bytes(uint64_t bytes) {
+  state_->most_version_2_bytes = bytes;
+}
 
-  const uint64_t document_start = state.glb ? kGlbHeaderBytes + kGlbChunkHeaderBytes : 0;
-  DocumentText text(state.document, document_start);
+bool GltfWriter::is_version_3() const {
+  return state_->is_version_3;
+}
+
+Result<uint64_t> GltfWriter::State::write_document() {
+  State& state = *this;
+  DocumentText text(state.document, document_start());
   JsonWriter& json = text.json;
   json.begin_object();
   json.key("asset");
@@ -578,53 +597,76 @@ Result<void> GltfWriter::finish() {
   if (written) written = text.section("images", state.images, write_image);
   if (written) written = text.section("accessors", state.accessors, write_accessor);
   if (written) written = text.section("bufferViews", state.buffer_views, write_buffer_view);
-  if (!written) return written;
+  if (!written) return written.error();
   json.line();
   json.end_object();
   json.line();
   if (json.met_non_finite())
     return Error{ErrorCode::kRange, state.path.string() + ": a number of the document is not finite"};
 
-  if (state.glb) text.pad((4 - text.end() % 4) % 4);
-  if (written = text.drain(); !written) return written;
-  uint64_t file_bytes = text.end();
+  if (state.glb) text.pad(format::align_up(text.end(), alignment()) - text.end());
+  if (written = text.drain(); !written) return written.error();
+  return text.end();
+}
 
-  if (state.glb) {
-    const auto store_u32 = [](std::byte* at, uint64_t value) { format::store(at, static_cast<uint32_t>(value)); };
-    const uint64_t json_bytes = file_bytes - document_start;
-    const uint64_t binary_bytes = format::align_up(state.buffer_bytes, 4);
-    const uint64_t total = file_bytes + (binary_bytes == 0 ? 0 : kGlbChunkHeaderBytes + binary_bytes);
-    if (total > kGlbMaxBytes)
-      return Error{ErrorCode::kRange, state.path.string() + ": " + std::to_string(total) +
-                                          " bytes, but a .glb holds at most 4294967295 (name the output .gltf)"};
-    std::array<std::byte, kGlbHeaderBytes + kGlbChunkHeaderBytes> header{};
-    store_u32(&header[0], kGlbMagic);
-    store_u32(&header[4], 2);
-    store_u32(&header[8], total);
-    store_u32(&header[12], json_bytes);
-    store_u32(&header[16], kGlbJson);
-    if (written = state.document.write_at(0, header); !written) return written;
-    if (binary_bytes != 0) {
-      std::array<std::byte, kGlbChunkHeaderBytes> chunk{};
-      store_u32(&chunk[0], binary_bytes);
-      store_u32(&chunk[4], kGlbBinary);
-      if (written = state.document.write_at(file_bytes, chunk); !written) return written;
-      file_bytes += kGlbChunkHeaderBytes;
-      std::vector<std::byte> window(kDrainBytes);
-      for (uint64_t done = 0; done < state.buffer_bytes; done += window.size()) {
-        if (written = state.check_stop(); !written) return written;
-        window.resize(std::min<uint64_t>(kDrainBytes, state.buffer_bytes - done));
-        if (written = state.binary.read_at(done, window); !written) return written;
-        if (written = state.document.write_at(file_bytes + done, window); !written) return written;
-      }
-      file_bytes += binary_bytes;
-      if (written = state.document.resize(file_bytes); !written) return written;  // up to three zeros of padding
+Result<void> GltfWriter::State::write_chunks(uint64_t document_end) {
+  // Version 2: magic, version, length; each chunk's length and type. Version 3: the lengths have 64 bits, and a chunk's
+  // type comes first, then 0 for its encoding.
+  std::vector<std::byte> head;
+  const auto put = [&](auto value) {
+    head.resize(head.size() + sizeof value);
+    format::store(head.data() + head.size() - sizeof value, value);
+  };
+  const auto put_length = [&](uint64_t length) {
+    if (is_version_3) {
+      put(length);
+    } else {
+      put(static_cast<uint32_t>(length));
     }
+  };
+  const auto put_chunk = [&](uint32_t type, uint64_t length) {
+    if (!is_version_3) put_length(length);
+    put(type);
+    if (!is_version_3) return;
+    put(uint32_t{0});
+    put_length(length);
+  };
+  put(kGlbMagic);
+  put(uint32_t{is_version_3 ? 3u : 2u});
+  put_length(file_bytes(document_end));
+  put_chunk(kGlbJson, document_end - document_start());
+  if (const Result<void> written = document.write_at(0, head); !written) return written;
+  if (buffer_bytes == 0) return {};
+  head.clear();
+  put_chunk(kGlbBinary, format::align_up(buffer_bytes, alignment()));
+  if (const Result<void> written = document.write_at(document_end, head); !written) return written;
+  const uint64_t start = document_end + head.size();
+  std::vector<std::byte> window(kDrainBytes);
+  for (uint64_t done = 0; done < buffer_bytes; done += window.size()) {
+    if (const Result<void> goes_on = check_stop(); !goes_on) return goes_on;
+    window.resize(std::min<uint64_t>(kDrainBytes, buffer_bytes - done));
+    if (const Result<void> read = binary.read_at(done, window); !read) return read;
+    if (const Result<void> written = document.write_at(start + done, window); !written) return written;
   }
+  return document.resize(file_bytes(document_end));  // zeros of padding
+}
 
+Result<void> GltfWriter::finish() {
+  State& state = *state_;
+  if (Result<void> sized = state.binary.resize(state.buffer_bytes); !sized) return sized;
+  state.is_version_3 = state.glb && state.buffer_bytes > state.most_version_2_bytes;
+  Result<uint64_t> end = state.write_document();
+  if (!end) return end.error();
+  if (state.glb && !state.is_version_3 && state.file_bytes(*end) > state.most_version_2_bytes) {
+    state.is_version_3 = true;  // by its document alone, which is written once more, where it begins then
+    if (end = state.write_document(); !end) return end.error();
+  }
+  Result<void> written;
+  if (state.glb)
+    if (written = state.write_chunks(*end); !written) return written;
   if (written = state.check_stop(); !written) return written;
   if (written = state.commit_all(); !written) return written;
-  state.total_bytes = file_bytes + (state.glb ? 0 : state.buffer_bytes) + state.image_bytes;
+  state.total_bytes = (state.glb ? state.file_bytes(*end) : *end + state.buffer_bytes) + state.image_bytes;
   return {};
 }
 

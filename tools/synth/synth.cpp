@@ -96,7 +96,8 @@ Command add_synth(CLI::App& parent) {
       "alpha\n"
       "masks.");
   app->add_option("scene", options->scene, "A, B, C, D, slope or forest")->required()->type_name("SCENE");
-  app->add_option("-o,--output", options->output, "FILE.gltf (with FILE.bin beside it) or FILE.glb (up to 4 GiB)")
+  app->add_option("-o,--output", options->output,
+                  "FILE.gltf (with FILE.bin beside it) or FILE.glb (past 4 GiB of version 3, which few programs read)")
       ->type_name("FILE");
   app->add_option("--scale", options->scale,
                   "Share of the triangles to keep, above 0 to 1: A to D have coarser grids (n * sqrt(scale)) under\n"

@@ -119,7 +119,7 @@ TEST_CASE("export: real models come back as they were and the validator accepts 
     WARN("the real models are not there");
     return;
   }
-  // The others are compressed with Draco or meshoptimizer, or invalid.
+  // The others are invalid.
   round_trip_all(tests::gltf_files(tests::models_path() / "scenes"), 0.85);
 }
 

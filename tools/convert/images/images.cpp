@@ -80,14 +80,15 @@ Result<CheckedImage> check_source(const SourceImage& image, const ImageOptions& 
 /// Memory for checking an image. For a file that is no image, the check itself reports the error.
 uint64_t check_cost(const SourceImage& image) {
   const Result<runtime::ImageInfo> info = runtime::probe_image(image_file(image));
-  return kBlockBytes + (info ? runtime::image_check_bytes(*info) : 0);
+  return kBlockBytes + (info ? runtime::image_check_bytes(*info, image.bytes) : 0);
 }
 
 /// The stored form of an image that is not kept as a file.
 struct StoredImage {
+  std::vector<std::byte> png;                  // of a WebP
   std::vector<std::byte> base;                 // an indexed JPEG,
   std::vector<std::vector<std::byte>> levels;  // and its mip levels
-  std::vector<format::SealedPage> pages;       // of a block image; without base and pages: the unchanged file
+  std::vector<format::SealedPage> pages;       // of a block image; without png, base and pages: the unchanged file
   format::BlockFormat block_format = format::BlockFormat::kNoBlocks;
   uint16_t swizzle = 0;
   std::vector<format::MipLevelRecord> places;  // of a block image's mip levels, with page and image unset
@@ -182,6 +183,22 @@ Result<StoredImage> grey_image(const std::string& why) {
   return index_image(*file, why + "; grey in its place");
 }
 
+/// Converts a WebP to a PNG with the same pixels.
+Result<StoredImage> store_png(std::span<const std::byte> file, uint32_t channels) {
+  Result<runtime::Image> image = runtime::decode_image(file);
+  if (!image) return image.error();
+  std::vector<uint8_t>& pixels = image->rgba;
+  if (channels == 3) {
+    for (size_t i = 0; i < pixels.size() / 4; ++i) std::copy_n(pixels.begin() + 4 * i, 3, pixels.begin() + 3 * i);
+    pixels.resize(pixels.size() / 4 * 3);
+  }
+  auto png = runtime::encode_png(image->width, image->height, channels, pixels);
+  if (!png) return png.error();
+  StoredImage stored;
+  stored.png = std::move(*png);
+  return stored;
+}
+
 /// The form in which an image is stored.
 Result<StoredImage> store_image(const SourceImage& source, const format::ImageRecord& record, const ContentHash& hash,
                                 const ImageOptions& options) {
@@ -192,6 +209,8 @@ Result<StoredImage> store_image(const SourceImage& source, const format::ImageRe
   Result<StoredImage> stored = StoredImage{};
   if (record.codec == format::ImageCodec::kJpeg) {
     stored = index_image(*file, {});
+  } else if (source.is_webp && options.textures != Textures::kJpeg) {
+    stored = store_png(*file, record.channels);
   } else {
     std::string warning;
     // A swizzle may turn one-channel blocks into any colour.
@@ -215,8 +234,11 @@ uint64_t store_cost(const SourceImage& source, const runtime::ImageInfo& info, c
   // All levels together take a third more than level 0; the compressed ones are in memory at the same time.
   if (has_blocks && options.textures != Textures::kJpeg)
     return source.bytes + 3 * info.block_bytes + kBlockBytes + zstd_bytes(options.zstd_level, info.block_bytes);
-  if (!is_indexed(options, info.codec)) return kBlockBytes;
   const uint64_t pixels = uint64_t{info.width} * info.height;
+  if (!is_indexed(options, info.codec)) {
+    // The picture, and a PNG that grows to as much at most, by doubling.
+    return info.is_webp ? source.bytes + 16 * pixels : kBlockBytes;
+  }
   uint64_t bytes = 4 * source.bytes;
   if (info.codec != format::ImageCodec::kJpeg) bytes += 10 * pixels;
   if (has_blocks) bytes += 2 * info.block_bytes;
@@ -264,6 +286,14 @@ Result<void> append_blocks(StoredImage stored, uint32_t number, StoredImageRecor
   }
   for (format::MipLevelRecord& level : stored.places) level.image = number;
   written.levels = std::move(stored.places);
+  return {};
+}
+
+Result<void> append_png(StoredImage stored, StoredImageRecord& written, format::ContainerWriter& writer) {
+  const Result<uint32_t> page = writer.append(format::seal_page(format::PageKind::kImage, std::move(stored.png), 0));
+  if (!page) return page.error();
+  written.record.page = *page;
+  ++written.page_count;
   return {};
 }
 
@@ -371,7 +401,8 @@ Result<void> write_images(const SourceScene& scene, const ImageOptions& options,
   const auto work = [&](uint64_t place, uint32_t) -> Result<StoredImage> {
     const uint64_t i = first + place;
     if (!plan.broken[i].empty()) return grey_image(plan.broken[i]);
-    if (!is_indexed(options, records[i].codec) && records[i].codec != format::ImageCodec::kBlocks) return StoredImage{};
+    const bool is_file = !source(i).is_webp && records[i].codec != format::ImageCodec::kBlocks;
+    if (is_file && !is_indexed(options, records[i].codec)) return StoredImage{};
     Result<StoredImage> stored = store_image(source(i), records[i], plan.hashes[i], options);
     if (!stored) return at(image_place(scene, plan.sources[i]), stored.error());
     return stored;
@@ -384,6 +415,9 @@ Result<void> write_images(const SourceScene& scene, const ImageOptions& options,
     written.warning = stored.warning;
     if (!stored.base.empty()) {
       const Result<void> appended = append_indexed(std::move(stored), static_cast<uint32_t>(i), written, writer);
+      if (!appended) return appended;
+    } else if (!stored.png.empty()) {
+      const Result<void> appended = append_png(std::move(stored), written, writer);
       if (!appended) return appended;
     } else if (!stored.pages.empty()) {
       const Result<void> appended = append_blocks(std::move(stored), static_cast<uint32_t>(i), written, writer);

@@ -16,9 +16,10 @@ namespace scree::convert {
 
 /// How images are stored.
 enum class Textures {
-  kKeep,  // JPEGs are indexed, with the same coefficients; KTX2 and DDS keep their blocks; PNGs stay files
+  kKeep,  // JPEGs are indexed, with the same coefficients; KTX2 and DDS keep their blocks; PNGs stay files; WebPs
+          // become PNGs with the same pixels
   kJpeg,  // all become indexed JPEGs
-  kRaw,   // JPEGs and PNGs stay files, KTX2 and DDS keep their blocks
+  kRaw,   // like kKeep, but JPEGs stay files too
 };
 
 struct ImageOptions {
