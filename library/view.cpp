@@ -269,6 +269,24 @@ scree_status scree_device_layer(scree_view* view, scree_layer layer, void* strea
   });
 }
 
+scree_status scree_hold(scree_view* view, const scree_array* array, scree_memory** memory) {
+  return with<Views>(view, "scree_view", [&](DrawnView& drawn) {
+    scree_array taken;
+    if (array == nullptr || memory == nullptr)
+      return fail(SCREE_ERROR_ARGUMENT, "scree_hold: array or memory is null");
+    if (const scree_status checked = take(array, taken, "scree_array"); checked != SCREE_OK) return checked;
+    const std::lock_guard<std::mutex> lock(drawn.mutex);
+    scree::Result<std::shared_ptr<const void>> held = drawn.renderer->hold(static_cast<const std::byte*>(taken.data));
+    if (!held) return fail(held.error(), Subject::kArguments);
+    *memory = Memories::all().add(std::make_shared<HeldMemory>(HeldMemory{std::move(*held)}));
+    return SCREE_OK;
+  });
+}
+
+scree_status scree_release(scree_memory* memory) {
+  return end<Memories>(memory, "scree_memory");
+}
+
 scree_status scree_read(scree_view* view, scree_layer layer, void* buffer, uint64_t bytes) {
   return with_layer(view, layer, [&](ViewRenderer& renderer, const LayerKind& kind) {
     if (buffer == nullptr) return fail(SCREE_ERROR_ARGUMENT, "scree_read: buffer is null");

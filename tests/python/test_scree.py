@@ -77,6 +77,17 @@ class Package(unittest.TestCase):
         del view, shared, other
         gc.collect()
         self.assertTrue(np.isfinite(array).any())  # the array keeps the view
+        view = self.scene.view().draw(8, 8)
+        small = [np.from_dlpack(view.share(layer)) for layer in scree.LAYERS]
+        before = [array.copy() for array in small]
+        view.draw(900, 700, samples=2)  # which needs more memory than they have
+        for layer, array, expected in zip(scree.LAYERS, small, before):
+            np.from_dlpack(view.share(layer))
+            self.assertTrue((array == expected).all(), layer)
+        view.draw_batch([None] * 3, 900, 700, layers=["color"])
+        del view
+        gc.collect()
+        self.assertTrue(all((array == expected).all() for array, expected in zip(small, before)))
         capsule = self.scene.view().draw(8, 8).share("color").__dlpack__()
         del capsule  # no consumer took it
 
