@@ -136,7 +136,12 @@ struct SharedLayer {
 
   /// `stream`: as the array API has it: none and 1 are the default stream, 2 each thread's own, -1 no stream at all,
   /// and others a cudaStream_t.
-  py::capsule dlpack(const py::object& stream, const py::kwargs&) const {
+  py::capsule dlpack(const py::object& stream, const py::object& version, const py::object& wanted,
+                     const py::object& copy) const {
+    (void)version;  // of the newest capsules that the consumer takes; it takes these as well
+    if (!copy.is_none() && copy.cast<bool>()) throw py::buffer_error("a shared layer is no copy: View.read() makes one");
+    if (!wanted.is_none() && wanted.cast<std::pair<int, int>>() != device())
+      throw py::buffer_error("the layer lies on another device than dl_device");
     scree_array array;
     std::shared_ptr<scree_memory> memory;
     if (gpu < 0) {
@@ -486,7 +491,8 @@ PYBIND11_MODULE(_scree, module) {
   module.def("matrices", &matrices, "view"_a, "projection"_a, "z_near"_a = 0.0);
 
   py::class_<SharedLayer>(module, "SharedLayer")
-      .def("__dlpack__", &SharedLayer::dlpack, "stream"_a = py::none())
+      .def("__dlpack__", &SharedLayer::dlpack, py::kw_only(), "stream"_a = py::none(), "max_version"_a = py::none(),
+           "dl_device"_a = py::none(), "copy"_a = py::none())
       .def("__dlpack_device__", &SharedLayer::device)
       .def_property_readonly(
           "shape",

@@ -91,6 +91,15 @@ class Package(unittest.TestCase):
         capsule = self.scene.view().draw(8, 8).share("color").__dlpack__()
         del capsule  # no consumer took it
 
+    def test_share_takes_the_words_of_the_protocol(self):
+        shared = self.scene.view().draw(8, 8).share("color")
+        self.assertTrue(shared.__dlpack__(stream=None, max_version=(1, 0), dl_device=(1, 0), copy=False))
+        for words in ({"copy": True}, {"dl_device": (2, 0)}):
+            with self.assertRaises(BufferError):
+                shared.__dlpack__(**words)
+        with self.assertRaises(TypeError):
+            shared.__dlpack__(colour=True)
+
     def test_cameras(self):
         view = self.scene.view()
         view.draw(60, 60, camera=scree.look_at((0, 0, 9), (0, 0, 0), fov=45))
