@@ -55,6 +55,7 @@ scree_status make_view(const runtime::LoadedScene& scene, const scree_camera& ca
       if (camera.look_at_box == 0) options.target = vector_of(camera.target);
       break;
     case SCREE_CAMERA_MATRICES: {
+      if (!std::isfinite(camera.z_near)) return fail(SCREE_ERROR_ARGUMENT, "scree_camera::z_near is not finite");
       runtime::CameraMatrices matrices;
       std::copy_n(camera.view, 16, matrices.view.begin());
       std::copy_n(camera.projection, 16, matrices.projection.begin());
