@@ -449,7 +449,8 @@ void make_scene_seeds(const TempFolder& folder) {
   make_model(grid, {.columns = 12, .rows = 9, .color = true, .normal = true});
   pack_as(grid, "grid_clustered", [](convert::ConvertOptions& o) {
     o.encoding = convert::Encoding::kClustered;
-    o.normals = o.source_ids = true;
+    o.normals = convert::Normals::kAlways;
+    o.source_ids = true;
   });
   pack_as(grid, "grid_split", [](convert::ConvertOptions& o) {
     o.encoding = convert::Encoding::kClustered;

@@ -133,6 +133,7 @@ Result<void> check_image(const GltfDocument& document, const DocImage& image) {
 }
 
 Result<void> check_node(const GltfDocument& document, const DocNode& node) {
+  if (auto present = check_present("light", node.light, document.lights.size()); !present) return present;
   for (const auto& [name, accessor] : node.instancing) {
     if (auto present = check_present("accessor", accessor, document.accessors.size()); !present)
       return at("EXT_mesh_gpu_instancing: " + name.substr(0, 40), present.error());
@@ -184,9 +185,14 @@ Result<void> check_document(const GltfDocument& document) {
       return checked;
   }
   for (size_t i = 0; i < document.materials.size(); ++i) {
-    const int32_t texture = document.materials[i].base_texture.texture;
-    if (auto present = check_present("texture", texture, document.textures.size()); !present)
-      return at("material " + std::to_string(i), present.error());
+    const DocMaterial& material = document.materials[i];
+    const auto check_use = [&](const DocTextureUse& use) {
+      return check_present("texture", use.texture, document.textures.size());
+    };
+    Result<void> present = check_use(material.base_texture);
+    for (const DocTextureUse& use : material.textures)
+      if (present) present = check_use(use);
+    if (!present) return at("material " + std::to_string(i), present.error());
   }
   if (auto checked = check_all("texture", document, document.textures, check_texture); !checked) return checked;
   if (auto checked = check_all("image", document, document.images, check_image); !checked) return checked;

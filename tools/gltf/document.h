@@ -108,11 +108,23 @@ struct DocMesh {
   std::vector<DocPrimitive> primitives;
 };
 
+/// KHR_lights_punctual.
+struct DocLight {
+  std::string name;
+  std::string type;
+  std::array<double, 3> color{1, 1, 1};
+  double intensity = 1;
+  double range = 0;  // 0: no end
+  double inner_cone = 0;
+  double outer_cone = 0.78539816339744831;  // pi / 4
+};
+
 struct DocNode {
   std::string name;
   int32_t mesh = kAbsent;
   int32_t camera = kAbsent;
   int32_t skin = kAbsent;
+  int32_t light = kAbsent;  // KHR_lights_punctual
   bool has_matrix = false;
   bool has_instancing = false;
   LocalTransform local;
@@ -128,10 +140,20 @@ struct DocTextureUse {
   double rotation = 0;
 };
 
+/// As the document has it, with glTF's defaults.
 struct DocMaterial {
   std::string name;
   std::array<double, 4> base_color{1, 1, 1, 1};
   DocTextureUse base_texture;
+  double metallic = 1;
+  double roughness = 1;
+  double normal_scale = 1;
+  double occlusion_strength = 1;
+  std::array<double, 3> emission{0, 0, 0};  // KHR_materials_emissive_strength multiplied in
+  double ior = 1.5;
+  double specular = 1;
+  std::array<double, 3> specular_color{1, 1, 1};
+  std::array<DocTextureUse, format::kSurfaceUses> textures;  // by format::SurfaceUse
   double alpha_cutoff = 0.5;
   bool alpha_mask = false;
   bool alpha_blend = false;
@@ -196,6 +218,7 @@ struct GltfDocument {
   std::vector<DocSampler> samplers;
   std::vector<DocImage> images;
   std::vector<DocCamera> cameras;
+  std::vector<DocLight> lights;
   std::vector<DocScene> scenes;
   uint64_t skins = 0;
   uint64_t animations = 0;

@@ -68,7 +68,8 @@ class MaterialMaker {
         image_places_(document.images.size(), kUnknown),
         texture_places_(document.textures.size(), kUnknown) {}
 
-  Result<format::MaterialRecord> record(const DocMaterial& from, bool& textured) {
+  /// `uv_set`: of the texture coordinates that its textures use, or kNone; the first texture decides.
+  Result<format::MaterialRecord> record(const DocMaterial& from, uint32_t& uv_set) {
     format::MaterialRecord to{};
     to.texture = kNone;
     for (size_t i = 0; i < 4; ++i) to.base_color[i] = static_cast<float>(from.base_color[i]);
@@ -78,19 +79,13 @@ class MaterialMaker {
     to.flags = (from.double_sided ? format::kMaterialDoubleSided : 0u) | (from.unlit ? format::kMaterialUnlit : 0u) |
                (from.alpha_mask ? format::kMaterialAlphaMask : 0u) |
                (from.alpha_blend ? format::kMaterialAlphaBlend : 0u);
-    textured = false;
-    if (from.base_texture.texture != kAbsent) {
-      auto place = texture(from.base_texture.texture);
-      if (!place) return place.error();
-      textured = *place != kNone;
-      if (textured) {
-        to.texture = *place;
-        for (size_t i = 0; i < 2; ++i) {
-          to.uv_offset[i] = static_cast<float>(from.base_texture.offset[i]);
-          to.uv_scale[i] = static_cast<float>(from.base_texture.scale[i]);
-        }
-        to.uv_rotation = static_cast<float>(from.base_texture.rotation);
-      }
+    auto base = placed(from.base_texture, uv_set);
+    if (!base) return base.error();
+    if (base->texture != kNone) {
+      to.texture = base->texture;
+      std::copy_n(base->uv_offset, 2, to.uv_offset);
+      std::copy_n(base->uv_scale, 2, to.uv_scale);
+      to.uv_rotation = base->uv_rotation;
     }
     for (const float value : {to.base_color[0], to.base_color[1], to.base_color[2], to.base_color[3], to.uv_offset[0],
                               to.uv_offset[1], to.uv_scale[0], to.uv_scale[1], to.uv_rotation, to.alpha_cutoff}) {
@@ -101,21 +96,82 @@ class MaterialMaker {
     return to;
   }
 
+  /// What a material has beyond its base colour; nothing where it is matt, says nothing of metal and roughness (which
+  /// glTF takes for a rough metal, and writers mean to be matt), or is unlit. After record(), whose `uv_set` it goes on with.
+  Result<std::optional<format::SurfaceRecord>> surface(const DocMaterial& from, uint32_t& uv_set) {
+    if (from.unlit) return std::optional<format::SurfaceRecord>();
+    format::SurfaceRecord to{};
+    const auto share = [](double value) { return static_cast<float>(std::clamp(value, 0.0, 1.0)); };
+    to.metallic = share(from.metallic);
+    to.roughness = share(from.roughness);
+    to.normal_scale = static_cast<float>(from.normal_scale);
+    to.occlusion_strength = share(from.occlusion_strength);
+    to.ior = static_cast<float>(from.ior == 0 ? 0 : std::max(from.ior, 1.0));
+    to.specular = share(from.specular);
+    for (size_t c = 0; c < 3; ++c) {
+      to.emission[c] = static_cast<float>(std::max(from.emission[c], 0.0));
+      to.specular_color[c] = static_cast<float>(std::max(from.specular_color[c], 0.0));
+    }
+    bool is_plain = (to.metallic == 0 || to.metallic == 1) && to.roughness == 1 && to.ior == 1.5f && to.specular == 1;
+    for (size_t c = 0; c < 3; ++c) is_plain = is_plain && to.emission[c] == 0 && to.specular_color[c] == 1;
+    for (size_t use = 0; use < format::kSurfaceUses; ++use) {
+      auto made = placed(from.textures[use], uv_set);
+      if (!made) return made.error();
+      to.textures[use] = *made;
+      is_plain = is_plain && made->texture == kNone;
+    }
+    for (const double value :
+         {from.metallic, from.roughness, from.normal_scale, from.occlusion_strength, from.ior, from.specular,
+          from.emission[0], from.emission[1], from.emission[2], from.specular_color[0], from.specular_color[1],
+          from.specular_color[2]})
+      if (!std::isfinite(static_cast<float>(value))) return Error{ErrorCode::kRange, "a factor that no float holds"};
+    if (is_plain) return std::optional<format::SurfaceRecord>();
+    return std::optional(to);
+  }
+
   // One line a kind: the same format is often used by every texture of a scene.
   void warn() {
     for (const auto& [what, count] : dropped_) {
       scene_.warnings.push_back(std::to_string(count) + (count == 1 ? " texture is " : " textures are ") + what +
-                                " and left out: its material keeps the colour factor only");
+                                " and left out: its material keeps the factors only");
     }
+    if (other_sets_ > 0)
+      scene_.warnings.push_back(std::to_string(other_sets_) + (other_sets_ == 1 ? " texture uses" : " textures use") +
+                                " texture coordinates other than the material's first texture, and " +
+                                (other_sets_ == 1 ? "is" : "are") + " left out");
     uint64_t unused = 0;
     for (const uint32_t place : image_places_) unused += place == kUnknown ? 1 : 0;
-    if (unused > 0) scene_.left_out.push_back({"images not used for base colour", unused, unused_bytes(), 0});
+    if (unused > 0) scene_.left_out.push_back({"unused images", unused, unused_bytes(), 0});
     const auto textures = std::count(texture_places_.begin(), texture_places_.end(), kUnknown);
     if (textures > 0) scene_.left_out.push_back({"unused textures", static_cast<uint64_t>(textures), 0, 0});
   }
 
  private:
   static constexpr uint32_t kUnknown = kNone - 1;  // not looked at yet
+
+  /// A texture as a material uses it; of kNone where there is none, it cannot be drawn, or it is of another set of
+  /// texture coordinates than `uv_set`.
+  Result<format::SurfaceTexture> placed(const DocTextureUse& from, uint32_t& uv_set) {
+    format::SurfaceTexture to{kNone, {0, 0}, {1, 1}, 0};
+    if (from.texture == kAbsent) return to;
+    if (uv_set != kNone && from.uv_set != uv_set) {
+      ++other_sets_;
+      return to;
+    }
+    auto place = texture(from.texture);
+    if (!place) return place.error();
+    if (*place == kNone) return to;
+    uv_set = from.uv_set;
+    to.texture = *place;
+    for (size_t i = 0; i < 2; ++i) {
+      to.uv_offset[i] = static_cast<float>(from.offset[i]);
+      to.uv_scale[i] = static_cast<float>(from.scale[i]);
+    }
+    to.uv_rotation = static_cast<float>(from.rotation);
+    for (const float value : {to.uv_offset[0], to.uv_offset[1], to.uv_scale[0], to.uv_scale[1], to.uv_rotation})
+      if (!std::isfinite(value)) return Error{ErrorCode::kRange, "a texture transform that no float holds"};
+    return to;
+  }
 
   // Place in SourceScene::textures, or kNone where its image cannot be drawn.
   Result<uint32_t> texture(int32_t index) {
@@ -271,6 +327,7 @@ class MaterialMaker {
   std::vector<uint32_t> image_places_;
   std::vector<uint32_t> texture_places_;
   std::vector<std::string> reasons_;
+  uint64_t other_sets_ = 0;  // textures
   std::vector<std::pair<std::string, uint64_t>> dropped_;
 };
 
@@ -290,7 +347,7 @@ Result<MaterialPlan> make_materials(const GltfDocument& document, const std::vec
                                     bool keep_going, SourceScene& scene) {
   MaterialPlan plan;
   plan.place.assign(document.materials.size(), kNone);
-  plan.textured.assign(document.materials.size(), false);
+  plan.uv_set.assign(document.materials.size(), kNone);
   MaterialMaker maker(document, buffers, keep_going, scene);
   uint64_t unused = 0;
   for (size_t i = 0; i < document.materials.size(); ++i) {
@@ -298,12 +355,19 @@ Result<MaterialPlan> make_materials(const GltfDocument& document, const std::vec
       ++unused;
       continue;
     }
-    bool textured = false;
-    auto record = maker.record(document.materials[i], textured);
+    auto record = maker.record(document.materials[i], plan.uv_set[i]);
     if (!record) return at("material " + std::to_string(i), record.error());
+    auto surface = maker.surface(document.materials[i], plan.uv_set[i]);
+    if (!surface) return at("material " + std::to_string(i), surface.error());
     plan.place[i] = static_cast<uint32_t>(scene.materials.size());
-    plan.textured[i] = textured;
-    scene.materials.push_back({document.materials[i].name, *record});
+    scene.materials.push_back({document.materials[i].name, *record, *surface});
+  }
+  for (const NamedMaterial& material : scene.materials) {
+    const auto mark = [&](uint32_t texture) { scene.images[scene.textures[texture].record.image].is_color = true; };
+    if (material.record.texture != kNone) mark(material.record.texture);
+    for (uint32_t use = 0; material.surface && use < format::kSurfaceUses; ++use)
+      if (const uint32_t texture = material.surface->textures[use].texture; texture != kNone)
+        if (format::is_color(static_cast<format::SurfaceUse>(use))) mark(texture);
   }
   if (unused > 0) scene.left_out.push_back({"unused materials", unused, 0, 0});
   maker.warn();

@@ -38,18 +38,16 @@ constexpr std::string_view kSupported[] = {"KHR_mesh_quantization",   "KHR_textu
                                            "KHR_materials_unlit",     "EXT_mesh_gpu_instancing",
                                            "EXT_meshopt_compression", "KHR_meshopt_compression",
                                            "KHR_texture_basisu",      "MSFT_texture_dds",
-                                           "EXT_texture_webp",        kDraco};
-constexpr std::string_view kLookOnly[] = {"KHR_lights_punctual",
-                                          "KHR_materials_anisotropy",
+                                           "EXT_texture_webp",        "KHR_lights_punctual",
+                                           "KHR_materials_ior",       "KHR_materials_specular",
+                                           "KHR_materials_emissive_strength", kDraco};
+constexpr std::string_view kLookOnly[] = {"KHR_materials_anisotropy",
                                           "KHR_materials_clearcoat",
                                           "KHR_materials_diffuse_transmission",
                                           "KHR_materials_dispersion",
-                                          "KHR_materials_emissive_strength",
-                                          "KHR_materials_ior",
                                           "KHR_materials_iridescence",
                                           "KHR_materials_pbrSpecularGlossiness",
                                           "KHR_materials_sheen",
-                                          "KHR_materials_specular",
                                           "KHR_materials_transmission",
                                           "KHR_materials_variants",
                                           "KHR_materials_volume",
@@ -183,6 +181,7 @@ class Importer {
     scene_.scenes = plan->scenes;
 
     if (auto made = make_cameras(); !made) return made;
+    if (auto made = make_lights(*plan); !made) return made;
     if (auto made = make_primitives(*plan); !made) return made;
     if (auto made = finish_primitives(); !made) return made;
     count_left_out();
@@ -218,6 +217,41 @@ class Importer {
         wrong = "zfar is not past znear";
       if (wrong != nullptr) return Error{ErrorCode::kRange, "camera " + std::to_string(i) + ": " + wrong};
       scene_.cameras.push_back(std::move(camera));
+    }
+    return {};
+  }
+
+  // A light for every kept node that has one.
+  Result<void> make_lights(const NodePlan& plan) {
+    for (uint32_t place = 0; place < plan.order.size(); ++place) {
+      const int32_t number = document_.nodes[plan.order[place]].light;
+      if (number == kAbsent) continue;
+      const DocLight& from = document_.lights[static_cast<size_t>(number)];
+      const auto fail = [&](const std::string& what) {
+        return Error{ErrorCode::kRange, "light " + std::to_string(number) + ": " + what};
+      };
+      NamedLight light;
+      light.name = from.name;
+      format::LightRecord& to = light.record;
+      to.node = place;
+      to.kind = from.type == "directional" ? format::LightKind::kDirectional
+                : from.type == "point"     ? format::LightKind::kPoint
+                                           : format::LightKind::kSpot;
+      if (to.kind == format::LightKind::kSpot && from.type != "spot")
+        return fail("type is \"" + from.type + "\", expected directional, point or spot");
+      for (size_t c = 0; c < 3; ++c) to.color[c] = static_cast<float>(from.color[c]);
+      to.intensity = static_cast<float>(from.intensity);
+      if (to.kind != format::LightKind::kDirectional) to.range = static_cast<float>(from.range);
+      for (const float value : {to.color[0], to.color[1], to.color[2], to.intensity, to.range})
+        if (!(value >= 0) || !std::isfinite(value)) return fail("a colour, intensity or range that is not 0 or more");
+      if (to.kind == format::LightKind::kSpot) {
+        // Writers round pi / 2 up, and write cones without a rim.
+        to.outer_cone = std::min(static_cast<float>(from.outer_cone), static_cast<float>(std::numbers::pi / 2));
+        to.inner_cone = static_cast<float>(from.inner_cone);
+        if (to.inner_cone >= to.outer_cone) to.inner_cone = std::nextafter(to.outer_cone, 0.0f);
+        if (!(to.inner_cone >= 0) || !(to.outer_cone > to.inner_cone)) return fail("a cone that has no inside");
+      }
+      scene_.lights.push_back(std::move(light));
     }
     return {};
   }
@@ -320,8 +354,7 @@ class Importer {
       if (from.material != kAbsent) {
         const size_t material = static_cast<size_t>(from.material);
         to.material = materials->place[material];
-        if (materials->textured[material])
-          uv_name = "TEXCOORD_" + std::to_string(document_.materials[material].base_texture.uv_set);
+        if (materials->uv_set[material] != kNone) uv_name = "TEXCOORD_" + std::to_string(materials->uv_set[material]);
       }
       if (const int32_t index = uv_name.empty() ? kAbsent : find(from.attributes, uv_name); index != kAbsent) {
         auto accessor = attribute(uv_name, index, to.positions.count);

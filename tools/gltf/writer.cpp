@@ -194,52 +194,127 @@ void write_camera(JsonWriter& json, const GltfCamera& camera) {
   json.end_object();
 }
 
+bool is_moved(const GltfTextureTransform& transform) {
+  return transform.offset[0] != 0 || transform.offset[1] != 0 || transform.scale[0] != 1 || transform.scale[1] != 1 ||
+         transform.rotation != 0;
+}
+
+GltfTextureTransform transform_of(const format::SurfaceTexture& use) {
+  return {{static_cast<double>(use.uv_offset[0]), static_cast<double>(use.uv_offset[1])},
+          {static_cast<double>(use.uv_scale[0]), static_cast<double>(use.uv_scale[1])},
+          static_cast<double>(use.uv_rotation)};
+}
+
 bool has_transform(const GltfMaterial& material) {
-  const GltfTextureTransform& transform = material.transform;
-  return material.texture != format::kNone &&
-         (transform.offset[0] != 0 || transform.offset[1] != 0 || transform.scale[0] != 1 || transform.scale[1] != 1 ||
-          transform.rotation != 0);
+  if (material.texture != format::kNone && is_moved(material.transform)) return true;
+  if (!material.surface) return false;
+  return std::any_of(std::begin(material.surface->textures), std::end(material.surface->textures),
+                     [](const format::SurfaceTexture& use) {
+                       return use.texture != format::kNone && is_moved(transform_of(use));
+                     });
+}
+
+/// A texture of a material, with what else its object has: `name` and `value`, where `value` is not 1.
+void write_texture_use(JsonWriter& json, const char* key, uint32_t texture, uint32_t tex_coord,
+                       const GltfTextureTransform& transform, const char* name = nullptr, float value = 1) {
+  if (texture == format::kNone) return;
+  json.key(key);
+  json.begin_object();
+  json.member("index", texture);
+  if (tex_coord != 0) json.member("texCoord", tex_coord);
+  if (name != nullptr && value != 1) json.member(name, static_cast<double>(value));
+  if (is_moved(transform)) {
+    json.key("extensions");
+    json.begin_object();
+    json.key("KHR_texture_transform");
+    json.begin_object();
+    write_numbers(json, "offset", transform.offset);
+    if (transform.rotation != 0) json.member("rotation", transform.rotation);
+    write_numbers(json, "scale", transform.scale);
+    json.end_object();
+    json.end_object();
+  }
+  json.end_object();
+}
+
+void write_color(JsonWriter& json, const char* key, const float color[3], float scale, float plain) {
+  if (color[0] == plain && color[1] == plain && color[2] == plain) return;
+  const double wide[3] = {static_cast<double>(color[0] / scale), static_cast<double>(color[1] / scale),
+                          static_cast<double>(color[2] / scale)};
+  write_numbers(json, key, wide);
+}
+
+/// Emission goes to 1; what is above that is KHR_materials_emissive_strength.
+float emissive_strength(const format::SurfaceRecord& surface) {
+  return std::max({surface.emission[0], surface.emission[1], surface.emission[2], 1.0f});
+}
+
+bool has_specular(const format::SurfaceRecord& surface) {
+  const auto* const color = surface.specular_color;
+  return surface.specular != 1 || color[0] != 1 || color[1] != 1 || color[2] != 1 ||
+         surface.textures[static_cast<size_t>(format::SurfaceUse::kSpecular)].texture != format::kNone ||
+         surface.textures[static_cast<size_t>(format::SurfaceUse::kSpecularColor)].texture != format::kNone;
+}
+
+/// The extensions that a material uses, by name.
+std::vector<const char*> material_extensions(const GltfMaterial& material) {
+  std::vector<const char*> names;
+  if (material.unlit) names.push_back("KHR_materials_unlit");
+  if (!material.surface) return names;
+  if (emissive_strength(*material.surface) != 1) names.push_back("KHR_materials_emissive_strength");
+  if (material.surface->ior != 1.5f) names.push_back("KHR_materials_ior");
+  if (has_specular(*material.surface)) names.push_back("KHR_materials_specular");
+  return names;
 }
 
 void write_material(JsonWriter& json, const GltfMaterial& material) {
+  const format::SurfaceRecord* const surface = material.surface ? &*material.surface : nullptr;
+  const auto write_use = [&](const char* key, format::SurfaceUse which, const char* name = nullptr, float value = 1) {
+    if (surface == nullptr) return;
+    const format::SurfaceTexture& use = surface->textures[static_cast<size_t>(which)];
+    write_texture_use(json, key, use.texture, material.tex_coord, transform_of(use), name, value);
+  };
   write_name(json, material.name);
   json.key("pbrMetallicRoughness");
   json.begin_object();
   const auto& color = material.base_color;
   if (color[0] != 1 || color[1] != 1 || color[2] != 1 || color[3] != 1) write_numbers(json, "baseColorFactor", color);
-  if (material.texture != format::kNone) {
-    json.key("baseColorTexture");
-    json.begin_object();
-    json.member("index", material.texture);
-    if (material.tex_coord != 0) json.member("texCoord", material.tex_coord);
-    if (has_transform(material)) {
-      json.key("extensions");
-      json.begin_object();
-      json.key("KHR_texture_transform");
-      json.begin_object();
-      write_numbers(json, "offset", material.transform.offset);
-      if (material.transform.rotation != 0) json.member("rotation", material.transform.rotation);
-      write_numbers(json, "scale", material.transform.scale);
-      json.end_object();
-      json.end_object();
-    }
-    json.end_object();
-  }
-  json.member("metallicFactor", 0.0);
+  write_texture_use(json, "baseColorTexture", material.texture, material.tex_coord, material.transform);
+  write_use("metallicRoughnessTexture", format::SurfaceUse::kMetallicRoughness);
+  json.member("metallicFactor", surface != nullptr ? static_cast<double>(surface->metallic) : 0.0);
+  if (surface != nullptr && surface->roughness != 1)
+    json.member("roughnessFactor", static_cast<double>(surface->roughness));
   json.end_object();
+  if (surface != nullptr) {
+    write_use("normalTexture", format::SurfaceUse::kNormalMap, "scale", surface->normal_scale);
+    write_use("occlusionTexture", format::SurfaceUse::kOcclusion, "strength", surface->occlusion_strength);
+    write_use("emissiveTexture", format::SurfaceUse::kEmission);
+    write_color(json, "emissiveFactor", surface->emission, emissive_strength(*surface), 0);
+  }
   if (material.alpha != GltfAlpha::kOpaque)
     json.member("alphaMode", material.alpha == GltfAlpha::kMask ? "MASK" : "BLEND");
   if (material.alpha == GltfAlpha::kMask && material.alpha_cutoff != 0.5)
     json.member("alphaCutoff", material.alpha_cutoff);
   if (material.double_sided) json.member("doubleSided", true);
-  if (material.unlit) {
-    json.key("extensions");
+  const std::vector<const char*> extensions = material_extensions(material);
+  if (extensions.empty()) return;
+  json.key("extensions");
+  json.begin_object();
+  for (const std::string_view name : extensions) {
+    json.key(name);
     json.begin_object();
-    json.key("KHR_materials_unlit");
-    json.begin_object();
-    json.end_object();
+    if (name == "KHR_materials_emissive_strength")
+      json.member("emissiveStrength", static_cast<double>(emissive_strength(*surface)));
+    if (name == "KHR_materials_ior") json.member("ior", static_cast<double>(surface->ior));
+    if (name == "KHR_materials_specular") {
+      if (surface->specular != 1) json.member("specularFactor", static_cast<double>(surface->specular));
+      write_use("specularTexture", format::SurfaceUse::kSpecular);
+      write_color(json, "specularColorFactor", surface->specular_color, 1, 1);
+      write_use("specularColorTexture", format::SurfaceUse::kSpecularColor);
+    }
     json.end_object();
   }
+  json.end_object();
 }
 
 void write_image(JsonWriter& json, const Image& image) {
@@ -445,7 +520,7 @@ uint32_t GltfWriter::add_camera(GltfCamera camera) {
 
 uint32_t GltfWriter::add_material(GltfMaterial material) {
   if (has_transform(material)) use_extension("KHR_texture_transform", false);
-  if (material.unlit) use_extension("KHR_materials_unlit", false);
+  for (const char* const name : material_extensions(material)) use_extension(name, false);
   return add(state_->materials, std::move(material));
 }
 

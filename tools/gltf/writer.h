@@ -86,7 +86,6 @@ struct GltfTextureTransform {
 
 enum class GltfAlpha : uint8_t { kOpaque, kMask, kBlend };
 
-/// Not metallic, fully rough: scree keeps base colours only.
 struct GltfMaterial {
   std::string name;
   double base_color[4] = {1, 1, 1, 1};  // linear
@@ -97,6 +96,7 @@ struct GltfMaterial {
   double alpha_cutoff = 0.5;
   bool double_sided = false;
   bool unlit = false;  // KHR_materials_unlit
+  std::optional<format::SurfaceRecord> surface;  // its textures by number here; none: not metallic, fully rough
 };
 
 struct GltfTexture {

@@ -159,7 +159,8 @@ Result<std::vector<std::byte>> code_jpeg(std::span<const std::byte> file, uint32
   return runtime::encode_jpeg(*image, quality, channels <= 2);
 }
 
-Result<StoredImage> index_image(std::span<const std::byte> file, std::string warning) {
+Result<StoredImage> index_image(std::span<const std::byte> file, std::string warning,
+                                runtime::TexelCoding coding = runtime::TexelCoding::kColor) {
   Result<runtime::IndexedJpeg> indexed = runtime::index_jpeg(file);
   if (!indexed) return indexed.error();
   const Result<format::JpegIndex> index = format::open_jpeg_index(indexed->bytes);
@@ -170,7 +171,7 @@ Result<StoredImage> index_image(std::span<const std::byte> file, std::string war
   stored.channels = index->component_count;
   stored.warning = std::move(warning);
   if (!indexed->note.empty()) stored.warning += (stored.warning.empty() ? "" : "; ") + indexed->note;
-  Result<std::vector<std::vector<std::byte>>> levels = runtime::make_jpeg_levels(*index);
+  Result<std::vector<std::vector<std::byte>>> levels = runtime::make_jpeg_levels(*index, coding);
   if (!levels) return levels.error();
   stored.levels = std::move(*levels);
   stored.base = std::move(indexed->bytes);
@@ -201,14 +202,14 @@ Result<StoredImage> store_png(std::span<const std::byte> file, uint32_t channels
 
 /// The form in which an image is stored.
 Result<StoredImage> store_image(const SourceImage& source, const format::ImageRecord& record, const ContentHash& hash,
-                                const ImageOptions& options) {
+                                const ImageOptions& options, runtime::TexelCoding coding) {
   if (record.codec == format::ImageCodec::kBlocks && options.textures != Textures::kJpeg)
     return store_blocks(source, hash, options.zstd_level);
   const auto file = read_file(source, hash);
   if (!file) return file.error();
   Result<StoredImage> stored = StoredImage{};
   if (record.codec == format::ImageCodec::kJpeg) {
-    stored = index_image(*file, {});
+    stored = index_image(*file, {}, coding);
   } else if (source.is_webp && options.textures != Textures::kJpeg) {
     stored = store_png(*file, record.channels);
   } else {
@@ -216,7 +217,7 @@ Result<StoredImage> store_image(const SourceImage& source, const format::ImageRe
     // A swizzle may turn one-channel blocks into any colour.
     const uint32_t channels = record.codec == format::ImageCodec::kBlocks ? 3 : record.channels;
     const auto coded = code_jpeg(*file, channels, options.quality, warning);
-    stored = coded ? index_image(*coded, std::move(warning)) : coded.error();
+    stored = coded ? index_image(*coded, std::move(warning), coding) : coded.error();
   }
   if (stored || !options.keep_going || stored.error().code == ErrorCode::kMemory) return stored;
   return grey_image(stored.error().message);
@@ -368,7 +369,12 @@ Result<ImagePlan> check_images(const SourceScene& scene, const std::vector<bool>
     const auto [entry, is_new] =
         known.try_emplace({checked.hash[0], checked.hash[1], bytes}, static_cast<uint32_t>(plan.records.size()));
     plan.places[images[i]] = entry->second;
-    if (!is_new) return {};
+    const bool is_color = scene.images[images[i]].is_color;
+    if (!is_new) {
+      if (is_color) plan.is_color[entry->second] = true;
+      return {};
+    }
+    plan.is_color.push_back(is_color);
     format::ImageRecord record{};
     record.page = format::kNone;
     record.first_level = format::kNone;
@@ -398,12 +404,15 @@ Result<void> write_images(const SourceScene& scene, const ImageOptions& options,
   const auto source = [&](uint64_t i) -> const SourceImage& { return scene.images[plan.sources[i]]; };
   // take() changes the records that work() and cost() read.
   const std::vector<format::ImageRecord> records = plan.records;
+  const auto coding_of = [&](uint64_t i) {
+    return plan.is_color[i] ? runtime::TexelCoding::kColor : runtime::TexelCoding::kNumbers;
+  };
   const auto work = [&](uint64_t place, uint32_t) -> Result<StoredImage> {
     const uint64_t i = first + place;
     if (!plan.broken[i].empty()) return grey_image(plan.broken[i]);
     const bool is_file = !source(i).is_webp && records[i].codec != format::ImageCodec::kBlocks;
     if (is_file && !is_indexed(options, records[i].codec)) return StoredImage{};
-    Result<StoredImage> stored = store_image(source(i), records[i], plan.hashes[i], options);
+    Result<StoredImage> stored = store_image(source(i), records[i], plan.hashes[i], options, coding_of(i));
     if (!stored) return at(image_place(scene, plan.sources[i]), stored.error());
     return stored;
   };
