@@ -33,14 +33,14 @@ std::string counted(uint64_t count, const char* one, const char* many) {
 
 // Extensions a document may require. The first are read, the others change only how a surface is lit or what a
 // file says about itself: without them every triangle keeps its place and its base colour.
-constexpr std::string_view kDraco = "KHR_draco_mesh_compression";
+constexpr std::string_view kDracoName = "KHR_draco_mesh_compression";
 constexpr std::string_view kSupported[] = {"KHR_mesh_quantization",   "KHR_texture_transform",
                                            "KHR_materials_unlit",     "EXT_mesh_gpu_instancing",
                                            "EXT_meshopt_compression", "KHR_meshopt_compression",
                                            "KHR_texture_basisu",      "MSFT_texture_dds",
                                            "EXT_texture_webp",        "KHR_lights_punctual",
                                            "KHR_materials_ior",       "KHR_materials_specular",
-                                           "KHR_materials_emissive_strength", kDraco};
+                                           "KHR_materials_emissive_strength", kDracoName};
 constexpr std::string_view kLookOnly[] = {"KHR_materials_anisotropy",
                                           "KHR_materials_clearcoat",
                                           "KHR_materials_diffuse_transmission",
@@ -59,7 +59,7 @@ constexpr const char* kWithoutDraco =
     "this scree is built without libdraco: decode it first, for example with gltf-transform";
 
 bool is_supported(std::string_view extension) {
-  if (extension == kDraco && draco_version().empty()) return false;
+  if (extension == kDracoName && draco_version().empty()) return false;
   return std::find(std::begin(kSupported), std::end(kSupported), extension) != std::end(kSupported);
 }
 
@@ -71,7 +71,7 @@ Result<void> check_extensions(const GltfDocument& document, SourceScene& scene) 
       std::string shown = name.substr(0, 80);
       for (char& c : shown) c = static_cast<unsigned char>(c) < 0x20 ? '?' : c;
       return Error{ErrorCode::kUnsupported, "required extension " + shown + " is not read" +
-                                                (name == kDraco ? std::string(": ") + kWithoutDraco : "")};
+                                                (name == kDracoName ? std::string(": ") + kWithoutDraco : "")};
     }
     ignored += (ignored.empty() ? "" : ", ") + name;
   }
@@ -432,7 +432,7 @@ class Importer {
     if (draco_version().empty())
       return Error{ErrorCode::kUnsupported, std::string("has only Draco-compressed data, and ") + kWithoutDraco};
     if (has_corners || to.mode != PrimitiveMode::kTriangles)
-      return Error{ErrorCode::kFormat, std::string(kDraco) + ": a primitive without indices of triangles"};
+      return Error{ErrorCode::kFormat, std::string(kDracoName) + ": a primitive without indices of triangles"};
     if (to.indices->count % 3 != 0)
       return Error{ErrorCode::kRange, "indices: accessor " + std::to_string(to.indices->index) + " has " +
                                           std::to_string(to.indices->count) + " elements, no whole triangles (Draco)"};
@@ -444,7 +444,7 @@ class Importer {
       const int32_t id = find(stated.attributes, name);
       if (id == kAbsent)
         return Error{ErrorCode::kFormat,
-                     std::string(kDraco) + ": " + name + " has neither data of its own nor a number in the stream"};
+                     std::string(kDracoName) + ": " + name + " has neither data of its own nor a number in the stream"};
       packed.arrays.push_back({name, static_cast<uint32_t>(id), accessor->type, accessor->components});
     }
     for (const auto& [name, ignored] : stated.attributes) {
@@ -453,7 +453,7 @@ class Importer {
     }
     for (const DracoArray& array : packed.arrays) packed.other_components -= array.components;
     if (!packed.offset_of(packed.arrays.size()) || packed.triangles > format::kNone)
-      return Error{ErrorCode::kRange, std::string(kDraco) + ": " + std::to_string(packed.triangles) + " triangles"};
+      return Error{ErrorCode::kRange, std::string(kDracoName) + ": " + std::to_string(packed.triangles) + " triangles"};
     auto source = buffers_.draco(stated.view, packed, memory_);
     if (!source) return source.error();
     for (size_t i = 0; i < empty.size(); ++i) {
