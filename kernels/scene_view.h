@@ -19,6 +19,20 @@ struct JpegLevel {
   uint32_t number;  // no other level of the scene has it
 };
 
+/// The alpha of a masked material's triangles (spec/rasterization.md, alpha masks): level l is max(1, width >> l) by
+/// max(1, height >> l) bytes, rows top to bottom, the levels one after the other.
+struct MaskView {
+  const uint8_t* alpha;  // null: the material is opaque
+  uint32_t width;
+  uint32_t height;
+  uint32_t level_count;
+  uint32_t threshold;  // of a place's alpha, in 1 / 65536 of a code of 8 bits
+  double place[2][3];  // of texture coordinates (u, v, 1)
+  format::Wrap wrap_s;
+  format::Wrap wrap_t;
+  bool nearest;  // where a sample covers less than a texel
+};
+
 class BlockCache;
 
 /// How a scene's chunks are encoded, so that a pass over one kind is compiled without the others: any of those below,
@@ -60,6 +74,17 @@ struct TextureView {
   bool nearest;  // magnification filter
 };
 
+/// A light of the drawn scene, in world space.
+struct PlacedLight {
+  double position[3];
+  float direction[3];  // unit length, the way it shines
+  float color[3];      // times its intensity
+  float range;         // 0: no end
+  float cone_scale;    // spot: KHR_lights_punctual's lightAngleScale and lightAngleOffset
+  float cone_offset;
+  format::LightKind kind;
+};
+
 /// One scene of a file.
 struct SceneView {
   const format::MeshRecord* meshes;
@@ -68,6 +93,10 @@ struct SceneView {
   const uint64_t* instance_base;  // instance_count + 1: exclusive prefix sum of triangles, the first global id
   const format::MatrixRecord* matrices;
   const format::MaterialRecord* materials;
+  const format::SurfaceRecord* surfaces;
+  const uint32_t* surface_of;     // by material: its surface, or kNone; null where there are no surfaces
+  const PlacedLight* lights;      // of the drawn scene
+  const float* environment;       // shade/environment.h; null where none was made
   const TextureView* textures;    // by texture record
   const std::byte* const* pages;  // raw bytes by page number, 16-byte aligned; null: not a geometry page
   uint64_t mesh_count;
@@ -76,8 +105,11 @@ struct SceneView {
   uint64_t matrix_count;
   uint64_t material_count;
   uint64_t texture_count;
+  uint64_t surface_count;  // 0: base colours alone
+  uint32_t light_count;
   ChunkKinds chunk_kinds;  // kMixed is right for every scene
   BlockCache* blocks;      // of the textures' JPEG levels; null where there are none, and on a GPU
+  const MaskView* masks;   // by material; null: nothing is masked
 };
 
 }  // namespace scree::kernels

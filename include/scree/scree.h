@@ -365,7 +365,7 @@ typedef enum scree_textures {
 enum {
   SCREE_CONVERT_INDEXED = 1,         /* chunks of vertices and indices instead of clusters */
   SCREE_CONVERT_FLOAT32 = 2,         /* positions as they are */
-  SCREE_CONVERT_NORMALS = 4,         /* stores normals */
+  SCREE_CONVERT_NORMALS = 4,         /* stores all normals; else those that are not the faces' */
   SCREE_CONVERT_SOURCE_IDS = 8,      /* stores every triangle's number in the source */
   SCREE_CONVERT_REPLACE = 16,        /* replaces an output that is there */
   SCREE_CONVERT_KEEP_GOING = 32,     /* a damaged image becomes grey */

@@ -8,6 +8,8 @@
 #include <utility>
 #include <vector>
 
+#include "kernels/shade/environment.h"
+
 namespace scree::runtime {
 
 using kernels::cuda_check;
@@ -147,12 +149,17 @@ struct ArenaLayout {
     const kernels::SceneView& host = streamed != nullptr ? *streamed : scene.view();
     pages.resize(streamed != nullptr ? host.chunk_count : scene.container().pages().size());
     textures.assign(host.textures, host.textures + host.texture_count);
+    if (host.masks != nullptr) masks.assign(host.masks, host.masks + host.material_count);
     meshes = plan.add_array(host.meshes, host.mesh_count);
     chunks = plan.add_array(host.chunks, host.chunk_count);
     instances = plan.add_array(host.instances, host.instance_count);
     instance_base = plan.add_array(host.instance_base, host.instance_count + 1);
     matrices = plan.add_array(host.matrices, host.matrix_count);
     materials = plan.add_array(host.materials, host.material_count);
+    surfaces = plan.add_array(host.surfaces, host.surface_count);
+    surface_of = plan.add_array(host.surface_of, host.surface_count != 0 ? host.material_count : 0);
+    lights = plan.add_array(host.lights, host.light_count);
+    environment = plan.add_array(host.environment, host.environment != nullptr ? kernels::kEnvironmentFloats : 0);
     texture_views = plan.add_array(textures.data(), textures.size());
     page_table = plan.add_array(pages.data(), pages.size());
     for (const kernels::TextureView& texture : textures) {
@@ -163,6 +170,9 @@ struct ArenaLayout {
       if (!image.empty())
         block_offset[reinterpret_cast<const uint8_t*>(image.blocks().data())] =
             plan.add(image.blocks().data(), image.blocks().size());
+    for (const std::span<const std::byte> page : scene.mask_pages())
+      mask_offset[reinterpret_cast<const uint8_t*>(page.data())] = plan.add(page.data(), page.size());
+    mask_views = plan.add_array(masks.data(), masks.size());
     levels.add_to(plan, scene);
     if (streamed != nullptr) return;
     const DrawnPages& drawn = scene.drawn_pages();
@@ -180,7 +190,9 @@ struct ArenaLayout {
   std::vector<kernels::TextureView> textures;
   std::map<const uint8_t*, uint64_t> texel_offset;  // several textures may show one image
   std::map<const uint8_t*, uint64_t> block_offset;  // likewise
-  std::vector<uint64_t> page_offset;                // empty where pages are streamed
+  std::vector<kernels::MaskView> masks;
+  std::map<const uint8_t*, uint64_t> mask_offset;  // several masks may have one page
+  std::vector<uint64_t> page_offset;               // empty where pages are streamed
   JpegLevels levels;
   uint64_t meshes;
   uint64_t chunks;
@@ -188,7 +200,12 @@ struct ArenaLayout {
   uint64_t instance_base;
   uint64_t matrices;
   uint64_t materials;
+  uint64_t surfaces;
+  uint64_t surface_of;
+  uint64_t lights;
+  uint64_t environment;
   uint64_t texture_views;
+  uint64_t mask_views;
   uint64_t page_table;
 };
 
@@ -243,6 +260,8 @@ Result<CudaScene> CudaScene::upload(const Scene& scene, uint64_t budget_bytes, u
     if (texture.blocks != nullptr)
       texture.blocks = reinterpret_cast<const uint8_t*>(base + layout.block_offset[texture.blocks]);
   }
+  for (kernels::MaskView& mask : layout.masks)
+    if (mask.alpha != nullptr) mask.alpha = reinterpret_cast<const uint8_t*>(base + layout.mask_offset[mask.alpha]);
   layout.levels.move_to(base, layout.textures);
 
   const MappedFile& map = scene.file().map();
@@ -271,7 +290,14 @@ Result<CudaScene> CudaScene::upload(const Scene& scene, uint64_t budget_bytes, u
   copy.view_.instance_base = reinterpret_cast<const uint64_t*>(base + layout.instance_base);
   copy.view_.matrices = reinterpret_cast<const format::MatrixRecord*>(base + layout.matrices);
   copy.view_.materials = reinterpret_cast<const format::MaterialRecord*>(base + layout.materials);
+  copy.view_.surfaces = reinterpret_cast<const format::SurfaceRecord*>(base + layout.surfaces);
+  copy.view_.surface_of = reinterpret_cast<const uint32_t*>(base + layout.surface_of);
+  copy.view_.lights = reinterpret_cast<const kernels::PlacedLight*>(base + layout.lights);
+  if (scene.view().environment != nullptr)
+    copy.view_.environment = reinterpret_cast<const float*>(base + layout.environment);
   copy.view_.textures = reinterpret_cast<const kernels::TextureView*>(base + layout.texture_views);
+  if (copy.view_.masks != nullptr)
+    copy.view_.masks = reinterpret_cast<const kernels::MaskView*>(base + layout.mask_views);
   copy.view_.pages = reinterpret_cast<const std::byte* const*>(base + layout.page_table);
   copy.stats_.counts = *counts;
   copy.stats_.device_bytes = needed;

@@ -23,6 +23,7 @@ struct WorldBox {
   Vec3 min{kFar, kFar, kFar};
   Vec3 max{-kFar, -kFar, -kFar};
   bool is_empty() const { return !(min[0] <= max[0]); }
+  /// Extends the box to the point.
   void add(const Vec3& point) {
     for (size_t i = 0; i < 3; ++i) {
       min[i] = point[i] < min[i] ? point[i] : min[i];
@@ -77,6 +78,10 @@ struct CameraMatrices {
 /// it is orthonormalised to 1e-12), a projection that is neither a perspective nor an orthographic one around the
 /// middle of the picture, no near plane.
 Result<kernels::View> view_of_matrices(const CameraMatrices& camera, uint32_t width, uint32_t height);
+
+/// What the roots of a scene show: the world matrix of each of the file's nodes, rows first, where the scene has it.
+using Rows = std::array<std::array<double, 4>, 3>;
+std::vector<std::optional<Rows>> world_matrices(const format::Container& container, uint32_t scene);
 
 class Scene;
 

@@ -11,6 +11,7 @@
 
 #include "format/container/container.h"
 #include "format/result.h"
+#include "kernels/frame.h"
 #include "kernels/scene_view.h"
 #include "kernels/shade/block_cache.h"
 #include "runtime/files/mapped_file.h"
@@ -53,6 +54,8 @@ struct SceneOptions {
   // Upper limit of the CPU's cache of decoded JPEG texture blocks, bytes; memory is allocated as the cache fills. Finer
   // levels are then decoded on demand. 0: all levels are decoded when the scene is loaded.
   uint64_t texture_cache = 0;
+  kernels::Lighting lighting = kernels::Lighting::kAuto;  // what pictures will ask for: what that takes is made
+  std::string environment;  // a Radiance picture for kEnvironment; empty: make_sky()
   bool pages = true;                // false: view().pages are null until load_pages(), for scenes that a GPU draws
   JobProgress* progress = nullptr;  // reports every page and image, and may stop the loading
 };
@@ -64,6 +67,8 @@ struct LoadStats {
   uint64_t images = 0;
   uint64_t texture_bytes = 0;  // of their decoded levels
   uint64_t jpeg_bytes = 0;     // of the levels that stay JPEGs, with their tables
+  uint64_t masks = 0;          // alpha masks of the drawn meshes
+  uint64_t mask_bytes = 0;     // of the masks' levels, each page counted once
   Duration geometry;
   Duration textures;
 };
@@ -108,6 +113,8 @@ class Scene {
   std::span<const JpegTexture> jpeg_textures() const { return jpegs_; }
   /// By image: the ones that stay blocks. Other entries are empty.
   std::span<const BlockTexture> block_textures() const { return block_images_; }
+  /// The pages of the masks in view(), each once; none if nothing is masked.
+  std::span<const std::span<const std::byte>> mask_pages() const { return mask_pages_; }
   /// Bytes of the largest group of the JPEGs' levels, decoded; 0 if there are none.
   uint32_t jpeg_slot_bytes() const { return jpeg_slot_bytes_; }
 
@@ -127,7 +134,13 @@ class Scene {
 
   explicit Scene(SceneFile file) : file_(std::move(file)) {}
   Result<void> number_instances();
+  Result<void> load_masks();
   Result<void> load_textures(const SceneOptions& options);
+  Result<void> load_light(const SceneOptions& options);
+  void find_surfaces();
+  void place_lights();
+  template <class Visit>
+  void visit_drawn_textures(const Visit& visit) const;
   kernels::TextureView view_of(const format::TextureRecord& record) const;
   void number_jpeg_levels();
 
@@ -139,6 +152,10 @@ class Scene {
   std::vector<format::InstanceRecord> instances_;
   std::vector<format::MatrixRecord> matrices_;
   std::vector<format::MaterialRecord> materials_;
+  std::vector<format::SurfaceRecord> surfaces_;
+  std::vector<uint32_t> surface_of_;
+  std::vector<kernels::PlacedLight> lights_;
+  std::vector<float> environment_;
   std::vector<uint64_t> instance_base_;
   std::vector<bool> mesh_drawn_;
   DrawnPages drawn_pages_;
@@ -150,6 +167,9 @@ class Scene {
   uint32_t jpeg_slot_bytes_ = 0;
   std::unique_ptr<kernels::BlockCache> blocks_;
   std::vector<kernels::TextureView> textures_;
+  std::vector<kernels::MaskView> masks_;                // one per material; empty if nothing is masked
+  std::vector<std::span<const std::byte>> mask_pages_;  // in the mapped file or in
+  std::vector<std::vector<std::byte>> unpacked_masks_;  // pages that had to be unpacked
   std::vector<std::string> warnings_;
   LoadStats stats_;
   std::unique_ptr<LazyBox> box_ = std::make_unique<LazyBox>();

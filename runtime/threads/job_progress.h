@@ -42,9 +42,9 @@ class JobProgress {
 
   bool is_stopped() const { return is_stopped_; }
 
-  /// Returns what `job()` returns, or throws; it runs on a thread of its own, and the calling thread calls the listener
-  /// meanwhile. A job that holds a lock so never waits for a listener that may want the same lock. Throws
-  /// std::bad_alloc.
+  /// Runs `job()` on a thread of its own and returns its result, or throws its exception. Until the job ends, the
+  /// calling thread calls the listener. So a job that holds a lock never waits for a listener that takes the same lock.
+  /// Throws std::bad_alloc.
   template <class Job>
   auto relay(const Job& job) {
     is_relayed_ = true;
@@ -100,7 +100,7 @@ class JobProgress {
     const Report report{stage_, done, total_};
     if (!is_relayed_) return call(report);
     const std::lock_guard<std::mutex> lock(relay_mutex_);
-    // A listener that is slow hears of the beginning of a stage and of the last report.
+    // A slow listener gets the beginning of each stage and the latest report.
     if (!reports_.empty() && reports_.back().stage == stage_ && reports_.back().done != 0)
       reports_.back() = report;
     else
@@ -122,7 +122,7 @@ class JobProgress {
   std::atomic<bool> is_relayed_{false};
   std::mutex relay_mutex_;  // for reports_
   std::condition_variable relay_changed_;
-  std::deque<Report> reports_;  // that the listener is to hear, where they are relayed
+  std::deque<Report> reports_;  // not yet passed to the listener; only used by relay()
 };
 
 }  // namespace scree::runtime

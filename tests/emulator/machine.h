@@ -58,14 +58,14 @@ void wait_for_copies(uint32_t groups);
 /// May let other lanes run first.
 void pause_at_atomic();
 
-/// Bytes allocated now, and their peak, on a GPU or of pinned memory. forget_peaks() resets the peak.
+/// Bytes allocated now, and their peak, on a GPU or of pinned memory. reset_peaks() resets the peak.
 struct MemoryInUse {
   uint64_t now = 0;
   uint64_t peak = 0;
 };
 MemoryInUse memory_of_gpu(int index);
 MemoryInUse pinned_memory();
-void forget_peaks();
+void reset_peaks();
 
 /// A number below `bound` from the seed's sequence.
 uint32_t random_below(uint32_t bound);

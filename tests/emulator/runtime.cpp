@@ -323,7 +323,7 @@ scree::emulator::MemoryInUse scree::emulator::pinned_memory() {
   return memory_of_gpu(kPinned);
 }
 
-void scree::emulator::forget_peaks() {
+void scree::emulator::reset_peaks() {
   const std::lock_guard lock(device().mutex);
   for (auto& [index, in_use] : device().in_use) in_use.peak = in_use.now;
 }

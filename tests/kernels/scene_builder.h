@@ -117,6 +117,16 @@ class SceneBuilder {
     return static_cast<uint32_t>(materials.size() - 1);
   }
 
+  /// A material whose triangles are masked: `levels` from the finest on, each as MaskView has it.
+  uint32_t masked_material(uint32_t flags, kernels::MaskView mask, std::vector<uint8_t> levels) {
+    const uint32_t number = material(flags | format::kMaterialAlphaMask);
+    masks.resize(materials.size());
+    alphas.resize(materials.size());
+    masks[number] = mask;
+    alphas[number] = std::move(levels);
+    return number;
+  }
+
   /// `first_id`: added to all global ids.
   kernels::SceneView view(uint64_t first_id = 0) {
     bases.assign(1, first_id);
@@ -139,6 +149,9 @@ class SceneBuilder {
     scene.matrix_count = matrices.size();
     scene.material_count = materials.size();
     scene.texture_count = textures.size();
+    masks.resize(masks.empty() ? 0 : materials.size());
+    for (size_t i = 0; i < alphas.size(); ++i) masks[i].alpha = alphas[i].empty() ? nullptr : alphas[i].data();
+    scene.masks = masks.empty() ? nullptr : masks.data();
     return scene;
   }
 
@@ -149,6 +162,8 @@ class SceneBuilder {
   std::vector<format::MatrixRecord> matrices;
   std::vector<format::MaterialRecord> materials;
   std::vector<kernels::TextureView> textures;
+  std::vector<kernels::MaskView> masks;      // by material, or none
+  std::vector<std::vector<uint8_t>> alphas;  // by material, likewise
   std::deque<std::vector<std::byte>> pages;  // one per chunk; operator new aligns them to 16
   std::vector<const std::byte*> page_pointers;
 

@@ -12,7 +12,7 @@
 #include "lab/report/case_result.h"
 #include "lab/report/case_row.h"
 #include "lab/report/tables.h"
-#include "lab/scenes/touched.h"
+#include "lab/scenes/visible_cost.h"
 #include "lab/setup/views.h"
 #include "tests/catch.h"
 #include "tests/lab/refused.h"

@@ -11,7 +11,7 @@
 #include "format/geometry/position_codec.h"
 #include "kernels/frame.h"
 #include "lab/scenes/scene_tables.h"
-#include "lab/scenes/touched.h"
+#include "lab/scenes/visible_cost.h"
 #include "runtime/scene/camera.h"
 #include "runtime/scene/scene.h"
 #include "tests/catch.h"
@@ -207,13 +207,13 @@ void check_picture(const char* name, const synth::Scene& scene, double scale, bo
     REQUIRE(kernels::draw_cpu(converted->view(), *view, expected, 2));
     const Result<kernels::FrameStats> stats = kernels::draw_cpu(made.view(), *view, samples, 2);
     REQUIRE(stats);
-    const Touched touched = count_touched(made.view(), {}, *view);
-    CHECK(touched.draws == stats->draws);
-    const Touched boxed = count_touched(made.view(), made.tables.boxes, *view);
-    CHECK(boxed.draws <= touched.draws);
-    CHECK(boxed.bytes <= touched.bytes);
-    CHECK(touched.bytes > 0);
-    CHECK(touched.bytes <= made.tables.geometry_bytes);
+    const VisibleCost cost = visible_cost(made.view(), {}, *view);
+    CHECK(cost.draws == stats->draws);
+    const VisibleCost boxed = visible_cost(made.view(), made.tables.boxes, *view);
+    CHECK(boxed.draws <= cost.draws);
+    CHECK(boxed.bytes <= cost.bytes);
+    CHECK(cost.bytes > 0);
+    CHECK(cost.bytes <= made.tables.geometry_bytes);
     CHECK(std::any_of(samples.begin(), samples.end(), [](uint64_t s) { return s != kernels::kBackground; }));
     uint64_t different = 0;
     for (size_t i = 0; i < samples.size(); ++i) different += samples[i] != expected[i] ? 1 : 0;

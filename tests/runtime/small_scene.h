@@ -58,9 +58,9 @@ inline std::vector<std::byte> four_colors_png() {
   return file_bytes(path.path());
 }
 
-/// The tables and pages of a file: a quad of two triangles from (-1, -1, 0) to (1, 1, 0) that faces +z, with source
-/// triangles 70 and 71 and a texture of four colours whose top row is the quad's top. It is drawn by node 1, named
-/// "Quad", below node 0. `change` may alter the tables before they are written.
+/// The tables and pages of a file: a quad of two triangles from (-1, -1, 0) to (1, 1, 0) that faces +z. It has source
+/// triangles 70 and 71, and a texture of four colours whose top row is the quad's top. Node 1, named "Quad", draws it
+/// below node 0. `change` may alter the tables before they are written.
 struct SmallScene {
   int zstd_level = 0;
   bool nearest = true;

@@ -15,7 +15,7 @@ uint64_t left_out_bytes(const ConvertReport& report) {
   return bytes;
 }
 
-/// "images not used for base colour (3, 1.10 MiB), NORMAL (170 KiB; --normals keeps them)".
+/// "unused images (3, 1.10 MiB), NORMAL (170 KiB; --normals never)".
 std::string list_left_out(const ConvertReport& report) {
   std::string text;
   for (const LeftOut& entry : report.left_out) {
@@ -23,7 +23,7 @@ std::string list_left_out(const ConvertReport& report) {
         entry.what.find_first_not_of("ABCDEFGHIJKLMNOPQRSTUVWXYZ_0123456789") == std::string::npos;
     std::string more = is_attribute ? "" : std::to_string(entry.count);
     if (entry.source_bytes > 0) more += (more.empty() ? "" : ", ") + tools::format_bytes(entry.source_bytes);
-    if (entry.what == "NORMAL") more += "; --normals keeps them";
+    if (entry.what == "NORMAL") more += "; --normals never";
     text += (text.empty() ? "" : ", ") + entry.what + (more.empty() ? "" : " (" + more + ")");
   }
   return text;
@@ -49,7 +49,11 @@ std::string describe(const ConvertOptions& options, const ConvertReport& report,
   const double triangles = static_cast<double>(report.triangles);
   std::string text = options.input + " -> " + report.output + ": " + tools::format_bytes(report.input_bytes) + " -> " +
                      tools::format_bytes(report.output_bytes);
-  if (report.image_bytes > 0) text += " (textures " + tools::format_bytes(report.image_bytes) + ")";
+  if (report.image_bytes > 0) {
+    text += " (textures " + tools::format_bytes(report.image_bytes);
+    if (report.mask_bytes > 0) text += ", alpha masks " + tools::format_bytes(report.mask_bytes) + " of that";
+    text += ")";
+  }
   char numbers[256];
   std::snprintf(numbers, sizeof numbers, ", ratio %.2f%s\n", out > 0 ? kept / out : 0.0,
                 left_out > 0 ? " over what was kept" : "");
@@ -64,6 +68,9 @@ std::string describe(const ConvertOptions& options, const ConvertReport& report,
   text += numbers;
   if (report.resumed_pages > 0) text += "; resumed after " + std::to_string(report.resumed_pages) + " pages";
   text += "\n";
+  if (report.masks + report.opaque_masks > 0)
+    text += "alpha masks: " + std::to_string(report.masks) + " drawn, " + std::to_string(report.opaque_masks) +
+            " that hide nothing\n";
   if (!report.left_out.empty()) text += "left out: " + list_left_out(report) + "\n";
   if (!stats) return text;
   text += describe_work(report);
@@ -83,6 +90,9 @@ std::string json_report(const ConvertOptions& options, const ConvertReport& repo
   json.member("output_bytes", report.output_bytes);
   json.member("geometry_bytes", report.geometry_bytes);
   json.member("image_bytes", report.image_bytes);
+  json.member("masks", report.masks);
+  json.member("mask_bytes", report.mask_bytes);
+  json.member("opaque_masks", report.opaque_masks);
   json.member("meshes", report.meshes);
   json.member("chunks", report.chunks);
   json.member("triangles", report.triangles);

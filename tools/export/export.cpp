@@ -38,19 +38,24 @@ constexpr uint64_t kMaxPrimitiveVertices = 0xffffffffu;
 class Materials {
  public:
   Materials(const format::Container& file, GltfWriter& writer) : file_(file), writer_(writer) {
+    for (uint32_t i = 0; i < file.surfaces().size(); ++i) surface_of_[file.surfaces()[i].material] = i;
     for (uint32_t i = 0; i < file.materials().size(); ++i) writer.add_material(material(i));
   }
 
   /// The material of a mesh, in the document.
   uint32_t of(uint32_t number, bool has_uv) {
-    if (number == kNone || has_uv || file_.materials()[number].texture == kNone) return number;
-    const auto [found, is_new] = untextured_.try_emplace(number, 0);
-    if (is_new) {
-      GltfMaterial copy = material(number);
-      copy.texture = kNone;
-      copy.transform = {};
-      found->second = writer_.add_material(std::move(copy));
+    if (number == kNone || has_uv) return number;
+    GltfMaterial copy = material(number);
+    bool is_textured = copy.texture != kNone;
+    copy.texture = kNone;
+    copy.transform = {};
+    for (size_t use = 0; copy.surface && use < format::kSurfaceUses; ++use) {
+      is_textured = is_textured || copy.surface->textures[use].texture != kNone;
+      copy.surface->textures[use].texture = kNone;
     }
+    if (!is_textured) return number;
+    const auto [found, is_new] = untextured_.try_emplace(number, 0);
+    if (is_new) found->second = writer_.add_material(std::move(copy));
     return found->second;
   }
 
@@ -76,10 +81,13 @@ class Materials {
     }
     material.double_sided = record.flags & format::kMaterialDoubleSided;
     material.unlit = record.flags & format::kMaterialUnlit;
+    if (const auto found = surface_of_.find(number); found != surface_of_.end())
+      material.surface = file_.surfaces()[found->second];
     return material;
   }
 
   const format::Container& file_;
+  std::map<uint32_t, uint32_t> surface_of_;  // of materials that have one
   GltfWriter& writer_;
   std::map<uint32_t, uint32_t> untextured_;
 };
@@ -104,8 +112,44 @@ Result<std::vector<std::byte>> make_png(const format::Container& file, uint32_t 
   return Error{ErrorCode::kMemory, "no memory to decode it"};
 }
 
-format::ImageCodec exported_codec(format::ImageCodec codec) {
-  if (codec == format::ImageCodec::kIndexedJpeg) return format::ImageCodec::kJpeg;
+/// The mask whose alpha an indexed JPEG has lost, by image; or kNone.
+std::vector<uint32_t> lost_alphas(const format::Container& file) {
+  std::vector<uint32_t> masks(file.images().size(), kNone);
+  for (uint32_t i = 0; i < file.masks().size(); ++i) {
+    const uint32_t texture = file.materials()[file.masks()[i].material].texture;
+    if (texture == kNone) continue;
+    const uint32_t image = file.textures()[texture].image;
+    const format::ImageRecord& record = file.images()[image];
+    const format::MaskRecord& mask = file.masks()[i];
+    if (record.codec == format::ImageCodec::kIndexedJpeg && record.width == mask.width &&
+        record.height == mask.height && masks[image] == kNone)
+      masks[image] = i;
+  }
+  return masks;
+}
+
+/// An indexed JPEG as a PNG with the alpha of a mask of its size.
+Result<std::vector<std::byte>> add_alpha(const format::Container& file, std::span<const std::byte> jpeg,
+                                         const format::MaskRecord& mask) try {
+  auto picture = runtime::decode_image(jpeg);
+  if (!picture) return picture.error();
+  std::vector<std::byte> scratch;
+  const auto alpha = file.load_page(mask.page, scratch);
+  if (!alpha) return alpha.error();
+  if (picture->width != mask.width || picture->height != mask.height)
+    return Error{ErrorCode::kFormat, "the image is " + std::to_string(picture->width) + " x " +
+                                         std::to_string(picture->height) + ", but its mask " +
+                                         std::to_string(mask.width) + " x " + std::to_string(mask.height)};
+  for (size_t i = 0; i < picture->rgba.size() / 4; ++i)
+    picture->rgba[4 * i + 3] = std::to_integer<uint8_t>((*alpha)[i]);
+  return runtime::encode_png(picture->width, picture->height, 4, picture->rgba);
+} catch (const std::bad_alloc&) {
+  return Error{ErrorCode::kMemory, "no memory to decode it"};
+}
+
+format::ImageCodec exported_codec(format::ImageCodec codec, bool has_lost_alpha) {
+  if (codec == format::ImageCodec::kIndexedJpeg)
+    return has_lost_alpha ? format::ImageCodec::kPng : format::ImageCodec::kJpeg;
   return codec == format::ImageCodec::kBlocks ? format::ImageCodec::kPng : codec;
 }
 
@@ -113,8 +157,9 @@ format::ImageCodec exported_codec(format::ImageCodec codec) {
 std::vector<GltfWriter::PlannedImage> planned_images(const format::Container& file) {
   std::vector<GltfWriter::PlannedImage> planned;
   const auto images = file.images();
+  const std::vector<uint32_t> masks = lost_alphas(file);
   for (uint32_t i = 0; i < images.size(); ++i) {
-    planned.push_back({file.string(images[i].name), exported_codec(images[i].codec)});
+    planned.push_back({file.string(images[i].name), exported_codec(images[i].codec, masks[i] != kNone)});
   }
   return planned;
 }
@@ -122,23 +167,26 @@ std::vector<GltfWriter::PlannedImage> planned_images(const format::Container& fi
 Result<void> add_images(const format::Container& file, GltfWriter& writer, const ExportOptions& options) {
   std::vector<std::byte> scratch;
   const auto images = file.images();
+  const std::vector<uint32_t> masks = lost_alphas(file);
   for (uint32_t i = 0; i < images.size(); ++i) {
+    const format::ImageCodec codec = exported_codec(images[i].codec, masks[i] != kNone);
     if (options.stop != nullptr && options.stop->load()) return Error{ErrorCode::kFile, "interrupted"};
     const std::string place = "image " + std::to_string(i) + ", page " + std::to_string(images[i].page);
     const std::string_view name = file.string(images[i].name);
     if (images[i].codec == format::ImageCodec::kBlocks) {
       const auto png = make_png(file, i);
       if (!png) return at(place, png.error());
-      const auto added = writer.add_image(name, exported_codec(images[i].codec), *png);
+      const auto added = writer.add_image(name, codec, *png);
       if (!added) return added.error();
       continue;
     }
     const auto bytes = file.load_page(images[i].page, scratch);
     if (!bytes) return at(place, bytes.error());
     if (images[i].codec == format::ImageCodec::kIndexedJpeg) {
-      const auto jpeg = rebuild_jpeg(*bytes);
-      if (!jpeg) return at(place, jpeg.error());
-      const auto added = writer.add_image(name, format::ImageCodec::kJpeg, *jpeg);
+      auto image = rebuild_jpeg(*bytes);
+      if (image && masks[i] != kNone) image = add_alpha(file, *image, file.masks()[masks[i]]);
+      if (!image) return at(place, image.error());
+      const auto added = writer.add_image(name, codec, *image);
       if (!added) return added.error();
       continue;
     }
@@ -327,6 +375,8 @@ Result<void> run_export(const Arguments& arguments) {
     return names_output ? error : at(arguments.input, error);
   }
   note_written(arguments.output);
+  if (summary->is_version_3)
+    std::fprintf(stderr, "scree export: warning: %s%s\n", arguments.output.c_str(), kVersion3Note);
   if (arguments.quiet) return {};
   const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   std::printf("%s (%s) -> %s (%s): %s triangles, %s vertices, %s primitives, %s images in %.2f s\n",
@@ -372,6 +422,7 @@ Result<ExportSummary> export_gltf(const format::Container& file, const std::stri
   const auto finished = writer.finish();
   if (!finished) return finished.error();
   summary.bytes = writer.total_bytes();
+  summary.is_version_3 = writer.is_version_3();
   return summary;
 }
 

@@ -242,6 +242,7 @@ size_t record_offset(const Bytes& file, TableKind kind, uint64_t index) {
 
 RawFile::RawFile(const Bytes& file) {
   const auto header = load<FileHeader>(file.data());
+  version_minor = header.version_minor;
   for (uint32_t i = 0; i < header.toc_count; ++i) {
     const auto entry = load<TocEntry>(file.data() + header.toc_offset + i * sizeof(TocEntry));
     const auto first = file.begin() + static_cast<ptrdiff_t>(entry.offset);

@@ -593,6 +593,123 @@ TEST_CASE("container rules: indexed JPEGs and their mip levels", "[container]") 
       "mip level 1: 18446744073709551615 bytes at byte 64 of page 3, which has 96");
 }
 
+TEST_CASE("container rules: surfaces and lights", "[container]") {
+  scree::tests::Parts parts = full_parts();
+  SurfaceRecord surface{};
+  surface.ior = 1.5f;
+  for (SurfaceTexture& use : surface.textures) use = {kNone, {0, 0}, {1, 1}, 0};
+  parts.tables.surfaces = {surface, surface};
+  parts.tables.surfaces[1].material = 1;
+  parts.tables.surfaces[1].textures[2].texture = 0;
+  LightRecord spot{};
+  spot.kind = LightKind::kSpot;
+  spot.outer_cone = 1;
+  parts.tables.lights = {spot};
+  const Breaker b(parts);
+
+  using S = SurfaceRecord;
+  constexpr TableKind s = TableKind::kSurfaces;
+  b.record<S>(
+      s, 0, [](S& r) { r.material = 2; }, "surface 0: material 2, but the file has 2 materials");
+  b.record<S>(
+      s, 1, [](S& r) { r.material = 0; }, "surface 1: material 0, expected 1 or more");
+  b.record<S>(
+      s, 0, [](S& r) { r.reserved = 1; }, "surface 0: a reserved field is set", ErrorCode::kReserved);
+  b.record<S>(
+      s, 0, [](S& r) { r.specular_color[2] = kInfinity; }, "surface 0: a factor that is not finite");
+  b.record<S>(
+      s, 0, [](S& r) { r.metallic = 1.5f; }, "surface 0: a factor of 1.5, expected 0 to 1");
+  b.record<S>(
+      s, 0, [](S& r) { r.occlusion_strength = -1; }, "surface 0: a factor of -1, expected 0 to 1");
+  b.record<S>(
+      s, 0, [](S& r) { r.emission[1] = -1; }, "surface 0: a colour below 0");
+  b.record<S>(
+      s, 0, [](S& r) { r.ior = 0.5f; }, "surface 0: index of refraction 0.5, expected 0, or 1 or more");
+  b.record<S>(
+      s, 1, [](S& r) { r.textures[2].texture = 1; }, "surface 1: texture 1, but the file has 1 textures");
+  b.record<S>(
+      s, 1, [](S& r) { r.textures[5].uv_rotation = float(kNan); },
+      "surface 1: a texture transform that is not finite");
+
+  using L = LightRecord;
+  constexpr TableKind l = TableKind::kLights;
+  b.record<L>(
+      l, 0, [](L& r) { r.name = kNone; },
+      ("light 0: string at 4294967295, but the strings take " + std::to_string(parts.tables.strings.bytes().size()) +
+       " bytes")
+          .c_str());
+  b.record<L>(
+      l, 0, [](L& r) { r.node = 4; }, "light 0: node 4, but the file has 4 nodes");
+  b.record<L>(
+      l, 0, [](L& r) { r.kind = LightKind{4}; }, "light 0: kind 4");
+  b.record<L>(
+      l, 0, [](L& r) { r.reserved2 = 1; }, "light 0: a reserved field is set", ErrorCode::kReserved);
+  b.record<L>(
+      l, 0, [](L& r) { r.range = kInfinity; }, "light 0: a number that is not finite");
+  b.record<L>(
+      l, 0, [](L& r) { r.intensity = -2; }, "light 0: -2, expected 0 or more");
+  b.record<L>(
+      l, 0, [](L& r) { r.inner_cone = 1; }, "light 0: a cone from 1 to 1");
+  b.record<L>(
+      l, 0, [](L& r) { r.kind = LightKind::kPoint; }, "light 0: a cone from 0 to 1");
+}
+
+TEST_CASE("container rules: masks", "[container][mask]") {
+  scree::tests::Parts parts = full_parts();
+  // 5 x 3, 2 x 1 and 1 x 1 texels.
+  parts.pages.push_back(seal_page(PageKind::kMask, Bytes(18, std::byte{1}), 0));
+  MaskRecord mask{};
+  mask.page = 3;
+  mask.width = 5;
+  mask.height = 3;
+  mask.level_count = 3;
+  mask.threshold = kMaxMaskThreshold;
+  mask.wrap_s = Wrap::kClamp;
+  mask.flags = kMaskNearest;
+  mask.place[0][0] = mask.place[1][1] = 1;
+  parts.tables.masks = {mask, mask};
+  parts.tables.masks[1].material = 1;
+  const Bytes file = file_of(parts);
+  CHECK(load<FileHeader>(file.data()).version_minor == 1);
+  CHECK(load<FileHeader>(file_of(full_parts()).data()).version_minor == 0);
+  const Breaker b(parts);
+
+  using M = MaskRecord;
+  constexpr TableKind m = TableKind::kMasks;
+  b.record<M>(
+      m, 1, [](M& r) { r.material = 2; }, "mask 1: material 2, but the file has 2 materials");
+  b.record<M>(
+      m, 1, [](M& r) { r.material = 0; }, "mask 1: material 0 after material 0, expected ascending order");
+  b.record<M>(
+      m, 0, [](M& r) { r.page = 4; }, "mask 0: page 4, but the file has 4 pages");
+  b.record<M>(
+      m, 0, [](M& r) { r.page = 2; }, "mask 0: page 2 is of kind 2, which holds no mask");
+  b.record<M>(
+      m, 0, [](M& r) { r.width = 0; }, "mask 0: 0 x 3 texels, expected 1 to 65536");
+  b.record<M>(
+      m, 0, [](M& r) { r.height = 65537; }, "mask 0: 5 x 65537 texels, expected 1 to 65536");
+  b.record<M>(
+      m, 0, [](M& r) { r.level_count = 0; }, "mask 0: 0 levels, expected 1 to 3");
+  b.record<M>(
+      m, 0, [](M& r) { r.level_count = 4; }, "mask 0: 4 levels, expected 1 to 3");
+  b.record<M>(
+      m, 0, [](M& r) { r.level_count = UINT32_MAX; }, "mask 0: 4294967295 levels, expected 1 to 3");
+  b.record<M>(
+      m, 0, [](M& r) { r.level_count = 2; }, "mask 0: page 3 has 18 bytes, expected 17");
+  b.record<M>(
+      m, 0, [](M& r) { r.width = r.height = 65536; }, "mask 0: page 3 has 18 bytes, expected 5637144576");
+  b.record<M>(
+      m, 0, [](M& r) { r.threshold = 0; }, "mask 0: threshold 0, expected 1 to 16711680");
+  b.record<M>(
+      m, 0, [](M& r) { r.threshold = kMaxMaskThreshold + 1; }, "mask 0: threshold 16711681, expected 1 to 16711680");
+  b.record<M>(
+      m, 0, [](M& r) { r.wrap_t = Wrap{3}; }, "mask 0: wrap 2 and 3");
+  b.record<M>(
+      m, 0, [](M& r) { r.flags = 2; }, "mask 0: flags 2", ErrorCode::kReserved);
+  b.record<M>(
+      m, 1, [](M& r) { r.place[1][2] = kInfinity; }, "mask 1: a transform that is not finite");
+}
+
 TEST_CASE("container rules: block images and their mip levels", "[container]") {
   scree::tests::Parts parts = full_parts();
   // 9 x 6 pixels of BC1 have 3 x 2 blocks; its levels of 4 x 3 and 2 x 1 have one each.

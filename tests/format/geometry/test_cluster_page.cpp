@@ -209,9 +209,9 @@ TEST_CASE("what is wrong with a split page is said", "[cluster_page]") {
   CHECK(with(in(0) + 4, 1) == "truncated: split page: its plain end early");
   CHECK(with(in(1), 128) == "range: split page: more than 128 triangles or vertices of a cluster");
   CHECK(with(in(2), 255) == "range: split page: more than 128 triangles or vertices of a cluster");
-  CHECK(with(in(2), 4) == "range: split page: a triangle of vertices that its cluster has not");
+  CHECK(with(in(2), 4) == "range: split page: a triangle with vertices that its cluster lacks");
   CHECK(with(in(3), 64) == "reserved: split page: a reserved bit of a form is set");
-  CHECK(with(in(6), 255) == "range: split page: a triangle of vertices that its cluster has not");
+  CHECK(with(in(6), 255) == "range: split page: a triangle with vertices that its cluster lacks");
   CHECK(with(in(7), 1) == "range: split page: a vertex that is not there, or too few residuals");
   CHECK(with(in(7), 255) == "range: split page: a vertex that is not there, or too few residuals");
   const auto moved = [&](size_t grown, size_t shrunk, size_t bytes) {  // moves bytes from the end of one stream to

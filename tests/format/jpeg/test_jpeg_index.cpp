@@ -212,7 +212,7 @@ TEST_CASE("what cannot be indexed says why", "[jpeg_index]") {
     REQUIRE(header);
     return std::pair(judge_jpeg(*header).treatment, judge_jpeg(*header).reason);
   };
-  CHECK(changed(0xc1, 12) == std::pair(JpegTreatment::kRefuse, std::string("12 bits a sample")));
+  CHECK(changed(0xc1, 12) == std::pair(JpegTreatment::kRefuse, std::string("12 bits per sample")));
   CHECK(changed(0xc3, 8) == std::pair(JpegTreatment::kRefuse, std::string("lossless")));
   CHECK(changed(0xcb, 8) == std::pair(JpegTreatment::kRefuse, std::string("lossless")));
   CHECK(changed(0xc6, 8) == std::pair(JpegTreatment::kRefuse, std::string("hierarchical")));

@@ -8,6 +8,7 @@
 #include <utility>
 #include <vector>
 
+#include "format/container/mip_levels.h"
 #include "kernels/cuda/check.h"
 #include "kernels/cuda/frame.h"
 #include "tests/kernels/scene_builder.h"
@@ -26,6 +27,13 @@ class DeviceCopy {
     copy(view_.matrices, host_.matrix_count);
     copy(view_.materials, host_.material_count);
     copy(view_.textures, host_.texture_count);
+    if (host_.masks != nullptr) {
+      masks_.assign(host_.masks, host_.masks + host_.material_count);
+      for (kernels::MaskView& mask : masks_)
+        if (mask.alpha != nullptr) copy(mask.alpha, format::mask_bytes(mask.width, mask.height, mask.level_count));
+      view_.masks = masks_.data();
+      copy(view_.masks, masks_.size());
+    }
     std::vector<const std::byte*> table;
     for (const std::vector<std::byte>& page : pages) {
       const std::byte* bytes = page.data();
@@ -139,6 +147,7 @@ class DeviceCopy {
   kernels::SceneView host_;
   kernels::SceneView view_;
   std::vector<const std::byte*> pages_;  // on the device
+  std::vector<kernels::MaskView> masks_;
   std::vector<kernels::DeviceBuffer> buffers_;
 };
 

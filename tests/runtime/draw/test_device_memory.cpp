@@ -127,7 +127,7 @@ TEST_CASE("a scene and its pictures take no more device memory than they may", "
         if (budget != 0 && budget < least) continue;  // a small scene takes less as a whole than streamed
         CAPTURE(file, size.width, size.samples, budget, resident, least);
         REQUIRE(emulator::memory_of_gpu(0).now == 0);
-        emulator::forget_peaks();
+        emulator::reset_peaks();
         Result<DeviceScene> device = upload(budget);
         if (!device) FAIL(device.error().message);
         const kernels::View view = view_of(scene, size.width, size.height);
@@ -164,7 +164,7 @@ TEST_CASE("a streamed scene takes no more pinned memory than it may", "[cuda]") 
   for (const uint64_t host : {least_host, least_host + 4096, 4 * least_host, uint64_t{64} << 20}) {
     CAPTURE(host, least_host);
     REQUIRE(emulator::pinned_memory().now == 0);
-    emulator::forget_peaks();
+    emulator::reset_peaks();
     Result<DeviceScene> device = upload(host);
     if (!device) FAIL(device.error().message);
     const Result<Frame> frame = Frame::draw(scene, view_of(scene, 64, 48), 1, 2, &*device);
@@ -181,7 +181,7 @@ TEST_CASE("a scene lies on the GPU that was chosen", "[cuda]") {
   const Scene scene = must_load(folder.file("a.scree"));
   setenv("SCREE_EMULATED_GPU", "9.0,9.0", 1);
   REQUIRE(runtime::use_gpu("1"));
-  emulator::forget_peaks();
+  emulator::reset_peaks();
   {
     Result<DeviceScene> device = DeviceScene::upload(scene, 0, 2);
     REQUIRE(device);

@@ -1,4 +1,4 @@
-// Progress of a job that holds a lock which its listener wants.
+// Progress of a job that holds a lock while its listener waits for the same lock.
 #include <mutex>
 #include <stdexcept>
 #include <string>
@@ -34,10 +34,10 @@ TEST_CASE("a relayed job never waits for its listener", "[threads]") {
   });
   CHECK(result == 7);
   CHECK(is_on_caller);
-  // The listener came to hear when the job had ended: of each stage's beginning and of its end.
-  CHECK(heard == std::vector<std::pair<std::string, uint64_t>>{
-                     {"first", 0}, {"first", 1000}, {"second", 0}, {"second", 1000}});
-  progress.begin("third", 1);  // by the caller again
+  // The listener got the lock when the job had ended. It then received each stage's beginning and end.
+  CHECK(heard ==
+        std::vector<std::pair<std::string, uint64_t>>{{"first", 0}, {"first", 1000}, {"second", 0}, {"second", 1000}});
+  progress.begin("third", 1);  // called directly again, not relayed
   CHECK(heard.back() == std::pair<std::string, uint64_t>("third", 0));
 }
 

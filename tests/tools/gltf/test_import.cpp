@@ -299,7 +299,6 @@ TEST_CASE("materials, textures, images and texture coordinates belong together",
   CHECK_FALSE(scene.primitives[7].uv);
 
   CHECK(warns(scene, "alpha blending of 1 material"));
-  CHECK(warns(scene, "alpha masks of 1 material"));
   REQUIRE(find_left_out(scene, "unused materials") != nullptr);
   CHECK(find_left_out(scene, "TEXCOORD_0") == nullptr);  // used by some, so not left out
 }

@@ -1,6 +1,7 @@
 #include "tools/convert/windows/measure.h"
 
 #include <algorithm>
+#include <atomic>
 #include <iterator>
 #include <map>
 #include <optional>
@@ -8,6 +9,7 @@
 #include <span>
 #include <utility>
 
+#include "tools/convert/windows/face_normals.h"
 #include "tools/convert/windows/locality.h"
 #include "tools/convert/windows/read_ahead.h"
 
@@ -26,7 +28,9 @@ struct WindowFacts {
   uint32_t span = 0;
   Box box = empty_box();
   bool white = true;
+  bool shows_normals = false;
   ContentHash content{};
+  ContentHash normals{};
   bool waits = false;  // not measured: its vertices lie too far apart
   VertexUse use;
   std::unique_ptr<HeldWindow> held;
@@ -46,8 +50,9 @@ void add_values(ContentHasher& hasher, std::span<const T> values) {
   hasher.add(std::as_bytes(values));
 }
 
-/// The triangles, whatever number their first vertex has in the source, and the vertices they use.
-Result<ContentHash> hash_window(const Primitive& primitive, bool normals, Scratch& scratch) {
+/// A hash of the triangles, independent of the number of their first vertex in the source, and of the vertices they
+/// use, but for their normals.
+Result<ContentHash> hash_window(const Primitive& primitive, Scratch& scratch) {
   const Window& window = scratch.window;
   ContentHasher hasher;
   add_values(hasher, window.kept());
@@ -58,20 +63,25 @@ Result<ContentHash> hash_window(const Primitive& primitive, bool normals, Scratc
   for (uint32_t& number : scratch.numbers) number = (window.is_renumbered() ? vertices[number] : number) - first;
   add_values(hasher, std::span<const uint32_t>(scratch.numbers));
   add_values(hasher, window.positions());
-  const std::optional<Accessor> none;
-  for (const std::optional<Accessor>* accessor :
-       {&primitive.uv, &primitive.color, normals ? &primitive.normal : &none}) {
+  for (const std::optional<Accessor>* accessor : {&primitive.uv, &primitive.color}) {
     scratch.floats.clear();
     if (*accessor) {
       const Result<void> read = read_vertices(**accessor, window.vertices(), scratch.floats);
       if (!read) return read.error();
     }
-    add_values(hasher, std::span<const float>(scratch.floats));  // of none 0: its count is hashed too
+    add_values(hasher, std::span<const float>(scratch.floats));  // without values nothing is added; their count is
+                                                                 // hashed too
   }
   return hasher.value();
 }
 
-/// What of all windows of a primitive in their order.
+ContentHash hash_floats(std::span<const float> values) {
+  ContentHasher hasher;
+  add_values(hasher, values);
+  return hasher.value();
+}
+
+/// Combines the hashes of a primitive's windows, in order.
 ContentHash joined(const ContentHash& before, const ContentHash& window) {
   ContentHasher hasher;
   hasher.add(std::as_bytes(std::span(before)));
@@ -79,25 +89,34 @@ ContentHash joined(const ContentHash& before, const ContentHash& window) {
   return hasher.value();
 }
 
-/// Memory for a window, or null where the budget has no more.
+/// Memory for a window, or null if the budget has no more.
 std::unique_ptr<HeldWindow> reserve(HeldBudget* budget, const Primitive& primitive, const WindowPlan& plan) {
-  constexpr uint64_t kOverhead = 512;  // of a window of few triangles
+  constexpr uint64_t kOverhead = 512;  // for windows of few triangles
   const uint64_t bytes = kOverhead + 20 * plan.count + 16 * std::min(3 * plan.count, primitive.vertex_count());
   if (budget == nullptr || !budget->take(bytes)) return nullptr;
   return std::make_unique<HeldWindow>(*budget, bytes);
 }
 
-/// `may_wait`: vertices that lie too far apart are left unread. `budget`: for windows that are held; may be null.
+/// What else a window is measured for.
+struct WindowTask {
+  bool may_wait;               // vertices that lie too far apart are left unread
+  bool has_normals;            // that may be kept
+  std::atomic<bool>* is_flat;  // of the primitive, with Normals::kAuto: once it is not, nobody looks again
+  HeldBudget* budget;          // for windows that are held; may be null
+};
+
 Result<WindowFacts> measure_window(const Primitive& primitive, const WindowPlan& plan, const MeasureOptions& options,
-                                   bool may_wait, HeldBudget* budget, Scratch& scratch) {
+                                   const WindowTask& task, Scratch& scratch) {
   Window& window = scratch.window;
-  std::unique_ptr<HeldWindow> held = reserve(budget, primitive, plan);
-  const Window::Find find = held ? Window::Find::kTriangles : Window::Find::kVertices;
+  std::unique_ptr<HeldWindow> held = reserve(task.budget, primitive, plan);
+  const bool is_hashed = !options.hashed.empty() && options.hashed[plan.primitive];
+  const bool looks = task.has_normals && options.normals == Normals::kAuto && *task.is_flat;
+  const Window::Find find = held || looks ? Window::Find::kTriangles : Window::Find::kVertices;
   if (const Result<void> loaded = window.load_triangles(primitive, plan.first, plan.count, find); !loaded)
     return loaded.error();
   WindowFacts facts;
   facts.dropped_degenerate = window.dropped_degenerate();
-  if (may_wait) {
+  if (task.may_wait) {
     const uint64_t read =
         window.span() > kManyVerticesRead * plan.count ? vertices_read(window.vertices()) : window.span();
     const bool is_far = read > kMostVerticesRead * plan.count;
@@ -117,8 +136,15 @@ Result<WindowFacts> measure_window(const Primitive& primitive, const WindowPlan&
       return read.error();
     facts.white = std::all_of(scratch.colors.begin(), scratch.colors.end(), [](float value) { return value == 1.0f; });
   }
-  if (!options.hashed.empty() && options.hashed[plan.primitive]) {
-    const Result<ContentHash> content = hash_window(primitive, options.normals, scratch);
+  if (looks || (is_hashed && task.has_normals)) {
+    if (const Result<void> read = read_vertices(*primitive.normal, window.vertices(), scratch.floats); !read)
+      return read.error();
+    if (looks && !are_face_normals(window, scratch.floats, *primitive.normal)) *task.is_flat = false;
+    if (is_hashed) facts.normals = hash_floats(scratch.floats);
+  }
+  facts.shows_normals = task.has_normals && (options.normals == Normals::kAlways || !*task.is_flat);
+  if (is_hashed) {
+    const Result<ContentHash> content = hash_window(primitive, scratch);
     if (!content) return content.error();
     facts.content = *content;
   }
@@ -132,8 +158,9 @@ Result<WindowFacts> measure_window(const Primitive& primitive, const WindowPlan&
 class Measurer {
  public:
   Measurer(const SourceScene& scene, const MeasureOptions& options, const MeasureRun& run)
-      : scene_(scene), options_(options), run_(run), listener_(run.listener), scratch_(run.pool.threads()) {
+      : scene_(scene), options_(options), run_(run), listener_(run.listener), scratch_(run.pool.threads()), is_flat_(scene.primitives.size()) {
     out_.primitives.resize(scene.primitives.size());
+    for (std::atomic<bool>& is_flat : is_flat_) is_flat = true;
   }
 
   Result<Measurement> run(const std::vector<bool>& wanted) {
@@ -150,7 +177,7 @@ class Measurer {
  private:
   Result<void> add_windows(uint32_t primitive) {
     const uint64_t triangles = scene_.primitives[primitive].triangle_count();
-    // meshoptimizer and ChunkRecord count the corners of a chunk in 32 bits.
+    // meshoptimizer and ChunkRecord count a chunk's corners in 32 bits.
     if (options_.whole_meshes && triangles > UINT32_MAX / 3)
       return Error{ErrorCode::kUnsupported, primitive_place(scene_, primitive) + ": " + std::to_string(triangles) +
                                                 " triangles, but one chunk holds at most " +
@@ -163,7 +190,7 @@ class Measurer {
       window.count = std::min(step, triangles - first);
       out_.windows.push_back(window);
     }
-    // A window is put in order whatever it is; and chunks number source triangles in 32 bits.
+    // A single window is ordered in any case, and chunks number source triangles in 32 bits.
     if (options_.may_sort && triangles > step && triangles <= uint64_t{1} << 32) uses_[primitive] = {};
     return {};
   }
@@ -174,7 +201,7 @@ class Measurer {
     const bool is_any_hashed = std::find(options_.hashed.begin(), options_.hashed.end(), true) != options_.hashed.end();
     std::optional<ReadAhead> ahead;
     if (run_.ahead_bytes > 0)
-      ahead.emplace(scene_, windows, run_.ahead_bytes, listener_ != nullptr || is_any_hashed, options_.normals);
+      ahead.emplace(scene_, windows, run_.ahead_bytes, listener_ != nullptr || is_any_hashed, options_.normals != Normals::kNever);
     HeldBudget* const budget = listener_ == nullptr ? nullptr : &listener_->budget();
     const auto work = [&](uint64_t batch, uint32_t worker) -> Result<std::vector<WindowFacts>> {
       const TimedWork timed(run_.times.measuring);
@@ -182,7 +209,11 @@ class Measurer {
       for (uint64_t i = batches[batch].first; i < batches[batch].first + batches[batch].count; ++i) {
         const uint32_t primitive = windows[i].primitive;
         Result<WindowFacts> measured = measure_window(scene_.primitives[primitive], windows[i], options_,
-                                                      uses_.contains(primitive), budget, scratch_[worker]);
+                                                      {uses_.contains(primitive),
+                                                       may_keep_normals(scene_, scene_.primitives[primitive],
+                                                                        options_.normals),
+                                                       &is_flat_[primitive], budget},
+                                                      scratch_[worker]);
         if (!measured) return at(scene_.file_name, measured.error());
         facts.push_back(std::move(*measured));
       }
@@ -207,8 +238,8 @@ class Measurer {
                                                  take, run_.listener);
   }
 
-  /// Hands on what is measured up to window `end`: the window, or where they are whole with it all that belong
-  /// together.
+  /// Passes on the results up to window `end`: the window itself, or, if it completes a primitive or group, all windows
+  /// of that.
   Result<void> give(const std::vector<WindowPlan>& windows, uint64_t end) {
     if (waiting_.contains(windows[end - 1].primitive)) return stop_giving();
     if (!is_whole(windows, end)) return listener_->take_window(out_.primitives, windows[end - 1], held_.back());
@@ -226,7 +257,7 @@ class Measurer {
     return listener_->take_measured(out_.primitives, kept, held);
   }
 
-  /// Whether with window `end` - 1 a primitive ends, and a group where they are hashed.
+  /// Whether window `end` - 1 completes a primitive, or a group if it is hashed.
   bool is_whole(const std::vector<WindowPlan>& windows, uint64_t end) const {
     if (end == windows.size()) return true;
     const uint32_t primitive = windows[end - 1].primitive, next = windows[end].primitive;
@@ -249,14 +280,17 @@ class Measurer {
     total.dropped_degenerate += facts.dropped_degenerate;
     total.dropped_nonfinite += facts.dropped_nonfinite;
     total.white = total.white && facts.white;
-    if (!options_.hashed.empty() && options_.hashed[plan.primitive])
+    total.shows_normals = total.shows_normals || facts.shows_normals;
+    if (!options_.hashed.empty() && options_.hashed[plan.primitive]) {
       total.content = joined(total.content.value_or(ContentHash{}), facts.content);
+      total.normals = joined(total.normals, facts.normals);
+    }
     grow(total.box, facts.box);
     if (const auto use = uses_.find(plan.primitive); use != uses_.end()) use->second.add(facts.use);
     if (facts.waits) waiting_.insert(plan.primitive);
   }
 
-  /// Primitives without locality are taken out; of the others, those with windows that waited are measured again.
+  /// Removes primitives without locality. Of the others, the ones with windows that waited are measured again.
   Result<void> settle_scattered() {
     std::vector<bool> again(scene_.primitives.size());
     for (const auto& [primitive, use] : uses_) {
@@ -290,16 +324,24 @@ class Measurer {
   const SourceScene& scene_;
   const MeasureOptions& options_;
   const MeasureRun& run_;
-  MeasureListener* listener_;  // null once it was stopped
+  MeasureListener* listener_;  // null after it was stopped
   Measurement out_;
   std::map<uint32_t, VertexUse> uses_;  // of primitives that may be scattered
   std::set<uint32_t> waiting_;          // primitives of windows that waited
   uint64_t done_ = 0;
-  std::vector<std::unique_ptr<HeldWindow>> held_;  // of the windows that the listener has not got
+  std::vector<std::unique_ptr<HeldWindow>> held_;  // windows that the listener has not taken
   std::vector<Scratch> scratch_;
+  std::vector<std::atomic<bool>> is_flat_;  // of each primitive, as far as its windows were looked at
 };
 
 }  // namespace
+
+bool may_keep_normals(const SourceScene& scene, const Primitive& primitive, Normals normals) {
+  if (!primitive.normal || normals == Normals::kNever) return false;
+  const bool is_unlit = primitive.material != format::kNone &&
+                        (scene.materials[primitive.material].record.flags & format::kMaterialUnlit) != 0;
+  return normals == Normals::kAlways || !is_unlit;
+}
 
 void sort_windows(std::vector<WindowPlan>& windows) {
   std::sort(windows.begin(), windows.end(), [](const WindowPlan& a, const WindowPlan& b) {
