@@ -331,7 +331,7 @@ void Hub::run() {
       return end();
     }
     session_ = std::move(*opened);
-    std::string members = [&] {
+    const auto describe = [&] {
       std::string text;
       JsonWriter json(text);
       json.begin_object();
@@ -371,7 +371,8 @@ void Hub::run() {
       json.end_array();
       json.end_object();
       return text.substr(1, text.size() - 2);
-    }();
+    };
+    std::string members = describe(), drawn_on = session_->drawn_on();
 
     std::unique_lock lock(mutex_);
     scene_members_ = std::move(members);
@@ -387,7 +388,14 @@ void Hub::run() {
       }
       lock.unlock();
       const Result<void> done = work->job ? do_job(*work) : work->samples == 0 ? draw_moving(*work) : draw_exact(*work);
+      const bool fell_back = session_->drawn_on() != drawn_on;  // from a GPU that failed to the CPU
+      if (fell_back) members = describe();
       lock.lock();
+      if (fell_back) {
+        drawn_on = session_->drawn_on();
+        scene_members_ = members;
+        for (const auto& [number, viewer] : viewers_) viewer->link->send_text(scene_text());
+      }
       if (done) continue;
       // The request asks too much, or is none: it counts as drawn, so that it is not tried again and again.
       work->viewer->link->send_text(text_of_error(done.error().message));
@@ -572,7 +580,8 @@ void Hub::send_nodes(const Work& work) const {
   constexpr uint64_t kMostNodes = 200000;
   const format::Container& container = session_->scene().container();
   const auto nodes = container.nodes();
-  const uint64_t count = std::min<uint64_t>(nodes.size(), kMostNodes);
+  constexpr uint64_t kMostNameBytes = uint64_t{8} << 20;  // nodes may share one long name
+  uint64_t count = std::min<uint64_t>(nodes.size(), kMostNodes);
   std::string text;
   JsonWriter json(text);
   json.begin_object();
@@ -584,6 +593,10 @@ void Hub::send_nodes(const Work& work) const {
     std::string_view name = container.string(nodes[n].name);
     if (name.empty() && nodes[n].group != format::kNone)
       name = container.string(container.groups()[nodes[n].group].name);
+    if (text.size() + name.size() > kMostNameBytes) {
+      count = n;
+      break;
+    }
     json.value(name);
   }
   json.end_array();

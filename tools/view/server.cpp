@@ -82,11 +82,11 @@ class WebSocketViewer : public std::enable_shared_from_this<WebSocketViewer> {
   void start(http::request<http::empty_body> request) {
     websocket::stream_base::timeout timeout{};
     timeout.handshake_timeout = kRequestTimeout;
-    timeout.idle_timeout = kIdleTimeout;
+    timeout.idle_timeout = server_.options.idle_timeout;
     timeout.keep_alive_pings = true;
     stream_.set_option(timeout);
     stream_.read_message_max(kMaxMessageBytes);
-    stream_.auto_fragment(false);
+    stream_.auto_fragment(true);  // pings go between the parts of a large picture, or a slow link would seem dead
     stream_.write_buffer_bytes(64 << 10);
     auto self = shared_from_this();
     auto kept = std::make_shared<http::request<http::empty_body>>(std::move(request));
@@ -102,8 +102,11 @@ class WebSocketViewer : public std::enable_shared_from_this<WebSocketViewer> {
 
   void send(std::vector<std::byte> bytes, bool is_text) {
     if (is_closing_) return;
-    if (queued_bytes_ > kMaxQueuedBytes || queue_.size() >= kMaxQueuedMessages)
+    // One picture may be larger than the limit: the message that is being written does not count.
+    const size_t waiting_bytes = queue_.empty() ? 0 : queued_bytes_ - queue_.front().bytes.size();
+    if (waiting_bytes > kMaxQueuedBytes || queue_.size() >= kMaxQueuedMessages)
       return close(CloseCode::kTooSlow, "the connection is too slow");
+    if (!is_text) ++acks_due_;
     queued_bytes_ += bytes.size();
     queue_.push_back({std::move(bytes), is_text});
     if (queue_.size() == 1) write();
@@ -113,7 +116,12 @@ class WebSocketViewer : public std::enable_shared_from_this<WebSocketViewer> {
     if (std::exchange(is_closing_, true)) return;
     leave();
     close_reason_ = websocket::close_reason(static_cast<websocket::close_code>(code), reason);
-    // What waits is dropped; a write that has begun ends first, or its timeout ends it.
+    auto self = shared_from_this();
+    timer_.expires_after(kCloseTimeout);  // a client that does not read holds up the write and the close frame
+    timer_.async_wait([self](BoostError waited) {
+      if (!waited) self->cut();
+    });
+    // What waits is dropped; a write that has begun ends first.
     if (queue_.size() > 1) queue_.erase(queue_.begin() + 1, queue_.end());
     if (queue_.empty()) close_now();
   }
@@ -173,9 +181,13 @@ class WebSocketViewer : public std::enable_shared_from_this<WebSocketViewer> {
       second_ = now;
       messages_ = 0;
     }
-    if (++messages_ > kMaxMessagesPerSecond) return close(CloseCode::kTooManyMessages, "too many messages");
     const auto data = buffer_.data();
     Result<Message> message = parse_message({static_cast<const char*>(data.data()), data.size()});
+    // Pictures limit how many acknowledgements of them can come.
+    if (message && std::holds_alternative<Ack>(*message) && acks_due_ != 0)
+      --acks_due_;
+    else if (++messages_ > kMaxMessagesPerSecond)
+      return close(CloseCode::kTooManyMessages, "too many messages");
     const Hello* const hello = message ? std::get_if<Hello>(&*message) : nullptr;
     if (number_ == 0) {
       if (hello == nullptr || !is_same_token(hello->token, server_.options.token))
@@ -233,6 +245,7 @@ class WebSocketViewer : public std::enable_shared_from_this<WebSocketViewer> {
   websocket::close_reason close_reason_;
   std::chrono::steady_clock::time_point second_{};  // in which messages_ came
   uint32_t messages_ = 0;
+  uint64_t acks_due_ = 0;  // pictures that were sent and not acknowledged
 };
 
 /// Requests of one connection, one after another, until it becomes a WebSocket.
@@ -379,6 +392,7 @@ Result<ViewServer> ViewServer::listen(ServerOptions options) {
   const std::string host = wanted.host == "localhost" ? "127.0.0.1" : wanted.host;
   const asio::ip::address address = asio::ip::make_address(host, error);
   if (error) return Error{ErrorCode::kUsage, "--host: '" + wanted.host + "' is not an address such as 127.0.0.1"};
+  impl->access = AccessList(address.to_string(), wanted.allowed_hosts);  // as browsers write the address
   const uint32_t last = wanted.is_port_fixed || wanted.port == 0 ? wanted.port : std::min(wanted.port + 20u, 65535u);
   for (uint32_t port = wanted.port; port <= last; ++port) {
     error = open_acceptor(impl->acceptor, {address, static_cast<uint16_t>(port)});

@@ -35,17 +35,18 @@ struct ServerOptions {
   std::vector<std::string> allowed_hosts;
   std::string token;
   uint32_t max_viewers = 8;
+  std::chrono::milliseconds idle_timeout{20000};  // without an answer to a ping
 };
 
 // Limits of a server, whoever its clients are.
 inline constexpr uint32_t kMaxSockets = 64;
 inline constexpr uint32_t kMaxHeaderBytes = 8 << 10;
-inline constexpr uint32_t kMaxMessagesPerSecond = 240;       // of a viewer; more end its connection,
+inline constexpr uint32_t kMaxMessagesPerSecond = 240;       // of a viewer, but its acks; more end its connection,
 inline constexpr size_t kMaxQueuedBytes = size_t{32} << 20;  // and so does this much that it has not taken
 inline constexpr size_t kMaxQueuedMessages = 512;
 inline constexpr std::chrono::seconds kRequestTimeout{10};  // for a request's head, and for a WebSocket's handshake
 inline constexpr std::chrono::seconds kHelloTimeout{5};
-inline constexpr std::chrono::seconds kIdleTimeout{20};  // without an answer to a ping
+inline constexpr std::chrono::seconds kCloseTimeout{5};  // from deciding to close a WebSocket to cutting it off
 
 // Close codes of WebSockets that the page explains; RFC 6455 leaves 4000 to 4999 to applications.
 enum class CloseCode : uint16_t {

@@ -200,7 +200,7 @@ TEST_CASE("views draw on their scene's GPU, and their caller's stays current", "
   PagedScene{}.write(folder.file("a.scree"), {{sphere(20, 0.1), {}}});
   setenv("SCREE_EMULATED_GPU", "9.0,9.0", 1);
   REQUIRE(runtime::use_gpu("0"));
-  emulator::forget_peaks();
+  emulator::reset_peaks();
   size_t heard = 0;
   runtime::JobProgress progress([&](const char*, uint64_t, uint64_t) { return ++heard != 0; });
   for (runtime::JobProgress* const listens : {static_cast<runtime::JobProgress*>(nullptr), &progress}) {

@@ -144,6 +144,7 @@ void PageClient::send(std::string_view message, uint8_t opcode) {
 }
 
 std::optional<PageClient::Received> PageClient::receive() {
+  Received parts;  // of a message in several frames, between which pings may come
   for (;;) {
     unsigned char head[2];
     if (!read_exactly(reinterpret_cast<char*>(head), 2)) return std::nullopt;
@@ -158,6 +159,12 @@ std::optional<PageClient::Received> PageClient::receive() {
     const unsigned opcode = head[0] & 15u;
     if (opcode == 9) {
       send(bytes, 10);
+      continue;
+    }
+    if (opcode < 8 && (opcode == 0 || (head[0] & 128) == 0)) {
+      if (opcode != 0) parts.is_text = opcode == 1;
+      parts.bytes += bytes;
+      if ((head[0] & 128) != 0) return parts;
       continue;
     }
     Received out;

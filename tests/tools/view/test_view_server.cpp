@@ -236,6 +236,23 @@ TEST_CASE("scree view ends connections that break its limits, and goes on", "[vi
   CHECK(status_of(get(server, "/")) == 200);
 }
 
+TEST_CASE("acknowledgements of pictures do not count as messages", "[view][view-server]") {
+  ViewProcess server;
+  PageClient client(server.port());
+  client.join(server);
+  client.send(view_text(1, 64, 36));
+  const auto moving = client.receive_picture(), exact = client.receive_picture();
+  REQUIRE(moving);
+  REQUIRE(exact);
+  std::this_thread::sleep_for(std::chrono::milliseconds(1100));  // the next message begins a second
+  for (uint32_t i = 1; i < scree::tools::view::kMaxMessagesPerSecond; ++i)
+    client.send("{\"type\":\"probe\",\"x\":0,\"y\":0}");
+  client.acknowledge(*moving);
+  client.acknowledge(*exact);
+  client.send(view_text(2, 64, 36, 0.25));
+  CHECK(client.receive_picture());
+}
+
 TEST_CASE("viewers follow each other and Ctrl-C ends scree view within a second", "[view][view-server]") {
   ViewProcess server({"--base-path", "scree/"});
   CHECK(status_of(get(server, "/scree")) == 308);

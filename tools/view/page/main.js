@@ -70,7 +70,7 @@ function sendView() {
   if (inputTime !== null) sentAt.set(sequence, inputTime + performance.timeOrigin);
   if (sentAt.size > 200) sentAt.delete(sentAt.keys().next().value);
   inputTime = null;
-  document.documentElement.dataset.exact = 0;
+  document.documentElement.dataset.exact = exactSamples = 0;
   send(viewMessage());
 }
 function rest() {
@@ -121,6 +121,7 @@ function heard(message) {
   }
 }
 
+let exactSamples = 0;  // of the picture on the screen, 0: it is not exact, or of another view
 function shown({head, bytes, decodeMs, shown: time}) {
   const input = sentAt.get(head.seq);
   for (const key of sentAt.keys()) if (key <= head.seq) sentAt.delete(key);
@@ -132,11 +133,13 @@ function shown({head, bytes, decodeMs, shown: time}) {
   }
   const badge = $('exact');
   badge.className = head.exact ? 'badge exact' : 'badge';
-  badge.textContent = head.exact ? (head.samples > 1 ? `exact, ${head.samples}×${head.samples} samples` : 'exact')
+  const hides = tree.hidden.size + tree.only.size > 0;
+  badge.textContent = head.exact ? (head.samples > 1 ? `exact, ${head.samples}×${head.samples} samples` : 'exact') + (hides ? ', nodes hidden' : '')
     : head.scale < 1 ? `moving, ${Math.round(100 * head.scale)}%` : 'moving';
   if ($('cover').className !== 'gone') uncover();
   document.documentElement.dataset.frame = head.frame;  // tests wait for these
-  document.documentElement.dataset.exact = head.exact && head.seq === sequence ? head.samples : 0;
+  exactSamples = head.exact && head.seq === sequence ? head.samples : 0;
+  document.documentElement.dataset.exact = exactSamples;
 }
 
 function seen(point) {
@@ -502,7 +505,7 @@ const quoted = (word) => /^[\w./:=,@%+-]+$/.test(word) ? word : `'${word.replace
 function command() {
   const pose = camera.pose(), vector = (v) => v.map((value) => String(value)).join(',');
   const words = ['scree', 'render', scene.file, '--size', `${size.width}x${size.height}`, `--eye=${vector(pose.eye)}`, `--target=${vector(pose.target)}`,
-    `--up=${vector(pose.up)}`, '--fov', String(pose.fov), '--samples', String(settings.samples), '--show', settings.show, '--background', settings.background];
+    `--up=${vector(pose.up)}`, '--fov', String(pose.fov), '--samples', String(exactSamples || settings.samples), '--show', settings.show, '--background', settings.background];
   if (scene.scene) words.push('--scene', scene.scene);
   if (!settings.light) words.push('--no-light');
   if (settings.ssao) words.push('--ssao');
@@ -592,7 +595,7 @@ function play() {
 $('path-file').addEventListener('change', async ({target}) => {
   try {
     const read = JSON.parse(await target.files[0].text());
-    if (read.format !== 'scree camera path' || !read.keys.every((key) => isPose(key) && key.t >= 0)) throw new Error();
+    if (read.format !== 'scree camera path' || !read.keys.every((key) => isPose(key) && Number.isFinite(key.t) && key.t >= 0)) throw new Error();
     keys = read.keys.sort((a, b) => a.t - b.t);
     showKeys();
   } catch {
@@ -608,7 +611,7 @@ const actions = {
   focus: () => ease(picks.length ? frame(pickedBox()) : homePose()),
   bookmark: addBookmark,
   link: () => { writeAddress(); copy(location.href, 'Link'); },
-  command: () => copy(command(), 'Command'),
+  command: () => copy(command(), tree.hidden.size + tree.only.size > 0 ? 'Command, which draws the hidden nodes too,' : 'Command'),
   stats: () => toggle('stats', 'stats', () => stats.draw()),
   panel: () => toggle('panel', 'panel'),
   help: () => $('help').open ? $('help').close() : $('help').showModal(),
