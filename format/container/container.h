@@ -186,6 +186,10 @@ class ContainerWriter {
   /// kFile, and those of `read`, after which the writer can only be destroyed.
   Result<uint32_t> append_raw(PageKind kind, uint64_t bytes, const Read& read);
 
+  /// Likewise a page that is sealed already, as another file has it: `read` gives its stored bytes. Its record's place is
+  /// not looked at. Errors as append_raw; kChecksum: its bytes are not those that were sealed.
+  Result<uint32_t> append_stored(const PageRecord& page, const Read& read);
+
   /// Appends records to a table that nobody holds: consecutive calls for one kind make one table. After the last page;
   /// the TableSet given to finish() has nothing of these kinds. Errors kFile, kRange (2^32 - 1 records or more).
   Result<void> append_records(TableKind kind, uint32_t record_bytes, std::span<const std::byte> records);

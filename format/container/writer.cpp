@@ -126,6 +126,7 @@ struct ContainerWriter::Impl {
 
   Result<void> write(uint64_t offset, std::span<const std::byte> bytes);
   Result<void> pad(uint64_t from, uint64_t to);
+  Result<void> copy_page(PageRecord& record, const Read& read);
   void add_page(const PageRecord& record);
   void note(uint32_t kind, std::span<const std::byte> entry);
   Result<bool> is_whole(const PageRecord& record, uint64_t earlier_end);
@@ -146,6 +147,26 @@ Result<void> ContainerWriter::Impl::pad(uint64_t from, uint64_t to) {
   static constexpr std::array<std::byte, kPageAlignment> kZeros{};
   if (!overwrites || from == to) return {};
   return write(from, std::span(kZeros).first(to - from));
+}
+
+/// Writes a page's stored bytes behind the last one; sets its place and its checksum.
+Result<void> ContainerWriter::Impl::copy_page(PageRecord& record, const Read& read) {
+  constexpr uint64_t kBlockBytes = 1 << 20;
+  assert(toc.empty());
+  record.offset = align_up(end, kPageAlignment);
+  if (auto padded = pad(end, record.offset); !padded) return padded;
+  Checksum sum;
+  std::vector<std::byte> block(static_cast<size_t>(std::min(record.stored_bytes, kBlockBytes)));
+  for (uint64_t done = 0; done < record.stored_bytes;) {
+    const std::span<std::byte> part(block.data(),
+                                    static_cast<size_t>(std::min(kBlockBytes, record.stored_bytes - done)));
+    if (auto got = read(done, part); !got) return got;
+    sum.add(part);
+    if (auto written = write(record.offset + done, part); !written) return written;
+    done += part.size();
+  }
+  record.checksum = sum.value();
+  return {};
 }
 
 void ContainerWriter::Impl::add_page(const PageRecord& record) {
@@ -346,24 +367,22 @@ Result<uint32_t> ContainerWriter::append(const SealedPage& page) {
 }
 
 Result<uint32_t> ContainerWriter::append_raw(PageKind kind, uint64_t bytes, const Read& read) {
-  constexpr uint64_t kBlockBytes = 1 << 20;
-  assert(impl_->toc.empty());
   PageRecord record{};
   record.kind = kind;
   record.codec = PageCodec::kRaw;
-  record.offset = align_up(impl_->end, kPageAlignment);
   record.stored_bytes = record.raw_bytes = bytes;
-  if (auto padded = impl_->pad(impl_->end, record.offset); !padded) return padded.error();
-  Checksum checksum;
-  std::vector<std::byte> block(static_cast<size_t>(std::min(bytes, kBlockBytes)));
-  for (uint64_t done = 0; done < bytes;) {
-    const std::span<std::byte> part(block.data(), static_cast<size_t>(std::min(kBlockBytes, bytes - done)));
-    if (auto got = read(done, part); !got) return got.error();
-    checksum.add(part);
-    if (auto written = impl_->write(record.offset + done, part); !written) return written.error();
-    done += part.size();
+  if (auto copied = impl_->copy_page(record, read); !copied) return copied.error();
+  impl_->add_page(record);
+  return static_cast<uint32_t>(impl_->pages.size() - 1);
+}
+
+Result<uint32_t> ContainerWriter::append_stored(const PageRecord& page, const Read& read) {
+  PageRecord record = page;
+  if (auto copied = impl_->copy_page(record, read); !copied) return copied.error();
+  if (record.checksum != page.checksum) {
+    impl_->file.discard();
+    return Error{ErrorCode::kChecksum, "a page of " + std::to_string(page.stored_bytes) + " bytes is damaged"};
   }
-  record.checksum = checksum.value();
   impl_->add_page(record);
   return static_cast<uint32_t>(impl_->pages.size() - 1);
 }

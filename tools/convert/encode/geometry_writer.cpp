@@ -6,7 +6,7 @@
 namespace scree::convert {
 
 Result<void> GeometryWriter::add(EncodedChunk& chunk) {
-  if (open_.is_open && open_.bytes.size() + chunk.payload.size() > format::kPageTargetBytes)
+  if (open_.is_open && !fits(chunk.payload.size()))
     if (const Result<void> sealed = seal(); !sealed) return sealed;
   chunk.record.page = number_;
   chunk.record.offset = open_.bytes.size();
@@ -52,6 +52,19 @@ Result<void> GeometryWriter::seal() {
         return format::seal_page(format::PageKind::kGeometry, std::move(*raw), level, clusters);
       },
       cost);
+  return write_ready();
+}
+
+Result<uint32_t> GeometryWriter::add_page(std::function<Result<format::SealedPage>()> load, uint64_t cost) {
+  if (open_.is_open)
+    if (const Result<void> sealed = seal(); !sealed) return sealed.error();
+  const uint32_t number = number_++;
+  pages_.submit([load = std::move(load)](uint32_t) { return load(); }, cost);
+  if (const Result<void> written = write_ready(); !written) return written.error();
+  return number;
+}
+
+Result<void> GeometryWriter::write_ready() {
   while (pages_.size() > limit_ || pages_.ready())
     if (const Result<void> written = write_one(); !written) return written;
   return {};

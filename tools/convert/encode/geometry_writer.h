@@ -3,6 +3,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <functional>
 #include <utility>
 #include <vector>
 
@@ -40,6 +41,15 @@ class GeometryWriter {
   /// Places a chunk: sets page and offset of its record. Errors of ContainerWriter::append.
   Result<void> add(EncodedChunk& chunk);
 
+  /// Whether a chunk of so many bytes would join others in a page.
+  bool fits(uint64_t bytes) const {
+    return open_.is_open && open_.bytes.size() + bytes <= format::kPageTargetBytes;
+  }
+
+  /// A page that is sealed already, in place of its chunks, none of which fits(); `load` gives it on the pool, of `cost`
+  /// bytes. Returns its number. Errors of `load` and of ContainerWriter::append, here or later.
+  Result<uint32_t> add_page(std::function<Result<format::SealedPage>()> load, uint64_t cost);
+
   /// Where the next chunk comes at the earliest: that page's number, and what is in it already.
   uint32_t page() const { return number_; }
   const OpenPage& open_page() const { return open_; }
@@ -52,6 +62,7 @@ class GeometryWriter {
 
  private:
   Result<void> seal();
+  Result<void> write_ready();
   Result<void> write_all();
   Result<void> write_one();
 

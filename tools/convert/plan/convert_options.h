@@ -53,6 +53,9 @@ struct ConvertOptions {
   uint64_t memory = uint64_t{2} << 30;  // bytes that the process may take; fewer threads work where it is short
   bool allow_outside = false;           // reads files of the source outside its folder
   bool resume = false;    // goes on with the .part of an earlier run where it fits, and leaves one that is not finished
+  // Where `shards` is above 0: only share `shard` of so many, counted from 0, for merge().
+  uint32_t shard = 0;
+  uint32_t shards = 0;
   bool progress = false;  // a line on stderr where that is a terminal
   // Called by the caller's thread, five times a second at most: `done` of the `total` things of a stage.
   std::function<void(const std::string& stage, uint64_t done, uint64_t total)> on_progress;
