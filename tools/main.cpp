@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "tools/common/command.h"
+#include "tools/common/ranks.h"
 #include "tools/common/stop_signal.h"
 #include "tools/common/suggest.h"
 #include "tools/common/version.h"
@@ -62,6 +63,7 @@ int run(int argc, char** argv) {
     if (result) return 0;
     scree::tools::end_where_signalled();
     std::fprintf(stderr, "scree %s: %s\n", name.c_str(), result.error().message.c_str());
+    scree::tools::end_all_ranks(scree::exit_code(result.error().code));
     return scree::exit_code(result.error().code);
   }
   return 0;

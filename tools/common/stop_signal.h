@@ -31,6 +31,10 @@ class StopOnSignal {
   struct sigaction before_[3]{};  // of SIGINT, SIGTERM and SIGHUP
 };
 
+/// From now on signals end the program without a line: a launcher, which sends them to each of several ranks, has said
+/// why.
+void end_silently_on_signal();
+
 /// A file of the command has its name, or has grown: the line of a later signal names it, once.
 void note_written(const std::string& path);
 

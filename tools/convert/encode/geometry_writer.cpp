@@ -52,22 +52,17 @@ Result<void> GeometryWriter::seal() {
         return format::seal_page(format::PageKind::kGeometry, std::move(*raw), level, clusters);
       },
       cost);
-  return write_ready();
-}
-
-Result<uint32_t> GeometryWriter::add_page(std::function<Result<format::SealedPage>()> load, uint64_t cost) {
-  if (open_.is_open)
-    if (const Result<void> sealed = seal(); !sealed) return sealed.error();
-  const uint32_t number = number_++;
-  pages_.submit([load = std::move(load)](uint32_t) { return load(); }, cost);
-  if (const Result<void> written = write_ready(); !written) return written.error();
-  return number;
-}
-
-Result<void> GeometryWriter::write_ready() {
   while (pages_.size() > limit_ || pages_.ready())
     if (const Result<void> written = write_one(); !written) return written;
   return {};
+}
+
+Result<uint32_t> GeometryWriter::add_page(const format::PageRecord& page, const format::ContainerWriter::Read& read) {
+  if (const Result<void> written = finish(); !written) return written.error();
+  const Timed timed(times_.writing);
+  const Result<uint32_t> number = writer_.append_stored(page, read);
+  if (number) number_ = written_ = *number + 1;
+  return number;
 }
 
 Result<void> GeometryWriter::write_one() {

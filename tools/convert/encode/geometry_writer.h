@@ -3,7 +3,6 @@
 
 #include <cstddef>
 #include <cstdint>
-#include <functional>
 #include <utility>
 #include <vector>
 
@@ -46,9 +45,9 @@ class GeometryWriter {
     return open_.is_open && open_.bytes.size() + bytes <= format::kPageTargetBytes;
   }
 
-  /// A page that is sealed already, in place of its chunks, none of which fits(); `load` gives it on the pool, of `cost`
-  /// bytes. Returns its number. Errors of `load` and of ContainerWriter::append, here or later.
-  Result<uint32_t> add_page(std::function<Result<format::SealedPage>()> load, uint64_t cost);
+  /// A page that is sealed already, in place of its chunks, whose first no longer fits(). Returns its number. Errors of
+  /// ContainerWriter::append_stored.
+  Result<uint32_t> add_page(const format::PageRecord& page, const format::ContainerWriter::Read& read);
 
   /// Where the next chunk comes at the earliest: that page's number, and what is in it already.
   uint32_t page() const { return number_; }
@@ -62,7 +61,6 @@ class GeometryWriter {
 
  private:
   Result<void> seal();
-  Result<void> write_ready();
   Result<void> write_all();
   Result<void> write_one();
 

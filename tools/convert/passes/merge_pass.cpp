@@ -17,6 +17,15 @@ bool has_page(const ShardFile& shard, uint32_t page, format::PageKind kind) {
   return page < shard.container.pages().size() && shard.container.pages()[page].kind == kind;
 }
 
+/// Of a page's stored bytes: read and not mapped, so that few pages of the file's map are resident.
+format::ContainerWriter::Read reader_of(const ShardFile& shard, const format::PageRecord& record) {
+  return [&shard, first = record.offset](uint64_t offset, std::span<std::byte> out) -> Result<void> {
+    const Result<void> read = shard.map.read(first + offset, out);
+    if (!read) return at(shard.map.path(), read.error());
+    return {};
+  };
+}
+
 }  // namespace
 
 Result<void> append_images(ShardFile& shard, uint64_t first_image, format::ContainerWriter& writer) {
@@ -26,10 +35,7 @@ Result<void> append_images(ShardFile& shard, uint64_t first_image, format::Conta
     for (uint32_t i = 0; i < image.page_count; ++i, ++next) {
       if (!has_page(shard, next, format::PageKind::kImage)) return no_page(shard, next);
       const format::PageRecord& record = shard.container.pages()[next];
-      const Result<uint32_t> page = writer.append_stored(record, [&](uint64_t offset, std::span<std::byte> out) {
-        const Result<void> read = shard.map.read(record.offset + offset, out);
-        return read ? read : at(shard.map.path(), read.error());
-      });
+      const Result<uint32_t> page = writer.append_stored(record, reader_of(shard, record));
       if (!page) return page.error().code == ErrorCode::kChecksum ? at(shard.map.path(), page.error()) : page.error();
     }
     const auto move = [&](uint32_t& page) {
@@ -59,12 +65,9 @@ Result<void> MergePass::turn_to(const format::ChunkRecord& chunk) {
     return no_page(*shard_, chunk.page);
   page_ = chunk.page;
   if (page_ != last_page_ && !geometry_.fits(chunk.bytes)) {
-    const auto load = [shard = shard_, page = page_]() -> Result<format::SealedPage> {
-      Result<std::vector<std::byte>> stored = read_page(*shard, page);
-      if (!stored) return stored.error();
-      return format::SealedPage{shard->container.pages()[page], std::move(*stored)};
-    };
-    const Result<uint32_t> number = geometry_.add_page(load, shard_->container.pages()[page_].stored_bytes);
+    const format::PageRecord& record = shard_->container.pages()[page_];
+    const Result<uint32_t> number = geometry_.add_page(record, reader_of(*shard_, record));
+    if (!number && number.error().code == ErrorCode::kChecksum) return at(shard_->map.path(), number.error());
     if (!number) return number.error();
     copy_ = *number;
     return {};
