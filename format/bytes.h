@@ -12,6 +12,7 @@ namespace scree::format {
 
 static_assert(std::endian::native == std::endian::little, "scree files are little-endian and are read in place");
 
+/// The value at `at`, of any alignment.
 template <class T>
 inline T load(const std::byte* at) {
   static_assert(std::is_trivially_copyable_v<T>);
@@ -20,20 +21,21 @@ inline T load(const std::byte* at) {
   return value;
 }
 
+/// Writes `value` to `at`, of any alignment.
 template <class T>
 inline void store(std::byte* at, T value) {
   static_assert(std::is_trivially_copyable_v<T>);
   std::memcpy(at, &value, sizeof(T));
 }
 
-/// a + b, or nothing where the sum passes 2^64 - 1.
+/// a + b, or nullopt where the sum passes 2^64 - 1.
 inline std::optional<uint64_t> checked_add(uint64_t a, uint64_t b) {
   uint64_t sum;
   if (__builtin_add_overflow(a, b, &sum)) return std::nullopt;
   return sum;
 }
 
-/// a * b, or nothing where the product passes 2^64 - 1.
+/// a * b, or nullopt where the product passes 2^64 - 1.
 inline std::optional<uint64_t> checked_mul(uint64_t a, uint64_t b) {
   uint64_t product;
   if (__builtin_mul_overflow(a, b, &product)) return std::nullopt;

@@ -1,4 +1,4 @@
-// The checks of nodes, instances, scenes and what they are drawn with.
+// The checks of nodes, instances, scenes, materials, textures, images and cameras.
 #include <algorithm>
 #include <cmath>
 #include <numbers>
@@ -20,7 +20,7 @@ constexpr uint64_t kNodesAhead = 32;  // instances
 
 Result<void> Checker::nodes(Part part) const {
   for (uint64_t n = part.begin(nodes_.size()); n < part.end(nodes_.size()); ++n) {
-    reach(TableKind::kNodes, n);
+    announce(TableKind::kNodes, n);
     const NodeRecord& node = nodes_[n];
     if (name_is_bad(node.name)) return fail_name("node", n, node.name);
     if (node.parent >= n && node.parent != kNone) {
@@ -51,7 +51,7 @@ Result<void> Checker::nodes(Part part) const {
 
 Result<void> Checker::node_instances() const {
   for (uint64_t i = 0; i < node_instances_.size(); ++i) {
-    reach(TableKind::kNodeInstances, i);
+    announce(TableKind::kNodeInstances, i);
     const NodeInstanceRecord& record = node_instances_[i];
     if (!all_finite(record.translation, 3) || !all_finite(record.rotation, 4) || !all_finite(record.scale, 3)) {
       return fail(kRange, "node instance ", i, ": a transform that is not finite");
@@ -62,18 +62,18 @@ Result<void> Checker::node_instances() const {
 
 Result<void> Checker::matrices(Part part) const {
   for (uint64_t i = part.begin(matrices_.size()); i < part.end(matrices_.size()); ++i) {
-    reach(TableKind::kMatrices, i);
+    announce(TableKind::kMatrices, i);
     if (!all_finite(&matrices_[i].rows[0][0], 12)) return fail(kRange, "matrix ", i, ": not finite");
   }
   return {};
 }
 
-/// Instances of the scene from next_instance_ to `end`.
+/// Checks the scene's instances from next_instance_ up to `end`.
 Result<void> Checker::instances_to(uint64_t end) {
   for (; next_instance_ < end; ++next_instance_) {
     const uint64_t i = next_instance_;
-    reach(TableKind::kInstances, i);
-    if (i + kNodesAhead < end) {  // nodes come in any order, and each is a miss of the cache
+    announce(TableKind::kInstances, i);
+    if (i + kNodesAhead < end) {  // nodes come in any order, so that each would be a cache miss
       const uint32_t node = instances_[i + kNodesAhead].node;
       if (node < nodes_.size()) __builtin_prefetch(&nodes_[node].group);
     }
@@ -109,7 +109,7 @@ Result<void> Checker::instances_to(uint64_t end) {
   return {};
 }
 
-/// A scene without its instances.
+/// The fields of a scene, without its instances.
 std::optional<Error> Checker::scene_fields(uint64_t index) const {
   const SceneRecord& scene = scenes_[index];
   if (name_is_bad(scene.name)) return fail_name("scene", index, scene.name);
@@ -126,7 +126,7 @@ std::optional<Error> Checker::scene_fields(uint64_t index) const {
   return std::nullopt;
 }
 
-/// Scenes as far as the part's instances go.
+/// Checks the scenes that the part's instances reach.
 Result<void> Checker::scenes(Part part) {
   const uint64_t end = part.end(instances_.size());
   for (;;) {
@@ -156,7 +156,7 @@ Result<void> Checker::scenes(Part part) {
 
 Result<void> Checker::scene_roots() const {
   for (uint64_t i = 0; i < scene_roots_.size(); ++i) {
-    reach(TableKind::kSceneRoots, i);
+    announce(TableKind::kSceneRoots, i);
     if (scene_roots_[i] >= nodes_.size()) {
       return fail_index("scene root", i, "node", scene_roots_[i], nodes_.size(), "nodes");
     }
@@ -244,7 +244,8 @@ Result<void> Checker::images() const {
   return {};
 }
 
-/// That a block image's fields go together and its page holds its blocks; that others have no such fields.
+/// Checks that the fields of a block image agree and its page holds its blocks, and that other images have no such
+/// fields.
 std::optional<Error> Checker::blocks_of(uint64_t number) const {
   const ImageRecord& image = images_[number];
   const auto format = static_cast<uint32_t>(image.block_format);
@@ -272,7 +273,7 @@ std::optional<Error> Checker::blocks_of(uint64_t number) const {
   return std::nullopt;
 }
 
-/// The image's mip levels from `first` on.
+/// Checks the image's mip levels from `first` on.
 std::optional<Error> Checker::levels_of(uint64_t image, uint64_t first) const {
   for (uint64_t i = first; i < first + images_[image].level_count; ++i) {
     if (i >= mip_levels_.size()) {
@@ -302,6 +303,46 @@ std::optional<Error> Checker::levels_of(uint64_t image, uint64_t first) const {
     }
   }
   return std::nullopt;
+}
+
+Result<void> Checker::masks() const {
+  for (uint64_t i = 0; i < masks_.size(); ++i) {
+    const MaskRecord& mask = masks_[i];
+    if (mask.material >= materials_.size()) {
+      return fail_index("mask", i, "material", mask.material, materials_.size(), "materials");
+    }
+    if (i > 0 && mask.material <= masks_[i - 1].material) {
+      return fail(kRange, "mask ", i, ": material ", mask.material, " after material ", masks_[i - 1].material,
+                  ", expected ascending order");
+    }
+    if (mask.page >= pages_.size()) return fail_index("mask", i, "page", mask.page, pages_.size(), "pages");
+    const PageRecord& page = pages_[mask.page];
+    if (page.kind != PageKind::kMask) {
+      return fail(kRange, "mask ", i, ": page ", mask.page, " is of kind ", static_cast<uint32_t>(page.kind),
+                  ", which holds no mask");
+    }
+    if (mask.width == 0 || mask.width > kMaxMaskSide || mask.height == 0 || mask.height > kMaxMaskSide) {
+      return fail(kRange, "mask ", i, ": ", mask.width, " x ", mask.height, " texels, expected 1 to ", kMaxMaskSide);
+    }
+    if (mask.level_count == 0 || mask.level_count > max_mask_levels(mask.width, mask.height)) {
+      return fail(kRange, "mask ", i, ": ", mask.level_count, " levels, expected 1 to ",
+                  max_mask_levels(mask.width, mask.height));
+    }
+    const uint64_t bytes = mask_bytes(mask.width, mask.height, mask.level_count);
+    if (page.raw_bytes != bytes) {
+      return fail(kRange, "mask ", i, ": page ", mask.page, " has ", page.raw_bytes, " bytes, expected ", bytes);
+    }
+    if (mask.threshold == 0 || mask.threshold > kMaxMaskThreshold) {
+      return fail(kRange, "mask ", i, ": threshold ", mask.threshold, ", expected 1 to ", kMaxMaskThreshold);
+    }
+    if (mask.wrap_s > Wrap::kClamp || mask.wrap_t > Wrap::kClamp) {
+      return fail(kRange, "mask ", i, ": wrap ", static_cast<uint32_t>(mask.wrap_s), " and ",
+                  static_cast<uint32_t>(mask.wrap_t));
+    }
+    if ((mask.flags & ~uint32_t{kMaskNearest}) != 0) return fail(kReserved, "mask ", i, ": flags ", mask.flags);
+    if (!all_finite(&mask.place[0][0], 6)) return fail(kRange, "mask ", i, ": a transform that is not finite");
+  }
+  return {};
 }
 
 Result<void> Checker::cameras() const {

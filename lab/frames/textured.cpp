@@ -135,7 +135,8 @@ class TexturedBench {
     }
     const auto pixels = static_cast<double>(base_pixels);
     std::printf(
-        "JPEG files %s, %.3f bits a pixel; on the GPU base levels %s (%.3f of the files), %.4f bits a pixel of index; "
+        "JPEG files %s, %.3f bits per pixel; on the GPU base levels %s (%.3f of the files), %.4f bits per pixel of "
+        "index; "
         "all "
         "levels %s, the cache %s; decoded with levels they would take %s\n",
         tools::format_bytes(jpeg_bytes).c_str(), 8 * static_cast<double>(jpeg_bytes) / pixels,
@@ -170,7 +171,7 @@ class TexturedBench {
     return drawn;
   }
 
-  /// A row: the views one after the other, after as many of the first as warm up.
+  /// Measures a row: the views one after the other. The first view warms up, as often as the options say.
   Result<void> series(inspect::TextTable& table, const std::string& name, const char* textures,
                       const std::vector<kernels::View>& views, kernels::Show show, bool cold, bool warms_up = true) {
     for (uint32_t i = 0; warms_up && i < options_.warmup; ++i)
@@ -195,7 +196,7 @@ class TexturedBench {
     return {};
   }
 
-  /// Every base level decoded whole, one launch each.
+  /// Decodes every base level completely, one launch each.
   Result<void> measure_decoder() {
     Result<GpuTimer> timer = GpuTimer::create();
     if (!timer) return timer.error();
@@ -229,7 +230,8 @@ class TexturedBench {
       }
     }
     std::printf(
-        "\ndecoding whole base levels, a thread a group: %.2f Gpixel/s, %.2f GMCU/s, %.1f GB/s of samples, %.1f GB/s "
+        "\ndecoding whole base levels, one thread per group: %.2f Gpixel/s, %.2f GMCU/s, %.1f GB/s of samples, %.1f "
+        "GB/s "
         "as RGB, from %.2f GB/s of JPEG\n",
         pixels * 1e-6 / ms, mcus * 1e-6 / ms, sample_bytes * 1e-6 / ms, 3 * pixels * 1e-6 / ms, jpeg_bytes * 1e-6 / ms);
     return {};

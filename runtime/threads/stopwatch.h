@@ -1,4 +1,4 @@
-// How long something took, on the clock and on the processors.
+// Measures elapsed time, on the clock and on the processors.
 #pragma once
 
 #include <chrono>
@@ -7,7 +7,7 @@
 
 namespace scree::runtime {
 
-/// `wall_ms` depends on what else the machine does; `cpu_ms`, summed over all threads of the process, hardly does.
+/// `wall_ms` depends on the other load of the machine. `cpu_ms`, summed over all threads of the process, hardly does.
 struct Duration {
   double wall_ms = 0;
   double cpu_ms = 0;
@@ -16,6 +16,7 @@ struct Duration {
 /// Runs from its construction on.
 class Stopwatch {
  public:
+  /// The time since construction.
   Duration elapsed() const {
     const auto wall = std::chrono::steady_clock::now() - wall_;
     return {std::chrono::duration<double, std::milli>(wall).count(), cpu_now_ms() - cpu_ms_};

@@ -1,4 +1,4 @@
-// A camera's path, as scree render --path reads it.
+// A camera path, as read by scree render --path.
 #include "tools/render/camera_path.h"
 
 #include <cmath>

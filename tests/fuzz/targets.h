@@ -1,5 +1,5 @@
-// What is fuzzed: functions that take any bytes and may neither crash, hang, nor break a promise. Each is a libFuzzer
-// program (SCREE_FUZZ, scripts/fuzz) and, over the committed corpus, a plain test (test_corpus.cpp).
+// The fuzz targets: functions that accept any bytes and may neither crash, hang, nor break a promise. Each is a
+// libFuzzer program (SCREE_FUZZ, scripts/fuzz) and also, over the committed corpus, a normal test (test_corpus.cpp).
 #pragma once
 
 #include <cstddef>
@@ -28,7 +28,7 @@ void shard(Bytes bytes);         // merge
 struct Target {
   const char* name;
   void (*run)(Bytes);
-  bool is_container;  // bytes are a .scree file: mutated as one (mutate_container.h)
+  bool is_container;  // bytes are a .scree file, with its own mutations (mutate_container.h)
 };
 
 inline constexpr Target kTargets[] = {

@@ -8,7 +8,6 @@
 #include <mpi.h>
 
 #include "tools/common/ranks.h"
-#include "tools/common/stop_signal.h"
 
 namespace scree::tools {
 namespace {
@@ -59,11 +58,7 @@ Result<Ranks> Ranks::join() {
     return done.error();
   MPI_Comm_rank(host, &rank_on_host);
   MPI_Comm_free(&host);
-  if (count == 1) {
-    ranks.leave();
-  } else {
-    end_silently_on_signal();
-  }
+  if (count == 1) ranks.leave();
   ranks.rank_ = static_cast<uint32_t>(rank);
   ranks.count_ = static_cast<uint32_t>(count);
   ranks.rank_on_host_ = static_cast<uint32_t>(rank_on_host);

@@ -27,8 +27,8 @@ void print(const std::string& text, std::FILE* out) {
   std::fwrite(text.data(), 1, text.size(), out);
 }
 
-/// Nothing where the file is what it says it is.
-std::optional<Error> broken_promise(const compare::GeometryReport& report, const InspectOptions& options) {
+/// The error if the file breaks its stated bounds; nullopt if it keeps them.
+std::optional<Error> bound_error(const compare::GeometryReport& report, const InspectOptions& options) {
   if (!report.broken.empty()) {
     const compare::BrokenBound& first = report.broken.front();
     std::string message = "mesh " + std::to_string(first.mesh) + ": position error " +
@@ -73,7 +73,7 @@ Result<void> inspect_file(const std::string& path, const InspectOptions& options
     progress.stage("verify", triangles);
     VerifyHooks hooks;
     hooks.progress = [&](uint64_t done, uint64_t bytes) { progress.update(done, bytes); };
-    // What is checked need not stay resident: the file may be larger than memory.
+    // Checked parts need not stay resident, since the file may be larger than memory.
     hooks.is_done_with = [&](uint64_t offset, uint64_t bytes) { map->release(offset, bytes); };
     verified = verify(*file, map->bytes(), options.threads, hooks);
   }
@@ -106,7 +106,7 @@ Result<void> inspect_file(const std::string& path, const InspectOptions& options
     return error;
   }
   if (measured)
-    if (const auto broken = broken_promise(*measured, options)) return at(path, *broken);
+    if (const auto broken = bound_error(*measured, options)) return at(path, *broken);
   return {};
 }
 
@@ -125,7 +125,7 @@ Command add_inspect(CLI::App& parent) {
   app->add_option("FILE", arguments->path, "The .scree file")->required();
   app->add_flag("--json", options.json, "One JSON object, amounts in bytes");
   app->add_flag("--verify", options.verify,
-                "Check every checksum and decode everything; and say how much of clusters is indices");
+                "Check every checksum and decode everything; also show the share of indices in clusters");
   app->add_flag("--chunks", options.chunks, "Add a row for every chunk");
   app->add_option("--source", options.source,
                   "Measure the true position error against this .gltf or .glb (needs convert --source-ids)");

@@ -56,16 +56,18 @@ const char* table_name(format::TableKind kind) {
       return "mip_levels";
     case format::TableKind::kLeftOutCosts:
       return "left_out_costs";
+    case format::TableKind::kMasks:
+      return "masks";
   }
   return "unknown";
 }
 
-/// Shares out the bytes of chunks among their streams.
+/// Divides the bytes of chunks among their streams.
 class StreamBytes {
  public:
   StreamBytes(const format::Container& file, bool reads_pages) : file_(file), reads_pages_(reads_pages) {}
 
-  /// `clusters`: counts the chunk there where it is clustered.
+  /// The bytes of a chunk's streams. `clusters`: a clustered chunk is added to it.
   std::array<uint64_t, kStreamCount> of(uint64_t number, ClusterStats& clusters) {
     const ChunkRecord& chunk = file_.chunks()[number];
     const format::ChunkStreams streams = format::chunk_streams(file_.meshes()[chunk.mesh], chunk);
@@ -119,13 +121,13 @@ class StreamBytes {
   uint32_t page_ = format::kNone;
 };
 
-/// Hands out the stored bytes of a page piece by piece in proportion to their raw bytes; the pieces add up to the page.
+/// Divides the stored bytes of a page among pieces in proportion to their raw bytes. The pieces add up to the page.
 class PageShares {
  public:
   void add_raw(uint64_t bytes) { raw_ += bytes; }
   uint64_t raw() const { return raw_; }
 
-  /// Call after all raw bytes are known. `page_raw`: of the page; larger than raw() where it has gaps.
+  /// Called when all raw bytes are known. `page_raw`: the page's raw bytes, which exceed raw() if it has gaps.
   void start(uint64_t stored, uint64_t page_raw) {
     stored_ = stored;
     total_ = std::max(raw_, page_raw);
@@ -158,7 +160,7 @@ Spread spread_of(std::vector<uint64_t>& values) {
   return {*least, *middle, *most};
 }
 
-/// The numbers of the `top` largest of `values`, largest first; equal ones by number.
+/// The indices of the `top` largest of `values`, largest first; equal ones by index.
 std::vector<uint32_t> largest(const std::vector<uint64_t>& values, uint32_t top) {
   std::vector<uint32_t> order(values.size());
   std::iota(order.begin(), order.end(), 0u);
@@ -181,7 +183,7 @@ void count_container(const format::Container& file, std::span<const std::byte> b
   }
 }
 
-/// Bytes of every stream, per mesh and over all.
+/// Counts the bytes of every stream, per mesh and in total.
 void count_geometry(const format::Container& file, std::vector<PageShares>& pages, std::vector<uint64_t>& mesh_bytes,
                     std::map<std::pair<bool, int32_t>, LatticeStats>& lattices, Stats& stats) {
   const auto meshes = file.meshes();
@@ -253,7 +255,7 @@ void count_meshes(const format::Container& file, std::map<std::pair<bool, int32_
       clustered += record.triangle_count;
       clustered_vertices += record.vertex_count;
     }
-    // What counts under kClusterData: the share of triangles, and the share that their vertices have.
+    // kClusterData is compared by its share of triangles, and by the corresponding share of vertices.
     const uint64_t unsplit = stats.has_split ? 0 : clustered;
     const double vertex_share = unsplit == 0 || chunk_vertices == 0
                                     ? 0
@@ -304,7 +306,7 @@ void count_images(const format::Container& file, uint32_t top, Stats& stats) {
       ++stats.image_kinds[codec].images;
       stats.image_kinds[codec].pixels += uint64_t{images[i].width} * images[i].height;
     }
-    if (seen[images[i].page]) continue;  // images may share a page; its bytes count once
+    if (seen[images[i].page]) continue;  // images may share a page, whose bytes count once
     seen[images[i].page] = true;
     stats.images.stored += page.stored_bytes;
     stats.images.raw += page.raw_bytes;
@@ -326,6 +328,19 @@ void count_images(const format::Container& file, uint32_t top, Stats& stats) {
     }
   }
   stats.mip_levels = levels.size();
+  for (uint64_t i = 0; i < file.masks().size(); ++i) {
+    const uint32_t number = file.masks()[i].page;
+    if (seen[number]) continue;
+    seen[number] = true;
+    for (Cost* sum : {&stats.images, &stats.mask_pages}) {
+      sum->stored += pages[number].stored_bytes;
+      sum->raw += pages[number].raw_bytes;
+    }
+  }
+  stats.masks = file.masks().size();
+  for (uint64_t i = 0; i < file.materials().size(); ++i)
+    stats.opaque_masks += (file.materials()[i].flags & format::kMaterialCutOut) != 0 ? 1 : 0;
+  stats.opaque_masks -= std::min(stats.opaque_masks, stats.masks);
   for (uint64_t i = 0; i < pages.size(); ++i) {
     if (pages[i].kind != PageKind::kGeometry && !seen[i]) stats.other_pages += pages[i].stored_bytes;
   }
@@ -404,7 +419,7 @@ Stats gather(const format::Container& file, std::span<const std::byte> bytes, ui
   const auto pages = file.pages();
   const auto chunks = file.chunks();
   std::vector<PageShares> shares(pages.size());
-  // The sum of its streams, as open() has checked.
+  // Raw bytes of a chunk equal the sum of its streams, as open() has checked.
   for (uint64_t i = 0; i < chunks.size(); ++i) shares[chunks[i].page].add_raw(chunks[i].bytes);
   uint64_t page_bytes = 0;
   for (uint64_t i = 0; i < pages.size(); ++i) {

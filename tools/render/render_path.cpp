@@ -417,6 +417,7 @@ class PathRenderer {
 Result<void> render_path(const RenderOptions& options) {
   Result<Ranks> ranks = Ranks::join();
   if (!ranks) return ranks.error();
+  if (ranks->count() > 1) end_silently_on_signal();
   Result<void> done;
   try {
     const Result<CameraPath> path = CameraPath::read(options.path->file, options.path->frames_per_second);

@@ -119,7 +119,7 @@ class RankedPicture {
     unpacked_.resize(drawn.size());
     runtime::FirstError failure;
     runtime::parallel_for(drawn.size(), options_.threads, [&](uint64_t i) {
-      if (owners[i] != ranks_.rank() || failure.is_moot(i)) return;
+      if (owners[i] != ranks_.rank() || failure.is_superseded(i)) return;
       const auto raw = container.load_page(drawn.page(i), unpacked_[i]);
       if (!raw) return failure.report(i, raw.error());
       if (const Result<void> checked = drawn.check(i, *raw); !checked) return failure.report(i, checked.error());
@@ -253,6 +253,7 @@ std::vector<uint32_t> owners_of_pages(const runtime::DrawnPages& pages, uint32_t
 }
 
 Result<void> render_ranks(const RenderOptions& options, Ranks& ranks) {
+  end_silently_on_signal();
   Result<void> done;
   try {
     RankedPicture picture(options, ranks);

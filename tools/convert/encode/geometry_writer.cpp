@@ -57,10 +57,10 @@ Result<void> GeometryWriter::seal() {
   return {};
 }
 
-Result<uint32_t> GeometryWriter::add_page(const format::PageRecord& page, const format::ContainerWriter::Read& read) {
+Result<uint32_t> GeometryWriter::add_page(const format::SealedPage& page) {
   if (const Result<void> written = finish(); !written) return written.error();
   const Timed timed(times_.writing);
-  const Result<uint32_t> number = writer_.append_stored(page, read);
+  const Result<uint32_t> number = writer_.append(page);
   if (number) number_ = written_ = *number + 1;
   return number;
 }

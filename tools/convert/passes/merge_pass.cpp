@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "format/bytes.h"
+#include "format/container/checksum.h"
 
 namespace scree::convert {
 namespace {
@@ -17,13 +18,25 @@ bool has_page(const ShardFile& shard, uint32_t page, format::PageKind kind) {
   return page < shard.container.pages().size() && shard.container.pages()[page].kind == kind;
 }
 
-/// Of a page's stored bytes: read and not mapped, so that few pages of the file's map are resident.
-format::ContainerWriter::Read reader_of(const ShardFile& shard, const format::PageRecord& record) {
-  return [&shard, first = record.offset](uint64_t offset, std::span<std::byte> out) -> Result<void> {
-    const Result<void> read = shard.map.read(first + offset, out);
-    if (!read) return at(shard.map.path(), read.error());
-    return {};
-  };
+/// Appends a page of the shard as it is. An image that is a file may be large, and is not held.
+Result<uint32_t> append_page(const ShardFile& shard, uint32_t page, format::ContainerWriter& writer) {
+  const format::PageRecord& record = shard.container.pages()[page];
+  if (record.codec != format::PageCodec::kRaw) {
+    Result<std::vector<std::byte>> stored = read_page(shard, page);
+    if (!stored) return stored.error();
+    return writer.append({record, std::move(*stored)});
+  }
+  format::Checksum checksum;
+  const Result<uint32_t> number =
+      writer.append_raw(record.kind, record.stored_bytes, [&](uint64_t offset, std::span<std::byte> out) -> Result<void> {
+        const Result<void> read = shard.map.read(record.offset + offset, out);
+        if (!read) return at(shard.map.path(), read.error());
+        checksum.add(out);
+        return {};
+      });
+  if (number && checksum.value() != record.checksum)
+    return Error{ErrorCode::kChecksum, shard.map.path() + ": page " + std::to_string(page) + ": damaged"};
+  return number;
 }
 
 }  // namespace
@@ -34,9 +47,7 @@ Result<void> append_images(ShardFile& shard, uint64_t first_image, format::Conta
     const uint32_t first = next, moved = writer.page_count();
     for (uint32_t i = 0; i < image.page_count; ++i, ++next) {
       if (!has_page(shard, next, format::PageKind::kImage)) return no_page(shard, next);
-      const format::PageRecord& record = shard.container.pages()[next];
-      const Result<uint32_t> page = writer.append_stored(record, reader_of(shard, record));
-      if (!page) return page.error().code == ErrorCode::kChecksum ? at(shard.map.path(), page.error()) : page.error();
+      if (const Result<uint32_t> page = append_page(shard, next, writer); !page) return page.error();
     }
     const auto move = [&](uint32_t& page) {
       if (page < first || page >= next) return false;
@@ -65,9 +76,9 @@ Result<void> MergePass::turn_to(const format::ChunkRecord& chunk) {
     return no_page(*shard_, chunk.page);
   page_ = chunk.page;
   if (page_ != last_page_ && !geometry_.fits(chunk.bytes)) {
-    const format::PageRecord& record = shard_->container.pages()[page_];
-    const Result<uint32_t> number = geometry_.add_page(record, reader_of(*shard_, record));
-    if (!number && number.error().code == ErrorCode::kChecksum) return at(shard_->map.path(), number.error());
+    Result<std::vector<std::byte>> stored = read_page(*shard_, page_);
+    if (!stored) return stored.error();
+    const Result<uint32_t> number = geometry_.add_page({shard_->container.pages()[page_], std::move(*stored)});
     if (!number) return number.error();
     copy_ = *number;
     return {};
