@@ -168,6 +168,8 @@ class PathRenderer {
     load.gpu = gpu_of_rank();
     load.threads = options_.threads;
     load.textures = has_color && options_.shade.show == kernels::Show::kTexture;
+    load.lighting = load.textures && options_.shade.light ? options_.light.lighting : kernels::Lighting::kCamera;
+    load.environment = options_.light.environment;
     load.texture_cache = options_.texture_cache.value_or(0);
     load.device_memory = options_.device_memory;
     load.reading = options_.reading;
@@ -182,6 +184,8 @@ class PathRenderer {
     Result<std::shared_ptr<LoadedScene>> scene = LoadedScene::load(std::move(*file), load);
     if (!scene) return with_advice(scene.error());
     scene_ = std::move(*scene);
+    if (const Result<void> checked = check_lights(options_.light, scene_->scene().view()); !checked)
+      return at(options_.file, checked.error());
     if (!options_.quiet && is_first)
       for (const std::string& warning : scene_->scene().warnings())
         std::fprintf(stderr, "scree render: warning: %s: %s\n", options_.file.c_str(), warning.c_str());

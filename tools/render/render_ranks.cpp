@@ -88,12 +88,16 @@ class RankedPicture {
     if (!index) return index.error();
     runtime::SceneOptions load;
     load.textures = !options_.output.empty() && options_.shade.show == kernels::Show::kTexture;
+    load.lighting = load.textures && options_.shade.light ? options_.light.lighting : kernels::Lighting::kCamera;
+    load.environment = options_.light.environment;
     load.threads = options_.threads;
     load.pages = false;
     load.texture_cache = options_.texture_cache.value_or(runtime::kHostTextureCache);
     Result<runtime::Scene> scene = runtime::Scene::load(std::move(*file), *index, load);
     if (!scene) return scene.error();
     scene_.emplace(std::move(*scene));
+    if (const Result<void> checked = check_lights(options_.light, scene_->view()); !checked)
+      return at(options_.file, checked.error());
     if (!options_.quiet && ranks_.is_first())
       for (const std::string& warning : scene_->warnings())
         std::fprintf(stderr, "scree render: warning: %s: %s\n", options_.file.c_str(), warning.c_str());

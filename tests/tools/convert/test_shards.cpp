@@ -143,7 +143,8 @@ TEST_CASE("shards merge to the bytes of one run", "[convert][shards]") {
       {"indexed, normals, source ids",
        [&] {
          options.encoding = convert::Encoding::kIndexed;
-         options.normals = options.source_ids = true;
+         options.normals = convert::Normals::kAlways;
+         options.source_ids = true;
        }},
       {"floats", [&] { options.float32 = true; }},
       {"small chunks", [&] { options.chunk_triangles = 300; }},

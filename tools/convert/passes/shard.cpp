@@ -93,6 +93,8 @@ void visit_measured(const Stream& stream, Primitive& primitive) {
   stream(primitive.box.lo);
   stream(primitive.box.hi);
   stream(primitive.white);
+  stream(primitive.shows_normals);
+  stream(primitive.normals);
 }
 
 template <class Stream, class Stamp>
@@ -207,6 +209,7 @@ std::vector<std::byte> pack_plan(const ShardPlan& plan) {
   entry.add_list(images.places);
   entry.add_list(images.sources);
   entry.add_list(images.records);
+  entry.add_list(std::vector<char>(images.is_color.begin(), images.is_color.end()));
   entry.add_list(images.costs);
   entry.add_list(images.hashes);
   for (const std::vector<std::string>* texts : {&images.broken, &images.warnings}) {
@@ -233,7 +236,7 @@ Result<ShardPlan> unpack_plan(std::span<const std::byte> bytes) {
   for (FileStamp& stamp : plan.files) visit_stamp(take, stamp);
   plan.measurement.windows.resize(entry.take_count(60));
   for (WindowPlan& window : plan.measurement.windows) visit_window(take, window);
-  plan.measurement.primitives.resize(entry.take_count(72));
+  plan.measurement.primitives.resize(entry.take_count(92));
   for (Measured& primitive : plan.measurement.primitives) {
     visit_measured(take, primitive);
     bool has_content = false;
@@ -247,6 +250,9 @@ Result<ShardPlan> unpack_plan(std::span<const std::byte> bytes) {
   entry.take_list(images.places);
   entry.take_list(images.sources);
   entry.take_list(images.records);
+  std::vector<char> is_color;
+  entry.take_list(is_color);
+  images.is_color.assign(is_color.begin(), is_color.end());
   entry.take_list(images.costs);
   entry.take_list(images.hashes);
   for (std::vector<std::string>* texts : {&images.broken, &images.warnings}) {
@@ -372,6 +378,7 @@ Result<void> check_shards(const ShardSet& shards, const SourceScene& scene) {
   const ImagePlan& images = shards.plan.images;
   const size_t count = images.records.size();
   if (images.places.size() != scene.images.size() || images.sources.size() != count || images.costs.size() != count ||
+      images.is_color.size() != count ||
       images.hashes.size() != count || images.broken.size() != count)
     return wrong("its number of images");
   for (const uint32_t place : images.places)
