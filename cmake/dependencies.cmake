@@ -78,3 +78,13 @@ if(beast_include)
 else()
   message(STATUS "Boost.Beast (libboost-dev) is not found: scree view is built without its server")
 endif()
+
+# Ranks of mpirun and srun share a film's frames; without it the program says what is missing.
+option(SCREE_MPI "Let ranks that mpirun or srun start share the work, where MPI is found" ON)
+if(SCREE_MPI AND NOT SCREE_FUZZ)
+  set(MPI_CXX_SKIP_MPICXX ON)  # C alone is used
+  find_package(MPI QUIET COMPONENTS CXX)
+  if(NOT MPI_CXX_FOUND)
+    message(STATUS "MPI (libopenmpi-dev) is not found: scree is built without it")
+  endif()
+endif()

@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "tools/common/command.h"
+#include "tools/common/ranks.h"
 #include "tools/common/stop_signal.h"
 #include "tools/common/suggest.h"
 #include "tools/common/version.h"
@@ -52,9 +53,10 @@ int run(int argc, char** argv) {
   app.set_version_flag("--version", scree::tools::version_text());
   app.require_subcommand(1);
   const std::vector<scree::tools::Command> commands = {
-      scree::tools::add_convert(app), scree::tools::add_inspect(app), scree::tools::add_render(app),
-      scree::tools::add_compare(app), scree::tools::add_export(app),  scree::tools::add_synth(app),
-      scree::tools::add_bench(app),   scree::tools::add_devices(app), scree::tools::add_view(app)};
+      scree::tools::add_convert(app), scree::tools::add_merge(app),  scree::tools::add_inspect(app),
+      scree::tools::add_render(app),  scree::tools::add_compare(app), scree::tools::add_export(app),
+      scree::tools::add_synth(app),   scree::tools::add_bench(app),   scree::tools::add_devices(app),
+      scree::tools::add_view(app)};
   std::vector<std::string> words(argv + 1, argv + argc);
   ask_for_help(app, words);
   give_normals_a_value(words);
@@ -72,6 +74,7 @@ int run(int argc, char** argv) {
     if (result) return 0;
     scree::tools::end_where_signalled();
     std::fprintf(stderr, "scree %s: %s\n", name.c_str(), result.error().message.c_str());
+    scree::tools::end_all_ranks(scree::exit_code(result.error().code));
     return scree::exit_code(result.error().code);
   }
   return 0;

@@ -24,6 +24,7 @@ void scene(Bytes bytes);         // render
 void gltf(Bytes bytes);          // convert
 void view_message(Bytes bytes);  // a page's message to scree view
 void camera_path(Bytes bytes);   // render --path
+void shard(Bytes bytes);         // merge
 
 struct Target {
   const char* name;
@@ -47,6 +48,7 @@ inline constexpr Target kTargets[] = {
     {"gltf", gltf, false},
     {"view_message", view_message, false},
     {"camera_path", camera_path, false},
+    {"shard", shard, false},
 };
 
 }  // namespace scree::fuzz

@@ -87,6 +87,9 @@ TEST_CASE("fuzz corpus: view_message", "[fuzz][view]") {
 TEST_CASE("fuzz corpus: camera_path", "[fuzz][path]") {
   replay("camera_path", "camera_path");
 }
+TEST_CASE("fuzz corpus: shard", "[fuzz][shards]") {
+  replay("shard", "shard");
+}
 
 /// The picture of a seed with the options of scripts/sanitize-gpu.
 std::vector<uint8_t> picture_of(const std::filesystem::path& seed) {

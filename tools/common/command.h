@@ -17,6 +17,7 @@ struct Command {
 };
 
 Command add_convert(CLI::App& parent);
+Command add_merge(CLI::App& parent);
 Command add_inspect(CLI::App& parent);
 Command add_render(CLI::App& parent);
 Command add_compare(CLI::App& parent);

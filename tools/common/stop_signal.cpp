@@ -39,7 +39,10 @@ std::string usual_end() {
   return written_files.empty() ? "nothing written" : "written: " + written_files;
 }
 
+std::atomic<bool> is_silent{false};
+
 void print_line() {
+  if (is_silent) return;
   for (size_t written = 0; written < message_size;) {
     const ssize_t count = ::write(STDERR_FILENO, message + written, message_size - written);
     if (count <= 0) break;
@@ -93,6 +96,10 @@ StopOnSignal::~StopOnSignal() {
 
 const std::atomic<bool>* StopOnSignal::flag() {
   return &stop_requested;
+}
+
+void end_silently_on_signal() {
+  is_silent = true;
 }
 
 void note_written(const std::string& path) {

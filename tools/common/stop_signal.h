@@ -31,6 +31,9 @@ class StopOnSignal {
   struct sigaction before_[3]{};  // of SIGINT, SIGTERM and SIGHUP
 };
 
+/// From now on signals end the program without a line: the launcher of several ranks, which sends them, says why.
+void end_silently_on_signal();
+
 /// Records that a file of the command has its name, or has grown. The line of a later signal lists it once.
 void note_written(const std::string& path);
 

@@ -38,6 +38,7 @@ struct ConvertArguments {
   std::string memory = "2GiB";
   std::string exclude;
   std::string textures = "keep";
+  std::string shard;
   bool keep_going = false;
   std::string normals = "auto";
   bool source_ids = false;
@@ -99,6 +100,19 @@ Result<convert::PixelBound> parse_pixel_bound(const ConvertArguments& words) {
   if (*fov >= 180) return Error{ErrorCode::kUsage, "--at-fov: '" + words.at_fov + "' is not below 180 degrees"};
   bound.fov_degrees = *fov;
   return bound;
+}
+
+/// "3/8": share 3 of 8, which count from 1.
+Result<void> parse_shard(const std::string& text, convert::ConvertOptions& options) {
+  const size_t slash = text.find('/');
+  const auto whole = [&](const std::string& part) { return parse_whole(part, 1, 4096, "--shard"); };
+  const Result<uint64_t> shard = whole(text.substr(0, slash));
+  const Result<uint64_t> shards = whole(slash == std::string::npos ? "" : text.substr(slash + 1));
+  if (!shard || !shards || *shard > *shards)
+    return Error{ErrorCode::kUsage, "--shard: '" + text + "' is not I/N, share I of N, which count from 1 to 4096"};
+  options.shard = static_cast<uint32_t>(*shard - 1);
+  options.shards = static_cast<uint32_t>(*shards);
+  return {};
 }
 
 Result<convert::ConvertOptions> parse(const ConvertArguments& words, bool positions_given) {
@@ -174,6 +188,8 @@ Result<convert::ConvertOptions> parse(const ConvertArguments& words, bool positi
   options.allow_outside = words.allow_outside;
   options.resume = words.resume;
   options.progress = !words.quiet;
+  if (!words.shard.empty())
+    if (const Result<void> shard = parse_shard(words.shard, options); !shard) return shard.error();
   return options;
 }
 
@@ -192,6 +208,12 @@ Result<void> run(const ConvertArguments& words, bool positions_given) {
     std::fprintf(stderr, "scree convert: warning: %s\n", warning.c_str());
   if (words.json) {
     std::fputs(convert::json_report(*options, *report).c_str(), stdout);
+  } else if (options->shards > 0) {
+    if (!words.quiet)
+      std::printf("%s: shard %u of %u -> %s: %llu windows, %s; %.2f s, peak memory %s (scree merge makes a file of all)\n",
+                  options->input.c_str(), options->shard + 1, options->shards, report->output.c_str(),
+                  static_cast<unsigned long long>(report->windows), format_bytes(report->output_bytes).c_str(),
+                  report->seconds, format_bytes(report->peak_bytes).c_str());
   } else if (!words.quiet) {
     if (!report->positions.rows().empty()) std::printf("%s", report->positions.text().c_str());
     std::fputs(convert::describe(*options, *report, words.stats).c_str(), stdout);
@@ -267,6 +289,10 @@ Command add_convert(CLI::App& parent) {
   app->add_option("--memory", words->memory,
                   "The most memory to take (default: 2GiB): with less, fewer threads work at a time on the same bytes")
       ->type_name("SIZE");
+  app->add_option("--shard", words->shard,
+                  "Make share I of N, which count from 1, into a file of its own (default: the input with the extension "
+                  ".I.part), of which scree merge makes the file of one run (docs/scale.md)")
+      ->type_name("I/N");
   app->add_flag(
       "--resume", words->resume,
       "Go on with OUTPUT.part where an earlier run of the same input and options was killed, to the same bytes;\n"

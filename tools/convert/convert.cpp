@@ -4,6 +4,7 @@
 #include <chrono>
 #include <filesystem>
 #include <functional>
+#include <iterator>
 #include <map>
 #include <optional>
 #include <set>
@@ -22,7 +23,9 @@
 #include "tools/convert/passes/encode_ahead.h"
 #include "tools/convert/passes/encode_pass.h"
 #include "tools/convert/passes/memory_plan.h"
+#include "tools/convert/passes/merge_pass.h"
 #include "tools/convert/passes/resume.h"
+#include "tools/convert/passes/shard.h"
 #include "tools/convert/passes/sort_scattered.h"
 #include "tools/convert/passes/source_files.h"
 #include "tools/convert/plan/convert_options.h"
@@ -45,20 +48,21 @@ constexpr uint64_t kJobsPerThread = 3;
 class Converter {
  public:
   /// `scene` is changed: what it has more than once is referred to once.
-  /// `files`: all that the scene is read from.
-  Converter(const ConvertOptions& options, SourceScene& scene, const std::set<std::string>& files,
+  /// `files`: all that the scene is read from. `shards`: what is merged; else null.
+  Converter(const ConvertOptions& options, SourceScene& scene, const std::set<std::string>& files, ShardSet* shards,
             tools::Progress& progress, ConvertReport& report)
-      : options_(options), scene_(scene), files_(files), progress_(progress), report_(report) {}
+      : options_(options), scene_(scene), files_(files), shards_(shards), progress_(progress), report_(report) {}
 
   Result<void> run() {
     find_wanted();
     if (const Result<void> done = find_masks(); !done) return done;
     if (const Result<void> done = plan_memory(); !done) return done;
-    prepare_ahead();
+    if (shards_ == nullptr) prepare_ahead();
     read_before_ = read_totals();  // what images took is not the geometry's
-    if (const Result<void> done = measure_primitives(); !done) return done;
+    if (const Result<void> done = shards_ != nullptr ? take_measured() : measure_primitives(); !done) return done;
     if (!ahead_)
       if (const Result<void> done = plan_images(materials_used()); !done) return done;
+    if (options_.shards > 0) note_plan();
     merge_equal();
     add_meshes();
     plan_materials();
@@ -67,6 +71,8 @@ class Converter {
     instances_ = std::move(*instances);
     if (const Result<void> done = choose_lattices(options_, scene_, instances_, plans_, tables_); !done) return done;
     add_source_record();
+    EncodeStart start;
+    if (options_.shards > 0) start = cut_shard();
     if (!ahead_) {
       Result<format::ContainerWriter> writer = open_writer();
       if (!writer) return writer.error();
@@ -78,7 +84,9 @@ class Converter {
     report_.warnings.insert(report_.warnings.end(), images_.warnings.begin(), images_.warnings.end());
     tables_.images = images_.records;
     tables_.mip_levels = images_.levels;
-    if (const Result<void> done = encode(*writer_); !done) return done;
+    if (const Result<void> done = shards_ != nullptr ? place_shards() : encode(*writer_, std::move(start)); !done)
+      return done;
+    if (options_.shards > 0) return finish_shard();
     if (const Result<void> done = store_masks(*writer_); !done) return done;
     list_left_out();
     if (const Result<void> done = write_nodes(scene_, instances_, tables_, *writer_); !done) return done;
@@ -154,6 +162,122 @@ class Converter {
     return {};
   }
 
+  /// What the shards measured, in place of measuring.
+  Result<void> take_measured() {
+    if (const Result<void> checked = check_shards(*shards_, scene_); !checked) return checked;
+    measurement_ = std::move(shards_->plan.measurement);
+    for (const uint32_t primitive : shards_->plan.sorted) {
+      sorted_.emplace(primitive, scene_.primitives[primitive]);
+      report_.sorted_triangles += scene_.primitives[primitive].triangle_count();
+    }
+    for (const Measured& primitive : measurement_.primitives) {
+      report_.dropped_degenerate += primitive.dropped_degenerate;
+      report_.dropped_nonfinite += primitive.dropped_nonfinite;
+    }
+    return {};
+  }
+
+  /// For the shard: all that is known before equal meshes are joined, which merging does again.
+  void note_plan() {
+    ShardPlan plan;
+    plan.count = options_.shards;
+    plan.options = options_;
+    plan.files = stamp_files(options_.input, files_);
+    plan.measurement = measurement_;
+    for (const auto& [primitive, copy] : sorted_) plan.sorted.push_back(primitive);
+    plan.images = images_;
+    shard_plan_ = pack_plan(plan);
+  }
+
+  /// Leaves this shard's share of the images and windows, and says where encoding them begins.
+  EncodeStart cut_shard() {
+    shard_share_.index = options_.shard;
+    shard_share_.input = std::filesystem::absolute(options_.input).string();
+    const auto keep = [](auto& list, Part part) {
+      list.erase(list.begin() + static_cast<ptrdiff_t>(part.end), list.end());
+      list.erase(list.begin(), list.begin() + static_cast<ptrdiff_t>(part.first));
+    };
+    const Part images = part_of(images_.costs, options_.shard, options_.shards);
+    keep(images_.records, images);
+    keep(images_.sources, images);
+    keep(images_.is_color, images);
+    keep(images_.costs, images);
+    keep(images_.broken, images);
+    keep(images_.hashes, images);
+    std::vector<WindowPlan>& windows = measurement_.windows;
+    std::vector<uint64_t> costs;
+    for (const WindowPlan& window : windows) costs.push_back(window.count);
+    const Part own = part_of(costs, options_.shard, options_.shards);
+    EncodeStart start;
+    for (uint64_t i = own.first; own.first < own.end && i-- > 0 && windows[i].primitive == windows[own.first].primitive;)
+      start.triangle += windows[i].kept;
+    if (start.triangle > 0) start.mesh = mesh_of_[windows[own.first].primitive];
+    keep(windows, own);
+    return start;
+  }
+
+  /// A file of the pages and of what merging needs to know of them.
+  Result<void> finish_shard() {
+    const std::pair<format::PageKind, std::vector<std::byte>> pages[] = {{kShardPlanPage, shard_plan_},
+                                                                         {kShardSharePage, pack_share(shard_share_)}};
+    for (const auto& [kind, bytes] : pages) {
+      const Result<uint32_t> page = writer_->append_raw(kind, bytes.size(), [&](uint64_t offset, std::span<std::byte> out) {
+        std::copy_n(bytes.begin() + static_cast<ptrdiff_t>(offset), out.size(), out.begin());
+        return Result<void>();
+      });
+      if (!page) return page.error();
+    }
+    format::TableSet tables;
+    tables.source = tables_.source;
+    tables.strings = tables_.strings;
+    const Result<uint64_t> bytes = writer_->finish(tables);
+    if (!bytes) return bytes.error();
+    report_.output_bytes = *bytes;
+    fill_report();
+    return {};
+  }
+
+  /// Places what shards have encoded, in place of encoding.
+  Result<void> place_shards() {
+    const std::vector<WindowPlan>& windows = measurement_.windows;
+    uint64_t triangles = 0, done = 0, number = 0;
+    for (const WindowPlan& window : windows) triangles += window.count;
+    progress_.stage("merge", triangles);
+    report_.threads = report_.threads_asked;
+    WorkerPool pool(report_.threads_asked, options_.stop);
+    MergePass pass(pool, *writer_, options_.zstd_level, times_);
+    for (ShardFile& shard : shards_->files) {
+      pass.begin(shard);
+      for (WindowOutcome& window : shard.share.windows) {
+        const uint32_t mesh = number < windows.size() ? mesh_of_[windows[number].primitive] : kNone;
+        if (mesh == kNone || window.made_from != window_id(windows[number], mesh, tables_.meshes[mesh]) ||
+            !is_outcome_of(window, windows[number], mesh))
+          return Error{ErrorCode::kFormat, shard.map.path() + ": window " + std::to_string(number) + " is another one"};
+        if (const Result<void> added = pass.add(window); !added) return added;
+        note_window(window, mesh);
+        done += windows[number++].count;
+        progress_.update(done, writer_->bytes());
+        window = {};
+      }
+      if (options_.stop != nullptr && options_.stop->load()) return Error{ErrorCode::kFile, "interrupted"};
+    }
+    if (number != windows.size())
+      return Error{ErrorCode::kFormat, shards_->files.back().map.path() + ": its shards have " + std::to_string(number) +
+                                           " of " + std::to_string(windows.size()) + " windows"};
+    const Result<void> finished = pass.finish();
+    report_.rates = rates();
+    return finished;
+  }
+
+  static bool is_outcome_of(const WindowOutcome& outcome, const WindowPlan& window, uint32_t mesh) {
+    uint64_t triangles = 0;
+    for (const format::ChunkRecord& chunk : outcome.chunks) {
+      if (chunk.mesh != mesh) return false;
+      triangles += chunk.triangle_count;
+    }
+    return triangles == window.kept && !outcome.chunks.empty();
+  }
+
   Result<void> measure_all(const MeasureOptions& options, const std::function<void(uint64_t)>& show) {
     WorkerPool pool(memory_.measure().threads, options_.stop);
     Result<Measurement> measured =
@@ -201,7 +325,7 @@ class Converter {
     const std::optional<std::vector<bool>> used = materials_known();
     std::error_code ignored;
     const bool is_other_part = std::filesystem::exists(report_.output + ".part", ignored);
-    if (options_.resume || is_other_part || options_.grid != Grid::kMesh || options_.pixel_bound.pixels > 0 || !used ||
+    if (options_.resume || options_.shards > 0 || is_other_part || options_.grid != Grid::kMesh || options_.pixel_bound.pixels > 0 || !used ||
         !memory_.ahead())
       return;
     if (const Result<void> planned = plan_images(*used); planned) {
@@ -289,11 +413,19 @@ class Converter {
     image_options.memory = limits.flight_bytes;
     WorkerPool pool(limits.threads, options_.stop);
     const auto count = static_cast<uint64_t>(std::count(wanted.begin(), wanted.end(), true));
-    if (count > 0) progress_.stage("check images", count, "images");
-    Result<ImagePlan> images = check_images(scene_, wanted, image_options, pool,
-                                            [&](uint64_t done, uint64_t bytes) { progress_.update(done, bytes); });
-    if (!images) return images.error();
-    images_ = std::move(*images);
+    if (shards_ != nullptr) {
+      images_ = std::move(shards_->plan.images);
+      for (size_t i = 0; i < wanted.size(); ++i)
+        if (wanted[i] != (images_.places[i] != kNone))
+          return Error{ErrorCode::kFormat, shards_->files.front().map.path() + ": image " + std::to_string(i) +
+                                               " of the source is used otherwise"};
+    } else {
+      if (count > 0) progress_.stage("check images", count, "images");
+      Result<ImagePlan> images = check_images(scene_, wanted, image_options, pool,
+                                              [&](uint64_t done, uint64_t bytes) { progress_.update(done, bytes); });
+      if (!images) return images.error();
+      images_ = std::move(*images);
+    }
     for (size_t i = 0; i < images_.records.size(); ++i)
       images_.records[i].name = tables_.strings.add(scene_.images[images_.sources[i]].name);
     return {};
@@ -304,14 +436,31 @@ class Converter {
     image_options.zstd_level = options_.zstd_level;
     const StageLimits limits = memory_.images(image_options.memory);
     image_options.memory = limits.flight_bytes;
+    if (shards_ != nullptr)
+      if (const Result<void> appended = append_shard_images(writer); !appended) return appended;
+    shard_share_.images = resumed_.images;
     WorkerPool pool(limits.threads, options_.stop);
     const uint64_t before = resumed_.images.size(), count = images_.records.size();
     if (count > before) progress_.stage("store images", count - before, "images");
     return write_images(scene_, image_options, images_, pool, writer, resumed_.images,
                         [&](uint64_t number, const StoredImageRecord& stored) {
                           log_image(writer, number, stored);
+                          if (options_.shards > 0) shard_share_.images.push_back(stored);
                           progress_.update(number + 1 - before, writer.bytes());
                         });
+  }
+
+  /// As images that are stored already.
+  Result<void> append_shard_images(format::ContainerWriter& writer) {
+    for (ShardFile& shard : shards_->files) {
+      if (const Result<void> appended = append_images(shard, resumed_.images.size(), writer); !appended)
+        return appended;
+      std::move(shard.share.images.begin(), shard.share.images.end(), std::back_inserter(resumed_.images));
+    }
+    if (resumed_.images.size() == images_.records.size()) return {};
+    return Error{ErrorCode::kFormat, shards_->files.front().map.path() + ": its shards have " +
+                                         std::to_string(resumed_.images.size()) + " of " +
+                                         std::to_string(images_.records.size()) + " images"};
   }
 
   /// Behind the geometry: what an earlier run wrote of them is not worth keeping.
@@ -350,7 +499,7 @@ class Converter {
   /// A writer that begins, or goes on where an earlier run ended.
   Result<format::ContainerWriter> open_writer() {
     if (options_.resume) {
-      const format::PartId id = part_id(describe_options(options_), files_, images_);
+      const format::PartId id = make_part_id();
       const std::string part = report_.output + ".part";
       std::error_code ignored;
       const bool is_there = std::filesystem::exists(part, ignored);
@@ -380,8 +529,15 @@ class Converter {
     Result<format::ContainerWriter> writer = format::ContainerWriter::create(report_.output, options_.existing);
     if (!writer) return writer;
     if (options_.resume) writer->keep_part();
-    writer->keep_log(part_id(describe_options(options_), files_, images_), bytes);
+    writer->keep_log(make_part_id(), bytes);
     return writer;
+  }
+
+  format::PartId make_part_id() const {
+    std::string options = describe_options(options_);
+    if (options_.shards > 0)
+      options += " --shard " + std::to_string(options_.shard + 1) + "/" + std::to_string(options_.shards);
+    return part_id(options, files_, images_);
   }
 
   /// Whether the windows that an earlier run noted are those that were measured now.
@@ -422,13 +578,13 @@ class Converter {
     return bytes + bytes / 4;
   }
 
-  Result<void> encode(format::ContainerWriter& writer) {
+  /// `start`: of the first window, where nothing of it is in the file.
+  Result<void> encode(format::ContainerWriter& writer, EncodeStart start) {
     const std::vector<WindowPlan>& windows = measurement_.windows;
     for (uint64_t i = 0; i < resumed_.whole_windows; ++i)
       note_window(resumed_.windows[i], mesh_of_[windows[i].primitive]);
     resumed_.windows.erase(resumed_.windows.begin(),
                            resumed_.windows.begin() + static_cast<ptrdiff_t>(resumed_.whole_windows));
-    EncodeStart start;
     start.page = std::move(open_page_);
     start.window = resumed_.whole_windows;
     if (start.window > 0) {
@@ -499,6 +655,7 @@ class Converter {
   }
 
   void note_window(const WindowOutcome& window, uint32_t mesh) {
+    if (options_.shards > 0) shard_share_.windows.push_back(window);
     format::MeshRecord& record = tables_.meshes[mesh];
     if (record.chunk_count == 0) record.first_chunk = tables_.chunks.size();
     record.max_uv_error = std::max(record.max_uv_error, window.uv_error);
@@ -577,6 +734,7 @@ class Converter {
   const ConvertOptions& options_;
   SourceScene& scene_;
   const std::set<std::string>& files_;
+  ShardSet* shards_;
   tools::Progress& progress_;
   ConvertReport& report_;
   std::optional<AheadLimits> ahead_;               // where meshes are encoded before all are measured
@@ -598,6 +756,8 @@ class Converter {
   ImagePlan images_;
   InstancePlan instances_;
   format::TableSet tables_;
+  std::vector<std::byte> shard_plan_;  // of the shard that is made
+  ShardShare shard_share_;
   uint64_t undrawn_ = 0;
   uint64_t clear_ = 0;  // primitives whose alpha mask hides all of them
   Welded welded_;
@@ -606,13 +766,28 @@ class Converter {
   uint64_t repaired_normals_ = 0;
 };
 
-Result<ConvertReport> convert_or_throw(const ConvertOptions& options) {
+/// Errors kFile: a file of the source is not what the shards were made from.
+Result<void> check_same_source(const ShardSet& shards, const std::vector<FileStamp>& now) {
+  const std::vector<FileStamp>& then = shards.plan.files;
+  if (now == then) return {};
+  const std::string place = shards.files.front().map.path() + ": ";
+  for (const FileStamp& stamp : now)
+    if (std::find(then.begin(), then.end(), stamp) == then.end())
+      return Error{ErrorCode::kFile, place + stamp.name + " has changed since the shards were made"};
+  return Error{ErrorCode::kFile, place + "the source has fewer files than when the shards were made"};
+}
+
+/// `shards`: what is merged, of the source that the options name; else null.
+Result<ConvertReport> convert_or_throw(const ConvertOptions& options, ShardSet* shards) {
   const auto start = std::chrono::steady_clock::now();
   const tools::MemoryUse before = tools::memory_use();
   if (const Result<void> checked = check_options(options); !checked) return checked.error();
   ConvertReport report;
-  report.output = options.output.empty() ? std::filesystem::path(options.input).replace_extension(".scree").string()
-                                         : options.output;
+  report.output = options.output;
+  if (report.output.empty())
+    report.output = std::filesystem::path(options.input)
+                        .replace_extension(options.shards > 0 ? std::to_string(options.shard + 1) + ".part" : "scree")
+                        .string();
   if (const Result<void> checked = check_output(report.output); !checked) return checked.error();
   if (!tools::is_same_file(report.output, options.input))  // which check_not_source refuses, --force or not
     if (const Result<void> checked = tools::check_output_file(report.output, options.existing); !checked)
@@ -632,25 +807,54 @@ Result<ConvertReport> convert_or_throw(const ConvertOptions& options) {
   const Result<uint64_t> input_bytes = total_bytes(files);
   if (!input_bytes) return input_bytes.error();
   report.input_bytes = *input_bytes;
+  if (shards != nullptr)
+    if (const Result<void> same = check_same_source(*shards, stamp_files(options.input, files)); !same)
+      return same.error();
   {
     tools::Progress progress(options.progress, options.on_progress);
-    if (const Result<void> done = Converter(options, *scene, files, progress, report).run(); !done) return done.error();
+    if (const Result<void> done = Converter(options, *scene, files, shards, progress, report).run(); !done) return done.error();
   }
   report.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   report.peak_bytes = tools::peak_anonymous(before);
   return report;
 }
 
+Result<ConvertReport> without_throwing(const std::string& input, const std::function<Result<ConvertReport>()>& work) {
+  try {
+    return work();
+  } catch (const std::bad_alloc&) {
+    return Error{ErrorCode::kMemory, input + ": out of memory"};
+  } catch (const std::exception& error) {  // no thread to be had
+    return Error{ErrorCode::kMemory, input + ": " + error.what()};
+  }
+}
+
+Result<ConvertReport> merge_or_throw(const MergeOptions& merging) {
+  for (const std::string& shard : merging.shards)
+    if (tools::is_same_file(shard, merging.output))
+      return Error{ErrorCode::kUsage, merging.output + ": the output would replace a shard"};
+  Result<ShardSet> shards = open_shards(merging.shards);
+  if (!shards) return shards.error();
+  ConvertOptions options = shards->plan.options;
+  options.input = shards->files.front().share.input;
+  options.output = merging.output;
+  options.existing = merging.existing;
+  options.threads = merging.threads;
+  options.memory = merging.memory;
+  options.allow_outside = merging.allow_outside;
+  options.progress = merging.progress;
+  options.stop = merging.stop;
+  return convert_or_throw(options, &*shards);
+}
+
 }  // namespace
 
 Result<ConvertReport> convert(const ConvertOptions& options) {
-  try {
-    return convert_or_throw(options);
-  } catch (const std::bad_alloc&) {
-    return Error{ErrorCode::kMemory, options.input + ": out of memory"};
-  } catch (const std::exception& error) {  // no thread to be had
-    return Error{ErrorCode::kMemory, options.input + ": " + error.what()};
-  }
+  return without_throwing(options.input, [&] { return convert_or_throw(options, nullptr); });
+}
+
+Result<ConvertReport> merge(const MergeOptions& options) {
+  return without_throwing(options.output, [&] { return merge_or_throw(options); });
 }
 
 }  // namespace scree::convert

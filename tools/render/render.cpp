@@ -18,12 +18,14 @@
 #include "tools/common/json_writer.h"
 #include "tools/common/options.h"
 #include "tools/common/output_file.h"
+#include "tools/common/ranks.h"
 #include "tools/common/sigbus.h"
 #include "tools/common/standard_output.h"
 #include "tools/common/stop_signal.h"
 #include "tools/common/text_table.h"
 #include "tools/render/render_options.h"
 #include "tools/render/render_path.h"
+#include "tools/render/render_ranks.h"
 
 namespace scree::tools {
 namespace {
@@ -332,6 +334,9 @@ Result<Drawn> draw(const RenderOptions& options, const runtime::Scene& scene, co
 }
 
 Result<void> render(const RenderOptions& options) {
+  Result<Ranks> ranks = Ranks::join();
+  if (!ranks) return ranks.error();
+  if (ranks->count() > 1) return render_ranks(options, *ranks);
   for (const std::string* path : {&options.output, &options.depth, &options.visbuffer})
     if (const Result<void> checked = check_output_file(*path, options.existing); !checked) return checked;
   Times times;

@@ -20,6 +20,7 @@
 #include "tools/common/ordered_pool.h"
 #include "tools/common/output_file.h"
 #include "tools/common/progress.h"
+#include "tools/common/ranks.h"
 #include "tools/common/sigbus.h"
 #include "tools/common/stop_signal.h"
 #include "tools/render/camera_path.h"
@@ -48,19 +49,22 @@ struct DrawnFrame {
 
 class PathRenderer {
  public:
-  PathRenderer(const RenderOptions& options, const CameraPath& path)
-      : options_(options), path_(path), progress_(!options.quiet) {}
+  PathRenderer(const RenderOptions& options, const CameraPath& path, Ranks& ranks)
+      : options_(options), path_(path), ranks_(ranks), progress_(!options.quiet && ranks.is_first()) {}
+
+  /// All that can be wrong before a frame is drawn.
+  Result<void> prepare() {
+    if (const Result<void> done = choose_frames(); !done) return done;
+    if (frames_.empty()) return {};
+    if (const Result<void> done = open(draw_on()); !done) return done;
+    return check_cameras();
+  }
 
   Result<void> run() {
-    if (const Result<void> done = choose_frames(); !done) return done;
-    if (!frames_.empty()) {
-      if (const Result<void> done = open(draw_on()); !done) return done;
-      if (const Result<void> done = check_cameras(); !done) return done;
+    if (!frames_.empty())
       if (const Result<void> done = draw_all(); !done) return done;
-    }
     progress_.erase();
-    report();
-    return {};
+    return report();
   }
 
  private:
@@ -85,6 +89,8 @@ class PathRenderer {
       return Error{ErrorCode::kUsage, "--frames: " + options_.path->file + " has " + std::to_string(count) +
                                           " frames, from 0 on, at " + number(path_.frames_per_second()) +
                                           " per second"};
+    of_all_ranks_ = range_;
+    range_ = range_.share(ranks_.rank(), ranks_.count());
     for (uint64_t i = 0; i < range_.count(); ++i) {
       const uint64_t frame = range_.frame(i);
       const Result<bool> is_there = is_done(frame);
@@ -159,9 +165,11 @@ class PathRenderer {
     runtime::LoadOptions load;
     load.scene = options_.scene;
     load.on = on;
-    load.gpu = options_.backend.device;
+    load.gpu = gpu_of_rank();
     load.threads = options_.threads;
     load.textures = has_color && options_.shade.show == kernels::Show::kTexture;
+    load.lighting = load.textures && options_.shade.light ? options_.light.lighting : kernels::Lighting::kCamera;
+    load.environment = options_.light.environment;
     load.texture_cache = options_.texture_cache.value_or(0);
     load.device_memory = options_.device_memory;
     load.reading = options_.reading;
@@ -176,6 +184,8 @@ class PathRenderer {
     Result<std::shared_ptr<LoadedScene>> scene = LoadedScene::load(std::move(*file), load);
     if (!scene) return with_advice(scene.error());
     scene_ = std::move(*scene);
+    if (const Result<void> checked = check_lights(options_.light, scene_->scene().view()); !checked)
+      return at(options_.file, checked.error());
     if (!options_.quiet && is_first)
       for (const std::string& warning : scene_->scene().warnings())
         std::fprintf(stderr, "scree render: warning: %s: %s\n", options_.file.c_str(), warning.c_str());
@@ -185,6 +195,14 @@ class PathRenderer {
     renderer_ = std::move(*renderer);
     load_ms_ += watch.elapsed().wall_ms;
     return {};
+  }
+
+  /// Ranks of one host take its GPUs in turn, as far as there are any; where each sees one of its own, that.
+  std::string gpu_of_rank() const {
+    const std::string number = std::to_string(ranks_.rank_on_host());
+    const bool chooses = options_.backend.device.empty() && options_.backend.choice != BackendChoice::kCpu &&
+                         ranks_.rank_on_host() > 0 && runtime::seems_to_have_gpu();
+    return chooses && runtime::use_gpu(number) ? number : options_.backend.device;
   }
 
   /// most_waiting_: frames that may wait for being written. Returns what --host-memory leaves for the rest, 0 without
@@ -231,7 +249,6 @@ class PathRenderer {
   }
 
   Result<void> draw_all() {
-    const Stopwatch watch;
     progress_.stage("render", frames_.size(), "frames");
     const StopOnSignal handlers("frames that are there are whole, --resume goes on");
     convert::WorkerPool pool(options_.threads, nullptr);
@@ -263,7 +280,6 @@ class PathRenderer {
       written.submit([this, job](uint32_t) { return write(*job); }, 0);
       ++next;
     }
-    wall_ms_ = watch.elapsed().wall_ms;
     return {};
   }
 
@@ -326,78 +342,99 @@ class PathRenderer {
     return "the CPU, " + std::to_string(options_.threads) + (options_.threads == 1 ? " thread" : " threads");
   }
 
-  void report() const {
-    const uint64_t there = range_.count() - frames_.size();
+  /// Of all ranks, by the first; times are those of one rank on average, but the whole, which is the first's.
+  Result<void> report() {
+    double sums[] = {static_cast<double>(frames_.size()), load_ms_, draw_ms_, shade_ms_, write_ms_};
+    if (const Result<void> summed = ranks_.sum(sums); !summed) return summed;
+    if (!ranks_.is_first()) return {};
+    const double frames = sums[0];
+    const auto drawn = static_cast<uint64_t>(frames);
+    const uint64_t count = of_all_ranks_.count(), there = count - drawn;
     if (options_.json) {
       std::string text;
       JsonWriter json(text);
       json.begin_object();
       json.member("file", options_.file);
       json.member("path", options_.path->file);
-      json.member("frames", uint64_t{frames_.size()});
+      json.member("frames", drawn);
       json.member("frames_there", there);
       json.member("width", width());
       json.member("height", height());
       json.member("samples_per_side", options_.samples_per_side);
       json.member("device", drawn_on());
-      json.member("load_ms", load_ms_);
-      json.member("wall_ms", wall_ms_);
-      json.member("draw_ms", draw_ms_);
-      json.member("shade_ms", shade_ms_);
-      json.member("write_ms", write_ms_);
+      json.member("ranks", ranks_.count());
+      json.member("load_ms", sums[1] / ranks_.count());
+      json.member("wall_ms", watch_.elapsed().wall_ms);
+      json.member("draw_ms", sums[2]);
+      json.member("shade_ms", sums[3]);
+      json.member("write_ms", sums[4]);
       json.end_object();
       std::printf("%s\n", text.c_str());
-      return;
+      return {};
     }
-    if (options_.quiet) return;
+    if (options_.quiet) return {};
     std::string line = options_.file + ": ";
-    if (there > 0) line += std::to_string(there) + " of " + std::to_string(range_.count()) + " frames are there";
-    if (!frames_.empty()) {
-      const auto count = static_cast<double>(frames_.size());
-      char rates[160];
+    if (there > 0) line += std::to_string(there) + " of " + std::to_string(count) + " frames are there";
+    if (drawn > 0) {
+      char rates[200];
       std::snprintf(rates, sizeof rates, " (each: drawing %.1f ms, shading %.1f ms, writing %.1f ms of one thread)",
-                    draw_ms_ / count, shade_ms_ / count, write_ms_ / count);
-      line += (there > 0 ? ", " : "") + std::to_string(frames_.size()) +
-              (frames_.size() == 1 ? " frame of " : " frames of ") + std::to_string(width()) + " x " +
-              std::to_string(height()) + " in " + format_duration(wall_ms_ / 1000) + " on " + drawn_on() + rates;
+                    sums[2] / frames, sums[3] / frames, sums[4] / frames);
+      line += (there > 0 ? ", " : "") + std::to_string(drawn) + (drawn == 1 ? " frame of " : " frames of ") +
+              std::to_string(width()) + " x " + std::to_string(height()) + " in " +
+              format_duration(watch_.elapsed().wall_ms / 1000) + " on " + drawn_on() +
+              (ranks_.count() > 1 ? ", in " + std::to_string(ranks_.count()) + " ranks" : "") + rates;
     } else if (there == 0) {
       line += "no frame falls to this share";
     }
-    if (range_.count() > 0) {
+    if (count > 0) {
       line += " -> ";
       for (const Output& output : outputs_) line += (&output == outputs_.data() ? "" : ", ") + names_of(output);
     }
     std::printf("%s\n", line.c_str());
+    return {};
   }
 
   std::string names_of(const Output& output) const {
-    const std::string first = output.pattern.name(range_.frame(0));
-    return range_.count() == 1 ? first : first + " to " + output.pattern.name(range_.frame(range_.count() - 1));
+    const FrameRange& all = of_all_ranks_;
+    const std::string first = output.pattern.name(all.frame(0));
+    return all.count() == 1 ? first : first + " to " + output.pattern.name(all.frame(all.count() - 1));
   }
 
   const RenderOptions& options_;
   const CameraPath& path_;
+  Ranks& ranks_;
   Progress progress_;
   std::vector<Output> outputs_;
-  FrameRange range_;
+  FrameRange of_all_ranks_;
+  FrameRange range_;              // of this one
   std::vector<uint64_t> frames_;  // to be drawn
   std::shared_ptr<LoadedScene> scene_;
   std::unique_ptr<ViewRenderer> renderer_;
   uint64_t most_waiting_ = 1;
   uint64_t done_ = 0;
-  double load_ms_ = 0, wall_ms_ = 0, draw_ms_ = 0, shade_ms_ = 0, write_ms_ = 0;
+  Stopwatch watch_;
+  double load_ms_ = 0, draw_ms_ = 0, shade_ms_ = 0, write_ms_ = 0;
 };
 
 }  // namespace
 
 Result<void> render_path(const RenderOptions& options) {
-  const Result<CameraPath> path = CameraPath::read(options.path->file, options.path->frames_per_second);
-  if (!path) return path.error();
+  Result<Ranks> ranks = Ranks::join();
+  if (!ranks) return ranks.error();
+  if (ranks->count() > 1) end_silently_on_signal();
+  Result<void> done;
   try {
-    return PathRenderer(options, *path).run();
+    const Result<CameraPath> path = CameraPath::read(options.path->file, options.path->frames_per_second);
+    std::optional<PathRenderer> renderer;
+    if (path) renderer.emplace(options, *path, *ranks);
+    done = ranks->agree(renderer ? renderer->prepare() : path.error());
+    if (done) done = renderer->run();
   } catch (const std::bad_alloc&) {
-    return Error{ErrorCode::kMemory, options.file + ": no memory left for its frames"};
+    done = Error{ErrorCode::kMemory, options.file + ": no memory left for its frames"};
   }
+  if (!done) return ranks->named(done.error());
+  ranks->leave();
+  return {};
 }
 
 }  // namespace scree::tools

@@ -6,7 +6,7 @@
 namespace scree::convert {
 
 Result<void> GeometryWriter::add(EncodedChunk& chunk) {
-  if (open_.is_open && open_.bytes.size() + chunk.payload.size() > format::kPageTargetBytes)
+  if (open_.is_open && !fits(chunk.payload.size()))
     if (const Result<void> sealed = seal(); !sealed) return sealed;
   chunk.record.page = number_;
   chunk.record.offset = open_.bytes.size();
@@ -55,6 +55,14 @@ Result<void> GeometryWriter::seal() {
   while (pages_.size() > limit_ || pages_.ready())
     if (const Result<void> written = write_one(); !written) return written;
   return {};
+}
+
+Result<uint32_t> GeometryWriter::add_page(const format::SealedPage& page) {
+  if (const Result<void> written = finish(); !written) return written.error();
+  const Timed timed(times_.writing);
+  const Result<uint32_t> number = writer_.append(page);
+  if (number) number_ = written_ = *number + 1;
+  return number;
 }
 
 Result<void> GeometryWriter::write_one() {

@@ -40,6 +40,15 @@ class GeometryWriter {
   /// Places a chunk: sets page and offset of its record. Errors of ContainerWriter::append.
   Result<void> add(EncodedChunk& chunk);
 
+  /// Whether a chunk of so many bytes would join others in a page.
+  bool fits(uint64_t bytes) const {
+    return open_.is_open && open_.bytes.size() + bytes <= format::kPageTargetBytes;
+  }
+
+  /// A page that is sealed already, in place of its chunks, whose first no longer fits(). Returns its number. Errors of
+  /// ContainerWriter::append.
+  Result<uint32_t> add_page(const format::SealedPage& page);
+
   /// The number and content of the first page in which the next chunk may lie.
   uint32_t page() const { return number_; }
   const OpenPage& open_page() const { return open_; }

@@ -3,9 +3,7 @@
 #include <sys/stat.h>
 
 #include <algorithm>
-#include <cstring>
 #include <span>
-#include <type_traits>
 
 #include "tools/common/content_hash.h"
 
@@ -16,60 +14,6 @@ namespace {
 constexpr uint64_t kLogFormat = 5;
 
 enum EntryKind : uint32_t { kImageEntry = 16, kWindowsEntry = 17 };
-
-/// Writes values of fixed size, one after another.
-class Writer {
- public:
-  template <class T>
-  void add(const T& value) {
-    static_assert(std::is_trivially_copyable_v<T>);
-    const auto bytes = std::as_bytes(std::span(&value, 1));
-    bytes_.insert(bytes_.end(), bytes.begin(), bytes.end());
-  }
-  template <class T>
-  void add_list(const std::vector<T>& values) {
-    add(uint64_t{values.size()});
-    const auto bytes = std::as_bytes(std::span(values));
-    bytes_.insert(bytes_.end(), bytes.begin(), bytes.end());
-  }
-  std::span<const std::byte> bytes() const { return bytes_; }
-
- private:
-  std::vector<std::byte> bytes_;
-};
-
-class Reader {
- public:
-  explicit Reader(std::span<const std::byte> bytes) : bytes_(bytes) {}
-
-  template <class T>
-  void take(T& value) {
-    if (bytes_.size() < sizeof value) {
-      failed_ = true;
-      return;
-    }
-    std::memcpy(&value, bytes_.data(), sizeof value);
-    bytes_ = bytes_.subspan(sizeof value);
-  }
-  template <class T>
-  void take_list(std::vector<T>& values) {
-    uint64_t count = 0;
-    take(count);
-    if (failed_ || count > bytes_.size() / sizeof(T)) {
-      failed_ = true;
-      return;
-    }
-    values.resize(count);
-    if (count > 0) std::memcpy(values.data(), bytes_.data(), count * sizeof(T));
-    bytes_ = bytes_.subspan(count * sizeof(T));
-  }
-  bool more() const { return !failed_ && !bytes_.empty(); }
-  bool failed() const { return failed_; }
-
- private:
-  std::span<const std::byte> bytes_;
-  bool failed_ = false;
-};
 
 template <class Stream, class Outcome>
 void visit_numbers(Stream&& stream, Outcome& window) {
@@ -130,51 +74,63 @@ ContentHash window_id(const WindowPlan& window, uint32_t mesh, const format::Mes
   return hasher.value();
 }
 
-void log_image(format::ContainerWriter& writer, uint64_t number, const StoredImageRecord& image) {
-  Writer entry;
-  entry.add(number);
+void add_image(EntryWriter& entry, const StoredImageRecord& image) {
   entry.add(image.record);
   entry.add(image.page_count);
   entry.add_list(image.levels);
-  entry.add_list(std::vector<char>(image.warning.begin(), image.warning.end()));
+  entry.add_text(image.warning);
+}
+
+bool take_image(EntryReader& entry, StoredImageRecord& image) {
+  entry.take(image.record);
+  entry.take(image.page_count);
+  entry.take_list(image.levels);
+  entry.take_text(image.warning);
+  return !entry.failed();
+}
+
+void add_window(EntryWriter& entry, const WindowOutcome& window) {
+  visit_numbers([&](const auto& value) { entry.add(value); }, window);
+  entry.add_list(window.chunks);
+  entry.add_list(window.saved);
+}
+
+bool take_window(EntryReader& entry, WindowOutcome& window) {
+  visit_numbers([&](auto& value) { entry.take(value); }, window);
+  entry.take_list(window.chunks);
+  entry.take_list(window.saved);
+  // One amount per chunk: lists of different lengths are nothing that add_window() wrote.
+  return !entry.failed() && window.saved.size() == window.chunks.size();
+}
+
+void log_image(format::ContainerWriter& writer, uint64_t number, const StoredImageRecord& image) {
+  EntryWriter entry;
+  entry.add(number);
+  add_image(entry, image);
   writer.log(kImageEntry, entry.bytes());
 }
 
 void log_windows(format::ContainerWriter& writer, uint64_t number, const std::vector<WindowOutcome>& windows) {
-  Writer entry;
+  EntryWriter entry;
   entry.add(number);
-  for (const WindowOutcome& window : windows) {
-    visit_numbers([&](const auto& value) { entry.add(value); }, window);
-    entry.add_list(window.chunks);
-    entry.add_list(window.saved);
-  }
+  for (const WindowOutcome& window : windows) add_window(entry, window);
   writer.log(kWindowsEntry, entry.bytes());
 }
 
 void read_entry(uint32_t kind, std::span<const std::byte> entry, Resumed& resumed) {
-  Reader reader(entry);
+  EntryReader reader(entry);
   uint64_t number = 0;
   reader.take(number);
   if (kind == kImageEntry && number <= resumed.images.size()) {
     resumed.images.resize(number);
     StoredImageRecord image;
-    std::vector<char> warning;
-    reader.take(image.record);
-    reader.take(image.page_count);
-    reader.take_list(image.levels);
-    reader.take_list(warning);
-    image.warning.assign(warning.begin(), warning.end());
-    if (!reader.failed()) resumed.images.push_back(std::move(image));
+    if (take_image(reader, image)) resumed.images.push_back(std::move(image));
   }
   if (kind != kWindowsEntry || number > resumed.windows.size()) return;
   resumed.windows.resize(number);
   while (reader.more()) {
     WindowOutcome window;
-    visit_numbers([&](auto& value) { reader.take(value); }, window);
-    reader.take_list(window.chunks);
-    reader.take_list(window.saved);
-    // One amount per chunk: lists of different lengths cannot come from log_windows().
-    if (reader.failed() || window.saved.size() != window.chunks.size()) return;
+    if (!take_window(reader, window)) return;
     resumed.windows.push_back(std::move(window));
   }
 }

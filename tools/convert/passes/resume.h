@@ -12,6 +12,7 @@
 #include "tools/common/content_hash.h"
 #include "tools/convert/encode/encode.h"
 #include "tools/convert/images/images.h"
+#include "tools/convert/passes/log_entry.h"
 #include "tools/convert/windows/measure.h"
 
 namespace scree::convert {
@@ -45,6 +46,12 @@ format::PartId part_id(const std::string& options, const std::set<std::string>& 
 /// A hash of the measured values that affect the chunks of a window: `window`, and the record of its mesh, number
 /// `mesh`, as it is before the first chunk.
 ContentHash window_id(const WindowPlan& window, uint32_t mesh, const format::MeshRecord& record);
+
+/// What is noted of an image and of a window; the take functions return whether it was there.
+void add_image(EntryWriter& entry, const StoredImageRecord& image);
+bool take_image(EntryReader& entry, StoredImageRecord& image);
+void add_window(EntryWriter& entry, const WindowOutcome& window);
+bool take_window(EntryReader& entry, WindowOutcome& window);
 
 /// `number`: of the image, or of the first of the windows.
 void log_image(format::ContainerWriter& writer, uint64_t number, const StoredImageRecord& image);

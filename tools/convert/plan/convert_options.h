@@ -55,6 +55,9 @@ struct ConvertOptions {
   uint64_t memory = uint64_t{2} << 30;  // limit for the process; if it is small, fewer threads work
   bool allow_outside = false;           // may read files outside the source's folder
   bool resume = false;    // continues the .part of an earlier run if it fits, and leaves an unfinished .part behind
+  // If `shards` is above 0: make only share `shard` of so many, counted from 0, for merge().
+  uint32_t shard = 0;
+  uint32_t shards = 0;
   bool progress = false;  // a line on stderr if that is a terminal
   // Called by the caller's thread, at most five times per second: `done` of `total` items of a stage are done.
   std::function<void(const std::string& stage, uint64_t done, uint64_t total)> on_progress;

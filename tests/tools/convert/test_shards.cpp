@@ -1,0 +1,303 @@
+// convert --shard and merge: the bytes of one run, from shards that were made in any order by any number of threads; and
+// shards that do not belong together are named.
+#include <algorithm>
+#include <filesystem>
+#include <functional>
+#include <string>
+#include <vector>
+
+#include "tests/catch.h"
+#include "tests/format/jpeg/jpeg_maker.h"
+#include "tests/models.h"
+#include "tests/tools/model_maker.h"
+#include "tests/tools/temp_folder.h"
+#include "tools/convert/convert.h"
+#include "tools/convert/passes/shard.h"
+
+using namespace scree;
+using convert::ConvertOptions;
+using tests::GridSpec;
+using tests::ModelMaker;
+using tests::TempFolder;
+namespace fs = std::filesystem;
+
+namespace {
+
+/// Three images, two of them equal; a mesh of several windows, two equal ones, many small ones, one that is not drawn.
+void make_scene(const std::string& path, bool is_large) {
+  ModelMaker maker(path);
+  tests::JpegRecipe recipe;
+  recipe.width = recipe.height = 100;
+  recipe.factors = {{2, 2}, {1, 1}, {1, 1}};
+  const uint32_t jpeg = maker.textured("jpeg", format::ImageCodec::kJpeg, tests::make_jpeg(recipe));
+  const std::string png = tests::read_whole(tests::data_path("checker.png").string());
+  const uint32_t checker = maker.textured("png", format::ImageCodec::kPng, std::as_bytes(std::span(png)));
+  const uint32_t again = maker.textured("again", format::ImageCodec::kPng, std::as_bytes(std::span(png)));
+  recipe.width = 72;
+  const uint32_t other = maker.textured("other", format::ImageCodec::kJpeg, tests::make_jpeg(recipe));
+  GridSpec large;
+  large.columns = is_large ? 600 : 60;
+  large.rows = 500;
+  large.uv = true;
+  GridSpec small;
+  small.uv = small.color = true;
+  maker.node("large", maker.mesh("large", {maker.grid(large, jpeg), maker.grid(small, checker)}));
+  maker.node("small", maker.mesh("small", {maker.grid(small, again)}), {2, 0, 0});
+  maker.node("equal", maker.mesh("equal", {maker.grid(small, checker)}), {3, 0, 0});
+  maker.mesh("not drawn", {maker.grid(small)});
+  for (int i = 0; i < 20; ++i) {
+    small.columns = static_cast<uint32_t>(4 + i);
+    const std::string name = "grid " + std::to_string(i);
+    maker.node(name, maker.mesh(name, {maker.grid(small, i % 2 == 0 ? other : checker)}), {4.0 + i, 0, 0});
+  }
+  maker.finish();
+}
+
+/// Conversions of one model in a folder of its own.
+class Sharded {
+ public:
+  explicit Sharded(bool is_large = false) {
+    fs::create_directory(folder_.file("in"));
+    make_scene(input(), is_large);
+  }
+  explicit Sharded(const fs::path& model) : input_(model.string()) {}
+
+  const TempFolder& folder() const { return folder_; }
+  std::string input() const { return input_.empty() ? folder_.file("in/scene.gltf") : input_; }
+  std::string shard(uint32_t number) const { return folder_.file("x." + std::to_string(number) + ".part"); }
+
+  ConvertOptions options() const {
+    ConvertOptions options;
+    options.input = input();
+    options.threads = 2;
+    return options;
+  }
+
+  std::string one_run(ConvertOptions options) const {
+    options.output = folder_.file("one.scree");
+    const auto report = convert::convert(options);
+    if (!report) FAIL(report.error().message);
+    return tests::read_whole(options.output);
+  }
+
+  std::vector<std::string> make_shards(ConvertOptions options, uint32_t count) const {
+    std::vector<std::string> names;
+    options.shards = count;
+    for (uint32_t i = count; i-- > 0;) {
+      options.shard = i;
+      options.threads = 1 + i % 3;
+      options.output = shard(i + 1);
+      const auto report = convert::convert(options);
+      if (!report) FAIL(report.error().message);
+      names.push_back(options.output);
+    }
+    return names;
+  }
+
+  Result<convert::ConvertReport> merge(const std::vector<std::string>& shards, uint32_t threads = 2) const {
+    convert::MergeOptions options;
+    options.shards = shards;
+    options.output = folder_.file("merged.scree");
+    options.threads = threads;
+    return convert::merge(options);
+  }
+
+  void check_same(const ConvertOptions& options, uint32_t count) const {
+    const std::string expected = one_run(options);
+    const auto merged = merge(make_shards(options, count), count % 3 + 1);
+    if (!merged) FAIL(merged.error().message);
+    CHECK(tests::read_whole(folder_.file("merged.scree")) == expected);
+    CHECK(merged->output_bytes == expected.size());
+  }
+
+  /// The message of a merge that is refused, and leaves nothing behind.
+  std::string refusal(const std::vector<std::string>& shards, ErrorCode code) const {
+    fs::remove(folder_.file("merged.scree"));
+    const auto merged = merge(shards);
+    REQUIRE_FALSE(merged);
+    CHECK(merged.error().code == code);
+    CHECK_FALSE(fs::exists(folder_.file("merged.scree")));
+    CHECK_FALSE(fs::exists(folder_.file("merged.scree.part")));
+    return merged.error().message;
+  }
+
+ private:
+  TempFolder folder_;
+  std::string input_;
+};
+
+bool has(const std::string& text, const std::string& part) {
+  INFO(text);
+  CHECK(text.find(part) != std::string::npos);
+  return true;
+}
+
+}  // namespace
+
+TEST_CASE("shards merge to the bytes of one run", "[convert][shards]") {
+  const Sharded scene;
+  ConvertOptions options = scene.options();
+  const std::pair<const char*, std::function<void()>> cases[] = {
+      {"as it is", [] {}},
+      {"zstd", [&] { options.zstd_level = 3; }},
+      {"indexed, normals, source ids",
+       [&] {
+         options.encoding = convert::Encoding::kIndexed;
+         options.normals = convert::Normals::kAlways;
+         options.source_ids = true;
+       }},
+      {"floats", [&] { options.float32 = true; }},
+      {"small chunks", [&] { options.chunk_triangles = 300; }},
+      {"one grid", [&] { options.grid = convert::Grid::kScene; }},
+      {"pixels",
+       [&] {
+         options.pixel_bound.pixels = 0.5;
+         options.pixel_bound.distance = 2;
+       }},
+      {"nothing shared", [&] { options.share = options.weld = false; }},
+      {"JPEGs", [&] { options.images.textures = convert::Textures::kJpeg; }},
+      {"excluded", [&] { options.exclude = "grid 1"; }},
+  };
+  for (const auto& [name, change] : cases) {
+    INFO(name);
+    options = scene.options();
+    change();
+    scene.check_same(options, 3);
+  }
+  for (const uint32_t count : {1u, 2u, 7u, 40u}) {  // more than there are windows
+    INFO(count << " shards");
+    scene.check_same(scene.options(), count);
+  }
+}
+
+TEST_CASE("a mesh of several windows and pages is cut anywhere", "[convert][shards]") {
+  const Sharded scene(true);
+  for (const int level : {0, 1}) {
+    ConvertOptions options = scene.options();
+    options.zstd_level = level;
+    options.encoding = level == 0 ? convert::Encoding::kIndexed : convert::Encoding::kClustered;
+    scene.check_same(options, 4);
+  }
+}
+
+TEST_CASE("shards of real models merge to the bytes of one run", "[convert][shards][models]") {
+  std::vector<fs::path> models;
+  std::error_code none;
+  for (const auto& entry : fs::recursive_directory_iterator(tests::models_path() / "scenes", none))
+    if ((entry.path().extension() == ".glb" || entry.path().extension() == ".gltf") && entry.file_size() < 1000000)
+      models.push_back(entry.path());
+  if (models.empty()) WARN("skipped: no models");
+  std::sort(models.begin(), models.end());
+  for (size_t i = 0; i < models.size(); i += 10) {
+    const Sharded scene(models[i]);
+    ConvertOptions options = scene.options();
+    options.output = scene.folder().file("try.scree");
+    if (!convert::convert(options)) continue;
+    INFO(models[i]);
+    scene.check_same(scene.options(), 3);
+  }
+}
+
+TEST_CASE("shards that do not belong together are refused by name", "[convert][shards]") {
+  const Sharded scene;
+  const std::vector<std::string> shards = scene.make_shards(scene.options(), 3);
+  has(scene.refusal({shards[0], shards[2]}, ErrorCode::kUsage), "x.3.part: is one of 3 shards, of which are missing: 2");
+  fs::copy_file(shards[0], scene.folder().file("copy.part"));
+  has(scene.refusal({shards[0], shards[1], shards[2], scene.folder().file("copy.part")}, ErrorCode::kUsage),
+      "copy.part: is shard 3 of 3, as " + shards[0] + " is");
+
+  ConvertOptions other = scene.options();
+  other.shards = 3;
+  other.shard = 1;
+  other.position_bits = 14;
+  other.output = scene.folder().file("other.part");
+  REQUIRE(convert::convert(other));
+  const std::string message = scene.refusal({shards[0], other.output, shards[2]}, ErrorCode::kUsage);
+  has(message, "other.part: is of another conversion than ");
+  has(message, "--positions 14");
+  other = scene.options();
+  other.shards = 4;
+  other.output = scene.folder().file("other.part");
+  REQUIRE(convert::convert(other));
+  has(scene.refusal({shards[0], shards[1], other.output}, ErrorCode::kUsage), "is one of 4, but the first one of 3");
+
+  (void)scene.one_run(scene.options());
+  has(scene.refusal({scene.folder().file("one.scree")}, ErrorCode::kUsage), "one.scree: is a .scree file, but no shard");
+  has(scene.refusal({scene.folder().file("nothing.part")}, ErrorCode::kFile), "nothing.part");
+  has(scene.refusal({scene.input()}, ErrorCode::kFormat), "scene.gltf");
+
+  // A source that has changed since, or a shard that was made of the changed one.
+  const std::string bin = scene.folder().file("in/scene.bin");
+  fs::last_write_time(bin, fs::last_write_time(bin) + std::chrono::seconds(5));
+  has(scene.refusal(shards, ErrorCode::kFile), "x.1.part: scene.bin has changed since the shards were made");
+  other = scene.options();
+  other.shards = 3;
+  other.shard = 1;
+  other.output = scene.shard(2);
+  REQUIRE(convert::convert(other));
+  has(scene.refusal(shards, ErrorCode::kUsage), "x.2.part: is of another conversion than " + shards[0] +
+                                                    ": it was made from scene.bin of ");
+}
+
+TEST_CASE("a damaged shard is refused and nothing is left", "[convert][shards]") {
+  const Sharded scene;
+  const std::vector<std::string> shards = scene.make_shards(scene.options(), 3);
+  const std::string good = tests::read_whole(shards[1]);
+  for (size_t i = 1; i < 40; ++i) {
+    std::string bad = good;
+    const size_t at = good.size() * i / 40;
+    bad[at] = static_cast<char>(bad[at] ^ 0x10);
+    scene.folder().write("x.2.part", bad);
+    fs::remove(scene.folder().file("merged.scree"));
+    const auto merged = scene.merge(shards);
+    INFO("byte " << at);
+    REQUIRE_FALSE(merged);
+    CHECK(exit_code(merged.error().code) == 3);
+    CHECK(merged.error().message.find("x.2.part") != std::string::npos);
+    CHECK_FALSE(fs::exists(scene.folder().file("merged.scree")));
+    CHECK_FALSE(fs::exists(scene.folder().file("merged.scree.part")));
+  }
+  scene.folder().write("x.2.part", good.substr(0, good.size() / 2));
+  CHECK_FALSE(scene.merge(shards));
+  scene.folder().write("x.2.part", good);
+  CHECK(scene.merge(shards));
+}
+
+TEST_CASE("whatever a shard claims is held against the source", "[convert][shards]") {
+  const Sharded scene;
+  (void)scene.make_shards(scene.options(), 1);
+  const auto opened = convert::open_shards({scene.shard(1)});
+  REQUIRE(opened);
+  const std::vector<std::byte> plan = convert::pack_plan(opened->plan);
+  const std::vector<std::byte> share = convert::pack_share(opened->files[0].share);
+  // Unpacking gives what was packed, and every shorter text of it is refused.
+  const auto again = convert::unpack_plan(plan);
+  REQUIRE(again);
+  CHECK(convert::pack_plan(*again) == plan);
+  const auto share_again = convert::unpack_share(share);
+  REQUIRE(share_again);
+  CHECK(convert::pack_share(*share_again) == share);
+  for (size_t size = 0; size < plan.size(); size += 1 + size / 64)
+    CHECK_FALSE(convert::unpack_plan(std::vector<std::byte>(plan.begin(), plan.begin() + static_cast<ptrdiff_t>(size))));
+  for (size_t size = 0; size < share.size(); size += 1 + size / 64)
+    CHECK_FALSE(
+        convert::unpack_share(std::vector<std::byte>(share.begin(), share.begin() + static_cast<ptrdiff_t>(size))));
+}
+
+TEST_CASE("parts of a list follow each other and weigh alike", "[convert][shards]") {
+  const std::vector<uint64_t> costs{5, 1, 1, 1, 20, 1, 1, 5, 5, 0, 9};
+  for (const uint32_t count : {1u, 2u, 3u, 4u, 11u, 50u}) {
+    uint64_t end = 0;
+    for (uint32_t i = 0; i < count; ++i) {
+      const convert::Part part = convert::part_of(costs, i, count);
+      CHECK((part.first == end || part.first == part.end));
+      end = std::max(end, part.end);
+      uint64_t weight = 0;
+      for (uint64_t k = part.first; k < part.end; ++k) weight += costs[k];
+      CHECK(weight <= 49 / count + 20);
+    }
+    CHECK(end == costs.size());
+  }
+  CHECK(convert::part_of({}, 0, 3).end == 0);
+  CHECK(convert::part_of(std::vector<uint64_t>{0, 0}, 0, 3).end == 2);
+}

@@ -1,0 +1,277 @@
+// Ranks under mpirun share the frames of a path or the pages of a scene, and all end when one fails or dies.
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <chrono>
+#include <csignal>
+#include <cstdlib>
+#include <filesystem>
+#include <fstream>
+#include <sstream>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "tests/catch.h"
+#include "tests/models.h"
+#include "tests/paths.h"
+#include "runtime/scene/scene.h"
+#include "tests/runtime/small_scene.h"
+#include "tests/tools/model_maker.h"
+#include "tests/tools/temp_folder.h"
+#include "tools/convert/convert.h"
+
+namespace fs = std::filesystem;
+using scree::tests::SmallScene;
+using scree::tests::TempFolder;
+
+namespace {
+
+/// A launched command; ended with its ranks at the latest by the destructor.
+class Launch {
+ public:
+  Launch(const std::string& command, const TempFolder& folder) : out_(folder.file("out")), err_(folder.file("err")) {
+    pid_ = ::fork();
+    if (pid_ != 0) return;
+    ::setenv("OMPI_ALLOW_RUN_AS_ROOT", "1", 1);
+    ::setenv("OMPI_ALLOW_RUN_AS_ROOT_CONFIRM", "1", 1);
+    ::setenv("OMPI_MCA_rmaps_base_oversubscribe", "1", 1);
+    ::setenv("ASAN_OPTIONS", "detect_leaks=0", 1);  // MPI's own
+    ::setenv("OMPI_MCA_hwloc_base_binding_policy", "none", 1);
+    const std::string line = "cd '" + folder.path().string() + "' && exec " + command + " >out 2>err";
+    ::execl("/bin/sh", "sh", "-c", line.c_str(), nullptr);
+    ::_exit(127);
+  }
+  Launch(const Launch&) = delete;
+  Launch& operator=(const Launch&) = delete;
+  ~Launch() {
+    if (pid_ > 0) ::kill(pid_, SIGTERM);
+    while (pid_ > 0 && !has_ended()) std::this_thread::sleep_for(std::chrono::milliseconds(20));
+  }
+
+  /// The exit code, or 128 and the signal; -1 where it has not ended within so many seconds.
+  int wait(double seconds) {
+    const auto end = std::chrono::steady_clock::now() + std::chrono::duration<double>(seconds);
+    while (std::chrono::steady_clock::now() < end) {
+      if (has_ended()) return WIFEXITED(status_) ? WEXITSTATUS(status_) : 128 + WTERMSIG(status_);
+      std::this_thread::sleep_for(std::chrono::milliseconds(20));
+    }
+    return -1;
+  }
+
+  std::vector<pid_t> ranks() const {
+    std::vector<pid_t> found;
+    const std::string self = std::to_string(pid_);
+    std::istringstream list(scree::tests::read_whole("/proc/" + self + "/task/" + self + "/children"));
+    for (pid_t child; list >> child;) found.push_back(child);
+    return found;
+  }
+
+  std::string out() const { return scree::tests::read_whole(out_); }
+  /// Lines that scree wrote, without those of the launcher.
+  std::vector<std::string> errors() const {
+    std::vector<std::string> lines;
+    std::istringstream text(scree::tests::read_whole(err_));
+    for (std::string line; std::getline(text, line);)
+      if (line.find("scree render:") != std::string::npos) lines.push_back(line);
+    return lines;
+  }
+
+ private:
+  bool has_ended() {
+    if (pid_ > 0 && ::waitpid(pid_, &status_, WNOHANG) == pid_) pid_ = 0;
+    return pid_ == 0;
+  }
+
+  pid_t pid_ = 0;
+  int status_ = 0;
+  std::string out_, err_;
+};
+
+/// Whether a process works still: one that has ended may stay in the list until somebody asks for its end.
+bool runs(pid_t process) {
+  std::ifstream stat("/proc/" + std::to_string(process) + "/stat");
+  std::string text;
+  std::getline(stat, text);
+  const size_t name_end = text.rfind(')');
+  return name_end != std::string::npos && text.substr(name_end, 3) != ") Z";
+}
+
+void make_inputs(const TempFolder& folder, const char* end) {
+  SmallScene().write(folder.file("quad.scree"));
+  folder.write("path.json", std::string(R"({"format": "scree camera path", "version": 1, "keys": [
+    {"t": 0, "eye": [0, 0, 3], "target": [0, 0, 0]}, {"t": )") + end + R"(, "eye": [2, 1, 3], "target": [0, 0, 0]}]})");
+}
+
+std::string render(int ranks, const std::string& more) {
+  return std::string(SCREE_MPIEXEC) + " -n " + std::to_string(ranks) + " '" + scree::tests::kProgram +
+         "' render quad.scree --backend cpu --threads 1 " + more;
+}
+
+}  // namespace
+
+TEST_CASE("ranks share the frames of a path", "[render][path][ranks]") {
+  const TempFolder folder;
+  make_inputs(folder, "0.3");  // 10 frames
+  std::string expected;
+  for (const int ranks : {1, 2, 3, 5}) {
+    INFO(ranks << " ranks");
+    const std::string pattern = "n" + std::to_string(ranks) + "_%d";
+    Launch launch(render(ranks, "--path path.json --size 40x30 -o " + pattern + ".png --visbuffer " + pattern +
+                                    ".bin --depth " + pattern + ".pfm"),
+                  folder);
+    REQUIRE(launch.wait(60) == 0);
+    CHECK(launch.errors().empty());
+    CHECK(launch.out().find("10 frames of 40 x 30") != std::string::npos);
+    CHECK(launch.out().find('\n') == launch.out().size() - 1);  // one rank reports
+    std::string bytes;
+    for (int frame = 0; frame < 10; ++frame)
+      for (const char* extension : {".png", ".bin", ".pfm"})
+        bytes += scree::tests::read_whole(folder.file("n" + std::to_string(ranks) + "_" + std::to_string(frame) + extension));
+    if (ranks == 1) expected = bytes;
+    CHECK(bytes == expected);
+  }
+}
+
+TEST_CASE("what one rank cannot do ends all with one line", "[render][path][ranks]") {
+  const TempFolder folder;
+  make_inputs(folder, "0.3");
+  folder.write("f_4.png", "is there");  // a frame of rank 1
+  const std::string film = "--path path.json --size 40x30 -o f_%d.png";
+  {
+    Launch launch(render(3, film), folder);
+    CHECK(launch.wait(20) == 2);
+    REQUIRE(launch.errors().size() == 1);
+    CHECK(launch.errors()[0].find("rank 1 of 3 on ") != std::string::npos);
+    CHECK(launch.errors()[0].find("f_4.png: exists already") != std::string::npos);
+    CHECK_FALSE(fs::exists(folder.file("f_0.png")));
+  }
+  {  // in the middle of its work
+    for (const int frame : {0, 1, 2, 3, 4, 6, 7, 8, 9}) fs::create_directory(folder.file("d" + std::to_string(frame)));
+    Launch launch(render(3, "--path path.json --size 40x30 -o d%d/f.png"), folder);
+    CHECK(launch.wait(20) == 2);
+    REQUIRE(launch.errors().size() == 1);
+    CHECK(launch.errors()[0].find("rank 2 of 3 on ") != std::string::npos);
+    CHECK(launch.errors()[0].find("d5/f.png") != std::string::npos);
+  }
+  {  // which all of them meet
+    std::string bytes = scree::tests::read_whole(folder.file("quad.scree"));
+    bytes[4096] = static_cast<char>(bytes[4096] ^ 1);
+    folder.write("quad.scree", bytes);
+    Launch launch(render(3, "--path path.json --size 40x30 -o g_%d.png"), folder);
+    CHECK(launch.wait(20) == 3);
+    REQUIRE(launch.errors().size() == 1);
+    CHECK(launch.errors()[0].find("rank 0 of 3 on ") != std::string::npos);
+    CHECK(launch.errors()[0].find("quad.scree: page 0") != std::string::npos);
+  }
+}
+
+TEST_CASE("a rank that is killed ends all", "[render][path][ranks]") {
+  for (const size_t victim : {0, 1, 2}) {
+    const TempFolder folder;
+    make_inputs(folder, "300");  // 9,001 frames
+    Launch launch(render(3, "--path path.json --size 200x150 -q -o f_%d.png"), folder);
+    const auto end = std::chrono::steady_clock::now() + std::chrono::seconds(30);
+    while (!fs::exists(folder.file("f_5.png")) && std::chrono::steady_clock::now() < end)
+      std::this_thread::sleep_for(std::chrono::milliseconds(10));
+    REQUIRE(fs::exists(folder.file("f_5.png")));
+    const std::vector<pid_t> ranks = launch.ranks();
+    REQUIRE(ranks.size() == 3);
+    ::kill(ranks[victim], SIGKILL);
+    const int code = launch.wait(10);
+    CHECK(code > 0);
+    const auto gone = std::chrono::steady_clock::now() + std::chrono::seconds(10);
+    for (const pid_t rank : ranks) {
+      while (runs(rank) && std::chrono::steady_clock::now() < gone)
+        std::this_thread::sleep_for(std::chrono::milliseconds(20));
+      CHECK_FALSE(runs(rank));
+    }
+    // What has its name is whole: the film can be resumed.
+    CHECK(fs::file_size(folder.file("f_5.png")) > 45);
+  }
+}
+
+namespace {
+
+/// Several pages of geometry, some of them textured.
+void make_large_scene(const TempFolder& folder) {
+  namespace format = scree::format;
+  scree::tests::ModelMaker maker(folder.file("grids.gltf"));
+  const std::string png = scree::tests::read_whole(scree::tests::data_path("checker.png").string());
+  const uint32_t checker = maker.textured("png", format::ImageCodec::kPng, std::as_bytes(std::span(png)));
+  scree::tests::GridSpec grid;
+  grid.uv = grid.color = true;
+  for (int i = 0; i < 6; ++i) {
+    grid.columns = static_cast<uint32_t>(150 + 40 * i);
+    grid.rows = 120;
+    grid.origin = {0, 0, 0.1f * static_cast<float>(i)};  // which lie in front of each other
+    const std::string name = "grid " + std::to_string(i);
+    maker.node(name, maker.mesh(name, {maker.grid(grid, i % 2 == 0 ? checker : format::kNone)}), {0.2 * i, 0.1 * i, 0});
+  }
+  maker.finish();
+  scree::convert::ConvertOptions options;
+  options.input = folder.file("grids.gltf");
+  options.output = folder.file("quad.scree");
+  options.float32 = true;  // larger, so that there are pages to share
+  const auto report = scree::convert::convert(options);
+  if (!report) FAIL(report.error().message);
+  CHECK(report->geometry_bytes > 5 << 20);
+}
+
+std::string files_of(const TempFolder& folder, const std::string& name) {
+  std::string bytes;
+  for (const char* extension : {".png", ".pfm", ".bin"}) bytes += scree::tests::read_whole(folder.file(name + extension));
+  return bytes;
+}
+
+}  // namespace
+
+TEST_CASE("ranks that share a scene's pages draw the picture of one", "[render][ranks]") {
+  const TempFolder folder;
+  make_large_scene(folder);
+  const char* const cases[] = {"", "--samples 2 --ssao --edl --eye 1,1,3 --background transparent", "--show triangle",
+                               "--show depth --view iso", "--show normal --eye 0.5,0.5,0.9 --target 0.5,0.5,0 --no-light"};
+  for (const char* more : cases) {
+    std::string expected;
+    for (const int ranks : {1, 2, 3, 5}) {
+      INFO(ranks << " ranks, " << more);
+      const std::string name = "n" + std::to_string(ranks);
+      Launch launch(render(ranks, std::string(more) + " --size 160x120 --force -o " + name + ".png --depth " + name +
+                                      ".pfm --visbuffer " + name + ".bin"),
+                    folder);
+      REQUIRE(launch.wait(60) == 0);
+      CHECK(launch.errors().empty());
+      if (ranks == 1) expected = files_of(folder, name);
+      CHECK(files_of(folder, name) == expected);
+    }
+  }
+}
+
+TEST_CASE("a damaged page ends all ranks, and its owner alone has read it", "[render][ranks]") {
+  const TempFolder folder;
+  make_large_scene(folder);
+  const auto file = scree::runtime::SceneFile::open(folder.file("quad.scree"));
+  REQUIRE(file);
+  std::vector<uint64_t> places;
+  for (uint64_t i = 0; i < file->container().pages().size(); ++i)
+    if (file->container().pages()[i].kind == scree::format::PageKind::kGeometry)
+      places.push_back(file->container().pages()[i].offset);
+  REQUIRE(places.size() >= 5);
+  const std::string good = scree::tests::read_whole(folder.file("quad.scree"));
+  for (size_t page = 0; page < 3; ++page) {  // the first three go to ranks 0, 1 and 2
+    std::string bad = good;
+    bad[places[page] + 100] = static_cast<char>(bad[places[page] + 100] ^ 1);
+    folder.write("quad.scree", bad);
+    Launch launch(render(3, "--eye 1,1,3 --target 0,0,0 --size 64x48 -o bad.png"), folder);
+    CHECK(launch.wait(10) == 3);
+    REQUIRE(launch.errors().size() == 1);
+    INFO(launch.errors()[0]);
+    CHECK(launch.errors()[0].find("rank " + std::to_string(page) + " of 3 on ") != std::string::npos);
+    CHECK(launch.errors()[0].find("quad.scree: page ") != std::string::npos);
+    CHECK_FALSE(fs::exists(folder.file("bad.png")));
+  }
+  folder.write("quad.scree", good);
+  Launch launch(render(2, "--pick 3,3 -o one.png"), folder);
+  CHECK(launch.wait(20) == 1);
+  CHECK(launch.errors().size() == 1);
+}

@@ -1,0 +1,120 @@
+#include "tools/convert/passes/merge_pass.h"
+
+#include <algorithm>
+#include <string>
+#include <utility>
+
+#include "format/bytes.h"
+#include "format/container/checksum.h"
+
+namespace scree::convert {
+namespace {
+
+Error no_page(const ShardFile& shard, uint32_t page) {
+  return {ErrorCode::kRange, shard.map.path() + ": page " + std::to_string(page) + " is none of its pages for that"};
+}
+
+bool has_page(const ShardFile& shard, uint32_t page, format::PageKind kind) {
+  return page < shard.container.pages().size() && shard.container.pages()[page].kind == kind;
+}
+
+/// Appends a page of the shard as it is. An image that is a file may be large, and is not held.
+Result<uint32_t> append_page(const ShardFile& shard, uint32_t page, format::ContainerWriter& writer) {
+  const format::PageRecord& record = shard.container.pages()[page];
+  if (record.codec != format::PageCodec::kRaw) {
+    Result<std::vector<std::byte>> stored = read_page(shard, page);
+    if (!stored) return stored.error();
+    return writer.append({record, std::move(*stored)});
+  }
+  format::Checksum checksum;
+  const Result<uint32_t> number =
+      writer.append_raw(record.kind, record.stored_bytes, [&](uint64_t offset, std::span<std::byte> out) -> Result<void> {
+        const Result<void> read = shard.map.read(record.offset + offset, out);
+        if (!read) return at(shard.map.path(), read.error());
+        checksum.add(out);
+        return {};
+      });
+  if (number && checksum.value() != record.checksum)
+    return Error{ErrorCode::kChecksum, shard.map.path() + ": page " + std::to_string(page) + ": damaged"};
+  return number;
+}
+
+}  // namespace
+
+Result<void> append_images(ShardFile& shard, uint64_t first_image, format::ContainerWriter& writer) {
+  uint32_t next = 0;  // page of the shard
+  for (StoredImageRecord& image : shard.share.images) {
+    const uint32_t first = next, moved = writer.page_count();
+    for (uint32_t i = 0; i < image.page_count; ++i, ++next) {
+      if (!has_page(shard, next, format::PageKind::kImage)) return no_page(shard, next);
+      if (const Result<uint32_t> page = append_page(shard, next, writer); !page) return page.error();
+    }
+    const auto move = [&](uint32_t& page) {
+      if (page < first || page >= next) return false;
+      page += moved - first;
+      return true;
+    };
+    if (!move(image.record.page)) return no_page(shard, image.record.page);
+    for (format::MipLevelRecord& level : image.levels) {
+      if (!move(level.page)) return no_page(shard, level.page);
+      level.image += static_cast<uint32_t>(first_image);
+    }
+  }
+  return {};
+}
+
+void MergePass::begin(const ShardFile& shard) {
+  shard_ = &shard;
+  page_ = last_page_ = format::kNone;
+  for (const WindowOutcome& window : shard.share.windows)
+    if (!window.chunks.empty()) last_page_ = window.chunks.back().page;
+}
+
+/// The page of a chunk that lies in another one than the chunk before.
+Result<void> MergePass::turn_to(const format::ChunkRecord& chunk) {
+  if (!has_page(*shard_, chunk.page, format::PageKind::kGeometry) || (page_ != format::kNone && chunk.page < page_))
+    return no_page(*shard_, chunk.page);
+  page_ = chunk.page;
+  if (page_ != last_page_ && !geometry_.fits(chunk.bytes)) {
+    Result<std::vector<std::byte>> stored = read_page(*shard_, page_);
+    if (!stored) return stored.error();
+    const Result<uint32_t> number = geometry_.add_page({shard_->container.pages()[page_], std::move(*stored)});
+    if (!number) return number.error();
+    copy_ = *number;
+    return {};
+  }
+  copy_ = format::kNone;
+  Result<std::vector<std::byte>> stored = read_page(*shard_, page_);
+  if (!stored) return stored.error();
+  const format::PageRecord& record = shard_->container.pages()[page_];
+  if (record.codec == format::PageCodec::kRaw) {
+    raw_ = std::move(*stored);
+    return {};
+  }
+  raw_.resize(record.raw_bytes);
+  const Result<void> unpacked = shard_->container.unpack_page(page_, *stored, raw_);
+  return unpacked ? unpacked : at(shard_->map.path(), unpacked.error());
+}
+
+Result<void> MergePass::add(WindowOutcome& window) {
+  for (format::ChunkRecord& chunk : window.chunks) {
+    if (chunk.page != page_)
+      if (const Result<void> turned = turn_to(chunk); !turned) return turned;
+    if (!format::range_within(chunk.offset, chunk.bytes, shard_->container.pages()[page_].raw_bytes))
+      return Error{ErrorCode::kRange, shard_->map.path() + ": a chunk does not lie in page " + std::to_string(page_)};
+    if (copy_ != format::kNone) {
+      chunk.page = copy_;
+      continue;
+    }
+    EncodedChunk again;
+    again.record = chunk;
+    const auto first = raw_.begin() + static_cast<ptrdiff_t>(chunk.offset);
+    again.payload.assign(first, first + static_cast<ptrdiff_t>(chunk.bytes));
+    if (const Result<void> added = geometry_.add(again); !added) return added;
+    chunk.page = again.record.page;
+    chunk.offset = again.record.offset;
+  }
+  return {};
+}
+
+}  // namespace scree::convert

@@ -1,0 +1,391 @@
+#include "tools/convert/passes/shard.h"
+
+#include <sys/stat.h>
+
+#include <algorithm>
+#include <cmath>
+#include <filesystem>
+#include <numeric>
+#include <optional>
+#include <utility>
+
+#include "tools/convert/passes/log_entry.h"
+
+namespace scree::convert {
+namespace {
+
+// A change of what is packed, or of how a scene is cut and packed, needs another number.
+constexpr uint64_t kShardFormat = 1;
+
+/// Reads or writes the fields of a struct one by one, in one order for both.
+struct Add {
+  EntryWriter& entry;
+  template <class T>
+  void operator()(const T& value) const {
+    if constexpr (std::is_enum_v<T> || std::is_same_v<T, bool>)
+      entry.add(static_cast<uint32_t>(value));
+    else
+      entry.add(value);
+  }
+  void operator()(const std::string& text) const { entry.add_text(text); }
+};
+struct Take {
+  EntryReader& entry;
+  bool& is_good;
+  template <class T>
+  void operator()(T& value) const {
+    if constexpr (std::is_enum_v<T> || std::is_same_v<T, bool>) {
+      uint32_t number = 0;
+      entry.take(number);
+      is_good = is_good && number <= 2;  // no enumeration here has more than three values
+      value = static_cast<T>(number);
+    } else {
+      entry.take(value);
+    }
+  }
+  void operator()(std::string& text) const { entry.take_text(text); }
+};
+
+template <class Stream, class Options>
+void visit_options(const Stream& stream, Options& options) {
+  stream(options.float32);
+  stream(options.position_bits);
+  stream(options.max_error);
+  stream(options.pixel_bound.pixels);
+  stream(options.pixel_bound.distance);
+  stream(options.pixel_bound.width);
+  stream(options.pixel_bound.height);
+  stream(options.pixel_bound.fov_degrees);
+  stream(options.grid);
+  stream(options.order);
+  stream(options.encoding);
+  stream(options.clusters);
+  stream(options.chunk_triangles);
+  stream(options.zstd_level);
+  stream(options.normals);
+  stream(options.source_ids);
+  stream(options.drop_nonfinite);
+  stream(options.weld);
+  stream(options.share);
+  stream(options.exclude);
+  stream(options.images.textures);
+  stream(options.images.quality);
+  stream(options.images.keep_going);
+}
+
+template <class Stream, class Window>
+void visit_window(const Stream& stream, Window& window) {
+  stream(window.primitive);
+  stream(window.vertices);
+  stream(window.span);
+  stream(window.first);
+  stream(window.count);
+  stream(window.kept);
+  stream(window.box.lo);
+  stream(window.box.hi);
+}
+
+template <class Stream, class Primitive>
+void visit_measured(const Stream& stream, Primitive& primitive) {
+  stream(primitive.triangles);
+  stream(primitive.dropped_degenerate);
+  stream(primitive.dropped_nonfinite);
+  stream(primitive.box.lo);
+  stream(primitive.box.hi);
+  stream(primitive.white);
+  stream(primitive.shows_normals);
+  stream(primitive.normals);
+}
+
+template <class Stream, class Stamp>
+void visit_stamp(const Stream& stream, Stamp& stamp) {
+  stream(stamp.name);
+  stream(stamp.bytes);
+  stream(stamp.changed_s);
+  stream(stamp.changed_ns);
+}
+
+std::string printed(const FileStamp& stamp) {
+  return stamp.name + " of " + std::to_string(stamp.bytes) + " bytes, changed at " + std::to_string(stamp.changed_s) +
+         " s";
+}
+
+Error damaged(const char* what) {
+  return {ErrorCode::kFormat, std::string("a shard's ") + what + " is not as scree convert --shard writes it"};
+}
+
+/// In which way two shards are not of one conversion: "was made with other options, '...'".
+std::string difference(const ShardPlan& plan, const ShardPlan& first) {
+  const std::string options = describe_options(plan.options), first_options = describe_options(first.options);
+  if (options != first_options) return "was made with '" + options + "', but the first with '" + first_options + "'";
+  if (plan.count != first.count)
+    return "is one of " + std::to_string(plan.count) + ", but the first one of " + std::to_string(first.count);
+  for (size_t i = 0; i < std::max(plan.files.size(), first.files.size()); ++i) {
+    if (i >= plan.files.size()) return "was made without " + first.files[i].name;
+    if (i >= first.files.size()) return "was made from " + plan.files[i].name + ", which the first has not";
+    if (!(plan.files[i] == first.files[i]))
+      return "was made from " + printed(plan.files[i]) + ", but the first from " + printed(first.files[i]);
+  }
+  return "found other things in the source than the first";
+}
+
+/// The one page of a kind that lies in a shard.
+Result<std::span<const std::byte>> find_page(const format::Container& container, format::PageKind kind,
+                                             std::vector<std::byte>& scratch) {
+  for (uint64_t i = container.pages().size(); i-- > 0;)
+    if (container.pages()[i].kind == kind) return container.load_page(static_cast<uint32_t>(i), scratch);
+  return Error{ErrorCode::kUsage, "is a .scree file, but no shard of a conversion"};
+}
+
+struct Opened {
+  std::vector<std::byte> plan;
+  ShardFile file;
+};
+
+Result<Opened> open_shard(const std::string& path) {
+  Opened opened;
+  Result<runtime::MappedFile> map = runtime::MappedFile::open(path, runtime::Access::kSequential);
+  if (!map) return map.error();
+  opened.file.map = std::move(*map);
+  Result<format::Container> container = format::Container::open(opened.file.map.bytes());
+  if (!container) return at(path, container.error());
+  opened.file.container = std::move(*container);
+  std::vector<std::byte> scratch;
+  const auto plan = find_page(opened.file.container, kShardPlanPage, scratch);
+  if (!plan) return at(path, plan.error());
+  opened.plan.assign(plan->begin(), plan->end());
+  const auto share = find_page(opened.file.container, kShardSharePage, scratch);
+  if (!share) return at(path, share.error());
+  Result<ShardShare> unpacked = unpack_share(*share);
+  if (!unpacked) return at(path, unpacked.error());
+  opened.file.share = std::move(*unpacked);
+  return opened;
+}
+
+std::string shard_name(uint64_t index, uint64_t count) {
+  return "shard " + std::to_string(index + 1) + " of " + std::to_string(count);
+}
+
+}  // namespace
+
+std::vector<FileStamp> stamp_files(const std::string& input, const std::set<std::string>& files) {
+  const auto whole_path = [](const std::string& path) { return std::filesystem::absolute(path).lexically_normal(); };
+  const std::filesystem::path folder = whole_path(input).parent_path();
+  std::vector<FileStamp> stamps;
+  for (const std::string& file : files) {
+    FileStamp stamp;
+    stamp.name = whole_path(file).lexically_proximate(folder).string();
+    struct stat status {};
+    if (::stat(file.c_str(), &status) == 0) {
+      stamp.bytes = static_cast<uint64_t>(status.st_size);
+      stamp.changed_s = status.st_mtim.tv_sec;
+      stamp.changed_ns = status.st_mtim.tv_nsec;
+    }
+    stamps.push_back(stamp);
+  }
+  std::sort(stamps.begin(), stamps.end(), [](const FileStamp& a, const FileStamp& b) { return a.name < b.name; });
+  return stamps;
+}
+
+std::vector<std::byte> pack_plan(const ShardPlan& plan) {
+  EntryWriter entry;
+  const Add add{entry};
+  add(kShardFormat);
+  entry.add_text(SCREE_VERSION);
+  add(plan.count);
+  visit_options(add, plan.options);
+  add(uint64_t{plan.files.size()});
+  for (const FileStamp& stamp : plan.files) visit_stamp(add, stamp);
+  add(uint64_t{plan.measurement.windows.size()});
+  for (const WindowPlan& window : plan.measurement.windows) visit_window(add, window);
+  add(uint64_t{plan.measurement.primitives.size()});
+  for (const Measured& primitive : plan.measurement.primitives) {
+    visit_measured(add, primitive);
+    add(primitive.content.has_value());
+    add(primitive.content.value_or(ContentHash{}));
+  }
+  entry.add_list(plan.sorted);
+  const ImagePlan& images = plan.images;
+  entry.add_list(images.places);
+  entry.add_list(images.sources);
+  entry.add_list(images.records);
+  entry.add_list(std::vector<char>(images.is_color.begin(), images.is_color.end()));
+  entry.add_list(images.costs);
+  entry.add_list(images.hashes);
+  for (const std::vector<std::string>* texts : {&images.broken, &images.warnings}) {
+    add(uint64_t{texts->size()});
+    for (const std::string& text : *texts) add(text);
+  }
+  return {entry.bytes().begin(), entry.bytes().end()};
+}
+
+Result<ShardPlan> unpack_plan(std::span<const std::byte> bytes) {
+  EntryReader entry(bytes);
+  bool is_good = true;
+  const Take take{entry, is_good};
+  ShardPlan plan;
+  uint64_t number = 0;
+  std::string version;
+  take(number);
+  take(version);
+  if (entry.failed() || number != kShardFormat || version != SCREE_VERSION)
+    return Error{ErrorCode::kVersion, "was made by another version of scree than this, " SCREE_VERSION};
+  take(plan.count);
+  visit_options(take, plan.options);
+  plan.files.resize(entry.take_count(32));
+  for (FileStamp& stamp : plan.files) visit_stamp(take, stamp);
+  plan.measurement.windows.resize(entry.take_count(60));
+  for (WindowPlan& window : plan.measurement.windows) visit_window(take, window);
+  plan.measurement.primitives.resize(entry.take_count(92));
+  for (Measured& primitive : plan.measurement.primitives) {
+    visit_measured(take, primitive);
+    bool has_content = false;
+    ContentHash content{};
+    take(has_content);
+    take(content);
+    if (has_content) primitive.content = content;
+  }
+  entry.take_list(plan.sorted);
+  ImagePlan& images = plan.images;
+  entry.take_list(images.places);
+  entry.take_list(images.sources);
+  entry.take_list(images.records);
+  std::vector<char> is_color;
+  entry.take_list(is_color);
+  images.is_color.assign(is_color.begin(), is_color.end());
+  entry.take_list(images.costs);
+  entry.take_list(images.hashes);
+  for (std::vector<std::string>* texts : {&images.broken, &images.warnings}) {
+    texts->resize(entry.take_count(8));
+    for (std::string& text : *texts) take(text);
+  }
+  if (entry.failed() || entry.more() || !is_good || plan.count == 0) return damaged("plan");
+  if (const Result<void> checked = check_options(plan.options); !checked) return damaged("plan");
+  return plan;
+}
+
+std::vector<std::byte> pack_share(const ShardShare& share) {
+  EntryWriter entry;
+  entry.add(share.index);
+  entry.add_text(share.input);
+  entry.add(uint64_t{share.images.size()});
+  for (const StoredImageRecord& image : share.images) add_image(entry, image);
+  entry.add(uint64_t{share.windows.size()});
+  for (const WindowOutcome& window : share.windows) add_window(entry, window);
+  return {entry.bytes().begin(), entry.bytes().end()};
+}
+
+Result<ShardShare> unpack_share(std::span<const std::byte> bytes) {
+  EntryReader entry(bytes);
+  ShardShare share;
+  entry.take(share.index);
+  entry.take_text(share.input);
+  bool is_good = true;
+  share.images.resize(entry.take_count(48));
+  for (StoredImageRecord& image : share.images) is_good = is_good && take_image(entry, image);
+  share.windows.resize(entry.take_count(80));
+  for (WindowOutcome& window : share.windows) is_good = is_good && take_window(entry, window);
+  if (entry.failed() || entry.more() || !is_good) return damaged("share");
+  return share;
+}
+
+Part part_of(std::span<const uint64_t> costs, uint32_t index, uint32_t count) {
+  const double total = static_cast<double>(std::accumulate(costs.begin(), costs.end(), uint64_t{0}));
+  Part part{costs.size(), costs.size()};
+  uint64_t before = 0;
+  for (uint64_t i = 0; i < costs.size(); ++i) {
+    const double middle = static_cast<double>(before) + 0.5 * static_cast<double>(costs[i]);
+    const auto owner = total > 0 ? std::min(count - 1, static_cast<uint32_t>(middle / total * count)) : 0;
+    if (owner >= index) part.first = std::min(part.first, i);
+    if (owner > index) part.end = std::min(part.end, i);
+    before += costs[i];
+  }
+  return part;
+}
+
+Result<std::vector<std::byte>> read_page(const ShardFile& shard, uint32_t page) {
+  const std::span<const std::byte> padded = shard.container.padded_page(page);
+  std::vector<std::byte> bytes(padded.size());
+  const auto offset = static_cast<uint64_t>(padded.data() - shard.map.bytes().data());
+  if (const Result<void> read = shard.map.read(offset, bytes); !read) return at(shard.map.path(), read.error());
+  if (const Result<void> checked = shard.container.check_page(page, bytes); !checked)
+    return at(shard.map.path(), checked.error());
+  bytes.resize(shard.container.pages()[page].stored_bytes);
+  return bytes;
+}
+
+Result<ShardSet> open_shards(const std::vector<std::string>& paths) {
+  ShardSet set;
+  std::vector<std::byte> first_plan;
+  std::vector<std::optional<ShardFile>> places;
+  for (const std::string& path : paths) {
+    Result<Opened> opened = open_shard(path);
+    if (!opened) return opened.error();
+    if (first_plan.empty()) {
+      Result<ShardPlan> plan = unpack_plan(opened->plan);
+      if (!plan) return at(path, plan.error());
+      set.plan = std::move(*plan);
+      first_plan = opened->plan;
+      if (set.plan.count > std::max<size_t>(4096, paths.size()))
+        return at(path, damaged("plan"));
+      places.resize(set.plan.count);
+    } else if (opened->plan != first_plan) {
+      const Result<ShardPlan> plan = unpack_plan(opened->plan);
+      if (!plan) return at(path, plan.error());
+      return Error{ErrorCode::kUsage,
+                   path + ": is of another conversion than " + paths.front() + ": it " + difference(*plan, set.plan)};
+    }
+    const uint32_t index = opened->file.share.index;
+    if (index >= places.size()) return at(path, damaged("share"));
+    if (places[index])
+      return Error{ErrorCode::kUsage, path + ": is " + shard_name(index, places.size()) + ", as " +
+                                          places[index]->map.path() + " is"};
+    places[index] = std::move(opened->file);
+  }
+  std::string missing;
+  for (size_t i = 0; i < places.size(); ++i)
+    if (!places[i]) missing += (missing.empty() ? "" : ", ") + std::to_string(i + 1);
+  if (!missing.empty())
+    return Error{ErrorCode::kUsage, paths.front() + ": is one of " + std::to_string(places.size()) +
+                                        " shards, of which are missing: " + missing};
+  for (std::optional<ShardFile>& file : places) set.files.push_back(std::move(*file));
+  return set;
+}
+
+Result<void> check_shards(const ShardSet& shards, const SourceScene& scene) {
+  const Measurement& measurement = shards.plan.measurement;
+  const auto wrong = [&](const std::string& what) {
+    return Error{ErrorCode::kFormat, shards.files.front().map.path() + ": " + what + " is none of the source's"};
+  };
+  if (measurement.primitives.size() != scene.primitives.size()) return wrong("its number of primitives");
+  std::vector<uint64_t> kept(scene.primitives.size());
+  const WindowPlan* before = nullptr;
+  for (const WindowPlan& window : measurement.windows) {
+    if (window.primitive >= scene.primitives.size()) return wrong("primitive " + std::to_string(window.primitive));
+    const uint64_t triangles = scene.primitives[window.primitive].triangle_count();
+    const bool follows = before == nullptr || before->primitive < window.primitive ||
+                         (before->primitive == window.primitive && before->first + before->count <= window.first);
+    if (!follows || window.kept == 0 || window.kept > window.count || window.count > triangles ||
+        window.first > triangles - window.count)
+      return wrong("a window of primitive " + std::to_string(window.primitive));
+    kept[window.primitive] += window.kept;
+    before = &window;
+  }
+  for (size_t i = 0; i < kept.size(); ++i)
+    if (kept[i] != measurement.primitives[i].triangles) return wrong("what is kept of primitive " + std::to_string(i));
+  for (const uint32_t primitive : shards.plan.sorted)
+    if (primitive >= scene.primitives.size()) return wrong("primitive " + std::to_string(primitive));
+  const ImagePlan& images = shards.plan.images;
+  const size_t count = images.records.size();
+  if (images.places.size() != scene.images.size() || images.sources.size() != count || images.costs.size() != count ||
+      images.is_color.size() != count ||
+      images.hashes.size() != count || images.broken.size() != count)
+    return wrong("its number of images");
+  for (const uint32_t place : images.places)
+    if (place != format::kNone && place >= count) return wrong("an image");
+  for (const uint32_t source : images.sources)
+    if (source >= scene.images.size()) return wrong("an image");
+  return {};
+}
+
+}  // namespace scree::convert

@@ -1,0 +1,274 @@
+#include "tools/render/render_ranks.h"
+
+#include <algorithm>
+#include <cstdio>
+#include <functional>
+#include <new>
+#include <optional>
+#include <queue>
+#include <string>
+#include <utility>
+
+#include "kernels/frame_parts.h"
+#include "kernels/shade/layers.h"
+#include "runtime/images/image.h"
+#include "runtime/scene/scene.h"
+#include "runtime/threads/first_error.h"
+#include "runtime/threads/parallel.h"
+#include "runtime/threads/stopwatch.h"
+#include "tools/common/json_writer.h"
+#include "tools/common/options.h"
+#include "tools/common/output_file.h"
+#include "tools/common/sigbus.h"
+#include "tools/common/stop_signal.h"
+
+namespace scree::tools {
+namespace {
+
+using runtime::Stopwatch;
+
+/// A pass's team on a CPU.
+struct OneLane {
+  static uint32_t rank() { return 0; }
+  static uint32_t size() { return 1; }
+};
+
+class RankedPicture {
+ public:
+  RankedPicture(const RenderOptions& options, Ranks& ranks) : options_(options), ranks_(ranks) {}
+
+  /// All that a rank can fail in by itself.
+  Result<void> draw() {
+    if (const Result<void> done = check(); !done) return done;
+    if (const Result<void> done = load(); !done) return done;
+    const Stopwatch watch;
+    samples_.assign(uint64_t{view_.width} * view_.height, kernels::kBackground);
+    const auto drawn = kernels::draw_part_cpu(scene_view_, view_, samples_, options_.threads);
+    if (!drawn) return at(options_.file, drawn.error());
+    draw_ms_ = watch.elapsed().wall_ms;
+    return check_not_cut(scene_->file().map());
+  }
+
+  /// What takes all of them.
+  Result<void> compose() {
+    const Stopwatch watch;
+    if (const Result<void> done = ranks_.least(samples_); !done) return done;
+    exchange_ms_ = watch.elapsed().wall_ms;
+    const bool is_shaded = !options_.output.empty() && kernels::shades_from_chunks(options_.shade.show);
+    if (is_shaded)
+      if (const Result<void> done = shade(); !done) return done;
+    if (ranks_.is_first())
+      if (const Result<void> done = write(); !done) return done;
+    return report();
+  }
+
+ private:
+  Result<void> check() const {
+    const std::pair<const char*, bool> others[] = {{"--pick", !options_.picks.empty()},
+                                                   {"--stats", options_.stats},
+                                                   {"--list-cameras", options_.list_cameras},
+                                                   {"--frames", options_.frames != 1},
+                                                   {"--backend cuda", options_.backend.choice == BackendChoice::kCuda}};
+    for (const auto& [name, is_given] : others)
+      if (is_given)
+        return Error{ErrorCode::kUsage, std::string(name) + ": is not for one picture that " +
+                                            std::to_string(ranks_.count()) + " ranks draw, on their CPUs"};
+    if (!ranks_.is_first()) return {};
+    for (const std::string* path : {&options_.output, &options_.depth, &options_.visbuffer})
+      if (const Result<void> checked = check_output_file(*path, options_.existing); !checked) return checked;
+    return {};
+  }
+
+  Result<void> load() {
+    const Stopwatch watch;
+    report_sigbus("render", options_.file);
+    Result<runtime::SceneFile> file = runtime::SceneFile::open(options_.file);
+    if (!file) return file.error();
+    const Result<uint32_t> index = file->find_scene(options_.scene);
+    if (!index) return index.error();
+    runtime::SceneOptions load;
+    load.textures = !options_.output.empty() && options_.shade.show == kernels::Show::kTexture;
+    load.lighting = load.textures && options_.shade.light ? options_.light.lighting : kernels::Lighting::kCamera;
+    load.environment = options_.light.environment;
+    load.threads = options_.threads;
+    load.pages = false;
+    load.texture_cache = options_.texture_cache.value_or(runtime::kHostTextureCache);
+    Result<runtime::Scene> scene = runtime::Scene::load(std::move(*file), *index, load);
+    if (!scene) return scene.error();
+    scene_.emplace(std::move(*scene));
+    if (const Result<void> checked = check_lights(options_.light, scene_->view()); !checked)
+      return at(options_.file, checked.error());
+    if (!options_.quiet && ranks_.is_first())
+      for (const std::string& warning : scene_->warnings())
+        std::fprintf(stderr, "scree render: warning: %s: %s\n", options_.file.c_str(), warning.c_str());
+    // A default view is fitted to the vertices where they are few; such a scene every rank reads whole.
+    if (runtime::view_reads_vertices(scene_->view(), options_.camera))
+      if (const Result<void> loaded = scene_->load_pages(options_.threads); !loaded) return loaded;
+    const Result<kernels::View> view =
+        runtime::make_view(scene_->container(), *index, scene_->view(), options_.camera);
+    if (!view) return at(options_.file, view.error());
+    view_ = *view;
+    view_.width *= options_.samples_per_side;
+    view_.height *= options_.samples_per_side;
+    const Result<void> loaded = load_own_pages();
+    load_ms_ = watch.elapsed().wall_ms;
+    return loaded;
+  }
+
+  Result<void> load_own_pages() {
+    const runtime::DrawnPages& drawn = scene_->drawn_pages();
+    const format::Container& container = scene_->container();
+    const std::vector<uint32_t> owners = owners_of_pages(drawn, ranks_.count());
+    pages_.assign(container.pages().size(), nullptr);
+    unpacked_.resize(drawn.size());
+    runtime::FirstError failure;
+    runtime::parallel_for(drawn.size(), options_.threads, [&](uint64_t i) {
+      if (owners[i] != ranks_.rank() || failure.is_superseded(i)) return;
+      const auto raw = container.load_page(drawn.page(i), unpacked_[i]);
+      if (!raw) return failure.report(i, raw.error());
+      if (const Result<void> checked = drawn.check(i, *raw); !checked) return failure.report(i, checked.error());
+      pages_[drawn.page(i)] = raw->data();
+    });
+    for (uint64_t i = 0; i < drawn.size(); ++i)
+      if (owners[i] == ranks_.rank()) own_bytes_ += static_cast<double>(drawn.record(i).stored_bytes);
+    if (failure.any()) return at(options_.file, failure.error());
+    scene_view_ = scene_->view();
+    scene_view_.pages = pages_.data();
+    return {};
+  }
+
+  /// colors_: of all samples, at rank 0. Others' are 0 here, so that the sums are the colours themselves.
+  Result<void> shade() {
+    const Stopwatch watch;
+    colors_.assign(3 * samples_.size(), 0.0f);
+    if (const auto shaded =
+            kernels::shade_part_cpu(scene_view_, view_, samples_, options_.shade, colors_, options_.threads);
+        !shaded)
+      return at(options_.file, shaded.error());
+    if (const Result<void> whole = check_not_cut(scene_->file().map()); !whole) return whole;
+    shade_ms_ = watch.elapsed().wall_ms;
+    const Stopwatch gather_watch;
+    const Result<void> summed = ranks_.sum(std::span(colors_));
+    exchange_ms_ += gather_watch.elapsed().wall_ms;
+    return summed;
+  }
+
+  uint32_t width() const { return options_.camera.width; }
+  uint32_t height() const { return options_.camera.height; }
+
+  Result<void> write() {
+    const StopOnSignal handlers;
+    if (!options_.output.empty()) {
+      const uint32_t channels = options_.shade.background[3] >= 1.0f ? 3 : 4;
+      std::vector<uint8_t> pixels(uint64_t{width()} * height() * channels);
+      const Result<void> resolved =
+          kernels::shades_from_chunks(options_.shade.show)
+              ? kernels::resolve_colors_cpu(view_, options_.samples_per_side, samples_, colors_, options_.shade,
+                                            channels, pixels, options_.threads)
+              : kernels::resolve_cpu(scene_view_, view_, options_.samples_per_side, samples_, options_.shade, channels,
+                                     pixels, options_.threads);
+      if (!resolved) return at(options_.file, resolved.error());
+      if (const auto done = runtime::write_png(options_.output, width(), height(), channels, pixels, options_.existing);
+          !done)
+        return done;
+      note_written(options_.output);
+    }
+    if (!options_.depth.empty()) {
+      std::vector<float> depths(uint64_t{width()} * height());
+      kernels::LayerTargets targets{};
+      targets.depth = depths.data();
+      const kernels::MakeLayers pass =
+          kernels::make_layers(scene_view_, view_, options_.samples_per_side, samples_.data(), targets);
+      runtime::parallel_for(pass.items(), options_.threads,
+                            [&](uint64_t i) { pass(static_cast<uint32_t>(i), OneLane{}); });
+      if (const auto done = runtime::write_pfm(options_.depth, width(), height(), depths, options_.existing); !done)
+        return done;
+      note_written(options_.depth);
+    }
+    if (!options_.visbuffer.empty()) {
+      if (const auto done = runtime::write_visibility(options_.visbuffer, samples_, options_.existing); !done)
+        return done;
+      note_written(options_.visbuffer);
+    }
+    return {};
+  }
+
+  Result<void> report() {
+    double sums[] = {load_ms_, draw_ms_, shade_ms_, own_bytes_};
+    if (const Result<void> summed = ranks_.sum(std::span<double>(sums)); !summed) return summed;
+    if (!ranks_.is_first()) return {};
+    const double each = 1.0 / ranks_.count();
+    if (options_.json) {
+      std::string text;
+      JsonWriter json(text);
+      json.begin_object();
+      json.member("file", options_.file);
+      json.member("width", width());
+      json.member("height", height());
+      json.member("samples_per_side", options_.samples_per_side);
+      json.member("ranks", ranks_.count());
+      json.member("page_bytes", static_cast<uint64_t>(sums[3]));
+      json.member("load_ms", sums[0] * each);
+      json.member("draw_ms", sums[1] * each);
+      json.member("shade_ms", sums[2] * each);
+      json.member("exchange_ms", exchange_ms_);
+      json.end_object();
+      std::printf("%s\n", text.c_str());
+    } else if (!options_.quiet) {
+      std::string places;
+      for (const std::string* path : {&options_.output, &options_.depth, &options_.visbuffer})
+        if (!path->empty()) places += (places.empty() ? "" : ", ") + *path;
+      std::printf(
+          "%s: %u x %u on the CPUs of %u ranks (each: loading %s of pages %.0f ms, drawing %.1f ms, shading %.1f ms; "
+          "exchange %.1f ms) -> %s\n",
+          options_.file.c_str(), width(), height(), ranks_.count(),
+          format_bytes(static_cast<uint64_t>(sums[3] * each)).c_str(), sums[0] * each, sums[1] * each, sums[2] * each,
+          exchange_ms_, places.c_str());
+    }
+    return {};
+  }
+
+  const RenderOptions& options_;
+  Ranks& ranks_;
+  std::optional<runtime::Scene> scene_;
+  std::vector<std::vector<std::byte>> unpacked_;  // of the compressed pages among the own ones
+  std::vector<const std::byte*> pages_;           // by page number; null: another rank's
+  kernels::SceneView scene_view_{};               // of the own pages
+  kernels::View view_{};                          // in samples
+  std::vector<uint64_t> samples_;
+  std::vector<float> colors_;
+  double load_ms_ = 0, draw_ms_ = 0, shade_ms_ = 0, exchange_ms_ = 0, own_bytes_ = 0;
+};
+
+}  // namespace
+
+std::vector<uint32_t> owners_of_pages(const runtime::DrawnPages& pages, uint32_t ranks) {
+  using Load = std::pair<uint64_t, uint32_t>;  // bytes, rank
+  std::priority_queue<Load, std::vector<Load>, std::greater<>> loads;
+  for (uint32_t rank = 0; rank < ranks; ++rank) loads.emplace(0, rank);
+  std::vector<uint32_t> owners(pages.size());
+  for (uint64_t i = 0; i < pages.size(); ++i) {
+    const auto [bytes, rank] = loads.top();
+    loads.pop();
+    owners[i] = rank;
+    loads.emplace(bytes + pages.record(i).raw_bytes, rank);
+  }
+  return owners;
+}
+
+Result<void> render_ranks(const RenderOptions& options, Ranks& ranks) {
+  end_silently_on_signal();
+  Result<void> done;
+  try {
+    RankedPicture picture(options, ranks);
+    done = ranks.agree(picture.draw());
+    if (done) done = picture.compose();
+  } catch (const std::bad_alloc&) {
+    done = Error{ErrorCode::kMemory, options.file + ": no memory left for its picture"};
+  }
+  if (!done) return ranks.named(done.error());
+  ranks.leave();
+  return {};
+}
+
+}  // namespace scree::tools
