@@ -112,6 +112,20 @@ Result<void> resolve_cpu(const SceneView& scene, const View& view, uint32_t samp
 Result<void> occlusion_cpu(const View& view, uint32_t samples_per_side, std::span<const uint64_t> samples,
                            const ShadeOptions& options, std::span<float> visibility, uint32_t threads);
 
+/// What programs read of a picture beside its colours, row by row from the top. A pixel shows its nearest sample. Null
+/// pointers are not made. The CPU and every GPU give the same bits.
+struct LayerTargets {
+  float* depth;       // depth_of_code(), infinity on the background
+  int64_t* triangle;  // global id, -1 on the background
+  int32_t* instance;  // index in SceneView::instances (2^31 at most), -1 on the background
+  float* normal;      // 3: unit length, world space, of the front also where the back is seen; 0 on the background
+  float* uv;          // 2: as the mesh has them, no material's transform applied; 0 without any and on the background
+};
+
+/// Makes the layers of a picture; `view` and `samples` as for resolve_cpu(). Errors kRange, kMemory.
+Result<void> layers_cpu(const SceneView& scene, const View& view, uint32_t samples_per_side,
+                        std::span<const uint64_t> samples, const LayerTargets& out, uint32_t threads);
+
 /// The triangle of a global id below instance_base[instance_count]; binary search.
 Hit find_triangle(const SceneView& scene, uint64_t triangle_id);
 

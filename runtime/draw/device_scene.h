@@ -24,11 +24,28 @@ struct PictureNeeds {
 };
 
 /// What beside the colours can be made of a picture's pixels (kernels/shade/layers.h).
-enum class PixelLayer { kDepth, kTriangle, kInstance };
+enum class PixelLayer { kDepth, kTriangle, kInstance, kNormal, kUv };
+inline constexpr size_t kPixelLayerCount = 5;
 
 /// Bytes of a pixel of it.
 constexpr uint64_t layer_bytes(PixelLayer layer) {
-  return layer == PixelLayer::kTriangle ? sizeof(int64_t) : sizeof(int32_t);
+  constexpr uint64_t kBytes[kPixelLayerCount] = {sizeof(float), sizeof(int64_t), sizeof(int32_t), 3 * sizeof(float),
+                                                 2 * sizeof(float)};
+  return kBytes[static_cast<size_t>(layer)];
+}
+
+/// Where a layer goes.
+inline void set_target(kernels::LayerTargets& targets, PixelLayer layer, std::byte* out) {
+  if (layer == PixelLayer::kDepth) targets.depth = reinterpret_cast<float*>(out);
+  if (layer == PixelLayer::kTriangle) targets.triangle = reinterpret_cast<int64_t*>(out);
+  if (layer == PixelLayer::kInstance) targets.instance = reinterpret_cast<int32_t*>(out);
+  if (layer == PixelLayer::kNormal) targets.normal = reinterpret_cast<float*>(out);
+  if (layer == PixelLayer::kUv) targets.uv = reinterpret_cast<float*>(out);
+}
+inline kernels::LayerTargets target_of(PixelLayer layer, std::byte* out) {
+  kernels::LayerTargets targets{};
+  set_target(targets, layer, out);
+  return targets;
 }
 
 /// What one view of a DeviceScene keeps on the device from frame to frame: samples, pictures, layers, and of a resident
@@ -55,11 +72,12 @@ class DeviceView {
   Result<uint64_t> read_sample(uint64_t index);
 
   /// Queues a layer of that picture, in device memory that stays until the next call for this layer. Errors kRange (no
-  /// such picture), kDevice. `out`: device memory for it in place of that, as resolve() has it for pixels.
+  /// such picture), kUnsupported (normals and texture coordinates of a streamed scene, whose chunks are not there any
+  /// more), kDevice. `out`: device memory for it in place of that, as resolve() has it for pixels.
   Result<const std::byte*> make_layer(const kernels::View& view, uint32_t samples_per_side, PixelLayer layer,
                                       std::byte* out = nullptr);
 
-  /// Device memory for the pictures of a batch, `index` below 4: at least so many bytes, until it is asked for again.
+  /// Device memory for the pictures of a batch, `index` below kPixelLayerCount + 1: at least so many bytes, until it is asked for again.
   Result<std::byte*> reserve_block(size_t index, uint64_t bytes);
 
   /// Device memory: the picture that resolve() made last, RGBA8, and the samples.
@@ -125,6 +143,15 @@ class DeviceScene {
   /// byte, read back; may be empty where the time is all that is wanted.
   Result<void> resolve(const kernels::View& view, uint32_t samples_per_side, const kernels::ShadeOptions& options,
                        std::span<uint32_t> pixels, kernels::ResolveTimes* times = nullptr);
+
+  /// Linear light of the samples of that picture, 3 floats each, read back: as kernels::shade_part_cpu() with all
+  /// chunks. Those of the background hold anything. `view` and `options` as for resolve(); what they show is shaded
+  /// from chunks. Errors as resolve().
+  Result<void> read_colors(const kernels::View& view, const kernels::ShadeOptions& options, std::span<float> colors);
+
+  /// A layer of the picture that draw() made last, read back: `out` is all of it. Errors as DeviceView::make_layer().
+  Result<void> read_layer(const kernels::View& view, uint32_t samples_per_side, PixelLayer layer,
+                          std::span<std::byte> out);
 
   const UploadStats& stats() const;
 

@@ -84,8 +84,9 @@ struct DeviceView::Impl {
   kernels::CudaResolver resolver;
   DeviceBuffer samples;
   DeviceBuffer pixels;
-  DeviceBuffer layers[3];  // by PixelLayer
-  DeviceBuffer blocks[4];
+  DeviceBuffer colors;  // of read_colors()
+  DeviceBuffer layers[kPixelLayerCount];
+  DeviceBuffer blocks[kPixelLayerCount + 1];
   cudaEvent_t queued = nullptr;
   std::optional<StreamStats> streamed;
 
@@ -270,6 +271,38 @@ Result<void> DeviceScene::resolve(const kernels::View& view, uint32_t samples_pe
   return DeviceView(impl_->own).resolve(view, samples_per_side, options, pixels, times);
 }
 
+Result<void> DeviceScene::read_colors(const kernels::View& view, const kernels::ShadeOptions& options,
+                                      std::span<float> colors) {
+  DeviceView::Impl& own = *impl_->own;
+  if (Result<void> checked = own.check_drawn(view); !checked) return checked;
+  if (colors.size() != uint64_t{3} * view.width * view.height || !kernels::shades_from_chunks(options.show))
+    return Error{ErrorCode::kRange, std::to_string(colors.size()) + " values for the colours of " +
+                                        std::to_string(view.width) + " x " + std::to_string(view.height) + " samples"};
+  const float* made = nullptr;
+  if (impl_->stream != nullptr) {
+    made = impl_->stream->colors();
+    if (made == nullptr) return Error{ErrorCode::kRange, "the streamed frame was not drawn to be shaded so"};
+  } else {
+    Result<void> done = own.colors.reserve(colors.size_bytes(), "allocating the samples' colours");
+    if (done)
+      done = own.resolver.shade_part(impl_->scene.view(), view, own.sample_data(), own.frames->transforms(), options,
+                                     reinterpret_cast<float*>(own.colors.data()), nullptr,
+                                     impl_->scene.texture_cache());
+    if (!done) return done;
+    made = reinterpret_cast<const float*>(own.colors.data());
+  }
+  return cuda_check(cudaMemcpy(colors.data(), made, colors.size_bytes(), cudaMemcpyDeviceToHost),
+                    "reading the samples' colours");
+}
+
+Result<void> DeviceScene::read_layer(const kernels::View& view, uint32_t samples_per_side, PixelLayer layer,
+                                     std::span<std::byte> out) {
+  DeviceView own(impl_->own);
+  const Result<const std::byte*> made = own.make_layer(view, samples_per_side, layer);
+  if (!made) return made.error();
+  return own.read(*made, out);
+}
+
 DeviceView::DeviceView(std::shared_ptr<Impl> impl) : impl_(std::move(impl)) {}
 DeviceView::DeviceView(DeviceView&&) noexcept = default;
 DeviceView& DeviceView::operator=(DeviceView&&) noexcept = default;
@@ -367,6 +400,11 @@ Result<const std::byte*> DeviceView::make_layer(const kernels::View& view, uint3
   Impl& impl = *impl_;
   if (Result<void> checked = impl.check_drawn(view); !checked) return checked.error();
   if (auto checked = kernels::check_resolve(view, samples_per_side); !checked) return checked.error();
+  const bool reads_chunks = layer == PixelLayer::kNormal || layer == PixelLayer::kUv;
+  if (reads_chunks && impl.scene.stream != nullptr)
+    return Error{ErrorCode::kUnsupported,
+                 "a streamed scene has no normals and no texture coordinates to read: the GPU's memory or a larger "
+                 "budget of it has to hold the scene, or the CPU draws it"};
   if (out == nullptr) {
     DeviceBuffer& buffer = impl.layers[static_cast<size_t>(layer)];
     const uint64_t count = uint64_t{view.width / samples_per_side} * (view.height / samples_per_side);
@@ -374,12 +412,9 @@ Result<const std::byte*> DeviceView::make_layer(const kernels::View& view, uint3
       return reserved.error();
     out = buffer.data();
   }
-  kernels::LayerTargets targets{};
-  if (layer == PixelLayer::kDepth) targets.depth = reinterpret_cast<float*>(out);
-  if (layer == PixelLayer::kTriangle) targets.triangle = reinterpret_cast<int64_t*>(out);
-  if (layer == PixelLayer::kInstance) targets.instance = reinterpret_cast<int32_t*>(out);
-  if (auto started = kernels::start_layers(
-          kernels::make_layers(impl.scene.scene.view(), view, samples_per_side, impl.sample_data(), targets), nullptr);
+  if (auto started = kernels::start_layers(impl.scene.scene.view(), view, samples_per_side, impl.sample_data(),
+                                           reads_chunks ? impl.frames->transforms() : nullptr, target_of(layer, out),
+                                           nullptr);
       !started)
     return started.error();
   return out;

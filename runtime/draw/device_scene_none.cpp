@@ -33,6 +33,14 @@ Result<void> DeviceScene::resolve(const kernels::View&, uint32_t, const kernels:
   return current_gpu().error();
 }
 
+Result<void> DeviceScene::read_colors(const kernels::View&, const kernels::ShadeOptions&, std::span<float>) {
+  return current_gpu().error();
+}
+
+Result<void> DeviceScene::read_layer(const kernels::View&, uint32_t, PixelLayer, std::span<std::byte>) {
+  return current_gpu().error();
+}
+
 Result<std::optional<kernels::TextureCacheCounts>> DeviceScene::texture_counts() const {
   return current_gpu().error();
 }

@@ -8,31 +8,29 @@
 #include <string>
 #include <utility>
 
-#include "kernels/shade/layers.h"
 #include "runtime/threads/first_error.h"
 #include "runtime/threads/parallel.h"
 
 namespace scree::runtime {
 namespace {
 
-/// A thread as a team of one lane, for passes over pixels.
-struct OneLane {
-  static constexpr uint32_t rank() { return 0; }
-  static constexpr uint32_t size() { return 1; }
-};
+/// All that a batch makes.
+constexpr uint32_t kPixelLayers = ((1u << kLayerCount) - 1) & ~(1u << static_cast<uint32_t>(Layer::kSamples));
 
+/// Of all but kColor and kSamples.
 PixelLayer pixel_layer(Layer layer) {
-  return layer == Layer::kDepth      ? PixelLayer::kDepth
-         : layer == Layer::kTriangle ? PixelLayer::kTriangle
-                                     : PixelLayer::kInstance;
-}
-
-kernels::LayerTargets target_of(Layer layer, std::byte* out) {
-  kernels::LayerTargets targets{};
-  if (layer == Layer::kDepth) targets.depth = reinterpret_cast<float*>(out);
-  if (layer == Layer::kTriangle) targets.triangle = reinterpret_cast<int64_t*>(out);
-  if (layer == Layer::kInstance) targets.instance = reinterpret_cast<int32_t*>(out);
-  return targets;
+  switch (layer) {
+    case Layer::kDepth:
+      return PixelLayer::kDepth;
+    case Layer::kTriangle:
+      return PixelLayer::kTriangle;
+    case Layer::kInstance:
+      return PixelLayer::kInstance;
+    case Layer::kNormal:
+      return PixelLayer::kNormal;
+    default:
+      return PixelLayer::kUv;
+  }
 }
 
 void add(kernels::FrameStats& sum, const kernels::FrameStats& frame) {
@@ -143,10 +141,10 @@ Result<void> ViewRenderer::draw(const kernels::View& view, uint32_t samples_per_
 
 Result<void> ViewRenderer::draw_batch(std::span<const kernels::View> views, uint32_t samples_per_side,
                                       const kernels::ShadeOptions& shade, uint32_t layers) {
-  constexpr uint32_t kAll = (1u << static_cast<uint32_t>(Layer::kSamples)) - 1;
   if (views.empty() || views.size() > UINT32_MAX) return Error{ErrorCode::kUsage, "a batch has 1 to 2^32 - 1 cameras"};
-  if (layers == 0 || (layers & ~kAll) != 0)
-    return Error{ErrorCode::kUsage, "a batch has one layer at least, of colour, depth, triangle and instance"};
+  if (layers == 0 || (layers & ~kPixelLayers) != 0)
+    return Error{ErrorCode::kUsage,
+                 "a batch has one layer at least, of colour, depth, triangle, instance, normal and uv"};
   for (const kernels::View& view : views)
     if (view.width != views[0].width || view.height != views[0].height)
       return Error{ErrorCode::kUsage, "all frames of a batch have one size"};
@@ -323,10 +321,8 @@ Result<void> ViewRenderer::make_of(Layer layer, const kernels::View& view, std::
   if (layer == Layer::kColor)
     return kernels::resolve_cpu(scene, view, samples_per_side_, samples, shade_, 4,
                                 {reinterpret_cast<uint8_t*>(out.data()), out.size()}, threads);
-  const kernels::MakeLayers pass =
-      kernels::make_layers(scene, view, samples_per_side_, samples.data(), target_of(layer, out.data()));
-  parallel_for(pass.items(), threads, [&](uint64_t i) { pass(static_cast<uint32_t>(i), OneLane{}); });
-  return {};
+  return kernels::layers_cpu(scene, view, samples_per_side_, samples, target_of(pixel_layer(layer), out.data()),
+                             threads);
 }
 
 /// With the GPUs' lock held.

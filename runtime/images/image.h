@@ -120,9 +120,9 @@ Result<void> write_png(const std::string& path, uint32_t width, uint32_t height,
 Result<std::vector<std::byte>> encode_png(uint32_t width, uint32_t height, uint32_t channels,
                                           std::span<const uint8_t> pixels);
 
-/// Writes one float a pixel as a PFM (Portable Float Map, grey): "Pf", size, scale -1.0 (little-endian), rows bottom to
-/// top as the format has it. `values`: width * height, rows top to bottom; infinities are written as they are. Errors
-/// kFile.
+/// Writes one or three floats a pixel as a PFM (Portable Float Map): "Pf" or "PF", size, scale -1.0 (little-endian),
+/// rows bottom to top as the format has it. `values`: width * height, or three times as many, rows top to bottom;
+/// infinities are written as they are. Errors kFile.
 Result<void> write_pfm(const std::string& path, uint32_t width, uint32_t height, std::span<const float> values,
                        format::Existing existing = format::Existing::kReplace);
 

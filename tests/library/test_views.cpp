@@ -79,10 +79,12 @@ TEST_CASE("a batch of cameras is their frames, one by one", "[library]") {
     const scree_draw_options options = draw_options(31, 17, samples);
     const auto count = static_cast<uint32_t>(cameras.size());
     must(scree_draw_batch(opened.view, cameras.data(), count, &options,
-                          1u << SCREE_COLOR | 1u << SCREE_DEPTH | 1u << SCREE_TRIANGLE | 1u << SCREE_INSTANCE));
+                          1u << SCREE_COLOR | 1u << SCREE_DEPTH | 1u << SCREE_TRIANGLE | 1u << SCREE_INSTANCE |
+                              1u << SCREE_NORMAL | 1u << SCREE_UV));
     scree_view* single = nullptr;
     must(scree_view_create(opened.scene, &single));
-    for (const scree_layer layer : {SCREE_COLOR, SCREE_DEPTH, SCREE_TRIANGLE, SCREE_INSTANCE}) {
+    for (const scree_layer layer : kAllLayers) {
+      if (layer == SCREE_SAMPLES) continue;
       std::string expected;
       for (const scree_camera& camera : cameras) {
         must(scree_draw(single, &camera, &options));
@@ -106,13 +108,13 @@ TEST_CASE("a batch of cameras is their frames, one by one", "[library]") {
 TEST_CASE("buffers of a view stay where they are for frames that are no larger", "[library]") {
   const TempFolder folder;
   const Opened opened(packed(folder));
-  std::array<const void*, 5> first{};
+  std::array<const void*, std::size(kAllLayers)> first{};
   for (const uint32_t size : {64u, 10u, 33u, 64u, 1u}) {
     const scree_draw_options options = draw_options(size, size);
     must(scree_draw(opened.view, nullptr, &options));
     for (size_t i = 0; i < first.size(); ++i) {
       auto array = sized<scree_array>();
-      must(scree_host_layer(opened.view, static_cast<scree_layer>(i), &array));
+      must(scree_host_layer(opened.view, kAllLayers[i], &array));
       if (first[i] == nullptr) first[i] = array.data;
       CHECK(first[i] == array.data);
       CHECK(array.gpu == -1);
@@ -172,9 +174,9 @@ TEST_CASE("threads draw views of scenes that others open and close", "[library]"
         good = good && scree_close(file) == SCREE_OK && scree_unload(scene) == SCREE_OK;
         good = good && scree_draw(view, &shots[i].camera, &shots[i].options) == SCREE_OK;
         std::string bytes;
-        for (int layer = 0; layer < 5 && good; ++layer) {
+        for (const scree_layer layer : kAllLayers) {
           auto array = sized<scree_array>();
-          good = scree_host_layer(view, static_cast<scree_layer>(layer), &array) == SCREE_OK;
+          good = good && scree_host_layer(view, layer, &array) == SCREE_OK;
           if (good) bytes.append(static_cast<const char*>(array.data), array.bytes);
         }
         good = good && bytes == expected[f][i] && scree_view_destroy(view) == SCREE_OK;
@@ -323,7 +325,7 @@ TEST_CASE("a GPU's layers are the CPU's, on the host and on the device", "[libra
   if (!has_gpu()) return;
   const TempFolder folder;
   for (const char* const model : {"textured_cube.glb", "two_instances.gltf"}) {
-    const std::string path = packed(folder, model);
+    const std::string path = packed(folder, model, SCREE_CONVERT_NORMALS);
     const Opened cpu(path), gpu(path, SCREE_BACKEND_CUDA);
     scree_view* second = nullptr;
     must(scree_view_create(gpu.scene, &second));
@@ -335,7 +337,8 @@ TEST_CASE("a GPU's layers are the CPU's, on the host and on the device", "[libra
       must(scree_draw(cpu.view, &shot.camera, &shot.options));
       for (scree_view* const view : {gpu.view, second}) {
         must(scree_draw(view, &shot.camera, &shot.options));
-        for (const scree_layer layer : {SCREE_DEPTH, SCREE_TRIANGLE, SCREE_INSTANCE, SCREE_SAMPLES}) {
+        for (const scree_layer layer : kAllLayers) {
+          if (layer == SCREE_COLOR) continue;
           INFO("layer " << layer);
           const std::string expected = layer_of(cpu.view, layer);
           auto array = sized<scree_array>();
@@ -362,11 +365,12 @@ TEST_CASE("a GPU's layers are the CPU's, on the host and on the device", "[libra
     for (const Shot& shot : random_shots(3, 5)) cameras.push_back(shot.camera);
     const scree_draw_options options = draw_options(20, 10);
     for (scree_view* const view : {cpu.view, second})
-      must(scree_draw_batch(view, cameras.data(), 3, &options, 1u << SCREE_DEPTH | 1u << SCREE_TRIANGLE));
-    for (const scree_layer layer : {SCREE_DEPTH, SCREE_TRIANGLE}) {
+      must(scree_draw_batch(view, cameras.data(), 3, &options,
+                            1u << SCREE_DEPTH | 1u << SCREE_TRIANGLE | 1u << SCREE_NORMAL));
+    for (const scree_layer layer : {SCREE_DEPTH, SCREE_TRIANGLE, SCREE_NORMAL}) {
       auto array = sized<scree_array>();
       must(scree_device_layer(second, layer, nullptr, &array));
-      CHECK(array.bytes == 3 * 200 * (layer == SCREE_DEPTH ? 4u : 8u));
+      CHECK(array.bytes == 3 * 200 * (layer == SCREE_DEPTH ? 4u : layer == SCREE_TRIANGLE ? 8u : 12u));
       CHECK(layer_of(second, layer) == layer_of(cpu.view, layer));
     }
     must(scree_view_destroy(second));
@@ -419,6 +423,8 @@ TEST_CASE("views of a scene that the GPU's memory does not hold", "[library][cud
       for (const scree_layer layer : {SCREE_DEPTH, SCREE_TRIANGLE, SCREE_INSTANCE, SCREE_SAMPLES})
         CHECK(layer_of(view, layer) == layer_of(cpu.view, layer));
       CHECK(layer_of(view, SCREE_COLOR) == layer_of(views[0], SCREE_COLOR));
+      auto array = sized<scree_array>();
+      CHECK(scree_host_layer(view, SCREE_NORMAL, &array) == SCREE_ERROR_ARGUMENT);
       CHECK(scree_shade(view, &shot.options) == SCREE_ERROR_ARGUMENT);
     }
   }
