@@ -7,7 +7,7 @@
 #define SCREE_HD
 #endif
 
-// kernels/cpu/passes.cpp is compiled once per instruction set. Everything it defines lies in a namespace of that set, so
+// kernels/cpu/passes.cpp is compiled once per instruction set. All its definitions lie in a namespace of that set, so
 // that the linker cannot merge an inline function built for AVX2 into the baseline code.
 #ifndef SCREE_ISA
 #define SCREE_ISA isa_baseline

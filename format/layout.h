@@ -1,5 +1,5 @@
 // Every fixed-size record of a .scree file, as it lies on disk (spec/container.md). Little-endian, no implicit padding:
-// each struct's size is asserted, reserved fields are written as zero and refused when set.
+// each struct's size is asserted. Reserved fields are written as zero and refused when set.
 #pragma once
 
 #include <cstdint>
@@ -9,23 +9,23 @@ namespace scree::format {
 
 inline constexpr uint8_t kMagic[8] = {0x89, 'S', 'C', 'R', 'E', 'E', '\r', '\n'};
 inline constexpr uint16_t kVersionMajor = 1;  // a reader refuses a newer one
-inline constexpr uint16_t kVersionMinor = 0;  // a reader skips what a newer one adds
+inline constexpr uint16_t kVersionMinor = 0;  // a reader skips additions of a newer one
 
 inline constexpr uint64_t kPageAlignment = 4096;        // so that O_DIRECT can read pages
-inline constexpr uint64_t kPageTargetBytes = 1u << 20;  // a page is closed before a chunk would take it past this
-inline constexpr uint64_t kChunkAlignment = 16;         // of chunks in a page and of streams in a chunk
+inline constexpr uint64_t kPageTargetBytes = 1u << 20;  // a chunk that would take a page past this starts a new page
+inline constexpr uint64_t kChunkAlignment = 16;         // of chunks in a page and streams in a chunk
 inline constexpr uint64_t kTableAlignment = 64;
 inline constexpr uint32_t kNone = 0xffffffffu;         // no mesh, parent, texture, camera, ...
-inline constexpr uint32_t kMaxChunkTriangles = 65536;  // the default cut; --chunk-triangles 0 lifts it
+inline constexpr uint32_t kMaxChunkTriangles = 65536;  // the default limit; --chunk-triangles 0 lifts it
 inline constexpr uint32_t kMaxPositionBits = 24;       // a lattice offset is exact in a float
 inline constexpr uint32_t kMaxUvBits = 24;
-// What a zstd page may grow to, so that a small hostile file cannot ask for much memory: kPageTargetBytes, or more
-// where the file pays for it with at least one stored byte for kMaxZstdRatio raw ones, up to kMaxZstdPageBytes. Others
-// are kept raw.
+// Limits of a zstd page's raw bytes, so that a small hostile file cannot claim much memory: kPageTargetBytes, or more
+// if the file has at least one stored byte per kMaxZstdRatio raw bytes, up to kMaxZstdPageBytes. Larger pages are kept
+// raw.
 inline constexpr uint64_t kMaxZstdRatio = 16;
 inline constexpr uint64_t kMaxZstdPageBytes = 1u << 30;
-inline constexpr uint32_t kMaxImageSide = 1u
-                                          << 24;  // pixels; products of two sides and a pixel's bytes stay in 64 bits
+// Pixels. The product of two sides and a pixel's bytes fits 64 bits.
+inline constexpr uint32_t kMaxImageSide = 1u << 24;
 
 /// First bytes of the file. `checksum` is XXH3-64 (seed 0) of the 56 bytes before it.
 struct FileHeader {
@@ -65,7 +65,7 @@ enum class TableKind : uint32_t {
   kLeftOutCosts = 19,
 };
 
-/// One table. Kinds a reader does not know are skipped; a known kind with larger records (a newer minor version) is
+/// One table. A reader skips unknown kinds. Records of a known kind may be larger (a newer minor version); they are
 /// read with the stride `record_bytes`.
 struct TocEntry {
   TableKind kind;
@@ -80,25 +80,24 @@ enum class PageKind : uint32_t { kGeometry = 1, kImage = 2 };
 enum class PageCodec : uint32_t {
   kRaw = 0,
   kZstd = 1,
-  kSplit = 2,  // zstd of clusters taken apart (spec/codecs.md, split pages)
+  kSplit = 2,  // zstd of clusters split into streams (spec/codecs.md, split pages)
 };
 
-/// A run of the file that is read, checked, compressed and kept resident as one. Geometry pages hold chunks and are at
-/// most kPageTargetBytes, except that a chunk larger than that has a page of its own; an image page holds one image
-/// file.
+/// A range of the file that is read, checked, compressed and kept resident as one. Geometry pages hold chunks and are
+/// at most kPageTargetBytes, but a chunk larger than that has a page of its own. An image page holds one image file.
 struct PageRecord {
   uint64_t offset;        // kPageAlignment
   uint64_t stored_bytes;  // in the file
   uint64_t raw_bytes;     // after decompression; equal to stored_bytes when raw
   uint64_t checksum;      // XXH3-64 of the stored bytes
-  PageKind kind;          // a reader skips kinds it does not know
+  PageKind kind;          // a reader skips unknown kinds
   PageCodec codec;        // kZstd, kSplit: exactly one frame
 };
 static_assert(sizeof(PageRecord) == 40);
 
 enum class PositionEncoding : uint8_t { kLattice = 0, kFloat32 = 1 };
 
-/// Bits of MeshRecord::attributes: the streams each chunk of the mesh has, in this order after indices and positions.
+/// Bits of MeshRecord::attributes: the streams of each chunk of the mesh, in this order after indices and positions.
 enum AttributeFlags : uint32_t {
   kHasUv = 1,
   kHasColor = 2,
@@ -107,10 +106,10 @@ enum AttributeFlags : uint32_t {
 };
 
 /// A glTF primitive: triangles with one material. A lattice position is (lattice_min + offset) * 2^lattice_exponent,
-/// where offset < 2^lattice_bits on each axis; with float32 positions the lattice fields are zero.
+/// with offset < 2^lattice_bits on each axis. With float32 positions the lattice fields are zero.
 struct MeshRecord {
   uint64_t triangle_count;
-  uint64_t vertex_count;         // stored, summed over chunks (border vertices count once a chunk)
+  uint64_t vertex_count;         // stored, summed over chunks (border vertices count once per chunk)
   uint64_t source_vertex_count;  // of the source's position accessor
   uint64_t first_chunk;
   uint64_t chunk_count;
@@ -130,15 +129,16 @@ static_assert(sizeof(MeshRecord) == 120);
 
 enum class ChunkEncoding : uint8_t { kIndexed = 0, kClustered = 1 };
 
-/// Triangles of one mesh with the vertices they use (spec/codecs.md). Streams follow each other in the payload, each
-/// kChunkAlignment-aligned: indices and positions, or what clusters have of both; then those of the mesh's attributes.
+/// Triangles of one mesh and the vertices they use (spec/codecs.md). The payload is a sequence of streams, each
+/// kChunkAlignment-aligned: indices and positions, or the clusters' data for both; then the streams of the mesh's
+/// attributes.
 struct ChunkRecord {
   uint64_t offset;          // bytes from the start of the page's raw bytes, kChunkAlignment
   uint64_t bytes;           // of the payload, a multiple of kChunkAlignment
-  uint64_t first_triangle;  // of the mesh; the sum of the triangle counts of the chunks before
+  uint64_t first_triangle;  // in the mesh; the sum of the triangle counts of the chunks before
   uint32_t page;
   uint32_t mesh;
-  uint32_t triangle_count;  // at least 1; at most kMaxChunkTriangles where index_bits is 0 (they take no bytes)
+  uint32_t triangle_count;  // at least 1; at most kMaxChunkTriangles where index_bits is 0 (such indices take no bytes)
   uint32_t vertex_count;    // at least 1, at most 3 * triangle_count
   uint32_t index_min;
   uint32_t position_min[3];  // lattice offset of code 0, relative to MeshRecord::lattice_min
@@ -182,13 +182,13 @@ struct NodeRecord {
 };
 static_assert(sizeof(NodeRecord) == 168);
 
-/// A drawn mesh. Sorted by scene, then mesh, then node and place in the node. Global triangle ids are the exclusive
-/// prefix sum of the meshes' triangle counts over the instances of one scene.
+/// An instance of a mesh in a scene. Sorted by scene, then mesh, then node and index in the node. Global triangle ids
+/// are the exclusive prefix sum of the meshes' triangle counts over the instances of one scene.
 struct InstanceRecord {
   uint32_t mesh;
   uint32_t node;
   uint32_t matrix;
-  uint32_t node_instance;  // place among the node's instances; 0 where it has none
+  uint32_t node_instance;  // index among the node's instances; 0 where it has none
 };
 static_assert(sizeof(InstanceRecord) == 16);
 
@@ -227,7 +227,7 @@ static_assert(sizeof(MaterialRecord) == 56);
 
 enum class Wrap : uint16_t { kRepeat = 0, kMirror = 1, kClamp = 2 };
 
-/// Filters are glTF's numbers (9728 nearest ... 9987 linear mipmap linear), 0 where the source named none.
+/// Filters are glTF's numbers (9728 nearest ... 9987 linear mipmap linear), 0 where the source gives none.
 struct TextureRecord {
   uint32_t name;
   uint32_t image;
@@ -238,10 +238,10 @@ struct TextureRecord {
 };
 static_assert(sizeof(TextureRecord) == 16);
 
-/// kIndexedJpeg and kBlocks: spec/codecs.md, indexed JPEG and block image; the others are image files as they came.
+/// kIndexedJpeg and kBlocks: spec/codecs.md, indexed JPEG and block image. The others are unchanged image files.
 enum class ImageCodec : uint32_t { kJpeg = 1, kPng = 2, kIndexedJpeg = 3, kBlocks = 4 };
 
-/// What a block of a block image is: 4 x 4 pixels compressed as BCn, or one pixel as it is.
+/// Content of a block of a block image: 4 x 4 pixels compressed as BCn, or one uncompressed pixel.
 enum class BlockFormat : uint8_t {
   kNoBlocks = 0,
   kBc1 = 1,
@@ -257,19 +257,19 @@ enum class BlockFormat : uint8_t {
 
 struct ImageRecord {
   uint32_t name;
-  uint32_t page;  // which it fills
+  uint32_t page;  // the page that it fills
   ImageCodec codec;
   uint32_t width;  // pixels
   uint32_t height;
   uint8_t channels;          // 1 to 4
-  BlockFormat block_format;  // of kBlocks, else kNoBlocks
-  uint16_t swizzle;          // of kBlocks (format/blocks/format.h), else 0
-  uint32_t first_level;      // of its mip levels from level 1 on, or kNone where it has none
-  uint32_t level_count;      // stored_level_count() of an indexed JPEG, any of a block image, else 0
+  BlockFormat block_format;  // for kBlocks, else kNoBlocks
+  uint16_t swizzle;          // for kBlocks (format/blocks/format.h), else 0
+  uint32_t first_level;      // index of its mip level 1 in kMipLevels, or kNone
+  uint32_t level_count;      // stored_level_count() for an indexed JPEG, any number for a block image, else 0
 };
 static_assert(sizeof(ImageRecord) == 32);
 
-/// A mip level of an indexed JPEG or a block image, coded as it is.
+/// A mip level of an indexed JPEG or a block image, in the image's own codec.
 struct MipLevelRecord {
   uint64_t offset;  // bytes from the start of the page's raw bytes, a multiple of 16
   uint64_t bytes;
@@ -301,11 +301,11 @@ struct SceneRecord {
 };
 static_assert(sizeof(SceneRecord) == 48);
 
-/// One record: what the file was made from, for inspect's ratios.
+/// The source that the file was made from, one record, for inspect's ratios.
 struct SourceRecord {
   uint64_t json_bytes;
   uint64_t buffer_bytes;     // of all buffers, as declared
-  uint64_t file_bytes;       // of the files it was read from: document, buffers, images
+  uint64_t file_bytes;       // of the files read: document, buffers, images
   uint64_t index_bytes;      // of the index accessors used, each counted once
   uint64_t position_bytes;   // of the position accessors used, each counted once
   uint64_t attribute_bytes;  // of all other vertex attributes of the primitives used, each accessor once
@@ -316,8 +316,8 @@ struct SourceRecord {
 };
 static_assert(sizeof(SourceRecord) == 64);
 
-/// Something the source has and this file has not: what (a string such as "NORMAL" or "skins"), how many, what it took
-/// there.
+/// Source data that this file leaves out: its kind (a string such as "NORMAL" or "skins"), its count, its bytes in the
+/// source.
 struct LeftOutRecord {
   uint32_t what;
   uint32_t reserved;
@@ -326,7 +326,7 @@ struct LeftOutRecord {
 };
 static_assert(sizeof(LeftOutRecord) == 24);
 
-// A u64 for each LeftOutRecord in kLeftOutCosts: bytes it would have taken in the file, about; 0 where that is not
-// known. Files may lack the table.
+// kLeftOutCosts has a u64 per LeftOutRecord: the bytes it would have taken in the file, approximately; 0 where unknown.
+// Files may lack the table.
 
 }  // namespace scree::format

@@ -1,4 +1,4 @@
-// How functions that meet bytes from outside report failure: a value or an Error, never an exception.
+// The result of a function that handles bytes from outside: a value or an Error, never an exception.
 #pragma once
 
 #include <cassert>
@@ -8,20 +8,20 @@
 
 namespace scree {
 
-/// What went wrong. The first four name the exit code of the tools (exit_code); the rest are kinds of bad data.
+/// The kind of failure. The first four have exit codes of their own (exit_code); the rest are kinds of bad data.
 enum class ErrorCode {
   kUsage,        // the caller's options make no sense
   kFile,         // the operating system refused: missing, unreadable, full disk, I/O error
   kDevice,       // no GPU, no driver, out of device memory
-  kMemory,       // more memory asked for than allowed or there is
-  kFormat,       // not the kind of file it should be, or malformed
-  kVersion,      // a newer major version than this program reads
-  kTruncated,    // ends before its data do
-  kTrailing,     // bytes left over after its data
-  kChecksum,     // bytes differ from what was written
+  kMemory,       // more memory needed than allowed or available
+  kFormat,       // another kind of file than expected, or malformed
+  kVersion,      // a newer major version than this program can read
+  kTruncated,    // ends before its data is complete
+  kTrailing,     // bytes left over after the data
+  kChecksum,     // bytes differ from the written ones
   kRange,        // an index, count, offset or size outside its limits
   kReserved,     // a reserved bit or field is set
-  kUnsupported,  // valid, but asks for something this program does not do
+  kUnsupported,  // valid, but needs a feature that this program lacks
 };
 
 struct Error {
@@ -29,7 +29,7 @@ struct Error {
   std::string message;  // one line: place, found, expected; no trailing period or newline
 };
 
-/// 1 usage, 2 file, 3 bad data, 4 device.
+/// Exit code of a tool: 1 usage, 2 file, 3 bad data, 4 device.
 inline int exit_code(ErrorCode code) {
   switch (code) {
     case ErrorCode::kUsage:
@@ -45,7 +45,7 @@ inline int exit_code(ErrorCode code) {
   }
 }
 
-/// A T or an Error. Test it before use; value() of an error is a caller's slip (assert).
+/// A T or an Error. Test it before use: value() of an error is a programming mistake (assert).
 template <class T>
 class [[nodiscard]] Result {
  public:
@@ -95,7 +95,7 @@ class [[nodiscard]] Result<void> {
   Error error_{ErrorCode::kFormat, {}};
 };
 
-/// The same error with `place` and ": " before its message.
+/// Puts `place` and ": " before the error's message.
 inline Error at(const std::string& place, const Error& error) {
   return {error.code, place + ": " + error.message};
 }

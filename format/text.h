@@ -1,4 +1,4 @@
-// What several places need of text: letters in lower case, and UTF-8.
+// Text functions with several users: lower case and UTF-8.
 #pragma once
 
 #include <cstddef>
@@ -7,7 +7,7 @@
 
 namespace scree::format {
 
-/// ASCII letters in lower case, whatever the locale; all else as it is.
+/// Lower case for ASCII letters, in any locale; other bytes are unchanged.
 inline std::string lower_case(std::string_view text) {
   std::string out(text);
   for (char& letter : out)
@@ -15,8 +15,8 @@ inline std::string lower_case(std::string_view text) {
   return out;
 }
 
-/// Bytes of the well-formed UTF-8 sequence at the start of `text` (Unicode 15, table 3-7), 0 where there is none.
-/// `text`: not empty.
+/// Bytes of the well-formed UTF-8 sequence at the start of `text` (Unicode 15, table 3-7), or 0 if there is none.
+/// `text` must not be empty.
 inline size_t utf8_length(std::string_view text) {
   const auto byte = [&](size_t index) { return static_cast<unsigned char>(text[index]); };
   const unsigned char lead = byte(0);

@@ -1,5 +1,5 @@
-# Draws rows of scree-lab --curves: gnuplot -e "rows='curves.csv'" lab/charts.gnuplot writes curves_*.svg where it runs.
-# A line per scene and view; dashed: clustered. float32 stands at 26 bits.
+# Draws rows of scree-lab --curves: gnuplot -e "rows='curves.csv'" lab/charts.gnuplot writes curves_*.svg to the current
+# folder. One line per scene and view; dashed lines: clustered. float32 is drawn at 26 bits.
 set datafile separator comma
 set datafile columnheaders
 set datafile missing NaN

@@ -1,4 +1,4 @@
-// scree-lab: measures scree for its developers. Not part of the package; `scree bench` is the users'.
+// scree-lab measures scree for its developers. It is not part of the package; users have `scree bench`.
 #include <algorithm>
 #include <cstdio>
 #include <exception>
@@ -106,7 +106,7 @@ int run(int argc, char** argv) {
       "scree-lab");
   LabWords words;
   add_options(app, words);
-  for (CLI::Option* option : app.get_options())  // a mode of its own: only files and --csv go with it
+  for (CLI::Option* option : app.get_options())  // a mode of its own, which only takes files and --csv
     if (option->get_name() != "--sizes" && option->get_name() != "files" && option->get_name() != "--csv" &&
         option->get_name() != "--help")
       app.get_option("--sizes")->excludes(option);

@@ -11,17 +11,17 @@ namespace scree::lab {
 namespace {
 
 constexpr std::array<std::string_view, 6> kScenes{"A", "B", "C", "D", "lantern", "A60"};
-constexpr double kSixtyMillion = 0.15;  // the share of A's triangles that is 60 M
+constexpr double kSixtyMillion = 0.15;  // the share of A's triangles that gives 60 M
 constexpr uint32_t kLeastBits = 8;
 constexpr const char* kAllPositions = "8,9,10,11,12,13,14,15,16,17,18,19,20,21,22,23,24,float32";
-constexpr const char* kSweepPositions = "8,10,12,14,16,18,20,24";  // float32 is what they are compared with
+constexpr const char* kSweepPositions = "8,10,12,14,16,18,20,24";  // compared with float32
 constexpr uint32_t kMaxCurveSide = kernels::kMaxImageSide / kTruthSamples;
 
 Error usage(std::string message) {
   return {ErrorCode::kUsage, std::move(message)};
 }
 
-/// The parts of "a,b,c", spaces around them dropped.
+/// The parts of "a,b,c", without surrounding spaces.
 std::vector<std::string> split(std::string_view text) {
   std::vector<std::string> parts;
   while (true) {
@@ -56,7 +56,7 @@ Result<std::vector<Encoding>> parse_encodings(const std::string& positions, cons
     for (const std::string& kind : split(indices)) {
       if (kind != "auto" && kind != "packed" && kind != "32" && kind != "clustered")
         return usage("--indices: '" + kind + "' is not packed, 32, clustered or auto");
-      if (kind == "clustered" && encoding.float32) continue;  // clusters have lattice positions
+      if (kind == "clustered" && encoding.float32) continue;  // clusters need lattice positions
       encoding.packed_indices = kind == "auto" ? !encoding.float32 : kind == "packed";
       encoding.clustered = kind == "clustered";
       encodings.push_back(encoding);
@@ -107,7 +107,7 @@ Result<std::vector<Effects>> parse_effects(const std::string& text) {
   return effects;
 }
 
-/// What --reference and --curves cannot take, because they draw the file that convert makes, one way.
+/// Refuses options that --reference and --curves cannot use, because they draw convert's file in one way only.
 Result<void> check_reference(const LabWords& words, const LabOptions& options) {
   const LabWords defaults;
   if (words.path || words.sweep || words.stages)
@@ -125,7 +125,7 @@ Result<void> check_reference(const LabWords& words, const LabOptions& options) {
   return {};
 }
 
-/// The scene that is measured by itself.
+/// Options of the scene "textured", which is measured alone.
 Result<LabOptions> parse_textured(const LabWords& words, LabOptions options) {
   const LabWords defaults;
   if (words.positions != defaults.positions || words.indices != defaults.indices || words.order != defaults.order ||
@@ -153,12 +153,12 @@ Result<LabOptions> parse_textured(const LabWords& words, LabOptions options) {
   return options;
 }
 
-/// The views named, each one of at least one of the scenes.
+/// The named views. Each must belong to at least one of the scenes.
 Result<std::vector<std::string>> parse_views(const std::string& text, const std::vector<std::string>& scenes) {
   std::vector<std::string> views;
   if (text.empty()) return views;
   views = split(text);
-  if (scenes.empty()) return views;  // a file's cameras are known when it is open
+  if (scenes.empty()) return views;  // a file's cameras are known only when it is open
   std::vector<std::string> known;
   for (const std::string& scene : scenes)
     for (const synth::SceneCamera& camera : make_scene(scene, synth::MeshOrder::kRow, 1e-6).cameras)

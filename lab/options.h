@@ -15,7 +15,7 @@
 
 namespace scree::lab {
 
-/// As typed; empty where nothing was.
+/// The options as typed; empty if not given.
 struct LabWords {
   std::vector<std::string> files;
   std::string scenes;
@@ -46,45 +46,45 @@ struct LabWords {
 
 using tools::ImageSize;
 
-constexpr uint32_t kTruthSamples = 8;  // a side of a pixel, of the supersampled reference of --curves
+constexpr uint32_t kTruthSamples = 8;  // per side of a pixel, for the supersampled reference of --curves
 
-/// What is drawn beside the shaded triangles.
+/// Effects drawn in addition to the shaded triangles.
 struct Effects {
   bool ssao = false;  // ambient occlusion
   bool edl = false;   // eye-dome lighting
 };
 
-/// What of clustered chunks is left out; the picture is the same.
+/// Which clusters of clustered chunks are culled. The picture is always the same.
 struct Culling {
-  bool bounds = true;     // clusters outside of the picture, and between pixel centres
-  bool occlusion = true;  // and hidden ones
+  bool bounds = true;     // clusters outside the picture, and between pixel centres
+  bool occlusion = true;  // also hidden clusters
 };
 
 struct LabOptions {
-  std::vector<std::string> files;   // one .scree file, or none: generated scenes; where `reference`, glTF models
-  std::vector<std::string> scenes;  // names that make_scene() takes
+  std::vector<std::string> files;   // one .scree file, or none for generated scenes; with `reference` glTF models
+  std::vector<std::string> scenes;  // names for make_scene()
   std::vector<std::string> views;   // empty: all of a scene
-  std::vector<Encoding> encodings;  // of generated scenes
+  std::vector<Encoding> encodings;  // for generated scenes
   synth::MeshOrder order = synth::MeshOrder::kRow;
-  double scale = 1;                        // of A, B and C
+  double scale = 1;                        // for A, B and C
   std::vector<uint32_t> samples_per_side;  // 1, 2, 4
   std::vector<Culling> culling;
   std::vector<Effects> effects;
-  std::vector<bool> sampleless_tests;  // on, off
-  bool stage_times = false;            // of small scenes too
-  std::optional<ImageSize> size;       // instead of the scene's own
+  std::vector<bool> sampleless_tests;  // with the test, without
+  bool stage_times = false;            // also for small scenes
+  std::optional<ImageSize> size;       // replaces the scene's own size
   uint32_t frames = 60;
   uint32_t warmup = 10;
   bool path = false;
   bool sweep = false;
-  bool reference = false;         // against an exact picture of the source: what judge_run.h measures
-  bool curves = false;            // that, for every width, and the studies
+  bool reference = false;         // compare with an exact picture of the source (judge_run.h)
+  bool curves = false;            // the same for every width, and the studies
   tools::BackendOptions backend;  // --reference and --curves draw on the CPU without a GPU; the others need one
   std::string csv;                // empty: none
-  // Of the scene "textured", which is measured by itself:
+  // For the scene "textured", which is measured alone:
   bool is_textured = false;
   uint32_t textures = 12;
-  uint32_t texture_size = 16384;  // texels a side
+  uint32_t texture_size = 16384;  // texels per side
   uint64_t texture_cache = runtime::kDeviceTextureCache;
 };
 
@@ -97,14 +97,13 @@ std::string effects_name(const Effects& effects);
 /// The last part of a path.
 std::string file_name(const std::string& path);
 
-/// Errors kUsage: what cannot be, with what can.
+/// Errors kUsage: an impossible value, with the possible ones.
 Result<LabOptions> parse_options(const LabWords& words);
 
-/// The share of its triangles that a scene is made with: `scale`, but D and A60 are always whole.
+/// The share of its triangles that a scene is made with: `scale`, except for D and A60, which are always whole.
 double scene_scale(const std::string& name, double scale);
 
-/// A, B, C or D; "lantern": B's mesh, one instance; "A60": A with 60 M triangles. `name` is one that parse_options()
-/// accepted.
+/// A, B, C or D; "lantern": B's mesh, one instance; "A60": A with 60 M triangles. `name`: accepted by parse_options().
 synth::Scene make_scene(const std::string& name, synth::MeshOrder order, double scale);
 
 }  // namespace scree::lab

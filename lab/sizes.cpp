@@ -31,7 +31,7 @@ constexpr int kZstdLevels[] = {0, 3, 9, 19};
 constexpr uint32_t kPositionBits = 16;
 constexpr int kDecodings = 3;  // the fastest counts
 
-/// Processor time of `work`; the least of so many times.
+/// Processor time of `work` in seconds: the minimum of `times` runs.
 template <class Work>
 double seconds_of(const Work& work, int times = 1) {
   double least = INFINITY;
@@ -56,7 +56,7 @@ Result<OpenFile> open(const std::string& path) {
   return OpenFile{std::move(*map), std::move(*file)};
 }
 
-/// A mesh as codecs of whole meshes take it: vertices that are equal once, on our lattice.
+/// A mesh as codecs of whole meshes need it: without repeated vertices, on our lattice.
 struct PlainMesh {
   std::vector<uint32_t> indices;
   std::vector<uint16_t> positions;  // x, y, z, 0: lattice offsets
@@ -95,7 +95,7 @@ Result<PlainMesh> plain_mesh(const OpenFile& opened, uint64_t number, tools::Chu
   return out;
 }
 
-/// What meshoptimizer makes of meshes.
+/// The size of meshes in meshoptimizer's codecs.
 class MeshoptCodec {
  public:
   explicit MeshoptCodec(const std::vector<PlainMesh>& meshes) : meshes_(meshes) {}
@@ -134,7 +134,7 @@ class MeshoptCodec {
   const std::vector<Bytes>& streams() const { return streams_; }
 
  private:
-  /// `stride`: of a vertex; 0: indices.
+  /// `stride`: bytes of a vertex; 0 for indices.
   void put(Bytes stream, size_t count, size_t stride) {
     streams_.push_back(std::move(stream));
     kinds_.push_back({count, stride});
@@ -161,7 +161,7 @@ Bytes zstd_packed(const Bytes& bytes, int level) {
   return out;
 }
 
-/// Measures one model with or without normals.
+/// Measures one model, with or without normals.
 class ModelSizes {
  public:
   ModelSizes(const std::string& model, bool normals, const WorkFolder& folder, std::vector<SizeRow>& rows)
@@ -205,7 +205,7 @@ class ModelSizes {
     return options;
   }
 
-  /// Every mesh in one chunk, and what the glTF takes.
+  /// Reads every mesh as one chunk, and the sizes in the glTF.
   Result<void> read_meshes() {
     convert::ConvertOptions whole = options();
     whole.chunk_triangles = 0;
@@ -224,7 +224,8 @@ class ModelSizes {
     }
     const format::SourceRecord& source = opened->file.source();
     SizeRow gltf = row("glTF", 0);
-    gltf.disk_bytes = source.index_bytes + source.position_bytes * (normals_ ? 2 : 1);  // both three floats a vertex
+    gltf.disk_bytes = source.index_bytes + source.position_bytes * (normals_ ? 2 : 1);  // both have three floats per
+                                                                                        // vertex
     gltf.device_bytes = gltf.disk_bytes;
     rows_.push_back(gltf);
     return {};

@@ -1,5 +1,5 @@
-// One pixel of a BC7 block; runs in kernels too. Integers alone, as the format defines them. Source: Khronos Data
-// Format Specification, BPTC; for the tables of subsets and anchors too.
+// Decodes one pixel of a BC7 block; runs in kernels too. Integer arithmetic only, as the format defines it. Source:
+// Khronos Data Format Specification, BPTC, also for the tables of subsets and anchors.
 #pragma once
 
 #include <cstdint>
@@ -17,13 +17,13 @@ struct Bc7Mode {
   uint8_t selection_bits;
   uint8_t color_bits;
   uint8_t alpha_bits;
-  uint8_t endpoint_bits;  // below the colours', one for each end of each subset
-  uint8_t shared_bits;    // below the colours', one for each subset
+  uint8_t endpoint_bits;  // below the colour's bits, one per end of each subset
+  uint8_t shared_bits;    // below the colour's bits, one per subset
   uint8_t index_bits;
   uint8_t second_index_bits;
 };
 
-/// Which subset a pixel is in.
+/// The subset that a pixel belongs to.
 SCREE_HD inline uint32_t bc7_subset(uint32_t subsets, uint32_t partition, uint32_t pixel) {
   static constexpr uint16_t kTwo[64] = {
       0xcccc, 0x8888, 0xeeee, 0xecc8, 0xc880, 0xfeec, 0xfec8, 0xec80, 0xc800, 0xffec, 0xfe80, 0xe800, 0xffe8,
@@ -44,13 +44,14 @@ SCREE_HD inline uint32_t bc7_subset(uint32_t subsets, uint32_t partition, uint32
   return subsets == 3 ? kThree[partition] >> 2 * pixel & 3 : 0;
 }
 
-/// The pixels whose index has a bit less, a bit each: the first one of each subset in the order of the table.
+/// The anchor pixels, whose index has one bit less, as a mask: the first pixel of each subset in the order of the
+/// table.
 SCREE_HD inline uint32_t bc7_anchors(uint32_t subsets, uint32_t partition) {
   static constexpr uint8_t kTwo[64] = {15, 15, 15, 15, 15, 15, 15, 15, 15, 15, 15, 15, 15, 15, 15, 15,
                                        15, 2,  8,  2,  2,  8,  8,  15, 2,  8,  2,  2,  8,  8,  2,  2,
                                        15, 15, 6,  8,  2,  8,  15, 15, 2,  8,  2,  2,  2,  15, 15, 6,
                                        6,  2,  6,  8,  15, 15, 2,  2,  15, 15, 15, 15, 15, 2,  2,  15};
-  static constexpr uint8_t kThree[64] = {// of subset 1 in the low half, of subset 2 in the high one
+  static constexpr uint8_t kThree[64] = {// subset 1 in the low half, subset 2 in the high half
                                          0xf3, 0x83, 0x8f, 0x3f, 0xf8, 0xf3, 0x3f, 0x8f, 0xf8, 0xf8, 0xf6, 0xf6, 0xf6,
                                          0xf5, 0xf3, 0x83, 0xf3, 0x83, 0xf8, 0x3f, 0xf3, 0x83, 0xf6, 0x8a, 0x35, 0xf8,
                                          0x68, 0xa6, 0xf8, 0xf5, 0xaf, 0x8f, 0xf8, 0x3f, 0xf3, 0xa5, 0xa6, 0x8a, 0x98,
@@ -60,7 +61,7 @@ SCREE_HD inline uint32_t bc7_anchors(uint32_t subsets, uint32_t partition) {
   return subsets == 3 ? 1u | 1u << (kThree[partition] & 15) | 1u << (kThree[partition] >> 4) : 1u;
 }
 
-/// How much of the second end is in an index of 2, 3 or 4 bits, of 64 parts: 64 * index / largest, rounded.
+/// The weight of the second end for an index of 2, 3 or 4 bits, in 64ths: 64 * index / largest, rounded.
 SCREE_HD inline uint32_t bc7_weight(uint32_t index, uint32_t bits) {
   if (bits == 2) return 0x402b1500u >> 8 * index & 255;
   if (bits == 3) return static_cast<uint32_t>(0x40372e251b120900u >> 8 * index) & 255;
@@ -95,13 +96,13 @@ SCREE_HD inline uint32_t bc7_pixel(const BlockBits& block, uint32_t pixel) {
   const uint32_t index_at = low_bits_at + ends * mode.endpoint_bits + mode.subsets * mode.shared_bits;
   const uint32_t anchors = bc7_anchors(mode.subsets, partition);
   const auto index = [&](uint32_t first, uint32_t bits, uint32_t shorter) {
-    uint32_t missing = 0;  // bits, before this pixel
+    uint32_t missing = 0;  // index bits that earlier anchors do not have
     for (uint32_t before = shorter & ((1u << pixel) - 1); before != 0; before &= before - 1) ++missing;
     return block.bits(first + pixel * bits - missing, bits - (shorter >> pixel & 1));
   };
   uint32_t color_weight = bc7_weight(index(index_at, mode.index_bits, anchors), mode.index_bits);
   uint32_t alpha_weight = color_weight;
-  if (mode.second_index_bits != 0) {  // of one subset
+  if (mode.second_index_bits != 0) {  // these modes have one subset
     alpha_weight =
         bc7_weight(index(index_at + 16u * mode.index_bits - 1, mode.second_index_bits, 1), mode.second_index_bits);
     if (is_swapped) {
@@ -127,7 +128,7 @@ SCREE_HD inline uint32_t bc7_pixel(const BlockBits& block, uint32_t pixel) {
   for (uint32_t channel = 0; channel < 3; ++channel)
     rgba |= between(at + channel * ends * mode.color_bits, mode.color_bits, color_weight) << 8 * channel;
   if (rotation == 0) return rgba;
-  const uint32_t shift = 8 * (rotation - 1);  // of the channel that alpha changes places with
+  const uint32_t shift = 8 * (rotation - 1);  // of the channel that is exchanged with alpha
   const uint32_t moved = rgba >> shift & 255;
   return (rgba & ~(0xff000000u | 255u << shift)) | rgba >> 24 << shift | moved << 24;
 }

@@ -18,7 +18,7 @@ SCREE_HD constexpr bool is_block_format(BlockFormat format) {
   return number >= 1 && number <= 10 && number != 6;
 }
 
-/// Pixels of a block's side: 4 where it is compressed, 1 where it is a pixel.
+/// Side of a block in pixels: 4 for the compressed formats, 1 where a block is a single pixel.
 SCREE_HD constexpr uint32_t block_side(BlockFormat format) {
   return format < BlockFormat::kR8 ? 4 : 1;
 }
@@ -39,7 +39,7 @@ SCREE_HD constexpr uint32_t block_bytes(BlockFormat format) {
   }
 }
 
-/// Channels that a block has, before its swizzle.
+/// Channels that a block stores, before the swizzle.
 constexpr uint32_t block_channels(BlockFormat format) {
   if (format == BlockFormat::kBc4 || format == BlockFormat::kR8) return 1;
   return format == BlockFormat::kBc5 || format == BlockFormat::kRg8 ? 2 : 4;
@@ -50,13 +50,13 @@ constexpr const char* block_format_name(BlockFormat format) {
   return kNames[static_cast<uint32_t>(format)];
 }
 
-/// Bytes of the blocks of a level: rows of blocks from the top. Sides up to kMaxBlockImageSide.
+/// Bytes of a level's blocks: rows of blocks, from the top. Sides up to kMaxBlockImageSide.
 constexpr uint64_t block_level_bytes(BlockFormat format, uint32_t width, uint32_t height) {
   const uint32_t side = block_side(format);
   return uint64_t{(width + side - 1) / side} * ((height + side - 1) / side) * block_bytes(format);
 }
 
-/// Levels of a picture of this size from level 1 on down to 1 x 1: the most that a block image has.
+/// Levels of a picture of this size from level 1 down to 1 x 1. A block image has at most this many.
 constexpr uint32_t most_block_levels(uint32_t width, uint32_t height) {
   return static_cast<uint32_t>(std::bit_width(std::max(width, height))) - 1;
 }
@@ -64,7 +64,7 @@ constexpr uint32_t most_block_levels(uint32_t width, uint32_t height) {
 /// Where a channel of the picture comes from.
 enum class ChannelSource : uint32_t { kRed, kGreen, kBlue, kAlpha, kZero, kOne };
 
-/// ImageRecord::swizzle: three bits a channel, red lowest.
+/// ImageRecord::swizzle: three bits per channel, red lowest.
 constexpr uint16_t make_swizzle(ChannelSource red, ChannelSource green, ChannelSource blue, ChannelSource alpha) {
   return static_cast<uint16_t>(static_cast<uint32_t>(red) | static_cast<uint32_t>(green) << 3 |
                                static_cast<uint32_t>(blue) << 6 | static_cast<uint32_t>(alpha) << 9);
@@ -85,7 +85,7 @@ constexpr bool is_swizzle(uint16_t swizzle) {
   return swizzle >> 12 == 0;
 }
 
-/// `second` of what `first` makes.
+/// The swizzle that equals `first` followed by `second`.
 constexpr uint16_t swizzle_of_swizzle(uint16_t first, uint16_t second) {
   uint32_t both = 0;
   for (uint32_t channel = 0; channel < 4; ++channel) {

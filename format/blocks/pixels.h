@@ -1,6 +1,6 @@
-// One pixel of a block image, decoded where it is looked at; runs in kernels too. Integers alone: the real numbers of
-// the formats' definitions times 255, rounded to the nearest, halves up. Source: spec/codecs.md, block image; Khronos
-// Data Format Specification, S3TC, RGTC and BPTC.
+// Decodes one pixel of a block image at a time; runs in kernels too. Integer arithmetic only: the real values of the
+// formats' definitions times 255, rounded to nearest, halves up. Source: spec/codecs.md, block image; Khronos Data
+// Format Specification, S3TC, RGTC and BPTC.
 #pragma once
 
 #include <cstdint>
@@ -17,7 +17,7 @@ SCREE_HD inline uint32_t rounded_ratio(uint32_t value, uint32_t divisor) {
   return (2 * value + divisor) / (2 * divisor);
 }
 
-/// Of the 8 bytes of a BC1 block, or of the colours of BC2 and BC3, which have no fourth, transparent code.
+/// A pixel of the 8 bytes of a BC1 block, or of the colours of BC2 and BC3, whose fourth code is never transparent.
 SCREE_HD inline uint32_t bc1_pixel(uint64_t block, uint32_t pixel, bool may_be_transparent) {
   const uint32_t first = block & 0xffff, second = block >> 16 & 0xffff;
   const uint32_t code = static_cast<uint32_t>(block >> (32 + 2 * pixel)) & 3;
@@ -35,7 +35,7 @@ SCREE_HD inline uint32_t bc1_pixel(uint64_t block, uint32_t pixel, bool may_be_t
   return channel(11, 31) | channel(5, 63) << 8 | channel(0, 31) << 16 | 0xff000000u;
 }
 
-/// Of the 8 bytes of a BC4 block, of one of the two of BC5, or of BC3's alpha.
+/// A pixel of the 8 bytes of a BC4 block, of one half of a BC5 block, or of the alpha of BC3.
 SCREE_HD inline uint32_t bc4_pixel(uint64_t block, uint32_t pixel) {
   const uint32_t first = block & 255, second = block >> 8 & 255;
   const uint32_t code = static_cast<uint32_t>(block >> (16 + 3 * pixel)) & 7;
@@ -46,8 +46,8 @@ SCREE_HD inline uint32_t bc4_pixel(uint64_t block, uint32_t pixel) {
   return rounded_ratio((6 - code) * first + (code - 1) * second, 5);
 }
 
-/// Pixel 4 y + x of the block at `block`, a multiple of block_bytes() from a multiple of 16, before the swizzle: RGBA,
-/// red in the low byte. Channels that the format has not are 0, alpha 255.
+/// Pixel 4 y + x of a block before the swizzle: RGBA, red in the low byte. Channels that the format lacks are 0, alpha
+/// 255. `block`: a multiple of block_bytes() from an address that is a multiple of 16.
 SCREE_HD inline uint32_t block_pixel(BlockFormat format, const uint8_t* block, uint32_t pixel) {
   switch (format) {
     case BlockFormat::kBc1:
@@ -89,7 +89,7 @@ SCREE_HD inline uint32_t swizzled(uint32_t rgba, uint16_t swizzle) {
   return out;
 }
 
-/// Pixel (x, y) of a level that is `width` pixels wide, whose blocks begin at `blocks`, a multiple of 16.
+/// Pixel (x, y) of a level that is `width` pixels wide. `blocks`: the level's blocks, at a multiple of 16.
 SCREE_HD inline uint32_t block_image_pixel(BlockFormat format, uint16_t swizzle, const uint8_t* blocks, uint32_t width,
                                            uint32_t x, uint32_t y) {
   const uint32_t side = block_side(format);

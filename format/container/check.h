@@ -1,4 +1,4 @@
-// Inside of Container::open: where the tables of a file lie, and the check of every field of every record.
+// Used by Container::open: where the tables of a file lie, and the check of every field of every record.
 #pragma once
 
 #include <array>
@@ -16,7 +16,7 @@ namespace scree::format {
 
 inline constexpr uint32_t kKnownTableKinds = 20;  // TableKind values below this, 0 aside
 
-/// The tables of a file by kind; those it does not have are empty.
+/// The tables of a file by kind. Kinds that the file lacks are empty.
 struct TableViews {
   struct View {
     const std::byte* first = nullptr;
@@ -25,7 +25,7 @@ struct TableViews {
   };
 
   std::array<View, kKnownTableKinds> views{};
-  uint64_t tables_offset = 0;  // bytes from the start of the file to the first table: pages and their padding end here
+  uint64_t tables_offset = 0;  // bytes from the start of the file to the first table, where pages and their padding end
   bool newer_minor = false;    // the file is of a newer minor version than this reader
 
   const View& view(TableKind kind) const { return views[static_cast<uint32_t>(kind)]; }
@@ -37,24 +37,24 @@ struct TableViews {
   }
 };
 
-/// Told how far check_records has come, a block of records before it reads them.
+/// Interface for check_records to announce which records it reads next, one block of records ahead.
 class TableReader {
  public:
-  /// Records up to `record` of the table, at least, are read next. Returns up to which record (exclusive, more than
-  /// `record`) it need not be told again.
+  /// At least the records up to `record` of the table are read next. Returns the record (exclusive, more than `record`)
+  /// up to which no further call is needed.
   virtual uint64_t read_to(TableKind kind, uint64_t record) = 0;
 
  protected:
   ~TableReader() = default;
 };
 
-/// Checks every field of every record (spec/container.md, tables). The tables lie in the file, are aligned and have the
-/// record sizes of their kinds or larger; nothing else is relied on, their checksums neither. `reader` is told of each
-/// record of a large table before it is read first. No allocation but for the error's text. Errors kRange, kReserved,
-/// kFormat.
+/// Checks every field of every record (spec/container.md, tables). The tables must lie in the file, be aligned and have
+/// at least the record sizes of their kinds. Nothing else is assumed, not even their checksums. `reader` is called
+/// before a record of a large table is read for the first time. Allocates only for an error's text. Errors kRange,
+/// kReserved, kFormat.
 Result<void> check_records(const TableViews& tables, TableReader& reader);
 
-// Error messages out of parts; a template so that the hot loops keep their values in registers until one fails.
+// Builds error messages. A template, so that the hot loops keep their values in registers until one fails.
 inline void append_part(std::string& text, const char* part) {
   text += part;
 }

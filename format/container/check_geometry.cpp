@@ -13,18 +13,18 @@ using enum ErrorCode;
 
 namespace {
 
-/// The largest code that a width says is there: bits = bit_width(largest code), so 2^(bits - 1) at least.
+/// Lower bound of the largest code for a width: bits = bit_width(largest code), so the code is at least 2^(bits - 1).
 uint64_t known_code(uint32_t bits) {
   return bits == 0 ? 0 : uint64_t{1} << (bits - 1);
 }
 
-/// Whether the coordinates min .. min + 2^bits - 1 are exact in a double, and those that must be there (the first and
-/// that of known_code) are finite floats when scaled. The codecs check the largest code itself when a page is loaded:
-/// that the lattice goes on past the largest float is no error, or coordinates near it could not be kept.
+/// Whether the coordinates min .. min + 2^bits - 1 are exact in a double, and the two that a chunk must have (the first
+/// and known_code's) are finite floats when scaled. The largest code itself is checked by the codecs when a page is
+/// loaded: a lattice that continues past the largest float is no error, because coordinates near that float need it.
 bool lattice_is_sane(int64_t min, uint32_t bits, int32_t exponent) {
   if (exponent < kMinLatticeExponent || exponent > kMaxLatticeExponent) return false;
   if (min <= -kLatticeLimit || min >= kLatticeLimit) return false;
-  // Below 2^53, scaled by no more than 2^74: nothing to compute, and all that most files have.
+  // Below 2^53 and scaled by at most 2^74, so always finite. Most files end here.
   if (exponent <= 74) return true;
   const int64_t known = min + static_cast<int64_t>(known_code(bits));
   const double step = exp2i(exponent);
@@ -55,7 +55,7 @@ Result<void> Checker::pages() const {
       if (page.stored_bytes >= page.raw_bytes) {
         return fail(kRange, "page ", i, ": ", page.raw_bytes, " bytes compressed to ", page.stored_bytes);
       }
-      // The product stays in 64 bits: stored_bytes lie in a file that is mapped, so below 2^48.
+      // The product fits 64 bits: stored_bytes lie in a mapped file and are below 2^48.
       if (page.raw_bytes > kPageTargetBytes &&
           (page.raw_bytes > kMaxZstdPageBytes || page.raw_bytes > kMaxZstdRatio * page.stored_bytes)) {
         return fail(kRange, "page ", i, ": ", page.raw_bytes, " bytes compressed to ", page.stored_bytes,
@@ -72,7 +72,7 @@ Result<void> Checker::pages() const {
   return {};
 }
 
-/// A mesh without its chunks.
+/// The fields of a mesh, without its chunks.
 std::optional<Error> Checker::mesh_fields(uint64_t index) const {
   const MeshRecord& mesh = meshes_[index];
   if (mesh.group >= groups_.size()) return fail_index("mesh", index, "group", mesh.group, groups_.size(), "groups");
@@ -122,7 +122,7 @@ std::optional<Error> Checker::mesh_fields(uint64_t index) const {
   return std::nullopt;
 }
 
-/// What a chunk says about its place: page, mesh, triangles.
+/// Checks a chunk's location: page, mesh, triangles.
 std::optional<Error> Checker::chunk_range(uint64_t index, const MeshRecord& mesh, uint64_t mesh_index,
                                           uint64_t first_triangle) const {
   const ChunkRecord& chunk = chunks_[index];
@@ -166,17 +166,18 @@ std::optional<Error> Checker::chunk_range(uint64_t index, const MeshRecord& mesh
   return std::nullopt;
 }
 
-/// What an indexed chunk says about its indices.
+/// Checks an indexed chunk's index fields.
 std::optional<Error> Checker::index_fields(uint64_t index) const {
   const ChunkRecord& chunk = chunks_[index];
   if (chunk.index_bits > 32) return fail(kRange, "chunk ", index, ": ", chunk.index_bits, " index bits");
-  // All-equal indices take no bytes, so the count alone must bound what decoding them takes.
+  // All-equal indices take no bytes, so the count alone has to bound the cost of decoding.
   if (chunk.index_bits == 0 && chunk.triangle_count > kMaxChunkTriangles) {
     return fail(kRange, "chunk ", index, ": ", chunk.triangle_count, " triangles of 0 index bits, expected at most ",
                 kMaxChunkTriangles);
   }
-  // Whether an index that the width allows passes the vertex count is checked when the page is loaded; that one must is
-  // known now. 1 bit is free, for the chunk that may not have 0.
+  // Indices that the width allows, but that pass the vertex count, are found when the page is loaded. Here only the
+  // index that must exist is checked. A width of 1 bit does not imply one: it is also used for chunks that may not have
+  // 0 bits.
   const uint64_t known_index = chunk.index_min + (chunk.index_bits > 1 ? known_code(chunk.index_bits) : 0);
   if (known_index >= chunk.vertex_count) {
     return fail(kRange, "chunk ", index, ": indices from ", chunk.index_min, " of ", chunk.index_bits,
@@ -188,7 +189,7 @@ std::optional<Error> Checker::index_fields(uint64_t index) const {
   return std::nullopt;
 }
 
-/// What a clustered chunk says about its clusters.
+/// Checks a clustered chunk's cluster fields.
 std::optional<Error> Checker::cluster_fields(uint64_t index, const MeshRecord& mesh) const {
   const ChunkRecord& chunk = chunks_[index];
   if (mesh.position_encoding == PositionEncoding::kFloat32) {
@@ -197,7 +198,7 @@ std::optional<Error> Checker::cluster_fields(uint64_t index, const MeshRecord& m
   if (chunk.index_min | chunk.index_bits) {
     return fail(kReserved, "chunk ", index, ": index fields are set, but it has clusters");
   }
-  // Clusters take bytes, so these bound what decoding them takes.
+  // Clusters take bytes, so these limits bound the cost of decoding.
   const uint64_t clusters = chunk.cluster_count;
   if (clusters == 0 || clusters > chunk.triangle_count || chunk.triangle_count > clusters * kMaxClusterTriangles) {
     return fail(kRange, "chunk ", index, ": ", clusters, " clusters of ", chunk.triangle_count, " triangles");
@@ -211,7 +212,7 @@ std::optional<Error> Checker::cluster_fields(uint64_t index, const MeshRecord& m
   return std::nullopt;
 }
 
-/// What a chunk says about its streams: ranges and widths.
+/// Checks the ranges and widths of a chunk's streams.
 std::optional<Error> Checker::chunk_streams_of(uint64_t index, const MeshRecord& mesh) const {
   const ChunkRecord& chunk = chunks_[index];
   if (chunk.encoding == ChunkEncoding::kIndexed) {
@@ -281,12 +282,12 @@ Result<void> Checker::meshes(Part part) {
       return fail(kRange, "mesh ", m, ": ", mesh.chunk_count, " chunks from ", mesh.first_chunk, ", expected from ",
                   next_chunk_, " to at most ", chunks_.size());
     }
-    // Sums of less than 2^32 numbers below 2^32: tables are shorter than that.
+    // Tables have less than 2^32 records, so these are sums of less than 2^32 numbers below 2^32.
     uint64_t triangles = 0;
     uint64_t vertices = 0;
     for (uint64_t c = next_chunk_; c < next_chunk_ + mesh.chunk_count; ++c) {
       reach(TableKind::kChunks, c);
-      // Streams before sizes: an absurd width should be named, not the size it leads to.
+      // Streams before sizes: the error should give the absurd width, not the size that follows from it.
       if (auto error = chunk_streams_of(c, mesh)) [[unlikely]]
         return *std::move(error);
       if (auto error = chunk_range(c, mesh, m, triangles)) [[unlikely]]
@@ -303,7 +304,7 @@ Result<void> Checker::meshes(Part part) {
     if (!sum) return fail(kRange, "mesh ", m, ": ", mesh.source_vertex_count, " vertices in its source");
     source_vertices_ = *sum;
 
-    // Whether its group has it, while it is in the cache; groups() says what is wrong where something is.
+    // Checks that the mesh's group contains it, while the group is in the cache. If not, groups() finds the error.
     while (m >= group_end_ && group_ < groups_.size()) {
       reach(TableKind::kGroups, group_);
       group_end_ += groups_[group_++].mesh_count;
@@ -316,7 +317,7 @@ Result<void> Checker::meshes(Part part) {
   return {};
 }
 
-/// After meshes().
+/// Must be called after meshes().
 Result<void> Checker::groups() const {
   uint64_t next_mesh = 0;
   for (uint64_t g = 0; g < groups_.size(); ++g) {

@@ -1,4 +1,4 @@
-// The checks of nodes, instances, scenes and what they are drawn with.
+// The checks of nodes, instances, scenes, materials, textures, images and cameras.
 #include <algorithm>
 #include <cmath>
 #include <numbers>
@@ -68,12 +68,12 @@ Result<void> Checker::matrices(Part part) const {
   return {};
 }
 
-/// Instances of the scene from next_instance_ to `end`.
+/// Checks the scene's instances from next_instance_ up to `end`.
 Result<void> Checker::instances_to(uint64_t end) {
   for (; next_instance_ < end; ++next_instance_) {
     const uint64_t i = next_instance_;
     reach(TableKind::kInstances, i);
-    if (i + kNodesAhead < end) {  // nodes come in any order, and each is a miss of the cache
+    if (i + kNodesAhead < end) {  // nodes come in any order, so that each would be a cache miss
       const uint32_t node = instances_[i + kNodesAhead].node;
       if (node < nodes_.size()) __builtin_prefetch(&nodes_[node].group);
     }
@@ -109,7 +109,7 @@ Result<void> Checker::instances_to(uint64_t end) {
   return {};
 }
 
-/// A scene without its instances.
+/// The fields of a scene, without its instances.
 std::optional<Error> Checker::scene_fields(uint64_t index) const {
   const SceneRecord& scene = scenes_[index];
   if (name_is_bad(scene.name)) return fail_name("scene", index, scene.name);
@@ -126,7 +126,7 @@ std::optional<Error> Checker::scene_fields(uint64_t index) const {
   return std::nullopt;
 }
 
-/// Scenes as far as the part's instances go.
+/// Checks the scenes that the part's instances reach.
 Result<void> Checker::scenes(Part part) {
   const uint64_t end = part.end(instances_.size());
   for (;;) {
@@ -244,7 +244,8 @@ Result<void> Checker::images() const {
   return {};
 }
 
-/// That a block image's fields go together and its page holds its blocks; that others have no such fields.
+/// Checks that the fields of a block image agree and its page holds its blocks, and that other images have no such
+/// fields.
 std::optional<Error> Checker::blocks_of(uint64_t number) const {
   const ImageRecord& image = images_[number];
   const auto format = static_cast<uint32_t>(image.block_format);
@@ -272,7 +273,7 @@ std::optional<Error> Checker::blocks_of(uint64_t number) const {
   return std::nullopt;
 }
 
-/// The image's mip levels from `first` on.
+/// Checks the image's mip levels from `first` on.
 std::optional<Error> Checker::levels_of(uint64_t image, uint64_t first) const {
   for (uint64_t i = first; i < first + images_[image].level_count; ++i) {
     if (i >= mip_levels_.size()) {

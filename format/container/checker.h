@@ -1,4 +1,4 @@
-// Inside of check_records: the checks table by table; check.cpp says in which order.
+// The checks behind check_records, table by table. check.cpp has their order.
 #pragma once
 
 #include <algorithm>
@@ -12,8 +12,8 @@
 
 namespace scree::format {
 
-/// Without a branch, so that it becomes vector code. A number is NaN or infinite where its exponent is all ones: one
-/// more then carries into the sign bit.
+/// Branch-free, so that it is vectorised. A number is NaN or infinite where its exponent is all ones; adding one to the
+/// exponent then carries into the sign bit.
 template <class Float>
 bool all_finite(const Float* values, uint32_t count) {
   using Bits = std::conditional_t<sizeof(Float) == 4, uint32_t, uint64_t>;
@@ -30,7 +30,7 @@ inline Error fail_index(const char* kind, uint64_t index, const char* field, uin
   return fail(ErrorCode::kRange, kind, " ", index, ": ", field, " ", value, ", but the file has ", count, " ", things);
 }
 
-/// Part `index` of a table that is checked in `count` parts, one call each, in order.
+/// Part `index` of a table that is checked in `count` parts, one call per part, in order.
 struct Part {
   uint64_t index = 0;
   uint64_t count = 1;
@@ -90,8 +90,8 @@ class Checker {
   std::optional<Error> levels_of(uint64_t image, uint64_t first) const;
   Result<void> instances_to(uint64_t end);
 
-  /// Before a record is read for the first time. Asks for what lies a block further on, so that the next block's
-  /// checksum need not wait for memory.
+  /// Called before a record is read for the first time. Prefetches the records one block ahead, so that the next
+  /// block's checksum does not wait for memory.
   void reach(TableKind kind, uint64_t index) const {
     const TableViews::View& table = tables_.view(kind);
     const uintptr_t ahead = reinterpret_cast<uintptr_t>(table.first) + index * table.stride + kReadAheadBytes;
@@ -114,19 +114,19 @@ class Checker {
   mutable std::array<uint64_t, kKnownTableKinds> reached_{};
   uint64_t string_bytes_ = 0;
 
-  // Where meshes() is.
+  // State of meshes().
   uint64_t next_chunk_ = 0;
   uint64_t source_vertices_ = 0;
   uint64_t group_ = 0;              // of the next mesh, if groups tile the meshes as they should
   uint64_t group_end_ = 0;          // the first mesh after it
-  bool groups_may_differ_ = false;  // groups() is to look at every mesh
+  bool groups_may_differ_ = false;  // groups() has to look at every mesh
 
-  // Where scenes() is.
+  // State of scenes().
   uint64_t scene_ = 0;
   bool in_scene_ = false;  // its instances are being checked
   bool default_seen_ = false;
   uint64_t next_instance_ = 0;
-  uint64_t instances_end_ = 0;  // of the scene
+  uint64_t instances_end_ = 0;  // first instance after the scene's
   uint64_t scene_triangles_ = 0;
   uint32_t previous_mesh_ = 0;
 

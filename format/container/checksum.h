@@ -7,9 +7,10 @@
 
 namespace scree::format {
 
+/// XXH3-64 of `bytes`.
 uint64_t checksum(std::span<const std::byte> bytes);
 
-/// The checksum of bytes that come in parts: that of all of them in a row.
+/// The checksum of bytes that come in pieces; equal to the checksum of all of them at once.
 class Checksum {
  public:
   Checksum();

@@ -1,5 +1,5 @@
-// Compiled with -mavx2 (CMakeLists.txt). All of xxhash is static here, and nothing else is included that the linker
-// might share with code for other processors.
+// Compiled with -mavx2 (CMakeLists.txt). All of xxhash is static here, and no other header is included whose inline
+// functions the linker might share with code for other processors.
 #include "format/container/checksum_avx2.h"
 
 #define XXH_INLINE_ALL

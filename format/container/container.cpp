@@ -57,18 +57,18 @@ static_assert(kKnownTables[static_cast<uint32_t>(TableKind::kLeftOutCosts)].reco
 
 constexpr uint32_t kZstdMagic = 0xFD2FB528;  // RFC 8878, 3.1.1
 
-/// `base`: where in the file `bytes` starts.
+/// Checks that the bytes in [begin, end) are zero. `base`: offset of `bytes` in the file, for the error.
 Result<void> check_zero(std::span<const std::byte> bytes, uint64_t begin, uint64_t end, uint64_t base = 0) {
   const std::byte* const first = bytes.data() + begin;
   const uint64_t count = end - begin;
-  // All equal to their neighbours and the first one zero: at memcmp's speed.
+  // All bytes are zero if the first one is and each equals its neighbour; memcmp tests that at full speed.
   if (count == 0 || (*first == std::byte{0} && std::memcmp(first, first + 1, count - 1) == 0)) return {};
   uint64_t at = begin;
   while (bytes[at] == std::byte{0}) ++at;
   return fail(ErrorCode::kReserved, "byte ", base + at, " is padding, but not zero");
 }
 
-/// A glTF is what many try first.
+/// A file that is not a .scree file. A glTF is named, because many users try one first.
 Error not_scree(std::span<const std::byte> file) {
   constexpr std::string_view kGlb = "glTF";
   const std::string_view head(reinterpret_cast<const char*>(file.data()), std::min<size_t>(file.size(), 64));
@@ -91,7 +91,7 @@ Result<FileHeader> check_header(std::span<const std::byte> file) {
   }
   const FileHeader header = load<FileHeader>(file.data());
   if (std::memcmp(header.magic, kMagic, sizeof kMagic) != 0) return not_scree(file);
-  // The version stands before everything that another major version may have changed, the checksum included.
+  // The version lies before everything that another major version may change, the checksum included.
   if (header.version_major != kVersionMajor) {
     return fail(ErrorCode::kVersion, "the file has version ", header.version_major, ".", header.version_minor,
                 ", but this program reads version ", kVersionMajor);
@@ -112,7 +112,7 @@ Result<FileHeader> check_header(std::span<const std::byte> file) {
   return header;
 }
 
-/// The checksums of the tables, taken a block ahead of the records' checks: memory is read once for both.
+/// Hashes the tables one block ahead of the records' checks, so that memory is read once for both.
 class TableHashes final : public TableReader {
  public:
   explicit TableHashes(const TableViews& tables) : tables_(tables) {}
@@ -124,14 +124,14 @@ class TableHashes final : public TableReader {
     return progress_[static_cast<uint32_t>(kind)].records;
   }
 
-  /// The checksum of a whole table, whatever of it was read before.
+  /// The checksum of a whole table, no matter how much of it was hashed before.
   uint64_t checksum(uint32_t kind) {
     hash_to(kind, tables_.views[kind].count);
     return progress_[kind].checksum.value();
   }
 
  private:
-  // Half of a first-level cache: the rest is for the tables that the records refer to.
+  // Half of a first-level cache. The rest is for the tables that the records refer to.
   static constexpr uint64_t kBlockBytes = 16 << 10;
 
   struct Progress {
@@ -151,7 +151,7 @@ class TableHashes final : public TableReader {
   std::array<Progress, kKnownTableKinds> progress_;
 };
 
-/// One entry of the table of contents, whose bytes lie within the file: into `views` where the kind is known.
+/// Stores one entry of the table of contents in `views` if its kind is known. The entry's bytes lie within the file.
 Result<void> take_table(const TocEntry& entry, uint32_t index, std::span<const std::byte> file, TableViews& views) {
   const uint32_t kind = static_cast<uint32_t>(entry.kind);
   if (kind == 0) return fail(ErrorCode::kRange, "table ", index, ": kind 0");
@@ -178,7 +178,7 @@ Result<void> take_table(const TocEntry& entry, uint32_t index, std::span<const s
   return {};
 }
 
-/// `index`: in the table of contents. `actual`: the checksum of the table's bytes.
+/// `index`: of the entry in the table of contents. `actual`: the checksum of the table's bytes.
 Result<void> check_checksum(const TocEntry& entry, uint32_t index, uint64_t actual) {
   if (actual == entry.checksum) return {};
   const uint32_t kind = static_cast<uint32_t>(entry.kind);
@@ -194,8 +194,8 @@ TocEntry toc_entry(const FileHeader& header, std::span<const std::byte> file, ui
 
 enum class Checksums { kLater, kNow };
 
-/// Tables follow each other, each at the next multiple of kTableAlignment, with zeros between; then the table of
-/// contents, which ends the file.
+/// Checks that tables follow each other, each at the next multiple of kTableAlignment with zeros between, and that the
+/// table of contents comes last and ends the file.
 Result<void> take_tables(const FileHeader& header, std::span<const std::byte> file, Checksums checksums,
                          TableViews& views) {
   if (header.toc_offset % kTableAlignment != 0 || header.toc_offset < kPageAlignment ||
@@ -250,7 +250,7 @@ Result<void> take_tables(const FileHeader& header, std::span<const std::byte> fi
   return {};
 }
 
-/// Every table: its place, its records and its checksum. Reads a good file's tables once.
+/// Checks the offset, the records and the checksum of every table. The tables of a good file are read once.
 Result<void> check_tables(const FileHeader& header, std::span<const std::byte> file, TableViews& views) {
   Result<void> checked = take_tables(header, file, Checksums::kLater, views);
   if (checked) {
@@ -266,8 +266,8 @@ Result<void> check_tables(const FileHeader& header, std::span<const std::byte> f
     }
   }
   if (checked) return {};
-  // What is said is what the tables say in their order, checksums before records: where a bit flipped, the rule that
-  // the record happens to break is not the news.
+  // The checks failed. Repeat them in the order of the tables, checksums before records: after a bit flip the wrong
+  // checksum is the useful error, not the rule that the record happens to break.
   TableViews again;
   again.newer_minor = views.newer_minor;
   if (auto taken = take_tables(header, file, Checksums::kNow, again); !taken) return taken;
@@ -279,7 +279,7 @@ Result<void> decompress(uint32_t page, std::span<std::byte> out, std::span<const
   struct Free {
     void operator()(ZSTD_DCtx* context) const { ZSTD_freeDCtx(context); }
   };
-  // A context is 160 KB: kept, so that loading many pages does not map and fault it in anew for each.
+  // A context takes 160 KB. It is kept per thread, so that loading many pages does not map and fault it in for each.
   thread_local std::unique_ptr<ZSTD_DCtx, Free> context;
   if (!context) context.reset(ZSTD_createDCtx());
   if (!context) return fail(ErrorCode::kMemory, "page ", page, ": no memory to decompress");
@@ -292,8 +292,8 @@ Result<void> decompress(uint32_t page, std::span<std::byte> out, std::span<const
   return {};
 }
 
-/// What can be said about a compressed page before any memory is taken: one frame, neither shorter nor longer than the
-/// stored bytes, that says it holds raw_bytes, or of a split page not more than it may. Returns what it holds.
+/// Checks a compressed page before any memory is taken: one frame of exactly the stored bytes, whose header gives
+/// raw_bytes as its content size, or for a split page no more than is allowed. Returns the content size.
 Result<uint64_t> check_frame(uint32_t page, const PageRecord& record, std::span<const std::byte> stored) {
   const uint64_t raw_bytes = record.raw_bytes;
   if (stored.size() < sizeof kZstdMagic || load<uint32_t>(stored.data()) != kZstdMagic) {
@@ -317,9 +317,9 @@ Result<uint64_t> check_frame(uint32_t page, const PageRecord& record, std::span<
   return uint64_t{content};
 }
 
-/// Unpacks a page whose frame has been checked, and holds `content` bytes.
+/// Unpacks a page whose frame was checked and has a content of `content` bytes.
 Result<void> unpack_content(uint32_t page, const PageRecord& record, uint64_t content, std::span<std::byte> raw,
-                         std::span<const std::byte> stored) {
+                            std::span<const std::byte> stored) {
   if (record.codec != PageCodec::kSplit) return decompress(page, raw, stored);
   const std::unique_ptr<std::byte[]> memory(new (std::nothrow) std::byte[content]);
   if (!memory) return fail(ErrorCode::kMemory, "page ", page, ": no memory for ", content, " bytes");
@@ -407,7 +407,7 @@ const SourceRecord& Container::source() const {
 std::string_view Container::string(uint32_t offset) const {
   const TableViews::View& strings = views_->view(TableKind::kStrings);
   assert(offset < strings.count);
-  // The table's last byte is zero, so this stops inside it.
+  // The table's last byte is zero, so this stops inside the table.
   return reinterpret_cast<const char*>(strings.first) + offset;
 }
 
@@ -453,7 +453,7 @@ Result<std::span<const std::byte>> Container::load_page(uint32_t page, std::vect
   const auto content = check_frame(page, record, stored);
   if (!content) return content.error();
   try {
-    // A vector that grows may take twice what it is asked for; one that starts empty takes exactly that.
+    // A growing vector may take twice the requested size; an empty one takes exactly that size.
     if (scratch.capacity() < record.raw_bytes) scratch = std::vector<std::byte>();
     scratch.resize(record.raw_bytes);
   } catch (const std::bad_alloc&) {

@@ -16,11 +16,11 @@
 namespace scree::format {
 namespace {
 
-// Linux moves at most 2 GiB a call.
+// Linux moves at most 2 GiB per call.
 constexpr size_t kMaxCallBytes = size_t{1} << 30;
 
-/// False where another program holds the lock. Some file systems have no locks: writing is still right there, only not
-/// guarded against a second writer.
+/// Returns false where another program holds the lock. On a file system without locks it returns true: writing is still
+/// correct, only not guarded against a second writer.
 bool lock(int file) {
   int locked;
   do {
@@ -42,7 +42,7 @@ std::string PartFile::target_of(const std::string& path) {
   return target ? std::string(target.get()) : path;
 }
 
-/// Opens, locks and, where that is asked, empties the .part. A stale one (of a run that was killed) is taken over; one
+/// Opens and locks the .part, and empties it for Content::kEmpty. A stale .part (of a killed run) is taken over; one
 /// that a running writer holds is not.
 Result<PartFile> PartFile::create(const std::string& path, Content content, Existing existing) {
   if (path.empty()) return Error{ErrorCode::kFile, "a file without a name cannot be written"};
@@ -59,8 +59,8 @@ Result<PartFile> PartFile::create(const std::string& path, Content content, Exis
   if (existing == Existing::kRefuse && ::lstat(path.c_str(), &target) == 0)
     return Error{ErrorCode::kFile, path + ": exists already"};
   const std::string& name = part.part_path_;
-  // Between opening and locking, another writer may have renamed the file that was opened into place, and it must not
-  // be emptied then: the lock counts only while the name still means the locked file.
+  // Between opening and locking, another writer may have renamed the opened file into place. That file must not be
+  // emptied, so the lock counts only while the name still refers to the locked file.
   for (int attempt = 0; attempt < 100; ++attempt) {
     const int opened = ::open(name.c_str(), O_RDWR | O_CREAT | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK, 0666);
     if (opened < 0) return Error{ErrorCode::kFile, name + ": open: " + std::strerror(errno)};
@@ -111,7 +111,7 @@ PartFile& PartFile::operator=(PartFile&& other) noexcept {
 
 void PartFile::discard() noexcept {
   if (is_part_ && !is_kept_ && is_parked_) reopen();
-  // Only while the lock is held is the name known to stand for this file.
+  // The name is known to refer to this file only while the lock is held.
   if (std::exchange(is_part_, false) && !is_kept_ && file_ >= 0) ::unlink(part_path_.c_str());
   if (file_ >= 0) ::close(std::exchange(file_, -1));
 }
@@ -173,7 +173,7 @@ Result<void> PartFile::park() {
   return {};
 }
 
-/// Opens and locks a parked .part; false where it is gone or was touched by another program.
+/// Opens and locks a parked .part. Returns false if it is gone or another program has touched it.
 bool PartFile::reopen() noexcept {
   const int opened = ::open(part_path_.c_str(), O_RDWR | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK);
   if (opened < 0) return false;
@@ -199,7 +199,7 @@ Result<void> PartFile::hide() {
   return {};
 }
 
-/// Gives the .part a name that no file may have.
+/// Renames the .part to a name that no file may have yet.
 Result<void> PartFile::take_free_name() {
   const auto refused = [&] {
     is_refused_ = true;
@@ -208,14 +208,14 @@ Result<void> PartFile::take_free_name() {
   if (::renameat2(AT_FDCWD, part_path_.c_str(), AT_FDCWD, path_.c_str(), RENAME_NOREPLACE) == 0) return {};
   if (errno == EEXIST) return refused();
   if (errno != EINVAL && errno != ENOSYS) return error_of("rename", errno);
-  // The file system or the kernel has no such rename. A link refuses a taken name as well.
+  // The file system or the kernel lacks this kind of rename. A link also refuses a name that is taken.
   if (::link(part_path_.c_str(), path_.c_str()) == 0) {
     has_name_ = true;
     if (::unlink(part_path_.c_str()) != 0) return error_of("remove", errno);
     return {};
   }
   if (errno == EEXIST) return refused();
-  // It has no links either (FAT): only a moment is left in which another program's file could be replaced.
+  // It has no links either (FAT). For a moment between the two calls, another program's file could be replaced.
   struct stat status;
   if (::lstat(path_.c_str(), &status) == 0) return refused();
   if (std::rename(part_path_.c_str(), path_.c_str()) != 0) return error_of("rename", errno);
@@ -224,7 +224,7 @@ Result<void> PartFile::take_free_name() {
 
 Result<void> PartFile::take_name() {
   if (existing_ == Existing::kRefuse) return take_free_name();
-  // File systems without permissions refuse this, and lose nothing.
+  // File systems without permissions refuse this; nothing is lost.
   if (mode_ >= 0) (void)::fchmod(file_, static_cast<mode_t>(mode_));
   if (std::rename(part_path_.c_str(), path_.c_str()) != 0) return error_of("rename", errno);
   return {};

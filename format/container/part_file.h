@@ -1,4 +1,4 @@
-// A file that takes its name only once it is whole.
+// A file that takes its name only once it is complete.
 #pragma once
 
 #include <cstddef>
@@ -10,49 +10,49 @@
 
 namespace scree::format {
 
-/// What happens to a file that already has the name of one to be written.
+/// How to treat an existing file that has the name of the one to be written.
 enum class Existing { kReplace, kRefuse };
 
-/// Writes to "NAME.part"; commit() renames it to NAME, destruction without commit() removes it, and an earlier NAME is
-/// untouched until then. The .part is locked (flock) from create() until it has its name or is removed: one that
-/// another program holds is an error, one that was left behind is overwritten. Where NAME is a symbolic link to a file,
-/// that file is replaced and the link stays; a replaced file passes its permissions on. Every error is kFile and names
-/// the file and what the system said.
+/// Writes to "NAME.part". commit() renames it to NAME; destruction without commit() removes it. An earlier NAME is
+/// untouched until then. The .part is locked (flock) from create() until it has its name or is removed. A .part that
+/// another program holds is an error; one that was left behind is overwritten. If NAME is a symbolic link to a file,
+/// that file is replaced and the link stays. A replaced file passes on its permissions. Every error is kFile and gives
+/// the file and the system's message.
 class PartFile {
  public:
   PartFile() = default;
   enum class Content { kEmpty, kAsItIs };
-  /// kAsItIs: what an earlier .part holds stays, until it is written over. kRefuse: a file called `path`, now or at
+  /// kAsItIs: the content of an earlier .part stays until it is overwritten. kRefuse: a file called `path`, now or at
   /// commit(), is an error and stays as it is.
   static Result<PartFile> create(const std::string& path, Content content = Content::kEmpty,
                                  Existing existing = Existing::kReplace);
-  /// The file that `path` stands for: the target of a symbolic link, where that is there, else `path`.
+  /// The file that `path` refers to: the target of a symbolic link if that exists, else `path`.
   static std::string target_of(const std::string& path);
   PartFile(PartFile&& other) noexcept;
   PartFile& operator=(PartFile&& other) noexcept;
   ~PartFile() { discard(); }
 
-  /// Thread-safe for ranges that do not overlap; the file grows as far as it is written, with zeros in between.
+  /// Thread-safe for ranges that do not overlap. The file grows to the end of the range; gaps read as zeros.
   Result<void> write_at(uint64_t offset, std::span<const std::byte> bytes) const;
-  /// Fills `out` with what was written.
+  /// Fills `out` from the bytes written so far.
   Result<void> read_at(uint64_t offset, std::span<std::byte> out) const;
   Result<uint64_t> size() const;
-  /// Sets the size, with zeros behind what is written.
+  /// Sets the size; bytes past the written ones are zeros.
   Result<void> resize(uint64_t bytes) const;
-  /// What was written is on the disk.
+  /// Makes sure that all written bytes are on the disk.
   Result<void> sync() const;
-  /// Syncs and closes, so that many files can wait for their commit() without a descriptor each. The lock is given up
-  /// until then: commit() refuses, and discard() leaves alone, a .part that another program has taken meanwhile.
+  /// Syncs and closes, so that many files can wait for their commit() without holding a descriptor each. The lock is
+  /// given up until then. If another program takes the .part meanwhile, commit() fails and discard() leaves it alone.
   Result<void> park();
-  /// Syncs, renames and then closes: the lock is held until the name is taken, so that the name never stands for
-  /// another program's half-written file, nor for data that a power cut would lose.
+  /// Syncs, renames, then closes. The lock is held until the name is taken, so that the name never refers to another
+  /// program's half-written file, nor to data that a power cut would lose.
   Result<void> commit();
-  /// Takes the .part's name away at once: what is written lives as long as this does, whatever ends the program.
+  /// Unlinks the .part at once: its bytes live as long as this object, however the program ends.
   Result<void> hide();
   /// From now on discard() leaves the .part where it is, for another create() to take over.
   void keep() { is_kept_ = true; }
-  /// Removes the .part, if it has not got its name and is not to be kept, and closes it. Takes no memory: it may be
-  /// what ran out.
+  /// Closes the .part, and removes it unless it has its name or is to be kept. Allocates no memory, because it may run
+  /// when memory is exhausted.
   void discard() noexcept;
 
   bool is_open() const { return file_ >= 0; }
@@ -60,12 +60,12 @@ class PartFile {
   bool has_name() const { return has_name_; }
   /// commit() found the name taken, with Existing::kRefuse.
   bool is_refused() const { return is_refused_; }
-  /// Of the finished file.
+  /// Path of the finished file.
   const std::string& path() const { return path_; }
   const std::string& part_path() const { return part_path_; }
 
  private:
-  /// Tells a parked .part from one that another program has opened, emptied or replaced since.
+  /// Identifies a parked .part, so that a change by another program shows.
   struct Parked {
     uint64_t device;
     uint64_t inode;
@@ -82,7 +82,7 @@ class PartFile {
   Result<void> take_free_name();
 
   int file_ = -1;
-  bool is_part_ = false;  // there is a .part to be removed
+  bool is_part_ = false;  // a .part exists that has to be removed
   bool is_kept_ = false;
   bool is_parked_ = false;
   bool has_name_ = false;

@@ -11,7 +11,7 @@ namespace {
 
 constexpr uint8_t kMarkMagic[8] = {0x89, 'S', 'C', 'R', 'P', 'A', 'R', 'T'};
 constexpr uint32_t kLogVersion = 1;
-constexpr uint32_t kMaxEntryBytes = 1u << 30;  // of a batch of windows whose chunks are single triangles: 27 MB
+constexpr uint32_t kMaxEntryBytes = 1u << 30;  // a batch of windows whose chunks are single triangles takes 27 MB
 
 struct Mark {
   uint8_t magic[8];
@@ -20,14 +20,14 @@ struct Mark {
   uint64_t offset;
   PartId id;
   uint64_t reserved2[2];
-  uint64_t checksum;  // of what is before
+  uint64_t checksum;  // of the fields before it
 };
 static_assert(sizeof(Mark) == 64);
 
 struct EntryHead {
   uint32_t kind;
   uint32_t bytes;
-  uint64_t checksum;  // of kind, bytes and what follows
+  uint64_t checksum;  // of kind, bytes and the bytes that follow
 };
 static_assert(sizeof(EntryHead) == 16);
 
@@ -89,7 +89,7 @@ Result<void> PartLog::add(const PartFile& file, uint32_t kind, std::span<const s
   if (entry.size() > kMaxEntryBytes) return Error{ErrorCode::kRange, file.path() + ": an entry too long for its log"};
   EntryHead head{kind, static_cast<uint32_t>(entry.size()), 0};
   head.checksum = checksum_of(head, entry);
-  // In one call: a half-written entry is one that is not there, but two calls would be twice the time.
+  // One call, since two would take twice the time. A half-written entry fails its checksum and is ignored.
   std::vector<std::byte> all(sizeof head + entry.size());
   std::memcpy(all.data(), &head, sizeof head);
   if (!entry.empty()) std::memcpy(all.data() + sizeof head, entry.data(), entry.size());

@@ -1,6 +1,6 @@
-// What a writer needs to go on with a .part after its process was killed. The .part carries it itself, so that nothing
-// else is left behind by a crash: a mark where the finished file has its header, and a log of entries behind all that
-// the finished file will have. The finished file has nothing of either.
+// The data that a writer needs to continue a .part after its process was killed. The .part itself carries them, so that
+// a crash leaves no other file behind: a mark where the finished file has its header, and a log of entries behind all
+// content of the finished file. The finished file has neither.
 #pragma once
 
 #include <array>
@@ -14,26 +14,27 @@
 
 namespace scree::format {
 
-/// Says what a .part is made from and how: one of another id is not gone on with.
+/// Identifies the input and the settings that a .part is made from. A .part with another id is not continued.
 using PartId = std::array<uint64_t, 2>;
 
 /// Not thread-safe. The mark is 64 bytes: magic, version, offset of the log, id, checksum. An entry is its kind, its
-/// length, a checksum of both and of its bytes, and the bytes; the log ends where that does not hold.
+/// length, a checksum of both and of the entry's bytes, then the bytes. The log ends at the first entry that fails its
+/// checksum.
 class PartLog {
  public:
-  /// Writes the mark; the log begins at `offset`. Errors of PartFile.
+  /// Writes the mark; the log begins at `offset`. Errors as PartFile.
   static Result<PartLog> start(const PartFile& file, const PartId& id, uint64_t offset);
 
   using Take = std::function<void(uint32_t kind, std::span<const std::byte> entry)>;
 
-  /// Calls `take` for the entries of a .part of `id`, in order; what is added goes behind them. Errors kFile (it cannot
-  /// be read), kFormat (no mark, or one of another id).
+  /// Calls `take` for the entries of a .part with this `id`, in order; add() appends behind them. Errors kFile (it
+  /// cannot be read), kFormat (no mark, or another id).
   static Result<PartLog> read(const PartFile& file, const PartId& id, const Take& take);
 
-  /// Where the log begins.
+  /// Offset of the log in the .part, bytes.
   uint64_t offset() const { return offset_; }
 
-  /// Errors of PartFile.
+  /// Appends an entry. Errors as PartFile.
   Result<void> add(const PartFile& file, uint32_t kind, std::span<const std::byte> entry);
 
  private:

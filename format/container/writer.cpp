@@ -25,10 +25,11 @@ namespace {
 
 // Entries of a PartLog:
 constexpr uint32_t kPageEntry = 1;  // a PageRecord
-constexpr uint32_t kDropEntry = 2;  // how many pages there are still (u32)
+constexpr uint32_t kDropEntry = 2;  // the number of pages that remain (u32)
 
-/// One zstd frame that says its content's size, or nothing where it would take `limit` bytes or memory is short.
-/// `ends`: in `content`, where bytes of another kind begin; each gets blocks of its own, with codes that fit it.
+/// One zstd frame that states its content size. Empty where it would take `limit` bytes or more, or memory is short.
+/// `ends`: offsets in `content` where bytes of another kind begin; each kind gets its own blocks, with codes that fit
+/// it.
 std::vector<std::byte> compress(std::span<const std::byte> content, std::span<const uint64_t> ends, uint64_t limit,
                                 int level) try {
   struct Free {
@@ -38,7 +39,7 @@ std::vector<std::byte> compress(std::span<const std::byte> content, std::span<co
   if (!context) return {};
   ZSTD_CCtx_setParameter(context.get(), ZSTD_c_compressionLevel, std::min(level, ZSTD_maxCLevel()));
   ZSTD_CCtx_setParameter(context.get(), ZSTD_c_contentSizeFlag, 1);
-  ZSTD_CCtx_setParameter(context.get(), ZSTD_c_checksumFlag, 0);  // the page has its own
+  ZSTD_CCtx_setParameter(context.get(), ZSTD_c_checksumFlag, 0);  // the page has its own checksum
   std::vector<std::byte> frame(limit - 1);
   if (ends.empty()) {
     const size_t bytes = ZSTD_compress2(context.get(), frame.data(), frame.size(), content.data(), content.size());
@@ -50,7 +51,7 @@ std::vector<std::byte> compress(std::span<const std::byte> content, std::span<co
   ZSTD_inBuffer in{content.data(), 0, 0};
   const auto feed = [&](uint64_t end, ZSTD_EndDirective directive) {
     in.size = end;
-    return ZSTD_compressStream2(context.get(), &out, &in, directive) == 0;  // neither an error nor out of room
+    return ZSTD_compressStream2(context.get(), &out, &in, directive) == 0;  // false on an error or when room runs out
   };
   for (const uint64_t end : ends)
     if (end != in.pos && end != content.size() && !feed(end, ZSTD_e_flush)) return {};
@@ -75,7 +76,7 @@ SealedPage seal_page(PageKind kind, std::vector<std::byte> raw, int zstd_level,
     const bool is_split = !split.bytes.empty();
     std::vector<std::byte> compressed =
         compress(is_split ? split.bytes : page.stored, split.stream_ends, page.stored.size(), zstd_level);
-    // The last rule is the reader's (spec/container.md, pages): what unpacks to much must have been large itself.
+    // The last rule is the reader's (spec/container.md, pages): a page that unpacks to much must itself be large.
     if (!compressed.empty() &&
         (page.stored.size() <= kPageTargetBytes || page.stored.size() / kMaxZstdRatio < compressed.size())) {
       page.stored = std::move(compressed);
@@ -112,14 +113,14 @@ struct ContainerWriter::Impl {
   std::string path;
   PartFile file;
   std::optional<PartLog> log;
-  bool is_longer = false;         // there is more behind the file's end, a log or dropped pages, which goes in the end
-  bool overwrites = false;        // there were other pages in the .part: what is not written is not zero
-  uint64_t end = kPageAlignment;  // of what is written; the header comes last
+  bool is_longer = false;         // bytes lie behind the file's end, a log or dropped pages, and are cut off at the end
+  bool overwrites = false;        // the .part had other pages before, so that unwritten bytes are not zero
+  uint64_t end = kPageAlignment;  // of the written bytes; the header comes last
   std::vector<PageRecord> pages;
-  std::vector<TocEntry> toc;  // of the tables that are written
-  Checksum checksum;          // of the last of them, while it may grow
+  std::vector<TocEntry> toc;  // of the tables written so far
+  Checksum checksum;          // of the last table, while it may grow
 
-  /// Where the last page ends, or the first may begin.
+  /// The end of the last page, or where the first page may begin.
   uint64_t end_of_pages() const {
     return pages.empty() ? kPageAlignment : pages.back().offset + pages.back().stored_bytes;
   }
@@ -133,7 +134,7 @@ struct ContainerWriter::Impl {
   Result<void> rename_into_place(const FileHeader& header);
 };
 
-/// A .part that cannot be written whole is given up at once, so that it does not fill the disk any longer.
+/// A .part that cannot be written completely is given up at once, so that it takes no more disk space.
 Result<void> ContainerWriter::Impl::write(uint64_t offset, std::span<const std::byte> bytes) {
   if (log && offset + bytes.size() > log->offset()) log.reset();
   Result<void> written = file.write_at(offset, bytes);
@@ -141,7 +142,7 @@ Result<void> ContainerWriter::Impl::write(uint64_t offset, std::span<const std::
   return written;
 }
 
-/// Zeros between two pages or tables, where nothing was written before.
+/// Writes zeros between two pages or tables, where old bytes may lie.
 Result<void> ContainerWriter::Impl::pad(uint64_t from, uint64_t to) {
   static constexpr std::array<std::byte, kPageAlignment> kZeros{};
   if (!overwrites || from == to) return {};
@@ -159,7 +160,7 @@ void ContainerWriter::Impl::note(uint32_t kind, std::span<const std::byte> entry
   if (log && !log->add(file, kind, entry)) log.reset();
 }
 
-/// Whether a page that was noted follows the page before it, and is there.
+/// Returns whether a page from the log directly follows the page before it, and its stored bytes match its checksum.
 Result<bool> ContainerWriter::Impl::is_whole(const PageRecord& record, uint64_t earlier_end) {
   constexpr uint64_t kBlockBytes = 1 << 20;
   if (record.offset != align_up(earlier_end, kPageAlignment) ||
@@ -177,11 +178,11 @@ Result<bool> ContainerWriter::Impl::is_whole(const PageRecord& record, uint64_t 
   return sum.value() == record.checksum;
 }
 
-/// Empty tables are left out. Padding is what the file has where nothing was written: zeros.
+/// Empty tables are left out. Padding needs no writing: unwritten bytes of the file are zero.
 Result<void> ContainerWriter::Impl::append_records(TableKind kind, uint32_t record_bytes,
                                                    std::span<const std::byte> records) {
   if (records.empty()) return {};
-  if (!file.is_open()) return write(end, records);  // which says so
+  if (!file.is_open()) return write(end, records);  // returns the error
   if (toc.empty() || toc.back().kind != kind) {
     assert(std::none_of(toc.begin(), toc.end(), [&](const TocEntry& entry) { return entry.kind == kind; }));
     const uint64_t begin = align_up(end, kTableAlignment);
@@ -205,8 +206,8 @@ Result<void> ContainerWriter::Impl::append_records(TableKind kind, uint32_t reco
   return {};
 }
 
-/// The data must be on the disk before the name is, and the name before the caller is told. That can take long, and
-/// whoever is killed meanwhile must be able to go on: the header, which ends that, is written when all else is there.
+/// The data must be on the disk before the name is, and the name before the caller continues. That can take long, and a
+/// killed process must be able to resume. So the header, which replaces the log's mark, is written last.
 Result<void> ContainerWriter::Impl::rename_into_place(const FileHeader& header) {
   Result<void> done = file.sync();
   if (done) done = file.write_at(0, std::as_bytes(std::span<const FileHeader>(&header, 1)));
@@ -222,11 +223,12 @@ Result<void> ContainerWriter::Impl::rename_into_place(const FileHeader& header) 
   }
   const std::filesystem::path folder = std::filesystem::path(path).parent_path();
   const int opened = ::open(folder.empty() ? "." : folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
-  if (opened < 0) return {};  // a folder that may be written but not read: the file is there, the name may be late
+  // A folder may be writable but not readable. The file exists; its name may reach the disk later.
+  if (opened < 0) return {};
   const int synced = ::fsync(opened);
   const int error = errno;
   ::close(opened);
-  if (synced != 0 && error != EINVAL && error != ENOTSUP) {  // those: a file system that syncs no folders
+  if (synced != 0 && error != EINVAL && error != ENOTSUP) {  // the file system syncs no folders
     return Error{ErrorCode::kFile, path + ": sync of its folder: " + std::strerror(error)};
   }
   return {};
@@ -255,7 +257,7 @@ Result<ContainerWriter> ContainerWriter::resume(const std::string& path, const P
   impl->overwrites = impl->is_longer = true;
   bool fits = true;  // so far
   const auto take_page = [&](const PageRecord& record) {
-    // Pages that an earlier resume() found damaged were written and noted again.
+    // The log may name a page twice: resume() found it damaged, and it was written and noted again.
     while (!impl->pages.empty() && impl->pages.back().offset >= record.offset) impl->pages.pop_back();
     fits = record.offset == align_up(impl->end_of_pages(), kPageAlignment);
     if (fits) impl->pages.push_back(record);
@@ -285,7 +287,7 @@ Result<ContainerWriter> ContainerWriter::resume(const std::string& path, const P
     if (auto padded = impl->pad(impl->end, impl->pages[i].offset); !padded) return padded.error();
     impl->end = impl->pages[i].offset + impl->pages[i].stored_bytes;
   }
-  // Padding is no part of a page's checksum, and neither is what is behind the header.
+  // A page's checksum covers neither the padding nor the bytes behind the header.
   if (auto padded = impl->pad(sizeof(FileHeader), kPageAlignment); !padded) return padded.error();
   return ContainerWriter(std::move(impl));
 }
@@ -313,7 +315,7 @@ uint32_t ContainerWriter::page_count() const {
 void ContainerWriter::drop_pages(uint32_t page_count) {
   assert(page_count <= impl_->pages.size() && impl_->toc.empty());
   if (page_count == impl_->pages.size()) return;
-  // Whole as they may lie there, what is noted from here on knows nothing of them.
+  // The dropped pages may lie in the .part intact, so the log has to say that they are gone.
   impl_->note(kDropEntry, std::as_bytes(std::span(&page_count, 1)));
   impl_->overwrites = impl_->is_longer = true;
   impl_->pages.resize(page_count);

@@ -19,11 +19,11 @@ constexpr uint32_t kMinNormalBits = 2;
 constexpr uint32_t kMaxNormalBits = 16;
 constexpr uint64_t kColorVertexBytes = 4;
 
-/// The coordinate of a texture coordinate. Within half a step of 2^128 the nearest one is no float any more: the one
-/// before is taken.
+/// The lattice coordinate of a texture coordinate. Within half a step of 2^128 the nearest lattice point is not a
+/// float; then the one before it is returned.
 int64_t quantize_uv(float value, int32_t exponent) {
   const int64_t coordinate = quantize(value, exponent);
-  if (exponent <= 104) return coordinate;  // such values are multiples of 2^104 and lie on the lattice
+  if (exponent <= 104) return coordinate;  // floats near 2^128 are multiples of 2^104, so they lie on the lattice
   const int64_t last = (int64_t{1} << (128 - exponent)) - 1;
   return std::clamp(coordinate, -last, last);
 }
@@ -60,7 +60,7 @@ Result<void> check_packed(const char* what, uint64_t count, uint32_t bits, std::
   return check_stream(what, count * bits, *size, bytes);
 }
 
-/// Calls sink(vertex, first, second) for pairs of codes; up to 24 bits each, so that a pair lies in one 8-byte window.
+/// Calls sink(vertex, first, second) per pair of codes, each at most 24 bits, so that a pair lies in one 8-byte window.
 template <class Sink>
 void unpack_pairs(const std::byte* stream, uint64_t count, uint32_t bits0, uint32_t bits1, Sink&& sink) {
   const uint32_t stride = bits0 + bits1;
@@ -84,7 +84,7 @@ void pack_pairs(std::span<std::byte> out, uint64_t count, uint32_t stride, Pair&
   for (uint64_t i = 0; i < count; ++i) {
     word |= pair(i) << fill;
     fill += stride;
-    store(at, word);  // up to 7 bytes too many, which the next pair or the slack takes
+    store(at, word);  // writes up to 7 bytes too many; the next pair or the slack covers them
     at += fill / 8;
     word >>= fill & ~7u;
     fill &= 7u;
@@ -97,8 +97,8 @@ uint32_t quantize_color(float value) {
   return static_cast<uint32_t>(clamped * 255.0 + 0.5);
 }
 
-/// Codes (u in the low 16 bits, v above) of the direction `normal`: the best of the four around its place in the
-/// square.
+/// Octahedral codes (u in the low 16 bits, v above) of the direction `normal`: the best of the four lattice points
+/// around its point in the square.
 uint32_t encode_octahedral(const float* normal, uint32_t bits) {
   const int32_t half = (1 << (bits - 1)) - 1;
   const double x = normal[0];
@@ -116,13 +116,13 @@ uint32_t encode_octahedral(const float* normal, uint32_t bits) {
     v = (1 - std::fabs(u)) * (v < 0 ? -1 : 1);
     u = folded_u;
   }
-  // Truncation is rounding down once the values are not negative (std::floor is a library call on the baseline CPU).
+  // Truncation rounds down for non-negative values (std::floor is a library call on the baseline CPU).
   const int32_t u0 = std::min(static_cast<int32_t>((u + 1) * half), 2 * half) - half;
   const int32_t v0 = std::min(static_cast<int32_t>((v + 1) * half), 2 * half) - half;
   int32_t best_u = u0;
   int32_t best_v = v0;
   double best_dot =
-      -1;  // of a candidate: its dot product with the normal, times its magnitude; over the candidate's square
+      -1;  // the best candidate's dot product with the normal, times its magnitude, over its squared length
   double best_square = 0;
   for (int32_t candidate_v = v0; candidate_v <= std::min(v0 + 1, half); ++candidate_v) {
     for (int32_t candidate_u = u0; candidate_u <= std::min(u0 + 1, half); ++candidate_u) {
@@ -244,7 +244,7 @@ Result<void> check_uvs(uint64_t vertex_count, const UvRange& range, std::span<co
   if (vertex_count == 0) return {};
   std::array<uint32_t, 2> largest{static_cast<uint32_t>(low_mask(range.bits[0])),
                                   static_cast<uint32_t>(low_mask(range.bits[1]))};
-  if (check_uv_values(range, largest)) return {};  // no code can pass
+  if (check_uv_values(range, largest)) return {};  // no code can be out of range
   largest = {};
   unpack_pairs(bytes.data(), vertex_count, range.bits[0], range.bits[1], [&](uint64_t, uint32_t u, uint32_t v) {
     largest = {std::max(largest[0], u), std::max(largest[1], v)};
@@ -304,7 +304,7 @@ Result<void> check_normals(uint64_t vertex_count, uint32_t bits, std::span<const
   if (auto checked = check_normal_bits(bits); !checked) return checked;
   if (auto sized = check_packed("normals", vertex_count, 2 * bits, bytes); !sized) return sized;
   uint32_t largest = 0;
-  uint64_t done = 0;  // of the two codes a normal
+  uint64_t done = 0;  // of the stream's codes, two per normal
   if (isa_avx2::kScansCodes && has_avx2())
     done = isa_avx2::scan_codes(bytes.data(), bytes.size(), 2 * vertex_count, bits, largest);
   unpack_pairs(bytes.data() + done / 8 * bits, vertex_count - done / 2, bits, bits,

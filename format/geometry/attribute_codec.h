@@ -1,7 +1,7 @@
 // Texture coordinates, colours, normals and source triangle numbers of a chunk. Source: spec/codecs.md, attributes.
-// Every family: range, bytes, encode, decode, and check (what decode checks, without the output, for validating a
-// page). Decoders are safe on any bytes and any range and report kTruncated, kTrailing or kRange; all are reentrant and
-// allocate nothing but an error's message. Encoders write exactly the stream's bytes; `out` has that size.
+// Each kind has the same functions: range, bytes, encode, decode, and check, which validates a page by the checks of
+// decode, without output. Decoders are safe on any bytes and any range and report kTruncated, kTrailing or kRange. All
+// are reentrant and allocate only an error's message. Encoders write exactly the stream's bytes; `out` has that size.
 #pragma once
 
 #include <array>
@@ -17,7 +17,7 @@
 
 namespace scree::format {
 
-/// Texture coordinates lie on a lattice of the chunk: (min + code) * 2^exponent, u and v codes side by side.
+/// Texture coordinates lie on a lattice of the chunk: (min + code) * 2^exponent, with u and v codes side by side.
 struct UvRange {
   int32_t exponent = 0;
   std::array<int64_t, 2> min{};
@@ -26,32 +26,33 @@ struct UvRange {
   uint32_t stride_bits() const { return uint32_t{bits[0]} + bits[1]; }
 };
 
-/// The lattice of a chunk's texture coordinates (2 a vertex, finite): `bits` (1 to 24) over the wider axis, and more
-/// (up to 24) where the step would pass 2^-15, so that a chunk that spans many repeats keeps its texels apart; never
-/// finer than floats of that size.
+/// The lattice of a chunk's texture coordinates (2 per vertex, finite): `bits` (1 to 24) over the wider axis. Where the
+/// step would pass 2^-15 it has more bits (up to 24), so that texels stay apart in a chunk that spans many repeats. It
+/// is never finer than floats of that size.
 UvRange choose_uv_range(std::span<const float> uvs, uint32_t bits = 16);
-/// Half a step and half an ulp of the largest coordinate of the range.
+/// Bound of the error per axis: half a step plus half an ulp of the range's largest coordinate.
 double uv_error_bound(const UvRange& range);
 uint64_t uv_stream_bytes(uint64_t vertex_count, const UvRange& range);
 void encode_uvs(std::span<std::byte> out, std::span<const float> uvs, const UvRange& range);
 Result<void> decode_uvs(std::span<float> out, const UvRange& range, std::span<const std::byte> bytes);
 Result<void> check_uvs(uint64_t vertex_count, const UvRange& range, std::span<const std::byte> bytes);
 
-/// Linear RGBA8, 4 bytes a vertex, rounded up to 16. Values are clamped to 0 .. 1 and rounded to the nearest 1/255,
+/// Linear RGBA8, 4 bytes per vertex, rounded up to 16. Values are clamped to 0 .. 1 and rounded to the nearest 1/255,
 /// halves up; NaN becomes 0.
 uint64_t color_stream_bytes(uint64_t vertex_count);
 void encode_colors(std::span<std::byte> out, std::span<const float> rgba);
 Result<void> decode_colors(std::span<float> out, std::span<const std::byte> bytes);
 Result<void> check_colors(uint64_t vertex_count, std::span<const std::byte> bytes);
 
-/// Unit vectors on the octahedron unfolded to a square, `bits` (2 to 16) an axis, side by side: codes 0 .. 2^bits - 2
-/// for -1 .. 1, so that the axes are exact. Normals of any length; zero and non-finite ones become (0, 0, 1).
+/// Unit vectors on the octahedron unfolded to a square, `bits` (2 to 16) per axis, side by side. Codes 0 .. 2^bits - 2
+/// stand for -1 .. 1, so that the axes are exact. The encoder takes normals of any length; zero and non-finite ones
+/// become (0, 0, 1).
 uint64_t normal_stream_bytes(uint64_t vertex_count, uint32_t bits);
 void encode_normals(std::span<std::byte> out, std::span<const float> normals, uint32_t bits);
 Result<void> decode_normals(std::span<float> out, uint32_t bits, std::span<const std::byte> bytes);
 Result<void> check_normals(uint64_t vertex_count, uint32_t bits, std::span<const std::byte> bytes);
 
-/// The point of the octahedron |x| + |y| + |z| = half that (u, v), each -half .. half, stands for.
+/// The point of the octahedron |x| + |y| + |z| = half with the coordinates (u, v), each in -half .. half.
 SCREE_HD inline void octahedral_point(int32_t u, int32_t v, int32_t half, int32_t out[3]) {
   const int32_t abs_u = u < 0 ? -u : u;
   const int32_t abs_v = v < 0 ? -v : v;
@@ -61,8 +62,8 @@ SCREE_HD inline void octahedral_point(int32_t u, int32_t v, int32_t half, int32_
   out[2] = half - abs_u - abs_v;
 }
 
-/// The unit vector of one pair of codes, each at most 2^bits - 2. The fold is in integers, the rest one square root and
-/// three divisions, all correctly rounded, so that CPU and CUDA agree to the bit.
+/// The unit vector of one pair of codes, each at most 2^bits - 2. The fold uses integers, the rest one square root and
+/// three divisions, all correctly rounded, so that CPU and CUDA agree bit for bit.
 SCREE_HD inline void decode_octahedral(uint32_t code_u, uint32_t code_v, uint32_t bits, float out[3]) {
   const int32_t half = (1 << (bits - 1u)) - 1;
   int32_t point[3];
@@ -76,12 +77,12 @@ SCREE_HD inline void decode_octahedral(uint32_t code_u, uint32_t code_v, uint32_
   out[2] = z / length;
 }
 
-/// Each triangle's number in the source primitive: min + code.
+/// Each triangle's number in the source primitive is min + code.
 struct SourceIdRange {
   uint64_t min = 0;
   uint32_t bits = 0;  // 0 to 32
 };
-/// The tightest range; {0, 0} for no ids. The ids of a chunk lie within 2^32 of each other.
+/// The tightest range; {0, 0} for no ids. The ids of a chunk must lie within 2^32 of each other.
 SourceIdRange source_id_range(std::span<const uint64_t> ids);
 uint64_t source_id_stream_bytes(uint64_t triangle_count, const SourceIdRange& range);
 void encode_source_ids(std::span<std::byte> out, std::span<const uint64_t> ids, const SourceIdRange& range);

@@ -1,4 +1,4 @@
-// Where the streams of a chunk lie in its payload, from the records alone. Runs in kernels too. Source:
+// Computes where the streams of a chunk lie in its payload, from the records alone. Runs in kernels too. Source:
 // spec/container.md, chunks.
 #pragma once
 
@@ -12,18 +12,18 @@
 namespace scree::format {
 
 /// One stream of a chunk. `offset`: bytes from the payload's first byte (ChunkRecord::offset), a multiple of
-/// kChunkAlignment. `bytes`: a multiple of kChunkAlignment too; 0 where the chunk has no such stream or all its values
+/// kChunkAlignment. `bytes`: also a multiple of kChunkAlignment; 0 where the chunk has no such stream or all its values
 /// are equal (0 bits).
 struct ChunkStream {
   uint64_t offset;
   uint64_t bytes;
 };
 
-/// The streams of a chunk in the order in which they lie; each starts where the one before ends.
+/// The streams of a chunk in file order; each starts at the end of the one before.
 struct ChunkStreams {
   ChunkStream indices;         // indexed
   ChunkStream positions;       // indexed
-  ChunkStream group_bounds;    // clustered: ClusterBounds of each kGroupClusters clusters
+  ChunkStream group_bounds;    // clustered: ClusterBounds per kGroupClusters clusters
   ChunkStream cluster_bounds;  // clustered: ClusterBounds
   ChunkStream clusters;        // clustered: ClusterRecord
   ChunkStream cluster_data;    // clustered: cluster_words words and kPackedSlackBytes
@@ -31,12 +31,12 @@ struct ChunkStreams {
   ChunkStream colors;
   ChunkStream normals;
   ChunkStream source_ids;
-  uint64_t bytes;  // of all of them; equals ChunkRecord::bytes in a valid file
+  uint64_t bytes;  // of all streams; equals ChunkRecord::bytes in a valid file
 };
 
 /// The streams of `chunk`, a chunk of `mesh`. Defined for any records, valid or not: counts are 32-bit and widths
-/// 8-bit, so the sum of all streams stays below 2^41 bytes. A stream whose values are all equal takes 0 bytes; whether
-/// the chunk has it is said by the mesh's attributes, not by its size.
+/// 8-bit, so the sum of all streams stays below 2^41 bytes. A stream whose values are all equal takes 0 bytes, so its
+/// size does not tell whether the chunk has it; the mesh's attributes do.
 SCREE_HD constexpr ChunkStreams chunk_streams(const MeshRecord& mesh, const ChunkRecord& chunk) {
   const uint64_t triangles = chunk.triangle_count;
   const uint64_t vertices = chunk.vertex_count;

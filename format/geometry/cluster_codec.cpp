@@ -35,7 +35,7 @@ std::span<const PackedCluster> clusters_of(const ClusterSet& set, const ClusterR
   return std::span<const PackedCluster>(set.clusters).subspan(run.first_cluster, run.cluster_count);
 }
 
-/// `what`, `number`: whose bounds they are, for the message.
+/// `what`, `number`: owner of the bounds, for the message.
 Result<void> check_bounds(const ClusterBounds& bounds, const char* what, uint64_t number) {
   if (bounds.shift <= kMaxBoundsShift) return {};
   const std::string place = what + (" " + std::to_string(number));
@@ -43,19 +43,19 @@ Result<void> check_bounds(const ClusterBounds& bounds, const char* what, uint64_
   return Error{kRange, place + ": bounds of shift " + std::to_string(bounds.shift) + ", expected at most 16"};
 }
 
-/// Whether the bits of a word section after its `bits` are zero. Sections end within the stream.
+/// Returns whether the bits of a word section after its first `bits` are zero. Sections end within the stream.
 bool ends_clean(const std::byte* data, uint32_t first_word, uint32_t bits) {
   if (bits % 32 == 0) return true;
   return load<uint32_t>(data + 4 * (uint64_t{first_word} + bits / 32)) >> (bits % 32) == 0;
 }
 
-/// Of a cluster's vertices: stored codes with the predicted part added.
+/// The codes of a cluster's vertices: stored codes with the predicted part added.
 struct CodeRange {
   uint32_t smallest[3];
   uint32_t largest[3];
 };
 
-/// Decodes and checks one cluster after the other.
+/// Decodes and checks the clusters one by one.
 class Decoder {
  public:
   Decoder(const ClusterStreams& streams, const ClusterOutput& out)
@@ -65,7 +65,7 @@ class Decoder {
                out.positions.empty()) {}
 
   Result<void> run() {
-    // Before anything is scaled by it.
+    // The offsets are checked before anything is scaled by the lattice's step.
     if (const Result<void> sane = check_offsets(s_.lattice, s_.range, {}); !sane) return sane;
     step_ = exp2i(s_.lattice.exponent);
     if (const Result<void> sized = sizes(); !sized) return sized;
@@ -140,7 +140,7 @@ class Decoder {
                    "data at word " + std::to_string(layout.prediction) + ", expected " + std::to_string(words_));
     }
     if (const auto checked = widths(layout); !checked) return checked;
-    if (layout.end > s_.cluster_words) {  // below 2^29 + 1200: nothing wraps
+    if (layout.end > s_.cluster_words) {  // below 2^29 + 1200, so it cannot wrap
       return error(kRange,
                    "data end at word " + std::to_string(layout.end) + " of " + std::to_string(s_.cluster_words));
     }
@@ -157,7 +157,7 @@ class Decoder {
         !ends_clean(s_.data.data(), layout.distances, layout.triangle_count * 2 * layout.distance_bits)) {
       return error(kTrailing, "a bit is set after its triangles");
     }
-    // No code is below 0: where a cluster's bounds begin within its group's, the smallest codes make no difference.
+    // Codes are at least 0, so the smallest codes need no check where the cluster's bounds begin within its group's.
     ClusterScan scan;
     const bool scanned = scans_ && begins_in_group(reader) && isa_avx2::scan_cluster(reader, s_.data.size(), scan);
     CodeRange codes{};
@@ -195,7 +195,7 @@ class Decoder {
     const uint32_t count = layout.triangle_count;
     const uint32_t step_words = (count + 31) / 32;
     uint32_t* out = out_.indices.empty() ? nullptr : out_.indices.data() + uint64_t{3} * triangles_;
-    // As reader.triangle(), with what it looks up again for each kept.
+    // As reader.triangle(), but without repeating its look-ups for each triangle.
     const uint32_t bits = layout.distance_bits;
     const uint32_t mask = (1u << bits) - 1;
     uint64_t bit = uint64_t{layout.distances} * 32;
@@ -225,7 +225,7 @@ class Decoder {
         out[3 * i + 2] = vertex - back[1];
       }
     }
-    if (largest >= layout.vertex_count) {  // steps are never negative: the last is the largest
+    if (largest >= layout.vertex_count) {  // steps are never negative, so that the last is the largest
       return error(kRange, "vertex " + std::to_string(largest) + ", but it has " + std::to_string(layout.vertex_count) +
                                " vertices");
     }
@@ -241,7 +241,7 @@ class Decoder {
     const ClusterLayout& layout = reader.layout;
     uint32_t* offsets = out_.offsets.empty() ? nullptr : out_.offsets.data() + uint64_t{3} * vertices_;
     float* positions = out_.positions.empty() ? nullptr : out_.positions.data() + uint64_t{3} * vertices_;
-    // Wraps only where boxes() refuses it.
+    // May wrap only where boxes() then refuses the cluster.
     uint32_t base[3];
     for (size_t axis = 0; axis < 3; ++axis) base[axis] = s_.range.min[axis] + reader.min[axis];
     const uint32_t stride = reader.stride();
@@ -254,7 +254,7 @@ class Decoder {
     }
     for (uint32_t v = 0; v < layout.vertex_count; ++v) {
       uint32_t code[3];
-      if (stride <= 57) {  // 64 bits hold a vertex that starts at any of a byte's 8 bits
+      if (stride <= 57) {  // 64 bits hold a vertex that starts at any bit of a byte
         const uint64_t bit = first_bit + uint64_t{v} * stride;
         const uint64_t window = stride == 0 ? 0 : load<uint64_t>(s_.data.data() + bit / 8) >> (bit % 8);
         code[0] = static_cast<uint32_t>(window & masks[0]);
@@ -277,7 +277,7 @@ class Decoder {
     }
   }
 
-  /// Whether a cluster's codes lie in its bounds and its group's.
+  /// Checks that a cluster's codes lie in its bounds and its group's.
   Result<void> boxes(const ClusterReader& reader, const ClusterBounds& bounds, const CodeRange& codes) {
     for (int axis = 0; axis < 3; ++axis) {
       const auto i = static_cast<size_t>(axis);
@@ -285,7 +285,7 @@ class Decoder {
         return error(kRange, "a position's code " + std::to_string(codes.largest[i]) + ", but its bounds end at " +
                                  std::to_string(bounds_extent(bounds, axis)));
       }
-      // Both below 2^24 here.
+      // Both are below 2^24 here.
       const uint32_t first = reader.min[i] + codes.smallest[i];
       const uint32_t last = reader.min[i] + codes.largest[i];
       if (first < bounds_min(group_, axis) || last - bounds_min(group_, axis) > bounds_extent(group_, axis)) {
@@ -299,11 +299,11 @@ class Decoder {
 
   const ClusterStreams& s_;
   const ClusterOutput& out_;
-  bool scans_;       // nothing is wanted but the checks
-  double step_ = 0;  // of the lattice
+  bool scans_;       // no output is wanted, only the checks
+  double step_ = 0;  // step of the lattice
   uint64_t cluster_ = 0;
   ClusterBounds group_{};
-  uint32_t triangles_ = 0;  // of the clusters before
+  uint32_t triangles_ = 0;  // of the clusters before this one
   uint32_t vertices_ = 0;
   uint32_t words_ = 0;
   std::array<uint32_t, 3> largest_{};  // offsets from the chunk's position_min

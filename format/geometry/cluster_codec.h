@@ -1,5 +1,5 @@
-// The streams of a clustered chunk: triangles and positions, cut into clusters that decode alone.
-// Source: spec/codecs.md, clusters.
+// The streams of a clustered chunk: triangles and positions, cut into clusters that decode independently. Source:
+// spec/codecs.md, clusters.
 #pragma once
 
 #include <cstddef>
@@ -14,12 +14,12 @@
 
 namespace scree::format {
 
-/// Groups of so many clusters.
+/// Number of cluster groups for that many clusters.
 constexpr uint64_t group_count(uint64_t clusters) {
   return (clusters + kGroupClusters - 1) / kGroupClusters;
 }
 
-/// What the records say of a clustered chunk, and its streams: exactly chunk_streams() of them.
+/// A clustered chunk's values from the records, and its streams, exactly as chunk_streams() gives them.
 struct ClusterStreams {
   uint32_t triangle_count = 0;
   uint32_t vertex_count = 0;
@@ -33,18 +33,19 @@ struct ClusterStreams {
   std::span<const std::byte> data;
 };
 
-/// `payload`: the chunk's bytes, as many as its streams take together.
+/// `payload`: the chunk's bytes, exactly as long as all of its streams.
 ClusterStreams cluster_streams_of(const MeshRecord& mesh, const ChunkRecord& chunk, std::span<const std::byte> payload);
 
-/// What is wanted of a chunk's clusters; empty where it is not.
+/// Outputs of decode_clusters(). An empty span is not written.
 struct ClusterOutput {
   std::span<uint32_t> indices;  // 3 * triangle_count, each < vertex_count
   std::span<uint32_t> offsets;  // 3 * vertex_count, from the mesh's lattice_min
   std::span<float> positions;   // 3 * vertex_count, model units
 };
 
-/// Decodes all clusters of a chunk. All is checked whatever is wanted. Safe on any input; errors kRange, kTruncated,
-/// kTrailing, kReserved (cluster named), after which the outputs are unspecified. No allocation; reentrant.
+/// Decodes all clusters of a chunk. Every check is made, also without outputs. Safe on any input; errors kRange,
+/// kTruncated, kTrailing, kReserved (with the cluster), after which the outputs are unspecified. No allocation;
+/// reentrant.
 Result<void> decode_clusters(const ClusterStreams& streams, const ClusterOutput& out);
 
 /// The same checks without the output, for validating a page.
@@ -56,12 +57,12 @@ struct OffsetBox {
   uint32_t max[3];
 };
 
-/// The bounds that hold `box`, relative to `origin`, from which it lies less than 2^24: the finest.
+/// The finest bounds that hold `box`, relative to `origin`. The box must lie within 2^24 of `origin`.
 ClusterBounds bounds_of(const OffsetBox& box, const uint32_t origin[3]);
 
 /// A packed cluster of a ClusterSet.
 struct PackedCluster {
-  ClusterRecord record;  // place: without where the data begin; first_triangle and first_vertex unset
+  ClusterRecord record;  // place without the data's start; first_triangle and first_vertex unset
   uint32_t words;        // of data
   uint32_t min[3];       // box of its vertices, lattice offsets
   uint32_t max[3];
@@ -70,30 +71,30 @@ struct PackedCluster {
   uint32_t vertex_count() const { return cluster_layout(record).vertex_count; }
 };
 
-/// Packed clusters, one after the other.
+/// Packed clusters, in order.
 struct ClusterSet {
   std::vector<PackedCluster> clusters;
   std::vector<uint32_t> words;      // of their data
-  std::vector<uint32_t> triangles;  // which of the triangles given each one is
-  std::vector<uint32_t> vertices;   // likewise of the vertices; repeats where clusters share them
+  std::vector<uint32_t> triangles;  // index of each triangle in the packer's input
+  std::vector<uint32_t> vertices;   // the same for vertices; vertices that clusters share are repeated
 
   void clear();
 };
 
-/// Which clusters of a set, and where their part of its arrays begins.
+/// Consecutive clusters of a set, and the start of their words.
 struct ClusterRun {
   size_t first_cluster = 0;
   size_t cluster_count = 0;
   uint64_t first_word = 0;
 };
 
-/// Sets what `record` says of a clustered chunk of these clusters: encoding, counts, position range, words.
+/// Sets the fields of `record` for a clustered chunk of these clusters: encoding, counts, position range, words.
 void describe_clusters(const ClusterSet& set, const ClusterRun& run, ChunkRecord& record);
 
-/// Bytes of the four streams of a chunk of so many clusters and words.
+/// Bytes of the four streams of a chunk with that many clusters and words.
 uint64_t cluster_stream_bytes(uint64_t clusters, uint64_t words);
 
-/// Writes the four streams, exactly cluster_stream_bytes(), of the chunk that describe_clusters() made.
+/// Writes the four streams, exactly cluster_stream_bytes(), of the chunk that describe_clusters() described.
 void write_clusters(std::span<std::byte> out, const ClusterSet& set, const ClusterRun& run, const ChunkRecord& record);
 
 }  // namespace scree::format

@@ -1,4 +1,4 @@
-// A clustered chunk's records and where the data of a cluster lie. Runs in kernels too. Source: spec/codecs.md,
+// A clustered chunk's records, and the layout of a cluster's data. Runs in kernels too. Source: spec/codecs.md,
 // clusters.
 #pragma once
 
@@ -10,15 +10,15 @@ namespace scree::format {
 
 inline constexpr uint32_t kMaxClusterTriangles = 128;
 inline constexpr uint32_t kMaxClusterVertices = 128;
-inline constexpr uint32_t kGroupClusters = 32;          // clusters of a group of bounds; the last may have fewer
+inline constexpr uint32_t kGroupClusters = 32;          // clusters per group of bounds; the last may have fewer
 inline constexpr uint32_t kMaxClusterWords = 1u << 29;  // of a chunk's cluster data
-inline constexpr uint32_t kMaxPredictorBits = 15;       // of the axes that another is predicted from
+inline constexpr uint32_t kMaxPredictorBits = 15;       // of the axes from which the third is predicted
 inline constexpr uint32_t kPredictorShift = 14;         // slopes are multiples of 2^-14
 inline constexpr uint32_t kNotPredicted = 3;            // instead of an axis
 
-/// The box of a cluster's or a group's vertices, in lattice offsets from the chunk's position_min: all that culling
-/// reads. `axis[i]`: the smallest offset in the low 24 bits, extent code e in the high 8. `shift`: 0 to 16; an offset
-/// is at most smallest + ((e + 1) << shift) - 1.
+/// The box of a cluster's or a group's vertices, in lattice offsets from the chunk's position_min. Culling reads
+/// nothing else. `axis[i]`: the smallest offset in the low 24 bits, extent code e in the high 8. `shift`: 0 to 16; an
+/// offset is at most smallest + ((e + 1) << shift) - 1.
 struct ClusterBounds {
   uint32_t axis[3];
   uint32_t shift;
@@ -28,25 +28,25 @@ static_assert(sizeof(ClusterBounds) == 16);
 SCREE_HD constexpr uint32_t bounds_min(const ClusterBounds& bounds, int axis) {
   return bounds.axis[axis] & 0xffffffu;
 }
-/// Largest offset less the smallest, at most.
+/// Upper bound of the largest offset less the smallest.
 SCREE_HD constexpr uint32_t bounds_extent(const ClusterBounds& bounds, int axis) {
   return (((bounds.axis[axis] >> 24) + 1) << (bounds.shift & 31)) - 1;
 }
 
-/// Triangles of a chunk and the vertices they use. `place`: bits 0 to 28 where its data begin, in 4-byte words from the
-/// start of the chunk's cluster data; bits 29 and 30 the axis that is predicted from the other two, or kNotPredicted;
-/// bit 31 whether steps have two bits. `counts`: bits 0 to 6 triangles less one, 7 to 13 vertices less one, 14 to 16
-/// the bits of a distance, 17 to 21, 22 to 26 and 27 to 31 the bits of a position's x, y and z codes (the predicted
-/// axis: of what is left over).
+/// Triangles of a chunk and the vertices they use. `place`: bits 0 to 28 are the start of its data, in 4-byte words
+/// from the start of the chunk's cluster data; bits 29 and 30 the axis that is predicted from the other two, or
+/// kNotPredicted; bit 31 is set where steps have two bits. `counts`: bits 0 to 6 triangles less one, 7 to 13 vertices
+/// less one, 14 to 16 the bits of a distance, 17 to 21, 22 to 26 and 27 to 31 the bits of a position's x, y and z codes
+/// (for the predicted axis: the bits of the residual).
 struct ClusterRecord {
   uint32_t place;
-  uint32_t first_triangle;  // of the chunk: the sum of the counts before
+  uint32_t first_triangle;  // in the chunk: the sum of the counts before
   uint32_t first_vertex;    // likewise
   uint32_t counts;
 };
 static_assert(sizeof(ClusterRecord) == 16);
 
-/// A cluster's record taken apart, and its data: word offsets from the start of the chunk's cluster data.
+/// A cluster's decoded record and the layout of its data: word offsets from the start of the chunk's cluster data.
 struct ClusterLayout {
   uint32_t triangle_count;  // 1 to 128
   uint32_t vertex_count;    // 1 to 128
@@ -54,10 +54,10 @@ struct ClusterLayout {
   uint32_t position_bits[3];
   uint32_t predicted_axis;  // or kNotPredicted
   bool wide_steps;
-  uint32_t prediction;  // two words: slopes (i16 low and high), bias (i32); where an axis is predicted
+  uint32_t prediction;  // two words: slopes (i16 low and high), bias (i32); only where an axis is predicted
   uint32_t steps;       // ceil(triangle_count / 32) words: bit 0 of each triangle's step; then, if wide, bit 1
-  uint32_t distances;   // 2 * distance_bits a triangle
-  uint32_t positions;   // the sum of position_bits a vertex
+  uint32_t distances;   // 2 * distance_bits per triangle
+  uint32_t positions;   // the sum of position_bits per vertex
   uint32_t end;
 };
 

@@ -14,21 +14,21 @@ namespace {
 
 constexpr uint8_t kFree = 0xff;
 
-// What a compact cluster of 128 triangles takes at best: it is about 10 vertices across.
+// The best case of a compact cluster of 128 triangles, which is about 10 vertices across.
 constexpr uint32_t kGoodDistanceBits = 4;
 
 constexpr uint32_t kMostDistanceBits = 7;
 
 constexpr uint32_t kGaveUp = ~0u;
 
-// Triangles whose corners are fetched ahead.
+// Number of triangles whose corners are prefetched.
 constexpr uint32_t kAhead = 8;
 
 uint32_t words_for(uint32_t bits) {
   return (bits + 31) / 32;
 }
 
-/// The codes of a cluster's vertices, and what the widths of their bits come to.
+/// The codes of a cluster's vertices, and the bits that they need.
 struct Codes {
   uint32_t count;
   std::array<std::array<uint32_t, 3>, kMaxClusterVertices> code;
@@ -40,7 +40,7 @@ struct Codes {
   }
 };
 
-/// What an axis has left over after a prediction, and how wide that is.
+/// A predictor for one axis, and the bits of its residuals.
 struct Prediction {
   ClusterPredictor predictor{kNotPredicted, 0, 0, 0};
   uint32_t bits = 0;
@@ -50,7 +50,7 @@ int32_t predicted(const std::array<uint32_t, 3>& code, uint32_t u, uint32_t v, i
   return (slope_u * static_cast<int32_t>(code[u]) + slope_v * static_cast<int32_t>(code[v])) >> kPredictorShift;
 }
 
-/// The plane nearest to the vertices, by least squares along the axis in which its slopes are smallest.
+/// The plane nearest to the vertices by least squares, solved for the axis in which its slopes are smallest.
 Prediction fit_plane(const Codes& codes) {
   double mean[3] = {};
   for (uint32_t i = 0; i < codes.count; ++i)
@@ -79,7 +79,7 @@ Prediction fit_plane(const Codes& codes) {
     const double steepest = std::max(std::fabs(slope_u), std::fabs(slope_v));
     if (!(steepest < 2) || codes.bits(u) > kMaxPredictorBits || codes.bits(v) > kMaxPredictorBits) continue;
     const double left = covariance[p][p] - slope_u * covariance[p][u] - slope_v * covariance[p][v];
-    // Relative to what the axis would take without: the most bits saved.
+    // Compared with the bits that the axis takes unpredicted: the best ratio saves the most bits.
     const double ratio = left / std::max(covariance[p][p], 1e-30);
     if (ratio >= least) continue;
     least = ratio;
@@ -121,7 +121,7 @@ void ClusterPacker::begin(std::span<const uint32_t> indices, std::span<const uin
   slots_.assign(vertex_count, kFree);
 }
 
-/// Takes triangles while they fit, and numbers the vertices by first use.
+/// Takes triangles as long as they fit, and numbers the vertices by first use.
 void ClusterPacker::gather(std::span<const uint32_t> triangles) {
   assert(!triangles.empty());
   const auto most = static_cast<uint32_t>(std::min<size_t>(triangles.size(), kMaxClusterTriangles));
@@ -136,7 +136,7 @@ void ClusterPacker::gather(std::span<const uint32_t> triangles) {
     auto& corner = corners_[triangle_count_];
     uint32_t count = vertex_count_;
     for (size_t i = 0; i < 3; ++i) {
-      // What is known is written over by the next: a branch would be guessed wrong.
+      // A vertex that is already there is overwritten by the next. A branch here would often be mispredicted.
       const uint8_t slot = slots_[vertex[i]];
       vertices_[count] = vertex[i];
       __builtin_prefetch(&offsets_[3 * size_t{vertex[i]}]);
@@ -155,13 +155,13 @@ void ClusterPacker::gather(std::span<const uint32_t> triangles) {
   for (uint32_t v = 0; v < vertex_count_; ++v) slots_[vertices_[v]] = kFree;
 }
 
-/// Numbers outwards from `start`, as Cuthill and McKee do, but so that wherever triangles share edges a vertex gets its
-/// number because it completes one with two that have theirs: then it is the largest of that one, and steps are 0 or 1.
-/// Returns the vertex that comes last, or kGaveUp as soon as a distance takes more than `most_bits`.
+/// Numbers outwards from `start` as Cuthill and McKee do. But where triangles share edges, a vertex gets its number
+/// because it completes a triangle whose other two vertices have theirs. Then it is the largest of that triangle, and
+/// steps are 0 or 1. Returns the vertex that comes last, or kGaveUp as soon as a distance takes more than `most_bits`.
 uint32_t ClusterPacker::number_from(uint32_t start, uint32_t most_bits, Numbering& out) {
   std::array<uint8_t, kMaxClusterVertices> queue;  // vertices by number
   CornerSets numbered{};                           // triangles whose corner has a number
-  CornerSets known{};                              // whose corner has been taken from the queue
+  CornerSets known{};                              // triangles whose corner has been taken from the queue
   uint32_t filled = 0;
   std::fill_n(out.number.begin(), vertex_count_, kFree);
   const auto push = [&](uint8_t vertex) {
@@ -188,17 +188,17 @@ uint32_t ClusterPacker::number_from(uint32_t start, uint32_t most_bits, Numberin
   uint32_t furthest = 0;
   uint32_t widest = 0;
   for (uint32_t at = 0; at < vertex_count_; ++at) {
-    if (at == filled)  // the rest shares no edge with these
+    if (at == filled)  // the other triangles share no edge with these
       push_corners(first_of({~all_corners(numbered, 0), ~all_corners(numbered, 1)}));
     const uint32_t vertex = queue[at];
     const TriangleSet here{around(vertex, 0), around(vertex, 1)};
-    // All its neighbours, around it, one triangle after the other.
+    // All its neighbours, in order around it, one triangle after the other.
     for (bool again = true; again;) {
       again = false;
       for (size_t word = 0; word < 2; ++word) {
         for (uint64_t left = here[word];;) {
           const uint64_t a = numbered[0][word], b = numbered[1][word], c = numbered[2][word];
-          left &= ((a & b) | (b & c) | (c & a)) & ~(a & b & c);  // those that miss the number of one corner
+          left &= ((a & b) | (b & c) | (c & a)) & ~(a & b & c);  // triangles in which exactly one corner has no number
           if (left == 0) break;
           const int bit = std::countr_zero(left);
           const size_t missing = (a >> bit & 1) + ((a & b) >> bit & 1);
@@ -236,7 +236,7 @@ uint32_t ClusterPacker::number_from(uint32_t start, uint32_t most_bits, Numberin
 void ClusterPacker::choose_numbering() {
   const uint32_t end = number_from(0, kMostDistanceBits, best_);
   const auto try_from = [&](uint32_t start) {
-    // As many bits as the best one's are no smaller where its steps are narrow.
+    // The same number of bits as the best one's is no improvement where its steps are narrow.
     const uint32_t most_bits = best_.wide_steps ? kMostDistanceBits : std::max(1u, best_.distance_bits) - 1;
     if (number_from(start, most_bits, trial_) != kGaveUp && trial_.words < best_.words) best_ = trial_;
   };
@@ -247,7 +247,7 @@ void ClusterPacker::choose_numbering() {
   }
 }
 
-/// Writes steps and distances to `words`; returns their end.
+/// Writes steps and distances to `words`; returns the end of both.
 uint32_t* ClusterPacker::put_triangles(PackedCluster& cluster, uint32_t* words) const {
   WordWriter writer(words);
   for (uint32_t bit = 0; bit < (best_.wide_steps ? 2u : 1u); ++bit) {
@@ -263,7 +263,7 @@ uint32_t* ClusterPacker::put_triangles(PackedCluster& cluster, uint32_t* words) 
     const auto& corner = corners_[best_.order[i]];
     const uint32_t largest = best_.largest[i];
     const uint32_t number[3] = {best_.number[corner[0]], best_.number[corner[1]], best_.number[corner[2]]};
-    // The corner that comes first; turning keeps the triangle's side.
+    // The largest corner comes first. A rotation of the corners keeps the triangle's orientation.
     const size_t first = number[0] == largest ? 0 : number[1] == largest ? 1 : 2;
     const uint32_t second = largest - number[(first + 1) % 3];
     const uint32_t third = largest - number[(first + 2) % 3];
@@ -274,8 +274,8 @@ uint32_t* ClusterPacker::put_triangles(PackedCluster& cluster, uint32_t* words) 
   return writer.end_section();
 }
 
-/// Appends the cluster's vertices and writes all its data to `words`, which has room for kMostClusterWords + 1; returns
-/// their end.
+/// Appends the cluster's vertices and writes all its data to `words`, which has room for kMostClusterWords + 1. Returns
+/// the end of the data.
 uint32_t* ClusterPacker::put_data(PackedCluster& cluster, std::vector<uint32_t>& vertices, uint32_t* words) const {
   const uint32_t count = vertex_count_ + best_.padding;
   const size_t first = vertices.size();
@@ -323,7 +323,7 @@ uint32_t* ClusterPacker::put_data(PackedCluster& cluster, std::vector<uint32_t>&
   cluster.record.counts |= (count - 1) << 7 | bits[0] << 17 | bits[1] << 22 | bits[2] << 27;
   WordWriter writer(put_triangles(cluster, words));
   const uint32_t xy_bits = bits[0] + bits[1];
-  if (xy_bits + bits[2] <= 32) {  // mostly
+  if (xy_bits + bits[2] <= 32) {  // the common case
     for (uint32_t i = 0; i < count; ++i) {
       const auto& code = codes.code[i];
       writer.put(code[0] | code[1] << bits[0] | static_cast<uint32_t>(uint64_t{code[2]} << xy_bits), xy_bits + bits[2]);

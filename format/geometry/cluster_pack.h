@@ -10,43 +10,44 @@
 
 namespace scree::format {
 
-/// Vertices that a cluster may have: degenerate triangles (two equal vertices) may need two more for themselves.
+/// Vertices of a cluster with a degenerate triangle (two equal vertices), which may need two more for itself.
 inline constexpr uint32_t kMaxDegenerateVertices = kMaxClusterVertices - 2;
 
 enum class PackEffort {
-  kFast,  // numbers vertices from one end of the cluster
-  kBest,  // from every vertex, and takes the smallest
+  kFast,  // numbers the vertices once, from one end of the cluster
+  kBest,  // tries every vertex as the start and takes the smallest result
 };
 
-/// Packs clusters of one list of triangles. Keeps its memory; one packer a thread.
+/// Packs clusters of one list of triangles. Keeps its memory between clusters; use one packer per thread.
 class ClusterPacker {
  public:
-  /// `indices`: 3 a triangle, each below vertex_count; `offsets`: 3 a vertex, lattice offsets from lattice_min, each
-  /// below 2^24. Both outlive the packer's use.
+  /// `indices`: 3 per triangle, each below vertex_count. `offsets`: 3 per vertex, lattice offsets from lattice_min,
+  /// each below 2^24. Both must stay valid while the packer is used.
   void begin(std::span<const uint32_t> indices, std::span<const uint32_t> offsets, uint32_t vertex_count,
              PackEffort effort);
 
-  /// Appends the cluster of as many of the first of `triangles` (1 and more, numbers in `indices`) as it may have, and
-  /// returns how many: those that use at most 128 vertices, or kMaxDegenerateVertices where one has two equal corners.
+  /// Packs the first of `triangles` into one cluster, as many as it may have, and appends it to `out`. `triangles`: at
+  /// least one, triangle numbers in `indices`. Returns how many were packed. A cluster has at most 128 vertices, or
+  /// kMaxDegenerateVertices if a triangle in it has two equal corners.
   uint32_t pack(std::span<const uint32_t> triangles, ClusterSet& out);
 
  private:
-  /// A way to number the vertices.
+  /// One way to number the vertices.
   struct Numbering {
-    std::array<uint8_t, kMaxClusterVertices> number;    // of each vertex in order of first use
+    std::array<uint8_t, kMaxClusterVertices> number;    // per vertex, in order of first use
     std::array<uint8_t, kMaxClusterTriangles> order;    // triangles by largest number
-    std::array<uint8_t, kMaxClusterTriangles> largest;  // of the triangle at each place of `order`
+    std::array<uint8_t, kMaxClusterTriangles> largest;  // largest number of the triangle at each index of `order`
     uint32_t padding;                                   // repeats before vertex 0
     uint32_t distance_bits;
     bool wide_steps;
-    uint32_t words;  // of steps and distances
+    uint32_t words;  // for steps and distances
   };
 
-  /// A bit a triangle of the cluster.
+  /// One bit per triangle of the cluster.
   using TriangleSet = std::array<uint64_t, 2>;
   static_assert(kMaxClusterTriangles == 128);
 
-  /// The triangles that have a vertex as their corner 0, 1 and 2.
+  /// The triangles that have a vertex as corner 0, 1 and 2.
   using CornerSets = std::array<TriangleSet, 3>;
 
   static void add(const CornerSets& more, CornerSets& sets) {
@@ -63,9 +64,9 @@ class ClusterPacker {
   std::span<const uint32_t> indices_;
   std::span<const uint32_t> offsets_;
   PackEffort effort_ = PackEffort::kFast;
-  std::vector<uint8_t> slots_;  // of each vertex of the list its number in the cluster
+  std::vector<uint8_t> slots_;  // per vertex of the list: its number in the cluster
 
-  // Of the cluster that is packed, vertices by first use:
+  // The cluster being packed, vertices by first use:
   uint32_t triangle_count_ = 0;
   uint32_t vertex_count_ = 0;
   std::array<uint32_t, kMaxClusterVertices + 3> vertices_;  // in the list; room for a triangle that does not fit

@@ -22,29 +22,29 @@ namespace {
 using enum ErrorCode;
 
 enum Stream : uint32_t {
-  kParts,      // clusters and plain bytes, u32 each
-  kTriangles,  // a byte a cluster: triangles less one
-  kVertices,   // likewise vertices
-  kForms,      // likewise: distance bits 0 to 2, wide steps 3, predicted axis 4 and 5
-  kSlopes,     // of clusters that predict: i16 each
-  kSteps,      // low bits of a cluster's steps, then high bits where wide: whole bytes
-  kDistances,  // a triangle: both in a byte, the first in its low half, or a byte each where they have over 4 bits
-  kPlaces,     // a vertex: 0 beside where it is expected, 1 to 254 where one is that is named by it, 255: by kFar
-  kFar,        // u16: how many vertices before
-  kResiduals,  // of vertices of place 0: low bytes of x, of y, of z, then the next byte of each, and so on
-  kPlain,      // what is no cluster
+  kParts,      // numbers of clusters and of plain bytes, alternating, u32 each
+  kTriangles,  // a byte per cluster: triangles less one
+  kVertices,   // a byte per cluster: vertices less one
+  kForms,      // a byte per cluster: distance bits 0 to 2, wide steps 3, predicted axis 4 and 5
+  kSlopes,     // of clusters with a prediction: i16 each
+  kSteps,      // low bits of a cluster's steps, then high bits if wide: whole bytes
+  kDistances,  // per triangle both distances: one byte, the first in its low half, or a byte each if over 4 bits
+  kPlaces,     // per vertex: 0 it has a residual, 1 to 254 the step to an equal earlier vertex, 255 it is in kFar
+  kFar,        // u16: how many vertices back the equal vertex is
+  kResiduals,  // of vertices with place 0: low bytes of x, of y, of z, then the next byte of each, and so on
+  kPlain,      // bytes outside clusters
   kStreams,
 };
 constexpr const char* kNames[kStreams] = {"parts",     "triangles", "vertices", "forms",     "slopes", "steps",
                                           "distances", "places",    "far",      "residuals", "plain"};
 
-// A split page begins with how many bytes a residual has, and the streams' sizes.
+// A split page begins with the number of bytes per residual and the sizes of the streams.
 constexpr uint64_t kHeaderBytes = 4 * (1 + uint64_t{kStreams});
 constexpr uint32_t kMaxPlanes = 3;  // residuals are modulo 2^24
 constexpr int32_t kOffsetMask = (1 << 24) - 1;
 constexpr Offsets kOrigin = {0, 0, 0, 0};
 constexpr Offsets kOffsetMasks = {kOffsetMask, kOffsetMask, kOffsetMask, 0};
-constexpr uint32_t kShortDistance = 4;  // bits of a distance that is half a byte
+constexpr uint32_t kShortDistance = 4;  // distances of at most this many bits take half a byte
 constexpr uint32_t kFarPlace = 255;
 constexpr uint32_t kMostBack = 65535;  // vertices
 
@@ -55,7 +55,7 @@ uint32_t unzigzag(uint32_t code) {
   return code >> 1 ^ (0u - (code & 1));
 }
 
-/// A cluster as it is split.
+/// The header of a cluster in a split page.
 struct Form {
   uint32_t triangle_count;
   uint32_t vertex_count;
@@ -64,7 +64,7 @@ struct Form {
   uint32_t axis;  // predicted, or kNotPredicted
 };
 
-/// The vertices of a part, so far back as they can be named.
+/// The vertices of a part, back to the oldest that can be referred to.
 class RecentVertices {
  public:
   void clear() { count_ = 0; }
@@ -82,12 +82,12 @@ Error broken(ErrorCode code, const std::string& what) {
   return Error{code, "split page: " + what};
 }
 
-/// Takes values from a stream.
+/// Reads values from a stream.
 class Cursor {
  public:
   explicit Cursor(std::span<const std::byte> bytes = {}) : at_(bytes.data()), left_(bytes.size()) {}
 
-  /// The next bytes, or null where there are fewer.
+  /// The next `bytes` bytes, or null if fewer are left.
   const std::byte* take(uint64_t bytes) {
     if (left_ < bytes) return nullptr;
     const std::byte* from = at_;
@@ -102,7 +102,7 @@ class Cursor {
   uint64_t left_;
 };
 
-/// What joining needs beside the page.
+/// Memory that joining needs beside the page.
 struct JoinMemory {
   RecentVertices recent;
   VertexPredictor predictor;
@@ -167,7 +167,7 @@ class Joiner {
     return broken(kTrailing, "it makes more than the page's " + std::to_string(page_.size()) + " bytes");
   }
 
-  /// The four streams of a chunk of clusters.
+  /// Writes the four streams of a chunk of clusters.
   Result<void> join_part(uint64_t clusters) {
     const uint64_t groups = group_count(clusters);
     const uint64_t head = (groups + clusters) * sizeof(ClusterBounds) + clusters * sizeof(ClusterRecord);
@@ -230,12 +230,13 @@ class Joiner {
     return {};
   }
 
-  /// Writes its words to the page; sets all of `record` but what the clusters before say. Returns the number of words.
+  /// Writes the cluster's words to the page. Sets all fields of `record` except the sums over earlier clusters. Returns
+  /// the number of words.
   Result<uint32_t> join_cluster(ClusterRecord& record, OffsetBox& box) {
     if (const auto taken = take_form(); !taken) return taken.error();
     std::array<uint32_t, kMostClusterWords + 1> words;
     uint32_t* at = words.data();
-    if (form_.axis != kNotPredicted) at += 2;  // known at the end
+    if (form_.axis != kNotPredicted) at += 2;  // written at the end
     const Result<uint32_t*> steps_end = join_triangles(at);
     if (!steps_end) return steps_end.error();
     const uint32_t count = form_.vertex_count;
@@ -261,7 +262,7 @@ class Joiner {
     return written;
   }
 
-  /// Writes steps and distances, and has the predictor place all vertices.
+  /// Writes steps and distances; the predictor places all vertices.
   Result<uint32_t*> join_triangles(uint32_t* words) {
     const uint32_t count = form_.triangle_count;
     const uint32_t bits = form_.distance_bits;
@@ -326,7 +327,7 @@ class Joiner {
     return writer.end_section();
   }
 
-  /// The bytes of a plane of the next residual.
+  /// The bytes of one plane of the next residual.
   Offsets residual_bytes(uint32_t plane) const {
     const std::byte* x = residuals_ + 3 * plane * residual_count_ + residual_;
     return Offsets{std::to_integer<int32_t>(x[0]), std::to_integer<int32_t>(x[residual_count_]),
@@ -364,7 +365,7 @@ class Joiner {
     return offsets;
   }
 
-  /// Writes the positions from `words` on, and what is predicted to `prediction`.
+  /// Writes the positions from `words` on, and the prediction to `prediction`.
   Result<uint32_t*> join_positions(const OffsetBox& box, uint32_t* prediction, uint32_t* words, ClusterRecord& record) {
     const uint32_t count = form_.vertex_count;
     Offsets codes[kMaxClusterVertices];
@@ -422,11 +423,11 @@ class Joiner {
   uint64_t residual_count_ = 0;
   uint64_t residual_ = 0;
   Form form_{};
-  uint32_t named_ = 0;  // the vertex that was named last, of the part
-  Offsets first_{};     // vertex of the cluster before
+  uint32_t named_ = 0;  // the vertex referred to last, numbered in the part
+  Offsets first_{};     // first vertex of the cluster before
 };
 
-/// Takes clusters apart as Joiner puts them together.
+/// Splits clusters; the inverse of Joiner.
 class Splitter {
  public:
   void part(const std::byte* payload, uint32_t clusters) {
@@ -534,7 +535,7 @@ class Splitter {
       named_ = latest;
     } else {
       put(kPlaces, uint8_t{0});
-      const Offsets left = (offsets - expected) << 8 >> 8;  // modulo 2^24, the nearer way round
+      const Offsets left = (offsets - expected) << 8 >> 8;  // modulo 2^24, the representative nearest to 0
       std::array<uint32_t, 3> codes;
       for (int axis = 0; axis < 3; ++axis) codes[static_cast<size_t>(axis)] = zigzag(static_cast<uint32_t>(left[axis]));
       residuals_.push_back(codes);
@@ -552,7 +553,7 @@ class Splitter {
   }
 
   JoinMemory memory_;
-  std::array<uint32_t, 1u << kSlotBits> latest_;  // vertex of the part that fell there
+  std::array<uint32_t, 1u << kSlotBits> latest_;  // latest vertex of the part with that hash
   uint32_t named_ = 0;
   Offsets first_{};
   std::array<std::vector<std::byte>, kStreams> out_;
@@ -572,7 +573,7 @@ SplitPage split_page(std::span<const std::byte> page, std::span<const PageCluste
   if (page.size() > UINT32_MAX / kMaxSplitRatio) return {};
   const auto splitter = std::make_unique<Splitter>();
   uint64_t done = 0;
-  uint32_t before = 0;  // clusters whose plain bytes end where the next chunk's begin
+  uint32_t before = 0;  // the plain bytes behind this many clusters end where the next chunk begins
   for (const PageClusters& part : clusters) {
     assert(part.cluster_count != 0 && part.offset >= done);
     if (part.offset != done || before != 0) splitter->put_part(before, page.subspan(done, part.offset - done));

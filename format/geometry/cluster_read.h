@@ -1,5 +1,5 @@
-// Triangles and positions of a cluster, any of them without the others: what kernels and the codec read clusters with.
-// Source: spec/codecs.md, clusters.
+// Random access to the triangles and positions of a cluster, for kernels and the codec. Source: spec/codecs.md,
+// clusters.
 #pragma once
 
 #include <cstdint>
@@ -19,7 +19,7 @@ SCREE_HD inline uint32_t count_ones(uint32_t word) {
 #endif
 }
 
-/// How one axis follows from the two after it. Sums wrap; in a valid cluster they are codes below 2^24.
+/// Predicts one axis from the two axes after it. Sums wrap; in a valid cluster they are codes below 2^24.
 struct ClusterPredictor {
   uint32_t axis;  // or kNotPredicted
   int32_t slope_u;
@@ -28,7 +28,7 @@ struct ClusterPredictor {
 
   SCREE_HD void apply(uint32_t code[3]) const {
     if (axis == kNotPredicted) return;
-    // Constant places, so that the codes stay in registers.
+    // Constant indices, so that the codes stay in registers.
     const int32_t u = static_cast<int32_t>(axis == 0 ? code[1] : axis == 1 ? code[2] : code[0]);
     const int32_t v = static_cast<int32_t>(axis == 0 ? code[2] : axis == 1 ? code[0] : code[1]);
     // Codes of 15 bits and slopes of 16: the sum stays within int32.
@@ -37,12 +37,12 @@ struct ClusterPredictor {
   }
 };
 
-/// Everything follows from a validated record; on a GPU `data` is 4-byte aligned.
+/// Reads a cluster with a validated record. On a GPU `data` must be 4-byte aligned.
 struct ClusterReader {
-  const std::byte* data;  // of the chunk's clusters
+  const std::byte* data;  // cluster data of the chunk
   ClusterLayout layout;
   ClusterPredictor predictor;
-  uint32_t first_triangle;  // of the chunk
+  uint32_t first_triangle;  // index in the chunk
   uint32_t first_vertex;
   uint32_t min[3];  // offset of code 0 from the chunk's position_min
 
@@ -52,7 +52,7 @@ struct ClusterReader {
 
   SCREE_HD uint32_t word(uint32_t place) const { return unpack(data, uint64_t{place} * 32, 32); }
 
-  /// How far the largest vertex of a triangle lies after that of the one before; of the first, after 2.
+  /// The largest vertex of a triangle less that of the triangle before. For the first triangle: less 2.
   SCREE_HD uint32_t step(uint32_t triangle) const {
     const uint32_t words = (layout.triangle_count + 31) / 32;
     const uint32_t low = word(layout.steps + triangle / 32) >> (triangle % 32) & 1;
@@ -60,7 +60,7 @@ struct ClusterReader {
     return low + 2 * (word(layout.steps + words + triangle / 32) >> (triangle % 32) & 1);
   }
 
-  /// Largest vertex of a triangle of the cluster, as all numbers here from 0 in the cluster.
+  /// Largest vertex of a triangle of the cluster. All vertex and triangle numbers here count from 0 in the cluster.
   SCREE_HD uint32_t largest(uint32_t triangle) const {
     const uint32_t words = (layout.triangle_count + 31) / 32;
     uint32_t sum = 2;
@@ -72,7 +72,7 @@ struct ClusterReader {
     return sum;
   }
 
-  /// How far its second and third vertex lie before the largest.
+  /// The largest vertex of a triangle less its second and less its third vertex.
   SCREE_HD void distances(uint32_t triangle, uint32_t out[2]) const {
     const uint32_t bits = layout.distance_bits;
     const uint32_t both = unpack(data, uint64_t{layout.distances} * 32 + uint64_t{triangle} * (2 * bits), 2 * bits);
@@ -88,7 +88,7 @@ struct ClusterReader {
     out[2] = out[0] - back[1];
   }
 
-  /// The codes of a vertex as they are stored.
+  /// The stored codes of a vertex, without the prediction.
   SCREE_HD void stored(uint32_t vertex, uint32_t out[3]) const {
     uint64_t bit = uint64_t{layout.positions} * 32 + uint64_t{vertex} * stride();
     for (int i = 0; i < 3; ++i) {
@@ -105,7 +105,7 @@ struct ClusterReader {
   }
 };
 
-/// `data`: the chunk's cluster data; nothing outside the record's cluster is read.
+/// `data`: the chunk's cluster data, of which only the record's cluster is read.
 SCREE_HD inline ClusterReader make_cluster_reader(const ClusterRecord& record, const ClusterBounds& bounds,
                                                   const std::byte* data) {
   ClusterReader reader;

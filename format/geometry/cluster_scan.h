@@ -1,5 +1,4 @@
-// A cluster's check without its output, for processors with AVX2: what decode_clusters() finds out, in a quarter of
-// its time.
+// Checks a cluster without output, on processors with AVX2, in a quarter of the time of decode_clusters().
 #pragma once
 
 #include <cstddef>
@@ -9,18 +8,18 @@
 
 namespace scree::format {
 
-/// What a cluster's data hold. Codes: stored ones with the predicted part added; sums wrap.
+/// Result of the scan. Codes are stored codes with the predicted part added; sums wrap.
 struct ClusterScan {
-  bool triangles_are_good;  // every distance within what goes before, and the last vertex below vertex_count
+  bool triangles_are_good;  // no distance leads before vertex 0, and the last vertex is below vertex_count
   uint32_t largest[3];      // code of each axis
 };
 
 namespace isa_avx2 {
 #ifdef SCREE_HAS_AVX2_CODE
 inline constexpr bool kScansClusters = true;
-/// `bytes`: of the chunk's cluster data, from which the reader's layout must not lead out; its widths are within their
-/// limits, and the bits after its triangles and positions are zero. Whether `scan` was filled: a cluster with
-/// positions wider than 60 bits is not scanned.
+/// `bytes`: size of the chunk's cluster data. The caller has checked that the reader's layout stays within it, that the
+/// widths are within their limits, and that the bits after triangles and positions are zero. Returns whether `scan` was
+/// filled: a cluster with positions wider than 60 bits is not scanned.
 bool scan_cluster(const ClusterReader& reader, size_t bytes, ClusterScan& scan);
 #else
 inline constexpr bool kScansClusters = false;

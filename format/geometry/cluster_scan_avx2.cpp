@@ -4,16 +4,16 @@
 #include "format/geometry/field_pick_avx2.h"
 #include "format/geometry/word_writer.h"
 
-// Nothing inline of the other headers may be called here: the linker would be free to take this copy, which only runs
-// with AVX2, for all callers (tests/CMakeLists.txt looks).
+// No inline function of the other headers may be called here: the linker could then use this copy, which needs AVX2,
+// for all callers (tests/CMakeLists.txt checks this).
 namespace scree::format::isa_avx2 {
 namespace {
 
 struct Tables {
-  /// Sums of the bits of a byte, of the lowest 1, 2, ... 8 of them, a byte each.
+  /// Per byte value: the number of ones among its lowest 1, 2, ... 8 bits, one byte each.
   uint64_t prefix_counts[256];
-  /// How the distances of eight triangles, 2 * d bits each for d the index, come into lanes of 32 bits: the bytes of a
-  /// lane, and the shift within them.
+  /// Spreads the distances of eight triangles, 2 * d bits each with d the index, to lanes of 32 bits: the source bytes
+  /// of each lane, and the shift within them.
   struct Spread {
     alignas(32) uint8_t bytes[32];
     alignas(32) uint32_t shift[8];
@@ -47,8 +47,7 @@ uint32_t load_word(const std::byte* at) {
   return word;
 }
 
-/// Whether no triangle's distance leads before the first vertex and none has a vertex past the last. `data`: the
-/// cluster's own.
+/// Checks that no distance leads before the first vertex and no vertex is past the last. `data`: the cluster's own.
 bool good_triangles(const ClusterLayout& layout, const std::byte* data) {
   const uint32_t count = layout.triangle_count;
   const uint32_t bits = layout.distance_bits;
@@ -56,7 +55,7 @@ bool good_triangles(const ClusterLayout& layout, const std::byte* data) {
   const std::byte* steps = data + size_t{4} * (layout.steps - layout.prediction);
   const std::byte* wide = layout.wide_steps ? steps + size_t{4} * words : nullptr;
   const std::byte* distances = data + size_t{4} * (layout.distances - layout.prediction);
-  // Steps are never negative: the last triangle's vertex is the largest.
+  // Steps are never negative, so the last triangle's vertex is the largest.
   uint32_t last = 2;
   for (uint32_t i = 0; i < words; ++i) {
     last += static_cast<uint32_t>(__builtin_popcount(load_word(steps + size_t{4} * i)));
@@ -70,10 +69,10 @@ bool good_triangles(const ClusterLayout& layout, const std::byte* data) {
   const __m128i width = _mm_cvtsi32_si128(static_cast<int>(bits));
   __m256i bad = _mm256_setzero_si256();
   uint32_t largest = 2;
-  // From the triangle on whose largest vertex no distance can pass, all are good.
+  // Once the largest vertex is at least the longest possible distance, all further triangles are good.
   for (uint32_t i = 0; i < count && largest < longest; i += 8) {
     uint64_t sums = kTables.prefix_counts[static_cast<uint8_t>(steps[i / 8])];
-    if (wide != nullptr) sums += 2 * kTables.prefix_counts[static_cast<uint8_t>(wide[i / 8])];  // at most 24 a byte
+    if (wide != nullptr) sums += 2 * kTables.prefix_counts[static_cast<uint8_t>(wide[i / 8])];  // at most 24 per byte
     const __m256i reach = _mm256_add_epi32(_mm256_set1_epi32(static_cast<int>(largest)),
                                            _mm256_cvtepu8_epi32(_mm_cvtsi64_si128(static_cast<long long>(sums))));
     largest += static_cast<uint32_t>(sums >> 56);
@@ -83,20 +82,19 @@ bool good_triangles(const ClusterLayout& layout, const std::byte* data) {
     const __m256i back =
         _mm256_max_epi32(_mm256_and_si256(both, mask), _mm256_and_si256(_mm256_srl_epi32(both, width), mask));
     const __m256i past = _mm256_cmpgt_epi32(back, reach);
-    // Behind the last triangle lie positions.
+    // Lanes behind the last triangle hold positions and do not count.
     const __m256i counted = _mm256_cmpgt_epi32(_mm256_set1_epi32(static_cast<int>(count - i)), lanes);
     bad = _mm256_or_si256(bad, _mm256_and_si256(past, counted));
   }
   return _mm256_testz_si256(bad, bad) != 0 && last < layout.vertex_count;
 }
 
-/// The largest code of each axis, eight vertices at a time. `kIsPredicted`: whether one of them follows from the
-/// others.
+/// The largest code of each axis, eight vertices at a time. `kIsPredicted`: one axis is predicted from the others.
 template <bool kIsPredicted>
 void scan_positions(const ClusterReader& reader, const std::byte* positions, uint32_t largest[3]) {
   const uint32_t* const bits = reader.layout.position_bits;
   const uint32_t offsets[3] = {0, bits[0], bits[0] + bits[1]};
-  // The axis that is predicted comes last.
+  // The predicted axis comes last.
   const uint32_t first = kIsPredicted ? (reader.predictor.axis + 1) % 3 : 0;
   const uint32_t axes[3] = {first, (first + 1) % 3, (first + 2) % 3};
   EightRecords records(bits[0] + bits[1] + bits[2]);
@@ -109,7 +107,7 @@ void scan_positions(const ClusterReader& reader, const std::byte* positions, uin
   const auto codes = [&](__m256i code[3]) {
     for (int i = 0; i < 3; ++i) code[i] = kIsPredicted ? records.low(fields[i]) : records.high(fields[i]);
     if constexpr (kIsPredicted) {
-      // Codes of 15 bits and slopes of 16: the sum of the products is within 32 bits.
+      // Codes have 15 bits and slopes 16, so the sum of the products fits 32 bits.
       const __m256i sum = _mm256_madd_epi16(_mm256_or_si256(code[0], _mm256_slli_epi32(code[1], 16)), slopes);
       code[2] =
           _mm256_add_epi32(code[2], _mm256_add_epi32(bias, _mm256_srai_epi32(sum, static_cast<int>(kPredictorShift))));
@@ -142,7 +140,7 @@ bool scan_cluster(const ClusterReader& reader, size_t bytes, ClusterScan& scan) 
   if (layout.position_bits[0] + layout.position_bits[1] + layout.position_bits[2] > kMostPickedStride) return false;
   const std::byte* data = reader.data + size_t{4} * layout.prediction;
   alignas(32) std::byte copy[4 * kMostClusterWords + kPickReach];
-  // Loads reach past what they look at; clusters at the end of the data are copied to where they may.
+  // Loads reach past the bytes they use. Clusters at the end of the data are copied into a buffer with room for that.
   if (size_t{4} * layout.end + kPickReach > bytes) {
     __builtin_memcpy(copy, data, size_t{4} * (layout.end - layout.prediction));
     data = copy;

@@ -1,5 +1,5 @@
-// Bit-packed records, eight at a time, one field of each in a lane of 32 bits. For sources built with -mavx2 alone: all
-// of it is static, so that the linker shares nothing with code for other processors.
+// Extracts one field from each of eight bit-packed records into lanes of 32 bits. Only for sources built with -mavx2:
+// all of it is static, so that the linker shares nothing with code for other processors.
 #pragma once
 
 #include <cstddef>
@@ -10,15 +10,15 @@
 namespace scree::format::isa_avx2 {
 namespace {
 
-/// Widest record, and widest field: two records that begin within a byte lie in 16 bytes, a field in 4.
+/// Widest record and widest field: two records that begin within a byte must lie in 16 bytes, a field in 4.
 inline constexpr uint32_t kMostPickedStride = 60;
 inline constexpr uint32_t kMostPickedBits = 25;
 
-/// Bytes from the first of eight records that load() may touch.
+/// Bytes that load() may read from the first of eight records on.
 inline constexpr size_t kPickReach = 64;
 
-/// Eight records of `stride` bits (0 to kMostPickedStride), the first of which begins on a byte; so do the next eight,
-/// `stride` bytes on. Lanes hold records 0, 1, 4, 5, 2, 3, 6, 7: two lie in each 16 bytes that are loaded.
+/// Eight records of `stride` bits (0 to kMostPickedStride). The first begins on a byte, and so do the next eight,
+/// `stride` bytes on. The lanes hold records 0, 1, 4, 5, 2, 3, 6, 7, because each 16 loaded bytes hold two.
 class EightRecords {
  public:
   explicit EightRecords(uint32_t stride)
@@ -35,9 +35,9 @@ class EightRecords {
 
   /// A field of `bits` bits (0 to kMostPickedBits) that begins `offset` bits into a record.
   struct Field {
-    __m256i bytes;  // that the lanes take of 16 bytes
-    __m256i right;  // by how much they are shifted so that the field ends the lane,
-    __m256i left;   // or begins it
+    __m256i bytes;  // the bytes of 16 that each lane takes
+    __m256i right;  // right shift that moves the field to the low end of its lane
+    __m256i left;   // left shift that moves it to the high end
     __m256i mask;
   };
   Field field(uint32_t offset, uint32_t bits) const {
@@ -46,8 +46,8 @@ class EightRecords {
     const __m256i bit = _mm256_add_epi32(_mm256_set1_epi32(static_cast<int>(offset)),
                                          _mm256_setr_epi32(0, next, residue(4), residue(4) + next, residue(2),
                                                            residue(2) + next, residue(6), residue(6) + next));
-    // The first byte's number in each byte of a lane, then one more for each after it. Where that passes 15 the byte
-    // holds nothing of the field.
+    // Each byte of a lane gets the index of the field's first byte, plus 0 to 3. Where that passes 15, the byte holds
+    // no bit of the field.
     const __m256i spread = _mm256_setr_epi8(0, 0, 0, 0, 4, 4, 4, 4, 8, 8, 8, 8, 12, 12, 12, 12,  //
                                             0, 0, 0, 0, 4, 4, 4, 4, 8, 8, 8, 8, 12, 12, 12, 12);
     Field field;
@@ -60,11 +60,11 @@ class EightRecords {
     return field;
   }
 
-  /// The field in the lowest bits of the lanes.
+  /// The field in the lowest bits of each lane.
   __m256i low(const Field& field) const {
     return _mm256_and_si256(_mm256_srlv_epi32(lanes(field), field.right), field.mask);
   }
-  /// The field in the highest bits, with what lies before it below: in the order of the field.
+  /// The field in the highest bits, with the bits before it below. Lanes compare in the order of the field.
   __m256i high(const Field& field) const { return _mm256_sllv_epi32(lanes(field), field.left); }
 
  private:
@@ -88,7 +88,7 @@ uint32_t largest_lane(__m256i lanes) {
   return static_cast<uint32_t>(_mm_cvtsi128_si32(most));
 }
 
-/// Of fields of `bits` bits that stand highest.
+/// The largest of fields of `bits` bits that lie in the highest bits of their lanes.
 uint32_t largest_high(__m256i lanes, uint32_t bits) {
   return static_cast<uint32_t>(uint64_t{largest_lane(lanes)} >> (32 - bits));
 }

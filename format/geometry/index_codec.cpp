@@ -63,7 +63,7 @@ Result<void> check_indices(uint64_t index_count, uint32_t vertex_count, IndexRan
                            std::span<const std::byte> bytes) {
   if (auto sized = check_size(index_count, range, bytes); !sized) return sized;
   if (index_count == 0) return {};
-  if (range.min + low_mask(range.bits) < vertex_count) return {};  // no code can pass
+  if (range.min + low_mask(range.bits) < vertex_count) return {};  // no code can be out of range
   uint32_t largest_code = 0;
   if (range.bits != 0) {
     uint64_t done = 0;

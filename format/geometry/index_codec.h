@@ -1,4 +1,4 @@
-// The index stream of a chunk: bit-packed differences to the smallest index. Source: spec/codecs.md, indices.
+// The index stream of a chunk: bit-packed differences from the smallest index. Source: spec/codecs.md, indices.
 #pragma once
 
 #include <cstddef>
@@ -15,15 +15,16 @@ struct IndexRange {
   uint32_t bits;  // bit_width(max - min), 0 to 32
 };
 
-/// The range of a list of indices; {0, 0} for an empty one.
+/// The range of a list of indices; {0, 0} for an empty list.
 IndexRange index_range(std::span<const uint32_t> indices);
 
-/// Writes exactly packed_bytes(indices.size(), range.bits) bytes to `out`, slack zeroed. `range` holds all indices.
+/// Writes exactly packed_bytes(indices.size(), range.bits) bytes to `out`, slack zeroed. All indices must lie in
+/// `range`.
 void encode_indices(std::span<std::byte> out, std::span<const uint32_t> indices, IndexRange range);
 
-/// Decodes one index stream: out.size() indices, each < vertex_count. `bytes`: exactly one stream, 4-byte aligned or
-/// not. Safe on any input; errors kTruncated, kTrailing (size is not the stream's, or slack is not zero), kRange (bits
-/// over 32, index out of range), after which `out` is unspecified. No allocation; reentrant.
+/// Decodes one index stream: out.size() indices, each < vertex_count. `bytes`: exactly one stream, of any alignment.
+/// Safe on any input; errors kTruncated, kTrailing (size is not the stream's, or slack is not zero), kRange (bits over
+/// 32, index out of range), after which `out` is unspecified. No allocation; reentrant.
 Result<void> decode_indices(std::span<uint32_t> out, uint32_t vertex_count, IndexRange range,
                             std::span<const std::byte> bytes);
 

@@ -1,5 +1,5 @@
-// Packing and unpacking whole streams on the CPU, shared by the codecs: eight values of one width are exactly `width`
-// bytes, so each width has its own unrolled group with constant shifts.
+// Packs and unpacks whole streams on the CPU, for all codecs. Eight values of one width take exactly `width` bytes, so
+// each width has its own unrolled loop with constant shifts.
 #pragma once
 
 #include <cassert>
@@ -23,15 +23,15 @@ constexpr uint64_t low_mask(uint32_t bits) {
   return (uint64_t{1} << bits) - 1;
 }
 
-/// Checks that `bytes` is the size of a stream of `data_bits` bits (kTruncated, kTrailing) and that the bits after the
-/// data are zero (kTrailing). `stream_bytes`: packed_bytes() of it. `what` names the stream in the message.
+/// Checks that `bytes` has the size of a stream of `data_bits` bits (kTruncated, kTrailing) and that the bits after the
+/// data are zero (kTrailing). `stream_bytes`: the stream's packed_bytes(). `what`: name of the stream in the message.
 Result<void> check_stream(const char* what, uint64_t data_bits, uint64_t stream_bytes,
                           std::span<const std::byte> bytes);
 
-/// packed_bytes() of hostile numbers: kRange where count * bits does not fit.
+/// packed_bytes() for untrusted numbers: kRange where count * bits overflows.
 Result<uint64_t> checked_packed_bytes(const char* what, uint64_t count, uint32_t bits);
 
-/// Zeroes the bytes of `out` that no value reaches.
+/// Zeroes the bytes of `out` behind the last value.
 void zero_slack(std::span<std::byte> out, uint64_t data_bits);
 
 /// Calls function(integral_constant<uint32_t, bits>) for bits 0 to 32.
@@ -52,7 +52,7 @@ void pack_values(std::span<std::byte> out, uint64_t count, uint32_t bits, Value&
   const uint64_t groups = count / kPackedGroup;
   with_constant_bits(bits, [&](auto constant) {
     constexpr uint32_t kBits = constant();
-    // A group is written in whole words: up to 7 bytes past its end, which the next group or the slack takes.
+    // A group is written in whole words: up to 7 bytes past its end, which the next group or the slack overwrites.
     const auto pack_group = [](std::byte* at, auto&& get) {
       uint64_t word = 0;
       uint32_t fill = 0;

@@ -40,11 +40,11 @@ float largest_magnitude(std::span<const Interval> axes) {
   return largest;
 }
 
-/// The coarsest exponent whose half step and `half_ulp` together stay within max_error; below kMinLatticeExponent where
-/// half_ulp alone takes all of it.
+/// The coarsest exponent for which half a step plus `half_ulp` stays within max_error. Below kMinLatticeExponent if
+/// half_ulp alone uses up max_error.
 int32_t coarsest_exponent(double max_error, double half_ulp) {
   const double half_step =
-      std::min(max_error, exp2i(kMaxLatticeExponent)) - half_ulp;  // ilogb of infinity is no number
+      std::min(max_error, exp2i(kMaxLatticeExponent)) - half_ulp;  // ilogb of infinity is undefined
   if (!(half_step > 0)) return kMinLatticeExponent - 1;
   int32_t exponent = std::min(std::ilogb(half_step) + 2, kMaxLatticeExponent);
   while (exponent >= kMinLatticeExponent && 0.5 * exp2i(exponent) + half_ulp > max_error) --exponent;
@@ -55,7 +55,7 @@ Error bad_lattice(const std::string& message) {
   return Error{ErrorCode::kRange, "position lattice: " + message};
 }
 
-/// What a decoder computes with: checked by make_decoder().
+/// Constants of an axis's decoder, checked by make_decoder().
 struct AxisDecoder {
   double origin;  // coordinate of code 0
   uint32_t last;  // the largest code the lattice allows
@@ -106,7 +106,7 @@ Result<void> check_size(uint64_t vertex_count, const PositionRange& range, std::
   return check_stream("positions", vertex_count * range.stride_bits(), *size, bytes);
 }
 
-/// Calls sink(vertex, x, y, z) for the codes of every vertex; each axis takes at most 24 bits.
+/// Calls sink(vertex, x, y, z) with the codes of every vertex; each axis has at most 24 bits.
 template <class Sink>
 void unpack_positions(const std::byte* stream, uint64_t vertex_count, const std::array<uint8_t, 3>& bits, Sink&& sink) {
   const uint32_t stride = uint32_t{bits[0]} + bits[1] + bits[2];
@@ -128,7 +128,7 @@ void unpack_positions(const std::byte* stream, uint64_t vertex_count, const std:
   const uint32_t shift_y = bits[0];
   const uint32_t shift_z = shift_y + bits[1];
   const auto window = [stream](uint64_t bit) { return load<uint64_t>(stream + (bit >> 3)) >> (bit & 7u); };
-  if (stride <= 57) {  // 64 bits hold a vertex that starts at any of a byte's 8 bits
+  if (stride <= 57) {  // 64 bits hold a vertex that starts at any bit of a byte
     for (uint64_t vertex = 0; vertex < vertex_count; ++vertex) {
       const uint64_t codes = window(vertex * stride);
       sink(vertex, static_cast<uint32_t>(codes & mask_x), static_cast<uint32_t>((codes >> shift_y) & mask_y),
@@ -137,7 +137,8 @@ void unpack_positions(const std::byte* stream, uint64_t vertex_count, const std:
     return;
   }
   for (uint64_t vertex = 0; vertex < vertex_count; ++vertex) {
-    // Over 57 bits in all means at least 10 bits of z, so its window starts inside the data and ends inside the slack.
+    // A stride over 57 bits leaves at least 10 bits to z, so its window starts inside the data and ends inside the
+    // slack.
     const uint64_t codes = window(vertex * stride);
     const uint64_t code_z = window(vertex * stride + shift_z) & mask_z;
     sink(vertex, static_cast<uint32_t>(codes & mask_x), static_cast<uint32_t>((codes >> shift_y) & mask_y),
@@ -163,7 +164,7 @@ Result<void> check_codes(const LatticeDecoder& decoder, const std::array<uint32_
 }
 
 Result<void> check_floats(uint64_t vertex_count, std::span<const std::byte> bytes) {
-  // A block at a time without a branch, and value by value only where one is not finite.
+  // Tests a block at a time without a branch. Only a block with a value that is not finite is searched value by value.
   constexpr uint64_t kBlock = 1024;
   constexpr uint32_t kExponent = 0x7f800000u;
   const uint64_t count = 3 * vertex_count;
@@ -231,8 +232,7 @@ Result<MeshLattice> choose_lattice(const float lo[3], const float hi[3], uint32_
   const double half_ulp = 0.5 * float_ulp(largest);
   const int32_t coarsest = coarsest_exponent(max_error, half_ulp);
   auto lattice = lattice_of_exponent(lo, hi, std::max(coarsest, exact_exponent(axes)));
-  // Where half an ulp takes all of the error asked for, the lattice that has every float of the box would still keep
-  // it.
+  // If half an ulp takes all of max_error, a lattice that holds every float of the box exactly would still satisfy it.
   if (!lattice && coarsest < kMinLatticeExponent) {
     return bad_lattice("a maximum error of " + format_double(max_error) + " is not above " + format_double(half_ulp) +
                        ", half the spacing of float32 at " + format_double(largest) +
@@ -325,7 +325,7 @@ void encode_positions(std::span<std::byte> out, std::span<const uint32_t> coordi
       put(code, range.bits[axis]);
     }
   }
-  if (fill != 0) store(at, static_cast<uint32_t>(word));  // the slack takes what is past the data
+  if (fill != 0) store(at, static_cast<uint32_t>(word));  // bytes past the data are part of the slack
   zero_slack(out, vertex_count * range.stride_bits());
 }
 
@@ -359,8 +359,8 @@ Result<void> decode_positions(std::span<float> out, const MeshLattice& lattice, 
                    [&, values](uint64_t vertex, uint32_t x, uint32_t y, uint32_t z) {
                      largest = {std::max(largest[0], x), std::max(largest[1], y), std::max(largest[2], z)};
                      float* const at = values + 3 * vertex;
-                     // Codes have at most 24 bits: the conversion from signed 32-bit integers is exact and the cheap
-                     // one.
+                     // Codes have at most 24 bits, so the conversion from signed 32-bit integers is exact. It is also
+                     // the cheap one.
                      at[0] = static_cast<float>((x0 + static_cast<int32_t>(x)) * step);
                      at[1] = static_cast<float>((y0 + static_cast<int32_t>(y)) * step);
                      at[2] = static_cast<float>((z0 + static_cast<int32_t>(z)) * step);
@@ -380,7 +380,7 @@ Result<void> check_positions(uint64_t vertex_count, const MeshLattice& lattice, 
   if (vertex_count == 0) return {};
   std::array<uint32_t, 3> widest{};
   for (size_t axis = 0; axis < 3; ++axis) widest[axis] = static_cast<uint32_t>(low_mask(range.bits[axis]));
-  if (check_codes(*decoder, widest)) return {};  // no code can pass
+  if (check_codes(*decoder, widest)) return {};  // no code can be out of range
   std::array<uint32_t, 3> largest{};
   uint64_t done = 0;
   if (isa_avx2::kScansCodes && has_avx2() && range.stride_bits() != 0)

@@ -10,7 +10,7 @@ namespace {
 
 constexpr int32_t kMantissaBits = 23;
 constexpr int32_t kNoExponent = 1 << 20;
-constexpr int32_t kAllRoundToZero = 130;  // half of this step is above every float: any interval fits
+constexpr int32_t kAllRoundToZero = 130;  // half of this step is above every float, so any interval fits
 
 /// The exponent of float_ulp(value).
 int32_t ulp_exponent(float value) {
@@ -18,7 +18,7 @@ int32_t ulp_exponent(float value) {
   return static_cast<int32_t>(std::max(biased, 1u)) - 127 - kMantissaBits;
 }
 
-/// The exponent of the lowest set bit of a value that is not 0: the coarsest lattice that has it.
+/// The exponent of the lowest set bit of a value that is not 0, which is the coarsest lattice that contains the value.
 int32_t lowest_bit_exponent(float value) {
   const uint32_t bits = std::bit_cast<uint32_t>(value);
   const uint32_t fraction = bits & ((1u << kMantissaBits) - 1);
@@ -54,8 +54,8 @@ int32_t exact_exponent(std::span<const Interval> axes) {
 
 int32_t finest_exponent(std::span<const Interval> axes, uint32_t bits) {
   assert(bits >= 1 && bits <= 24);
-  // Start at or below the first exponent that can fit: an extent of 2^bits - 1 steps between rounded ends is at most
-  // 2^bits steps long.
+  // Start at or below the first exponent that can fit: if the rounded ends are 2^bits - 1 steps apart, the interval is
+  // at most 2^bits steps long.
   int32_t exponent = exact_exponent(axes);
   for (const Interval& axis : axes) {
     assert(std::isfinite(axis.lo) && std::isfinite(axis.hi) && axis.lo <= axis.hi);

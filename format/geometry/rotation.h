@@ -1,10 +1,10 @@
-// The rotation that a quaternion stands for, in one place: cameras and instances must agree on it.
+// The matrix of a quaternion, in one place, because cameras and instances must agree on it.
 #pragma once
 
 namespace scree::format {
 
-/// The matrix of a quaternion (xyzw), row by row. It is divided by its length, since a file holds it rounded and
-/// another program may write one that is far from a unit; of length 0 it stands for no rotation.
+/// The rotation matrix of a quaternion (xyzw), row by row. The quaternion is normalised here, since a file holds it
+/// rounded and another program may write one that is far from unit length. Length 0 gives no rotation.
 inline void rotation_matrix(const double q[4], double (&out)[3][3]) {
   const double norm = q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3];
   const double k = norm > 0 ? 2 / norm : 0;

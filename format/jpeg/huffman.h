@@ -1,5 +1,5 @@
-// Huffman tables of JPEG as a decoder likes them: one look for codes of up to 9 bits, six compares without a branch for
-// longer ones. 1.6 KiB, so that the four tables of a picture lie in the shared memory of a block of GPU threads.
+// JPEG Huffman tables for decoding: one look-up for codes of up to 9 bits, six compares without a branch for longer
+// ones. A table takes 1.6 KiB, so that the four tables of a picture fit the shared memory of a thread block.
 #pragma once
 
 #include <cstdint>
@@ -12,21 +12,23 @@ namespace scree::format {
 
 inline constexpr uint32_t kJpegFastBits = 9;
 
-/// A code as found: its length in bits and its symbol; length 0: no such code.
+/// A decoded code: its length in bits and its symbol. Length 0: no such code.
 struct JpegCode {
   uint32_t length;
   uint32_t symbol;
 };
 
+/// The decoding table of one Huffman code.
 struct JpegHuffmanTable {
   uint16_t fast[1u << kJpegFastBits];  // by the next 9 bits: length << 8 | symbol; 0 where the code is longer
-  // The codes of length 10 + i are below limit[i], as 16 bits with the code's first bit on top; the limits do not fall.
+  // The codes of length 10 + i are below limit[i], as 16 bits with the code's first bit on top. The limits never
+  // decrease.
   uint32_t limit[7];
   // symbols[first + code] is the symbol of a code of length 10 + i, modulo 2^32.
   uint32_t first[7];
   uint8_t symbols[256];
 
-  /// The code at the top of `window`, the next 16 bits of the stream in its low half. Any window is allowed.
+  /// The code at the top of `window`, whose low half holds the next 16 bits of the stream. Safe for any window.
   SCREE_HD JpegCode find(uint32_t window) const {
     const uint32_t entry = fast[window >> (16 - kJpegFastBits)];
     if (entry != 0) return {entry >> 8, entry & 255u};
@@ -38,11 +40,11 @@ struct JpegHuffmanTable {
   }
 };
 
-/// The table of `spec`, whose counts add up to at most 256. Codes are given out as T.81, C.2 says. Errors kFormat: more
-/// codes than fit their lengths, a code of ones alone, or, where `is_dc`, a symbol above 15.
+/// The table of `spec`, whose counts add up to at most 256. Codes are assigned as in T.81, C.2. Errors kFormat: more
+/// codes than fit their lengths, a code of ones only, or, if `is_dc`, a symbol above 15.
 Result<JpegHuffmanTable> make_jpeg_table(const JpegHuffmanSpec& spec, bool is_dc);
 
-/// The tables of T.81, K.3: DC and AC, number 0 for luminance, 1 for chrominance.
+/// The tables of T.81, K.3: DC and AC; number 0 for luminance, 1 for chrominance.
 const JpegHuffmanSpec& standard_jpeg_table(bool is_ac, uint32_t number);
 
 }  // namespace scree::format

@@ -16,12 +16,12 @@ uint32_t ceil_div(uint32_t a, uint32_t b) {
   return (a + b - 1) / b;
 }
 
-/// Hands out the sections of `bytes` one after the other.
+/// Splits `bytes` into sections, one after the other.
 class Sections {
  public:
   explicit Sections(std::span<const std::byte> bytes) : bytes_(bytes) {}
 
-  /// The next `size` bytes; what follows up to `whole` bytes has to be zero.
+  /// The next `size` bytes. The bytes after them, up to `whole` in all, must be zero.
   Result<std::span<const std::byte>> take(const char* what, uint64_t size, uint64_t whole) {
     if (bytes_.size() - at_ < whole) {
       return bad(ErrorCode::kTruncated, std::string(what) + " of " + std::to_string(whole) + " bytes at byte " +

@@ -1,5 +1,5 @@
-// The indexed JPEG: a sequential Huffman JPEG taken apart so that any MCU decodes alone, and put together again.
-// Lossless: the coefficients and tables are the file's. Source: spec/codecs.md, indexed JPEG.
+// The indexed JPEG: a sequential Huffman JPEG rearranged so that any MCU decodes independently, and the way back to a
+// JPEG file. Lossless: coefficients and tables are the file's. Source: spec/codecs.md, indexed JPEG.
 #pragma once
 
 #include <array>
@@ -18,7 +18,7 @@ namespace scree::format {
 
 inline constexpr uint16_t kJpegIndexVersion = 1;
 
-/// How a picture divides: all of it follows from its size and sampling factors.
+/// How a picture is divided into MCUs and groups. All of it follows from its size and sampling factors.
 struct JpegLayout {
   uint32_t mcus_across = 0;
   uint32_t mcus_down = 0;
@@ -30,28 +30,28 @@ struct JpegLayout {
   uint32_t mcu_count() const { return mcus_across * mcus_down; }  // at most 2^26
 };
 
-/// `components`: 1 or 3, factors 1 to 4. Errors kUnsupported: more than 10 blocks an MCU.
+/// `components`: 1 or 3, factors 1 to 4. Errors kUnsupported: more than 10 blocks per MCU.
 Result<JpegLayout> jpeg_layout(uint32_t width, uint32_t height, std::span<const JpegComponent> components);
 
-/// Bytes that encode_jpeg_index may need for a file of `file_bytes` bytes; memory is bounded by the file's size, not by
-/// what its header claims. Errors: those of judge_jpeg as kUnsupported, kUnsupported (more than 10 blocks an MCU),
-/// kFormat (a table that is missing), kTruncated (fewer than 2 bits a block).
+/// Upper bound of the bytes that encode_jpeg_index needs for a file of `file_bytes` bytes. It depends on the file's
+/// size, not on the claims of its header. Errors: those of judge_jpeg as kUnsupported, kUnsupported (more than 10
+/// blocks per MCU), kFormat (a missing table), kTruncated (fewer than 2 bits per block).
 Result<uint64_t> jpeg_index_bound(const JpegHeader& header, uint64_t file_bytes);
 
-/// What became of a file.
+/// Result of encode_jpeg_index().
 struct JpegEncoded {
   uint64_t bytes = 0;          // of the indexed JPEG, a multiple of 16
   uint64_t dropped_bytes = 0;  // left over before a restart marker, or behind the last MCU and before the next marker
 };
 
-/// Writes the indexed JPEG of `file`, whose header parse_jpeg read, into `out` (at least jpeg_index_bound() bytes,
-/// which may all be written). A file that only lacks its end marker is taken. Takes 16 bytes a group of memory. Errors,
-/// each with the byte of the file and the MCU: kTruncated (the data end early), kFormat (no such code, a coefficient
-/// past the 63rd, a marker that does not belong), kUnsupported (a second scan); and jpeg_index_bound's. Reentrant.
+/// Writes the indexed JPEG of `file` into `out`. `header`: as parse_jpeg read it. `out`: at least jpeg_index_bound()
+/// bytes, all of which may be written. A file that only lacks its end marker is accepted. Takes 16 bytes of memory per
+/// group. Errors, each with the byte in the file and the MCU: kTruncated (the data end early), kFormat (no such code, a
+/// coefficient past the 63rd, an unexpected marker), kUnsupported (a second scan); and jpeg_index_bound's. Reentrant.
 Result<JpegEncoded> encode_jpeg_index(std::span<std::byte> out, const JpegHeader& header,
                                       std::span<const std::byte> file);
 
-/// An indexed JPEG that has been opened. The spans are into the bytes it was opened from.
+/// An opened indexed JPEG. The spans point into the bytes it was opened from.
 struct JpegIndex {
   uint16_t width = 0;  // pixels
   uint16_t height = 0;
@@ -68,23 +68,24 @@ struct JpegIndex {
   std::span<const std::byte> blocks;     // JpegAnchorBlock
   std::span<const std::byte> anchors;    // with slack
 
-  /// Valid while this and the bytes are.
+  /// Valid as long as this object and the bytes.
   JpegView view() const;
-  /// What the index adds to the picture's data: anchor blocks and anchors.
+  /// Bytes that the index adds to the picture's data: anchor blocks and anchors.
   uint64_t index_bytes() const { return blocks.size() + anchors.size(); }
 };
 
-/// Opens and checks everything but the anchors themselves and the entropy-coded data, in time of the number of anchor
-/// blocks. Safe on any bytes, and decode_jpeg_mcu is on what it gives. Errors kFormat (no indexed JPEG, a table that
-/// cannot be), kVersion, kReserved, kRange, kUnsupported, kTruncated, kTrailing.
+/// Opens and checks all but the anchors themselves and the entropy-coded data, in time proportional to the number of
+/// anchor blocks. Safe on any bytes; decode_jpeg_mcu is then safe on the result. Errors kFormat (no indexed JPEG, an
+/// invalid table), kVersion, kReserved, kRange, kUnsupported, kTruncated, kTrailing.
 Result<JpegIndex> open_jpeg_index(std::span<const std::byte> bytes);
 
-/// Bytes that decode_jpeg_index may need.
+/// Upper bound of the bytes that decode_jpeg_index writes.
 uint64_t jpeg_file_bound(const JpegIndex& index);
 
 /// Writes a JPEG file with the same coefficients and tables into `out` (at least jpeg_file_bound() bytes) and returns
-/// its size. Decodes every MCU and compares every anchor on the way: what passes is whole. Errors kFormat, with the
-/// MCU: no such code, data that end early or go on, an anchor that is not where its group begins. Reentrant.
+/// its size. Decodes every MCU and compares every anchor on the way, so success means that the whole picture is valid.
+/// Errors kFormat, with the MCU: no such code, data that end early or go on, an anchor that is not where its group
+/// begins. Reentrant.
 Result<uint64_t> decode_jpeg_index(std::span<std::byte> out, const JpegIndex& index);
 
 }  // namespace scree::format

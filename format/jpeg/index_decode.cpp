@@ -22,7 +22,7 @@ class FileWriter {
   void text(std::span<const uint8_t> bytes) {
     for (const uint8_t value : bytes) byte(value);
   }
-  /// Entropy-coded bytes, a zero behind every FF.
+  /// Writes entropy-coded bytes, with a zero behind every FF.
   void stuffed(std::span<const std::byte> bytes) {
     while (!bytes.empty()) {
       const auto* const found = static_cast<const std::byte*>(std::memchr(bytes.data(), 0xff, bytes.size()));
@@ -105,7 +105,7 @@ void write_head(FileWriter& file, const JpegIndex& index) {
 }  // namespace
 
 uint64_t jpeg_file_bound(const JpegIndex& index) {
-  // A restart interval takes a byte of data or more.
+  // A restart interval takes at least a byte of data.
   return kMaxHeaderBytes + 4 * uint64_t{index.data.size()};
 }
 
@@ -115,7 +115,7 @@ Result<uint64_t> decode_jpeg_index(std::span<std::byte> out, const JpegIndex& in
   write_head(file, index);
   const JpegView view = index.view();
   JpegCursor cursor{};
-  uint64_t written = 0;  // bytes of the data
+  uint64_t written = 0;  // of the data
   const auto fail = [&](const char* what) {
     return Error{ErrorCode::kFormat, "indexed JPEG: MCU " + std::to_string(cursor.mcu) + ": " + what};
   };

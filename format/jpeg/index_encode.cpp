@@ -9,10 +9,10 @@
 namespace scree::format {
 namespace {
 
-/// The tables the components use, numbered by first use.
+/// The tables that the components use, numbered by first use.
 struct UsedTables {
-  std::array<JpegComponent, 3> components;  // with the new numbers
-  std::vector<uint32_t> quant;              // numbers in the file
+  std::array<JpegComponent, 3> components;  // with the new table numbers
+  std::vector<uint32_t> quant;              // numbers of the tables in the file
   std::vector<uint32_t> dc;
   std::vector<uint32_t> ac;
 };
@@ -24,7 +24,7 @@ uint8_t renumber(std::vector<uint32_t>& used, uint32_t number) {
   return place;
 }
 
-/// Everything but the data, decided from the header.
+/// All but the data, decided from the header.
 struct Plan {
   UsedTables tables;
   JpegLayout layout;
@@ -63,16 +63,16 @@ Result<Plan> make_plan(const JpegHeader& header) {
   return plan;
 }
 
-/// A stretch of entropy-coded data up to the next marker.
+/// Entropy-coded data up to the next marker.
 struct Stretch {
   uint64_t bytes = 0;   // unstuffed
-  uint32_t marker = 0;  // 0: the file ended
+  uint32_t marker = 0;  // 0: end of file
   uint64_t marker_at = 0;
-  uint64_t next = 0;  // behind the marker
+  uint64_t next = 0;  // offset behind the marker
 };
 
-/// Walks the data from `at` to the next marker, at most `limit` unstuffed bytes, writing them where `out` is not null.
-/// A stuffed zero behind any number of FF makes them one FF, and FF before a marker are fill, as libjpeg has it.
+/// Walks the data from `at` to the next marker, at most `limit` unstuffed bytes, and writes them if `out` is not null.
+/// Any number of FF before a stuffed zero make one FF, and FF before a marker are fill bytes, as in libjpeg.
 Stretch unstuff(std::span<const std::byte> file, uint64_t at, std::byte* out, uint64_t limit = UINT64_MAX) {
   Stretch stretch;
   while (at < file.size() && stretch.bytes < limit) {
@@ -104,10 +104,10 @@ struct Anchor {
   std::array<int16_t, kJpegMaxComponents> dc;
 };
 
-/// The scan as it is read: unstuffed into `out`, decoded for its anchors.
+/// Reads a scan: unstuffs it into `out` and decodes it for its anchors.
 class ScanReader {
  public:
-  /// `view`: everything but the data and the anchors. `out`: room for the rest of the file and slack.
+  /// `view`: all but the data and the anchors. `out`: room for the rest of the file and slack.
   ScanReader(std::span<const std::byte> file, uint64_t data_offset, const JpegView& view, std::span<std::byte> out)
       : file_(file), next_(data_offset), view_(view), out_(out) {
     view_.data = out_.data();
@@ -151,7 +151,7 @@ class ScanReader {
       begin_jpeg_mcu(view_, cursor_);
       if (cursor_.mcu % view_.group_mcus == 0) add_anchor();
       if (decode_jpeg_mcu_at(view_, cursor_, [](uint32_t, uint32_t, int32_t) {})) continue;
-      // Near the end of the data a code that is none is one cut off.
+      // Near the end of the data, an invalid code is a code that was cut off.
       if (cursor_.bit + 32 > view_.data_bits)
         return fail(ErrorCode::kTruncated, stretch.marker_at, "the data end, expected more");
       const uint64_t at = unstuff(file_, first, nullptr, cursor_.bit / 8 - before).marker_at;
@@ -171,7 +171,7 @@ class ScanReader {
     anchors_.push_back(anchor);
   }
 
-  /// What follows the scan up to the end marker; only another scan matters.
+  /// Checks the file behind the scan up to the end marker. Only another scan is an error.
   Result<void> check_rest() const {
     for (uint64_t at = marker_at_; at < file_.size();) {
       uint32_t marker;
@@ -197,7 +197,7 @@ class ScanReader {
   uint64_t marker_at_ = 0;
 };
 
-/// The tightest ranges of a block's groups, its `word` unset.
+/// The tightest ranges of a block's groups. `word` stays unset.
 JpegAnchorBlock block_of(std::span<const Anchor> anchors) {
   JpegAnchorBlock block{};
   block.bit = anchors.front().bit;
@@ -215,7 +215,7 @@ JpegAnchorBlock block_of(std::span<const Anchor> anchors) {
   return block;
 }
 
-/// Appends codes of up to 32 bits to zeroed bytes, the lowest bit first.
+/// Appends codes of up to 32 bits to zeroed bytes, lowest bit first.
 class BitWriter {
  public:
   explicit BitWriter(std::byte* at) : at_(at) {}
@@ -225,7 +225,7 @@ class BitWriter {
     fill_ += bits;
     if (fill_ >= 32) flush();
   }
-  /// The bits up to a 32-bit word's end become zero.
+  /// Fills up to the end of a 32-bit word with zeros.
   void align() {
     if (fill_ != 0) flush();
   }
@@ -313,7 +313,7 @@ Result<JpegEncoded> encode_jpeg_index(std::span<std::byte> out, const JpegHeader
   const auto plan = make_plan(header);
   if (!plan) return plan.error();
 
-  JpegIndex index;  // for its view alone
+  JpegIndex index;  // only for its view
   index.restart_interval = header.restart_interval;
   index.component_count = header.component_count;
   index.components = plan->tables.components;

@@ -1,4 +1,4 @@
-// The bytes of an indexed JPEG that its writer and its reader share. Source: spec/codecs.md, indexed JPEG.
+// The byte layout of an indexed JPEG, shared by its writer and its reader. Source: spec/codecs.md, indexed JPEG.
 #pragma once
 
 #include <cstdint>
@@ -11,7 +11,7 @@ namespace scree::format {
 
 inline constexpr char kJpegIndexMagic[4] = {'S', 'J', 'P', 'G'};
 inline constexpr uint64_t kJpegIndexAlignment = 16;
-inline constexpr uint32_t kMaxAnchorBits = 32 + 16 * kJpegMaxComponents;  // a group's, and its block's 32-bit words
+inline constexpr uint32_t kMaxAnchorBits = 32 + 16 * kJpegMaxComponents;  // of a group, and of its block's 32-bit words
 
 struct JpegIndexHeader {
   char magic[4];
@@ -34,7 +34,7 @@ struct JpegIndexHeader {
 };
 static_assert(sizeof(JpegIndexHeader) == 64);
 
-/// Bytes of a section of `size` bytes, with and without the 8 bytes of slack a packed stream has.
+/// Bytes of a section of `size` bytes, without and with the 8 bytes of slack of a packed stream.
 constexpr uint64_t jpeg_section_bytes(uint64_t size) {
   return align_up(size, kJpegIndexAlignment);
 }
@@ -42,7 +42,7 @@ constexpr uint64_t jpeg_stream_bytes(uint64_t size) {
   return align_up(size + kPackedSlackBytes, kJpegIndexAlignment);
 }
 
-/// A block of T.81 takes at least a DC and an AC code of a bit each.
+/// False if the data are too short: a block takes at least a DC and an AC code of one bit each (T.81).
 inline bool jpeg_data_may_hold(const JpegLayout& layout, uint64_t data_bytes) {
   return uint64_t{layout.mcu_count()} * layout.mcu_blocks <= 4 * data_bytes;
 }

@@ -1,5 +1,5 @@
-// Decoding one MCU of an indexed JPEG from its group's anchor; runs in kernels too. Nothing is allocated, and nothing
-// is read but the tables and streams of the view, whatever their bytes are. Source: spec/codecs.md, indexed JPEG.
+// Decodes one MCU of an indexed JPEG from its group's anchor; runs in kernels too. Allocates nothing, and reads only
+// the tables and streams of the view, whatever their bytes are. Source: spec/codecs.md, indexed JPEG.
 #pragma once
 
 #include <cstdint>
@@ -13,16 +13,16 @@ namespace scree::format {
 
 inline constexpr uint32_t kJpegMaxComponents = 3;
 inline constexpr uint32_t kJpegMaxMcuBlocks = 10;  // T.81, B.2.3
-inline constexpr uint32_t kJpegBlockGroups = 32;   // groups an anchor block holds: a warp's worth
-inline constexpr uint32_t kJpegGroupPixels = 256;  // a group covers at least so many
+inline constexpr uint32_t kJpegBlockGroups = 32;   // groups per anchor block, one per lane of a warp
+inline constexpr uint32_t kJpegGroupPixels = 256;  // a group covers at least this many pixels
 
-/// What the groups of an anchor block share, as it lies in the file.
+/// Values that the groups of an anchor block share, as it lies in the file.
 struct JpegAnchorBlock {
-  uint64_t bit;                         // where the first group's data begin
-  uint32_t word;                        // where the block's anchors begin, in 32-bit words
-  int16_t dc_min[kJpegMaxComponents];   // smallest DC predictor of the block's groups
+  uint64_t bit;                         // start of the first group's data
+  uint32_t word;                        // start of the block's anchors, in 32-bit words
+  int16_t dc_min[kJpegMaxComponents];   // smallest DC predictors of the block's groups
   uint8_t bit_bits;                     // width of a group's distance from `bit`, 0 to 32
-  uint8_t dc_bits[kJpegMaxComponents];  // and of its predictors' distances from dc_min, 0 to 16
+  uint8_t dc_bits[kJpegMaxComponents];  // widths of the predictors' distances from dc_min, 0 to 16
   uint8_t zero[2];
 };
 static_assert(sizeof(JpegAnchorBlock) == 24);
@@ -30,28 +30,28 @@ static_assert(sizeof(JpegAnchorBlock) == 24);
 struct JpegViewComponent {
   uint8_t h;  // blocks across and down in an MCU
   uint8_t v;
-  uint8_t quant;  // tables of the picture, from 0
-  uint8_t dc;     // place in JpegView::tables
+  uint8_t quant;  // index of the quantisation table in the picture
+  uint8_t dc;     // index in JpegView::tables
   uint8_t ac;
 };
 
-/// An indexed JPEG ready for decoding; owns nothing. Made by JpegIndex::view, whose checks the reads below rely on; on
-/// a GPU the pointers are those of copies there.
+/// An indexed JPEG ready for decoding; owns nothing. Made by JpegIndex::view, on whose checks the functions below rely.
+/// On a GPU the pointers refer to copies in device memory.
 struct JpegView {
   const void* data;                // unstuffed, with slack; in a kernel 4-byte aligned
   uint64_t data_bits;              // without slack
-  const void* blocks;              // JpegAnchorBlock, one for every 32 groups; in a kernel 8-byte aligned
+  const void* blocks;              // JpegAnchorBlock, one per 32 groups; in a kernel 8-byte aligned
   const void* anchors;             // packed, with slack; in a kernel 4-byte aligned
   const JpegHuffmanTable* tables;  // DC, then AC
   uint32_t mcu_count;
   uint32_t mcus_across;
-  uint32_t group_mcus;        // MCUs a group holds, at least 1; the last group may hold fewer
-  uint32_t restart_interval;  // MCUs, 0: none
+  uint32_t group_mcus;        // MCUs per group, at least 1; the last group may have fewer
+  uint32_t restart_interval;  // in MCUs; 0: none
   uint32_t component_count;   // 1 or 3
   JpegViewComponent components[kJpegMaxComponents];
 };
 
-/// Where decoding stands: before MCU `mcu`.
+/// State of decoding before MCU `mcu`.
 struct JpegCursor {
   uint64_t bit;
   uint32_t mcu;
@@ -103,16 +103,16 @@ SCREE_HD inline JpegCursor jpeg_anchor(const JpegView& view, uint32_t group) {
   return cursor;
 }
 
-/// At the start of a restart interval the data begin on a byte and the predictors are 0.
+/// At the start of a restart interval, aligns to a byte and resets the predictors to 0.
 SCREE_HD inline void begin_jpeg_mcu(const JpegView& view, JpegCursor& cursor) {
   if (view.restart_interval == 0 || cursor.mcu % view.restart_interval != 0) return;
   cursor.bit = (cursor.bit + 7) & ~uint64_t{7};
   for (uint32_t c = 0; c < kJpegMaxComponents; ++c) cursor.dc[c] = 0;
 }
 
-/// Decodes a block of component `c`: sink(k, value) for the DC coefficient (k = 0, also where it is 0) and every AC
-/// coefficient the data hold, k rising to at most 63 in zigzag order, values quantised, within int16. False where the
-/// data are invalid or truncated; the cursor is of no use then.
+/// Decodes a block of component `c`. Calls sink(k, value) for the DC coefficient (k = 0, even if it is 0) and every
+/// stored AC coefficient; k rises to at most 63 in zigzag order, values are quantised and within int16. Returns false
+/// for invalid or truncated data, after which the cursor is unspecified.
 template <class Sink>
 SCREE_HD bool decode_jpeg_block(const JpegView& view, JpegCursor& cursor, uint32_t c, Sink&& sink) {
   if (cursor.bit > view.data_bits) return false;
@@ -142,8 +142,8 @@ SCREE_HD bool decode_jpeg_block(const JpegView& view, JpegCursor& cursor, uint32
   return cursor.bit <= view.data_bits;
 }
 
-/// Decodes the MCU at the cursor and moves it on: sink(block, k, value), block 0 to 9 counted as the blocks come:
-/// component by component, rows of v times h blocks. False as above, and where there is no MCU left.
+/// Decodes the MCU at the cursor and advances it. Calls sink(block, k, value); blocks 0 to 9 count in stream order:
+/// component by component, rows of v times h blocks. Returns false as above, and if no MCU is left.
 template <class Sink>
 SCREE_HD bool decode_jpeg_mcu_at(const JpegView& view, JpegCursor& cursor, Sink&& sink) {
   if (cursor.mcu >= view.mcu_count) return false;
@@ -159,7 +159,7 @@ SCREE_HD bool decode_jpeg_mcu_at(const JpegView& view, JpegCursor& cursor, Sink&
   return true;
 }
 
-/// Decodes MCU `mcu` from its group's anchor, the MCUs before it in the group without their values. Sink and result as
+/// Decodes MCU `mcu` from its group's anchor; values of the group's earlier MCUs are discarded. Sink and result as
 /// above. Reentrant.
 template <class Sink>
 SCREE_HD bool decode_jpeg_mcu(const JpegView& view, uint32_t mcu, Sink&& sink) {

@@ -16,7 +16,7 @@ Error bad(ErrorCode code, uint64_t at, const std::string& what) {
   return {code, "JPEG: byte " + std::to_string(at) + ": " + what};
 }
 
-/// One segment's bytes behind its length.
+/// The bytes of a segment behind its length field.
 struct Segment {
   std::span<const std::byte> bytes;
   uint64_t offset;  // in the file
@@ -29,7 +29,7 @@ struct Segment {
   }
 };
 
-/// What colour is told by, beside the components.
+/// The markers that determine the colour, together with the components.
 struct ColourMarkers {
   bool has_jfif = false;
   bool has_adobe = false;
@@ -183,7 +183,7 @@ Result<JpegHeader> parse_jpeg(std::span<const std::byte> file) {
     uint32_t marker;
     at = next_jpeg_marker(file, at, marker);
     if (marker == 0) return bad(ErrorCode::kTruncated, file.size(), "the file ends before its first scan");
-    if (marker == 1 || (marker >= 0xd0 && marker <= 0xd7)) continue;  // stand alone
+    if (marker == 1 || (marker >= 0xd0 && marker <= 0xd7)) continue;  // markers without a segment
     if (marker == kSoi) return bad(ErrorCode::kFormat, at - 2, "a second start marker");
     if (marker == kEoi) return bad(ErrorCode::kFormat, at - 2, "the end marker before a scan");
     if (file.size() - at < 2) return bad(ErrorCode::kTruncated, file.size(), "the file ends before its first scan");

@@ -1,4 +1,4 @@
-// An indexed JPEG ready for its pixels (format/jpeg/pixels.h), and all of them row by row.
+// An indexed JPEG ready for decoding pixels (format/jpeg/pixels.h), and the decoding of a whole picture row by row.
 #pragma once
 
 #include <cstdint>
@@ -12,14 +12,14 @@
 
 namespace scree::format {
 
-/// What JpegPicture::factors points to.
+/// The table for JpegPicture::factors.
 std::vector<uint32_t> jpeg_factors(const JpegIndex& index);
 
-/// Valid while `index`, its bytes and `factors` (of jpeg_factors) are.
+/// Valid as long as `index`, its bytes and `factors` (from jpeg_factors()).
 JpegPicture jpeg_picture(const JpegIndex& index, const uint32_t* factors);
 
-/// Decodes the whole picture MCU row by MCU row, holding no more than that: row(y, rgb) for every row from the top, 3
-/// bytes a pixel. Errors kFormat: data that are none, with the MCU.
+/// Decodes the whole picture, holding one row of MCUs at a time. Calls row(y, rgb) for every row from the top, 3 bytes
+/// per pixel. Errors kFormat: invalid data, with the MCU.
 Result<void> decode_jpeg_rows(const JpegIndex& index,
                               const std::function<void(uint32_t y, std::span<const uint8_t> rgb)>& row);
 

@@ -1,5 +1,5 @@
-// From the coefficients of an indexed JPEG to its samples and colours; runs in kernels too. Integers alone, so every
-// machine has the same bits, those of libjpeg-turbo's exact transform. Source: spec/codecs.md, indexed JPEG.
+// From the coefficients of an indexed JPEG to its samples and colours; runs in kernels too. Integer arithmetic only, so
+// every machine computes the same bits, equal to libjpeg-turbo's exact transform. Source: spec/codecs.md, indexed JPEG.
 #pragma once
 
 #include <cstdint>
@@ -9,43 +9,44 @@
 
 namespace scree::format {
 
-/// Blocks of the largest group: 2 MCUs of 3 x 1 blocks in each of 3 components.
+/// Blocks of the largest group: 2 MCUs of 3 x 1 blocks for each of 3 components.
 inline constexpr uint32_t kJpegMaxGroupBlocks = 18;
 
-/// A picture ready for its pixels; owns nothing. A group's samples are the blocks of its MCUs one after the other, 64
-/// bytes each, rows of 8.
+/// A picture ready for decoding pixels; owns nothing. A group's samples are the blocks of its MCUs in order, 64 bytes
+/// each, rows of 8.
 struct JpegPicture {
   JpegView view;
-  const uint32_t* factors;  // of each quantisation table 64, in zigzag order: factor | row-major place << 16
+  const uint32_t* factors;  // 64 per quantisation table, in zigzag order: factor | row-major index << 16
   uint32_t width;           // pixels
   uint32_t height;
   uint32_t mcu_width;  // pixels, multiples of 8
   uint32_t mcu_height;
   uint32_t mcu_blocks;
   uint32_t colour;  // JpegColour
-  // What divides by whole numbers without a division, which a GPU has no instruction for: see divide_jpeg().
+  // Fixed-point reciprocals, since a GPU has no instruction for integer division; see divide_jpeg().
   uint32_t mcu_width_inverse;
   uint32_t mcu_height_inverse;
-  uint32_t group_inverse;  // of view.group_mcus
+  uint32_t group_inverse;  // for view.group_mcus
   struct Scale {
-    uint32_t x;  // 2^16 times the component's share of the MCU's samples a row, rounded up
+    uint32_t x;  // 2^16 times the component's samples per MCU row over the MCU's width, rounded up
     uint32_t y;
   } scales[kJpegMaxComponents];
 };
 
-/// Of divisors of at most 32.
+/// Fixed-point reciprocal of a divisor of at most 32.
 constexpr uint32_t jpeg_inverse(uint32_t divisor) {
   return ((1u << 31) + divisor - 1) / divisor;
 }
 
-/// value / divisor for value < 2^26: `inverse` is off by less than 1, so the product by less than 2^26 of the 2^31 /
-/// 32 that the next whole number is away.
+/// value / divisor for value < 2^26. `inverse` is off by less than 1, so the product is off by less than 2^26. The
+/// distance to the next whole number is at least 2^31 / 32.
 SCREE_HD inline uint32_t divide_jpeg(uint32_t value, uint32_t inverse) {
   return static_cast<uint32_t>(uint64_t{value} * inverse >> 31);
 }
 
 /// The one-dimensional inverse DCT of Loeffler, Ligtenberg and Moschytz with 13 bits of fraction: 8 values, `step`
-/// apart, in place, 2^3 times the orthogonal transform's over 2^(shift - 13). Sums wrap where damaged data make them.
+/// apart, in place. The result is 2^3 times the orthogonal transform over 2^(shift - 13). Sums of damaged data may
+/// wrap.
 SCREE_HD inline void transform_jpeg_line(int32_t* values, uint32_t step, uint32_t shift) {
   const auto at = [&](uint32_t i) { return static_cast<uint32_t>(values[i * step]); };
   const auto put = [&](uint32_t i, uint32_t value) {
@@ -80,8 +81,8 @@ SCREE_HD inline uint32_t clamp_jpeg_sample(int32_t value) {
   return value < 0 ? 0u : value > 255 ? 255u : static_cast<uint32_t>(value);
 }
 
-/// 64 coefficients in row-major order, dequantised, become 64 samples (in a kernel 8-byte aligned); `coefficients` is
-/// destroyed.
+/// Turns 64 dequantised coefficients in row-major order into 64 samples (in a kernel 8-byte aligned). Overwrites
+/// `coefficients`.
 SCREE_HD inline void transform_jpeg_block(int32_t* coefficients, uint8_t* samples) {
   for (uint32_t i = 0; i < 8; ++i) transform_jpeg_line(coefficients + i, 8, 11);
   for (uint32_t i = 0; i < 8; ++i) transform_jpeg_line(coefficients + 8 * i, 1, 18);
@@ -96,7 +97,7 @@ SCREE_HD inline void transform_jpeg_block(int32_t* coefficients, uint8_t* sample
 #endif
 }
 
-/// Decodes a block of component `c` to 64 samples. False, and no samples, for invalid or truncated data.
+/// Decodes a block of component `c` to 64 samples. Returns false, and writes no samples, for invalid or truncated data.
 SCREE_HD inline bool decode_jpeg_block_samples(const JpegPicture& picture, JpegCursor& cursor, uint32_t c,
                                                uint8_t* samples) {
   const uint32_t* const factors = picture.factors + 64 * picture.view.components[c].quant;
@@ -108,8 +109,8 @@ SCREE_HD inline bool decode_jpeg_block_samples(const JpegPicture& picture, JpegC
   return good;
 }
 
-/// Decodes the MCU at the cursor and moves it on: 64 * mcu_blocks bytes of samples. False where the data are
-/// invalid or truncated; the blocks not decoded are grey then.
+/// Decodes the MCU at the cursor to 64 * mcu_blocks bytes of samples and advances the cursor. Returns false for invalid
+/// or truncated data; blocks that were not decoded are then grey.
 SCREE_HD inline bool decode_jpeg_samples(const JpegPicture& picture, JpegCursor& cursor, uint8_t* samples) {
   uint8_t* const end = samples + 64 * picture.mcu_blocks;
   bool good = cursor.mcu < picture.view.mcu_count;
@@ -126,20 +127,21 @@ SCREE_HD inline bool decode_jpeg_samples(const JpegPicture& picture, JpegCursor&
   return good;
 }
 
-/// The samples of a whole group, below ceil(mcu_count / group_mcus): 64 * mcu_blocks * group_mcus bytes, of which those
-/// of MCUs past the last are left alone. Grey from where the data are invalid or truncated; any bytes are safe.
+/// The samples of a whole group, which is below ceil(mcu_count / group_mcus): 64 * mcu_blocks * group_mcus bytes. Bytes
+/// of MCUs past the last one are left alone. Samples are grey from the first invalid or truncated block on. Any bytes
+/// are safe.
 SCREE_HD inline void decode_jpeg_group(const JpegPicture& picture, uint32_t group, uint8_t* samples) {
   JpegCursor cursor = jpeg_anchor(picture.view, group);
   const uint32_t left = picture.view.mcu_count - cursor.mcu;
   const uint32_t count = left < picture.view.group_mcus ? left : picture.view.group_mcus;
   bool good = true;
   for (uint32_t i = 0; i < count; ++i, samples += 64 * picture.mcu_blocks) {
-    if (!good) cursor.bit = picture.view.data_bits + 1;  // which no block begins at
+    if (!good) cursor.bit = picture.view.data_bits + 1;  // past the end, where no block decodes
     good = decode_jpeg_samples(picture, cursor, samples);
   }
 }
 
-/// Where a pixel lies: its group, and its MCU's first block in the group's samples; the rest is its place in the MCU.
+/// The location of a pixel: its group, the first block of its MCU in the group's samples, and its position in the MCU.
 struct JpegPlace {
   uint32_t group;
   uint32_t first_block;
@@ -156,7 +158,7 @@ SCREE_HD inline JpegPlace jpeg_place(const JpegPicture& picture, uint32_t x, uin
           y - row * picture.mcu_height};
 }
 
-/// The pixel's sample among those of component `c` in its MCU. A component of fewer samples is repeated, not
+/// Index of the pixel's sample among the samples of component `c` in its MCU. Subsampled components are repeated, not
 /// interpolated: pixel x of the MCU has sample floor(x * h / h of the largest).
 SCREE_HD inline uint32_t jpeg_sample(const JpegPicture& picture, const JpegPlace& place, uint32_t c) {
   const uint32_t x = place.x * picture.scales[c].x >> 16;
@@ -164,7 +166,7 @@ SCREE_HD inline uint32_t jpeg_sample(const JpegPicture& picture, const JpegPlace
   return 64 * ((y >> 3) * picture.view.components[c].h + (x >> 3)) + 8 * (y & 7u) + (x & 7u);
 }
 
-/// A colour as coded, red in the low byte, of the samples of a pixel's components.
+/// The encoded colour, red in the low byte, from the samples of a pixel's components.
 SCREE_HD inline uint32_t jpeg_code(const JpegPicture& picture, const int32_t value[kJpegMaxComponents]) {
   if (picture.view.component_count == 1) return static_cast<uint32_t>(value[0]) * 0x010101u;
   if (picture.colour != static_cast<uint32_t>(JpegColour::kYcbcr))
@@ -179,7 +181,7 @@ SCREE_HD inline uint32_t jpeg_code(const JpegPicture& picture, const int32_t val
   return r | g << 8 | b << 16;
 }
 
-/// A pixel's colour as coded, from its group's samples.
+/// A pixel's encoded colour, from its group's samples.
 SCREE_HD inline uint32_t jpeg_colour(const JpegPicture& picture, const JpegPlace& place, const uint8_t* samples) {
   const uint8_t* block = samples + 64 * place.first_block;
   int32_t value[kJpegMaxComponents] = {};
@@ -190,15 +192,16 @@ SCREE_HD inline uint32_t jpeg_colour(const JpegPicture& picture, const JpegPlace
   return jpeg_code(picture, value);
 }
 
-/// The colours of those of four pixels, all of group places[i].group, whose bit in `wanted` is set: as jpeg_colour()
-/// gives them, where there is no room for the group's samples. The group is decoded up to the last of them.
+/// The colours, as from jpeg_colour(), of up to four pixels, for callers without room for a group's samples. `places`:
+/// all of one group. `wanted`: a bit per pixel; the others are left alone. Decodes the group up to the last wanted
+/// pixel.
 SCREE_HD inline void decode_jpeg_colours(const JpegPicture& picture, const JpegPlace places[4], uint32_t wanted,
                                          uint32_t colours[4]) {
   int32_t values[4][kJpegMaxComponents];
   uint32_t last_block = 0;
   uint32_t group = 0;
   for (uint32_t i = 0; i < 4; ++i) {
-    for (uint32_t c = 0; c < kJpegMaxComponents; ++c) values[i][c] = 128;  // stays where the data are invalid
+    for (uint32_t c = 0; c < kJpegMaxComponents; ++c) values[i][c] = 128;  // kept where the data are invalid
     if ((wanted >> i & 1u) == 0) continue;
     group = places[i].group;
     if (places[i].first_block > last_block) last_block = places[i].first_block;

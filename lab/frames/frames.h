@@ -1,4 +1,4 @@
-// How bench draws a frame: the only file here that knows which functions of kernels/ do it.
+// Draws frames for the lab. The only file here that depends on the drawing functions of kernels/.
 #pragma once
 
 #include <memory>
@@ -13,22 +13,22 @@
 
 namespace scree::lab {
 
-/// Of one frame, ms; what the backend does not time apart is missing.
+/// Times of one frame, ms. Stages that the backend does not time separately are missing.
 struct FrameMs {
   std::optional<float> clear, cull, small, medium, large, pyramid, second, raster, resolve, occlusion;
-  float wall = 0;   // by the host's clock: from the call to the finished visibility buffer
-  float frame = 0;  // all of it, with the waits between
+  float wall = 0;   // by the host's clock, from the call to the finished visibility buffer
+  float frame = 0;  // the whole frame, with the waits between stages
 };
 
 struct FrameOptions {
   uint32_t samples_per_side = 1;
-  bool sampleless_test = true;  // triangles that cover no pixel centre go early
+  bool sampleless_test = true;  // drops triangles that cover no pixel centre early
   Culling culling;
   Effects effects;
-  bool stage_times = false;  // of small scenes too, which take longer then
+  bool stage_times = false;  // also for small scenes, which become slower by it
 };
 
-/// Draws frames of one scene, which outlives it.
+/// Draws frames of one scene, which must outlive it.
 class Frames {
  public:
   static Result<Frames> create(const ResidentScene& scene, const kernels::CudaQueueSizes& sizes = {});
@@ -36,12 +36,12 @@ class Frames {
   Frames& operator=(Frames&&) noexcept;
   ~Frames();
 
-  /// Draws and resolves `view`, width and height in samples. Errors kDevice, kRange.
+  /// Draws and resolves `view`, whose width and height are in samples. Errors kDevice, kRange.
   Result<kernels::FrameStats> draw(const kernels::View& view, const FrameOptions& options, FrameMs& ms);
 
   /// The visibility buffer of the last frame, read back.
   Result<std::vector<uint64_t>> samples() const;
-  /// The last frame with its picture.
+  /// The picture and the visibility buffer of the last frame.
   Result<HostPicture> picture() const;
 
  private:

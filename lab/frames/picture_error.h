@@ -1,4 +1,4 @@
-// One picture against another of the same view: by triangle, by depth, by colour.
+// Compares two pictures of the same view: by triangle, by depth, by colour.
 #pragma once
 
 #include <cstdint>
@@ -13,10 +13,10 @@ namespace scree::lab {
 /// A frame on the host.
 struct HostPicture {
   std::vector<uint64_t> samples;  // the visibility buffer
-  std::vector<uint8_t> pixels;    // RGBA8, sRGB-coded, 4 bytes a pixel
+  std::vector<uint8_t> pixels;    // RGBA8, sRGB-coded, 4 bytes per pixel
 };
 
-/// `picture` against `reference`, both of `view`. The position error is left 0.
+/// Compares `picture` with `reference`, both of `view`. The position error is left 0.
 PictureError compare_pictures(const kernels::View& view, const HostPicture& picture, const HostPicture& reference);
 
 }  // namespace scree::lab

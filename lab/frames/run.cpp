@@ -74,7 +74,7 @@ class Runner {
     std::printf("%s, driver %s, copies %.2f TB/s; commit %s; median of %u frames after %u, ms\n",
                 machine_.device.c_str(), machine_.driver.c_str(), machine_.copy_gb_per_s * 1e-3,
                 machine_.commit.c_str(), options_.frames, options_.warmup);
-    // What was measured before a failure is printed all the same.
+    // Results measured before a failure are printed all the same.
     const Result<void> done = measure_all();
     if (!results_.empty()) print();
     return done;
@@ -135,7 +135,7 @@ class Runner {
     return resident;
   }
 
-  /// The cases of one view and number of samples: what is culled, the effects.
+  /// Measures one view and number of samples with each kind of culling and each effect.
   Result<void> measure_view(const ResidentScene& resident, Frames& frames, const NamedView& view, CaseResult result) {
     for (const bool test : options_.sampleless_tests) {
       for (const Culling& culling : options_.culling) {
@@ -169,7 +169,7 @@ class Runner {
     return {};
   }
 
-  /// Every encoding against packed float32 of the same view.
+  /// Compares every encoding with packed float32 of the same view.
   Result<void> sweep_scene(const std::string& name) {
     const synth::Scene scene = make_scene(name, options_.order, options_.scale);
     std::vector<HostPicture> references;
@@ -243,7 +243,7 @@ class Runner {
     return {};
   }
 
-  /// Warms up and takes the times of options_.frames frames, or of a path once.
+  /// Warms up, then times options_.frames frames, or the frames of a path once.
   Result<void> measure(const ResidentScene& resident, Frames& frames, const NamedView& view, const Culling& culling,
                        const Effects& effects, CaseResult& result) {
     result.view = view.name;
@@ -276,7 +276,7 @@ class Runner {
         samples->begin(), samples->end(), [](uint64_t sample) { return sample != kernels::kBackground; }));
     result.picture = format::checksum(std::as_bytes(std::span(*samples)));
     const Touched touched = count_touched(resident.host(), resident.boxes(), view.frames.back());
-    // Only where the frame drew just these chunks are these the bytes it read.
+    // These are the bytes that the frame read only if it drew exactly these chunks.
     if (view.frames.size() == 1 && result.stats.clusters_drawn == 0 && touched.draws == result.stats.draws)
       result.touched_bytes = touched.bytes;
     return {};

@@ -1,4 +1,4 @@
-// What `scree-lab` does once its options are known.
+// Runs `scree-lab` with parsed options.
 #pragma once
 
 #include "format/result.h"
@@ -6,8 +6,8 @@
 
 namespace scree::lab {
 
-/// Measures what the options name, prints tables on stdout and appends the rows to the CSV file. Errors kDevice: built
-/// without CUDA, no usable GPU, a scene that does not fit; those of the file and of the CSV file.
+/// Measures the cases of the options, prints tables on stdout and appends the rows to the CSV file. Errors kDevice
+/// (built without CUDA, no usable GPU, a scene that does not fit), errors of the scene file and of the CSV file.
 Result<void> run_bench(const LabOptions& options);
 
 }  // namespace scree::lab

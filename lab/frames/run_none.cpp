@@ -1,4 +1,4 @@
-// Frames of generated scenes, where the program is built without CUDA.
+// Replaces run.cpp in a build without CUDA: frames of generated scenes are an error.
 #include "lab/frames/run.h"
 #include "lab/setup/machine.h"
 

@@ -170,7 +170,7 @@ class TexturedBench {
     return drawn;
   }
 
-  /// A row: the views one after the other, after as many of the first as warm up.
+  /// Measures a row: the views one after the other. The first view warms up, as often as the options say.
   Result<void> series(inspect::TextTable& table, const std::string& name, const char* textures,
                       const std::vector<kernels::View>& views, kernels::Show show, bool cold, bool warms_up = true) {
     for (uint32_t i = 0; warms_up && i < options_.warmup; ++i)
@@ -195,7 +195,7 @@ class TexturedBench {
     return {};
   }
 
-  /// Every base level decoded whole, one launch each.
+  /// Decodes every base level completely, one launch each.
   Result<void> measure_decoder() {
     Result<GpuTimer> timer = GpuTimer::create();
     if (!timer) return timer.error();

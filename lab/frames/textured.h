@@ -1,4 +1,4 @@
-// What textures cost a frame that stay JPEGs on the GPU.
+// Measures the cost of textures that stay JPEGs on the GPU.
 #pragma once
 
 #include "format/result.h"
@@ -7,9 +7,9 @@
 
 namespace scree::lab {
 
-/// Makes the scene "textured" (tools/synth/textured.h) in a folder of its own, which it removes, packs it, brings it to
-/// the GPU, and prints what it takes, what its frames take (without textures, from a warm and from a cold cache, on a
-/// path), and how fast the GPU decodes. Errors those of write_textured, convert, Scene::load, CudaScene::upload; kFile.
+/// Makes the scene "textured" (tools/synth/textured.h) in a temporary folder, packs it, uploads it to the GPU, and
+/// removes the folder. Prints the sizes, the frame times (without textures, from a warm and from a cold cache, on a
+/// path), and the GPU's decoding speed. Errors of write_textured, convert, Scene::load, CudaScene::upload; kFile.
 Result<void> run_textured(const LabOptions& options, const Machine& machine);
 
 }  // namespace scree::lab

@@ -17,7 +17,7 @@ convert::ConvertOptions convert_options(const std::string& source, const std::st
   convert::ConvertOptions options = packing(source, path, encoding, threads);
   options.source_ids = true;
   options.drop_nonfinite = true;
-  options.images.textures = convert::Textures::kRaw;  // they are not drawn
+  options.images.textures = convert::Textures::kRaw;  // textures are not drawn
   return options;
 }
 
@@ -60,7 +60,7 @@ Result<PackedScene::Drawn> PackedScene::draw(const kernels::View& view, uint32_t
   samples.width *= samples_per_side;
   samples.height *= samples_per_side;
   Drawn drawn;
-  // Draws once more and gives the time it took, ms.
+  // Draws once more and returns the time, ms.
   const auto draw_one = [&]() -> Result<float> {
     if (device_ != nullptr) {
       kernels::FrameTimes times{};

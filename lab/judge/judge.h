@@ -1,4 +1,4 @@
-// A glTF scene, drawn exactly by the reference rasteriser, and the pictures of what convert makes of it beside that.
+// Draws a glTF scene with the exact reference rasteriser, and compares the pictures of convert's file with it.
 #pragma once
 
 #include <cstdint>
@@ -19,19 +19,19 @@
 
 namespace scree::lab {
 
-/// How frames are drawn and timed.
+/// Where and how often frames are drawn and timed.
 struct DrawSettings {
   bool gpu = false;
   uint32_t threads = 1;
-  uint32_t frames = 60;  // fewer where they take longer than bench::kTimeBudgetMs
-  uint32_t warmup = 10;  // likewise, a quarter of that
+  uint32_t frames = 60;  // fewer if they take longer than bench::kTimeBudgetMs
+  uint32_t warmup = 10;  // likewise, with a quarter of that time
 };
 
-/// A source as convert packs it one way, ready to draw. Its file is mapped: it may be unlinked, not changed.
+/// A source packed by convert in one encoding, ready to draw. Its file is mapped: it may be unlinked, but not changed.
 class PackedScene {
  public:
-  /// Writes `path`, with source triangle numbers, and loads it, without textures. Errors: those of convert,
-  /// Scene::load, DeviceScene::upload.
+  /// Writes `path`, with source triangle numbers, and loads it without textures. Errors of convert, Scene::load,
+  /// DeviceScene::upload.
   static Result<PackedScene> make(const std::string& source, const std::string& path, const Encoding& encoding,
                                   const DrawSettings& settings);
 
@@ -39,15 +39,16 @@ class PackedScene {
   const runtime::Scene& scene() const { return *scene_; }
 
   struct Drawn {
-    runtime::Picture picture;  // RGB, black behind
+    runtime::Picture picture;  // RGB on black
     Times times;
     uint32_t frames = 0;
     std::optional<runtime::Frame> frame;  // the last one, its samples on the host
   };
-  /// Draws `view` (of one sample a pixel) with so many samples a side. Errors: those of drawing and shading.
+  /// Draws `view` (of one sample per pixel) with `samples_per_side` squared samples per pixel. Errors of drawing and
+  /// shading.
   Result<Drawn> draw(const kernels::View& view, uint32_t samples_per_side) const;
 
-  /// What is the same for every picture: sizes and errors.
+  /// Fills in the columns that are the same for every picture: sizes and errors.
   void describe(JudgedCase& row) const;
 
  private:
@@ -61,13 +62,13 @@ class PackedScene {
   double position_bound_ = 0;
 };
 
-/// All of a source in memory, and its exact pictures.
+/// A source, completely in memory, and its exact pictures.
 class SourceJudge {
  public:
-  /// `packed`: made of `source`. Errors: those of import_gltf and load_source_model.
+  /// `packed`: made from `source`. Errors of import_gltf and load_source_model.
   static Result<SourceJudge> open(const std::string& source, const PackedScene& packed, uint32_t threads);
 
-  /// What is right, of one view.
+  /// The exact picture of one view.
   struct Truth {
     std::string name;
     kernels::View view;
@@ -75,16 +76,16 @@ class SourceJudge {
     std::vector<uint8_t> rgb;
     uint64_t covered = 0;
   };
-  /// Errors kMemory.
+  /// Draws the exact picture. Errors kMemory.
   Result<Truth> draw(const bench::FileView& view) const;
-  /// The picture of `samples_per_side` squared samples a pixel. Errors kMemory, kRange (too large).
+  /// The picture with `samples_per_side` squared samples per pixel. Errors kMemory, kRange (too large).
   Result<std::vector<uint8_t>> draw_supersampled(const kernels::View& view, uint32_t samples_per_side) const;
 
-  /// Fills in what `drawn`, a picture of one sample a pixel, shows wrong. Errors as compare_frame.
+  /// Fills in the errors of `drawn`, a picture of one sample per pixel. Errors as compare_frame.
   Result<void> judge(const PackedScene::Drawn& drawn, const Truth& truth, JudgedCase& row) const;
-  /// Likewise what the reference shows wrong in one of its modes.
+  /// Likewise the errors of the reference in one of its modes.
   Result<void> judge_mode(const compare::ReferenceMode& mode, const Truth& truth, JudgedCase& row) const;
-  /// PSNR and FLIP alone, of two pictures of the size of `view`.
+  /// Fills in PSNR and FLIP only, for two pictures of the size of `view`.
   void judge_picture(std::span<const uint8_t> rgb, std::span<const uint8_t> expected, const kernels::View& view,
                      JudgedCase& row) const;
 

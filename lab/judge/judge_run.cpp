@@ -20,7 +20,7 @@ namespace {
 
 constexpr ImageSize kImageSize{1920, 1080};
 
-/// A glTF to judge.
+/// A glTF to be judged.
 struct Source {
   std::string name;
   std::string path;
@@ -36,7 +36,7 @@ class JudgeRun {
   Result<void> run() {
     std::printf("%s; commit %s; median of up to %u frames, ms\n", machine_.device.c_str(), machine_.commit.c_str(),
                 settings_.frames);
-    // What was judged before a failure is printed all the same.
+    // Rows judged before a failure are printed all the same.
     const Result<void> done = judge_all();
     if (!rows_.empty()) std::printf("\n%s", judged_tables(rows_).c_str());
     return done;
@@ -45,7 +45,7 @@ class JudgeRun {
  private:
   Result<void> judge_all() {
     for (const std::string& name : options_.scenes) {
-      if (!has_view(name)) continue;  // the views named are other scenes'
+      if (!has_view(name)) continue;  // the named views belong to other scenes
       const Result<Source> source = synthesize(name);
       if (!source) return source.error();
       if (Result<void> done = judge_source(*source); !done) return done;
@@ -53,14 +53,14 @@ class JudgeRun {
       std::filesystem::remove_all(folder_.file(kSceneFolder), ignored);
     }
     for (const std::string& path : options_.files) {
-      // Beside scenes, views named are theirs.
+      // If there are scenes too, the named views belong to these.
       const std::vector<std::string> views = options_.scenes.empty() ? options_.views : std::vector<std::string>();
       if (Result<void> done = judge_source({file_name(path), path, 1, views}); !done) return done;
     }
     return {};
   }
 
-  /// Whether a scene has one of the views named; where none is, all are drawn.
+  /// Whether a scene has one of the named views; true if none is named, since all are drawn then.
   bool has_view(const std::string& name) const {
     if (options_.views.empty()) return true;
     const synth::Scene scene = make_scene(name, options_.order, options_.scale);
@@ -92,7 +92,7 @@ class JudgeRun {
     const std::string path = folder_.file("packed.scree");
     Result<PackedScene> packed = PackedScene::make(source.path, path, encoding, settings_);
     std::error_code ignored;
-    std::filesystem::remove(path, ignored);  // it stays mapped
+    std::filesystem::remove(path, ignored);  // the file stays mapped
     return packed;
   }
 
@@ -103,7 +103,7 @@ class JudgeRun {
     if (!packed) return packed.error();
     const Result<SourceJudge> judge = SourceJudge::open(source.path, *packed, settings_.threads);
     if (!judge) return judge.error();
-    // The default view depends a little on the vertices: all pictures are of float32's.
+    // The default view depends slightly on the vertices, so all pictures use the view for float32 positions.
     const auto views = bench::file_views(packed->scene(), source.path, source.views, options_.size.value_or(kImageSize),
                                          settings_.threads);
     if (!views) return views.error();
@@ -123,7 +123,7 @@ class JudgeRun {
       if (!picture) return picture.error();
       supersampled.push_back(std::move(*picture));
     }
-    bool is_exact = true;  // packed is still what judged the views
+    bool is_exact = true;  // the packed scene is still the one that the views were judged with
     for (const Encoding& encoding : options_.encodings) {
       if (!encoding.float32 || !is_exact) packed = pack(source, encoding);
       if (!packed) return packed.error();

@@ -1,4 +1,4 @@
-// What `scree-lab --reference` and --curves do once their options are known.
+// Runs `scree-lab --reference` and --curves with parsed options.
 #pragma once
 
 #include "format/result.h"
@@ -6,10 +6,10 @@
 
 namespace scree::lab {
 
-/// Packs every scene and model in every encoding, draws it where it can (a usable GPU, else the CPU), and judges the
-/// pictures by the reference; with options.curves also what depth codes, snapping and numbers of samples cost. Prints
-/// tables on stdout and appends the rows to the CSV file. What is written on the way lies in $TMPDIR (else /tmp), one
-/// scene and one file of it at a time. Errors: those of the sources, the device, the CSV file.
+/// Packs every scene and model in every encoding, draws it (on a usable GPU, else the CPU), and compares the pictures
+/// with the reference. With options.curves it also measures the errors of depth codes, snapping and numbers of samples.
+/// Prints tables on stdout and appends the rows to the CSV file. Temporary files lie in $TMPDIR (else /tmp), one scene
+/// and one packed file at a time. Errors of the sources, the device, the CSV file.
 Result<void> judge_scenes(const LabOptions& options);
 
 }  // namespace scree::lab

@@ -26,7 +26,7 @@ std::string psnr(const JudgedCase& row) {
   return std::isinf(row.psnr_db) ? "equal" : short_number(row.psnr_db);
 }
 
-/// What tells rows of one scene and view apart.
+/// The part of a row that tells it apart from others of the same scene and view.
 std::string drawn_as(const JudgedCase& row) {
   switch (row.study) {
     case Study::kDepth:
@@ -49,7 +49,7 @@ std::string scene_of(const JudgedCase& row) {
   return row.scene + (row.scale == 1 ? "" : " x" + short_number(row.scale)) + ", " + row.view;
 }
 
-/// Of a scene's drawings, what they show wrong.
+/// The table of a study's pixel errors, a row per drawing.
 std::string pixel_table(std::span<const JudgedCase> rows, Study study) {
   TextTable table(2);
   table.row({"scene, view", "drawn", "B/tri", "ms", "error", "bound", "covered", "wrong", "share", "background", "mesh",

@@ -1,4 +1,4 @@
-// What the reference says of one picture: a row of `scree-lab --reference` and --curves.
+// The comparison of one picture with the reference: a row of `scree-lab --reference` and --curves.
 #pragma once
 
 #include <array>
@@ -13,12 +13,12 @@
 
 namespace scree::lab {
 
-/// Which question a row answers.
+/// The question that a row answers.
 enum class Study : uint8_t {
-  kPositions,    // what a width of positions costs
-  kSupersample,  // what 1, 4 and 16 samples a pixel leave of the difference to 64
-  kDepth,        // what depth codes cost, all else exact
-  kSnapping,     // what rounding projected corners costs, all else exact
+  kPositions,    // the error by the width of positions
+  kSupersample,  // the difference from 64 samples per pixel that 1, 4 and 16 samples leave
+  kDepth,        // the error of depth codes, with all else exact
+  kSnapping,     // the error of rounding projected corners, with all else exact
 };
 const char* study_name(Study study);
 
@@ -30,30 +30,30 @@ struct JudgedCase {
   uint32_t width = 0;  // pixels
   uint32_t height = 0;
   std::string positions;  // bits, "float32"; "source": the reference rasteriser itself, in one of its modes
-  std::string indices;    // "packed", "clustered"; of "source" empty
+  std::string indices;    // "packed", "clustered"; empty for "source"
   uint32_t samples_per_side = 1;
   uint32_t depth_bits = 28;  // 0: double precision
-  uint32_t snap = 256;       // steps a pixel; 0: none
+  uint32_t snap = 256;       // steps per pixel; 0: none
 
   uint64_t unique_triangles = 0;
   uint64_t drawn_triangles = 0;
-  uint64_t geometry_bytes = 0;  // indices and positions, or clusters; of "source" 0
-  double position_error = 0;    // largest that convert found, of a coordinate, model units
-  double position_bound = 0;    // largest that a mesh states
+  uint64_t geometry_bytes = 0;  // indices and positions, or clusters; 0 for "source"
+  double position_error = 0;    // largest of a coordinate that convert found, model units
+  double position_bound = 0;    // largest bound that a mesh states
   std::optional<Times>
       drawing;          // ms; of a GPU culling and all stages by its clock, of a processor a frame by the wall's
-  uint32_t frames = 0;  // that were timed
+  uint32_t frames = 0;  // number of timed frames
 
-  /// None where samples are many a pixel.
+  /// Missing for more than one sample per pixel.
   struct Pixels {
     uint64_t covered = 0;  // by the reference
     uint64_t wrong = 0;
     std::array<uint64_t, compare::kPixelKinds> kinds{};
-    compare::DepthError same;     // of pixels of one triangle in both
-    compare::DepthError surface;  // of all pixels with a surface in both
+    compare::DepthError same;     // over pixels with the same triangle in both
+    compare::DepthError surface;  // over all pixels with a surface in both
   };
   std::optional<Pixels> pixels;
-  double psnr_db = 0;  // infinity: equal
+  double psnr_db = 0;  // infinity for equal pictures
   double flip_mean = 0;
   double flip_max = 0;
 
@@ -64,7 +64,7 @@ struct JudgedCase {
 
 bench::CsvCells judged_cells(const Machine& machine, const JudgedCase& row);
 
-/// A table for each study that has rows.
+/// One table per study that has rows.
 std::string judged_tables(std::span<const JudgedCase> rows);
 
 }  // namespace scree::lab

@@ -1,4 +1,4 @@
-// What was measured of one case: a scene, an encoding, a view.
+// The measurements of one case: a scene, an encoding, a view.
 #pragma once
 
 #include <cstdint>
@@ -14,54 +14,56 @@ namespace scree::lab {
 using bench::summarize;
 using bench::Times;
 
-/// Where it was measured.
+/// The machine that a case was measured on.
 struct Machine : bench::Machine {
-  double copy_gb_per_s = 0;  // device copy, bytes read plus bytes written, 1e9 a second
+  double copy_gb_per_s = 0;  // device copy, bytes read plus bytes written, in 1e9 per second
 };
 
-/// Against the same scene in float32, of one picture.
+/// Errors of one picture against the same scene in float32.
 struct PictureError {
-  uint64_t wrong_pixels = 0;   // that show another triangle, or background instead of one
+  uint64_t wrong_pixels = 0;   // pixels that show another triangle, or background instead of a triangle
   double depth_error_max = 0;  // relative, over the pixels that show a triangle in both
   double depth_error_rms = 0;  // likewise
-  double psnr_db = 0;          // of the shaded picture, sRGB-coded; infinity where the two are equal
-  double position_error = 0;   // largest bound stated by a mesh, model units
+  double psnr_db = 0;          // of the shaded picture, sRGB-coded; infinity for equal pictures
+  double position_error = 0;   // largest bound that a mesh states, model units
 };
 
 struct CaseResult {
   std::string scene;
-  std::string order;  // "row", "block" or, of a file, "file"
+  std::string order;  // "row", "block" or, for a file, "file"
   double scale = 1;
-  std::string positions;  // "16" bits, "float32"; of a file "file"
-  std::string indices;    // "packed", "32", "clustered"; likewise
+  std::string positions;  // "16" bits, "float32"; for a file "file"
+  std::string indices;    // "packed", "32", "clustered"; for a file "file"
   std::string view;       // or "path"
   uint32_t width = 0;     // pixels
   uint32_t height = 0;
   uint32_t samples_per_side = 1;
   bool sampleless_test = true;
-  std::string culling = "all";  // of clusters
+  std::string culling = "all";  // culling of clusters
   std::string effects = "none";
   uint32_t frames = 0;
 
   uint64_t unique_triangles = 0;
-  uint64_t drawn_triangles = 0;  // of the scene: over its instances, before culling
+  uint64_t drawn_triangles = 0;  // in the scene: over its instances, before culling
   uint64_t geometry_bytes = 0;   // indices and positions
   uint64_t device_bytes = 0;     // pages and records
   kernels::FrameStats stats{};   // of the last frame
   uint64_t covered_samples = 0;
   uint64_t picture = 0;                   // XXH3-64 of the last frame's visibility buffer
-  std::optional<uint64_t> touched_bytes;  // indices and positions of the chunks that culling leaves, each chunk once
+  std::optional<uint64_t> touched_bytes;  // indices and positions of the chunks that remain after culling, each chunk
+                                          // once
 
-  // Of the stages; none where the backend does not time them apart.
+  // Times of the stages, missing if the backend does not time them separately.
   std::optional<Times> clear, cull, small, medium, large, pyramid, second, resolve, occlusion;
-  std::optional<Times> raster;    // all from culling on, without resolve: what is compared
-  std::optional<Times> wall;      // by the host's clock: from the call to the finished visibility buffer
-  std::optional<double> jump_ms;  // of a path: the frame after a jump from its end to its start, as drawing()
-  Times frame;                    // as the host sees it: from the call to a finished picture
+  std::optional<Times> raster;    // all stages from culling on, without resolve: the time that is compared
+  std::optional<Times> wall;      // by the host's clock, from the call to the finished visibility buffer
+  std::optional<double> jump_ms;  // for a path: the frame after the jump from its end to its start, measured like
+                                  // drawing()
+  Times frame;                    // as the host measures it, from the call to a finished picture
 
   std::optional<PictureError> error;
 
-  /// The time that speed is reckoned with.
+  /// The time that speed is computed from.
   const Times& drawing() const { return raster ? *raster : frame; }
   double triangles_per_s() const { return static_cast<double>(drawn_triangles) / (drawing().median * 1e-3); }
   double bytes_per_triangle() const {

@@ -1,4 +1,4 @@
-// The CSV row of a measured frame. docs/results/README.md says what the columns mean.
+// The CSV row of a measured frame. docs/results/README.md describes the columns.
 #pragma once
 
 #include "lab/report/case_result.h"

@@ -8,13 +8,13 @@
 
 namespace scree::lab {
 
-/// Milliseconds a stage, and speed.
+/// Milliseconds per stage, and speed.
 std::string times_table(std::span<const CaseResult> cases);
-/// Sizes, what was culled and drawn, bytes against the machine's copy rate.
+/// Sizes, culled and drawn triangles, and the bytes read relative to the machine's copy rate.
 std::string counts_table(std::span<const CaseResult> cases, const Machine& machine);
 /// Mean and worst frame of camera paths.
 std::string path_table(std::span<const CaseResult> cases);
-/// Speed beside size beside error.
+/// Speed, size and error side by side.
 std::string sweep_table(std::span<const CaseResult> cases);
 
 }  // namespace scree::lab

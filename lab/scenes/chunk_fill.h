@@ -1,5 +1,5 @@
-// The bytes of a generated chunk, in groups that share no 32-bit word: a thread writes a group. Host and device.
-// Source: spec/codecs.md, indices and positions.
+// Writes the bytes of a generated chunk, in groups that share no 32-bit word, so that each thread can write a group.
+// For host and device. Source: spec/codecs.md, indices and positions.
 #pragma once
 
 #include "format/geometry/chunk_layout.h"
@@ -9,17 +9,17 @@
 namespace scree::lab {
 
 /// 32 values of b bits fill b whole words.
-inline constexpr uint32_t kVerticesAGroup = 32;
-inline constexpr uint32_t kQuadsAGroup = 16;  // 96 indices
+inline constexpr uint32_t kVerticesPerGroup = 32;
+inline constexpr uint32_t kQuadsPerGroup = 16;  // 96 indices
 
 SCREE_HD inline uint32_t vertex_groups(const format::ChunkRecord& chunk) {
-  return (chunk.vertex_count + kVerticesAGroup - 1) / kVerticesAGroup;
+  return (chunk.vertex_count + kVerticesPerGroup - 1) / kVerticesPerGroup;
 }
 SCREE_HD inline uint32_t quad_groups(const format::ChunkRecord& chunk) {
-  return (chunk.triangle_count / 2 + kQuadsAGroup - 1) / kQuadsAGroup;
+  return (chunk.triangle_count / 2 + kQuadsPerGroup - 1) / kQuadsPerGroup;
 }
 
-/// Packs values from the start of a word on.
+/// Packs values, beginning at the start of a word.
 class WordPacker {
  public:
   SCREE_HD explicit WordPacker(uint32_t* out) : out_(out) {}
@@ -34,7 +34,7 @@ class WordPacker {
       fill_ -= 32;
     }
   }
-  /// The last group of a stream may end within a word.
+  /// Writes the last word: the last group of a stream may end within a word.
   SCREE_HD void finish() {
     if (fill_ != 0) *out_ = static_cast<uint32_t>(window_);
   }
@@ -45,13 +45,13 @@ class WordPacker {
   uint32_t fill_ = 0;  // below 32 between calls
 };
 
-/// Writes the indices of quads kQuadsAGroup * group and on. `payload`: the chunk's, zeroed before.
+/// Writes the indices of the group's quads, from quad kQuadsPerGroup * group on. `payload`: the chunk's, zeroed before.
 SCREE_HD inline void fill_indices(const synth::MeshRecipe& recipe, const ChunkPlan& plan,
                                   const format::ChunkRecord& chunk, uint32_t group, std::byte* payload) {
   if (chunk.index_bits == 0) return;
   const uint32_t quads = chunk.triangle_count / 2;
-  const uint32_t first = group * kQuadsAGroup;
-  const uint32_t end = quads - first < kQuadsAGroup ? quads : first + kQuadsAGroup;
+  const uint32_t first = group * kQuadsPerGroup;
+  const uint32_t end = quads - first < kQuadsPerGroup ? quads : first + kQuadsPerGroup;
   WordPacker packer(reinterpret_cast<uint32_t*>(payload) + uint64_t{group} * 3 * chunk.index_bits);
   for (uint32_t quad = first; quad < end; ++quad) {
     uint32_t indices[6];
@@ -61,13 +61,13 @@ SCREE_HD inline void fill_indices(const synth::MeshRecipe& recipe, const ChunkPl
   packer.finish();
 }
 
-/// Writes vertices kVerticesAGroup * group and on. `payload`: as above.
+/// Writes the group's vertices, from vertex kVerticesPerGroup * group on. `payload`: as above.
 SCREE_HD inline void fill_positions(const synth::MeshRecipe& recipe, const ChunkPlan& plan,
                                     const format::MeshRecord& mesh, const format::ChunkRecord& chunk, uint32_t group,
                                     std::byte* payload) {
   std::byte* stream = payload + format::chunk_streams(mesh, chunk).positions.offset;
-  const uint32_t first = group * kVerticesAGroup;
-  const uint32_t end = chunk.vertex_count - first < kVerticesAGroup ? chunk.vertex_count : first + kVerticesAGroup;
+  const uint32_t first = group * kVerticesPerGroup;
+  const uint32_t end = chunk.vertex_count - first < kVerticesPerGroup ? chunk.vertex_count : first + kVerticesPerGroup;
   if (mesh.position_encoding == format::PositionEncoding::kFloat32) {
     float* floats = reinterpret_cast<float*>(stream) + uint64_t{first} * 3;
     for (uint32_t vertex = first; vertex < end; ++vertex) {

@@ -1,5 +1,5 @@
-// The measured scenes cut into chunks, with a closed formula for every vertex and index of a chunk: what a GPU needs to
-// make one with all its threads. Host and device, so that the tests run the very same functions.
+// The measured scenes cut into chunks, with a closed formula for every vertex and index of a chunk, so that a GPU can
+// make a chunk with all its threads. For host and device, so that the tests run the same functions.
 #pragma once
 
 #include <cstdint>
@@ -12,8 +12,8 @@
 
 namespace scree::lab {
 
-/// Whole faces of a mesh, or some rows of quads of one face: its triangles follow each other in the scene's own order,
-/// and its vertices are a grid a face. In block order rows come in eights.
+/// Whole faces of a mesh, or some rows of quads of one face. Its triangles are consecutive in the scene's own order,
+/// and its vertices are one grid per face. In block order the number of rows is a multiple of eight.
 struct ChunkPlan {
   uint32_t mesh;
   uint32_t first_face;
@@ -39,7 +39,7 @@ struct GridPoint {
   uint32_t y;
 };
 
-/// The number in the chunk of a grid point. Row order: row by row. Block order: the blocks' vertices, then the row
+/// The number of a grid point in the chunk. Row order: row by row. Block order: the blocks' vertices, then the row
 /// above the last block, then the last column.
 SCREE_HD inline uint32_t chunk_vertex_number(const synth::MeshRecipe& mesh, const ChunkPlan& chunk, GridPoint at) {
   const uint32_t n = mesh.n;
@@ -78,14 +78,14 @@ SCREE_HD inline GridPoint chunk_vertex(const synth::MeshRecipe& mesh, const Chun
   return at;
 }
 
-/// The position of vertex `number` of the chunk: the scene's own, bit for bit.
+/// The position of vertex `number` of the chunk, equal to the scene's own bit for bit.
 SCREE_HD inline synth::Float3 chunk_position(const synth::MeshRecipe& mesh, const ChunkPlan& chunk, uint32_t number) {
   const GridPoint at = chunk_vertex(mesh, chunk, number);
   const synth::Double3 p = synth::surface_position(mesh, at.face, static_cast<int>(at.x), static_cast<int>(at.y));
   return {static_cast<float>(p.x), static_cast<float>(p.y), static_cast<float>(p.z)};
 }
 
-/// The six vertex numbers, in the chunk, of its quad `quad` (< chunk_quads), as synth::quad_indices orders them.
+/// The six vertex numbers, in the chunk, of quad `quad` (< chunk_quads), in the order of synth::quad_indices.
 SCREE_HD inline void chunk_quad_indices(const synth::MeshRecipe& mesh, const ChunkPlan& chunk, uint32_t quad,
                                         uint32_t out[6]) {
   const uint32_t n = mesh.n;
@@ -112,7 +112,7 @@ SCREE_HD inline void chunk_quad_indices(const synth::MeshRecipe& mesh, const Chu
 }
 
 /// The chunks of a scene, mesh by mesh, of at most format::kMaxChunkTriangles triangles: as many whole faces as fit, or
-/// a face in equal shares of rows.
+/// equal shares of a face's rows.
 std::vector<ChunkPlan> plan_chunks(const synth::Scene& scene);
 
 }  // namespace scree::lab

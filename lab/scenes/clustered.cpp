@@ -11,7 +11,7 @@
 namespace scree::lab {
 namespace {
 
-/// What encoding a chunk takes; one a thread.
+/// Memory for encoding a chunk; one per thread.
 struct Scratch {
   std::vector<uint32_t> indices;
   tools::FifoOrder fifo;
@@ -61,7 +61,7 @@ Result<ClusteredScene> encode_clustered(const synth::Scene& scene, std::span<con
   std::vector<format::ChunkRecord>& chunks = out.tables.chunks;
   try {
     out.payloads.resize(plans.size());
-    // Shares of chunks, so that a thread's scratch serves many.
+    // Several chunks per share, so that a thread's scratch memory is used for all of them.
     constexpr uint64_t kShare = 16;
     runtime::parallel_for((plans.size() + kShare - 1) / kShare, threads, [&](uint64_t share) {
       Scratch scratch;

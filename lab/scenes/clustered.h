@@ -1,5 +1,5 @@
-// Generated scenes in the clustered encoding, made on the host: as `scree convert` makes them, but straight from the
-// scene functions.
+// Generated scenes in the clustered encoding, made on the host: equal to those of `scree convert`, but made directly
+// from the scene functions.
 #pragma once
 
 #include <cstddef>
@@ -18,8 +18,8 @@ struct ClusteredScene {
   std::vector<std::vector<std::byte>> payloads;
 };
 
-/// Encodes the chunks of `tables`, which make_tables() made of `plans` for lattice positions, with `threads` threads.
-/// All payloads are in memory at once. Errors kMemory.
+/// Encodes the chunks of `tables` with `threads` threads. `tables`: from make_tables() for `plans` and lattice
+/// positions. All payloads are in memory at once. Errors kMemory.
 Result<ClusteredScene> encode_clustered(const synth::Scene& scene, std::span<const ChunkPlan> plans, SceneTables tables,
                                         uint32_t threads);
 

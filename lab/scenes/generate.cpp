@@ -23,7 +23,7 @@ Result<DeviceBuffer> to_device(std::span<const T> items, const char* what) {
   return buffer;
 }
 
-/// `launched`: the status of starting it.
+/// Waits for a launch. `launched`: the status of the launch itself.
 Result<void> finish(cudaError_t launched, const char* what) {
   if (Result<void> done = cuda_check(launched, what); !done) return done;
   return cuda_check(cudaDeviceSynchronize(), what);

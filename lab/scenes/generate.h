@@ -1,4 +1,4 @@
-// Generated scenes made in device memory: from the scene functions straight to the bytes of chunks.
+// Generated scenes made in device memory: from the scene functions directly to the bytes of chunks.
 #pragma once
 
 #include <span>
@@ -9,11 +9,11 @@
 
 namespace scree::lab {
 
-/// chunk_boxes() on the current device: the same floats. Errors kDevice.
+/// chunk_boxes() on the current device; gives the same floats. Errors kDevice.
 Result<std::vector<ChunkBox>> chunk_boxes_cuda(const synth::Scene& scene, std::span<const ChunkPlan> plans);
 
-/// fill_chunks() on the current device: the same bytes. `meshes`, `chunks`, `pages`: the tables' records and page
-/// pointers, in device memory; the pages are zeroed. Errors kDevice.
+/// fill_chunks() on the current device; gives the same bytes. `meshes`, `chunks`, `pages`: the tables' records and page
+/// pointers, in device memory; the pages are zeroed before. Errors kDevice.
 Result<void> fill_chunks_cuda(const synth::Scene& scene, std::span<const ChunkPlan> plans,
                               const format::MeshRecord* meshes, const format::ChunkRecord* chunks,
                               const std::byte* const* pages);

@@ -1,4 +1,5 @@
-// A thread block a chunk. Built without contraction, so that the vertices are the host's, bit for bit.
+// One thread block per chunk. Built without contraction of floating-point operations, so that the vertices equal the
+// host's bit for bit.
 #include <cuda_runtime.h>
 
 #include "lab/scenes/chunk_fill.h"
@@ -45,7 +46,7 @@ __global__ void __launch_bounds__(kThreads)
   const synth::MeshRecipe recipe = recipes[plan.mesh];
   const format::MeshRecord& mesh = meshes[plan.mesh];
   const format::ChunkRecord& chunk = chunks[blockIdx.x];
-  // The pages are device memory of this program, const only for those who draw from them.
+  // The pages are device memory of this program; they are const only for the code that draws them.
   std::byte* payload = const_cast<std::byte*>(pages[chunk.page]) + chunk.offset;
   for (uint32_t group = threadIdx.x; group < quad_groups(chunk); group += kThreads)
     fill_indices(recipe, plan, chunk, group, payload);

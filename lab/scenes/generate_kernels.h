@@ -1,4 +1,4 @@
-// The kernels behind generate.h. Every pointer is of device memory; nothing waits.
+// The kernels behind generate.h. Every pointer is to device memory. The calls do not wait.
 #pragma once
 
 #include <cuda_runtime_api.h>
@@ -11,7 +11,7 @@
 
 namespace scree::lab {
 
-/// boxes[i]: of the vertices of chunk i.
+/// boxes[i]: the box of chunk i's vertices.
 cudaError_t launch_chunk_boxes(const synth::MeshRecipe* recipes, const ChunkPlan* plans, uint32_t count,
                                ChunkBox* boxes);
 

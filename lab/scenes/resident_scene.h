@@ -1,4 +1,4 @@
-// A scene in device memory with its records readable on the host too: generated there, or copied from a .scree file.
+// A scene in device memory whose records are also on the host: generated on the device, or copied from a .scree file.
 #pragma once
 
 #include <cstdint>
@@ -20,31 +20,31 @@ class ResidentScene {
   /// Makes the scene on the current device. Errors kDevice (a CUDA call failed; a scene that does not fit, with both
   /// sizes), kRange (make_tables).
   static Result<ResidentScene> generate(const synth::Scene& scene, const Encoding& encoding);
-  /// Brings `scene`, which it keeps, to the device. Errors as runtime::CudaScene::upload.
+  /// Uploads `scene`, which it keeps. Errors as runtime::CudaScene::upload.
   static Result<ResidentScene> upload(runtime::Scene scene, uint32_t threads);
 
-  /// Records on the host; its pages are there only where an uploaded scene had them, else null.
+  /// Records on the host. Page pointers are null, unless an uploaded scene had its pages in memory.
   const kernels::SceneView& host() const { return host_; }
   const kernels::SceneView& device() const { return device_; }
   /// The boxes of a generated scene's chunks; empty for a file.
   std::span<const ChunkBox> boxes() const {
     return tables_ ? std::span<const ChunkBox>(tables_->boxes) : std::span<const ChunkBox>();
   }
-  /// Indices and positions, or clusters.
+  /// Bytes of indices and positions, or of clusters.
   uint64_t geometry_bytes() const { return geometry_bytes_; }
   uint64_t unique_triangles() const;
   uint64_t drawn_triangles() const { return host_.instance_base[host_.instance_count]; }
-  /// Of records and pages.
+  /// Bytes of records and pages.
   uint64_t device_bytes() const { return device_bytes_; }
 
-  /// Of uploaded files.
+  /// For uploaded files only.
   const runtime::Scene& file() const { return *file_; }
   runtime::Scene& file() { return *file_; }
   const runtime::UploadStats& upload_stats() const { return uploaded_.stats(); }
 
-  /// The pages, copied back: for tests. The pointers of scene views, by page number, lie in `storage`.
+  /// Copies the pages back, for tests. The returned pointers, by page number, point into `storage`.
   Result<std::vector<const std::byte*>> read_pages(std::vector<std::byte>& storage) const;
-  /// Of generated scenes.
+  /// For generated scenes only.
   const SceneTables& tables() const { return *tables_; }
 
  private:
@@ -52,7 +52,7 @@ class ResidentScene {
   Result<void> allocate_pages(uint64_t bytes);
   /// Copies each chunk's payload to its place.
   Result<void> copy_payloads(const std::vector<std::vector<std::byte>>& payloads);
-  /// Copies the records that host_ shows and the page pointers, and makes device_ of them.
+  /// Copies the records of host_ and the page pointers to the device, and sets device_ to them.
   Result<void> copy_records(const std::vector<const std::byte*>& pages);
 
   std::unique_ptr<SceneTables> tables_;

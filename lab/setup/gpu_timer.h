@@ -1,5 +1,5 @@
-// Time between two points of the default stream by CUDA events. Work on other blocking streams that the host has
-// submitted in between counts too.
+// The time between two points of the default stream, measured with CUDA events. It includes work that the host
+// submitted in between to other blocking streams.
 #pragma once
 
 #include <cuda_runtime_api.h>
@@ -33,7 +33,7 @@ class GpuTimer {
   }
 
   Result<void> start() { return kernels::cuda_check(cudaEventRecord(events_[0]), "recording an event"); }
-  /// Waits for what was submitted since start(); ms.
+  /// Waits for the work submitted since start(). Returns its ms.
   Result<float> stop() {
     float ms = 0;
     Result<void> done = kernels::cuda_check(cudaEventRecord(events_[1]), "recording an event");

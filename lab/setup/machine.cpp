@@ -15,7 +15,7 @@ using kernels::DeviceBuffer;
 
 constexpr uint64_t kCopyBytes = uint64_t{1} << 30;
 
-/// Bytes read and written per second by a copy inside the device's memory, in GB: the median of several.
+/// Bytes read and written per second by a copy inside the device's memory, in GB: the median of several copies.
 Result<double> measure_copy() {
   constexpr int kCopies = 11;
   Result<DeviceBuffer> from = DeviceBuffer::allocate(kCopyBytes, "allocating memory to copy");

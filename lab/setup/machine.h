@@ -1,4 +1,4 @@
-// The GPU that draws the frames that are measured.
+// The GPU that the measured frames are drawn on.
 #pragma once
 
 #include "format/result.h"
@@ -7,8 +7,8 @@
 
 namespace scree::lab {
 
-/// Names `gpu`, the current device, its driver and this program's commit, and measures a device copy. Errors kDevice: a
-/// CUDA call that failed, a program built without CUDA.
+/// Describes `gpu`, the current device, its driver and this program's commit, and measures a device copy. Errors
+/// kDevice: a failed CUDA call, a program built without CUDA.
 Result<Machine> find_machine(const runtime::Gpu& gpu);
 
 }  // namespace scree::lab

@@ -1,4 +1,4 @@
-// .scree files that a measurement makes.
+// The .scree files that a measurement makes.
 #pragma once
 
 #include <cstdint>
@@ -9,7 +9,7 @@
 
 namespace scree::lab {
 
-/// How convert packs `source` as `encoding` into `path`; all else is its default.
+/// Options with which convert packs `source` as `encoding` into `path`; all others are the defaults.
 convert::ConvertOptions packing(const std::string& source, const std::string& path, const Encoding& encoding,
                                 uint32_t threads);
 

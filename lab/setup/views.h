@@ -1,4 +1,4 @@
-// Where the measured scenes are seen from.
+// The viewpoints of the measured scenes.
 #pragma once
 
 #include <cstdint>
@@ -11,20 +11,20 @@
 
 namespace scree::lab {
 
-/// A camera by name; for a picture of one sample a pixel.
+/// A camera with its name, for a picture of one sample per pixel.
 struct NamedView {
   std::string name;
-  std::vector<kernels::View> frames;  // one, or those of a path
+  std::vector<kernels::View> frames;  // one, or all of a path
 };
 
 inline constexpr uint32_t kPathFrames = 120;
 
-/// The view of a measured scene's camera; `width`, `height` in samples. Near plane at 0.1, as in the files that synth
+/// The view of a measured scene's camera. `width`, `height` in samples. Near plane at 0.1, as in the files that synth
 /// writes.
 kernels::View scene_view(const synth::SceneCamera& camera, uint32_t width, uint32_t height);
 
-/// The camera path of a scene: frames on which eye and target move linearly from its first view to its
-/// second, both ends included. Played in a circle, its first frame is the jump back.
+/// The camera path of a scene: eye and target move linearly from its first view to its second, both ends included. If
+/// played in a loop, its first frame is the jump back.
 std::vector<kernels::View> path_views(std::span<const synth::SceneCamera> cameras, uint32_t width, uint32_t height,
                                       uint32_t frames = kPathFrames);
 

@@ -11,11 +11,11 @@
 namespace scree::lab {
 namespace {
 
-// A signal handler may not allocate, so the name lies in memory that stays.
+// A signal handler may not allocate, so the name lies in static memory.
 std::atomic<bool> is_used;
 char folder[PATH_MAX];
 
-/// Runs in the handler: fork and exec are among the calls that it may make.
+/// Runs in the signal handler, which may call fork and exec.
 void remove_folder() {
   if (!is_used) return;
   const pid_t child = ::fork();

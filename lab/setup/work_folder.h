@@ -1,4 +1,4 @@
-// Files on the way of a measurement.
+// Temporary files of a measurement.
 #pragma once
 
 #include <stdlib.h>
@@ -13,15 +13,15 @@
 
 namespace scree::lab {
 
-/// A signal that ends the program (tools::end_on_signal) first removes the folder with all that is in it. One folder at
-/// a time; another one stays.
+/// Makes a signal that ends the program (tools::end_on_signal) first remove the folder with all its content. One folder
+/// at a time; a second one would stay.
 void remove_on_signal(const std::string& path);
 void forget_folder();
 
-/// A folder of its own, gone with all that is in it when this goes or a signal ends the program.
+/// A temporary folder. It is removed with all its content when this object is destroyed or a signal ends the program.
 class WorkFolder {
  public:
-  /// In $TMPDIR, else /tmp. Errors kFile.
+  /// Makes a folder in $TMPDIR, else /tmp. Errors kFile.
   static Result<WorkFolder> make() {
     std::error_code failed;
     const std::filesystem::path parent = std::filesystem::temp_directory_path(failed);

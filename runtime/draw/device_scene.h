@@ -5,6 +5,7 @@
 #include <memory>
 #include <optional>
 #include <span>
+#include <vector>
 
 #include "format/result.h"
 #include "kernels/cuda/frame.h"
@@ -21,6 +22,7 @@ struct PictureNeeds {
   uint32_t height = 0;
   uint32_t samples_per_side = 1;
   const kernels::ShadeOptions* shade = nullptr;  // null: they are not shaded
+  bool is_encoded = false;                       // as JPEGs, on the device
 };
 
 /// What beside the colours can be made of a picture's pixels (kernels/shade/layers.h).
@@ -77,7 +79,13 @@ class DeviceView {
   Result<const std::byte*> make_layer(const kernels::View& view, uint32_t samples_per_side, PixelLayer layer,
                                       std::byte* out = nullptr);
 
-  /// Device memory for the pictures of a batch, `index` below kPixelLayerCount + 1: at least so many bytes, until it is asked for again.
+  /// The picture that resolve() made last of `width` x `height` pixels, as a JPEG file that is made on the device:
+  /// baseline, with libjpeg's tables of `quality` (1 to 100) and a restart marker after every few MCUs. `is_sharp`:
+  /// colours in full resolution in place of a quarter. Errors kDevice, kMemory, kRange (a side of 0 or over 65,535).
+  Result<std::vector<std::byte>> encode_jpeg(uint32_t width, uint32_t height, int quality, bool is_sharp);
+
+  /// Device memory for the pictures of a batch, `index` below kPixelLayerCount + 1: at least so many
+  /// bytes, until it is asked for again.
   Result<std::byte*> reserve_block(size_t index, uint64_t bytes);
 
   /// Device memory: the picture that resolve() made last, RGBA8, and the samples.
@@ -152,6 +160,9 @@ class DeviceScene {
   /// A layer of the picture that draw() made last, read back: `out` is all of it. Errors as DeviceView::make_layer().
   Result<void> read_layer(const kernels::View& view, uint32_t samples_per_side, PixelLayer layer,
                           std::span<std::byte> out);
+
+  /// As DeviceView's.
+  Result<std::vector<std::byte>> encode_jpeg(uint32_t width, uint32_t height, int quality, bool is_sharp);
 
   const UploadStats& stats() const;
 

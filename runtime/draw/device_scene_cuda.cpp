@@ -10,6 +10,7 @@
 
 #include "kernels/cuda/check.h"
 #include "kernels/cuda/frame.h"
+#include "kernels/cuda/jpeg.h"
 #include "kernels/cuda/layers.h"
 #include "kernels/cuda/resolve.h"
 #include "kernels/cull/depth_pyramid.h"
@@ -21,6 +22,7 @@
 #include "runtime/draw/device_list.h"
 #include "runtime/draw/device_scene.h"
 #include "runtime/draw/stream_cuda.h"
+#include "runtime/images/jpeg_head.h"
 
 namespace scree::runtime {
 
@@ -69,6 +71,7 @@ uint64_t picture_bytes(const PictureNeeds& needs, bool streamed, bool has_jpegs)
   }
   if (needs.shade == nullptr) return bytes;
   bytes += pixels * sizeof(uint32_t) + kResolverBytes;
+  if (needs.is_encoded) bytes += kernels::CudaJpegCoder::device_bytes(needs.width, needs.height);
   if (needs.shade->ssao || needs.shade->edl) bytes += 3 * pixels * sizeof(float);
   if (has_jpegs && !streamed) bytes += tile_list_bytes(needs.width, needs.height);
   return bytes;
@@ -87,6 +90,7 @@ struct DeviceView::Impl {
   DeviceBuffer colors;  // of read_colors()
   DeviceBuffer layers[kPixelLayerCount];
   DeviceBuffer blocks[kPixelLayerCount + 1];
+  kernels::CudaJpegCoder jpeg;
   cudaEvent_t queued = nullptr;
   std::optional<StreamStats> streamed;
 
@@ -303,6 +307,10 @@ Result<void> DeviceScene::read_layer(const kernels::View& view, uint32_t samples
   return own.read(*made, out);
 }
 
+Result<std::vector<std::byte>> DeviceScene::encode_jpeg(uint32_t width, uint32_t height, int quality, bool is_sharp) {
+  return DeviceView(impl_->own).encode_jpeg(width, height, quality, is_sharp);
+}
+
 DeviceView::DeviceView(std::shared_ptr<Impl> impl) : impl_(std::move(impl)) {}
 DeviceView::DeviceView(DeviceView&&) noexcept = default;
 DeviceView& DeviceView::operator=(DeviceView&&) noexcept = default;
@@ -418,6 +426,22 @@ Result<const std::byte*> DeviceView::make_layer(const kernels::View& view, uint3
       !started)
     return started.error();
   return out;
+}
+
+Result<std::vector<std::byte>> DeviceView::encode_jpeg(uint32_t width, uint32_t height, int quality, bool is_sharp) {
+  if (uint64_t{width} * height * sizeof(uint32_t) > impl_->pixels.bytes())
+    return Error{ErrorCode::kRange,
+                 "no picture of " + std::to_string(width) + " x " + std::to_string(height) + " pixels was made"};
+  Result<JpegHead> head =
+      make_jpeg_head(width, height, quality, is_sharp, static_cast<uint16_t>(kernels::jpeg_segment_mcus(is_sharp)));
+  if (!head) return head.error();
+  Result<std::vector<std::byte>> coded = impl_->jpeg.encode(pixels(), head->header, is_sharp);
+  if (!coded) return coded.error();
+  std::vector<std::byte>& file = head->bytes;
+  file.reserve(file.size() + coded->size() + 2);
+  file.insert(file.end(), coded->begin(), coded->end());
+  file.insert(file.end(), {std::byte{0xff}, std::byte{0xd9}});
+  return std::move(file);
 }
 
 Result<std::byte*> DeviceView::reserve_block(size_t index, uint64_t bytes) {

@@ -41,6 +41,10 @@ Result<void> DeviceScene::read_layer(const kernels::View&, uint32_t, PixelLayer,
   return current_gpu().error();
 }
 
+Result<std::vector<std::byte>> DeviceScene::encode_jpeg(uint32_t, uint32_t, int, bool) {
+  return current_gpu().error();
+}
+
 Result<std::optional<kernels::TextureCacheCounts>> DeviceScene::texture_counts() const {
   return current_gpu().error();
 }
@@ -97,6 +101,10 @@ Result<uint64_t> DeviceView::read_sample(uint64_t) {
 }
 
 Result<const std::byte*> DeviceView::make_layer(const kernels::View&, uint32_t, PixelLayer, std::byte*) {
+  return current_gpu().error();
+}
+
+Result<std::vector<std::byte>> DeviceView::encode_jpeg(uint32_t, uint32_t, int, bool) {
   return current_gpu().error();
 }
 

@@ -176,7 +176,7 @@ Result<void> ViewRenderer::draw_batch_on_cpu(std::span<const kernels::View> view
     std::vector<uint32_t> free(shared);
     std::iota(free.begin(), free.end(), 0u);
     parallel_for(views.size(), shared, [&](uint64_t v) {
-      if (failure.is_moot(v)) return;
+      if (failure.is_superseded(v)) return;
       std::unique_lock<std::mutex> lock(mutex);
       const uint32_t worker = free.back();
       free.pop_back();

@@ -13,7 +13,8 @@
 namespace scree::runtime {
 namespace {
 
-/// EINVAL and EFAULT are what file systems and memory say that cannot do it; the reads are well formed.
+/// EINVAL and EFAULT mean that the file system or the memory does not support direct reads; the requests are well
+/// formed.
 bool is_unsupported(int number) {
   return number == EINVAL || number == EFAULT || number == EOPNOTSUPP;
 }
@@ -26,14 +27,14 @@ Error read_error(int number) {
 }  // namespace
 
 Result<DirectFile> DirectFile::open(const MappedFile& map) {
-  // Not by its name, under which there may be another file by now.
+  // Not opened by name, since the name may refer to another file by now.
   const std::string link = "/proc/self/fd/" + std::to_string(map.descriptor());
   DirectFile file;
   file.size_ = map.size();
   file.descriptor_ = ::open(link.c_str(), O_RDONLY | O_CLOEXEC | O_DIRECT);
   if (file.descriptor_ < 0) {
     const int number = errno;
-    // Without /proc there is no such way.
+    // Without /proc the file cannot be opened this way.
     return read_error(number == ENOENT ? EINVAL : number);
   }
   return Result<DirectFile>(std::move(file));
@@ -57,7 +58,7 @@ Result<void> DirectFile::read(uint64_t offset, std::span<std::byte> out) const {
   assert(reinterpret_cast<uintptr_t>(out.data()) % kAlignment == 0);
   const uint64_t end = std::min<uint64_t>(offset + out.size(), size_);
   for (uint64_t at = offset; at < end;) {
-    // Linux moves at most 0x7ffff000 bytes a call. A read that stopped early ended on a multiple of the alignment.
+    // Linux moves at most 0x7ffff000 bytes per call. A read that stopped early ended on a multiple of the alignment.
     const uint64_t part = std::min<uint64_t>(offset + out.size() - at, uint64_t{1} << 30);
     const ssize_t got = ::pread(descriptor_, out.data() + (at - offset), part, static_cast<off_t>(at));
     if (got < 0 && errno == EINTR) continue;

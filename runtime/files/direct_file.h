@@ -1,4 +1,4 @@
-// Reads past the page cache, for files that are too big to go through it once.
+// Reads that bypass the page cache, for files too big to pass through it once.
 #pragma once
 
 #include <cstddef>
@@ -15,10 +15,10 @@ namespace scree::runtime {
 /// The file of a MappedFile, opened again with O_DIRECT. Move-only; reading is thread-safe.
 class DirectFile {
  public:
-  /// What offsets, sizes and addresses are multiples of: page size and sector size of the disks there are.
+  /// Alignment of offsets, sizes and addresses: the page size, and at least the sector size of existing disks.
   static constexpr uint64_t kAlignment = 4096;
 
-  /// Errors, without the file's name: kUnsupported (the file system has no such reads), kFile.
+  /// Opens the map's file. Errors, without the file's name: kUnsupported (the file system has no direct reads), kFile.
   static Result<DirectFile> open(const MappedFile& map);
 
   DirectFile(DirectFile&& other) noexcept;
@@ -27,9 +27,9 @@ class DirectFile {
   DirectFile& operator=(const DirectFile&) = delete;
   ~DirectFile();
 
-  /// Fills `out` from `offset`; all of kAlignment. What of `out` lies past the end of the file is left as it is.
-  /// Returns when it is read. Errors kUnsupported (not into this memory, not from this file system), kFile (an I/O
-  /// error; the file has become shorter).
+  /// Fills `out` from `offset`; offset, size and address must be multiples of kAlignment. Bytes of `out` past the end
+  /// of the file are left unchanged. Returns when the data are read. Errors kUnsupported (not into this memory, not
+  /// from this file system), kFile (an I/O error; the file has become shorter).
   Result<void> read(uint64_t offset, std::span<std::byte> out) const;
 
  private:
@@ -44,7 +44,7 @@ struct FreeDirectMemory {
 };
 using DirectMemory = std::unique_ptr<std::byte, FreeDirectMemory>;
 
-/// Memory that DirectFile reads into, aligned as it wants. Throws std::bad_alloc.
+/// Memory with the alignment that DirectFile needs. Throws std::bad_alloc.
 inline DirectMemory direct_memory(uint64_t bytes) {
   return DirectMemory(static_cast<std::byte*>(::operator new (bytes, std::align_val_t{DirectFile::kAlignment})));
 }

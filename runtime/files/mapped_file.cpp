@@ -51,7 +51,7 @@ int advice_of(Access access) {
   return MADV_NORMAL;
 }
 
-/// The open file again, whatever its name has come to stand for.
+/// A path that opens the same file again, even if its name refers to another file by now.
 std::string own_path(int descriptor) {
   return "/proc/self/fd/" + std::to_string(descriptor);
 }
@@ -69,7 +69,7 @@ Error ends_early(uint64_t end, uint64_t size) {
 }
 
 Result<MappedFile> MappedFile::open(const std::string& path, Access access) {
-  // Without O_NONBLOCK the open of a named pipe would wait for a writer; regular files ignore the flag.
+  // Without O_NONBLOCK the open of a named pipe would wait for a writer. Regular files ignore the flag.
   Descriptor file(::open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK));
   if (file.get() < 0) return system_error(path, "cannot open", errno);
   struct stat status {};
@@ -126,8 +126,8 @@ bool MappedFile::mincore_is_true() const {
 
 double MappedFile::cached_share() const {
   constexpr uint64_t kSamples = 256;
-  // Instead of mincore(): a read that may not wait. A page that is not cached is asked for by that, so on a descriptor
-  // of its own, with FADV_RANDOM, which keeps the request to that page.
+  // A read that may not wait takes the place of mincore(). It triggers read-ahead of an uncached page, so it uses its
+  // own descriptor with FADV_RANDOM, which limits the request to that page.
   const bool is_probed = descriptor_ >= 0 && !mincore_is_true();
   const Descriptor probe(is_probed ? ::open(own_path(descriptor_).c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK) : -1);
   if (is_probed && (probe.get() < 0 || ::posix_fadvise(probe.get(), 0, 0, POSIX_FADV_RANDOM) != 0)) return 1;
@@ -140,7 +140,7 @@ double MappedFile::cached_share() const {
     if (is_probed) {
       const iovec one{&state, 1};
       const ssize_t got = ::preadv2(probe.get(), &one, 1, static_cast<off_t>(page * page_bytes()), RWF_NOWAIT);
-      if (got < 0 && errno != EAGAIN) return 1;  // this file system has no such reads
+      if (got < 0 && errno != EAGAIN) return 1;  // this file system has no non-waiting reads
       cached += got == 1;
       continue;
     }
@@ -154,7 +154,7 @@ double MappedFile::cached_share() const {
 Result<void> MappedFile::read(uint64_t offset, std::span<std::byte> out) const {
   assert(format::range_within(offset, out.size(), size_));
   for (size_t done = 0; done < out.size();) {
-    // Linux moves at most 0x7ffff000 bytes a call.
+    // Linux moves at most 0x7ffff000 bytes per call.
     const size_t part = std::min(out.size() - done, size_t{1} << 30);
     const ssize_t got = ::pread(descriptor_, out.data() + done, part, static_cast<off_t>(offset + done));
     if (got < 0 && errno == EINTR) continue;
@@ -186,7 +186,7 @@ void MappedFile::release(uint64_t offset, uint64_t size) const {
   const uint64_t page = page_bytes();
   const uint64_t end = offset + std::min(size, size_ - offset);
   const uint64_t first = (offset + page - 1) & ~(page - 1);
-  const uint64_t last = end == size_ ? end : end & ~(page - 1);  // the file's last page may be a part of one
+  const uint64_t last = end == size_ ? end : end & ~(page - 1);  // the file's last page may be partial
   if (first >= last) return;
   ::madvise(const_cast<std::byte*>(data_ + first), static_cast<size_t>(last - first), MADV_DONTNEED);
 }

@@ -10,19 +10,19 @@
 
 namespace scree::runtime {
 
-/// How a mapped file will be read; the kernel's read-ahead follows.
+/// The access pattern of a mapped file, which sets the kernel's read-ahead.
 enum class Access {
   kNormal,
   kSequential,  // front to back, once
-  kRandom,      // no read-ahead: small reads all over a file that need not fit in memory
+  kRandom,      // no read-ahead: small reads all over a file that may not fit in memory
 };
 
-/// kFile: what reading finds of a file that ends at `end` and had `size` bytes when it was opened.
+/// A kFile error: the file ends at `end`, but had `size` bytes when it was opened.
 Error ends_early(uint64_t end, uint64_t size);
 
-/// A read-only, private map of a whole file. The file must not shrink while it is mapped: touching pages past its new
-/// end raises SIGBUS, which the tools turn into an error (tools/common/sigbus.h), and what is gone of the page in which
-/// it ends now reads as zeros (check_size() tells). Move-only; reading is thread-safe.
+/// A read-only, private map of a whole file. The file must not shrink while it is mapped. Reading pages past its new
+/// end raises SIGBUS, which the tools turn into an error (tools/common/sigbus.h). In the page that contains the new
+/// end, lost bytes read as zeros; check_size() detects that. Move-only; reading is thread-safe.
 class MappedFile {
  public:
   /// Maps `path`; an empty file gives an empty span. The span starts page-aligned. Errors kFile (missing, unreadable,
@@ -40,32 +40,32 @@ class MappedFile {
   uint64_t size() const { return size_; }
   const std::string& path() const { return path_; }
 
-  /// Of the open file; -1 where there is none.
+  /// Descriptor of the open file, or -1.
   int descriptor() const { return descriptor_; }
 
-  /// Which share of the file's memory pages is in the page cache, 0 to 1, by looking at a few hundred of them. 1 for an
-  /// empty file, and where the system does not tell.
+  /// The share of the file's pages that are in the page cache, 0 to 1, estimated from a few hundred of them. 1 for an
+  /// empty file, and where the system does not report it.
   double cached_share() const;
 
-  /// Whether mincore() tells the truth about the file: since Linux 5.2 it reports every page as cached to a caller who
+  /// Whether mincore() is right about the file. Since Linux 5.2 it reports every page as cached to a caller that
   /// neither owns the file nor may write it.
   bool mincore_is_true() const;
 
-  /// Fills `out` from `offset`, all of it within the file, by read(): through the page cache, but not through the map,
-  /// so that nothing is faulted in, and a file that has become shorter is an error and no signal. Errors kFile, without
-  /// the file's name.
+  /// Fills `out` from `offset`, all of it within the file, by read(). This uses the page cache but not the map, so no
+  /// page is faulted in, and a file that has become shorter gives an error and no signal. Errors kFile, without the
+  /// file's name.
   Result<void> read(uint64_t offset, std::span<std::byte> out) const;
 
-  /// Whether the file still has the bytes that are mapped, or more. Asked once they were read, so that none of them was
-  /// a zero in place of what was cut off. Errors kFile, without the file's name: it is shorter, or the system does not
-  /// say.
+  /// Checks that the file still has at least the mapped bytes. Call it after reading them, to make sure that none was a
+  /// zero in place of a lost byte. Errors kFile, without the file's name: the file is shorter, or the system cannot
+  /// tell.
   Result<void> check_size() const;
 
-  /// Asks for [offset, offset + size) to be read ahead; clipped to the file. A hint: nothing is reported.
+  /// Asks the system to read [offset, offset + size) ahead; clipped to the file. A hint: failures are not reported.
   void will_need(uint64_t offset, uint64_t size) const;
 
-  /// Says that [offset, offset + size) will not be read again soon, so that it no longer counts as resident. Only whole
-  /// pages inside the range are let go.
+  /// Drops [offset, offset + size) from resident memory, since it will not be read again soon. Only whole pages inside
+  /// the range are dropped.
   void release(uint64_t offset, uint64_t size) const;
 
  private:

@@ -14,7 +14,7 @@
 namespace scree::runtime {
 namespace {
 
-/// Fills `out` with the bytes at `offset`. Errors kTruncated, those of reading.
+/// Fills `out` with the bytes at `offset`. Errors kTruncated, and errors of reading.
 Result<void> read_bytes(ImageFile& file, uint64_t offset, std::span<std::byte> out) {
   while (!out.empty()) {
     const std::span<const std::byte> bytes = file.from(offset);
@@ -28,7 +28,7 @@ Result<void> read_bytes(ImageFile& file, uint64_t offset, std::span<std::byte> o
   return {};
 }
 
-/// Whether `packed` unpacks to exactly as many bytes as `out` has.
+/// Unpacks `packed` to `out`. Returns whether it gave exactly as many bytes as `out` has.
 bool unpack(BlockFile::Packing packing, std::span<const std::byte> packed, std::span<std::byte> out) {
   if (packing == BlockFile::Packing::kZstd)
     return ZSTD_decompress(out.data(), out.size(), packed.data(), packed.size()) == out.size();

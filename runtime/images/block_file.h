@@ -1,5 +1,5 @@
-// KTX2 and DDS files of the pixels and blocks that scree keeps as they are: what their heads say, and their levels.
-// Sources: KTX File Format Specification 2.0; Microsoft's DDS documentation (DDS_HEADER, DDS_HEADER_DXT10).
+// KTX2 and DDS files with pixels and blocks that scree stores unchanged: reads their headers and their levels. Sources:
+// KTX File Format Specification 2.0; Microsoft's DDS documentation (DDS_HEADER, DDS_HEADER_DXT10).
 #pragma once
 
 #include <cstddef>
@@ -12,39 +12,40 @@
 
 namespace scree::runtime {
 
-/// What such a file holds: one picture of two dimensions and its first levels.
+/// The content of such a file: one two-dimensional picture and its first levels.
 struct BlockFile {
   enum class Packing : uint8_t { kNone, kZstd, kZlib };
   struct Level {
     uint64_t offset;  // in the file
-    uint64_t bytes;   // there, packed
+    uint64_t bytes;   // in the file, packed
   };
 
   const char* kind = "";  // "KTX2" or "DDS", for messages
   format::BlockFormat format = format::BlockFormat::kNoBlocks;
-  uint16_t swizzle = 0;     // ImageRecord::swizzle: that of the format and KTXswizzle
-  bool is_widened = false;  // the file has 3 bytes a pixel, which become RGBA8
+  uint16_t swizzle = 0;     // ImageRecord::swizzle, of the format and KTXswizzle combined
+  bool is_widened = false;  // the file has 3 bytes per pixel, which become RGBA8
   uint32_t width = 0;       // pixels, 1 to format::kMaxBlockImageSide
   uint32_t height = 0;
   Packing packing = Packing::kNone;
   std::vector<Level> levels;  // 1 to all of them, level 0 first; each lies within the file
 };
 
-/// Reads the head of a file that begins as a KTX2 or DDS file does. Errors kFormat (malformed), kTruncated, kRange (too
-/// many pixels), kUnsupported (other formats, dimensions, arrays, cubes; how to have it read is said where there is a
-/// way), and those of reading the file.
+/// Reads the header of a file that has the signature of KTX2 or DDS. Errors kFormat (malformed), kTruncated, kRange
+/// (too many pixels), kUnsupported (other formats, dimensions, arrays, cubes; with advice where there is a way to
+/// convert the file), and errors of reading the file.
 Result<BlockFile> open_ktx2(ImageFile& file);
 Result<BlockFile> open_dds(ImageFile& file);
 
-/// Whether a file begins as one of the two, and reads its head then.
+/// Whether a file has one of the two signatures.
 bool is_block_file(ImageFile& file);
+/// As open_ktx2() or open_dds(), by the signature.
 Result<BlockFile> open_block_file(ImageFile& file);
 
-/// The blocks of a level, format::block_level_bytes() of them. Holds them and the packed ones. Errors kFormat (they do
-/// not unpack to that many), those of reading the file. Throws std::bad_alloc.
+/// The blocks of a level, format::block_level_bytes() of them. Holds the blocks and the packed bytes in memory. Errors
+/// kFormat (they do not unpack to that many bytes), and errors of reading the file. Throws std::bad_alloc.
 Result<std::vector<std::byte>> read_block_level(ImageFile& file, const BlockFile& head, uint32_t level);
 
-/// A level of a block image as RGBA. `blocks`: its blocks, at a multiple of 16. Throws std::bad_alloc.
+/// A level of a block image as RGBA. `blocks`: the level's blocks, at a multiple of 16. Throws std::bad_alloc.
 Image decode_block_level(format::BlockFormat format, uint16_t swizzle, uint32_t width, uint32_t height,
                          const std::byte* blocks);
 

@@ -1,5 +1,5 @@
-// The two libraries behind decode_image, check_image and write_png. Both report errors by longjmp: nothing with a
-// destructor lives in a frame that a jump may leave.
+// The two libraries behind decode_image, check_image and write_png. Both report errors by longjmp, so a stack frame
+// that a jump may leave must hold nothing with a destructor.
 #pragma once
 
 #include <string>
@@ -9,19 +9,20 @@
 
 namespace scree::runtime {
 
-/// Progressive JPEGs may hold any number of scans over the whole picture in a few bytes each; real ones have ten or so.
+/// Progressive JPEGs may hold any number of scans over the whole picture in a few bytes each. Real files have about
+/// ten.
 inline constexpr int kMaxJpegScans = 500;
 
-/// Heads only; `file` starts with the codec's signature. What they say of a file whose reading failed is void: the
-/// caller looks at ImageFile::error().
+/// Read headers only; `file` must start with the codec's signature. If reading the file failed, their result is
+/// invalid, so the caller checks ImageFile::error().
 Result<ImageInfo> probe_png(ImageFile& file);
 Result<ImageInfo> probe_jpeg(ImageFile& file);
 
-/// `info`: what the probe said, within the limits of decode_image.
+/// `info`: the result of the probe, within the limits of decode_image.
 Result<Image> decode_png(ImageFile& file, const ImageInfo& info);
 Result<Image> decode_jpeg(ImageFile& file, const ImageInfo& info);
 
-/// The same without a picture; they give Image::warning.
+/// The same checks without a picture. They return Image::warning.
 Result<std::string> check_png(ImageFile& file, const ImageInfo& info);
 Result<std::string> check_jpeg(ImageFile& file, const ImageInfo& info);
 

@@ -14,7 +14,7 @@ namespace {
 using format::BlockFormat;
 using format::ChannelSource;
 
-constexpr uint64_t kHeaderBytes = 128;  // with the four of "DDS "
+constexpr uint64_t kHeaderBytes = 128;  // including the four of "DDS "
 constexpr uint64_t kDx10Bytes = 20;
 constexpr uint32_t kHasLevels = 0x20000;
 constexpr uint32_t kIsCube = 0x200, kIsVolume = 0x200000;
@@ -86,7 +86,7 @@ std::optional<Format> by_dxgi(uint32_t number) {
   }
 }
 
-/// Pixels of whole bytes a channel. `masks`: of red, green, blue and alpha.
+/// Formats with whole bytes per channel. `masks`: of red, green, blue and alpha.
 std::optional<Format> by_masks(uint32_t flags, uint32_t bits, const std::array<uint32_t, 4>& masks) {
   const bool has_alpha = (flags & kHasAlpha) != 0;
   const auto is = [&](uint32_t red, uint32_t green, uint32_t blue) {

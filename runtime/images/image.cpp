@@ -14,7 +14,7 @@
 namespace scree::runtime {
 namespace {
 
-constexpr uint64_t kWindowBytes = 64 << 10;  // of a file that is read as it is needed
+constexpr uint64_t kWindowBytes = 64 << 10;  // of a file that is read on demand
 
 std::string size_text(const ImageInfo& info) {
   return std::to_string(info.width) + " x " + std::to_string(info.height) + " pixels";
@@ -44,7 +44,7 @@ Result<Image> decode_blocks(ImageFile& file) {
   return decode_block_level(head->format, head->swizzle, head->width, head->height, blocks->data());
 }
 
-/// Unpacks every level; any blocks are good.
+/// Unpacks every level. The content of blocks is never an error.
 Result<std::string> check_blocks(ImageFile& file) {
   const Result<BlockFile> head = open_block_file(file);
   if (!head) return head.error();
@@ -131,7 +131,7 @@ Result<std::string> check_image(ImageFile file) {
 
 uint64_t image_check_bytes(const ImageInfo& info) {
   if (info.codec == format::ImageCodec::kBlocks) return kWindowBytes + 2 * info.block_bytes;
-  // A row of blocks is 16 bytes a sample, up to 12 of them are held, and as many rows of samples and of pixels.
+  // A row of blocks takes 16 bytes per sample. Up to 12 block rows are held, and as many rows of samples and of pixels.
   const uint64_t rows = uint64_t{256} * info.width * info.channels;
   if (info.codec == format::ImageCodec::kPng) return kWindowBytes + rows / 8;
   return kWindowBytes + rows + uint64_t{info.width + 32} * (info.height + 32) * info.channels / 8;

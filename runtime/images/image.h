@@ -1,5 +1,5 @@
-// Pictures in and out: PNG, JPEG, KTX2 and DDS decoding, PNG, PFM and raw writing. Every writer goes through
-// `path`.part and a rename, so that nobody sees half a picture.
+// Reads and writes pictures: PNG, JPEG, KTX2 and DDS decoding; PNG, PFM and raw writing. Every writer writes
+// `path`.part and renames it, so that an incomplete picture never has the name.
 #pragma once
 
 #include <concepts>
@@ -18,23 +18,24 @@
 
 namespace scree::runtime {
 
-/// What the head of an image file says.
+/// Facts from the header of an image file.
 struct ImageInfo {
   format::ImageCodec codec;
   uint32_t width;  // pixels, at least 1
   uint32_t height;
-  uint32_t channels;     // 1 grey, 2 grey and alpha, 3 colour, 4 colour and alpha (PNG) or CMYK (JPEG); of the blocks
-  bool is_coded_anew;    // JPEG: progressive or arithmetic; making it sequential holds 2 bytes a sample
+  uint32_t channels;     // 1 grey, 2 grey and alpha, 3 colour, 4 colour and alpha (PNG) or CMYK (JPEG); for blocks:
+                         // their channels
+  bool needs_transcode;  // JPEG: progressive or arithmetic; making it sequential holds 2 bytes per sample
   uint64_t block_bytes;  // KTX2 and DDS: of level 0, unpacked; else 0
 };
 
-/// The bytes of an image file: in memory, or read as they are needed, so that a large file takes a window of memory.
-/// Used by one thread at a time.
+/// The bytes of an image file: in memory, or read on demand, so that a large file takes only a window of memory. Used
+/// by one thread at a time.
 class ImageFile {
  public:
   using Read = std::function<Result<void>(uint64_t offset, std::span<std::byte> out)>;
 
-  /// A view of bytes that stay where they are.
+  /// A view of bytes that must stay valid and unchanged.
   template <class Bytes>
   requires std::convertible_to<const Bytes&, std::span<const std::byte>> ImageFile(const Bytes& bytes)
       : window_(bytes) {
@@ -47,8 +48,7 @@ class ImageFile {
 
   uint64_t size() const { return size_; }
 
-  /// Bytes from `offset` on, as many as are at hand: none at the end of the file or after an error. They are there
-  /// until the next call.
+  /// The available bytes from `offset` on: none at the end of the file or after an error. Valid until the next call.
   std::span<const std::byte> from(uint64_t offset);
 
   /// Byte `offset`, 0 past the end of the file or after an error.
@@ -57,58 +57,59 @@ class ImageFile {
     return bytes.empty() ? 0 : static_cast<uint32_t>(bytes[0]);
   }
 
-  /// The first read that failed; after that the file looks as if it ended.
+  /// The error of the first failed read. After it the file appears to have ended.
   const std::optional<Error>& error() const { return error_; }
 
  private:
   uint64_t size_ = 0;
   Read read_;
   std::vector<std::byte> buffer_;
-  uint64_t first_ = 0;  // of the window
+  uint64_t first_ = 0;  // offset of the window
   std::span<const std::byte> window_;
   std::optional<Error> error_;
 };
 
-/// Reads the size of a PNG, JPEG, KTX2 or DDS file from its head; decodes nothing. The codec is told by the first
-/// bytes. Errors kFormat (none of them, or malformed), kTruncated, and those of reading the file.
+/// Reads the size of a PNG, JPEG, KTX2 or DDS file from its header; decodes nothing. The codec follows from the first
+/// bytes. Errors kFormat (none of these, or malformed), kTruncated, and errors of reading the file.
 Result<ImageInfo> probe_image(ImageFile file);
 
-/// The same for pictures that decode_image() would try: errors as its own where what the header says is too much.
+/// The same for pictures that decode_image() would accept: also returns its errors if the header exceeds its limits.
 Result<ImageInfo> probe_decodable(ImageFile file);
 
-/// A decoded picture: 4 bytes a pixel, RGBA, not premultiplied, rows top to bottom. Colour stays as it is coded (sRGB
-/// in glTF, which has gamma, profile and orientation tags ignored).
+/// A decoded picture: 4 bytes per pixel, RGBA, not premultiplied, rows top to bottom. Colours keep their encoding (sRGB
+/// in glTF, which ignores gamma, profile and orientation tags).
 struct Image {
   uint32_t width = 0;
   uint32_t height = 0;
   std::vector<uint8_t> rgba;
-  std::string warning;  // what the decoder put up with ("ends before its data do", ...); empty where all was well
+  std::string warning;  // defects that the decoder tolerated ("ends before its data do", ...); else empty
 };
 
 inline constexpr uint64_t kMaxImagePixels = uint64_t{1} << 28;  // 16384 x 16384, 1 GiB decoded
-inline constexpr uint32_t kMaxDecodedSide = 65536;              // kernels::TextureView has levels for no more
+inline constexpr uint32_t kMaxDecodedSide = 65536;              // the largest side for which kernels::TextureView has
+                                                                // levels
 
-/// Whether `bytes` of a file can be a picture of so many pixels: at most 2^15 of them a byte, so that a file of 200
-/// bytes takes no more than 26 MB. A PNG holds 8,256 a byte at most, a JPEG 256, a progressive one 512 (a bit a block).
-/// Arithmetic coding alone, which browsers do not read, could do with less for one colour.
+/// Whether a file of `bytes` bytes can be a picture of that many pixels: at most 2^15 per byte, so that a file of 200
+/// bytes takes at most 26 MB. A PNG holds at most 8,256 pixels per byte, a JPEG 256, a progressive JPEG 512 (a bit per
+/// block). Only arithmetic coding, which browsers do not read, could need less for a single colour.
 constexpr bool may_hold_pixels(uint64_t pixels, uint64_t bytes) {
   return pixels >> 15 <= bytes;
 }
 
-/// Decodes a PNG (any colour type, depth and interlace; 16 bits are rounded to 8) or JPEG (grey, YCbCr, RGB, CMYK,
-/// YCCK; baseline and progressive), or level 0 of what open_block_file() takes. Sizes are checked before anything is
-/// allocated. Corrupt entropy-coded JPEG data is put up with and named in Image::warning, as other decoders do; all
-/// else is an error: kFormat (what the library said), kTruncated (also where the file is too small for so many pixels),
-/// kRange (more than kMaxImagePixels or kMaxDecodedSide), kUnsupported, kMemory, and those of reading the file.
-/// Reentrant.
+/// Decodes a PNG (any colour type, depth and interlace; 16 bits are rounded to 8), a JPEG (grey, YCbCr, RGB, CMYK,
+/// YCCK; baseline and progressive), or level 0 of a file for open_block_file(). Sizes are checked before anything is
+/// allocated. Corrupt entropy-coded JPEG data are tolerated, as in other decoders, and reported in Image::warning.
+/// Everything else is an error: kFormat (with the library's message), kTruncated (also if the file is too small for
+/// that many pixels), kRange (more than kMaxImagePixels or kMaxDecodedSide), kUnsupported, kMemory, and errors of
+/// reading the file. Reentrant.
 Result<Image> decode_image(ImageFile file);
 
-/// What decode_image would say: an error where it has one, else its warning, which is empty where all was well. Decodes
-/// the whole file without holding the picture; see image_check_bytes.
+/// The error of decode_image, if it would have one, else its warning, which is empty for a good file. Decodes the whole
+/// file without holding the picture; see image_check_bytes.
 Result<std::string> check_image(ImageFile file);
 
-/// At most what check_image takes for a picture of this size, bytes: some rows, and for a JPEG a bit a coefficient, as
-/// the scans of a progressive one build upon each other (96 MiB for 16384 x 16384 in colour).
+/// Upper bound of the memory of check_image for a picture of this size, bytes: some rows, and for a JPEG a bit per
+/// coefficient, since the scans of a progressive JPEG build upon each other (96 MiB for 16384 x 16384 in colour).
 uint64_t image_check_bytes(const ImageInfo& info);
 
 /// Writes 8-bit sRGB pixels. `channels`: 3 (RGB) or 4 (RGBA, not premultiplied); `pixels`: width * height * channels
@@ -120,14 +121,14 @@ Result<void> write_png(const std::string& path, uint32_t width, uint32_t height,
 Result<std::vector<std::byte>> encode_png(uint32_t width, uint32_t height, uint32_t channels,
                                           std::span<const uint8_t> pixels);
 
-/// Writes one or three floats a pixel as a PFM (Portable Float Map): "Pf" or "PF", size, scale -1.0 (little-endian),
-/// rows bottom to top as the format has it. `values`: width * height, or three times as many, rows top to bottom;
-/// infinities are written as they are. Errors kFile.
+/// Writes one or three floats per pixel as a PFM (Portable Float Map): "Pf" or "PF", size, scale -1.0 (little-endian),
+/// rows bottom to top as the format requires. `values`: width * height, or three times as many, rows top to bottom;
+/// infinities are written unchanged. Errors kFile.
 Result<void> write_pfm(const std::string& path, uint32_t width, uint32_t height, std::span<const float> values,
                        format::Existing existing = format::Existing::kReplace);
 
-/// Writes a visibility buffer: width * height 64-bit little-endian words, rows top to bottom, nothing else in the file.
-/// Each is kernels::pack_sample(depth code, triangle id); all ones is background. Errors kFile.
+/// Writes a visibility buffer and nothing else: width * height 64-bit little-endian words, rows top to bottom. Each is
+/// kernels::pack_sample(depth code, triangle id); all ones is background. Errors kFile.
 Result<void> write_visibility(const std::string& path, std::span<const uint64_t> samples,
                               format::Existing existing = format::Existing::kReplace);
 

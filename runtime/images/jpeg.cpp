@@ -1,69 +1,30 @@
 #include <bit>
-#include <csetjmp>
 #include <cstddef>
-#include <cstdio>
 #include <cstring>
 #include <span>
 #include <string>
 #include <vector>
 
-#include <jerror.h>
-#include <jpeglib.h>
-
 #include "runtime/images/codecs.h"
 #include "runtime/images/image.h"
+#include "runtime/images/jpeg_errors.h"
 
 namespace scree::runtime {
 namespace {
 
-/// libjpeg's error manager with a way out; trivially destructible.
-struct JpegErrors {
-  jpeg_error_mgr manager;  // first: libjpeg hands back a pointer to it
-  std::jmp_buf escape;
-  char fatal[JMSG_LENGTH_MAX];
-  char warning[JMSG_LENGTH_MAX];
-};
-
-[[noreturn]] void on_jpeg_error(j_common_ptr info) {
-  auto* const errors = reinterpret_cast<JpegErrors*>(info->err);
-  if (errors->fatal[0] == 0) info->err->format_message(info, errors->fatal);
-  std::longjmp(errors->escape, 1);
-}
-
-void on_jpeg_message(j_common_ptr info, int level) {
-  if (level >= 0) return;  // traces
-  auto* const errors = reinterpret_cast<JpegErrors*>(info->err);
-  if (info->err->num_warnings++ == 0) info->err->format_message(info, errors->warning);
-}
-
-void on_jpeg_progress(j_common_ptr info) {
-  if (reinterpret_cast<j_decompress_ptr>(info)->input_scan_number <= kMaxJpegScans) return;
-  auto* const errors = reinterpret_cast<JpegErrors*>(info->err);
-  std::snprintf(errors->fatal, sizeof errors->fatal, "more than %d scans", kMaxJpegScans);
-  on_jpeg_error(info);
-}
-
-/// Runs `body`, whose frame must own nothing, and returns whether libjpeg got to its end.
-template <class Body>
-bool guarded(JpegErrors& errors, const Body& body) {
-  if (setjmp(errors.escape) != 0) return false;
-  body();
-  return true;
-}
-
 /// libjpeg's source: windows of an ImageFile. A file that ends early gets an end marker and a warning, as in libjpeg's
 /// own sources.
 struct JpegSource {
-  jpeg_source_mgr manager;  // first: libjpeg hands back a pointer to it
+  jpeg_source_mgr manager;  // first: libjpeg passes on a pointer to it
   ImageFile* file;
-  uint64_t next;  // behind the window libjpeg has
+  uint64_t next;  // offset behind the window that libjpeg has
 };
 
 JpegSource& source_of(j_decompress_ptr info) {
   return *reinterpret_cast<JpegSource*>(info->src);
 }
 
-/// In a frame that nothing leaves by a jump: false at the end of the file.
+/// Moves to the next window; no jump leaves its frame. Returns false at the end of the file.
 bool next_window(JpegSource& source) {
   const std::span<const std::byte> bytes = source.file->from(source.next);
   source.manager.next_input_byte = reinterpret_cast<const JOCTET*>(bytes.data());
@@ -76,7 +37,7 @@ boolean fill_jpeg_input(j_decompress_ptr info) {
   static constexpr JOCTET kEnd[2] = {0xff, JPEG_EOI};
   JpegSource& source = source_of(info);
   if (next_window(source)) return TRUE;
-  if (source.file->error()) on_jpeg_error(reinterpret_cast<j_common_ptr>(info));
+  if (source.file->error()) JpegErrors::of(reinterpret_cast<j_common_ptr>(info)).leave();
   WARNMS(info, JWRN_JPEG_EOF);
   source.manager.next_input_byte = kEnd;
   source.manager.bytes_in_buffer = sizeof kEnd;
@@ -98,9 +59,9 @@ void skip_jpeg_input(j_decompress_ptr info, long bytes) {
 
 void ignore_jpeg_call(j_decompress_ptr) {}
 
-/// Stands in for libjpeg's array of the coefficients of a whole picture where only its file is checked. Of what earlier
-/// scans left, the entropy decoders look only at which coefficients are not zero, and none ever becomes zero again: a
-/// bit each is enough, where libjpeg keeps 16. The rows libjpeg works on are held as it wants them.
+/// Replaces libjpeg's array of a whole picture's coefficients when a file is only checked. The entropy decoders use
+/// earlier scans only to tell which coefficients are not zero, and these never become zero again. So a bit per
+/// coefficient suffices, where libjpeg keeps 16. The rows that libjpeg works on are held in its own form.
 struct CoefficientMasks {
   JDIMENSION blocks_a_row;
   JDIMENSION rows;
@@ -108,10 +69,10 @@ struct CoefficientMasks {
   JDIMENSION first;  // row of the window
   bool is_held;      // whether the window holds rows
   JBLOCKARRAY window;
-  uint64_t* masks;  // a word a block
+  uint64_t* masks;  // a word per block
 };
 
-/// The window is written back where libjpeg leaves it, whether it changed them or not.
+/// Writes the window back when libjpeg leaves it, changed or not.
 void store_window(const CoefficientMasks& array) {
   for (JDIMENSION row = 0; row < array.window_rows && array.first + row < array.rows; ++row) {
     uint64_t* const masks = array.masks + size_t{array.first + row} * array.blocks_a_row;
@@ -157,14 +118,12 @@ JBLOCKARRAY access_masks(j_common_ptr info, jvirt_barray_ptr handle, JDIMENSION 
   return array.window + (first - array.first);
 }
 
-/// Owns the decompressor, so that an early return frees what libjpeg took.
+/// Owns the decompressor, so that an early return frees libjpeg's memory.
 class JpegReader {
  public:
   explicit JpegReader(ImageFile& file) : file_(file) {
-    jpeg_.err = jpeg_std_error(&errors_.manager);
-    errors_.manager.error_exit = on_jpeg_error;
-    errors_.manager.emit_message = on_jpeg_message;
-    progress_.progress_monitor = on_jpeg_progress;
+    jpeg_.err = errors_.set_up();
+    progress_.progress_monitor = JpegErrors::limit_scans;
     source_.file = &file;
     source_.manager.init_source = ignore_jpeg_call;
     source_.manager.fill_input_buffer = fill_jpeg_input;
@@ -174,15 +133,15 @@ class JpegReader {
   }
   JpegReader(const JpegReader&) = delete;
   JpegReader& operator=(const JpegReader&) = delete;
-  ~JpegReader() { jpeg_destroy_decompress(&jpeg_); }  // does nothing where nothing was created
+  ~JpegReader() { jpeg_destroy_decompress(&jpeg_); }  // does nothing if nothing was created
 
-  /// Before open(): the pixels of a file of several scans are not wanted, only whether its scans decode.
+  /// Called before open(): for a file of several scans, only checks whether its scans decode, without pixels.
   void keep_masks_only() { masks_only_ = true; }
 
-  /// Reads the header and compares it with the probe's.
+  /// Reads the header and compares it with the probe's result.
   Result<void> open(const ImageInfo& info) {
     jpeg_decompress_struct* const jpeg = &jpeg_;
-    if (!guarded(errors_, [&] {
+    if (!errors_.guarded([&] {
           jpeg_create_decompress(jpeg);
           jpeg->progress = &progress_;
           jpeg->src = &source_.manager;
@@ -200,13 +159,13 @@ class JpegReader {
     return {};
   }
 
-  /// Decodes the rows to `first`, each `stride` bytes behind the one before; 0 puts them all in one place. Returns
-  /// whether libjpeg got to the end.
+  /// Decodes all rows: the first to `first`, each `stride` bytes behind the one before; 0 puts them all in one place.
+  /// Returns whether libjpeg reached the end.
   bool read_rows(uint8_t* first, size_t stride) {
     jpeg_decompress_struct* const jpeg = &jpeg_;
-    return guarded(errors_, [&] {
+    return errors_.guarded([&] {
       jpeg_start_decompress(jpeg);
-      // All scans have been decoded now; what is left cannot fail, and has no coefficients to work on.
+      // All scans are decoded by now. The remaining steps cannot fail, and have no coefficients to work on.
       if (masks_only_ && jpeg_has_multiple_scans(jpeg)) return;
       while (jpeg->output_scanline < jpeg->output_height) {
         JSAMPROW row = first + stride * jpeg->output_scanline;
@@ -223,9 +182,7 @@ class JpegReader {
   }
 
   Error failure() const {
-    if (file_.error()) return *file_.error();
-    const bool out_of_memory = errors_.manager.msg_code == JERR_OUT_OF_MEMORY;
-    return Error{out_of_memory ? ErrorCode::kMemory : ErrorCode::kFormat, std::string("JPEG: ") + errors_.fatal};
+    return file_.error() ? *file_.error() : errors_.error();
   }
 
  private:
@@ -238,7 +195,7 @@ class JpegReader {
   bool is_cmyk_ = false;
 };
 
-/// CMYK to RGB in place, alpha 255, without a profile: light = (1 - ink) * (1 - black). Adobe writes light instead of
+/// CMYK to RGB in place, alpha 255, without a profile: light = (1 - ink) * (1 - black). Adobe stores light instead of
 /// ink.
 void convert_cmyk(std::span<uint8_t> pixels, bool holds_light) {
   const unsigned flip = holds_light ? 0 : 255;
@@ -260,7 +217,7 @@ Result<ImageInfo> probe_jpeg(ImageFile& file) {
     while (at < file.size() && byte(at) == 0xff) ++at;
     if (at >= file.size()) return ended;
     const uint32_t marker = byte(at++);
-    if (marker == 0 || marker == 1 || (marker >= 0xd0 && marker <= 0xd8)) continue;  // stand alone
+    if (marker == 0 || marker == 1 || (marker >= 0xd0 && marker <= 0xd8)) continue;  // markers without a segment
     if (marker == 0xd9 || marker == 0xda) return Error{ErrorCode::kFormat, "JPEG: image data before a frame header"};
     if (file.size() - at < 2) return ended;
     const uint32_t length = byte(at) << 8 | byte(at + 1);
@@ -278,7 +235,7 @@ Result<ImageInfo> probe_jpeg(ImageFile& file) {
     info.height = byte(at + 3) << 8 | byte(at + 4);
     info.width = byte(at + 5) << 8 | byte(at + 6);
     info.channels = byte(at + 7);
-    info.is_coded_anew = marker != 0xc0 && marker != 0xc1;
+    info.needs_transcode = marker != 0xc0 && marker != 0xc1;
     if (info.width == 0) return Error{ErrorCode::kFormat, "JPEG: width 0"};
     if (info.height == 0)
       return Error{ErrorCode::kUnsupported, "JPEG: height 0 (given after the data, by a DNL marker)"};

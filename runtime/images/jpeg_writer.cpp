@@ -1,52 +1,30 @@
 #include "runtime/images/jpeg_writer.h"
 
-#include <csetjmp>
-#include <cstdio>
 #include <cstdlib>
-#include <string>
 #include <utility>
 
-#include <jpeglib.h>
-
-#include <jerror.h>  // behind jpeglib.h: which codes it has depends on what libjpeg was built with
+#include "runtime/images/jpeg_errors.h"
 
 namespace scree::runtime {
 
 struct JpegWriter::Impl {
-  jpeg_error_mgr manager{};  // first: libjpeg hands back a pointer to it
-  std::jmp_buf escape{};
-  char fatal[JMSG_LENGTH_MAX]{};
+  JpegErrors errors{};
   jpeg_compress_struct jpeg{};
   unsigned char* out = nullptr;
   unsigned long out_bytes = 0;
 
-  Impl() {
-    jpeg.err = jpeg_std_error(&manager);
-    manager.error_exit = on_error;
-    manager.emit_message = [](j_common_ptr, int) {};
-  }
+  Impl() { jpeg.err = errors.set_up(); }
   Impl(const Impl&) = delete;
   Impl& operator=(const Impl&) = delete;
   ~Impl() {
-    jpeg_destroy_compress(&jpeg);  // does nothing where nothing was created
+    jpeg_destroy_compress(&jpeg);  // does nothing if nothing was created
     std::free(out);
   }
 
-  [[noreturn]] static void on_error(j_common_ptr info) {
-    auto& impl = *reinterpret_cast<Impl*>(info->err);
-    info->err->format_message(info, impl.fatal);
-    std::longjmp(impl.escape, 1);
-  }
-
-  /// Runs `body`, whose frame must own nothing.
   template <class Body>
   Result<void> guarded(const Body& body) {
-    if (setjmp(escape) == 0) {
-      body();
-      return {};
-    }
-    const bool out_of_memory = manager.msg_code == JERR_OUT_OF_MEMORY;
-    return Error{out_of_memory ? ErrorCode::kMemory : ErrorCode::kUnsupported, std::string("JPEG: ") + fatal};
+    if (errors.guarded(body)) return {};
+    return errors.error(ErrorCode::kUnsupported);
   }
 
   void start(const JpegCoding& coding) {

@@ -13,23 +13,24 @@
 
 namespace scree::runtime {
 
-/// How a picture is coded.
+/// Encoding options of a picture.
 struct JpegCoding {
   uint32_t width = 0;
   uint32_t height = 0;
   format::JpegColour colour = format::JpegColour::kYcbcr;  // kGrey, kYcbcr or kRgb
   std::array<format::JpegComponent, 3> components;         // factors and `quant`; factors divide the largest
-  std::vector<std::array<uint16_t, 64>> quant;             // zigzag order; empty: libjpeg's of `quality`
+  std::vector<std::array<uint16_t, 64>> quant;             // zigzag order; empty: libjpeg's tables of `quality`
   int quality = 90;                                        // 1 to 100
-  bool has_own_tables = true;                              // Huffman tables, where it is not too large for them
+  bool has_own_tables = true;                              // optimised Huffman tables, unless the picture is too large
 };
 
-/// Pictures of at most so many pixels get Huffman tables of their own, for which their coefficients are held, 2 bytes
-/// each (25 MB at most); larger ones take those of T.81, K.3, a few per cent more bytes, and hold a row of MCUs.
+/// Pictures of at most this many pixels get optimised Huffman tables, for which their coefficients are held, 2 bytes
+/// each (25 MB at most). Larger ones use the tables of T.81, K.3, which takes a few per cent more bytes, and hold one
+/// row of MCUs.
 inline constexpr uint64_t kOptimisedJpegPixels = uint64_t{1} << 22;
 
-/// Errors of all: kMemory, kUnsupported (a size or factors that libjpeg does not write). After an error nothing but
-/// the destructor may be called.
+/// Writes a JPEG row by row. Errors of all methods: kMemory, kUnsupported (a size or factors that libjpeg does not
+/// write). After an error only the destructor may be called.
 class JpegWriter {
  public:
   static Result<JpegWriter> create(const JpegCoding& coding);
@@ -37,10 +38,10 @@ class JpegWriter {
   JpegWriter& operator=(JpegWriter&&) noexcept;
   ~JpegWriter();
 
-  /// The next row from the top: 3 bytes a pixel (RGB), or 1 with kGrey.
+  /// Writes the next row from the top: 3 bytes per pixel (RGB), or 1 for kGrey.
   Result<void> row(std::span<const uint8_t> samples);
 
-  /// After the last row: the file.
+  /// Returns the file, after the last row.
   Result<std::vector<std::byte>> finish();
 
  private:

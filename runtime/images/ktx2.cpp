@@ -19,7 +19,7 @@ constexpr uint64_t kHeaderBytes = 80;
 constexpr uint64_t kLevelBytes = 24;
 constexpr std::array<unsigned char, 12> kIdentifier = {0xab, 'K',  'T',  'X',  ' ',  '2',
                                                        '0',  0xbb, '\r', '\n', 0x1a, '\n'};
-constexpr uint32_t kMaxKeyValueBytes = 1 << 20;  // of which two keys are read
+constexpr uint32_t kMaxKeyValueBytes = 1 << 20;  // only two keys are used
 
 constexpr uint16_t kReversed =
     format::make_swizzle(ChannelSource::kBlue, ChannelSource::kGreen, ChannelSource::kRed, ChannelSource::kAlpha);
@@ -38,7 +38,7 @@ enum Model : uint32_t {
 };
 
 struct Format {
-  uint32_t number;  // VkFormat, UNORM and SRGB
+  uint32_t number;  // VkFormat, for UNORM and SRGB
   uint32_t srgb_number;
   BlockFormat format;
   uint16_t swizzle;
@@ -174,7 +174,7 @@ class Reader {
     return not_read("of Vulkan format " + std::to_string(number));
   }
 
-  /// The data format descriptor: that it is there, and of the format.
+  /// Checks that the data format descriptor is present and belongs to the format.
   Result<void> descriptor() {
     const uint64_t offset = word(48), bytes = word(52);
     if (offset != index_end() || bytes < 28 || !format::range_within(offset, bytes, file_.size()))
@@ -193,7 +193,7 @@ class Reader {
     return {};
   }
 
-  /// The keys and values: KTXswizzle is applied, KTXorientation must be glTF's.
+  /// Reads the keys and values: applies KTXswizzle, and requires glTF's KTXorientation.
   Result<void> keys() {
     const uint64_t begin = word(56), bytes = word(60);
     if (bytes == 0) return {};
@@ -260,6 +260,10 @@ class Reader {
         return fail(ErrorCode::kFormat, name + std::to_string(stated != expected ? stated : level.bytes) +
                                             " bytes, but " + std::to_string(width) + " x " + std::to_string(height) +
                                             " pixels take " + std::to_string(expected));
+      // Neither zstd nor zlib needs more; frames to be skipped would take memory that the pixels do not.
+      if (const uint64_t most = expected + expected / 8 + 1024; level.bytes > most)
+        return fail(ErrorCode::kFormat, name + std::to_string(level.bytes) + " packed bytes of " +
+                                            std::to_string(expected) + ", expected at most " + std::to_string(most));
       head_.levels.push_back(level);
     }
     return {};

@@ -18,7 +18,7 @@
 namespace scree::runtime {
 namespace {
 
-/// What libpng said last; trivially destructible, because a longjmp passes it by.
+/// libpng's last message. Trivially destructible, because a longjmp skips destructors.
 struct PngMessage {
   char text[160] = {};
 };
@@ -29,14 +29,14 @@ struct PngMessage {
   png_longjmp(png, 1);
 }
 
-/// libpng says it in words: "Out of memory", and zlib through it "insufficient memory".
+/// libpng reports the kind of error only as text: "Out of memory", and "insufficient memory" from zlib.
 ErrorCode code_of(const PngMessage& message) {
   return std::strstr(message.text, "memory") != nullptr ? ErrorCode::kMemory : ErrorCode::kFormat;
 }
 
 void on_png_warning(png_structp, png_const_charp) {}
 
-/// Runs `body`, whose frame must own nothing, and returns whether libpng got to its end.
+/// Runs `body`, whose frame must own nothing, and returns whether libpng completed it.
 template <class Body>
 bool guarded(png_structp png, const Body& body) {
   if (setjmp(png_jmpbuf(png)) != 0) return false;
@@ -79,7 +79,7 @@ struct Source {
   bool ended;
 };
 
-/// In a frame that nothing leaves by a jump: whether `out` was filled.
+/// Fills `out`; no jump leaves its frame. Returns whether `out` was filled.
 bool read_png_source(Source& source, png_bytep out, size_t size) {
   while (size > 0) {
     const std::span<const std::byte> bytes = source.file.from(source.at);
@@ -103,10 +103,10 @@ void read_png_bytes(png_structp png, png_bytep out, size_t size) {
 
 constexpr size_t kWriteBytes = 64 << 10;
 
-/// What libpng writes goes on to `take`, in pieces.
+/// Passes libpng's output on to `take`, in larger pieces.
 struct PngSink {
   std::function<Result<void>(std::span<const std::byte>)> take;
-  std::vector<std::byte> waiting{};  // libpng writes 4 bytes here and 4 there
+  std::vector<std::byte> waiting{};  // libpng writes in pieces as small as 4 bytes
   Result<void> done{};
 
   void flush() {
@@ -116,7 +116,7 @@ struct PngSink {
 };
 
 void write_png_bytes(png_structp png, png_bytep bytes, size_t size) try {
-  // A failure is reported at the end; going on costs no more than a jump would save.
+  // A failure is reported at the end. Continuing costs no more than a jump would save.
   PngSink& out = *static_cast<PngSink*>(png_get_io_ptr(png));
   const auto first = reinterpret_cast<const std::byte*>(bytes);
   out.waiting.insert(out.waiting.end(), first, first + size);
@@ -143,7 +143,7 @@ bool chunk_is(ImageFile& file, uint64_t offset, const char* type) {
   return true;
 }
 
-/// Whether a tRNS chunk comes before the image data.
+/// Whether a tRNS chunk lies before the image data.
 bool has_transparency(ImageFile& file) {
   uint64_t offset = kHeaderEnd;
   while (file.size() - offset >= kChunkOverheadBytes && !chunk_is(file, offset, "IDAT")) {
@@ -155,12 +155,13 @@ bool has_transparency(ImageFile& file) {
   return false;
 }
 
-/// Decodes to where `place`, given the bytes of a row of RGBA, says: the first row and the step from row to row. A step
-/// of 0 decodes every row, of every pass of an interlaced file, into the same place: the picture is not held then.
+/// Decodes a picture. `place` gets the bytes of a row of RGBA and returns the first row's address and the step from row
+/// to row. With a step of 0 every row, of every pass of an interlaced file, is decoded into the same place, and the
+/// picture is not held.
 template <class Place>
 Result<void> read_png(ImageFile& file, const ImageInfo& info, const Place& place) {
-  // Deflate makes at most 1032 bytes of one, so a small file that declares a huge picture is found out before the
-  // memory for it is taken. One bit a sample is the least there is.
+  // Deflate expands at most 1032 times, and a sample takes at least one bit. So a small file that claims a huge picture
+  // is refused before memory is allocated for it.
   if (uint64_t{info.width} * info.height / 8 / 1032 > file.size())
     return Error{ErrorCode::kTruncated, "PNG: " + std::to_string(info.width) + " x " + std::to_string(info.height) +
                                             " pixels in " + std::to_string(file.size()) + " bytes"};
@@ -180,7 +181,7 @@ Result<void> read_png(ImageFile& file, const ImageInfo& info, const Place& place
   if (!guarded(png, [&] {
         png_set_read_fn(png, &source, read_png_bytes);
         png_set_user_limits(png, kMaxDecodedSide, kMaxDecodedSide);
-        // Text, profiles and the like would be kept, up to 8 MB each.
+        // Text, profiles and the like would otherwise be kept, up to 8 MB each.
         png_set_keep_unknown_chunks(png, PNG_HANDLE_CHUNK_NEVER, nullptr, -1);
         png_read_info(png, png_info);
         png_set_expand(png);  // palettes, grey below 8 bits and tRNS
@@ -306,7 +307,7 @@ Result<void> write_png(const std::string& path, uint32_t width, uint32_t height,
   Result<format::PartFile> file = format::PartFile::create(path, format::PartFile::Content::kEmpty, existing);
   if (!file) return file.error();
   uint64_t end = 0;
-  bool is_file_error = false;  // which names the file
+  bool is_file_error = false;  // its message has the file's name
   PngSink out{[&](std::span<const std::byte> bytes) {
     const Result<void> done = file->write_at(end, bytes);
     is_file_error = !done;

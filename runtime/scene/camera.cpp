@@ -44,12 +44,12 @@ Vec3 cross(const Vec3& a, const Vec3& b) {
   return {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]};
 }
 
-/// Nothing where there is no direction.
+/// Returns nullopt for a vector without a direction.
 std::optional<Vec3> normalized(const Vec3& a) {
   const double size = length(a);
   if (!(size > 0) || !std::isfinite(size)) return std::nullopt;
   const Vec3 once = (1.0 / size) * a;
-  return (1.0 / length(once)) * once;  // the second pass takes tiny vectors to 1e-16
+  return (1.0 / length(once)) * once;  // the second pass normalises tiny vectors to within 1e-16
 }
 
 Rows compose(const Rows& a, const Rows& b) {
@@ -96,8 +96,8 @@ bool has_few_vertices(const kernels::SceneView& scene) {
   return count <= kMostVertices;
 }
 
-/// What the default view is fitted to: every vertex that is drawn where they are few, so that the empty corners of
-/// boxes do not push the scene out of the middle; else the corners of the instances' boxes.
+/// The points that the default view is fitted to. If few vertices are drawn: all of them, so that the empty corners of
+/// boxes do not push the scene out of the middle. Otherwise the corners of the instances' boxes.
 class Outline {
  public:
   explicit Outline(const kernels::SceneView& scene) : scene_(scene) {
@@ -160,7 +160,7 @@ class Outline {
   std::vector<Vec3> points_;
 };
 
-/// Sets right, up and forward: `forward` of unit length, `up` anything.
+/// Sets right, up and forward. `forward`: of unit length; `up`: any vector.
 bool orient(View& view, const Vec3& forward, const Vec3& up) {
   const auto upright = normalized(up - dot(up, forward) * forward);
   if (!upright || !(length(cross(forward, up)) > 1e-9 * length(up))) return false;
@@ -180,8 +180,8 @@ void set_field_of_view(View& view, double radians) {
   view.half_width = view.half_height * static_cast<double>(view.width) / view.height;
 }
 
-/// How near to the eye something of the box may be seen. Depth keeps its precision for 64 octaves from the near plane
-/// (spec/rasterization.md), so a plane very near costs nothing.
+/// Distance from the eye at which something of the box may first be visible. Depth keeps its precision for 64 octaves
+/// from the near plane (spec/rasterization.md), so a very near plane costs nothing.
 double near_of_box(const WorldBox& box, const Vec3& eye) {
   if (box.is_empty()) return 0.01;
   Vec3 outside{};
@@ -191,7 +191,7 @@ double near_of_box(const WorldBox& box, const Vec3& eye) {
   return near > 0 && std::isfinite(near) ? near : 0.01;
 }
 
-/// Which points lie outermost along one direction of the picture, seen from (offset, depth).
+/// The outermost points along one direction of the picture, seen from (offset, depth).
 struct Extremes {
   double high = -kInfinity, low = kInfinity;  // tangents
   double high_offset = 0, high_depth = 0, low_offset = 0, low_depth = 0;
@@ -209,13 +209,13 @@ struct Extremes {
       low_depth = depth;
     }
   }
-  /// How far to move the eye so that these two points are equally far from the middle.
+  /// Distance to move the eye so that these two points are equally far from the middle.
   double shift() const { return (high_offset * low_depth + low_offset * high_depth) / (high_depth + low_depth); }
 };
 
-/// Puts the eye as near to the scene as it can be with every point in the picture and a margin around, and the scene
-/// in the middle. Along the view direction a point (x, y, z) is inside when |x - ex| <= hw (z - ez), and y likewise:
-/// the four extremes of x - hw z, -x - hw z, y - hh z and -y - hh z say where the eye may be.
+/// Puts the eye as near to the scene as possible with every point in the picture, a margin around them, and the scene
+/// in the middle. Along the view direction a point (x, y, z) is inside when |x - ex| <= hw (z - ez), and y likewise. So
+/// the four extremes of x - hw z, -x - hw z, y - hh z and -y - hh z bound the eye's position.
 void frame(View& view, const kernels::SceneView& scene, const WorldBox& box) {
   const Outline outline(scene);
   constexpr double kMargin = 0.94;  // of the picture's half sides
@@ -239,8 +239,8 @@ void frame(View& view, const kernels::SceneView& scene, const WorldBox& box) {
   double ez = std::min(-0.5 * (x_high + x_low) / hw, -0.5 * (y_high + y_low) / hh);
   ez = std::min(ez, nearest - (size > 0 ? 1e-3 * size : 1e-3));
 
-  // The direction that does not decide the distance has room to spare; moving the eye along it evens the two sides out.
-  // The outermost points may change with it, but settle in a few rounds.
+  // The direction that does not determine the distance has room to spare; moving the eye along it makes both margins
+  // equal. The outermost points may change with it, but converge in a few rounds.
   for (int round = 0; round < 8; ++round) {
     Extremes across, along;
     outline.for_each([&](const Vec3& p) {
@@ -288,7 +288,7 @@ Result<View> document_view(const format::Container& container, const PlacedCamer
   const format::CameraRecord& camera = container.cameras()[placed.camera];
   const Rows& world = placed.world;
   set_eye(view, {world[0][3], world[1][3], world[2][3]});
-  // A camera looks along its node's -z with +y up; scale and mirroring of the node do not change what it sees.
+  // A camera looks along its node's -z with +y up. Scale and mirroring of the node do not affect its view.
   const auto forward = normalized({-world[0][2], -world[1][2], -world[2][2]});
   if (!forward || !orient(view, *forward, {world[0][1], world[1][1], world[2][1]}))
     return Error{ErrorCode::kFormat, "camera " + std::to_string(placed.camera) + ": the matrix of its node " +
@@ -314,7 +314,7 @@ Result<View> eye_view(const WorldBox& box, View view, const CameraOptions& optio
   const Vec3 eye = *options.eye;
   const auto forward = normalized(options.target.value_or(middle) - eye);
   if (!forward) return Error{ErrorCode::kUsage, "the eye and the target are the same point"};
-  // Straight up or down, where y says nothing, -z is the top of the picture.
+  // Straight up or down, where y gives no direction, -z is the top of the picture.
   const bool is_oriented =
       orient(view, *forward, options.up.value_or(Vec3{0, 1, 0})) || (!options.up && orient(view, *forward, {0, 0, -1}));
   if (!is_oriented) return Error{ErrorCode::kUsage, "up lies along the direction of view"};
@@ -329,7 +329,7 @@ Result<View> default_view(const kernels::SceneView& drawn, const WorldBox& box, 
   const Vec3 up = options.up.value_or(Vec3{0, 1, 0});
   const auto upright = normalized(up);
   if (!upright) return Error{ErrorCode::kUsage, "up has no direction"};
-  // The front is +z where it can be, whatever is up.
+  // The front is +z if possible, for any up direction.
   Vec3 front = Vec3{0, 0, 1} - (*upright)[2] * *upright;
   if (length(front) < 0.5) front = Vec3{0, -1, 0} + (*upright)[1] * *upright;
   front = *normalized(front);
@@ -352,7 +352,7 @@ Result<View> default_view(const kernels::SceneView& drawn, const WorldBox& box, 
   return view;
 }
 
-/// make_view(); `box()`: the scene's, called where it is needed.
+/// make_view(). `box()`: returns the scene's box; called only if needed.
 template <class Box>
 Result<View> view_with(const format::Container& container, uint32_t scene, const kernels::SceneView& drawn,
                        const CameraOptions& options, const Box& box) {
@@ -374,7 +374,7 @@ Result<View> view_with(const format::Container& container, uint32_t scene, const
   return default_view(drawn, box(), view, options);
 }
 
-/// Sets the shape of what is seen from a projection's rows.
+/// Sets the view's projection from the rows of a projection matrix.
 Result<void> set_projection(View& view, const std::array<double, 16>& p, double z_near) {
   const auto is_zero = [&](std::initializer_list<size_t> places) {
     return std::all_of(places.begin(), places.end(), [&](size_t i) { return std::abs(p[i]) <= 1e-9; });

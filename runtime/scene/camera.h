@@ -1,4 +1,4 @@
-// From where a scene is seen: its own cameras, a given eye, or a view that shows all of it.
+// The viewpoint of a scene: its own cameras, a given eye, or a view that shows all of it.
 #pragma once
 
 #include <array>
@@ -34,10 +34,11 @@ struct WorldBox {
 /// The eight corners of a mesh's box in world space.
 std::array<Vec3, 8> box_corners(const format::MeshRecord& mesh, const format::MatrixRecord& matrix);
 
-/// The box of everything that the scene's instances draw (of their meshes' boxes, so a little larger when turned).
+/// The box of everything that the scene's instances draw. It is made from their meshes' boxes, so it is slightly too
+/// large for rotated instances.
 WorldBox scene_box(const kernels::SceneView& scene);
 
-/// A camera of the document, hung on a node of the chosen scene.
+/// A camera of the document on a node of the chosen scene.
 struct PlacedCamera {
   uint32_t camera;  // number in the document
   uint32_t node;
@@ -47,51 +48,51 @@ struct PlacedCamera {
 /// The cameras of a scene in the order of their nodes.
 std::vector<PlacedCamera> placed_cameras(const format::Container& container, uint32_t scene);
 
-/// What the caller chose. Nothing chosen: a default view that shows the whole scene, from the front, right and above
-/// (glTF models look along +z).
+/// The caller's choices. The defaults give a view that shows the whole scene, from the front, right and above (glTF
+/// models look along +z).
 struct CameraOptions {
   std::string camera;          // name of a camera or of its node, or the camera's number in the document
   std::optional<Vec3> eye;     // excludes `camera`
   std::optional<Vec3> target;  // default: the middle of the scene's box
   std::optional<Vec3> up;      // default: y
-  // From where the default view looks at the scene: degrees to the right of its front, and above it, -90 to 90.
+  // Direction of the default view: degrees to the right of the scene's front, and degrees above it, -90 to 90.
   double turn_degrees = 30;
   double rise_degrees = 20;
-  std::optional<double> fov_degrees;  // vertical, above 0 and below 180; of a document's camera it replaces its own
-  uint32_t width = 1920;              // of the picture, in samples; its ratio is the picture's aspect
+  std::optional<double> fov_degrees;  // vertical, above 0 and below 180; replaces a document camera's own
+  uint32_t width = 1920;              // of the picture, in samples; width / height is the aspect ratio
   uint32_t height = 1080;
 };
 
 inline constexpr double kDefaultFovDegrees = 45;
 
-/// A camera as two 4 x 4 matrices, rows first: world to camera, which looks along -z with y up, and camera to clip
-/// space, as OpenGL has it (w = -z, depths from -1 to 1).
+/// A camera as two row-major 4 x 4 matrices: world to camera, which looks along -z with y up, and camera to clip space,
+/// as in OpenGL (w = -z, depths from -1 to 1).
 struct CameraMatrices {
   std::array<double, 16> view;
   std::array<double, 16> projection;
-  double z_near = 0;  // above 0: instead of the near plane that `projection` has, for other ranges of depth
+  double z_near = 0;  // if above 0: replaces the near plane of `projection`, for other depth ranges
 };
 
-/// The view of `camera`, of width x height samples. Errors kUsage: a view that is no rotation and translation (to
-/// 1e-4; it is made one to 1e-12), a projection that is neither a perspective nor an orthographic one around the middle
-/// of the picture, no near plane.
+/// The view of `camera`, of width x height samples. Errors kUsage: a view that is no rotation and translation (to 1e-4;
+/// it is orthonormalised to 1e-12), a projection that is neither a perspective nor an orthographic one around the
+/// middle of the picture, no near plane.
 Result<kernels::View> view_of_matrices(const CameraMatrices& camera, uint32_t width, uint32_t height);
 
 class Scene;
 
-/// Whether make_view() looks at vertices, so that `drawn` must have its pages: the default view of at most 2^20 of
-/// them.
+/// Whether make_view() reads vertices, so that `drawn` must have its pages: for the default view of at most 2^20
+/// vertices.
 bool view_reads_vertices(const kernels::SceneView& drawn, const CameraOptions& options);
 
-/// The view of `options`. The vertical field of view is kept whatever the picture's aspect; the default view fits the
-/// scene (its vertices, or the corners of the instances' boxes where there are millions) into both directions. The near
-/// plane is the camera's own, else a small part of the distance to the scene's box (of the box's size where the eye is
-/// inside). `drawn` has its pages loaded where view_reads_vertices(). Errors kUsage (no such camera: those there are
-/// are listed; an eye without a direction), kFormat (a camera node whose matrix has no direction), kMemory.
+/// The view of `options`. The vertical field of view stays the same for any aspect ratio. The default view fits the
+/// scene into both directions: its vertices, or the corners of the instances' boxes for millions of vertices. The near
+/// plane is the camera's own, else a small fraction of the distance to the scene's box (of the box's size if the eye is
+/// inside). `drawn` must have its pages loaded if view_reads_vertices(). Errors kUsage (no such camera, with a list of
+/// the existing ones; an eye without a direction), kFormat (a camera node whose matrix has no direction), kMemory.
 Result<kernels::View> make_view(const format::Container& container, uint32_t scene, const kernels::SceneView& drawn,
                                 const CameraOptions& options);
 
-/// The same for a scene, whose box is found once (Scene::box()).
+/// The same for a scene, whose box is computed once (Scene::box()).
 Result<kernels::View> make_view(const Scene& scene, const CameraOptions& options);
 
 }  // namespace scree::runtime

@@ -109,13 +109,13 @@ Result<PageSet> load_pages(const DrawnPages& pages, const MappedFile& map, uint3
     if (progress != nullptr) progress->begin("geometry", set.stored_bytes);
     FirstError failure;
     parallel_for(set.page_count, threads, [&](uint64_t i) {
-      if (failure.is_moot(i)) return;
+      if (failure.is_superseded(i)) return;
       const uint32_t page = pages.page(i);
       const format::PageRecord& record = pages.record(i);
       map.will_need(record.offset, record.stored_bytes);
       const Result<std::span<const std::byte>> raw = container.load_page(page, set.decoded[page]);
       if (!raw) return failure.report(i, raw.error());
-      // What was decompressed is not read again; it need not stay resident twice.
+      // A page that was decompressed is not read again, so its stored bytes need not stay resident.
       if (record.codec != format::PageCodec::kRaw) map.release(record.offset, record.stored_bytes);
       if (const Result<void> checked = pages.check(i, *raw); !checked) return failure.report(i, checked.error());
       set.raw[page] = raw->data();

@@ -1,4 +1,4 @@
-// Which geometry pages a scene draws, loading them, and checking what they hold.
+// Finds the geometry pages that a scene draws, loads them, and checks their content.
 #pragma once
 
 #include <cstddef>
@@ -14,20 +14,20 @@
 
 namespace scree::runtime {
 
-/// "mesh 12 (Rock), chunk 340 (page 7, byte 65536)", for messages. The name is the glTF mesh's, left out where it has
-/// none.
+/// "mesh 12 (Rock), chunk 340 (page 7, byte 65536)", for messages. The name is the glTF mesh's; it is left out if the
+/// mesh has none.
 std::string chunk_place(const format::Container& container, uint64_t chunk);
 
 /// Checks every stream of a chunk of `mesh` that lies in `page` (raw bytes): sizes, index range, coordinate range,
-/// finite floats, unit normals, zero slack. Errors kRange, kTruncated, kTrailing, kFormat, the stream named.
+/// finite floats, unit normals, zero slack. Errors kRange, kTruncated, kTrailing, kFormat, each with the stream.
 Result<void> check_chunk(const format::MeshRecord& mesh, const format::ChunkRecord& chunk,
                          std::span<const std::byte> page);
 
-/// The pages that hold chunks of drawn meshes, in the file's order, each with those chunks.
+/// The pages that hold chunks of drawn meshes, in file order, each with those chunks.
 class DrawnPages {
  public:
   DrawnPages() = default;
-  /// `container`: kept, its bytes outlive this. drawn[mesh]: whether a mesh is drawn. Throws std::bad_alloc.
+  /// `container`: copied; its bytes must outlive this. drawn[mesh]: whether a mesh is drawn. Throws std::bad_alloc.
   DrawnPages(const format::Container& container, const std::vector<bool>& drawn);
 
   uint64_t size() const { return first_chunk_.empty() ? 0 : first_chunk_.size() - 1; }
@@ -35,8 +35,8 @@ class DrawnPages {
   const format::PageRecord& record(uint64_t index) const { return container_.pages()[page(index)]; }
   const format::Container& container() const { return container_; }
 
-  /// Checks the drawn chunks of the page of that index (not number), whose raw bytes are `raw`. Thread-safe. Errors as
-  /// check_chunk, mesh, chunk and page named.
+  /// Checks the drawn chunks of the page with that index (not page number). `raw`: the page's raw bytes. Thread-safe.
+  /// Errors as check_chunk, with mesh, chunk and page.
   Result<void> check(uint64_t index, std::span<const std::byte> raw) const;
 
  private:
@@ -47,7 +47,7 @@ class DrawnPages {
 
   format::Container container_;
   std::vector<PageChunk> chunks_;      // page by page
-  std::vector<uint64_t> first_chunk_;  // of each page, in chunks_; one more ends the last
+  std::vector<uint64_t> first_chunk_;  // by page: index of its first entry in chunks_; one more entry ends the last
 };
 
 /// Raw bytes by page number; null where a page was not loaded.
@@ -59,9 +59,9 @@ struct PageSet {
   uint64_t decoded_bytes = 0;
 };
 
-/// Loads `pages` on `threads` threads and checks them. The error is that of the first bad page, whatever the number of
-/// threads: kChecksum and the others of Container::load_page and DrawnPages::check; kMemory. `map` is what the
-/// container was opened on. `progress`: hears of stored bytes, and may stop the loading (kFile).
+/// Loads `pages` on `threads` threads and checks them. Returns the error of the first bad page, for any number of
+/// threads: kChecksum and the others of Container::load_page and DrawnPages::check; kMemory. `map`: the file that the
+/// container was opened on. `progress`: receives stored bytes, and may stop the loading (kFile).
 Result<PageSet> load_pages(const DrawnPages& pages, const MappedFile& map, uint32_t threads,
                            JobProgress* progress = nullptr);
 

@@ -60,8 +60,8 @@ std::string image_place(const format::Container& container, uint32_t index) {
   return place;
 }
 
-/// What a file loses of the page in which it then ends reads as zeros (MappedFile), and records say how far loops go: a
-/// table of up to so many bytes is drawn from a copy.
+/// If the file is truncated while mapped, the rest of its last page reads as zeros (MappedFile). Record fields bound
+/// loops, so tables of up to this many bytes are copied before they are used.
 constexpr uint64_t kMostCopiedBytes = uint64_t{16} << 20;
 
 }  // namespace
@@ -157,7 +157,7 @@ Result<void> Scene::number_instances() {
     const uint32_t mesh = view_.instances[i].mesh;
     mesh_drawn_[mesh] = true;
     const auto sum = format::checked_add(instance_base_[i], view_.meshes[mesh].triangle_count);
-    // The last id is left to the background, so one triangle less than 2^36 can be told apart.
+    // The last id stands for the background, so a scene may have at most 2^36 - 1 triangles.
     if (!sum || *sum > kernels::kIdMask)
       return Error{ErrorCode::kRange, "scene " + std::to_string(scene_) + " draws more than " +
                                           std::to_string(kernels::kIdMask) +

@@ -24,18 +24,18 @@
 
 namespace scree::runtime {
 
-/// A mapped and opened .scree file: its records, without a page. Copies share the map.
+/// A mapped and opened .scree file: its records, without any page. Copies share the map.
 class SceneFile {
  public:
-  /// Errors as MappedFile::open and Container::open, the file named.
+  /// Errors as MappedFile::open and Container::open, with the file.
   static Result<SceneFile> open(const std::string& path);
 
   const MappedFile& map() const { return *map_; }
   const format::Container& container() const { return container_; }
   const std::string& path() const { return map_->path(); }
 
-  /// The scene of that name, else of that number, else (empty) the document's default scene, else its first. Errors
-  /// kUsage (no such scene; those there are are listed), kUnsupported (the file has none).
+  /// The scene of that name, else of that number. If the argument is empty: the document's default scene, else its
+  /// first. Errors kUsage (no such scene, with a list of the existing ones), kUnsupported (the file has no scene).
   Result<uint32_t> find_scene(const std::string& name_or_index) const;
 
  private:
@@ -43,24 +43,24 @@ class SceneFile {
   format::Container container_;
 };
 
-/// Bytes of decoded blocks of JPEG textures that a CPU and a GPU keep where nothing else is said.
+/// Default cache sizes for decoded blocks of JPEG textures on a CPU and a GPU, bytes.
 inline constexpr uint64_t kHostTextureCache = uint64_t{64} << 20;
 inline constexpr uint64_t kDeviceTextureCache = uint64_t{256} << 20;
 
 struct SceneOptions {
   bool textures = true;  // false: texture views have no texels
   uint32_t threads = 1;
-  // Most bytes of decoded blocks that a CPU keeps of JPEG textures, whose finer levels are decoded as they are looked
-  // at, memory that is taken as it fills; 0: all levels are decoded at once.
+  // Upper limit of the CPU's cache of decoded JPEG texture blocks, bytes; memory is allocated as the cache fills. Finer
+  // levels are then decoded on demand. 0: all levels are decoded when the scene is loaded.
   uint64_t texture_cache = 0;
   bool pages = true;                // false: view().pages are null until load_pages(), for scenes that a GPU draws
-  JobProgress* progress = nullptr;  // hears of every page and image, and may stop the loading
+  JobProgress* progress = nullptr;  // reports every page and image, and may stop the loading
 };
 
 struct LoadStats {
   uint64_t pages = 0;          // geometry pages loaded and checked
-  uint64_t stored_bytes = 0;   // of them, in the file
-  uint64_t decoded_bytes = 0;  // of those that were compressed, in memory of their own
+  uint64_t stored_bytes = 0;   // of these pages, in the file
+  uint64_t decoded_bytes = 0;  // of the compressed pages, unpacked in memory
   uint64_t images = 0;
   uint64_t texture_bytes = 0;  // of their decoded levels
   uint64_t jpeg_bytes = 0;     // of the levels that stay JPEGs, with their tables
@@ -68,50 +68,50 @@ struct LoadStats {
   Duration textures;
 };
 
-/// Owns what view() points to. Raw pages are used where they lie in the map; only compressed ones have a copy.
+/// Owns the data behind view(). Raw pages are used in place in the map; only compressed ones have a copy.
 class Scene {
  public:
-  /// Numbers the instances of scene number `scene` (below the container's count), loads its pages unless the options
-  /// say not to, and loads the images of its materials, each once. Errors, with the file and the place named: those
-  /// of load_pages(); of an image kRange, kFormat, kTrailing, kTruncated; kRange (more than 2^36 - 1 drawn triangles);
+  /// Loads scene number `scene` (below the container's count): assigns triangle ids to its instances, loads its pages
+  /// unless the options say otherwise, and loads each image of its materials once. Errors, with file and place: errors
+  /// of load_pages(); for an image kRange, kFormat, kTrailing, kTruncated; kRange (more than 2^36 - 1 drawn triangles);
   /// kMemory.
   static Result<Scene> load(SceneFile file, uint32_t scene, const SceneOptions& options);
 
-  /// The scene that `path` shows where none is named. Errors as SceneFile::open, find_scene and load.
+  /// Opens `path` and loads its default scene. Errors as SceneFile::open, find_scene and load.
   static Result<Scene> open(const std::string& path, const SceneOptions& options);
 
   Scene(Scene&&) = default;
   Scene& operator=(Scene&&) = default;
 
-  /// Loads the pages that the scene's instances use and validates every chunk of theirs; nothing to do where that is
-  /// done. Errors, with the file and the place named: those of runtime::load_pages.
+  /// Loads the pages that the scene's instances use and validates all of their chunks. Does nothing if that is done.
+  /// Errors, with file and place: errors of runtime::load_pages.
   Result<void> load_pages(uint32_t threads, JobProgress* progress = nullptr);
-  /// Whether view().pages has what the scene draws, as the CPU needs it.
+  /// Whether view().pages has all pages that the scene draws, as the CPU needs them.
   bool has_pages() const { return has_pages_; }
-  /// Which those are.
+  /// The pages that the scene draws.
   const DrawnPages& drawn_pages() const { return drawn_pages_; }
 
-  /// The raw bytes of a geometry page: as loaded, else read from the file into `scratch`. Errors as
-  /// Container::load_page, the file named.
+  /// The raw bytes of a geometry page: the loaded ones, else read from the file into `scratch`. Errors as
+  /// Container::load_page, with the file.
   Result<std::span<const std::byte>> page(uint32_t page, std::vector<std::byte>& scratch) const;
 
   const SceneFile& file() const { return file_; }
   const format::Container& container() const { return file_.container(); }
   uint32_t scene_index() const { return scene_; }
   const kernels::SceneView& view() const { return view_; }
-  /// scene_box() of all that it draws, found once. Thread-safe.
+  /// scene_box() of everything that the scene draws, computed once. Thread-safe.
   const WorldBox& box() const;
   const LoadStats& stats() const { return stats_; }
-  /// Of the JPEG textures; null where there are none.
+  /// Cache of the JPEG textures' blocks; null if there are none.
   const kernels::BlockCache* block_cache() const { return blocks_.get(); }
-  /// By image: those that stay JPEGs; the others have no levels.
+  /// By image: the ones that stay JPEGs. Other entries have no levels.
   std::span<const JpegTexture> jpeg_textures() const { return jpegs_; }
-  /// By image: those that stay blocks; the others are empty.
+  /// By image: the ones that stay blocks. Other entries are empty.
   std::span<const BlockTexture> block_textures() const { return block_images_; }
-  /// Of the largest group of the JPEGs' levels, decoded; 0 where there are none.
+  /// Bytes of the largest group of the JPEGs' levels, decoded; 0 if there are none.
   uint32_t jpeg_slot_bytes() const { return jpeg_slot_bytes_; }
 
-  /// Images that decoded with a complaint; one line each, without the file.
+  /// Warnings of decoded images, one line each, without the file's name.
   const std::vector<std::string>& warnings() const { return warnings_; }
 
  private:
@@ -120,8 +120,8 @@ class Scene {
     WorldBox box;
   };
 
-  /// The records of a table side by side: the table itself, or a copy, of a small table and where a newer file has
-  /// longer records.
+  /// The records of a table as a contiguous array: the table itself, or a copy if the table is small or a newer file
+  /// has longer records.
   template <class Record>
   static const Record* dense(const format::Table<Record>& table, std::vector<Record>& copy);
 
@@ -144,8 +144,8 @@ class Scene {
   DrawnPages drawn_pages_;
   PageSet pages_;
   bool has_pages_ = false;
-  std::vector<MipChain> mips_;              // by image; empty where no drawn material uses it,
-  std::vector<JpegTexture> jpegs_;          // or where it is here,
+  std::vector<MipChain> mips_;              // by image; empty if no drawn material uses it,
+  std::vector<JpegTexture> jpegs_;          // or if the image is here,
   std::vector<BlockTexture> block_images_;  // or here
   uint32_t jpeg_slot_bytes_ = 0;
   std::unique_ptr<kernels::BlockCache> blocks_;

@@ -24,8 +24,8 @@ uint32_t BlockPool::class_of(uint64_t units) {
   return ((above + 1) << kSubclassBits) + static_cast<uint32_t>((units >> above) & (kSmall - 1));
 }
 
-/// A free block with so much room: one of the first few of the size's own class, else one of the next class that has
-/// any, where each has room, else any other of its own class.
+/// A free block of at least this size: one of the first few of the size's own class, else one of the next non-empty
+/// class, where every block is large enough, else any other of its own class.
 uint32_t BlockPool::find(uint64_t units) const {
   constexpr int kTries = 8;
   const uint32_t own = class_of(units);
@@ -45,7 +45,7 @@ uint32_t BlockPool::take(uint64_t units, uint32_t owner) {
   assert(units != 0);
   const uint32_t block = find(units);
   if (block == kNone) return kNone;
-  // What may throw comes first.
+  // Steps that may throw come first.
   const uint64_t left = blocks_[block].units - units;
   if (left != 0) {
     const uint32_t rest = new_block(blocks_[block].offset + units, left, block, blocks_[block].next);
@@ -79,7 +79,7 @@ void BlockPool::give_back(uint32_t block) {
   enlist(block);
 }
 
-/// Between two others; neither free nor in a list yet.
+/// Makes a block between two others. The new block is not marked free and is in no list yet.
 uint32_t BlockPool::new_block(uint64_t offset, uint64_t units, uint32_t before, uint32_t next) {
   uint32_t block = 0;
   if (unused_.empty()) {

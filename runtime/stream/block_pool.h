@@ -1,5 +1,5 @@
-// Which bytes of a memory pool are free and which are taken, in one piece each: two-level segregated fit (Masmano,
-// Ripoll, Crespo and Real 2004), so that taking and giving back cost the same however many pieces there are.
+// Allocates contiguous ranges of a memory pool by two-level segregated fit (Masmano, Ripoll, Crespo and Real 2004):
+// taking and giving back cost the same for any number of ranges.
 #pragma once
 
 #include <array>
@@ -8,33 +8,33 @@
 
 namespace scree::runtime {
 
-/// Blocks lie side by side and cover the pool; of two neighbours one is taken. Sizes and offsets are in units of the
+/// Blocks lie side by side and cover the pool; no two neighbours are both free. Sizes and offsets are in units of the
 /// caller's choice. Methods that take or give back may throw std::bad_alloc. Not thread-safe.
 class BlockPool {
  public:
   static constexpr uint32_t kNone = 0xffffffff;
 
-  /// One free block of `units`, or none where that is 0.
+  /// Empties the pool: one free block of `units`, or no block if that is 0.
   void reset(uint64_t units);
 
-  /// Takes the first `units` (1 or more) of a free block that is hardly larger than it must be; kNone where no free
-  /// block has room. `owner`: what owner() returns.
+  /// Takes the first `units` (at least 1) of a free block that is only slightly larger. Returns kNone if no free block
+  /// is large enough. `owner`: the value for owner().
   uint32_t take(uint64_t units, uint32_t owner);
 
-  /// Gives a taken block back; its number may stand for another one then.
+  /// Gives a taken block back. Its number may be used for another block afterwards.
   void give_back(uint32_t block);
 
   uint64_t offset(uint32_t block) const { return blocks_[block].offset; }
   uint64_t units(uint32_t block) const { return blocks_[block].units; }
   uint32_t owner(uint32_t block) const { return blocks_[block].owner; }
   bool is_free(uint32_t block) const { return blocks_[block].is_free; }
-  /// Blocks by their offsets; kNone after the last.
+  /// Blocks in order of their offsets; kNone after the last.
   uint32_t first() const { return first_; }
   uint32_t next(uint32_t block) const { return blocks_[block].next; }
   uint64_t free_units() const { return free_units_; }
 
-  /// Moves every taken block for which not `stays(owner)` to the smallest offset that the taken blocks before it leave,
-  /// in their order; calls `moved(block, from)` after each.
+  /// Moves each taken block, in order, to the smallest offset after the taken blocks before it, unless `stays(owner)`.
+  /// Calls `moved(block, from)` after each move.
   template <class Stays, class Moved>
   void move_together(const Stays& stays, const Moved& moved);
 
@@ -63,9 +63,9 @@ class BlockPool {
   void unlink(uint32_t block);
 
   std::vector<Block> blocks_;
-  std::vector<uint32_t> unused_;  // numbers of blocks
+  std::vector<uint32_t> unused_;  // numbers that no block uses
   std::array<uint32_t, kClasses> lists_;
-  std::array<uint64_t, (kClasses + 63) / 64> has_list_;  // a bit a class
+  std::array<uint64_t, (kClasses + 63) / 64> has_list_;  // one bit per class
   uint32_t first_ = kNone;
   uint64_t pool_units_ = 0;
   uint64_t free_units_ = 0;
@@ -73,7 +73,7 @@ class BlockPool {
 
 template <class Stays, class Moved>
 void BlockPool::move_together(const Stays& stays, const Moved& moved) {
-  // All free blocks go, and come anew where gaps are left.
+  // Remove all free blocks; new ones are made where gaps remain.
   for (uint32_t block = first_; block != kNone;) {
     const uint32_t next = blocks_[block].next;
     if (blocks_[block].is_free) {

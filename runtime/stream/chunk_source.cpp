@@ -55,7 +55,7 @@ Result<void> ChunkSource::read(std::span<const Residency::Place> places, std::by
     for (size_t i = 0; i < workers.count(); ++i) ask_for(i);
     FirstError failure;
     workers.for_each(jobs.size(), [&](uint64_t i) {
-      if (failure.is_moot(i)) return;
+      if (failure.is_superseded(i)) return;
       ask_for(i + workers.count());
       if (const Result<void> done = read(jobs[i], sorted, memory, reader); !done) failure.report(i, done.error());
     });
@@ -77,7 +77,7 @@ Result<void> ChunkSource::read(const Job& job, std::span<const Residency::Place>
   } else {
     const format::Container& container = scene_.container();
     const format::PageRecord& record = container.pages()[job.page];
-    // load_page() looks at the checksum, which takes as long as the copy: a page of the map needs that once.
+    // load_page() computes the checksum, which takes as long as the copy. A raw page of the map needs that only once.
     if (checked != 0 && record.codec == format::PageCodec::kRaw) {
       raw = container.stored_page(job.page);
     } else {

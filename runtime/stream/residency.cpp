@@ -9,7 +9,7 @@
 namespace scree::runtime {
 
 uint64_t Residency::room(uint32_t chunk) const {
-  return format::align_up(std::max<uint64_t>(chunk_bytes_[chunk], 1), kAlignment);  // no two in one place
+  return format::align_up(std::max<uint64_t>(chunk_bytes_[chunk], 1), kAlignment);  // no two chunks in one place
 }
 
 Result<Residency> Residency::create(uint64_t pool_bytes, std::vector<uint64_t> chunk_bytes) {
@@ -18,7 +18,7 @@ Result<Residency> Residency::create(uint64_t pool_bytes, std::vector<uint64_t> c
   const uint64_t whole = pool_bytes / kAlignment * kAlignment;
   const auto largest = std::max_element(chunk_bytes.begin(), chunk_bytes.end());
   if (largest != chunk_bytes.end() && std::max<uint64_t>(*largest, 1) > whole) {
-    // No memory is so large that rounding up could wrap, but a size may be.
+    // Rounding up cannot wrap for any real memory, but it may for a hostile size.
     const uint64_t least = std::max<uint64_t>(*largest, 1);
     const uint64_t rounded = least > UINT64_MAX - kAlignment ? least : format::align_up(least, kAlignment);
     return Error{ErrorCode::kRange, "chunk " + std::to_string(largest - chunk_bytes.begin()) + " takes " +
@@ -84,13 +84,13 @@ std::vector<Residency::Place> Residency::begin_frame(std::span<const uint32_t> v
   return there;
 }
 
-/// Brings as many of the chosen chunks as find a place, the first ones; the others are missing again. They take `bytes`
-/// together, and so much is not pinned.
+/// Places as many of the chosen chunks as possible, from the first one on; the others become missing again. Together
+/// they take `bytes`, and at least that much of the pool is not pinned.
 Residency::Batch Residency::load(std::span<const uint32_t> chosen, uint64_t bytes) {
   Batch batch;
   if (chosen.empty()) return batch;
   make_free(bytes);
-  // Neighbours in the file become neighbours in the pool, where they can: fewer and longer copies.
+  // Neighbours in the file become neighbours in the pool if possible, which gives fewer and longer copies.
   std::vector<uint32_t> by_number(chosen.begin(), chosen.end());
   std::sort(by_number.begin(), by_number.end());
   size_t placed = place_all(by_number);
@@ -105,7 +105,7 @@ Residency::Batch Residency::load(std::span<const uint32_t> chosen, uint64_t byte
     pinned_bytes_ += room(chunk);
     batch.loads.push_back({chunk, offset(chunk), chunk_bytes_[chunk]});
   }
-  // Between two of them may be some that were dropped.
+  // Dropped chunks may lie between two of them.
   for (size_t i = chosen.size(); i-- > placed;) missing_[--first_missing_] = chosen[i];
   return batch;
 }
@@ -125,13 +125,13 @@ void Residency::batch_drawn(std::span<const Place> places) {
   }
 }
 
-/// False where no free piece has room.
+/// Returns false if no free range is large enough.
 bool Residency::place(uint32_t chunk) {
   slots_[chunk].block = blocks_.take(room(chunk) / kAlignment, chunk);
   return is_resident(chunk);
 }
 
-/// All of them, or none; returns how many.
+/// Places all chunks, or none if one does not fit. Returns how many.
 size_t Residency::place_all(std::span<const uint32_t> chunks) {
   for (size_t i = 0; i < chunks.size(); ++i) {
     if (place(chunks[i])) continue;
@@ -147,7 +147,7 @@ void Residency::evict(uint32_t chunk) {
   slots_[chunk].block = BlockPool::kNone;
 }
 
-/// Lets chunks give way until so many bytes are free, wherever they lie.
+/// Evicts chunks until that many bytes are free, contiguous or not.
 void Residency::make_free(uint64_t bytes) {
   while (free_bytes() < bytes && !unseen_.empty()) {
     evict(unseen_.back());

@@ -1,4 +1,4 @@
-// Copies that do not stay in the cache.
+// Copies that bypass the cache.
 #pragma once
 
 #include <emmintrin.h>
@@ -9,8 +9,8 @@
 
 namespace scree::runtime {
 
-/// memcpy() past the cache, for what only a device reads next: the old bytes of `to` are not read first, as stores to
-/// memory that is not in the cache have it. Handed to other threads as any copy is.
+/// memcpy() past the cache, for data that only a device reads next. The old bytes of `to` are not read first, as they
+/// would be for ordinary stores to uncached memory. Synchronises with other threads like any copy.
 inline void copy_past_cache(std::byte* to, const std::byte* from, size_t bytes) {
   constexpr size_t kVector = sizeof(__m128i);
   constexpr size_t kLine = 4 * kVector;

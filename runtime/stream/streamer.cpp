@@ -28,7 +28,7 @@ uint64_t wanted_batch_bytes(const Residency& residency, uint64_t most) {
   return std::min({residency.pool_bytes() / kBatchShare, kMostBatchBytes, most});
 }
 
-/// Adds to `ms` what passes until the end of its life.
+/// Adds the time until its destruction to `ms`.
 class Timed {
  public:
   explicit Timed(double& ms) : ms_(ms) {}
@@ -54,7 +54,7 @@ Streamer::Streamer(const Scene& scene, Residency residency, uint64_t batch_bytes
     chunks_[c].page = static_cast<uint32_t>(c);
     chunks_[c].offset = 0;
   }
-  known_.assign(view_.chunk_count, Known::kNothing);
+  last_seen_.assign(view_.chunk_count, LastSeen::kUnknown);
   view_.chunks = chunks_.data();
   view_.pages = nullptr;
 }
@@ -75,20 +75,21 @@ uint64_t Streamer::most_batch_bytes() const {
   return std::max(batch_bytes_, residency_.largest_room());
 }
 
-/// One frame, drawn in parts: what is in the pool when it begins, and each batch.
+/// One frame, drawn in parts: the chunks in the pool at its beginning, and each batch.
 class Streamer::Frame {
  public:
-  Frame(Residency& residency, uint64_t batch_bytes, std::span<Known> known, StreamTarget& target)
-      : residency_(residency), known_(known), target_(target), batch_bytes_(batch_bytes) {}
+  Frame(Residency& residency, uint64_t batch_bytes, std::span<LastSeen> last_seen, StreamTarget& target)
+      : residency_(residency), last_seen_(last_seen), target_(target), batch_bytes_(batch_bytes) {}
 
   Result<StreamStats> draw(const kernels::View& view, const kernels::ShadeOptions* shade);
 
  private:
-  /// A missing chunk that may hide, and the nearest depth code that it was found to show.
+  /// A missing chunk that may be hidden, and the nearest depth code that it may show.
   struct Unsure {
     uint32_t nearest;
     uint32_t chunk;
   };
+  /// Chunks that are drawn together.
   struct Part {
     std::vector<Residency::Place> places;  // none: a batch that only moves
     bool is_load;
@@ -103,9 +104,9 @@ class Streamer::Frame {
   Result<void> load_ahead(size_t most_unsure);
   Result<void> draw_part(Part part);
   Result<void> finish_loading();
-  /// Whether chunks are left of which it is asked whether they hide before they are loaded.
+  /// Whether chunks remain that are tested for occlusion before they are loaded.
   bool has_unsure() const { return !unsure_.empty() || (!is_sure_ && !residency_.missing().empty()); }
-  /// For heaps with the nearest on top.
+  /// Comparison for heaps with the nearest on top.
   static bool is_farther(const Unsure& a, const Unsure& b) {
     return a.nearest != b.nearest ? a.nearest > b.nearest : a.chunk > b.chunk;
   }
@@ -115,22 +116,22 @@ class Streamer::Frame {
   void look_at_picture();
 
   Residency& residency_;
-  const std::span<Known> known_;
+  const std::span<LastSeen> last_seen_;
   StreamTarget& target_;
   const uint64_t batch_bytes_;
   StreamStats stats_{};
-  std::vector<uint32_t> listed_;  // near ones first, those last that were hidden last time
-  // Of the missing: those that the residency does not know of yet.
+  std::vector<uint32_t> listed_;  // near ones first; chunks that were hidden last time come last
+  // Missing chunks that the residency does not have yet:
   std::vector<Unsure> unsure_;  // a heap
   std::vector<uint32_t> hidden_;
-  bool is_sure_ = true;        // those that it knows of are needed, as they were last time
-  uint64_t unsure_bytes_ = 0;  // a batch of them
+  bool is_sure_ = true;        // the residency's missing chunks are needed, as they were last time
+  uint64_t unsure_bytes_ = 0;  // bytes of a batch of unsure chunks
   std::deque<Part> parts_;     // not drawn yet
-  size_t loads_ = 0;           // of them: under way
+  size_t loads_ = 0;           // how many of them are being loaded
   bool had_missing_ = false;
-  bool has_begun_ = false;       // to draw
-  bool has_depths_ = false;      // of some part
-  bool has_all_depths_ = false;  // and of all so far
+  bool has_begun_ = false;       // drawing has begun
+  bool has_depths_ = false;      // the depths of some part are known
+  bool has_all_depths_ = false;  // the depths of all parts so far are known
   std::vector<uint32_t> streamed_;
 };
 
@@ -144,7 +145,7 @@ Result<StreamStats> Streamer::Frame::draw(const kernels::View& view, const kerne
       parts_.pop_front();
       if (Result<void> drawn = draw_part(std::move(part)); !drawn) return drawn.error();
     }
-    // What was hidden last time most likely is again, by something that is drawn by now.
+    // Chunks hidden last time are most likely hidden again, by something that is drawn by now.
     if (!has_unsure() && residency_.missing().empty()) {
       if (hidden_.empty()) break;
       ask_for(hidden_);
@@ -160,10 +161,10 @@ Result<void> Streamer::Frame::list() {
   const Timed timed(stats_.list_ms);
   const Result<std::span<const uint32_t>> listed = target_.list();
   if (!listed) return listed.error();
-  // In this order they give way, from the end: a chunk that was hidden before all that are needed.
+  // The order of eviction, from the end: a chunk that was hidden before goes before all needed ones.
   listed_.assign(listed->begin(), listed->end());
   std::stable_partition(listed_.begin(), listed_.end(),
-                        [&](uint32_t chunk) { return known_[chunk] != Known::kHidden; });
+                        [&](uint32_t chunk) { return last_seen_[chunk] != LastSeen::kHidden; });
   stats_.seen_chunks = listed_.size();
   for (const uint32_t chunk : listed_) stats_.seen_bytes += residency_.chunk_bytes(chunk);
   std::vector<Residency::Place> there = residency_.begin_frame(listed_);
@@ -172,25 +173,25 @@ Result<void> Streamer::Frame::list() {
   std::vector<uint32_t> unknown;
   uint64_t wanted = 0;
   residency_.drop_missing([&](uint32_t chunk) {
-    if (known_[chunk] == Known::kNeeded) wanted += residency_.chunk_bytes(chunk);
-    if (known_[chunk] == Known::kNothing) unknown.push_back(chunk);
-    if (known_[chunk] == Known::kHidden) hidden_.push_back(chunk);
-    return known_[chunk] != Known::kNeeded;
+    if (last_seen_[chunk] == LastSeen::kVisible) wanted += residency_.chunk_bytes(chunk);
+    if (last_seen_[chunk] == LastSeen::kUnknown) unknown.push_back(chunk);
+    if (last_seen_[chunk] == LastSeen::kHidden) hidden_.push_back(chunk);
+    return last_seen_[chunk] != LastSeen::kVisible;
   });
   ask_for(unknown);
   split(std::move(there), wanted);
   return {};
 }
 
-/// What is there is one part where nothing is wanted for sure. Otherwise the pool is full of it, most likely, and
-/// nothing can be loaded before something is drawn and gives way: stretches of the pool are, one batch, two, four...,
-/// each drawn while what the one before made room for is loaded. They are whole stretches, so that loads find room in
-/// one piece, and those with the farthest chunks: near ones stay, and hide what comes later.
+/// If no load is certain, all resident chunks are one part. Otherwise the pool is probably full, and nothing can be
+/// loaded before something is drawn and evicted. So stretches of the pool of one, two, four ... batches are parts, each
+/// drawn while the next loads into the room of the one before. Whole stretches are taken, so that loads find contiguous
+/// room, and the stretches with the farthest chunks: near chunks stay and hide later ones.
 void Streamer::Frame::split(std::vector<Residency::Place> there, uint64_t wanted) {
   struct Stretch {
     std::vector<Residency::Place> places;
     uint64_t bytes = 0;
-    uint64_t ranks = 0;  // of all places
+    uint64_t ranks = 0;  // summed over all places
     uint64_t mean_rank() const { return ranks / places.size(); }
   };
   if (wanted != 0) {
@@ -209,7 +210,7 @@ void Streamer::Frame::split(std::vector<Residency::Place> there, uint64_t wanted
     uint64_t most_in_part = 1;
     there.clear();
     for (Stretch& stretch : stretches) {
-      // With room for a chunk more, that the last may find its place in one piece.
+      // Leaves room for one chunk more, so that the last one may find a contiguous range.
       if (freed >= wanted + residency_.largest_room()) {
         there.insert(there.end(), stretch.places.begin(), stretch.places.end());
         continue;
@@ -225,8 +226,8 @@ void Streamer::Frame::split(std::vector<Residency::Place> there, uint64_t wanted
   }
   if (!there.empty()) parts_.push_back({std::move(there), false});
   if (parts_.size() < 3) return;
-  // The farthest have nothing to hide behind but what is seen of the others: that comes first, but for the first part,
-  // since loads wait for it.
+  // The farthest chunks are hidden only by visible clusters of the others, which are therefore drawn first. The first
+  // part is an exception, since loads wait for it.
   Part likely{{}, false, StreamTarget::Share::kLikelySeen};
   for (auto part = parts_.begin() + 1; part != parts_.end(); ++part) {
     part->share = StreamTarget::Share::kRest;
@@ -247,9 +248,9 @@ void Streamer::Frame::ask_for(std::span<const uint32_t> chunks) {
   std::make_heap(unsure_.begin(), unsure_.end(), is_farther);
 }
 
-/// Has the residency know of as many as take so many bytes. A chunk may be drawn in many places: where the nearest is
-/// found to hide, its turn comes with the nearest that does not, and until then more is drawn that the others may hide
-/// behind.
+/// Passes as many unsure chunks of up to that many bytes to the residency. A chunk may be drawn in many places. If its
+/// nearest place is found to be hidden, the chunk waits with the depth of its nearest visible place; until then more is
+/// drawn that may hide its other places.
 void Streamer::Frame::take_unsure(uint64_t most_bytes) {
   std::vector<uint32_t> taken;
   uint64_t bytes = 0;
@@ -272,11 +273,11 @@ void Streamer::Frame::take_unsure(uint64_t most_bytes) {
   residency_.add_missing(taken);
 }
 
-/// Starts loads: as many as find room of those that are wanted for sure, and of others up to `most_unsure`.
+/// Starts loads: as many certain chunks as fit, and up to `most_unsure` loads of others.
 Result<void> Streamer::Frame::load_ahead(size_t most_unsure) {
   const Timed timed(stats_.choose_ms);
-  // As little as possible before there is anything to hide behind. Not while the first part is drawn, which takes as
-  // long as two batches where near chunks are drawn in many places with nothing before them.
+  // Load as little as possible before there is anything to hide chunks. This does not apply while the first part is
+  // drawn: that takes as long as two batches if near chunks are drawn in many places with nothing in front.
   if (!has_depths_ && !has_begun_) most_unsure = 1;
   for (;;) {
     if (is_sure_ && residency_.missing().empty()) {
@@ -286,13 +287,13 @@ Result<void> Streamer::Frame::load_ahead(size_t most_unsure) {
     }
     if (loads_ >= (is_sure_ ? kMostLoads : most_unsure)) return {};
     const uint64_t most_bytes = is_sure_ ? batch_bytes_ : unsure_bytes_;
-    // While others load, crumbs can wait until more gives way.
+    // While other loads run, small remainders can wait until more is evicted.
     if (loads_ != 0 && has_parts() && residency_.room_left() < most_bytes / 2) return {};
     if (!is_sure_) take_unsure(most_bytes);
     Residency::Batch batch = residency_.next_batch(most_bytes, [&](uint32_t chunk) { return is_hidden(chunk); });
     if (batch.loads.empty() && batch.moves.empty()) {
-      if (residency_.missing().empty() && !unsure_.empty()) continue;  // all that were asked for hide
-      return {};  // until what is drawn now may give way, or nothing is left
+      if (residency_.missing().empty() && !unsure_.empty()) continue;  // all chunks of this batch are hidden
+      return {};  // until chunks drawn now may be evicted, or nothing is left
     }
     if (Result<void> started = target_.start_loading(batch); !started) return started;
     ++loads_;
@@ -310,8 +311,8 @@ Result<void> Streamer::Frame::load_ahead(size_t most_unsure) {
 }
 
 Result<void> Streamer::Frame::draw_part(Part part) {
-  // While a load is waited for there is time to choose the next, by all that is drawn so far. Where one is there
-  // already, drawing is what takes long, and must not wait for that, unless nothing is loaded meanwhile.
+  // While a load is awaited there is time to choose the next one, with all depths so far. If the load has already
+  // arrived, drawing is the bottleneck and must not wait for that, unless nothing is loaded meanwhile.
   bool waits = false;
   if (part.is_load) {
     const Result<bool> is_loaded = target_.is_loaded();
@@ -322,7 +323,7 @@ Result<void> Streamer::Frame::draw_part(Part part) {
     if (Result<void> started = load_ahead(kLoadsAhead); !started) return started;
   if (part.is_load)
     if (Result<void> loaded = finish_loading(); !loaded) return loaded;
-  // Others that are there by now are drawn with it: what a part costs beside its chunks is paid once.
+  // Other loads that have arrived by now are drawn in the same part, which pays the fixed cost of a part once.
   for (size_t loads = 1; part.is_load && loads < kLoadsInPart && !parts_.empty() && parts_.front().is_load; ++loads) {
     const Result<bool> is_loaded = target_.is_loaded();
     if (!is_loaded) return is_loaded.error();
@@ -361,13 +362,13 @@ Result<void> Streamer::Frame::finish_loading() {
   return {};
 }
 
-/// What the next frame begins with.
+/// Records the visibility of chunks for the next frame.
 void Streamer::Frame::look_at_picture() {
   if (!has_all_depths_) return;
   for (const uint32_t chunk : listed_)
-    known_[chunk] = target_.nearest_shown(chunk) == kNotInView ? Known::kHidden : Known::kNeeded;
+    last_seen_[chunk] = target_.nearest_shown(chunk) == kNotInView ? LastSeen::kHidden : LastSeen::kVisible;
   for (const uint32_t chunk : streamed_)
-    if (known_[chunk] == Known::kNeeded) stats_.needed_bytes += residency_.chunk_bytes(chunk);
+    if (last_seen_[chunk] == LastSeen::kVisible) stats_.needed_bytes += residency_.chunk_bytes(chunk);
 }
 
 Result<StreamStats> Streamer::draw(const kernels::View& view, const kernels::ShadeOptions* shade,
@@ -376,7 +377,7 @@ Result<StreamStats> Streamer::draw(const kernels::View& view, const kernels::Sha
   if (Result<void> checked = kernels::check_frame(view, triangles); !checked) return checked.error();
   Result<StreamStats> drawn = [&]() -> Result<StreamStats> {
     try {
-      return Frame(residency_, batch_bytes_, known_, target).draw(view, shade);
+      return Frame(residency_, batch_bytes_, last_seen_, target).draw(view, shade);
     } catch (const std::bad_alloc&) {
       return no_memory("for the frame's chunks");
     }

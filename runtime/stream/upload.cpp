@@ -22,7 +22,7 @@ namespace {
 
 constexpr uint64_t kPieceAlignment = 256;
 
-/// What a thread takes at a time.
+/// A unit of work for a thread.
 struct Job {
   enum class Kind {
     kMemory,     // [from, from + bytes), at most a slot
@@ -43,12 +43,12 @@ void add_memory(std::vector<Job>& jobs, const std::byte* from, uint64_t bytes, u
     jobs.push_back({Job::Kind::kMemory, from + done, std::min(slot_bytes, bytes - done), offset + done, 0, 0});
 }
 
-/// Bytes that a page takes in the arena.
+/// Bytes of a page in the arena.
 uint64_t page_room(const DrawnPages& pages, uint64_t index) {
   return format::align_up(pages.record(index).raw_bytes, format::kPageAlignment);
 }
 
-/// The tables first, then the pages in their order.
+/// The tables first, then the pages in order.
 std::vector<Job> jobs_of(const UploadPlan& plan, uint64_t slot_bytes) {
   std::vector<Job> jobs;
   for (const UploadPlan::Piece& piece : plan.pieces())
@@ -75,8 +75,8 @@ std::vector<Job> jobs_of(const UploadPlan& plan, uint64_t slot_bytes) {
   return jobs;
 }
 
-/// Slots that are free, and those that are being copied from in the order in which their copies began. A thread holds
-/// at most one, so that with as many slots as threads one can always be had.
+/// Free slots, and slots with copies under way, in the order in which the copies began. A thread holds at most one
+/// slot, so with as many slots as threads there is always one to be had.
 class SlotRing {
  public:
   SlotRing(UploadTarget& target, uint32_t slots) : target_(target) {
@@ -103,13 +103,13 @@ class SlotRing {
     return slot;
   }
 
-  /// Of which nothing is being copied.
+  /// Gives back a slot with no copy under way.
   void give_back(uint32_t slot) {
     const std::lock_guard<std::mutex> lock(mutex_);
     free_.push_back(slot);
   }
 
-  /// Copies out of a slot that was taken.
+  /// Starts a copy out of a taken slot.
   Result<void> copy(uint32_t slot, uint64_t to, uint64_t bytes) {
     Result<void> started = target_.copy(slot, to, bytes);
     if (!started) {
@@ -121,7 +121,7 @@ class SlotRing {
     return {};
   }
 
-  /// Waits for all copies, also after an error: the slots' memory is about to go.
+  /// Waits for all copies, also after an error, because the slots' memory is about to be freed.
   Result<void> drain() {
     Result<void> result;
     for (const uint32_t slot : copying_)
@@ -149,10 +149,10 @@ class Uploader {
         progress_(progress),
         jobs_(jobs_of(plan, sizes.slot_bytes)),
         ring_(target, sizes.slots) {
-    bounce_.reserve(sizes.slots);  // as many as there are threads, so that none is given back where memory has run out
+    bounce_.reserve(sizes.slots);  // room for all of them, so that giving one back needs no memory
   }
 
-  /// Reads pages past the page cache, if that can be done.
+  /// Opens the file for reads past the page cache, if that is supported.
   Result<void> open_direct() {
     Result<DirectFile> file = DirectFile::open(map_);
     if (!file && file.error().code != ErrorCode::kUnsupported) return file.error();
@@ -170,7 +170,7 @@ class Uploader {
     if (progress_ != nullptr) progress_->begin("upload", job_bytes());
     try {
       parallel_for(jobs_.size(), threads, [&](uint64_t i) {
-        if (failure.is_moot(i)) return;
+        if (failure.is_superseded(i)) return;
         ask_for(i + threads);
         Result<void> done = run(jobs_[i]);
         if (done) done = JobProgress::advance(progress_, jobs_[i].bytes);
@@ -187,7 +187,8 @@ class Uploader {
   }
 
  private:
-  /// A slot's bytes for compressed pages that are read past the page cache; kept for the next job. None of null.
+  /// A buffer of a slot's size for compressed pages that are read past the page cache; kept for the next job. Empty if
+  /// the uploader is null.
   class BounceBuffer {
    public:
     explicit BounceBuffer(Uploader* uploader) : uploader_(uploader) {
@@ -216,7 +217,7 @@ class Uploader {
     DirectMemory memory_;
   };
 
-  /// Lets the system read ahead what job `i` will need.
+  /// Starts the system's read-ahead for job `i`.
   void ask_for(uint64_t i) const {
     if (i >= jobs_.size() || jobs_[i].first == jobs_[i].last) return;
     if (is_direct_ && jobs_[i].kind == Job::Kind::kPages) return;
@@ -240,7 +241,7 @@ class Uploader {
     return copy_large_zstd(job);
   }
 
-  /// `bytes`: at most a slot's.
+  /// `bytes`: at most a slot.
   Result<void> copy_memory(const std::byte* from, uint64_t bytes, uint64_t offset) {
     const Result<uint32_t> slot = ring_.take();
     if (!slot) return slot.error();
@@ -254,7 +255,7 @@ class Uploader {
     std::byte* const memory = target_.slot(*slot);
     Result<void> done;
     if (is_direct_) done = read_pages(job, memory);
-    // Memory or file system may turn out not to do it; then nothing is tried again.
+    // The memory or the file system may turn out not to support it; then it is not tried again.
     if (!done && done.error().code == ErrorCode::kUnsupported) is_direct_ = false;
     if (!is_direct_) done = take_pages(job, memory);
     if (!done) {
@@ -264,7 +265,7 @@ class Uploader {
     return ring_.copy(*slot, job.offset, job.bytes);
   }
 
-  /// Brings the pages of a job to a slot, through the page cache.
+  /// Reads the pages of a job into a slot, through the page cache.
   Result<void> take_pages(const Job& job, std::byte* slot) {
     const DrawnPages& pages = *plan_.pages();
     for (uint64_t i = job.first; i < job.last; ++i) {
@@ -284,7 +285,7 @@ class Uploader {
     return {};
   }
 
-  /// The same past the page cache: raw pages that follow each other in the file lie so in the slot.
+  /// The same past the page cache. Raw pages that are adjacent in the file are adjacent in the slot.
   Result<void> read_pages(const Job& job, std::byte* slot) {
     const DrawnPages& pages = *plan_.pages();
     for (uint64_t i = job.first; i < job.last;) {
@@ -296,7 +297,7 @@ class Uploader {
       const uint64_t begin = pages.record(i).offset;
       const uint64_t end = pages.record(last - 1).offset + pages.record(last - 1).stored_bytes;
       const uint64_t bytes = format::align_up(end - begin, DirectFile::kAlignment);
-      // Compressed pages take less than unpacked ones, so that all of a job fit a slot's bytes.
+      // Compressed pages are smaller than unpacked ones, so all pages of a job fit a buffer of a slot's size.
       BounceBuffer bounce(is_raw ? nullptr : this);
       std::byte* const to = is_raw ? slot + plan_.page_offset(i) - job.offset : bounce.data();
       if (Result<void> done = direct_->read(begin, {to, bytes}); !done) return done;
@@ -310,7 +311,7 @@ class Uploader {
     return {};
   }
 
-  /// Checks a page, and unpacks it to `raw` where it is compressed; a raw one lies there already.
+  /// Checks a page, and unpacks it to `raw` if it is compressed. A raw page is already there.
   Result<void> finish_page(uint64_t index, std::span<const std::byte> padded, std::byte* raw) {
     const DrawnPages& pages = *plan_.pages();
     const format::PageRecord& record = pages.record(index);
@@ -332,7 +333,7 @@ class Uploader {
     return pages.check(job.first, container.stored_page(page));
   }
 
-  /// A large page is unpacked to memory of its own, one at a time, and copied from there.
+  /// Unpacks a large page to separate memory, one page at a time, and copies it from there.
   Result<void> copy_large_zstd(const Job& job) {
     const std::lock_guard<std::mutex> lock(large_mutex_);
     std::vector<std::byte> scratch;
@@ -372,7 +373,7 @@ class Uploader {
   const MappedFile& map_;
   UploadTarget& target_;
   StagingSizes sizes_;
-  bool is_mapped_;  // raw pages are copied out of the map
+  bool is_mapped_;  // raw pages are copied straight from the map
   JobProgress* progress_;
   std::vector<Job> jobs_;
   SlotRing ring_;
@@ -416,14 +417,14 @@ StagingSizes staging_for(const UploadPlan& plan, Reading reading, uint32_t threa
   StagingSizes sizes = most;
   if (!is_direct) {
     sizes.slot_bytes = std::min(most.slot_bytes, kCachedSlotBytes);
-    // A page that does not fit is read twice.
+    // A page larger than a slot is read twice.
     for (uint64_t i = 0; plan.pages() != nullptr && i < plan.pages()->size(); ++i)
       if (const uint64_t room = page_room(*plan.pages(), i); room <= most.slot_bytes)
         sizes.slot_bytes = std::max(sizes.slot_bytes, room);
   }
   const uint64_t jobs = jobs_of(plan, sizes.slot_bytes).size();
   const uint32_t workers = std::max(threads, is_direct ? kDirectThreads : 1u);
-  // One slot is filled by a thread while another of its is copied.
+  // Two slots per thread: one is filled while the other is copied.
   sizes.slots = static_cast<uint32_t>(std::clamp<uint64_t>(std::min(jobs, 2 * uint64_t{workers}), 1, most.slots));
   return sizes;
 }

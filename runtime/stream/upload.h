@@ -1,5 +1,5 @@
-// Bringing a scene's bytes to a device: pages are read, checked and unpacked on all cores while those before them are
-// copied. Knows no CUDA; runtime/draw/cuda_upload.h is the device.
+// Uploads a scene's bytes to a device: pages are read, checked and unpacked on all cores while earlier pages are
+// copied. Independent of CUDA; runtime/draw/cuda_upload.h has the device.
 #pragma once
 
 #include <cstddef>
@@ -13,10 +13,9 @@
 
 namespace scree::runtime {
 
-/// The ring of staging memory: `slots` times `slot_bytes` (a multiple of format::kPageAlignment). That, one unpacked
-/// page larger than a slot, zstd's contexts, for each thread what a split page takes (Container::load_page), and a
-/// slot's bytes a thread where compressed pages are read past the page cache are all the host memory that an upload
-/// takes.
+/// The ring of staging memory: `slots` times `slot_bytes` (a multiple of format::kPageAlignment). Other host memory
+/// that an upload takes: one unpacked page larger than a slot, zstd's contexts, per thread the memory for a split page
+/// (Container::load_page), and per thread a slot's bytes if compressed pages are read past the page cache.
 struct StagingSizes {
   uint64_t slot_bytes = uint64_t{4} << 20;
   uint32_t slots = 32;
@@ -24,37 +23,39 @@ struct StagingSizes {
   uint64_t bytes() const { return slot_bytes * slots; }
 };
 
-/// Staging memory and a device that copies out of it. Called by several threads at once, each with another slot.
+/// Staging memory and a device that copies out of it. Called by several threads at once, each with a different slot.
 class UploadTarget {
  public:
-  /// The memory of a slot, aligned to format::kPageAlignment. Written only while no copy out of it is under way.
+  /// The memory of a slot, aligned to format::kPageAlignment. Must be written only while no copy out of it is under
+  /// way.
   virtual std::byte* slot(uint32_t slot) = 0;
-  /// Starts copying the slot's first `bytes` to byte `to` of the device's arena. Errors kDevice.
+  /// Starts copying the slot's first `bytes` to offset `to` of the device's arena. Errors kDevice.
   virtual Result<void> copy(uint32_t slot, uint64_t to, uint64_t bytes) = 0;
-  /// Returns when the last copy out of the slot is done. Errors kDevice.
+  /// Waits until the last copy out of the slot is done. Errors kDevice.
   virtual Result<void> wait(uint32_t slot) = 0;
 
  protected:
   ~UploadTarget() = default;
 };
 
-/// What goes where in the arena: its size is known before the first byte is read.
+/// The layout of the arena. Its size is known before the first byte is read.
 class UploadPlan {
  public:
-  /// Host memory, which stays as it is until it is uploaded. Returns its place in the arena, a multiple of 256.
+  /// Adds host memory, which must stay unchanged until it is uploaded. Returns its offset in the arena, a multiple of
+  /// 256.
   uint64_t add(const void* from, uint64_t bytes);
   template <class T>
   uint64_t add_array(const T* from, uint64_t count) {
     return add(from, count * sizeof(T));
   }
 
-  /// Pages, which outlive the plan; once. Each lies on a multiple of format::kPageAlignment, as in the file, so that
-  /// raw pages in a row are one run of bytes in both.
+  /// Adds pages, at most once; they must outlive the plan. Each lies on a multiple of format::kPageAlignment, as in the
+  /// file, so that consecutive raw pages are contiguous in both.
   void add_pages(const DrawnPages& pages);
 
   uint64_t bytes() const { return bytes_; }
   const DrawnPages* pages() const { return pages_; }
-  /// By index in pages().
+  /// Offset in the arena. `index`: in pages().
   uint64_t page_offset(uint64_t index) const { return page_offsets_[index]; }
 
   struct Piece {
@@ -71,33 +72,33 @@ class UploadPlan {
   uint64_t bytes_ = 0;
 };
 
-/// How pages come from the file.
+/// How pages are read from the file.
 enum class Reading {
-  kAuto,      // kDirect for kDirectBytes of pages or more, most of which are not in the page cache; else kBuffered
-  kMapped,    // out of the map, through the page cache
-  kBuffered,  // by read() through the page cache, straight into the slots; compressed pages, and one larger than a
+  kAuto,      // kDirect for kDirectBytes of pages or more that are mostly not in the page cache; else kBuffered
+  kMapped,    // copied from the map, through the page cache
+  kBuffered,  // by read() through the page cache, straight into the slots; compressed pages, and a page larger than a
               // slot, as kMapped
-  kDirect,    // past the page cache, straight into the slots; a page larger than a slot as kMapped, and all of a file
-              // system that has no such reads as kBuffered
+  kDirect,    // past the page cache, straight into the slots; a page larger than a slot as kMapped; everything as
+              // kBuffered if the file system has no direct reads
 };
 inline constexpr uint64_t kDirectBytes = uint64_t{256} << 20;
 
-/// What kAuto is for these pages; `least_bytes`: of them, for kDirect.
+/// Resolves kAuto for these pages. `least_bytes`: bytes of pages from which on kDirect is chosen.
 Reading choose_reading(const UploadPlan& plan, const MappedFile& map, Reading wanted,
                        uint64_t least_bytes = kDirectBytes);
 
-/// Of a slot's bytes what pages that go through the page cache take: a page is then still in a core's cache when it is
-/// checked, and all slots in that of all cores when they are copied from. More where a page takes more, which is then
-/// of a chunk larger than 1 MiB.
+/// Bytes of a slot that pages through the page cache fill. A page is then still in a core's cache when it is checked,
+/// and all slots are in the shared cache when they are copied. Larger for a larger page, which then has a chunk of more
+/// than 1 MiB.
 inline constexpr uint64_t kCachedSlotBytes = uint64_t{1} << 20;
 
-/// How much staging memory `plan` can use: no more than `most`. `reading`: not kAuto.
+/// Staging memory that `plan` can use, at most `most`. `reading`: not kAuto.
 StagingSizes staging_for(const UploadPlan& plan, Reading reading, uint32_t threads, const StagingSizes& most = {});
 
 struct UploadCounts {
   uint64_t pages = 0;
   uint64_t stored_bytes = 0;    // of the pages, in the file
-  uint64_t unpacked_bytes = 0;  // of those that were compressed
+  uint64_t unpacked_bytes = 0;  // of the compressed pages
   uint64_t copied_bytes = 0;    // to the device
   uint64_t direct_bytes = 0;    // read past the page cache
 };
@@ -107,18 +108,18 @@ inline constexpr uint32_t kDirectThreads = 8;
 struct UploadStats {
   UploadCounts counts;
   uint64_t device_bytes = 0;
-  double upload_ms = 0;  // from its beginning, device memory allocated, to the last copy's end
+  double upload_ms = 0;  // from its beginning, with device memory allocated, to the end of the last copy
 
-  /// Bytes to the device, 1e9 a second.
+  /// Bytes to the device, in 1e9 bytes per second.
   double gb_per_s() const { return upload_ms > 0 ? static_cast<double>(counts.copied_bytes) * 1e-6 / upload_ms : 0; }
 };
 
-/// Uploads `plan` on up to `threads` threads (with kDirect, where threads wait for the disk, on kDirectThreads at
-/// least) and returns when all of it lies on the device. `reading`: not kAuto. A page is checked (checksum, padding,
-/// frame, the streams of its drawn chunks) before it is copied, where it is copied from: in the slot. Only a raw page
-/// larger than a slot is checked in the map. Pages leave the map's resident part as they go. `map`: what the pages'
-/// container was opened on. Errors as load_pages and kFile, that of the first bad page whatever the number of threads;
-/// kDevice. `progress`: hears of bytes of the arena, and may stop the upload (kFile).
+/// Uploads `plan` on up to `threads` threads and returns when all of it lies on the device. With kDirect, threads wait
+/// for the disk, so at least kDirectThreads are used. `reading`: not kAuto. A page is checked in its slot before it is
+/// copied (checksum, padding, frame, the streams of its drawn chunks). Only a raw page larger than a slot is checked in
+/// the map. Used pages are dropped from the map's resident memory. `map`: the file that the pages' container was opened
+/// on. Errors: as load_pages and kFile, for the bad page that comes first, for any number of threads; kDevice.
+/// `progress`: receives the bytes of the arena, and may stop the upload (kFile).
 Result<UploadCounts> run_upload(const UploadPlan& plan, const MappedFile& map, UploadTarget& target,
                                 const StagingSizes& sizes, Reading reading, uint32_t threads,
                                 JobProgress* progress = nullptr);

@@ -69,7 +69,7 @@ Result<BlockTexture> BlockTexture::load(const format::Container& container, uint
   Result<Image> picture = decode_level(record, record.level_count, texture.blocks_.data() + texture.offsets_.back());
   if (!picture) return at("level " + std::to_string(record.level_count), picture.error());
   MipChain chain = make_mips(std::move(*picture));
-  // The picture itself is there as blocks.
+  // Level 0 is present as blocks, so only the levels below it are taken.
   MipChain& made = texture.made_;
   const uint64_t before = chain.level_offset[1];
   made.level_count = chain.level_count - 1;

@@ -1,4 +1,4 @@
-// An image of a .scree file that is stored as blocks: its stored levels stay blocks, those below are made.
+// An image of a .scree file that is stored as blocks. Stored levels stay blocks; the levels below them are computed.
 #pragma once
 
 #include <cstddef>
@@ -16,12 +16,12 @@ namespace scree::runtime {
 
 class BlockTexture {
  public:
-  /// Image `image` of `container`, whose codec is kBlocks. Checks its pages' checksums. Levels below the last stored
-  /// one are made from it as make_mips() makes them. Errors those of Container::load_page, with the level; kRange (the
-  /// last stored level has more than kMaxImagePixels, and levels below). Throws std::bad_alloc.
+  /// Loads image `image` of `container`, whose codec is kBlocks, and checks its pages' checksums. Levels below the last
+  /// stored one are computed from it as by make_mips(). Errors of Container::load_page, with the level; kRange (the
+  /// last stored level has more than kMaxImagePixels, and levels are missing below it). Throws std::bad_alloc.
   static Result<BlockTexture> load(const format::Container& container, uint32_t image);
 
-  /// Valid while this is; it may be moved.
+  /// Valid as long as this, which may be moved.
   kernels::TextureView view(const format::TextureRecord& record) const;
 
   bool empty() const { return blocks_.empty(); }
@@ -32,10 +32,10 @@ class BlockTexture {
   format::ImageRecord record_{};
   std::vector<std::byte> blocks_;  // of all stored levels, each at a multiple of 16
   std::vector<uint64_t> offsets_;
-  MipChain made_;  // of the levels below; level 0 is the first of them
+  MipChain made_;  // the levels below; its level 0 is the first of them
 };
 
-/// The blocks of a stored level, `scratch` holding them where the page is compressed. Errors as BlockTexture::load.
+/// The blocks of a stored level. `scratch` holds them if the page is compressed. Errors as BlockTexture::load.
 Result<std::span<const std::byte>> block_level(const format::Container& container, uint32_t image, uint32_t level,
                                                std::vector<std::byte>& scratch);
 

@@ -82,7 +82,7 @@ Result<MipChain> JpegImage::decode() const {
   MipChain chain;
   chain.width = levels_.front().width;
   chain.height = levels_.front().height;
-  const auto stored = static_cast<uint32_t>(levels_.size()) - 1;  // above the tail
+  const auto stored = static_cast<uint32_t>(levels_.size()) - 1;  // levels before the tail
   for (uint32_t l = 0; l < stored; ++l) {
     const Result<Image> image = decode_jpeg_level(levels_[l]);
     if (!image) return at("level " + std::to_string(l), image.error());
@@ -118,7 +118,7 @@ uint32_t JpegTexture::number_levels(uint32_t first) {
 kernels::TextureView JpegTexture::view(const format::TextureRecord& record) const {
   kernels::TextureView view = texture_view(tail_, record);
   const auto stored = static_cast<uint32_t>(levels_.size());
-  // What the tail says of its level l is said of level `stored` + l.
+  // The tail's level l is level `stored` + l of the view.
   std::copy_backward(view.level_offset, view.level_offset + view.level_count,
                      view.level_offset + stored + view.level_count);
   view.level_count += stored;

@@ -1,4 +1,4 @@
-// An image of a .scree file that is stored as indexed JPEGs: its base level and its mip levels.
+// An image of a .scree file that is stored as indexed JPEGs: its base level and its stored mip levels.
 #pragma once
 
 #include <cstddef>
@@ -16,21 +16,23 @@
 
 namespace scree::runtime {
 
-/// The levels of one image, opened; they point into the container's file, or, of compressed pages, into this.
+/// The levels of one image, opened. They refer to the container's file, or to memory of this object for compressed
+/// pages.
 class JpegImage {
  public:
-  /// Image `image` of `container`, whose codec is kIndexedJpeg. Checks its pages' checksums, and each level against the
-  /// record. Errors those of Container::load_page and format::open_jpeg_index, kRange (another size or number of
-  /// components than the record says), each with the level.
+  /// Opens image `image` of `container`, whose codec is kIndexedJpeg. Checks its pages' checksums, and each level
+  /// against the record. Errors of Container::load_page and format::open_jpeg_index, kRange (size or number of
+  /// components differ from the record), each with the level.
   static Result<JpegImage> open(const format::Container& container, uint32_t image);
 
   /// Level 0 and the stored levels below it.
   const std::vector<format::JpegIndex>& levels() const { return levels_; }
 
-  /// All levels decoded, those below the stored ones made from the last of them. Errors kFormat. Throws std::bad_alloc.
+  /// Decodes all levels; levels below the stored ones are computed from the last of them. Errors kFormat. Throws
+  /// std::bad_alloc.
   Result<MipChain> decode() const;
 
-  /// The levels below the stored ones alone: level 0 of the result is the last stored one. Errors and throws so.
+  /// Only the last stored level, as level 0 of the result, and the levels below it. Errors and exceptions as decode().
   Result<MipChain> decode_tail() const;
 
  private:
@@ -43,22 +45,21 @@ class JpegImage {
   std::vector<format::JpegIndex> levels_;
 };
 
-/// An image as kernels see it: its finer levels stay JPEGs, the last stored one and those below are decoded.
+/// An image in the form that kernels use: finer levels stay JPEGs, the last stored level and those below are decoded.
 class JpegTexture {
  public:
   /// Errors and throws as JpegImage::decode_tail.
   static Result<JpegTexture> make(JpegImage image);
 
-  /// Where a level's bytes lie: its data, anchor blocks and anchors, one behind the other as in the file, from
-  /// JpegView::data on.
+  /// The bytes of a level: data, anchor blocks and anchors, contiguous as in the file, from JpegView::data on.
   std::span<const std::byte> level_bytes(size_t level) const;
   const format::JpegIndex& index(size_t level) const { return image_.levels()[level]; }
   std::span<const uint32_t> factors(size_t level) const { return factors_[level]; }
 
-  /// Numbers the JPEG levels from `first` on and returns the number behind the last.
+  /// Numbers the JPEG levels from `first` on and returns the number after the last.
   uint32_t number_levels(uint32_t first);
 
-  /// Valid while this is; it may be moved.
+  /// Valid as long as this, which may be moved.
   kernels::TextureView view(const format::TextureRecord& record) const;
 
   std::span<const kernels::JpegLevel> jpeg_levels() const { return levels_; }
@@ -72,7 +73,8 @@ class JpegTexture {
   MipChain tail_;
 };
 
-/// Opens one level and checks it: `width` x `height` pixels, `channels` components. Errors as JpegImage::open.
+/// Opens one level and checks that it has `width` x `height` pixels and `channels` components. Errors as
+/// JpegImage::open.
 Result<format::JpegIndex> open_jpeg_level(std::span<const std::byte> bytes, uint32_t width, uint32_t height,
                                           uint32_t channels);
 

@@ -24,8 +24,8 @@ MipRows::MipRows(uint32_t width, uint32_t height, uint32_t last, Sink sink) : si
   }
 }
 
-/// `size` texels become max(1, size / 2): each covers size / (size / 2) of them, which is 1, 2 or (odd) 2 and a
-/// fraction.
+/// `size` texels become max(1, size / 2). Each new texel covers size / (size / 2) old ones, which is 1, 2 or, for an
+/// odd size, 2 and a fraction.
 std::vector<MipRows::Taps> MipRows::make_taps(uint32_t size) {
   const uint32_t half = std::max(1u, size / 2);
   std::vector<Taps> taps(half);
@@ -36,8 +36,8 @@ std::vector<MipRows::Taps> MipRows::make_taps(uint32_t size) {
     } else if (size % 2 == 0) {
       tap = {2 * i, 2, {0.5f, 0.5f, 0.0f}};
     } else {
-      // In units of 1 / half texels the new texel spans [i * size, (i + 1) * size): all of 2i + 1, and parts of its two
-      // neighbours.
+      // In units of 1 / half texels the new texel spans [i * size, (i + 1) * size): all of 2i + 1, and parts of the two
+      // neighbours of that texel.
       const auto whole = static_cast<float>(size);
       tap = {
           2 * i,

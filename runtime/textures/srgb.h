@@ -7,16 +7,16 @@
 
 namespace scree::runtime {
 
-/// The coding as tables, for loops that keep a reference.
+/// The sRGB coding as tables, for loops that keep a reference.
 class Srgb {
  public:
   static const Srgb& tables();
 
-  /// Linear light, 0 to 1, of a code.
+  /// The linear light, 0 to 1, of a code.
   float linear(uint8_t code) const { return tables_.linear[code]; }
 
-  /// The code nearest to linear light in code space, exactly: the rounding of the formula, without its pow(). Below 0
-  /// and NaN give 0, above 1 gives 255.
+  /// The code nearest to the linear light, measured in code space: exactly the rounding of the formula, without its
+  /// pow(). Values below 0 and NaN give 0, values above 1 give 255.
   uint8_t code(float linear) const { return static_cast<uint8_t>(kernels::srgb_code(tables_, linear)); }
 
  private:

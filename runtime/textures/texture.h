@@ -10,7 +10,7 @@
 
 namespace scree::runtime {
 
-/// A picture and its mip levels down to 1 x 1, one after the other, as kernels::TextureView has them.
+/// A picture and its mip levels down to 1 x 1, one after the other, in the layout of kernels::TextureView.
 struct MipChain {
   uint32_t width = 0;
   uint32_t height = 0;
@@ -19,13 +19,13 @@ struct MipChain {
   std::vector<uint8_t> texels;                                   // RGBA8
 };
 
-/// Makes the levels of a picture, at most kMaxDecodedSide a side. Each texel is the mean of the area it covers of the
-/// level above: colour in linear light, alpha as it is. A level is half the size, rounded down, of the one above; where
-/// that was odd, a texel covers two texels and a fraction, weighted, so that no column or row is lost and the picture's
-/// mean stays. Levels are averaged in float, each rounded once. Throws std::bad_alloc.
+/// Computes the levels of a picture of at most kMaxDecodedSide per side. Each texel is the mean of the area that it
+/// covers in the level above: colour in linear light, alpha unchanged. A level has half the size of the one above,
+/// rounded down. For an odd size a texel covers two texels and a fraction, weighted, so that no column or row is lost
+/// and the picture's mean stays the same. Levels are averaged in float, each rounded once. Throws std::bad_alloc.
 MipChain make_mips(Image image);
 
-/// How kernels see a chain through a texture record's wrapping and filters.
+/// The view of a chain for kernels, with a texture record's wrapping and filters.
 kernels::TextureView texture_view(const MipChain& chain, const format::TextureRecord& record);
 
 }  // namespace scree::runtime

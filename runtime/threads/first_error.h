@@ -1,4 +1,4 @@
-// Which of many threads' errors is told.
+// Selects the error to report when several threads fail.
 #pragma once
 
 #include <atomic>
@@ -10,7 +10,7 @@
 
 namespace scree::runtime {
 
-/// The error of the lowest place, from whichever thread: the same one for any number of threads. Thread-safe but for
+/// The error of the lowest place, from any thread, so that it is the same for any number of threads. Thread-safe except
 /// error().
 class FirstError {
  public:
@@ -20,8 +20,8 @@ class FirstError {
     place_ = place;
     error_ = std::move(error);
   }
-  /// Whether an earlier place has failed, so that this one makes no difference.
-  bool is_moot(uint64_t place) const { return place > place_.load(); }
+  /// Whether an earlier place has failed, so that a failure of this one would not be reported.
+  bool is_superseded(uint64_t place) const { return place > place_.load(); }
   bool any() const { return place_.load() != kNoPlace; }
   const Error& error() const { return error_; }
 

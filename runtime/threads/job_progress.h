@@ -1,4 +1,4 @@
-// How far a long job is, told to its caller, who may stop it.
+// Reports the progress of a long job to its caller, who may stop it.
 #pragma once
 
 #include <atomic>
@@ -13,16 +13,16 @@
 namespace scree::runtime {
 
 /// Any thread of a job calls advance(). The listener is called by one thread at a time, at the beginning and the end of
-/// a stage and every 50 ms or so between.
+/// a stage and about every 50 ms in between.
 class JobProgress {
  public:
-  /// `stage`: "geometry", "textures", "upload" and the like; `done` of `total` bytes or things of it. Returns whether
-  /// the job goes on.
+  /// `stage`: "geometry", "textures", "upload" and the like. `done` of `total` bytes or items are done. Returns whether
+  /// the job should continue.
   using Listener = std::function<bool(const char* stage, uint64_t done, uint64_t total)>;
 
   explicit JobProgress(Listener listener) : listener_(std::move(listener)) {}
 
-  /// Called while no thread advances. `stage` stays valid for as long as this.
+  /// Begins a stage, while no thread advances. `stage` must stay valid as long as this.
   void begin(const char* stage, uint64_t total) {
     stage_ = stage;
     total_ = total;
@@ -30,8 +30,8 @@ class JobProgress {
     report(0);
   }
 
-  /// `count` more of the stage are done. Error kFile, "interrupted": the job is to stop. `progress`: null where nobody
-  /// listens.
+  /// Adds `count` to the stage's progress. Error kFile, "interrupted": the job has to stop. `progress` is null if there
+  /// is no listener.
   static Result<void> advance(JobProgress* progress, uint64_t count) {
     if (progress == nullptr || progress->advance(count)) return {};
     return Error{ErrorCode::kFile, "interrupted"};

@@ -1,4 +1,4 @@
-// A thread that does jobs one after another, for whoever goes on meanwhile.
+// A thread that runs jobs one after another while its owner continues.
 #pragma once
 
 #include <condition_variable>
@@ -11,7 +11,7 @@
 
 namespace scree::runtime {
 
-/// Jobs that return `Value`, done in the order in which they were given. Given by one thread.
+/// Runs jobs that return `Value`, in the order in which they were added. Jobs are added by one thread.
 template <class Value>
 class JobThread {
  public:
@@ -23,14 +23,14 @@ class JobThread {
     if (!thread_.joinable()) return;
     {
       const std::lock_guard lock(mutex_);
-      ends_ = true;
+      is_stopping_ = true;
     }
     changed_.notify_all();
     thread_.join();
   }
 
-  /// What `job()` returns, or throws. Where the system has no thread left, the caller does the job at once. Throws
-  /// std::bad_alloc, the job then not given.
+  /// The future has the result or the exception of `job()`. If the system has no thread left, the caller runs the job
+  /// at once. Throws std::bad_alloc, in which case the job is not added.
   template <class Job>
   std::future<Value> add(Job&& job) {
     std::packaged_task<Value()> task(std::forward<Job>(job));
@@ -50,7 +50,7 @@ class JobThread {
   /// Returns when every job is done.
   void wait() {
     std::unique_lock lock(mutex_);
-    changed_.wait(lock, [&] { return jobs_.empty() && !works_; });
+    changed_.wait(lock, [&] { return jobs_.empty() && !is_busy_; });
   }
 
  private:
@@ -66,25 +66,25 @@ class JobThread {
   void run() {
     std::unique_lock lock(mutex_);
     for (;;) {
-      changed_.wait(lock, [&] { return ends_ || !jobs_.empty(); });
+      changed_.wait(lock, [&] { return is_stopping_ || !jobs_.empty(); });
       if (jobs_.empty()) return;
       std::packaged_task<Value()> job = std::move(jobs_.front());
       jobs_.pop_front();
-      works_ = true;
+      is_busy_ = true;
       lock.unlock();
       job();
-      job = {};  // what it held goes before it counts as done
+      job = {};  // destroys the job's captures before it counts as done
       lock.lock();
-      works_ = false;
+      is_busy_ = false;
       changed_.notify_all();
     }
   }
 
   std::mutex mutex_;
-  std::condition_variable changed_;  // jobs, or whether one is being done
+  std::condition_variable changed_;  // signals new jobs, a finished job and the end
   std::deque<std::packaged_task<Value()>> jobs_;
-  bool works_ = false;
-  bool ends_ = false;
+  bool is_busy_ = false;
+  bool is_stopping_ = false;
   std::thread thread_;
 };
 

@@ -11,7 +11,7 @@
 
 namespace scree::runtime {
 
-/// A loop that calls body(i) once for every i below `count`, on however many threads call it. `body` outlives this.
+/// A loop that calls body(i) once for every i below `count`, on all threads that call it. `body` must outlive this.
 template <class Body>
 class SharedLoop {
  public:
@@ -28,7 +28,7 @@ class SharedLoop {
     }
   }
 
-  /// When all threads have left it: throws again what a body threw, which ended the loop early.
+  /// Call it when all threads have left the loop. Rethrows an exception of a body, which ended the loop early.
   void finish() {
     if (failure_) std::rethrow_exception(failure_);
   }
@@ -42,13 +42,13 @@ class SharedLoop {
 };
 
 /// Calls `work` on up to `threads` threads at once, as work(true) on the caller's and work(false) on the others, and
-/// returns when all have returned. Fewer threads than asked for (a limit of the system) are to do the same work. Only
-/// work(true) may throw.
+/// returns when all have returned. If the system starts fewer threads, these must do the same work. Only work(true) may
+/// throw.
 template <class Work>
 void on_threads(uint64_t threads, const Work& work) {
   struct Helpers {
     std::vector<std::thread> threads;
-    ~Helpers() {  // whatever happens
+    ~Helpers() {  // also when work(true) throws
       for (std::thread& thread : threads) thread.join();
     }
   } helpers;
@@ -60,7 +60,7 @@ void on_threads(uint64_t threads, const Work& work) {
 }
 
 /// Calls body(i) once for every i below `count`, on up to `threads` threads (the caller's is one), in no particular
-/// order. An exception of a body ends the loop early and is thrown again here, where the caller turns it into an Error.
+/// order. An exception of a body ends the loop early and is rethrown here; the caller turns it into an Error.
 template <class Body>
 void parallel_for(uint64_t count, uint32_t threads, const Body& body) {
   SharedLoop<Body> loop(count, body);

@@ -1,4 +1,4 @@
-// How long something took, on the clock and on the processors.
+// Measures elapsed time, on the clock and on the processors.
 #pragma once
 
 #include <chrono>
@@ -7,7 +7,7 @@
 
 namespace scree::runtime {
 
-/// `wall_ms` depends on what else the machine does; `cpu_ms`, summed over all threads of the process, hardly does.
+/// `wall_ms` depends on the other load of the machine. `cpu_ms`, summed over all threads of the process, hardly does.
 struct Duration {
   double wall_ms = 0;
   double cpu_ms = 0;

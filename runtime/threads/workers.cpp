@@ -8,9 +8,9 @@ namespace scree::runtime {
 Workers::~Workers() {
   {
     const std::lock_guard lock(mutex_);
-    ends_ = true;
+    is_stopping_ = true;
   }
-  begun_.notify_all();
+  loop_begun_.notify_all();
   for (std::thread& helper : helpers_) helper.join();
 }
 
@@ -19,15 +19,15 @@ void Workers::start() {
   try {
     for (uint32_t i = 1; i < threads_; ++i) helpers_.emplace_back([this] { help(); });
   } catch (const std::exception&) {
-    // Fewer threads than asked for (a limit of the system) do the same work.
+    // If the system starts fewer threads, these do the same work.
   }
 }
 
 void Workers::help() {
   std::unique_lock lock(mutex_);
   for (uint64_t seen = 0;;) {
-    begun_.wait(lock, [&] { return ends_ || loops_ != seen; });
-    if (ends_) return;
+    loop_begun_.wait(lock, [&] { return is_stopping_ || loops_ != seen; });
+    if (is_stopping_) return;
     seen = loops_;
     if (wanted_ == 0) continue;
     --wanted_;
@@ -36,7 +36,7 @@ void Workers::help() {
     lock.unlock();
     work();
     lock.lock();
-    if (--helping_ == 0) left_.notify_one();
+    if (--helping_ == 0) all_left_.notify_one();
   }
 }
 
@@ -47,11 +47,11 @@ void Workers::share(uint64_t helpers, const std::function<void()>& work) {
     ++loops_;
     wanted_ = std::min<uint64_t>(helpers, helpers_.size());
   }
-  begun_.notify_all();
+  loop_begun_.notify_all();
   work();
   std::unique_lock lock(mutex_);
   wanted_ = 0;
-  left_.wait(lock, [&] { return helping_ == 0; });
+  all_left_.wait(lock, [&] { return helping_ == 0; });
 }
 
 }  // namespace scree::runtime

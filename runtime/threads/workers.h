@@ -1,4 +1,4 @@
-// Threads that share loops one after another: for loops too short to start threads for each.
+// Threads that share one loop after another, for loops too short to start threads for each.
 #pragma once
 
 #include <condition_variable>
@@ -12,10 +12,10 @@
 
 namespace scree::runtime {
 
-/// Used by one thread at a time; a loop's body must not begin another on them.
+/// Must be used by one thread at a time. A loop's body must not begin another loop on the same workers.
 class Workers {
  public:
-  /// Up to `threads` of them, the caller's with them; the others are started by the first loop that has work for them.
+  /// Up to `threads` threads, including the caller's. The others are started by the first loop that has work for them.
   explicit Workers(uint32_t threads) : threads_(threads) {}
   Workers(const Workers&) = delete;
   Workers& operator=(const Workers&) = delete;
@@ -39,20 +39,20 @@ class Workers {
  private:
   void start();
   void help();
-  /// Calls `work` on this thread and on up to `helpers` others, those that wake before it is done here; returns when
+  /// Calls `work` on this thread and on up to `helpers` others, as many as wake up before it is done here. Returns when
   /// all have returned from it.
   void share(uint64_t helpers, const std::function<void()>& work);
 
   const uint32_t threads_;
   std::vector<std::thread> helpers_;
   std::mutex mutex_;
-  std::condition_variable begun_;  // a loop, or the end
-  std::condition_variable left_;
+  std::condition_variable loop_begun_;  // a loop has begun, or the workers end
+  std::condition_variable all_left_;
   const std::function<void()>* work_ = nullptr;
-  uint64_t loops_ = 0;    // begun so far
-  uint64_t wanted_ = 0;   // threads that may still join the last
+  uint64_t loops_ = 0;    // loops begun so far
+  uint64_t wanted_ = 0;   // threads that may still join the last loop
   uint64_t helping_ = 0;  // threads that have joined it and not left
-  bool ends_ = false;
+  bool is_stopping_ = false;
 };
 
 }  // namespace scree::runtime

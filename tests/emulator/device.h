@@ -215,6 +215,10 @@ T atomicAnd(T* at, std::type_identity_t<T> value) {
   return atomic_change(at, [&](T was) { return was & value; });
 }
 template <class T>
+T atomicOr(T* at, std::type_identity_t<T> value) {
+  return atomic_change(at, [&](T was) { return was | value; });
+}
+template <class T>
 T atomicCAS(T* at, std::type_identity_t<T> expected, std::type_identity_t<T> value) {
   scree::emulator::pause_at_atomic();
   std::atomic_ref(*at).compare_exchange_strong(expected, value);
@@ -227,6 +231,9 @@ inline int __popc(uint32_t value) {
 }
 inline int __ffs(uint32_t value) {
   return value == 0 ? 0 : std::countr_zero(value) + 1;
+}
+inline int __clz(int value) {
+  return std::countl_zero(static_cast<uint32_t>(value));
 }
 inline uint32_t __fns(uint32_t mask, uint32_t base, int offset) {
   if (offset <= 0) scree::emulator::fail("__fns: only offsets above 0 are emulated, not %d", offset);

@@ -156,7 +156,7 @@ constexpr const char* kOnGpu = "-p -j 4";
 constexpr const char* kStreamedOnGpu = "-p -j 4 -s 4";
 
 TEST_CASE("faults: every call for a file fails once while converting", "[faults]") {
-  check_all("file", "all", kConvert);
+  check_all("file", SCREE_FAULT_FILE_CALLS, kConvert);
 }
 TEST_CASE("faults: every call for a file fails once while a giant primitive is measured", "[faults][guess]") {
   check_guess("file", "all" SCREE_FAULT_GUESS_STEP);
@@ -165,7 +165,7 @@ TEST_CASE("faults: every place that takes memory fails once while a giant primit
   check_guess("memory", "sites" SCREE_FAULT_GUESS_STEP);
 }
 TEST_CASE("faults: every call for a file fails once while a conversion is resumed", "[faults][resume]") {
-  check_all("file", "all", kResume, "-r");
+  check_all("file", SCREE_FAULT_FILE_CALLS, kResume, "-r");
 }
 TEST_CASE("faults: every place that takes memory fails once while a conversion is resumed", "[faults][resume]") {
   check_all("memory", SCREE_FAULT_SITES, kResume, "-r");

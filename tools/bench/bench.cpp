@@ -18,7 +18,7 @@
 namespace scree::bench {
 namespace {
 
-/// The file without the geometry that the scene does not draw.
+/// Bytes of the file without the geometry that the scene does not draw.
 uint64_t read_bytes(const runtime::Scene& scene) {
   uint64_t bytes = scene.file().map().size();
   for (uint64_t i = 0; i < scene.container().pages().size(); ++i) {
@@ -29,7 +29,7 @@ uint64_t read_bytes(const runtime::Scene& scene) {
   return bytes;
 }
 
-/// A scene where it is drawn from. Neither copied nor moved: the device's copy refers to the scene.
+/// A scene loaded for drawing. Neither copyable nor movable, because the device's copy refers to the scene.
 class LoadedScene {
  public:
   explicit LoadedScene(const BenchOptions& options) : options_(options) {}
@@ -52,7 +52,7 @@ class LoadedScene {
     return {};
   }
 
-  /// Draws and shades a frame; the times in ms.
+  /// Draws and shades a frame. Times in ms.
   struct FrameMs {
     float draw = 0;
     float shade = 0;
@@ -70,7 +70,7 @@ class LoadedScene {
     return ms;
   }
 
-  /// Of the frame drawn last.
+  /// Hash of the frame drawn last.
   Result<uint64_t> picture_hash(const kernels::View& view) {
     if (!device_) return format::checksum(std::as_bytes(frame_->samples()));
     const kernels::View samples_view = in_samples(view);
@@ -112,10 +112,10 @@ class LoadedScene {
   const kernels::ShadeOptions shade_;
   std::optional<runtime::Scene> scene_;
   std::optional<runtime::DeviceScene> device_;
-  std::optional<runtime::Frame> frame_;  // of a processor, the last one
+  std::optional<runtime::Frame> frame_;  // the last frame of the CPU
 };
 
-/// Loads from one state of the page cache while they are measured.
+/// Loads from one state of the page cache, while they are measured.
 struct LoadSeries {
   LoadResult result;
   std::vector<float> load, first_picture;
@@ -161,8 +161,8 @@ class FileBench {
   }
 
  private:
-  /// From the disk and from the page cache in turn, so that other users of the machine slow both down alike. Where the
-  /// system hides what is cached, loads are measured as they come.
+  /// Loads alternate between the disk and the page cache, so that other users of the machine slow both down alike. If
+  /// the system hides which pages are cached, loads are measured without changing the cache.
   Result<void> measure_loads() {
     std::vector<LoadSeries> all(2);
     all[0].result.is_cold = true;

@@ -1,4 +1,4 @@
-// How fast a .scree file loads and draws on this machine.
+// Measures how fast a .scree file loads and draws on this machine.
 #pragma once
 
 #include <cstdint>
@@ -15,10 +15,10 @@ namespace scree::bench {
 
 struct BenchOptions : tools::DrawOptions {
   std::vector<std::string> files;
-  std::vector<std::string> cameras;  // empty: all of a file's, or its default view
-  uint32_t frames = 60;              // of each view; fewer where they take longer than kTimeBudgetMs
+  std::vector<std::string> cameras;  // empty: all cameras of a file, or its default view
+  uint32_t frames = 60;              // per view; fewer if they take longer than kTimeBudgetMs
   uint32_t warmup = 10;
-  uint32_t repeats = 5;  // of each kind of load, at least 1
+  uint32_t repeats = 5;  // number of loads of each kind, at least 1
   std::string csv;       // empty: none
   bool json = false;
   bool quiet = false;
@@ -27,9 +27,9 @@ struct BenchOptions : tools::DrawOptions {
 /// Loads of one file from one state of the page cache.
 struct LoadResult {
   bool is_cold = false;
-  double cached_share = 0;  // of the file before its loads: cold the most, else the least
-  Times load;               // ms, from opening the file to all of it checked and where it is drawn from
-  Times first_picture;      // and on to the first picture, shaded
+  double cached_share = 0;  // of the file before its loads: the largest for cold loads, else the smallest
+  Times load;               // ms, from opening the file until all of it is checked and ready to be drawn
+  Times first_picture;      // the same, and on to the first shaded picture
   uint64_t read_bytes = 0;  // the file without the geometry that the scene does not draw
   uint64_t device_bytes = 0;
 
@@ -40,10 +40,10 @@ struct ViewResult {
   std::string name;
   uint32_t frames = 0;
   double first_ms = 0;  // the first frame of this view, wall clock, without shading
-  Times draw;           // ms: a GPU's by its clock; a processor's, and a streamed frame's, by the wall's
+  Times draw;           // ms, by the GPU's clock; wall clock for the CPU and for streamed frames
   Times shade;
-  std::optional<uint64_t> streamed_bytes;  // by the last frame, where the scene is streamed
-  uint64_t picture = 0;                    // XXH3-64 of the visibility buffer: equal pictures have equal ones
+  std::optional<uint64_t> streamed_bytes;  // by the last frame, if the scene is streamed
+  uint64_t picture = 0;                    // XXH3-64 of the visibility buffer; equal for equal pictures
 };
 
 struct FileResult {
@@ -61,14 +61,14 @@ struct BenchReport {
   std::vector<FileResult> files;
 };
 
-/// Loads `path` several times, dropped from the page cache and out of it, and draws frames of its views. `gpu`: the
-/// current device, or none. Errors, the file named: those of Scene::open, DeviceScene::upload, drawing and shading.
+/// Loads `path` several times, dropped from the page cache and cached, and draws frames of its views. `has_gpu`: draw
+/// on the current device. Errors, with the file: errors of Scene::open, DeviceScene::upload, drawing and shading.
 Result<FileResult> measure_file(const std::string& path, const BenchOptions& options, bool has_gpu);
 
-/// Measures every file, prints the report and appends the CSV rows; what was measured before an error is printed too.
+/// Measures every file, prints the report and appends the CSV rows. Results from before an error are printed too.
 Result<void> run_bench(const BenchOptions& options);
 
-/// Tables for people; one JSON object; a row per view.
+/// The report as tables, as one JSON object, and as one CSV row per view.
 std::string bench_text(const BenchReport& report);
 std::string bench_json(const BenchReport& report);
 Result<void> append_rows(const BenchReport& report);

@@ -1,4 +1,4 @@
-// scree bench: the command line.
+// The command line of scree bench.
 #include "tools/common/command.h"
 
 #include <memory>
@@ -11,7 +11,7 @@ namespace scree::tools {
 namespace {
 
 struct BenchWords : DrawWords {
-  bench::BenchOptions options;  // what needs no parsing
+  bench::BenchOptions options;  // options that need no parsing
 };
 
 Result<bench::BenchOptions> parse(const BenchWords& words) {
@@ -37,7 +37,7 @@ Command add_bench(CLI::App& parent) {
                   "cameras of a file, or the view that render takes)")
       ->type_size(1)
       ->expected(1)
-      ->allow_extra_args(false)  // the next word is a file
+      ->allow_extra_args(false)  // the next argument is a file
       ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll)
       ->type_name("NAME");
   add_picture_options(*app, *words);

@@ -66,8 +66,8 @@ std::string csv_number(uint64_t value) {
 
 Result<void> append_csv(const std::string& path, const CsvCells& cells) {
   const std::string header = csv_columns(cells);
-  // The lock is held from the test of the first line to the end of the write, so that two programs that begin a file
-  // leave one header and whole rows.
+  // The lock is held from the check of the first line to the end of the write, so that two programs that start a file
+  // leave one header and complete rows.
   const int file = ::open(path.c_str(), O_RDWR | O_CREAT | O_APPEND | O_CLOEXEC, 0666);
   if (file < 0) return file_error(path);
   struct Close {

@@ -12,22 +12,22 @@
 
 namespace scree::bench {
 
-/// A row's cells, each with its column: the two stand side by side where a row is made, so that they cannot differ.
+/// A row's cells, each with its column. Keeping both side by side where a row is made keeps them in agreement.
 using CsvCells = std::vector<std::pair<std::string, std::string>>;
 
-/// The columns, or the values, of a row; without the line's end.
+/// The columns, or the values, of a row, without the line break.
 std::string csv_columns(const CsvCells& cells);
 std::string csv_values(const CsvCells& cells);
 
-/// Six significant digits; "inf".
+/// Six significant digits; "inf" for infinity.
 std::string csv_number(double value);
 std::string csv_number(uint64_t value);
 
-/// NAME_ms (the median), NAME_min_ms and NAME_spread_ms; empty cells without times.
+/// Adds NAME_ms (the median), NAME_min_ms and NAME_spread_ms; empty cells without times.
 void add_times(CsvCells& cells, const std::string& name, const std::optional<Times>& times);
 
 /// Appends a row; a new or empty file gets the header first. Errors kFile; kFormat: the file's first line is not the
-/// header of `cells`, so the row would stand under other columns.
+/// header of `cells`, so the row would have the wrong columns.
 Result<void> append_csv(const std::string& path, const CsvCells& cells);
 
 }  // namespace scree::bench

@@ -29,7 +29,7 @@ Result<double> cached_share(const std::string& path) {
   const Result<MappedFile> map = MappedFile::open(path);
   if (!map) return map.error();
   if (map->size() == 0) return 0.0;
-  // A read that may not wait would bring the pages that are not there, so that this cannot be found out without harm.
+  // A read that may not wait would trigger loading of missing pages, so it cannot take the place of mincore() here.
   if (!map->mincore_is_true())
     return Error{ErrorCode::kUnsupported, path +
                                               ": the system shows which of its pages are cached only to its owner "
@@ -53,11 +53,10 @@ Result<double> drop_from_cache(const std::string& path) {
     const Result<MappedFile> file = MappedFile::open(path);
     if (!file) return file.error();
     if (file->descriptor() < 0) return 0.0;  // empty
-    // Pages that are not written yet cannot be dropped. Where a file system has nothing to sync (EINVAL, EROFS) there
-    // are none.
+    // Unwritten pages cannot be dropped. If a file system has nothing to sync (EINVAL, EROFS), there are none.
     if (::fsync(file->descriptor()) != 0 && errno != EINVAL && errno != EROFS)
       return system_error(path, "writing it to the disk");
-    // Nothing of the map was touched, so that it holds no page.
+    // No page of the map was read, so the map holds none.
     if (const int failed = ::posix_fadvise(file->descriptor(), 0, 0, POSIX_FADV_DONTNEED); failed != 0) {
       errno = failed;
       return system_error(path, "dropping it from the page cache");
@@ -75,7 +74,7 @@ Result<double> bring_to_cache(const std::string& path) {
       const ssize_t got = ::pread(file->descriptor(), block.data(), block.size(), static_cast<off_t>(at));
       if (got < 0 && errno == EINTR) continue;
       if (got < 0) return system_error(path, "reading it");
-      if (got == 0) break;  // it has become shorter; whoever loads it says so
+      if (got == 0) break;  // the file has become shorter; loading it reports that
       at += static_cast<uint64_t>(got);
     }
   }

@@ -1,4 +1,4 @@
-// How much of a file lies in the page cache: what a cold load is measured with.
+// Controls how much of a file lies in the page cache, to measure cold loads.
 #pragma once
 
 #include <string>
@@ -7,17 +7,17 @@
 
 namespace scree::bench {
 
-/// The share of the file's memory pages that the page cache has, 0 to 1; every page is tested (mincore). 0 for an empty
-/// file. Errors kFile, as MappedFile::open; kUnsupported: the system hides it (files of other users).
+/// The share of the file's memory pages in the page cache, 0 to 1; every page is tested (mincore). 0 for an empty file.
+/// Errors kFile, as MappedFile::open; kUnsupported: the system hides it (files of other users).
 Result<double> cached_share(const std::string& path);
 
-/// Writes to the disk what is not there yet of the file, and drops its pages from the page cache; returns the share
-/// that is there still: 0 but where others map the file, or where memory is the file's only place (tmpfs). Nothing of
-/// this process maps it. Errors as cached_share.
+/// Writes unwritten pages of the file to the disk and drops its pages from the page cache. Returns the share that
+/// remains: 0 unless others map the file, or memory is its only storage (tmpfs). This process must not map it. Errors
+/// as cached_share.
 Result<double> drop_from_cache(const std::string& path);
 
-/// Reads the file through the page cache; returns the share that is there then: less than 1 where memory is short.
-/// Errors as cached_share.
+/// Reads the file through the page cache. Returns the share that is then cached: less than 1 if memory is short. Errors
+/// as cached_share.
 Result<double> bring_to_cache(const std::string& path);
 
 }  // namespace scree::bench

@@ -11,7 +11,7 @@ Result<std::vector<FileView>> file_views(runtime::Scene& scene, const std::strin
                                          const std::vector<std::string>& names, tools::ImageSize size,
                                          uint32_t threads) {
   struct Choice {
-    std::string camera;  // as CameraOptions takes it
+    std::string camera;  // a value for CameraOptions::camera
     std::string name;
   };
   std::vector<Choice> choices;

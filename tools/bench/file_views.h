@@ -1,4 +1,4 @@
-// From where a .scree file is measured.
+// The views in which a .scree file is measured.
 #pragma once
 
 #include <cstdint>
@@ -13,13 +13,13 @@
 namespace scree::bench {
 
 struct FileView {
-  std::string name;  // of the camera, or its number; "default"
+  std::string name;  // the camera's name or number, or "default"
   kernels::View view;
 };
 
-/// The cameras of `names`, or all that the scene has where there are none, or its default view where it has no camera;
-/// each of `size`. Loads the scene's pages where the default view depends on vertices. Errors: those of make_view and
-/// Scene::load_pages, `file` named.
+/// The cameras of `names`. If `names` is empty: all cameras of the scene, or its default view if it has none. Each view
+/// is of `size`. Loads the scene's pages if the default view depends on vertices. Errors of make_view and
+/// Scene::load_pages, with `file`.
 Result<std::vector<FileView>> file_views(runtime::Scene& scene, const std::string& file,
                                          const std::vector<std::string>& names, tools::ImageSize size,
                                          uint32_t threads);

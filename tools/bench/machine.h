@@ -1,4 +1,4 @@
-// Where something was measured.
+// The machine of a measurement.
 #pragma once
 
 #include <string>
@@ -9,8 +9,8 @@ namespace scree::bench {
 
 struct Machine {
   std::string commit;  // of this program
-  std::string device;  // a GPU's name, or a processor's
-  std::string driver;  // of a GPU; empty without one
+  std::string device;  // name of the GPU, or of the processor
+  std::string driver;  // of the GPU; empty without one
 };
 
 Machine gpu_machine(const runtime::Gpu& gpu);

@@ -1,4 +1,4 @@
-// How long frames take: a loop that stops by the clock, and what is made of its times.
+// Times of frames: a loop with a time limit, and statistics.
 #pragma once
 
 #include <cstdint>
@@ -10,7 +10,7 @@
 
 namespace scree::bench {
 
-/// Of the times of several frames, ms.
+/// Statistics over several frames, ms.
 struct Times {
   double median = 0;
   double minimum = 0;
@@ -24,9 +24,9 @@ Times summarize(std::span<const float> ms);
 
 inline constexpr double kTimeBudgetMs = 2000;
 
-/// Draws up to `warmup` frames and up to `frames` (at least 1) more: fewer where they take longer than a quarter of
-/// kTimeBudgetMs, or all of it. `draw_one`: draws once more and gives a Result<float> of the ms it took. Returns those
-/// of the second part. Errors: those of `draw_one`.
+/// Draws up to `warmup` frames and then up to `frames` (at least 1): fewer if they take longer than a quarter of
+/// kTimeBudgetMs, or all of it. `draw_one`: draws one frame and returns its ms as a Result<float>. Returns the times of
+/// the second part. Errors of `draw_one`.
 template <class DrawOne>
 Result<std::vector<float>> timed_frames(uint32_t frames, uint32_t warmup, const DrawOne& draw_one) {
   std::vector<float> times;

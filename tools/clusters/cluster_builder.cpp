@@ -13,7 +13,7 @@ const format::ClusterSet& ClusterBuilder::build(std::span<const uint32_t> indice
                                                 std::span<const uint32_t> order) {
   const auto vertices = static_cast<uint32_t>(offsets.size() / 3);
   set_.clear();
-  // Mostly enough: 0.6 to 0.8 vertices and 0.7 to 1.3 words a triangle.
+  // Usually sufficient: there are 0.6 to 0.8 vertices and 0.7 to 1.3 words per triangle.
   const size_t triangles = indices.size() / 3;
   set_.triangles.reserve(triangles);
   set_.vertices.reserve(triangles);

@@ -1,4 +1,4 @@
-// Lists of triangles as packed clusters: cut, then packed.
+// Cuts lists of triangles into clusters and packs them.
 #pragma once
 
 #include <cstddef>
@@ -12,16 +12,16 @@
 namespace scree::tools {
 
 enum class ClusterEffort {
-  kFast,  // consecutive triangles: for lists in an order for vertex caches
-  kBest,  // by neighbourhood, numbered the smallest way: scans 4 to 7% smaller in 12 to 16 times the time
+  kFast,  // consecutive triangles: for lists ordered for a vertex cache
+  kBest,  // by neighbourhood, with the smallest numbering: scans 4 to 7% smaller in 12 to 16 times the time
 };
 
-/// Cuts and packs one list after the other and keeps its memory; one a thread.
+/// Cuts and packs one list after another and keeps its memory; use one per thread.
 class ClusterBuilder {
  public:
-  /// The clusters of all triangles, valid until the next call. `indices`: 3 a triangle, each below the number of
-  /// vertices; `offsets`: 3 a vertex, lattice offsets below 2^24. `most_triangles`: of a cluster, 1 and up. `order`:
-  /// for kFast, all triangles in the order in which they are cut; empty: as they are in the list.
+  /// The clusters of all triangles, valid until the next call. `indices`: 3 per triangle, each below the number of
+  /// vertices. `offsets`: 3 per vertex, lattice offsets below 2^24. `most_triangles`: of a cluster, at least 1.
+  /// `order`: only for kFast, all triangles in the order in which they are cut; empty: the order of the list.
   const format::ClusterSet& build(std::span<const uint32_t> indices, std::span<const uint32_t> offsets,
                                   ClusterEffort effort, uint32_t most_triangles = format::kMaxClusterTriangles,
                                   std::span<const uint32_t> order = {});
@@ -32,10 +32,11 @@ class ClusterBuilder {
   format::ClusterSet set_;
 };
 
-/// A clustered chunk of all triangles of a list, for scenes that are made in memory. Sets of `record` what
-/// format::describe_clusters() sets, and `bytes`; appends the streams of clusters to `payload` and says in `vertices`
-/// and `triangles`, where they are not null, which of the list's each one is, for the streams of attributes. As
-/// ClusterBuilder::build(); the payload of the largest chunk that is sensible, 65536 triangles, is below 2 MiB.
+/// Encodes all triangles of a list as one clustered chunk, for scenes that are made in memory. Sets `bytes` of `record`
+/// and the fields that format::describe_clusters() sets. Appends the streams of clusters to `payload`. If `vertices`
+/// and `triangles` are not null, they get the index in the list of each stored vertex and triangle, for the streams of
+/// attributes. Arguments as in ClusterBuilder::build(). The payload of 65536 triangles, the largest chunk in practice,
+/// is below 2 MiB.
 void encode_clustered_chunk(ClusterBuilder& builder, std::span<const uint32_t> indices,
                             std::span<const uint32_t> offsets, ClusterEffort effort, format::ChunkRecord& record,
                             std::vector<std::byte>& payload, std::vector<uint32_t>* vertices = nullptr,

@@ -13,7 +13,7 @@ using format::kMaxDegenerateVertices;
 
 constexpr uint32_t kNone = ~0u;
 
-/// The cluster that is being filled: which vertices it has, and whether it has room for more.
+/// The cluster that is being filled: its vertices, and whether it has room for more.
 class OpenCluster {
  public:
   OpenCluster(uint32_t vertex_count, uint32_t most_triangles)
@@ -33,7 +33,7 @@ class OpenCluster {
     return triangles_ < most_triangles_ && vertices_ + fresh <= limit(corner);
   }
 
-  /// `joined(vertex)` is called for each vertex that it did not have.
+  /// Adds a triangle. `joined(vertex)` is called for each new vertex.
   template <class Joined>
   void add(const uint32_t corner[3], const Joined& joined) {
     limit_ = limit(corner);
@@ -60,14 +60,14 @@ class OpenCluster {
   }
 
   uint32_t most_triangles_;
-  std::vector<uint32_t> cluster_of_;  // of each vertex the last that used it
+  std::vector<uint32_t> cluster_of_;  // by vertex: the last cluster that used it
   uint32_t number_ = 0;
   uint32_t triangles_ = 0;
   uint32_t vertices_ = 0;
   uint32_t limit_ = kMaxClusterVertices;
 };
 
-/// Grows one cluster after the other.
+/// Grows one cluster after another.
 class Growth {
  public:
   Growth(std::span<const uint32_t> indices, uint32_t vertex_count, uint32_t most_triangles)
@@ -80,7 +80,7 @@ class Growth {
     out_.triangles.reserve(count);
     while (out_.triangles.size() < count) {
       uint32_t next = next_neighbour();
-      // A part without neighbours left takes in others only where it would be half empty.
+      // A region without free neighbours takes in other triangles only if its cluster would be less than half full.
       if (next == kNone && cluster_.triangles() >= kMaxClusterTriangles / 2) {
         finish();
         continue;
@@ -118,7 +118,8 @@ class Growth {
     }
   }
 
-  /// One that needs no new vertex, else the one that has shared an edge with the cluster for longest; kNone: neither.
+  /// A neighbour that needs no new vertex, else the one that has shared an edge with the cluster for longest, else
+  /// kNone.
   uint32_t next_neighbour() {
     while (!ready_.empty()) {
       const uint32_t triangle = ready_.back();
@@ -132,7 +133,8 @@ class Growth {
     return kNone;
   }
 
-  /// Beside the cluster before: in a corner, where the fewest triangles are left. Else the first of all that are left.
+  /// A triangle beside the previous cluster, in a corner, where the fewest triangles are left. Otherwise the first of
+  /// all that are left.
   uint32_t next_seed() {
     uint32_t best = kNone;
     uint32_t fewest = kNone;
@@ -184,17 +186,17 @@ class Growth {
   std::span<const uint32_t> indices_;
   OpenCluster cluster_;
   ClusterCut out_;
-  // The triangles at each vertex, once for each corner there: at_vertex_[first_at_[v]] to at_vertex_[first_at_[v + 1]].
+  // The triangles at each vertex, once per corner there: at_vertex_[first_at_[v]] to at_vertex_[first_at_[v + 1]].
   std::vector<uint32_t> first_at_;
   std::vector<uint32_t> at_vertex_;
-  std::vector<uint32_t> left_at_;  // corners at each vertex that are in no cluster yet
-  std::vector<uint8_t> known_;     // of each triangle: its corners in the open cluster, or kTaken
+  std::vector<uint32_t> left_at_;  // by vertex: corners that are in no cluster yet
+  std::vector<uint8_t> known_;     // by triangle: its number of corners in the open cluster, or kTaken
   std::vector<uint32_t> touched_;  // triangles with a corner in the open cluster
-  std::vector<uint32_t> front_;    // with two, in the order in which they got there
-  std::vector<uint32_t> ready_;    // with three
-  std::vector<uint32_t> seeds_;    // beside the cluster before
+  std::vector<uint32_t> front_;    // triangles with two such corners, in the order in which they got the second
+  std::vector<uint32_t> ready_;    // triangles with three
+  std::vector<uint32_t> seeds_;    // triangles beside the previous cluster
   size_t front_at_ = 0;
-  uint32_t first_left_ = 0;  // no triangle before it is left
+  uint32_t first_left_ = 0;  // all triangles before it are taken
 };
 
 }  // namespace

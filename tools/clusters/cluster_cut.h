@@ -7,14 +7,14 @@
 
 namespace scree::tools {
 
-/// Every triangle of a list in one cluster.
+/// A partition of a list's triangles into clusters.
 struct ClusterCut {
-  std::vector<uint32_t> triangles;  // their numbers, cluster by cluster
-  std::vector<uint32_t> ends;       // of each cluster in `triangles`
+  std::vector<uint32_t> triangles;  // triangle numbers, cluster by cluster
+  std::vector<uint32_t> ends;       // end of each cluster in `triangles`
 };
 
-/// Clusters that grow from triangle to neighbouring triangle, each beside the one before: fewer vertices a cluster and
-/// smaller boxes, whatever order the triangles come in. Memory: about 50 bytes a triangle.
+/// Grows clusters from triangle to neighbouring triangle, each beside the previous cluster, which gives fewer vertices
+/// per cluster and smaller boxes for any order of the input. Memory: about 50 bytes per triangle.
 ClusterCut cut_by_neighbourhood(std::span<const uint32_t> indices, uint32_t vertex_count, uint32_t most_triangles);
 
 }  // namespace scree::tools

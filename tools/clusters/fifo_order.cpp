@@ -7,7 +7,7 @@ namespace {
 
 constexpr uint32_t kNoTriangle = ~0u;
 
-// The paper's hardware measurements and meshoptimizer's own default agree on 16 entries.
+// 16 entries agree with the paper's hardware measurements and with meshoptimizer's own default.
 constexpr uint32_t kCacheSize = 16;
 
 }  // namespace
@@ -48,10 +48,10 @@ void FifoOrder::list_triangles(std::span<const uint32_t> indices, uint32_t verte
   for (size_t i = indices.size(); i-- > 0;) at_vertex_[--vertices_[indices[i]].first] = static_cast<uint32_t>(i / 3);
 }
 
-/// All triangles of a vertex that are left.
+/// Takes all remaining triangles of a vertex.
 void FifoOrder::take_around(std::span<const uint32_t> indices, uint32_t center) {
-  // What is of no use is written over by the next: branches would be guessed wrong. Pointers of their own, because a
-  // store to is_taken might be one to any member.
+  // Entries that are not needed are overwritten by the next, since branches would often be mispredicted. Local pointers
+  // are used because the compiler must assume that a store to is_taken may change any member.
   const uint32_t* const corners = indices.data();
   const uint32_t* const at_vertex = at_vertex_.get();
   Vertex* const vertices = vertices_.data();
@@ -77,15 +77,16 @@ void FifoOrder::take_around(std::span<const uint32_t> indices, uint32_t center) 
       if (time - vertex.time > kCacheSize) vertex.time = time++;
       *seen = index;
       seen += ((index != center) & (left != 0)) ? 1 : 0;
-      __builtin_prefetch(at_vertex + vertex.first);  // it may be the next center
+      __builtin_prefetch(at_vertex + vertex.first);  // this may be the next center
     }
   }
   seen_count_ = static_cast<size_t>(seen - seen_.get());
   time_ = time;
 }
 
-/// Of the vertices that were just seen the one that has been in the cache for longest and will still be there after its
-/// triangles, else the first of them; else the last one seen before; else the first of all that have triangles left.
+/// Among the vertices just seen: the one that has been in the cache for longest and will still be there after its
+/// triangles, else the first of them. If there is none: the last one seen before. If there is none: the first vertex
+/// with triangles left.
 uint32_t FifoOrder::next_center(size_t first_seen) {
   uint32_t best = kNoTriangle;
   uint32_t best_age = 0;

@@ -19,7 +19,7 @@ using format::ChunkRecord;
 using format::MeshRecord;
 
 /// Half of the machine's memory. A stream of 0 bits takes no bytes, so a chunk record of a few bytes can claim 2^32
-/// vertices: what no machine could hold is refused before it is allocated.
+/// vertices. Sizes that no machine could hold are refused before anything is allocated.
 uint64_t memory_limit() {
   static const uint64_t limit = [] {
     const long pages = sysconf(_SC_PHYS_PAGES), page_bytes = sysconf(_SC_PAGESIZE);
@@ -41,7 +41,7 @@ uint64_t decoded_bytes(const MeshRecord& mesh, const ChunkRecord& chunk, uint32_
   return bytes;
 }
 
-/// Resizes `values` and lets go of memory that an earlier, much larger chunk took.
+/// Resizes `values`, and frees memory left over from a much larger earlier chunk.
 template <class T>
 void set_size(std::vector<T>& values, uint64_t size) {
   if (values.capacity() > 4 * size + (uint64_t{1} << 20)) std::vector<T>().swap(values);

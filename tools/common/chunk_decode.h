@@ -1,4 +1,4 @@
-// Chunks of an opened container as plain arrays: what inspect --verify, export and the tests read.
+// Decodes chunks of an opened container to plain arrays, for inspect --verify, export and the tests.
 #pragma once
 
 #include <cstddef>
@@ -13,7 +13,7 @@
 
 namespace scree::tools {
 
-/// Which streams of a chunk are wanted.
+/// Streams of a chunk, as a mask.
 enum ChunkPart : uint32_t {
   kPartIndices = 1,
   kPartPositions = 2,
@@ -24,30 +24,30 @@ enum ChunkPart : uint32_t {
   kPartAll = 63,
 };
 
-/// The decoded streams of one chunk. A stream that the mesh does not have or that was not asked for is empty.
+/// The decoded streams of one chunk. A stream that the mesh lacks, or that was not requested, is empty.
 struct DecodedChunk {
-  std::vector<uint32_t> indices;     // 3 a triangle, each < vertex_count of the chunk
+  std::vector<uint32_t> indices;     // 3 per triangle, each < vertex_count of the chunk
   std::vector<float> positions;      // x y z, model units, finite
   std::vector<float> uvs;            // u v
   std::vector<float> colors;         // linear RGBA, 0 to 1
   std::vector<float> normals;        // x y z, unit length
-  std::vector<uint64_t> source_ids;  // 1 a triangle: its number in the source primitive
+  std::vector<uint64_t> source_ids;  // 1 per triangle: its number in the source primitive
 };
 
-/// Decodes the wanted streams of a chunk of `file` into `out`, whose memory is reused; every byte of them is checked,
-/// and with kPartAll every byte of the chunk. `page`: the raw bytes of the chunk's page, as Container::load_page gives
-/// them. Errors kRange, kTruncated, kTrailing, kFormat (place and stream named), kMemory; `out` is unspecified then.
-/// Reentrant.
+/// Decodes the requested streams of a chunk of `file` into `out`, whose memory is reused. Every byte of them is
+/// checked, and with kPartAll every byte of the chunk. `page`: the raw bytes of the chunk's page, from
+/// Container::load_page. Errors kRange, kTruncated, kTrailing, kFormat (with place and stream), kMemory; `out` is then
+/// unspecified. Reentrant.
 Result<void> decode_chunk(const format::Container& file, uint64_t chunk, std::span<const std::byte> page,
                           uint32_t parts, DecodedChunk& out);
 
-/// Reads chunks one after the other and keeps the page of the last one. One reader a thread.
+/// Reads chunks one after another and keeps the page of the last one. Use one reader per thread.
 class ChunkReader {
  public:
-  /// `file` outlives the reader.
+  /// `file` must outlive the reader.
   explicit ChunkReader(const format::Container& file) : file_(&file) {}
 
-  /// The chunk, valid until the next call. Errors as load_page (the page named) and decode_chunk.
+  /// The chunk, valid until the next call. Errors as load_page (with the page) and decode_chunk.
   Result<const DecodedChunk*> read(uint64_t chunk, uint32_t parts = kPartAll);
 
  private:

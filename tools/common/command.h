@@ -1,4 +1,4 @@
-// What main.cpp asks of each subcommand.
+// The interface between main.cpp and the subcommands.
 #pragma once
 
 #include <functional>
@@ -9,8 +9,8 @@
 
 namespace scree::tools {
 
-/// A subcommand: its options on `app`, and what to run once they are parsed. run() returns an Error for main to print
-/// as "scree NAME: message" and to turn into an exit code; nothing in it calls exit() or throws past it.
+/// A subcommand: its options on `app`, and its function for after parsing. run() returns an Error, which main prints as
+/// "scree NAME: message" and turns into an exit code. run() must not call exit() or throw.
 struct Command {
   CLI::App* app = nullptr;
   std::function<Result<void>()> run;

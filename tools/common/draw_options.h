@@ -13,7 +13,7 @@
 
 namespace scree::tools {
 
-/// As typed; empty where nothing was.
+/// The options as typed; empty if not given.
 struct DrawWords {
   std::string size = "1920x1080";
   std::string samples = "1";
@@ -30,17 +30,17 @@ struct DrawOptions {
   uint32_t samples_per_side = 1;
   uint32_t threads = 1;
   BackendOptions backend;
-  uint64_t device_memory = 0;  // bytes the scene, its frames and the picture may take on the GPU; 0: what is free
-  uint64_t host_memory = 0;    // bytes of pictures and pinned memory on the host; 0: no limit, no chunks kept
-  runtime::Reading reading = runtime::Reading::kAuto;  // of a GPU's pages
+  uint64_t device_memory = 0;  // limit for the scene, its frames and the picture on the GPU, bytes; 0: all that is free
+  uint64_t host_memory = 0;    // the same for pictures and pinned memory on the host; 0: no limit, no chunks kept
+  runtime::Reading reading = runtime::Reading::kAuto;  // how a GPU's pages are read
 };
 
-/// --size and --samples; and those that choose what draws and what it may take: --threads, --backend, --device,
-/// --device-memory, --host-memory, --read.
+/// The first adds --size and --samples. The second adds the options for the drawing device and its limits: --threads,
+/// --backend, --device, --device-memory, --host-memory, --read.
 void add_picture_options(CLI::App& app, DrawWords& words);
 void add_device_options(CLI::App& app, DrawWords& words);
 
-/// Errors kUsage: the option, what was typed, what is allowed.
+/// Errors kUsage: the option, its value, the allowed values.
 Result<DrawOptions> parse_draw_options(const DrawWords& words);
 
 }  // namespace scree::tools

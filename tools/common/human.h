@@ -1,4 +1,4 @@
-// Numbers as people read them.
+// Numbers formatted for people.
 #pragma once
 
 #include <cstdint>
@@ -12,8 +12,7 @@ std::string fixed(double number, int digits);
 /// "18,900,000,000".
 std::string grouped(uint64_t number);
 
-/// Three significant digits without an exponent where that stays short ("0.000122", "37.4", "12,345"), else as
-/// "1.19e-07".
+/// Three significant digits; without an exponent if that is short ("0.000122", "37.4", "12,345"), else like "1.19e-07".
 std::string short_number(double number);
 
 }  // namespace scree::tools

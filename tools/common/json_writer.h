@@ -7,9 +7,8 @@
 
 namespace scree::tools {
 
-/// Appends to `text`, which the caller may drain at any time. Commas are placed by the writer; the caller keeps the
-/// pairs of begin and end, and a key before every value of an object (asserted nowhere: the tests parse what comes
-/// out).
+/// Appends to `text`, which the caller may drain at any time. The writer places commas. The caller must pair begin and
+/// end, and write a key before every value of an object. That is not asserted; the tests parse the output.
 class JsonWriter {
  public:
   explicit JsonWriter(std::string& text) : text_(text) {}
@@ -24,14 +23,15 @@ class JsonWriter {
   void value(uint64_t number);
   void value(uint32_t number) { value(uint64_t{number}); }
   void value(bool truth);
-  /// The shortest text that reads back as the same double. A number JSON cannot say becomes 0 and is remembered.
+  /// The shortest text that reads back as the same double. A number that JSON cannot express becomes 0 and sets
+  /// met_non_finite().
   void value(double number);
   template <class T>
   void member(std::string_view name, const T& content) {
     key(name);
     value(content);
   }
-  /// A line break, for people who look into the file; allowed between any two values.
+  /// A line break for readability; allowed between any two values.
   void line() { text_ += '\n'; }
   bool met_non_finite() const { return met_non_finite_; }
 
@@ -46,7 +46,7 @@ class JsonWriter {
   bool met_non_finite_ = false;
 };
 
-/// `text` with what JSON strings must not hold escaped, and bytes that are not UTF-8 replaced by U+FFFD.
+/// `text` with characters escaped that JSON strings must not contain, and bytes that are not UTF-8 replaced by U+FFFD.
 std::string json_escaped(std::string_view text);
 
 }  // namespace scree::tools

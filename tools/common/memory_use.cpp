@@ -10,7 +10,7 @@
 
 namespace scree::tools {
 
-// getrusage() would count what the program that started this one held at that moment.
+// Not getrusage(), whose peak would include the memory of the parent process at the time of the start.
 MemoryUse memory_use() {
   MemoryUse use;
   std::ifstream status("/proc/self/status");

@@ -1,29 +1,29 @@
-// What this process takes of the machine's memory, as the system counts it.
+// Memory of this process, as the system counts it.
 #pragma once
 
 #include <cstdint>
 
 namespace scree::tools {
 
-/// Bytes; all 0 where /proc does not say.
+/// Bytes; all 0 without /proc.
 struct MemoryUse {
-  uint64_t anonymous = 0;  // resident now, of the process alone: RssAnon + RssShmem
-  uint64_t file = 0;       // resident now, of mapped files: the program itself
-  uint64_t peak = 0;       // the most that was resident at once, of both
+  uint64_t anonymous = 0;  // resident now, private to the process: RssAnon + RssShmem
+  uint64_t file = 0;       // resident now, of mapped files, including the program itself
+  uint64_t peak = 0;       // largest resident total so far
 };
 MemoryUse memory_use();
 
-/// The most anonymous memory that the process ever had, at least; too much by what of the program's own file became
-/// resident since `before` was taken (a few MiB).
+/// A lower bound of the process's peak of anonymous memory. It is too large by the bytes of the program's own file that
+/// became resident since `before` was taken (a few MiB).
 uint64_t peak_anonymous(const MemoryUse& before);
 
-/// The peak is from now on what is resident now; where the system does not let (no /proc), it stays.
+/// Resets the peak to the currently resident memory. No effect where the system does not allow it (no /proc).
 void forget_peak();
 
-/// What the system says that programs may take now without swapping; 0 where /proc does not say.
+/// Memory that programs may take now without swapping, according to the system; 0 without /proc.
 uint64_t available_memory();
 
-/// Gives what the allocator keeps for later back to the system.
+/// Returns memory that the allocator keeps for later to the system.
 void give_back_free_memory();
 
 }  // namespace scree::tools

@@ -25,7 +25,7 @@ struct Amount {
   std::string unit;  // lower case
 };
 
-/// Splits "1.5 GiB". std::from_chars takes no locale, so a point stays a point everywhere.
+/// Splits "1.5 GiB". std::from_chars ignores the locale, so the decimal point is always a point.
 bool split_amount(std::string_view text, Amount& out) {
   const char* end = text.data() + text.size();
   const auto [rest, status] = std::from_chars(text.data(), end, out.number);
@@ -144,7 +144,7 @@ std::string format_bytes(uint64_t bytes) {
 bool is_same_file(const std::string& a, const std::string& b) {
   std::error_code ignored;
   if (a == b || std::filesystem::equivalent(a, b, ignored)) return true;
-  // Of files that are not there yet: one name in one folder.
+  // Files that do not exist yet are the same if they have the same name in the same folder.
   const std::filesystem::path path_a = a, path_b = b;
   const auto folder_of = [](const std::filesystem::path& path) {
     return path.has_parent_path() ? path.parent_path() : std::filesystem::path(".");

@@ -1,4 +1,4 @@
-// Words of the command line that stand for amounts: sizes in bytes and lengths in model units.
+// Parses amounts on the command line: sizes in bytes and lengths in model units.
 #pragma once
 
 #include <cstdint>
@@ -9,26 +9,26 @@
 
 namespace scree::tools {
 
-/// "1234", "64KiB", "1.5 GiB", "2GB": bytes. KiB, MiB, GiB, TiB count in 1024s, kB, MB, GB, TB in 1000s; case does not
-/// matter. Errors kUsage: not a number, an unknown unit, negative, past 2^63.
+/// Bytes from "1234", "64KiB", "1.5 GiB", "2GB". KiB, MiB, GiB, TiB are powers of 1024; kB, MB, GB, TB powers of 1000.
+/// Case does not matter. Errors kUsage: not a number, an unknown unit, negative, past 2^63.
 Result<uint64_t> parse_size(std::string_view text);
-/// Likewise of `option`, which the message names; `otherwise` where nothing was typed.
+/// The same for `option`, which the message gives. `otherwise`: the value of an empty text.
 Result<uint64_t> parse_size(std::string_view text, std::string_view option, uint64_t otherwise);
 
-/// "1e-3", "0.5mm", "2 cm": model units, where a glTF unit is one metre (um, mm, cm, m, km, in, ft). Positive and
-/// finite. Errors kUsage.
+/// Model units from "1e-3", "0.5mm", "2 cm"; a glTF unit is one metre (um, mm, cm, m, km, in, ft). Positive and finite.
+/// Errors kUsage.
 Result<double> parse_length(std::string_view text);
 
-/// A whole number of [lowest, highest]. Errors kUsage; `what` names the option in the message.
+/// An integer in [lowest, highest]. Errors kUsage; `what`: the option, for the message.
 Result<uint64_t> parse_whole(std::string_view text, uint64_t lowest, uint64_t highest, std::string_view what);
 
-/// A number of threads up to 4096; for 0, as many as the machine runs at once. Errors kUsage.
+/// A number of threads up to 4096. 0 gives as many as the machine runs at once. Errors kUsage.
 Result<uint32_t> parse_threads(std::string_view text);
 
 /// "812 bytes", "1.46 MiB": three significant digits from a KiB on.
 std::string format_bytes(uint64_t bytes);
 
-/// Whether two names are of one file, be it there already or not.
+/// Whether two paths refer to the same file, existing or not.
 bool is_same_file(const std::string& a, const std::string& b);
 
 /// A picture's size in pixels.
@@ -37,7 +37,7 @@ struct ImageSize {
   uint32_t height;
 };
 
-/// "1920x1080" or "1920X1080", each side 1 to kernels::kMaxImageSide. Errors kUsage; `what` names the option in the
+/// "1920x1080" or "1920X1080", each side 1 to kernels::kMaxImageSide. Errors kUsage; `what`: the option, for the
 /// message.
 Result<ImageSize> parse_image_size(std::string_view text, std::string_view what);
 

@@ -32,7 +32,7 @@ struct WorkerPool::Impl {
         queue.pop_front();
         hold.unlock();
         job(worker);
-        // The job's captures die here, outside the lock: they may hold much memory.
+        // The job's captures are destroyed here, outside the lock, because they may hold much memory.
       }
       hold.lock();
     }
@@ -46,7 +46,7 @@ WorkerPool::WorkerPool(uint32_t threads, const std::atomic<bool>* stop) : impl_(
     try {
       impl_->threads.emplace_back([impl = impl_.get(), worker] { impl->run(worker); });
     } catch (const std::system_error& refused) {
-      // With fewer than asked the result is the same. What libstdc++ says speaks of how the program was linked.
+      // Fewer threads give the same result. libstdc++'s own message is about linking, so it is replaced.
       if (worker == 0) throw std::system_error(refused.code(), "the system has no thread left");
       break;
     } catch (const std::bad_alloc&) {
@@ -83,7 +83,7 @@ Result<void> WorkerPool::wait(const std::function<bool()>& done) {
     if (impl_->stop != nullptr && impl_->stop->load(std::memory_order_relaxed))
       return Error{ErrorCode::kFile, "interrupted"};
     if (done()) return {};
-    // A signal handler may only set the flag, so that it is looked at from time to time.
+    // A signal handler can only set the flag, so the flag is tested from time to time.
     impl_->job_done.wait_for(hold, std::chrono::milliseconds(50));
   }
 }

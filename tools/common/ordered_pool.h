@@ -1,5 +1,5 @@
-// Threads whose results are taken in the order in which the jobs were given, so that what is written never depends on
-// how many threads there are or which of them is fast.
+// A thread pool whose results are taken in the order in which jobs were submitted, so that output never depends on the
+// number or the speed of threads.
 #pragma once
 
 #include <atomic>
@@ -17,11 +17,11 @@
 
 namespace scree::convert {
 
-/// A fixed number of worker threads. Jobs start in the order of submission, urgent ones first. The destructor forgets
-/// the jobs that have not started and waits for those that run: declare the pool after everything its jobs touch.
+/// A fixed number of worker threads. Jobs start in the order of submission, urgent ones first. The destructor drops
+/// jobs that have not started and waits for the running ones, so declare the pool after everything that its jobs use.
 class WorkerPool {
  public:
-  /// `threads`: at least 1. `stop`: polled by wait(); may be null, outlives the pool.
+  /// `threads`: at least 1. `stop`: polled by wait(); may be null, must outlive the pool.
   WorkerPool(uint32_t threads, const std::atomic<bool>* stop);
   ~WorkerPool();
   WorkerPool(const WorkerPool&) = delete;
@@ -29,18 +29,18 @@ class WorkerPool {
 
   uint32_t threads() const;
 
-  /// Runs `job(worker)` on one of the threads; worker < threads() names it, for its scratch memory. The job must not
-  /// throw and must not submit or wait.
+  /// Runs `job(worker)` on one of the threads; `worker` < threads() identifies the thread's scratch memory. The job
+  /// must not throw, submit or wait.
   void submit(std::function<void(uint32_t worker)> job, bool urgent);
 
-  /// Waits until `done` holds; it is called with the pool's lock held, whenever a job has ended. Errors kFile:
-  /// "interrupted", when the stop flag was raised.
+  /// Waits until `done` returns true. It is called with the pool's lock held whenever a job has ended. Errors kFile:
+  /// "interrupted", if the stop flag is set.
   Result<void> wait(const std::function<bool()>& done);
 
-  /// The same without looking at the stop flag.
+  /// The same without testing the stop flag.
   void drain(const std::function<bool()>& done);
 
-  /// Runs `change` under the pool's lock and wakes those who wait.
+  /// Runs `change` under the pool's lock and wakes all waiting threads.
   void notify(const std::function<void()>& change);
 
  private:
@@ -48,9 +48,8 @@ class WorkerPool {
   std::unique_ptr<Impl> impl_;
 };
 
-/// Results of one kind of job in the order of submission. Used by one thread. Destroyed with jobs in flight it skips
-/// those that have not started and waits for the others, so that jobs may refer to whatever lives longer than it; the
-/// pool does.
+/// Results of one kind of job in the order of submission. Used by one thread. The destructor skips jobs that have not
+/// started and waits for the others. So jobs may refer to objects that outlive these results, as the pool does.
 template <class T>
 class OrderedResults {
  public:
@@ -64,14 +63,14 @@ class OrderedResults {
   OrderedResults(const OrderedResults&) = delete;
   OrderedResults& operator=(const OrderedResults&) = delete;
 
-  /// `cost`: what the job and its result weigh (bytes); see cost().
+  /// `cost`: memory of the job and its result, bytes; see cost().
   void submit(Work work, uint64_t cost) {
     auto slot = std::make_shared<Slot>();
     slot->cost = cost;
     slots_.push_back(slot);
     try {
       submit(slot, std::move(work));
-    } catch (...) {  // a job that nobody runs is one that nobody may wait for
+    } catch (...) {  // wait() must not see a job that never runs
       slots_.pop_back();
       throw;
     }
@@ -91,10 +90,10 @@ class OrderedResults {
     return done;
   }
 
-  /// The same where the pool's lock is held, as in WorkerPool::wait.
+  /// The same while the pool's lock is held, as in WorkerPool::wait.
   bool ready_locked() const { return !slots_.empty() && slots_.front()->done; }
 
-  /// Waits for the oldest job and gives its result; size() must not be 0.
+  /// Waits for the oldest job and returns its result. size() must not be 0.
   Result<T> take() {
     const std::shared_ptr<Slot> slot = slots_.front();
     if (const Result<void> waited = pool_.wait([&] { return slot->done; }); !waited) return waited.error();
@@ -126,8 +125,8 @@ class OrderedResults {
           } catch (const std::exception& error) {
             result.emplace(Error{ErrorCode::kMemory, std::string("unexpected: ") + error.what()});
           }
-          // What the job and its result hold may refer to what lives as long as these results: nothing of it stays
-          // here.
+          // The job and its result may refer to objects that live only as long as these results, so nothing of them may
+          // stay here.
           work = nullptr;
           pool.notify([&] {
             slot->result = std::move(result);
@@ -146,24 +145,24 @@ class OrderedResults {
   uint64_t cost_ = 0;
 };
 
-/// How much may be in flight; one job always may.
+/// Limits of the work in flight. One job is always allowed.
 struct InFlight {
   uint64_t jobs = 1;
   uint64_t cost = UINT64_MAX;
 };
 
-/// Other results of the same pool, that are taken while run_ordered() waits for its own.
+/// Other results of the same pool, which are taken while run_ordered() waits for its own.
 class Meanwhile {
  public:
   virtual ~Meanwhile() = default;
-  /// Whether take_one() would not wait; called with the pool's lock held.
+  /// Whether take_one() would return without waiting. Called with the pool's lock held.
   virtual bool is_ready() const = 0;
   virtual Result<void> take_one() = 0;
 };
 
 /// Runs work(i, worker) for i in [0, count) on the pool and take(i, result) on the calling thread, in order. Stops at
-/// the first error in that order, which is the same for any number of threads, or at one of `meanwhile`, which may be
-/// null. `cost(i)`: see OrderedResults::submit.
+/// the first error in that order, which is the same for any number of threads, or at an error of `meanwhile`, which may
+/// be null. `cost(i)`: see OrderedResults::submit.
 template <class T, class Work, class Cost, class Take>
 Result<void> run_ordered(WorkerPool& pool, uint64_t count, InFlight limit, Work work, Cost cost, Take take,
                          Meanwhile* meanwhile = nullptr) {

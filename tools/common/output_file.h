@@ -1,4 +1,4 @@
-// The names of files that a command is to write, checked before its work begins.
+// Checks the names of a command's output files before its work begins.
 #pragma once
 
 #include <string>
@@ -8,11 +8,11 @@
 
 namespace scree::tools {
 
-/// Whether `path` may be written; an empty one is no output, and fine. Errors kUsage: it is "-", as standard output is
-/// not written to; kFile: with Existing::kRefuse, a file has that name, and --force would replace it.
+/// Checks whether `path` may be written. An empty path means no output and is accepted. Errors kUsage: it is "-", but
+/// standard output is not supported; kFile: with Existing::kRefuse, a file has that name, and --force would replace it.
 Result<void> check_output_file(const std::string& path, format::Existing existing);
 
-/// What --force, or its absence, asks for.
+/// The meaning of --force, given or not.
 inline format::Existing existing_of(bool force) {
   return force ? format::Existing::kReplace : format::Existing::kRefuse;
 }

@@ -1,4 +1,4 @@
-// One line on stderr that says how far a long job is, where stderr is a terminal.
+// Shows the progress of a long job in one line on stderr, if that is a terminal.
 #pragma once
 
 #include <chrono>
@@ -8,8 +8,8 @@
 
 namespace scree::tools {
 
-/// Rewrites one line at most five times a second and erases it at the end. Silent where stderr is no terminal or
-/// `enabled` is false. A listener hears of the same steps either way. Not thread-safe: one thread owns it.
+/// Rewrites one line at most five times per second and erases it at the end. Silent if stderr is no terminal or
+/// `enabled` is false. A listener gets the same steps in either case. Not thread-safe: one thread owns it.
 class Progress {
  public:
   using Listener = std::function<void(const std::string& stage, uint64_t done, uint64_t total)>;
@@ -19,11 +19,11 @@ class Progress {
   Progress(const Progress&) = delete;
   Progress& operator=(const Progress&) = delete;
 
-  /// Starts a stage of `count` things in all, which `things` names; the line begins with `name`.
+  /// Starts a stage of `count` items. `things`: their name. `name`: the beginning of the line.
   void stage(std::string name, uint64_t count, std::string things = "triangles");
 
-  /// `done` things of the stage are done, with `bytes` read or written so far (0: not shown). `detail`: asked for what
-  /// else to say, when something is shown.
+  /// `done` items of the stage are done; `bytes` were read or written so far (0: not shown). `detail`: returns further
+  /// text; called only when the line is shown.
   void update(uint64_t done, uint64_t bytes, const std::function<std::string()>& detail = nullptr);
 
   /// Erases the line, so that other text can be printed.

@@ -13,7 +13,7 @@ uint64_t now() {
   return static_cast<uint64_t>(std::chrono::duration_cast<std::chrono::nanoseconds>(since).count());
 }
 
-// Of this thread, in TimedRead.
+// Nanoseconds that this thread spent in TimedRead.
 thread_local uint64_t thread_read = 0;
 
 double rate(uint64_t amount, double seconds) {
@@ -35,7 +35,7 @@ std::string describe(const StageRates& rates) {
                            tools::format_count(rate(rates.measured_triangles, measure)) + " triangles/s, encode " +
                            tools::format_count(rate(rates.encoded_triangles, encode)) + " triangles/s, write " +
                            bytes_a_second(rates.written_bytes, write);
-  // Those that share the threads wait for each other; writing goes on beside them.
+  // Stages that share the threads wait for each other; writing runs in parallel.
   if (write > read + measure + encode) return text + ": writing limits";
   if (read > std::max(measure, encode)) return text + ": reading limits";
   return text + (measure > encode ? ": measuring limits" : ": encoding limits");

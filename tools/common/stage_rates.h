@@ -1,4 +1,4 @@
-// How fast each stage of a conversion is by itself, so that a user sees which one all others wait for.
+// The speed of each stage of a conversion by itself, which shows a user the stage that limits all others.
 #pragma once
 
 #include <atomic>
@@ -7,35 +7,35 @@
 
 namespace scree::convert {
 
-/// What was done so far with the source's geometry, summed over all threads. Reading, measuring and encoding share the
+/// Work done so far with the source's geometry, summed over all threads. Reading, measuring and encoding share the
 /// threads; one thread writes.
 struct StageRates {
   uint64_t measured_triangles = 0;
   uint64_t encoded_triangles = 0;
   uint64_t read_bytes = 0;
   uint64_t written_bytes = 0;
-  double read_seconds = 0;     // of all threads, in calls that read
+  double read_seconds = 0;     // of all threads, in read calls
   double measure_seconds = 0;  // of all threads, without reading
   double encode_seconds = 0;   // likewise
   double write_seconds = 0;
-  uint32_t threads = 1;  // that encode
+  uint32_t threads = 1;  // number of encoding threads
 };
 
-/// What the stages add to while they work: nanoseconds of all threads, and triangles of the thread that takes results.
+/// Counters that the stages add to: nanoseconds of all threads, and triangles counted by the thread that takes results.
 struct StageTimes {
   std::atomic<uint64_t> measuring{0};
-  std::atomic<uint64_t> encoding{0};  // with compressing
+  std::atomic<uint64_t> encoding{0};  // including compression
   std::atomic<uint64_t> writing{0};
   uint64_t measured_triangles = 0;
   uint64_t encoded_triangles = 0;
-  uint64_t discarded_bytes = 0;  // that were written in vain
+  uint64_t discarded_bytes = 0;  // written but not used
 };
 
 /// "read 2.31 GiB/s, measure 310 M triangles/s, encode 14.2 M triangles/s, write 1.2 GiB/s: encoding limits". A stage's
-/// rate is what it makes while it works: reading, measuring and encoding on all their threads at once.
+/// rate counts only the time in which it works: reading, measuring and encoding on all their threads at once.
 std::string describe(const StageRates& rates);
 
-/// Adds the time from its making to its end to `nanoseconds`, in whichever thread.
+/// Adds the time from construction to destruction to `nanoseconds`, in any thread.
 class Timed {
  public:
   explicit Timed(std::atomic<uint64_t>& nanoseconds);
@@ -48,7 +48,7 @@ class Timed {
   uint64_t start_;
 };
 
-/// The same for calls that read, whose time TimedWork leaves out.
+/// The same for read calls, whose time TimedWork excludes.
 class TimedRead {
  public:
   explicit TimedRead(std::atomic<uint64_t>& nanoseconds);
@@ -61,7 +61,7 @@ class TimedRead {
   uint64_t start_;
 };
 
-/// The same without what this thread spent in TimedRead meanwhile.
+/// The same without this thread's time in TimedRead.
 class TimedWork {
  public:
   explicit TimedWork(std::atomic<uint64_t>& nanoseconds);

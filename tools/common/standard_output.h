@@ -1,4 +1,4 @@
-// What a command prints has gone out, or it says that it has not.
+// Makes sure that a command's output was written.
 #pragma once
 
 #include <cstdio>
@@ -7,8 +7,8 @@
 
 namespace scree::tools {
 
-/// Writes what is buffered for `out`, standard output or what stands for it. Error kFile where that, or anything
-/// printed before it, did not go out: a full disk behind a redirection, a closed pipe.
+/// Flushes `out`, standard output or its replacement. Error kFile if that, or an earlier write, failed: a full disk
+/// behind a redirection, a closed pipe.
 inline Result<void> finish_output(std::FILE* out = stdout) {
   if (std::fflush(out) != 0 || std::ferror(out)) return Error{ErrorCode::kFile, "standard output: cannot write"};
   return {};

@@ -18,7 +18,7 @@ std::atomic<bool> stop_requested{false};
 std::atomic<int> stop_signal{0};
 std::atomic<void (*)()> clean_up{nullptr};
 
-// A signal handler may not allocate: the line is made beforehand, in memory that stays.
+// A signal handler may not allocate, so the line is made beforehand in static memory.
 constexpr size_t kMessageBytes = 8192;
 char message[kMessageBytes];
 std::atomic<size_t> message_size{0};
@@ -55,7 +55,7 @@ extern "C" void request_stop(int signal) {
 extern "C" void end_at_once(int signal) {
   if (void (*const function)() = clean_up) function();
   print_line();
-  ::raise(signal);  // its action is the default one again, and takes effect when the handler returns
+  ::raise(signal);  // its action is the default again, and takes effect when the handler returns
 }
 
 void install(void (*handler)(int)) {

@@ -1,4 +1,4 @@
-// Commands that write files end cleanly when a signal asks them to stop.
+// Lets commands that write files end cleanly on a signal.
 #pragma once
 
 #include <atomic>
@@ -8,37 +8,37 @@
 
 namespace scree::tools {
 
-/// From now on the first SIGINT, SIGTERM or SIGHUP prints "scree COMMAND: stopped; nothing written" (or what
-/// note_written() has named) and ends the program by that signal, after the function of clean_up_with(). That is right
-/// as long as nothing unfinished is on the disk; a StopOnSignal covers the time in which something is. A signal that
-/// was ignored (nohup) stays ignored. Called by main before a command that writes files; a later call replaces it.
+/// From now on the first SIGINT, SIGTERM or SIGHUP prints "scree COMMAND: stopped; nothing written" (or the files of
+/// note_written()) and ends the program by that signal, after the function of clean_up_with(). That is right as long as
+/// nothing unfinished is on the disk; a StopOnSignal covers the time in which something is. A signal that was ignored
+/// (nohup) stays ignored. Called by main before a command that writes files. A later call replaces an earlier one.
 void end_on_signal(std::string_view command);
 
-/// While one lives, the first signal only raises flag(), and the job ends by itself and removes the files it has not
-/// finished; a second one ends the program at once. One at a time.
+/// While one exists, the first signal only raises flag(), and the job ends itself and removes its unfinished files; a
+/// second signal ends the program at once. Only one may exist at a time.
 class StopOnSignal {
  public:
-  /// `advice`: the end of the line instead of "nothing written".
+  /// `advice`: replaces "nothing written" at the end of the line.
   explicit StopOnSignal(std::string_view advice = {});
   ~StopOnSignal();
   StopOnSignal(const StopOnSignal&) = delete;
   StopOnSignal& operator=(const StopOnSignal&) = delete;
 
-  /// For the job to test between its steps.
+  /// The flag that the job tests between its steps.
   static const std::atomic<bool>* flag();
 
  private:
   struct sigaction before_[3]{};  // of SIGINT, SIGTERM and SIGHUP
 };
 
-/// A file of the command has its name, or has grown: the line of a later signal names it, once.
+/// Records that a file of the command has its name, or has grown. The line of a later signal lists it once.
 void note_written(const std::string& path);
 
-/// `clean_up` runs in the signal handler that ends the program: it may only make calls that POSIX allows there. Null:
-/// none.
+/// Sets the function that the signal handler calls before it ends the program. It may only make calls that POSIX allows
+/// in signal handlers. Null: none.
 void clean_up_with(void (*clean_up)());
 
-/// Where a signal raised flag(): prints the line and ends the program by that signal, so that its parent learns of it.
+/// If a signal raised flag(), prints the line and ends the program by that signal, so that the parent process sees it.
 /// Called by main when the command has ended without finishing its work.
 void end_where_signalled();
 

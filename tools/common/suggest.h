@@ -7,8 +7,8 @@
 
 namespace scree::tools {
 
-/// One line: what CLI11 found wrong, and "did you mean --size?" where a known name is at most two edits (a third of its
-/// length for long ones) away from the unknown word.
+/// One line: CLI11's error, and "did you mean --size?" if a known name is at most two edits (a third of its length for
+/// long names) away from the unknown word.
 std::string describe_parse_error(const CLI::App& app, const CLI::ParseError& error);
 
 }  // namespace scree::tools

@@ -1,4 +1,4 @@
-// Columns of text that line up.
+// Text in aligned columns.
 #pragma once
 
 #include <string>
@@ -7,14 +7,14 @@
 
 namespace scree::inspect {
 
-/// Rows of cells, printed with every column as wide as its widest cell: the first `left` columns flush left, the others
-/// flush right. Cells are UTF-8; a letter counts as one column.
+/// Rows of cells. Every column is as wide as its widest cell; the first `left` columns are flush left, the others flush
+/// right. Cells are UTF-8; a letter counts as one column.
 class TextTable {
  public:
   explicit TextTable(size_t left = 1, size_t indent = 2) : left_(left), indent_(indent) {}
 
   void row(std::vector<std::string> cells) { rows_.push_back({std::move(cells), false}); }
-  /// A line under or above the cells.
+  /// A horizontal rule below or above the cells.
   void rule() { rows_.push_back({{}, true}); }
   bool empty() const { return rows_.empty(); }
   std::string text() const;
@@ -29,8 +29,8 @@ class TextTable {
   std::vector<Row> rows_;
 };
 
-/// `name` as one printable line of at most `width` letters: control characters, which could move a terminal's cursor,
-/// and bytes that are not UTF-8 become '?', what is too long ends in "...".
+/// `name` as one printable line of at most `width` letters. Control characters, which could move a terminal's cursor,
+/// and bytes that are not UTF-8 become '?'. A longer name is cut and ends in "...".
 std::string printable(std::string_view name, size_t width = 40);
 
 }  // namespace scree::inspect

@@ -27,7 +27,7 @@ void print(const std::string& text, std::FILE* out) {
   std::fwrite(text.data(), 1, text.size(), out);
 }
 
-/// Nothing where the file is what it says it is.
+/// The error if the file breaks its stated bounds; nullopt if it keeps them.
 std::optional<Error> broken_promise(const compare::GeometryReport& report, const InspectOptions& options) {
   if (!report.broken.empty()) {
     const compare::BrokenBound& first = report.broken.front();
@@ -73,7 +73,7 @@ Result<void> inspect_file(const std::string& path, const InspectOptions& options
     progress.stage("verify", triangles);
     VerifyHooks hooks;
     hooks.progress = [&](uint64_t done, uint64_t bytes) { progress.update(done, bytes); };
-    // What is checked need not stay resident: the file may be larger than memory.
+    // Checked parts need not stay resident, since the file may be larger than memory.
     hooks.is_done_with = [&](uint64_t offset, uint64_t bytes) { map->release(offset, bytes); };
     verified = verify(*file, map->bytes(), options.threads, hooks);
   }

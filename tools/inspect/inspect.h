@@ -1,4 +1,4 @@
-// `scree inspect`: what is in a file, what each part costs, how big the error is, and whether every byte is as written.
+// `scree inspect` shows the content of a file, the cost of each part and the size of the error, and checks every byte.
 #pragma once
 
 #include <cstdint>
@@ -14,16 +14,16 @@ struct InspectOptions {
   bool verify = false;
   bool chunks = false;
   uint32_t top = 10;           // meshes and images listed by name
-  uint32_t threads = 0;        // of --verify; 0: one a core
-  bool progress = false;       // of --verify, on stderr where that is a terminal
-  std::string source{};        // a .gltf or .glb: measure the true position error against it
+  uint32_t threads = 0;        // for --verify; 0: one per core
+  bool progress = false;       // for --verify, on stderr if that is a terminal
+  std::string source{};        // a .gltf or .glb from which the true position error is measured
   std::string exclude{};       // ImportOptions::exclude of that import
   bool allow_outside = false;  // ImportOptions::allow_outside of that import
 };
 
-/// Prints the report to `out`. Errors kFile, and what Container::open and verify() find: the first failure, named with
-/// the file, after all of them are printed. With a source: those of import_gltf and compare_geometry; kRange, after all
-/// is printed, where a mesh is farther from its source than it states, or triangles are missing.
+/// Prints the report to `out`. Errors kFile, and errors found by Container::open and verify(): the first failure, with
+/// the file, after all of them are printed. With a source: errors of import_gltf and compare_geometry; kRange, after
+/// everything is printed, if a mesh is farther from its source than it states, or triangles are missing.
 Result<void> inspect_file(const std::string& path, const InspectOptions& options, std::FILE* out);
 
 }  // namespace scree::inspect

@@ -22,7 +22,7 @@ using tools::short_number;
 
 constexpr size_t kBarLetters = 40;
 
-/// Below the tables; note('a') refers to the first.
+/// The footnotes. note('a') refers to the first.
 constexpr const char* kNotes[] = {
     "8 x bytes / stored triangles; a mesh counts once, however many instances draw it.",
     "bytes / what the same takes in the source: of the accessors used, each once; for the file, the files of the\n"
@@ -40,13 +40,14 @@ constexpr const char* kNotes[] = {
     "As near as can be told without encoding it, before compression; -: not known (as of duplicate vertices in\n"
     "      clusters), or nothing."};
 
-/// A reference to a note, lettered by add_footnotes(). In it stands a control character, which no name has (printable).
+/// A reference to a note, lettered by add_footnotes(). It contains a control character, which no printed name has
+/// (printable).
 constexpr char kFirstNote = 0x0e;
 std::string note(char letter) {
   return {'[', static_cast<char>(kFirstNote + letter - 'a'), ']'};
 }
 
-/// "812 B", "1.46 MiB": columns are narrow.
+/// "812 B", "1.46 MiB": short, because columns are narrow.
 std::string human_bytes(uint64_t bytes) {
   return bytes < 1024 ? std::to_string(bytes) + " B" : tools::format_bytes(bytes);
 }
@@ -55,7 +56,7 @@ double divided(uint64_t a, uint64_t b) {
   return b == 0 ? 0 : static_cast<double>(a) / static_cast<double>(b);
 }
 
-/// "31.2%", or nothing where there is nothing to compare with.
+/// "31.2%", or "-" if there is nothing to compare with.
 std::string percent(uint64_t part, uint64_t whole) {
   if (whole == 0) return "-";
   const double value = 100.0 * divided(part, whole);
@@ -113,7 +114,7 @@ void add_size(const format::Container& file, const Stats& stats, std::string& te
       row(stream_title(which), stats.streams[which].stored, source_of, stats.reference_bytes[which]);
   };
   table.row({"", "bytes", "share", "bits/tri " + note('a'), "of source " + note('b'), "of float32 " + note('c')});
-  // The source's bytes are not known for a part of the triangles.
+  // The source's bytes are not known for part of the triangles.
   const bool is_mixed = stats.stream_meshes[kIndices] != 0 && stats.stream_meshes[kClusterData] != 0;
   stream(kIndices, is_mixed ? 0 : source.indices);
   stream(kPositions, is_mixed ? 0 : source.positions);
@@ -247,7 +248,7 @@ void add_indices(const Stats& stats, std::string& text) {
         {std::to_string(bits), grouped(row.chunks), grouped(row.triangles), percent(row.triangles, stats.triangles)});
     tails.push_back(bar(row.triangles, most));
   }
-  // The bars go behind the columns, flush left.
+  // The bars follow the columns, flush left.
   const std::string columns = table.text();
   size_t line = 0;
   for (size_t begin = 0; begin < columns.size(); ++line) {
@@ -415,7 +416,7 @@ void add_left_out(const format::Container& file, std::string& text) {
   text += "\nLeft out (in the source, not in this file)\n" + table.text();
 }
 
-/// Appends the notes that `text` refers to, and letters them as they come.
+/// Appends the notes that `text` refers to, lettered in the order of their first reference.
 void add_footnotes(std::string& text) {
   std::array<char, std::size(kNotes)> letters{};
   std::string notes;

@@ -17,12 +17,12 @@ const char* codec_name(format::ImageCodec codec) {
   return codec == format::ImageCodec::kJpeg ? "jpeg" : "png";
 }
 
-/// Ratios against nothing are left out: JSON has no word for them.
+/// Ratios to zero are left out, because JSON cannot express them.
 void ratio(JsonWriter& json, const char* name, uint64_t part, uint64_t whole) {
   if (whole != 0) json.member(name, static_cast<double>(part) / static_cast<double>(whole));
 }
 
-/// "bytes", "raw_bytes" and the ratios of one kind of content. `source`, `reference`: 0 where there is none.
+/// "bytes", "raw_bytes" and the ratios of one kind of content. `source`, `reference`: 0 if there is none.
 void cost(JsonWriter& json, const Stats& stats, const Cost& bytes, uint64_t source, uint64_t reference) {
   json.member("bytes", bytes.stored);
   json.member("raw_bytes", bytes.raw);
@@ -79,7 +79,7 @@ void size_member(JsonWriter& json, const format::Container& file, const Stats& s
     const auto stream = static_cast<Stream>(i);
     json.key(stream_key(stream));
     json.begin_object();
-    // The source's attribute bytes are one sum, given with "attributes".
+    // The source's attribute bytes are a single sum, which "attributes" has.
     const bool is_mixed = stats.stream_meshes[kIndices] != 0 && stats.stream_meshes[kClusterData] != 0;
     const uint64_t source_of = is_mixed || stats.stream_meshes[i] == 0 ? 0
                                : stream == kIndices                    ? source.indices
@@ -346,7 +346,7 @@ void container_member(JsonWriter& json, const format::Container& file, const Sta
     json.member("what", file.string(left_out[i].what));
     json.member("count", left_out[i].count);
     json.member("source_bytes", left_out[i].source_bytes);
-    // 0 stands for what is not known, or what nothing would have been stored as.
+    // 0 means unknown, or that nothing would have been stored.
     if (!file.left_out_costs().empty() && file.left_out_costs()[i] != 0)
       json.member("stored_bytes", file.left_out_costs()[i]);
     json.end_object();
@@ -386,7 +386,7 @@ void verify_member(JsonWriter& json, const VerifyReport& report) {
   json.end_object();
 }
 
-/// Streams: a file may have millions of chunks.
+/// Written in pieces, because a file may have millions of chunks.
 void chunk_rows_member(JsonWriter& json, const format::Container& file, std::string& text, std::FILE* out) {
   constexpr size_t kDrainBytes = size_t{1} << 20;
   json.key("chunk_rows");

@@ -60,12 +60,12 @@ const char* table_name(format::TableKind kind) {
   return "unknown";
 }
 
-/// Shares out the bytes of chunks among their streams.
+/// Divides the bytes of chunks among their streams.
 class StreamBytes {
  public:
   StreamBytes(const format::Container& file, bool reads_pages) : file_(file), reads_pages_(reads_pages) {}
 
-  /// `clusters`: counts the chunk there where it is clustered.
+  /// The bytes of a chunk's streams. `clusters`: a clustered chunk is added to it.
   std::array<uint64_t, kStreamCount> of(uint64_t number, ClusterStats& clusters) {
     const ChunkRecord& chunk = file_.chunks()[number];
     const format::ChunkStreams streams = format::chunk_streams(file_.meshes()[chunk.mesh], chunk);
@@ -119,13 +119,13 @@ class StreamBytes {
   uint32_t page_ = format::kNone;
 };
 
-/// Hands out the stored bytes of a page piece by piece in proportion to their raw bytes; the pieces add up to the page.
+/// Divides the stored bytes of a page among pieces in proportion to their raw bytes. The pieces add up to the page.
 class PageShares {
  public:
   void add_raw(uint64_t bytes) { raw_ += bytes; }
   uint64_t raw() const { return raw_; }
 
-  /// Call after all raw bytes are known. `page_raw`: of the page; larger than raw() where it has gaps.
+  /// Called when all raw bytes are known. `page_raw`: the page's raw bytes, which exceed raw() if it has gaps.
   void start(uint64_t stored, uint64_t page_raw) {
     stored_ = stored;
     total_ = std::max(raw_, page_raw);
@@ -158,7 +158,7 @@ Spread spread_of(std::vector<uint64_t>& values) {
   return {*least, *middle, *most};
 }
 
-/// The numbers of the `top` largest of `values`, largest first; equal ones by number.
+/// The indices of the `top` largest of `values`, largest first; equal ones by index.
 std::vector<uint32_t> largest(const std::vector<uint64_t>& values, uint32_t top) {
   std::vector<uint32_t> order(values.size());
   std::iota(order.begin(), order.end(), 0u);
@@ -181,7 +181,7 @@ void count_container(const format::Container& file, std::span<const std::byte> b
   }
 }
 
-/// Bytes of every stream, per mesh and over all.
+/// Counts the bytes of every stream, per mesh and in total.
 void count_geometry(const format::Container& file, std::vector<PageShares>& pages, std::vector<uint64_t>& mesh_bytes,
                     std::map<std::pair<bool, int32_t>, LatticeStats>& lattices, Stats& stats) {
   const auto meshes = file.meshes();
@@ -253,7 +253,7 @@ void count_meshes(const format::Container& file, std::map<std::pair<bool, int32_
       clustered += record.triangle_count;
       clustered_vertices += record.vertex_count;
     }
-    // What counts under kClusterData: the share of triangles, and the share that their vertices have.
+    // kClusterData is compared by its share of triangles, and by the corresponding share of vertices.
     const uint64_t unsplit = stats.has_split ? 0 : clustered;
     const double vertex_share = unsplit == 0 || chunk_vertices == 0
                                     ? 0
@@ -304,7 +304,7 @@ void count_images(const format::Container& file, uint32_t top, Stats& stats) {
       ++stats.image_kinds[codec].images;
       stats.image_kinds[codec].pixels += uint64_t{images[i].width} * images[i].height;
     }
-    if (seen[images[i].page]) continue;  // images may share a page; its bytes count once
+    if (seen[images[i].page]) continue;  // images may share a page, whose bytes count once
     seen[images[i].page] = true;
     stats.images.stored += page.stored_bytes;
     stats.images.raw += page.raw_bytes;
@@ -404,7 +404,7 @@ Stats gather(const format::Container& file, std::span<const std::byte> bytes, ui
   const auto pages = file.pages();
   const auto chunks = file.chunks();
   std::vector<PageShares> shares(pages.size());
-  // The sum of its streams, as open() has checked.
+  // Raw bytes of a chunk equal the sum of its streams, as open() has checked.
   for (uint64_t i = 0; i < chunks.size(); ++i) shares[chunks[i].page].add_raw(chunks[i].bytes);
   uint64_t page_bytes = 0;
   for (uint64_t i = 0; i < pages.size(); ++i) {

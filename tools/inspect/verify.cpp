@@ -31,7 +31,7 @@ std::string hex(uint64_t value) {
   return text;
 }
 
-/// The place of the first byte that is not zero, or bytes.size().
+/// The index of the first byte that is not zero, or bytes.size().
 size_t first_set(std::span<const std::byte> bytes) {
   return static_cast<size_t>(std::find_if(bytes.begin(), bytes.end(), [](std::byte b) { return b != std::byte{0}; }) -
                              bytes.begin());
@@ -74,7 +74,7 @@ class Verifier {
     failures_.push_back({offset, std::move(error)});
   }
 
-  /// Chunks and images grouped by the page they lie on: [starts[page], starts[page + 1]) of the list.
+  /// Groups chunks and images by their page: [starts[page], starts[page + 1]) of the list.
   void list_by_page() {
     const uint64_t pages = file_.pages().size();
     const auto group = [&](std::vector<uint64_t>& starts, std::vector<uint64_t>& list, uint64_t count, auto page_of) {
@@ -100,7 +100,7 @@ class Verifier {
     }
   }
 
-  /// Tables' checksums, and that header, tables and pages neither overlap nor leave anything but zeros between them.
+  /// Checks the tables' checksums, that header, tables and pages do not overlap, and that bytes between them are zero.
   void check_extents() {
     struct Extent {
       uint64_t offset, size;
@@ -204,7 +204,7 @@ class Verifier {
     }
   }
 
-  /// The meshes of a page that cannot be read have no box to compare.
+  /// Gives up on the meshes of an unreadable page: they have no box to compare.
   void give_up(uint32_t page) {
     const std::lock_guard lock(mutex_);
     for (uint64_t i = chunk_starts_[page]; i < chunk_starts_[page + 1]; ++i)
@@ -278,7 +278,7 @@ class Verifier {
         check_indexed(number, place, raw, record, 0);
         continue;
       }
-      if (record.codec == format::ImageCodec::kBlocks) {  // any bytes are blocks; opening the file checked their number
+      if (record.codec == format::ImageCodec::kBlocks) {  // any bytes are valid; open() checked their number
         count_blocks(record, 0);
         continue;
       }
@@ -317,7 +317,7 @@ class Verifier {
     report_.pixels += uint64_t{std::max(1u, record.width >> level)} * std::max(1u, record.height >> level);
   }
 
-  /// Level `level` of an image: decoded whole, its anchors compared.
+  /// Checks level `level` of an image: decodes it completely and compares its anchors.
   void check_indexed(uint32_t number, const std::string& place, std::span<const std::byte> bytes,
                      const format::ImageRecord& record, uint32_t level) {
     const uint32_t width = std::max(1u, record.width >> level);
@@ -392,7 +392,7 @@ class Verifier {
     }
   }
 
-  /// Bytes from the start of the file of a mesh's record.
+  /// Offset of a mesh's record in the file.
   uint64_t mesh_offset(uint64_t mesh) const {
     return static_cast<uint64_t>(reinterpret_cast<const std::byte*>(&file_.meshes()[mesh]) - bytes_.data());
   }
@@ -402,7 +402,7 @@ class Verifier {
   const VerifyHooks& hooks_;
   std::vector<uint64_t> chunk_starts_, chunk_list_, image_starts_, image_list_, level_starts_, level_list_;
 
-  std::mutex mutex_;  // of everything below
+  std::mutex mutex_;  // for everything below
   VerifyReport report_;
   std::vector<Failure> failures_;
   std::vector<std::pair<uint64_t, std::string>> warnings_;

@@ -1,4 +1,4 @@
-// Checks every byte of a .scree file: what opening it left unread.
+// Checks every byte of a .scree file, including the pages that opening it does not read.
 #pragma once
 
 #include <cstddef>
@@ -13,13 +13,13 @@
 
 namespace scree::inspect {
 
-/// One thing that is wrong.
+/// A detected error.
 struct Failure {
   uint64_t offset = 0;  // bytes from the start of the file: where the page, table or padding lies
   Error error;          // the message names the page or chunk and the offset
 };
 
-/// What was checked and what was found.
+/// The numbers of checked items, and the errors found.
 struct VerifyReport {
   uint64_t tables = 0;
   uint64_t pages = 0;
@@ -29,29 +29,29 @@ struct VerifyReport {
   uint64_t chunks = 0;
   uint64_t triangles = 0;
   uint64_t vertices = 0;
-  uint64_t meshes = 0;  // whose box was compared with the decoded positions
+  uint64_t meshes = 0;  // meshes whose box was compared with the decoded positions
   uint64_t images = 0;
   uint64_t pixels = 0;
-  std::vector<Failure> failures;  // by place in the file; at most kMaxFailures
+  std::vector<Failure> failures;  // by offset in the file; at most kMaxFailures
   uint64_t failure_count = 0;
-  std::vector<std::string> warnings;  // images that a decoder puts up with although they are damaged
+  std::vector<std::string> warnings;  // images that are damaged but tolerated by a decoder
 };
 
 inline constexpr size_t kMaxFailures = 100;
 
-/// What a caller may want to do meanwhile. Either may be empty.
+/// Functions that verify() calls meanwhile. Either may be empty.
 struct VerifyHooks {
   std::function<void(uint64_t triangles, uint64_t bytes)> progress;   // done so far; called by the caller's own thread
   std::function<void(uint64_t offset, uint64_t bytes)> is_done_with;  // a part of the file; called by any thread
 };
 
-/// Checks, beyond what Container::open has checked: the checksum of every table and page; that every page decompresses
-/// to its size; that every chunk decodes, with indices below its vertex count, positions inside its lattice and unused
-/// bits zero; that bytes of pages in no chunk, between chunks, and between and after tables and pages are zero; that
-/// nothing overlaps; that the box and the vertex count of every mesh are those of its decoded chunks; that every image
-/// decodes to the size its record says. `bytes`: the whole file that `file` was opened on. `threads`: 0 is one a core.
-/// The report is the same for any number. Memory: a page, its decoded chunks and a decoded image a thread, 8 bytes a
-/// chunk, 25 a mesh.
+/// Checks, beyond Container::open: the checksum of every table and page; that every page decompresses to its size; that
+/// every chunk decodes, with indices below its vertex count, positions inside its lattice and unused bits zero; that
+/// bytes of pages in no chunk, between chunks, and between and after tables and pages are zero; that nothing overlaps;
+/// that the box and the vertex count of every mesh equal those of its decoded chunks; that every image decodes to the
+/// size in its record. `bytes`: the whole file that `file` was opened on. `threads`: 0 means one per core; the report
+/// is the same for any number. Memory: a page, its decoded chunks and a decoded image per thread, 8 bytes per chunk, 25
+/// per mesh.
 VerifyReport verify(const format::Container& file, std::span<const std::byte> bytes, uint32_t threads,
                     const VerifyHooks& hooks = {});
 

@@ -1,4 +1,4 @@
-// What the scene writers share: streams, instances, row-parallel loops.
+// Parts that the scene writers share: streams, instances, row-parallel loops.
 #pragma once
 
 #include <array>
@@ -11,7 +11,7 @@
 
 namespace scree::synth {
 
-/// A drawn mesh: scaled, turned (quaternion xyzw), moved.
+/// An instance of a mesh: scaled, rotated (quaternion xyzw), then translated.
 struct Placement {
   uint32_t mesh = 0;
   std::array<double, 3> translation{};
@@ -19,11 +19,11 @@ struct Placement {
   std::array<double, 3> scale{1, 1, 1};
 };
 
-/// Makes a buffer view of `bytes` at `offset` and `accessor` its only accessor; returns the accessor's index.
+/// Makes a buffer view of `bytes` at `offset`, with `accessor` as its only accessor. Returns the accessor's index.
 uint32_t add_stream(tools::GltfWriter& writer, uint64_t offset, uint64_t bytes, tools::GltfAccessor accessor,
                     tools::GltfTarget target);
 
-/// Appends `values` and does the same.
+/// Appends `values`, then does the same.
 template <class T>
 Result<uint32_t> append_stream(tools::GltfWriter& writer, const std::vector<T>& values, tools::GltfAccessor accessor,
                                tools::GltfTarget target) {
@@ -33,12 +33,13 @@ Result<uint32_t> append_stream(tools::GltfWriter& writer, const std::vector<T>& 
   return add_stream(writer, *offset, bytes.size(), std::move(accessor), target);
 }
 
-/// Adds one node per mesh that is placed, with EXT_mesh_gpu_instancing (float translations, quaternions and scales),
-/// and their indices to `nodes`.
+/// Adds one node per placed mesh, with EXT_mesh_gpu_instancing (float translations, quaternions and scales), and the
+/// nodes' indices to `nodes`.
 Result<void> add_instanced_nodes(tools::GltfWriter& writer, std::span<const Placement> placements,
                                  std::vector<uint32_t>& nodes);
 
-/// The threads `wanted` stands for: itself, or as many as the machine runs at once for 0; at most `items`, at least 1.
+/// The number of threads for the option's value `wanted`: itself, or for 0 as many as the machine runs at once. At most
+/// `items`, at least 1.
 uint32_t thread_count(uint32_t wanted, uint64_t items);
 
 }  // namespace scree::synth

@@ -1,10 +1,9 @@
-// Every vertex and index of the measured scenes (these functions are their definition). Host
-// and device, so that a benchmark makes the very same vertices on the GPU. What makes them reproducible bit for bit:
+// Every vertex and index of the measured scenes; these functions are their definition. For host and device, so that a
+// benchmark makes the same vertices on the GPU. They are reproducible bit for bit, because
 //   - integers are uint32_t and wrap around; real arithmetic is IEEE double, one operation at a time (no fused
-//   multiply-add:
-//     -ffp-contract=off, --fmad=false), only + - * / sqrt floor, in the order written here;
+//     multiply-add: -ffp-contract=off, --fmad=false), only + - * / sqrt floor, in the order written here;
 //   - each coordinate is rounded once, double to float, at the very end.
-// So: do not reorder, factor or simplify an expression below.
+// Therefore: do not reorder, factor or simplify an expression below.
 #pragma once
 
 #include <cmath>
@@ -64,7 +63,7 @@ SCREE_HD inline double mix(double a, double b, double t) {
   return a + (b - a) * t;
 }
 
-/// On a lattice of 2^k grid steps; gi, gj >= 0.
+/// Noise on a lattice of 2^k grid steps; gi, gj >= 0.
 SCREE_HD inline double noise2(uint32_t seed, int k, int gi, int gj) {
   const uint32_t ci = static_cast<uint32_t>(gi >> k), cj = static_cast<uint32_t>(gj >> k);
   const int mask = (1 << k) - 1;
@@ -76,7 +75,7 @@ SCREE_HD inline double noise2(uint32_t seed, int k, int gi, int gj) {
   return 2.0 * mix(a, b, wy) - 1.0;
 }
 
-/// x, y, z > 0 and below 2^31.
+/// x, y, z must be > 0 and below 2^31.
 SCREE_HD inline double noise3(uint32_t seed, double x, double y, double z) {
   const double floor_x = std::floor(x), floor_y = std::floor(y), floor_z = std::floor(z);
   const uint32_t i = static_cast<uint32_t>(static_cast<int>(floor_x));
@@ -144,7 +143,7 @@ SCREE_HD inline void grid_place(MeshOrder order, uint32_t n, uint32_t vertex, ui
 }
 
 /// The six vertex numbers of quad `quad` (< triangle_count / 2): corners counter-clockwise (0,0) (1,0) (1,1) | (0,0)
-/// (1,1) (0,1). The index buffer is these, quad by quad.
+/// (1,1) (0,1). The index buffer consists of these, quad by quad.
 SCREE_HD inline void quad_indices(const MeshRecipe& mesh, uint32_t quad, uint32_t out[6]) {
   const uint32_t n = mesh.n, per_face = n * n;
   const uint32_t face = mesh.kind == MeshKind::kBlob ? quad / per_face : 0;
@@ -172,7 +171,7 @@ SCREE_HD inline void quad_indices(const MeshRecipe& mesh, uint32_t quad, uint32_
 inline constexpr uint32_t kTerrainQuads = 4080;  // along one side of a tile, at full scale
 inline constexpr uint32_t kTerrainTilesX = 4;
 inline constexpr uint32_t kTerrainTilesY = 3;
-inline constexpr double kTerrainStep = 0.0625;  // of the grid, units
+inline constexpr double kTerrainStep = 0.0625;  // grid spacing, units
 
 /// The terrain at global grid coordinates (>= 0): x right, y forward, z up.
 SCREE_HD inline Double3 terrain_position(int gi, int gj) {
@@ -190,7 +189,7 @@ SCREE_HD inline Double3 terrain_position(int gi, int gj) {
   return p;
 }
 
-/// The blob's point for an integer point on the surface of the cube [-n, n]^3.
+/// The point of the blob for an integer point on the surface of the cube [-n, n]^3.
 SCREE_HD inline Double3 blob_position(const MeshRecipe& mesh, int px, int py, int pz) {
   const double n = static_cast<double>(mesh.n);
   const double cx = static_cast<double>(px) / n, cy = static_cast<double>(py) / n, cz = static_cast<double>(pz) / n;
@@ -221,7 +220,7 @@ SCREE_HD inline Double3 surface_position(const MeshRecipe& mesh, uint32_t face, 
     return terrain_position(static_cast<int>(mesh.tile_x) * n + x, static_cast<int>(mesh.tile_y) * n + y);
   const int axis = static_cast<int>(face >> 1), u = (axis + 1) % 3, v = (axis + 2) % 3;
   int c[3];
-  // On the negative faces u and v change places: that keeps the outside counter-clockwise.
+  // On the negative faces u and v are exchanged, which keeps the outside counter-clockwise.
   const bool positive = (face & 1u) != 0;
   c[axis] = positive ? n : -n;
   c[u] = 2 * (positive ? x : y) - n;
@@ -240,8 +239,8 @@ SCREE_HD inline Float3 vertex_position(const MeshRecipe& mesh, uint32_t vertex) 
 
 // ---- Order-independent sums, to check that two programs hold the same data ----
 
-/// The sum's term of one value: of position float `place` (3 * vertex + axis; `value`: its bits) or of index `place`,
-/// with key = mesh << 40 | place. The terms of a scene are added modulo 2^64.
+/// The term of one value in the sum. The value is position float `place` (3 * vertex + axis; `value`: its bits) or
+/// index `place`; key = mesh << 40 | place. The terms of a scene are added modulo 2^64.
 SCREE_HD inline uint64_t check_term(uint64_t key, uint32_t value) {
   uint64_t z = (key * 0x9e3779b97f4a7c15ull) ^ (uint64_t{value} * 0xd6e8feb86659fd93ull);
   z = (z ^ (z >> 30)) * 0xbf58476d1ce4e5b9ull;

@@ -1,4 +1,4 @@
-// Scenes A to D as glTF: threads generate windows of vertices and quads and write each where it belongs.
+// Writes scenes A to D as glTF: threads generate windows of vertices and quads and write each at its offset.
 #include <algorithm>
 #include <atomic>
 #include <bit>
@@ -26,7 +26,7 @@ constexpr uint32_t kWindowVertices = 65536;
 constexpr uint32_t kWindowQuads = 65536;
 constexpr uint64_t kMaxShortVertices = 65535;  // index 65535 would be a primitive restart
 
-/// Where the streams of a mesh lie in the buffer.
+/// Offsets of a mesh's streams in the buffer.
 struct MeshPlace {
   uint64_t positions = 0, normals = 0, uvs = 0, indices = 0;  // byte offsets
   bool short_indices = false;
@@ -44,7 +44,7 @@ struct Bounds {
   }
 };
 
-/// A piece of work: vertices or quads [first, first + count) of a mesh.
+/// A unit of work: vertices or quads [first, first + count) of a mesh.
 struct Window {
   uint32_t mesh;
   bool quads;
@@ -61,8 +61,8 @@ uint64_t check_key(uint32_t mesh, uint64_t place) {
   return uint64_t{mesh} << 40 | place;
 }
 
-/// The surface's normal at a vertex: the cross product of central differences along the grid, one-sided where the grid
-/// ends (a blob's faces meet in edges, the terrain's tiles go on in their neighbours but not below 0).
+/// The surface's normal at a vertex: the cross product of central differences along the grid. They are one-sided where
+/// the grid ends: a blob's faces meet in edges; the terrain's tiles continue in their neighbours but not below 0.
 Float3 vertex_normal(const MeshRecipe& mesh, uint32_t face, int x, int y) {
   const int n = static_cast<int>(mesh.n);
   const bool terrain = mesh.kind == MeshKind::kTerrain;
@@ -80,14 +80,14 @@ Float3 vertex_normal(const MeshRecipe& mesh, uint32_t face, int x, int y) {
   return {static_cast<float>(c.x / length), static_cast<float>(c.y / length), static_cast<float>(c.z / length)};
 }
 
-/// What one thread needs: buffers that live as long as it does, and its sums.
+/// State of one thread: buffers that live as long as it does, and its sums.
 class Generator {
  public:
   Generator(const Scene& scene, const SynthOptions& options, const GltfWriter* writer,
             const std::vector<MeshPlace>& places)
       : scene_(scene), options_(options), writer_(writer), places_(places) {}
 
-  /// `bounds`: of the window's vertices.
+  /// Runs one window. `bounds`: receives the bounds of its vertices.
   Result<void> run(const Window& window, Bounds& bounds) {
     return window.quads ? make_quads(window) : make_vertices(window, bounds);
   }
@@ -126,7 +126,7 @@ class Generator {
       }
       if (options_.uvs) {
         uvs_[uint64_t{i} * 2] = static_cast<float>(static_cast<double>(x) / mesh.n);
-        uvs_[uint64_t{i} * 2 + 1] = static_cast<float>(1.0 - static_cast<double>(y) / mesh.n);  // v goes down
+        uvs_[uint64_t{i} * 2 + 1] = static_cast<float>(1.0 - static_cast<double>(y) / mesh.n);  // v points down
       }
     }
     if (options_.normals) written = write(place.normals + uint64_t{window.first} * 12, floats_);
@@ -180,7 +180,7 @@ std::vector<Window> make_windows(const Scene& scene) {
   return windows;
 }
 
-/// Makes every window; fills in the meshes' bounds.
+/// Makes every window, and fills in the meshes' bounds.
 Result<Sums> generate(const Scene& scene, const SynthOptions& options, const GltfWriter* writer,
                       const std::vector<MeshPlace>& places, std::vector<Bounds>& mesh_bounds) {
   const std::vector<Window> windows = make_windows(scene);
@@ -350,7 +350,7 @@ Result<SynthReport> write_scene(const Scene& scene, const SynthOptions& options)
   for (uint32_t m = 0; m < scene.meshes.size(); ++m)
     add_mesh(*writer, m, scene.meshes[m], (*places)[m], bounds[m], options, material);
 
-  // The definition's z is up, glTF's y: (x, y, z) -> (x, z, -y), exactly.
+  // The definition has z up, glTF y: (x, y, z) -> (x, z, -y), exactly.
   GltfNode root;
   root.name = scene.name;
   root.has_matrix = true;

@@ -38,7 +38,7 @@ MeshRecipe blob(uint32_t n, MeshOrder order, uint32_t seed, uint32_t round8, dou
   return mesh;
 }
 
-/// n of the 100 classes of 20 meshes of scene C.
+/// n of the 100 classes of scene C; each class has 20 meshes.
 constexpr uint32_t kZorahQuads[100] = {
     40,  40,  40,  40,  40,  40,  48,  48,  48,  56,  56,  56,  64,  64,  64,  64,  72,  72,  72,  72,
     80,  80,  80,  80,  88,  88,  88,  88,  96,  96,  96,  96,  104, 104, 104, 112, 112, 112, 112, 120,
@@ -48,7 +48,7 @@ constexpr uint32_t kZorahQuads[100] = {
 constexpr uint32_t kZorahMeshes = 2000;
 constexpr uint32_t kZorahLargest = 1980;  // the mesh with n = 1288
 
-/// Instances of the j-th mesh of a class: 260 in all.
+/// Number of instances of the j-th mesh of a class: 260 in all.
 uint32_t zorah_instances(uint32_t j) {
   return j < 14 ? 2 : (j < 18 ? 8 : (j == 18 ? 50 : 150));
 }
@@ -124,7 +124,7 @@ Scene zorahlike_scene(MeshOrder order, double scale) {
   scene.name = "zorahlike";
   scene.width = 3840;
   scene.height = 2160;
-  const double eye_x = -50, eye_y = -10;  // of the close-up: props keep 4 units away from it
+  const double eye_x = -50, eye_y = -10;  // of the close-up camera; props keep 4 units away from it
   uint32_t q = 0;                         // number of the instance
   for (uint32_t m = 0; m < kZorahMeshes; ++m) {
     const uint32_t n = m == kZorahLargest ? 1288 : kZorahQuads[m / 20];

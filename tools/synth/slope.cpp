@@ -42,7 +42,7 @@ Vec3 normalized(const Vec3& a) {
   return a * (1.0 / std::sqrt(dot(a, a)));
 }
 
-/// Octaves of noise3 about a point of any sign, about [-1, 1].
+/// Octaves of noise3, for a point of any sign; values approximately in [-1, 1].
 double fbm(uint32_t seed, uint32_t octaves, double x, double y, double z) {
   double sum = 0, height = 0.5;
   for (uint32_t o = 0; o < octaves; ++o, height *= 0.5) {
@@ -54,13 +54,13 @@ double fbm(uint32_t seed, uint32_t octaves, double x, double y, double z) {
   return sum;
 }
 
-/// Numbers in [0, 1), one after the other.
+/// A sequence of numbers in [0, 1).
 class Random {
  public:
   explicit Random(uint32_t seed) : seed_(seed) {}
   double next() { return unit24(hash2(seed_, count_++, 0)); }
   double between(double low, double high) { return low + (high - low) * next(); }
-  /// A point in the ball of radius 1, not at its centre.
+  /// A point in the unit ball, not at its centre.
   Vec3 in_ball() {
     for (;;) {
       const Vec3 p{between(-1, 1), between(-1, 1), between(-1, 1)};
@@ -74,12 +74,12 @@ class Random {
   uint32_t count_ = 0;
 };
 
-/// Triangles with one material, as glTF takes them.
+/// Triangles with one material, in the form of glTF.
 struct Mesh {
   std::string name;
-  std::vector<float> positions;  // 3 a vertex
+  std::vector<float> positions;  // 3 per vertex
   std::vector<float> uvs;        // 2
-  std::vector<uint8_t> colors;   // 4: linear, the base colour is multiplied by it
+  std::vector<uint8_t> colors;   // 4: linear, multiplied with the base colour
   std::vector<uint32_t> indices;
   uint32_t material = 0;
 
@@ -91,7 +91,7 @@ struct Mesh {
     const uint8_t level = static_cast<uint8_t>(std::clamp(light, 0.0, 1.0) * 255.0 + 0.5);
     for (const uint8_t part : {level, level, level, uint8_t{255}}) colors.push_back(part);
   }
-  /// The two triangles of a quad; corners as in quad_indices.
+  /// The two triangles of a quad, with corners as in quad_indices.
   void add_quad(uint32_t corner00, uint32_t corner10, uint32_t corner11, uint32_t corner01) {
     for (const uint32_t index : {corner00, corner10, corner11, corner00, corner11, corner01}) indices.push_back(index);
   }
@@ -99,7 +99,7 @@ struct Mesh {
 
 // ---- The ground: s metres up the slope (towards -z), x to the right ----
 
-constexpr double kFoot = 28.0;    // the slope bends from flat to its angle over 0 to kFoot
+constexpr double kFoot = 28.0;    // the slope changes from flat to its angle over 0 to kFoot
 constexpr double kRepose = 0.64;  // tangent of the angle of repose of stones
 constexpr double kCliffFoot = 92.0;
 constexpr double kNear = -24.0;  // the ground begins behind the camera
@@ -135,7 +135,7 @@ Vec3 ground_normal(double x, double s) {
 
 struct Stone {
   double x, s, radius;
-  uint32_t kind;  // which rock mesh
+  uint32_t kind;  // index of its rock mesh
 };
 
 constexpr uint32_t kBoulderKinds = 4;
@@ -145,14 +145,14 @@ constexpr uint32_t kStoneQuads = 7;      // 588
 constexpr double kBoulderRadius = 1.15;  // from here on a stone is a boulder
 constexpr uint32_t kStones = 12000;
 constexpr double kSmallest = 0.23, kLargest = 2.9;  // radius, metres
-constexpr double kApart = 0.72;                     // of the sum of two radii: stones lean on each other
+constexpr double kApart = 0.72;                     // least distance, as a share of both radii: stones may touch
 
 /// Half the width of the scattered ground at s: wider than the view.
 double half_width(double s) {
   return 16.0 + 0.92 * std::max(0.0, s + 14.0);
 }
 
-/// Stones at places that keep them apart, the large ones first, so that the small ones fill what is left between them.
+/// Scatters stones with a minimum distance, the large ones first, so that the small ones fill the gaps.
 std::vector<Stone> scatter(uint32_t count, uint32_t seed) {
   Random random(hash2(seed, 77, 0));
   std::vector<double> sizes(count);
@@ -164,7 +164,7 @@ std::vector<Stone> scatter(uint32_t count, uint32_t seed) {
   std::sort(sizes.begin(), sizes.end(), std::greater<>());
   const double largest = sizes.front();
 
-  // Which stones lie in each square metre.
+  // The stones in each square metre.
   constexpr int kWide = 256, kDeep = 128, kMiddle = 128, kBehind = 16;
   std::vector<std::vector<uint32_t>> cells(kWide * kDeep);
   const auto column = [](double x) { return std::clamp(static_cast<int>(std::floor(x)) + kMiddle, 0, kWide - 1); };
@@ -172,17 +172,17 @@ std::vector<Stone> scatter(uint32_t count, uint32_t seed) {
   std::vector<Stone> stones;
   for (const double radius : sizes) {
     for (int attempt = 0; attempt < 24; ++attempt) {
-      // Larger stones roll farther: they lie near the foot, the small ones are left above (fall sorting).
+      // Larger stones roll farther and lie near the foot; the small ones remain above (fall sorting).
       const double large = ramp(0.25, 1.6, radius);
       const double top = synth::mix(kCliffFoot, 46.0, large);
       const double along = random.next();
       const double s = synth::mix(-12.0 + 6.0 * large, top, large > 0.5 ? along * std::sqrt(along) : along);
       const double x = random.between(-1, 1) * half_width(s);
-      // Streaks without stones run down the slope; the meadow before its foot has few.
+      // Streaks without stones run down the slope; the meadow before its foot has few stones.
       const double streak = fbm(21, 3, x / 13.0, s / 70.0, 0.5) + 0.5 * fbm(22, 2, x / 5.0, s / 9.0, 0.5);
       const double density = ramp(-0.42, 0.05, streak) * (0.12 + 0.88 * ramp(-9.0, 6.0, s + 5.0 * streak));
       if (random.next() > density) continue;
-      // The lens stands here.
+      // The camera stands here.
       if (std::abs(x) < 2.4 + radius && s < -9.5 + radius) continue;
       bool free = true;
       const double reach = kApart * (radius + largest);
@@ -205,11 +205,11 @@ std::vector<Stone> scatter(uint32_t count, uint32_t seed) {
   return stones;
 }
 
-/// The rotation that takes +y to `up`, after a turn about +y by the angle of the direction (c, s) in its plane.
+/// The rotation that takes +y to `up`, after a rotation about +y by the angle of the direction (c, s).
 Quaternion upright(const Vec3& up, double c, double s) {
   const double half_c = std::sqrt(std::max(0.0, (1 + c) / 2)), half_s = std::sqrt(std::max(0.0, (1 - c) / 2));
   const Quaternion turn{0, s < 0 ? -half_s : half_s, 0, half_c};
-  // From +y to up: axis y x up, and half the angle from the half-way vector.
+  // From +y to up: the axis is y x up, and half the angle follows from the half-way vector.
   const Vec3 half = normalized(Vec3{up[0], up[1] + 1.0, up[2]});
   const Vec3 axis = cross({0, 1, 0}, half);
   const Quaternion tilt{axis[0], axis[1], axis[2], half[1]};
@@ -241,7 +241,7 @@ std::vector<Placement> place_stones(const std::vector<Stone>& stones, uint32_t s
     const double flat = random.between(0.75, 1.1);
     placement.scale = {stone.radius * random.between(0.85, 1.15), stone.radius * flat,
                        stone.radius * random.between(0.85, 1.15)};
-    // A third of it sits in the ground, less where it lies upon others at the foot.
+    // A third of the stone sits in the ground, less where it lies upon others at the foot.
     const double lift = random.between(0.12, 0.42) * stone.radius * flat;
     placement.translation = ground_point(stone.x, stone.s) + normal * lift;
     for (double& part : placement.translation) part = rounded(part);
@@ -252,12 +252,12 @@ std::vector<Placement> place_stones(const std::vector<Stone>& stones, uint32_t s
   return placements;
 }
 
-/// A broken block: the polytope of some planes about the origin with rounded edges, roughened; darker in its hollows.
-/// Radius about 1, flattened in y.
+/// A broken block: the polytope of some planes about the origin, with rounded edges, roughened, and darker in its
+/// hollows. Radius about 1, flattened in y.
 Mesh make_rock(uint32_t kind, uint32_t n, double repeat) {
   Random random(hash2(31, kind, 0));
   const uint32_t planes = 13 + kind % 4 * 3;
-  const double roundness = random.between(0.0, 0.5);  // how much the faces differ in distance
+  const double roundness = random.between(0.0, 0.5);  // variation of the faces' distances
   std::vector<Vec3> normals;
   std::vector<double> distances;
   for (uint32_t i = 0; i < planes; ++i) {
@@ -292,7 +292,8 @@ Mesh make_rock(uint32_t kind, uint32_t n, double repeat) {
         const double fine = fbm(seed + 7, 4, d[0] * 7.0, d[1] * 7.0, d[2] * 7.0);
         const double r = (1.0 + 0.16 * rough + 0.05 * fine) / inverse;
         const double light = 0.9 + 0.5 * rough + 0.55 * fine + 0.22 * d[1];
-        // The four sides take one strip of the texture, seamless around; u runs to the right seen from outside.
+        // The four sides share one strip of the texture, which is seamless around; u runs to the right, seen from
+        // outside.
         const double u = positive != 0 ? a : b, v = positive != 0 ? b : a;
         mesh.add_vertex({d[0] * r * shape[0], d[1] * r * shape[1], d[2] * r * shape[2]},
                         repeat * (0.5 * u + 0.5) + 0.37 * face, repeat * (0.5 - 0.5 * v) + 0.21 * face, light);
@@ -309,7 +310,7 @@ Mesh make_rock(uint32_t kind, uint32_t n, double repeat) {
 
 // ---- Ground and cliff meshes ----
 
-/// How much light stones leave on the ground around them: 1 in the open.
+/// The share of light that stones leave on the ground around them: 1 in the open.
 class ContactShade {
  public:
   explicit ContactShade(const std::vector<Stone>& stones) {
@@ -351,7 +352,7 @@ Mesh make_ground(const std::vector<Stone>& stones, uint32_t threads) {
   };
   std::vector<Row> rows(kGroundRows + 1);
   runtime::parallel_for(rows.size(), thread_count(threads, rows.size()), [&](uint64_t j) {
-    // Rows grow apart with the distance from the camera.
+    // The spacing of rows grows with the distance from the camera.
     const double t = static_cast<double>(j) / kGroundRows;
     const double s = kNear + (kCliffFoot + 6.0 - kNear) * (0.3 * t + 0.7 * t * t);
     for (uint32_t i = 0; i <= kGroundColumns; ++i) {
@@ -365,7 +366,7 @@ Mesh make_ground(const std::vector<Stone>& stones, uint32_t threads) {
   for (uint32_t j = 0; j <= kGroundRows; ++j)
     for (uint32_t i = 0; i <= kGroundColumns; ++i) {
       const Vec3& p = rows[j].points[i];
-      // Metres along the slope, so that the texture does not stretch where it is steep.
+      // Metres along the slope, so that the texture is not stretched where it is steep.
       mesh.add_vertex(p, p[0] / 5.0, (p[2] - 0.6 * p[1]) / 5.5, rows[j].light[i]);
     }
   for (uint32_t j = 0; j < kGroundRows; ++j)
@@ -454,7 +455,7 @@ Result<void> add_mesh(GltfWriter& writer, const Mesh& mesh) {
   return {};
 }
 
-/// A stone's look: a texture and a tint.
+/// A stone's appearance: a texture and a tint.
 struct Look {
   const char* name;
   uint32_t texture;  // 0 granite, 1 sandstone, 2 slate, 3 ground

@@ -16,17 +16,17 @@ struct SynthOptions {
   std::string output;  // .gltf or .glb; empty with `checks`: nothing is written
   double scale = 1;    // 0 < scale <= 1: scenes.h, slope.h
   MeshOrder order = MeshOrder::kRow;
-  bool normals = false;  // A to D: NORMAL of the surface, by central differences (one-sided at a blob's face edges)
-  bool uvs = false;      // A to D: TEXCOORD_0, every grid the unit square, and a texture to show
+  bool normals = false;  // A to D: NORMAL of the surface, from central differences (one-sided at a blob's face edges)
+  bool uvs = false;      // A to D: TEXCOORD_0, with every grid as the unit square, and a texture
   bool gpu_instancing =
       false;            // EXT_mesh_gpu_instancing (float TRS; bit-exact matrices for A, B and D) instead of a node each
-  bool checks = false;  // A to D: the sums
+  bool checks = false;  // A to D: compute the sums
   uint32_t threads = 0;          // 0: as many as the machine runs at once; the bytes do not depend on it
   uint32_t seed = 1;             // slope only
-  uint32_t texture_size = 1024;  // slope: texels a side, a power of two from 64 to 8192
-  format::Existing existing = format::Existing::kReplace;  // of all files of the output
-  const std::atomic<bool>* stop = nullptr;                 // raised: writing ends with kFile "interrupted"
-  bool progress = false;                                   // A to D: a line on stderr where that is a terminal
+  uint32_t texture_size = 1024;  // slope: texels per side, a power of two from 64 to 8192
+  format::Existing existing = format::Existing::kReplace;  // for all files of the output
+  const std::atomic<bool>* stop = nullptr;                 // if set, writing ends with kFile "interrupted"
+  bool progress = false;                                   // A to D: a line on stderr if that is a terminal
 };
 
 struct SynthReport {
@@ -35,12 +35,12 @@ struct SynthReport {
   uint64_t vertices = 0;
   uint64_t instances = 0;
   uint64_t file_bytes = 0;
-  uint64_t position_sum = 0;  // of check_term over all position floats
-  uint64_t index_sum = 0;     // likewise over all indices
+  uint64_t position_sum = 0;  // sum of check_term over all position floats
+  uint64_t index_sum = 0;     // the same over all indices
 };
 
-/// Makes the scene and writes it. Memory: about 2 MiB a thread, besides 200 bytes an instance. Errors kUsage (options
-/// that make no sense together), kFile, kRange (a .glb past 4 GiB), after which nothing is left on disk.
+/// Makes the scene and writes it. Memory: about 2 MiB per thread, and 200 bytes per instance. Errors kUsage (options
+/// that contradict each other), kFile, kRange (a .glb past 4 GiB), after which nothing is left on disk.
 Result<SynthReport> synthesize(const SynthOptions& options);
 
 /// Writes scene A, B, C or D; a part of synthesize().

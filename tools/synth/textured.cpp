@@ -23,11 +23,11 @@ namespace {
 using namespace tools;
 
 constexpr uint32_t kAcross = 5;   // tiles
-constexpr uint32_t kQuads = 256;  // a tile's side
+constexpr uint32_t kQuads = 256;  // per side of a tile
 constexpr double kTileSide = 100;
-constexpr int kDetail = 1;  // of 255, of each texel: what a photograph's noise and grain take
+constexpr int kDetail = 1;  // of 255, for each texel: the noise and grain of a photograph
 
-/// Grid steps from the terrain's corner.
+/// Height at grid steps (gi, gj) from the terrain's corner.
 double height(int gi, int gj) {
   return 18.0 * noise2(1, 8, gi, gj) + 7.0 * noise2(2, 6, gi, gj) + 1.5 * noise2(3, 4, gi, gj) +
          0.3 * noise2(4, 2, gi, gj);
@@ -88,7 +88,7 @@ Result<void> add_tile(GltfWriter& writer, uint32_t number, uint32_t material) {
   return {};
 }
 
-/// A texture of stones laid side by side, each turned its own way, under light that changes slowly, with grain.
+/// A texture of stones side by side, each rotated differently, under slowly varying light, with grain.
 Result<std::vector<std::byte>> make_jpeg(uint32_t number, const TexturedOptions& options,
                                          std::span<const std::vector<uint8_t>> stones) {
   const uint32_t size = options.size;

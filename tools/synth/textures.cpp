@@ -39,7 +39,7 @@ double tile_noise(uint32_t seed, uint32_t px, uint32_t py, double u, double v) {
          1.0;
 }
 
-/// Octaves of tile_noise, halving in height and doubling in frequency; about [-1, 1].
+/// Octaves of tile_noise, halving in height and doubling in frequency; values approximately in [-1, 1].
 double tile_fbm(uint32_t seed, uint32_t period, uint32_t octaves, double u, double v) {
   double sum = 0, height = 0.5;
   for (uint32_t o = 0; o < octaves; ++o, height *= 0.5, period *= 2)
@@ -47,7 +47,7 @@ double tile_fbm(uint32_t seed, uint32_t period, uint32_t octaves, double u, doub
   return sum;
 }
 
-/// The nearest of one jittered point per cell, `period` cells a side: distances in cells.
+/// The nearest of one jittered point per cell, with `period` cells per side. Distances in cells.
 struct Cell {
   double nearest = 9, second = 9;
   double dx = 0, dy = 0;  // from the nearest point
@@ -124,7 +124,7 @@ Color slate(double u, double v) {
   return mix(color, {158, 166, 138}, 0.75 * lichen(80, 9, 0.45, u, v));
 }
 
-/// One size of pebbles over `color`, lit from the upper left, with a dark rim where they lie in the soil.
+/// Adds pebbles of one size to `color`, lit from the upper left, with a dark rim where they lie in the soil.
 Color pebbles(Color color, uint32_t seed, uint32_t period, double share, double u, double v) {
   const double warp = 0.25 / period * tile_fbm(seed + 5, period * 2, 2, u, v);
   const Cell cell = tile_cells(seed, period, u + warp, v + warp);
@@ -167,7 +167,7 @@ uint8_t to_byte(double value) {
   return static_cast<uint8_t>(std::clamp(value, 0.0, 255.0) + 0.5);
 }
 
-/// With the tables of T.81, so that what libjpeg makes of a texture does not depend on its size.
+/// Uses the Huffman tables of T.81, so that libjpeg's result for a texture does not depend on its size.
 Result<std::vector<std::byte>> encode_jpeg(uint32_t size, const std::vector<uint8_t>& rgb) {
   runtime::JpegCoding coding;
   coding.width = coding.height = size;

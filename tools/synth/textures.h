@@ -1,4 +1,4 @@
-// Procedural stone textures: tileable, the same bytes for the same size and any number of threads.
+// Procedural stone textures: tileable, and the same bytes for the same size and any number of threads.
 #pragma once
 
 #include <cstddef>
@@ -15,13 +15,13 @@ namespace scree::synth {
 enum class TextureKind : uint8_t { kGranite, kSandstone, kSlate, kGround };
 
 /// `size` x `size` sRGB pixels, 3 bytes each, rows top to bottom; `size` is a power of two, at least 32. The texture
-/// goes on seamlessly over all its borders. Source of the colours: made up, after photographs of Alpine scree.
+/// continues seamlessly across its borders. Source of the colours: invented, after photographs of Alpine scree.
 std::vector<uint8_t> make_texture(TextureKind kind, uint32_t size, uint32_t threads);
 
-/// Encodes RGB pixels: JPEG of quality 90, 4:2:0, or PNG. Errors kMemory, kFormat (what the library said).
+/// Encodes RGB pixels: JPEG of quality 90, 4:2:0, or PNG. Errors kMemory, kFormat (with the library's message).
 Result<std::vector<std::byte>> encode_image(format::ImageCodec codec, uint32_t size, const std::vector<uint8_t>& rgb);
 
-/// A texture to make and the name it takes in the document.
+/// A texture to make, and its name in the document.
 struct TextureRecipe {
   std::string name;
   TextureKind kind = TextureKind::kGranite;

@@ -412,14 +412,10 @@ void Hub::sent(const Work& work, uint64_t frame, bool is_moving) {
 Result<void> Hub::draw_moving(const Work& work) {
   const PictureRequest& request = work.request;
   const Quality& quality = kQualities[work.level];
+  const JpegKind jpeg{quality.jpeg, has_sharp_colours(request.shade.show)};
   const Result<Drawn> drawn = session_->draw(request, scaled(request.width, quality.scale),
-                                             scaled(request.height, quality.scale), 1, work.visibility);
+                                             scaled(request.height, quality.scale), 1, work.visibility, &jpeg);
   if (!drawn) return drawn.error();
-  const runtime::Stopwatch watch;
-  const Result<std::vector<std::byte>> image =
-      encode_jpeg(drawn->pixels, quality.jpeg, has_sharp_colours(request.shade.show), session_->workers());
-  if (!image) return image.error();
-  const double encode_ms = watch.elapsed().wall_ms;
 
   std::optional<runtime::Vec3> point;
   if (request.cursor) {
@@ -440,12 +436,12 @@ Result<void> Hub::draw_moving(const Work& work) {
   write_place(json, frame, request);
   json.member("quality", static_cast<uint32_t>(quality.jpeg));
   json.member("scale", quality.scale);
-  write_head(json, *drawn, encode_ms);
+  write_head(json, *drawn, drawn->encode_ms);
   json.member("waitMs", ms_between(work.wanted_at, work.begun));
   json.member("triangles", drawn->stats.triangles);
   if (point) write_numbers(json, "point", *point);
   json.end_object();
-  std::vector<std::byte> message = picture_message(head, *image);
+  std::vector<std::byte> message = picture_message(head, drawn->jpeg);
   sent(work, frame, true);
   work.viewer->link->send_picture(std::move(message));
   return {};

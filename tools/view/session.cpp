@@ -142,6 +142,7 @@ struct ViewSession::Impl {
     kernels::ShadeOptions shade;
     shade.ssao = shade.edl = true;
     pictures.shade = &shade;
+    pictures.is_encoded = true;
     const uint64_t cache = options.texture_cache != 0 ? options.texture_cache : runtime::kDeviceTextureCache;
     Result<runtime::DeviceScene> uploaded = runtime::DeviceScene::upload(scene, options.device_memory, options.threads,
                                                                          runtime::Reading::kAuto, cache, 0, pictures);
@@ -190,17 +191,17 @@ struct ViewSession::Impl {
     return {};
   }
 
-  Result<PixelView> shade_buffer(const kernels::ShadeOptions& shade) {
+  Result<PixelView> shade_buffer(const kernels::ShadeOptions& shade, bool reads_pixels) {
     PixelView out;
     out.width = view.width / samples_per_side;
     out.height = view.height / samples_per_side;
     const size_t count = size_t{out.width} * out.height;
     if (device) {
       out.channels = 4;
-      device_pixels.resize(count);
+      device_pixels.resize(reads_pixels ? count : 0);
       if (const Result<void> done = device->resolve(view, samples_per_side, shade, device_pixels); !done)
         return done.error();
-      out.bytes = {reinterpret_cast<const uint8_t*>(device_pixels.data()), 4 * count};
+      out.bytes = {reinterpret_cast<const uint8_t*>(device_pixels.data()), 4 * device_pixels.size()};
     } else {
       out.channels = 3;
       pixels.resize(3 * count);
@@ -213,7 +214,7 @@ struct ViewSession::Impl {
     return out;
   }
 
-  Result<Drawn> draw(const BufferKey& wanted, const kernels::ShadeOptions& shade) {
+  Result<Drawn> draw(const BufferKey& wanted, const kernels::ShadeOptions& shade, const JpegKind* jpeg) {
     Drawn out;
     out.samples = wanted.samples;
     // What a streamed frame keeps of a part is its colours: other shading needs another frame.
@@ -225,11 +226,19 @@ struct ViewSession::Impl {
     }
     out.buffer_ms = buffer_ms;
     const Stopwatch shade_watch;
-    const Result<PixelView> shaded = shade_buffer(shade);
+    const Result<PixelView> shaded = shade_buffer(shade, jpeg == nullptr);
     if (!shaded) return shaded.error();
     out.shade_ms = shade_watch.elapsed().wall_ms;
     out.pixels = *shaded;
     out.stats = stats;
+    if (jpeg == nullptr) return out;
+    const Stopwatch encode_watch;
+    Result<std::vector<std::byte>> file =
+        device ? device->encode_jpeg(out.pixels.width, out.pixels.height, jpeg->quality, jpeg->is_sharp)
+               : encode_jpeg(out.pixels, jpeg->quality, jpeg->is_sharp, workers);
+    if (!file) return file.error();
+    out.jpeg = std::move(*file);
+    out.encode_ms = encode_watch.elapsed().wall_ms;
     return out;
   }
 
@@ -283,16 +292,16 @@ Result<ViewSession> ViewSession::open(const SessionOptions& options) {
 }
 
 Result<Drawn> ViewSession::draw(const PictureRequest& request, uint32_t width, uint32_t height, uint32_t samples,
-                                const Visibility& visibility) try {
+                                const Visibility& visibility, const JpegKind* jpeg) try {
   if (!visibility.is_all() && !can_hide())
     return Error{ErrorCode::kUnsupported, "nodes are hidden by the CPU's renderer alone (--backend cpu)"};
   BufferKey wanted{request.camera, width, height, samples, visibility};
-  Result<Drawn> drawn = impl_->draw(wanted, request.shade);
+  Result<Drawn> drawn = impl_->draw(wanted, request.shade, jpeg);
   const bool may_fall_back = impl_->device && impl_->options.backend.choice == BackendChoice::kAuto;
   if (drawn || drawn.error().code != ErrorCode::kDevice || !may_fall_back) return drawn;
   if (!impl_->options.quiet) warn_of_cpu("view", impl_->drawn_on + ": " + drawn.error().message);
   if (const Result<void> ready = impl_->use_cpu(); !ready) return ready.error();
-  return impl_->draw(wanted, request.shade);
+  return impl_->draw(wanted, request.shade, jpeg);
 } catch (const std::bad_alloc&) {
   impl_->key.reset();
   return Error{ErrorCode::kMemory,

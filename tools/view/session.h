@@ -37,13 +37,21 @@ struct NamedCamera {
 };
 
 /// The size of what is drawn, and how long it took.
+/// How a picture becomes a JPEG: see encode_jpeg().
+struct JpegKind {
+  int quality;
+  bool is_sharp;
+};
+
 struct Drawn {
-  PixelView pixels;  // valid until the next draw()
+  PixelView pixels;             // valid until the next draw(); a GPU that made the JPEG keeps their bytes
+  std::vector<std::byte> jpeg;  // empty where none was wanted
   uint32_t samples = 1;
   kernels::FrameStats stats{};
   double draw_ms = 0;    // 0 where the visibility buffer of the picture before was the same,
   double buffer_ms = 0;  // which once took so long
   double shade_ms = 0;   // with what it takes to bring the pixels to the host
+  double encode_ms = 0;  // of the JPEG
 };
 
 /// Depths of one picture, in memory of their own, so that a viewer's cursor finds its point while others draw.
@@ -90,12 +98,13 @@ class ViewSession {
   ViewSession& operator=(ViewSession&&) noexcept;
   ~ViewSession();
 
-  /// Draws and shades a picture of `width` x `height` pixels. `visibility`: may name nodes that are not there.
+  /// Draws and shades a picture of `width` x `height` pixels. `visibility`: may name nodes that are not there. `jpeg`:
+  /// what to encode it as, if at all; a GPU does that by itself, so that a file comes to the host and not all pixels.
   /// The pixels are those of `scree render` with the same camera, size, samples and shading, bit for bit. Errors kUsage
   /// (a camera without a direction), kRange (more than kernels::kMaxImageSide samples a side), kMemory, kDevice,
   /// kUnsupported (a visibility that hides something, where can_hide() is false).
   Result<Drawn> draw(const PictureRequest& request, uint32_t width, uint32_t height, uint32_t samples,
-                     const Visibility& visibility);
+                     const Visibility& visibility, const JpegKind* jpeg = nullptr);
 
   /// Of the picture that draw() made last. Errors kMemory, kDevice.
   Result<DepthMap> depths();

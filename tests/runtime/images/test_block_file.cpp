@@ -179,6 +179,12 @@ TEST_CASE("malformed KTX2 and DDS files are refused by name", "[block_file][bad]
       prefix.shrink_to_fit();
       CHECK_FALSE(check_image(prefix));
     }
+  // A level with more packed bytes than its pixels need, as frames that zstd skips take memory.
+  FileBytes padded = make_ktx2({.width = 8, .height = 8, .scheme = 2});
+  padded.resize(padded.size() + 4096);
+  const auto skipping = check_image(with(padded, 88, uint64_t{4096}));
+  REQUIRE_FALSE(skipping);
+  CHECK(skipping.error().message == "KTX2: level 0: 4096 packed bytes of 64, expected at most 1096");
   // A picture that so few bytes cannot hold is not unpacked.
   const auto bomb = check_image(with(with(ktx2, 20, 16384u), 24, 16384u));
   REQUIRE_FALSE(bomb);

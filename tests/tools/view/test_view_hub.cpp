@@ -2,11 +2,14 @@
 #include "tools/view/hub.h"
 
 #include <condition_variable>
+#include <cstdlib>
 #include <mutex>
 #include <string>
 #include <vector>
 
+#include "runtime/images/image.h"
 #include "tests/catch.h"
+#include "tests/gpu.h"
 #include "tests/runtime/small_scene.h"
 
 using namespace scree::tools::view;
@@ -140,4 +143,31 @@ TEST_CASE("a hub whose file cannot be drawn says so once", "[view][view-hub]") {
   CHECK(said.find("none.scree") != std::string::npos);
   lock.unlock();
   CHECK(hub.stop(5s));
+}
+
+TEST_CASE("a GPU's JPEG of a view shows its pixels", "[view][view-hub][cuda]") {
+  if (!scree::tests::has_gpu()) return;
+  const ScratchPath path("session.scree");
+  SmallScene{}.write(path.string());
+  SessionOptions options = options_of(path.string());
+  options.backend.choice = scree::tools::BackendChoice::kCuda;
+  auto session = ViewSession::open(options);
+  REQUIRE(session);
+  const PictureRequest wanted = request(1, 0);
+  for (const bool is_sharp : {false, true}) {
+    const auto with_pixels = session->draw(wanted, wanted.width, wanted.height, 1, {});
+    REQUIRE(with_pixels);
+    const std::vector<uint8_t> pixels(with_pixels->pixels.bytes.begin(), with_pixels->pixels.bytes.end());
+    REQUIRE(pixels.size() == size_t{4} * wanted.width * wanted.height);
+    const JpegKind kind{100, is_sharp};
+    const auto coded = session->draw(wanted, wanted.width, wanted.height, 1, {}, &kind);
+    REQUIRE(coded);
+    const auto image = scree::runtime::decode_image(coded->jpeg);
+    REQUIRE(image);
+    REQUIRE(image->rgba.size() == pixels.size());
+    double sum = 0;
+    for (size_t i = 0; i < pixels.size(); ++i)
+      if (i % 4 != 3) sum += std::abs(int{image->rgba[i]} - int{pixels[i]});
+    CHECK(sum / static_cast<double>(pixels.size()) < (is_sharp ? 1.0 : 4.0));
+  }
 }

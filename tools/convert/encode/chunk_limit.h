@@ -1,4 +1,4 @@
-// Where a chunk ends: before the triangle with which its streams might pass a page.
+// Ends a chunk before the triangle with which its streams might exceed a page.
 #pragma once
 
 #include <bit>
@@ -11,21 +11,21 @@
 
 namespace scree::convert {
 
-/// Most bits that the attributes of a vertex take in this mesh, whatever its chunk.
+/// Upper bound of the bits of a vertex's attributes in any chunk of this mesh.
 uint64_t attribute_bits_bound(const MeshPlan& mesh);
 
-/// The same with its position.
+/// The same including its position.
 uint64_t vertex_bits_bound(const MeshPlan& mesh);
 
-/// Most bits that the source's number of a triangle takes, less the smallest of its chunk.
+/// Upper bound of the bits of a triangle's source number, less the smallest of its chunk.
 uint32_t source_id_bits(const MeshPlan& mesh, const WindowPlan& plan);
 
 class ChunkLimit {
  public:
-  /// `most_triangles`: 0: no limit, not even a page.
+  /// `most_triangles`: 0 means no limit, not even a page.
   ChunkLimit(const MeshPlan& mesh, const WindowPlan& plan, uint64_t most_triangles);
 
-  /// Whether a chunk may have so much.
+  /// Whether a chunk may have that many triangles and vertices.
   bool fits(uint64_t triangles, uint64_t vertices) const {
     if (most_triangles_ == 0) return true;
     if (triangles > most_triangles_) return false;
@@ -33,11 +33,11 @@ class ChunkLimit {
     return triangles * (3 * index_bits + triangle_bits_) + vertices * vertex_bits_ <= kBudgetBits;
   }
 
-  /// The same for a chunk of clusters with so many words of data.
+  /// The same for a chunk of clusters with that many words of data.
   bool clusters_fit(uint64_t triangles, uint64_t vertices, uint64_t clusters, uint64_t words) const;
 
  private:
-  // Six streams, each with its slack and rounded up to 16 bytes, always fit beside this.
+  // The rest of a page always holds six streams' slack and rounding up to 16 bytes.
   static constexpr uint64_t kBudgetBits = 8 * (format::kPageTargetBytes - 6 * (format::kPackedSlackBytes + 16));
 
   uint64_t most_triangles_;

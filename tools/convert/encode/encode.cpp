@@ -28,7 +28,7 @@ std::span<std::byte> extend(std::vector<std::byte>& payload, uint64_t bytes) {
   return std::span<std::byte>(payload).subspan(before);
 }
 
-/// Encodes a window whose triangles are loaded, stream by stream: only one attribute is in memory at a time.
+/// Encodes a window whose triangles are loaded, stream by stream, so that only one attribute is in memory at a time.
 class WindowEncoder {
  public:
   WindowEncoder(const Primitive& primitive, const MeshPlan& mesh, const WindowPlan& plan, const EncodeOptions& options,
@@ -57,7 +57,7 @@ class WindowEncoder {
     return chunk_order_.subspan(first_vertex_[i], out_.chunks[i].record.vertex_count);
   }
 
-  /// Whether the triangles stay in the source's order until they are cut into chunks.
+  /// Whether the triangles keep the source's order until they are cut into chunks.
   bool keeps_order() const {
     const bool has_own_order = mesh_.clustered && options_.clusters == tools::ClusterEffort::kBest;
     return options_.order == Order::kNone || (has_own_order && !mesh_.chunks_as_float32);
@@ -67,7 +67,8 @@ class WindowEncoder {
     if (keeps_order()) return;
     // Checked by Window: a multiple of three corners, each below the number of vertices.
     const auto vertices = static_cast<uint32_t>(s_.window.vertices().size());
-    // The optimiser goes from vertex to neighbouring vertex: numbered by first use they lie together in its tables.
+    // The optimiser goes from vertex to neighbouring vertex. Numbered by first use, they are close together in its
+    // tables.
     if (s_.window.is_scattered()) number_by_first_use(vertices);
     order_ = s_.fifo.run(s_.window.is_scattered() ? s_.by_use : s_.window.indices(), vertices);
   }
@@ -84,7 +85,7 @@ class WindowEncoder {
     }
   }
 
-  /// The triangle of the window that is at a place of the order in which they are cut.
+  /// The triangle of the window at an index of the cutting order.
   uint64_t triangle_at(uint64_t place) const { return order_.empty() ? place : order_[place]; }
 
   void quantise() {
@@ -105,8 +106,8 @@ class WindowEncoder {
     out_.position_error = largest;
   }
 
-  /// Cuts the ordered triangles into chunks, numbers the vertices of each, and encodes indices and positions on the
-  /// way.
+  /// Cuts the ordered triangles into chunks, numbers the vertices of each chunk, and encodes indices and positions on
+  /// the way.
   void cut() {
     const std::span<const uint32_t> indices = s_.window.indices();
     const uint64_t triangles = s_.window.triangle_count();
@@ -156,7 +157,7 @@ class WindowEncoder {
     chunk_order_ = s_.chunk_order;
   }
 
-  /// The chunk of the triangles in chunk_indices, whose vertices are the last of chunk_order.
+  /// Adds the chunk of the triangles in chunk_indices, whose vertices are the last ones of chunk_order.
   void add_chunk(uint64_t first_triangle, uint64_t triangles, size_t first_vertex) {
     const std::span<const uint32_t> used = std::span<const uint32_t>(s_.chunk_order).subspan(first_vertex);
     EncodedChunk chunk;
@@ -164,8 +165,8 @@ class WindowEncoder {
     chunk.record.vertex_count = static_cast<uint32_t>(used.size());
     first_vertex_.push_back(first_vertex);
     first_triangle_.push_back(first_triangle);
-    // Every vertex of a chunk is used and numbered from 0, so that the range is known without looking. 0 bits are not
-    // allowed past kMaxChunkTriangles (spec/container.md, chunks): a few bytes would ask for gigabytes.
+    // Every vertex of a chunk is used and numbered from 0, so the range is known. 0 bits are not allowed past
+    // kMaxChunkTriangles (spec/container.md, chunks), because a few bytes could then claim gigabytes.
     const uint32_t least_bits = triangles > format::kMaxChunkTriangles ? 1 : 0;
     const format::IndexRange indices{0, std::max(least_bits, static_cast<uint32_t>(std::bit_width(used.size() - 1)))};
     const uint64_t index_bytes = format::packed_bytes(s_.chunk_indices.size(), indices.bits);
@@ -179,8 +180,9 @@ class WindowEncoder {
 
     const format::PositionRange positions = mesh_.float32 ? kFloatRange : format::position_range(s_.chunk_coordinates);
     const uint64_t position_bytes = format::position_stream_bytes(used.size(), positions);
-    // Floats never take less. Packed, v vertices take at most 9 v bytes and the slack of 8, floats 12 v, both rounded
-    // up to 16: from 3 vertices on 12 v is more, 2 take 32 in either, and the code of one has 0 bits.
+    // Floats never take less. Packed, v vertices take at most 9 v bytes and the slack of 8; floats take 12 v; both are
+    // rounded up to 16. From 3 vertices on 12 v is more, 2 vertices take 32 bytes in either form, and the code of one
+    // vertex has 0 bits.
     static_assert(9 * 3 + format::kPackedSlackBytes <= 12 * 3 && 3 * format::kMaxPositionBits == 8 * 9);
     static_assert(format::packed_bytes(2, 3 * format::kMaxPositionBits) <= 32);
     if (mesh_.chunks_as_float32) chunk.saved = static_cast<int64_t>(float_bytes - index_bytes - position_bytes);
@@ -199,15 +201,15 @@ class WindowEncoder {
     out_.chunks.push_back(std::move(chunk));
   }
 
-  /// Adds `chunk`, the triangles and vertices that add_chunk() has, as clusters, unless they take more bytes than
-  /// floats and a list of indices do (`float_bytes`), their vertices' attributes counted: those on the border of two
-  /// clusters are stored twice.
+  /// Adds `chunk`, with the triangles and vertices of add_chunk(), as clusters. Not if they take more bytes than floats
+  /// and a list of indices (`float_bytes`). Attributes count too, since vertices on the border of two clusters are
+  /// stored twice.
   bool add_clusters(uint64_t float_bytes, EncodedChunk& chunk) {
     const format::ClusterSet& set =
         s_.clusters.build(s_.chunk_indices, s_.chunk_coordinates, options_.clusters, most_of_cluster());
     if (set.words.size() > format::kMaxClusterWords || set.vertices.size() >= kNone) return false;
     const std::span<const uint32_t> used = std::span<const uint32_t>(s_.chunk_order).subspan(first_vertex_.back());
-    uint32_t uv_bits = 0;  // the same vertices have the same range, however often
+    uint32_t uv_bits = 0;  // repeated vertices do not change the range
     if (mesh_.attributes & format::kHasUv) {
       pick(used, std::span<const float>(s_.floats), 2, s_.chunk_floats);
       uv_bits = format::choose_uv_range(s_.chunk_floats).stride_bits();
@@ -239,7 +241,7 @@ class WindowEncoder {
                                          : static_cast<uint32_t>(std::min<uint64_t>(options_.chunk_triangles, kNone));
   }
 
-  /// Of the streams of `vertices` vertices' attributes.
+  /// Bytes of the attribute streams of that many vertices.
   uint64_t attribute_bytes(uint64_t vertices, uint32_t uv_bits) const {
     uint64_t bytes = format::packed_bytes(vertices, uv_bits);
     if (mesh_.attributes & format::kHasColor) bytes += format::color_stream_bytes(vertices);
@@ -247,7 +249,7 @@ class WindowEncoder {
     return bytes;
   }
 
-  /// The most that these may be, for room in advance.
+  /// Upper bound of attribute_bytes(), to reserve room.
   uint64_t attribute_bytes_bound(uint64_t vertices) const {
     return (vertices * attribute_bits_bound(mesh_) + 7) / 8 + 4 * (format::kPackedSlackBytes + 16);
   }
@@ -290,7 +292,7 @@ class WindowEncoder {
     }
   }
 
-  /// The `components` values of each of a chunk's vertices, from those of the window.
+  /// Copies the `components` values of each vertex of a chunk from the window's values.
   template <class T>
   static void pick(std::span<const uint32_t> vertices, std::span<const T> values, size_t components,
                    std::vector<T>& out) {
@@ -309,8 +311,8 @@ class WindowEncoder {
     for (const uint32_t vertex : vertices) at = std::copy_n(&values[components * size_t{vertex}], components, at);
   }
 
-  /// Reads an attribute of the window's vertices and sets values that are not finite to 0. Returns how many vertices
-  /// had such.
+  /// Reads an attribute of the window's vertices and sets values that are not finite to 0. Returns the number of
+  /// vertices with such values.
   Result<uint64_t> read_attribute(const Accessor& accessor) {
     if (const Result<void> read = read_vertices(accessor, s_.window.vertices(), s_.floats); !read) return read.error();
     uint64_t repaired = 0;
@@ -327,7 +329,7 @@ class WindowEncoder {
     return repaired;
   }
 
-  /// Before chunks are cut, since what they take shapes them.
+  /// Called before chunks are cut, since the size of texture coordinates affects the cut.
   Result<void> read_uvs() {
     if (!(mesh_.attributes & format::kHasUv)) return {};
     const Result<uint64_t> repaired = read_attribute(*primitive_.uv);
@@ -351,7 +353,7 @@ class WindowEncoder {
     }
   }
 
-  /// Rounded up, so that the record's float never states less than the codec does.
+  /// Rounded up, so that the record's float is never below the codec's bound.
   static float stated_uv_error(const format::UvRange& range) {
     const double bound =
         std::min(format::uv_error_bound(range), static_cast<double>(std::numeric_limits<float>::max()));
@@ -386,7 +388,7 @@ class WindowEncoder {
       const bool finite = std::isfinite(n[0]) && std::isfinite(n[1]) && std::isfinite(n[2]);
       const float largest = std::max({std::fabs(n[0]), std::fabs(n[1]), std::fabs(n[2])});
       if (finite && largest > 0) {
-        // The codec adds the three: out of float's range for the largest, short of bits for the smallest.
+        // The codec adds the three squares, which would overflow for the largest values and lose bits for the smallest.
         if (largest > 1e30f || largest < 1e-30f)
           for (size_t axis = 0; axis < 3; ++axis) n[axis] = static_cast<float>(double{n[axis]} / double{largest});
         continue;
@@ -429,14 +431,14 @@ class WindowEncoder {
   const EncodeOptions& options_;
   EncodeScratch& s_;
   EncodedWindow out_;
-  std::span<const uint32_t> chunk_order_;          // window vertices of all chunks, one chunk after the other
-  std::vector<size_t> first_vertex_;               // of each chunk there
-  std::vector<uint64_t> first_triangle_;           // of each chunk in the window
-  std::span<const uint32_t> order_;                // triangles of the window as they are cut; empty: as they are
+  std::span<const uint32_t> chunk_order_;          // window vertices of all chunks, chunk by chunk
+  std::vector<size_t> first_vertex_;               // by chunk: its first index in chunk_order_
+  std::vector<uint64_t> first_triangle_;           // by chunk: its first triangle in the window
+  std::span<const uint32_t> order_;                // triangles of the window in cutting order; empty: unchanged
   std::span<const uint32_t> clustered_triangles_;  // triangles of the window by clusters
 };
 
-/// Makes vertices one that are equal in all that the mesh stores.
+/// Merges vertices that are equal in everything that the mesh stores.
 Result<Welded> weld(const Primitive& primitive, const MeshPlan& mesh, EncodeScratch& scratch) {
   Window& window = scratch.window;
   Welder& welder = scratch.welder;
@@ -462,7 +464,7 @@ Result<Welded> weld(const Primitive& primitive, const MeshPlan& mesh, EncodeScra
   return welded;
 }
 
-/// Welded::cost_bits of so many vertices, with the widths of the chunks'.
+/// Welded::cost_bits of that many vertices, with the widths of the chunks.
 uint64_t cost_bits(uint64_t vertices, const MeshPlan& mesh, const std::vector<EncodedChunk>& chunks) {
   if (vertices == 0 || chunks.empty()) return 0;
   if (mesh.clustered) return Welded::kNotKnown;
@@ -491,7 +493,7 @@ Result<EncodedWindow> encode_window(const Primitive& primitive, const MeshPlan& 
              !loaded) {
     return loaded.error();
   }
-  // A file that changes between the passes must not put a coordinate outside its lattice.
+  // A file that changes between the passes must not give a coordinate outside its lattice.
   if (window.triangle_count() != plan.kept || window.vertices().size() != plan.vertices ||
       !inside(box_of(window.positions()), mesh.box))
     return Error{ErrorCode::kFormat, "mesh " + std::to_string(primitive.mesh) + " primitive " +
@@ -510,9 +512,9 @@ Result<EncodedWindow> encode_window(const Primitive& primitive, const MeshPlan& 
 uint64_t encoded_bytes_estimate(const MeshPlan& mesh, const WindowPlan& plan) {
   const uint64_t index_bits = 3 * static_cast<uint64_t>(std::bit_width(uint64_t{plan.vertices}));
   const uint64_t id_bits = source_id_bits(mesh, plan);
-  // A cluster's border vertices are stored once a cluster.
+  // A cluster's border vertices are stored once per cluster.
   if (mesh.clustered) return (plan.kept * (24 + id_bits) + plan.vertices * vertex_bits_bound(mesh) * 3 / 2) / 8 + 256;
-  // A chunk's border vertices are stored once a chunk: a quarter more.
+  // A chunk's border vertices are stored once per chunk: a quarter more.
   return (plan.kept * (index_bits + id_bits) + plan.vertices * vertex_bits_bound(mesh) * 5 / 4) / 8 + 256;
 }
 

@@ -1,4 +1,4 @@
-// The second pass: a window of triangles becomes chunks, ordered, renumbered, quantised and bit-packed.
+// The second pass: turns a window of triangles into chunks that are ordered, renumbered, quantised and bit-packed.
 #pragma once
 
 #include <cstddef>
@@ -22,45 +22,45 @@ enum class Order {
   kNone,  // triangles as in the source, vertices ascending as in the source
 };
 
-/// Bits an axis of stored normals: the angle between a normal and its code stays below 0.05 degrees.
+/// Bits per axis of stored normals. The angle between a normal and its code stays below 0.05 degrees.
 inline constexpr uint32_t kNormalBits = 12;
 
 struct EncodeOptions {
   Order order = Order::kFifo;
-  tools::ClusterEffort clusters = tools::ClusterEffort::kFast;  // of clustered meshes; kBest has an order of its own
+  tools::ClusterEffort clusters = tools::ClusterEffort::kFast;  // for clustered meshes; kBest has its own order
   uint64_t chunk_triangles = format::kMaxChunkTriangles;        // at most; 0: the window is one chunk
   bool drop_nonfinite = false;
-  bool weld = true;  // vertices equal in all that is stored of them are one
+  bool weld = true;  // vertices that are equal in everything stored are merged
 };
 
-/// A mesh of the output: what its chunks share.
+/// A mesh of the output: the properties that its chunks share.
 struct MeshPlan {
   uint32_t primitive = 0;   // in SourceScene::primitives
   uint32_t attributes = 0;  // format::AttributeFlags of the streams to write
   bool float32 = false;
-  bool clustered = false;  // chunks are clustered; not with float32
-  // Cut and welded as with float32, so that a chunk can be held against what it would take then, and none is clustered
-  // that would take more.
+  bool clustered = false;  // chunks are clustered; never with float32
+  // Cut and weld as with float32, so that each chunk's size can be compared with float32, and no chunk is clustered if
+  // that is larger.
   bool chunks_as_float32 = false;
-  uint64_t sorted_triangles = 0;  // of the source, where those of a window lie anywhere among them; else 0
+  uint64_t sorted_triangles = 0;  // of the source, if a window's triangles may be any of them; else 0
   format::MeshLattice lattice;
-  Box box;  // of the positions measure saw
+  Box box;  // of the measured positions
 };
 
 struct EncodedChunk {
   format::ChunkRecord record{};  // page, offset, mesh and first_triangle unset
   std::vector<std::byte> payload;
-  int64_t saved = 0;  // bytes that it would take more with float32 positions, where MeshPlan::chunks_as_float32
+  int64_t saved = 0;  // bytes that it would take more with float32 positions, if MeshPlan::chunks_as_float32
 };
 
-/// Vertices that became another one.
+/// Vertices that were merged into others.
 struct Welded {
-  // Of vertices in clusters: many of those that a cluster shares with others it has of its own in any case.
+  // For clusters: many of the vertices that a cluster shares with others would be stored in it in any case.
   static constexpr uint64_t kNotKnown = UINT64_MAX;
 
   uint64_t vertices = 0;
   uint64_t source_bytes = 0;
-  uint64_t cost_bits = 0;  // with the widths of the vertices that stayed, or kNotKnown
+  uint64_t cost_bits = 0;  // with the widths of the remaining vertices, or kNotKnown
 
   void add(const Welded& other) {
     vertices += other.vertices;
@@ -75,22 +75,22 @@ struct EncodedWindow {
   float uv_error = 0;         // largest possible, per axis
   Welded welded;
   uint64_t repaired_uvs = 0;      // vertices whose texture coordinates were not finite and became 0
-  uint64_t repaired_colors = 0;   // likewise; became 0
+  uint64_t repaired_colors = 0;   // the same for colours, which became 0
   uint64_t repaired_normals = 0;  // not finite or zero; became +z
 };
 
-/// What one thread reuses from window to window.
+/// Memory that a thread reuses from window to window.
 struct EncodeScratch {
   Window window;
   tools::FifoOrder fifo;
-  std::vector<uint32_t> by_use;       // corners of a scattered window, vertices numbered by first use
-  std::vector<uint32_t> use_of;       // that number of a vertex
-  std::vector<uint32_t> slots;        // number in the chunk of a window's vertex, or kNone
-  std::vector<uint32_t> chunk_order;  // window vertices of all chunks that were cut from the order
+  std::vector<uint32_t> by_use;       // corners of a scattered window, with vertices numbered by first use
+  std::vector<uint32_t> use_of;       // by vertex: that number
+  std::vector<uint32_t> slots;        // by window vertex: its number in the chunk, or kNone
+  std::vector<uint32_t> chunk_order;  // window vertices of all chunks cut so far
   std::vector<uint32_t> coordinates;  // lattice coordinates of the window's vertices
   std::vector<uint32_t> chunk_indices;
-  std::vector<uint32_t> cluster_vertices;     // of a chunk: places in the window's vertices
-  std::vector<uint32_t> clustered_triangles;  // of all chunks, numbers in the window
+  std::vector<uint32_t> cluster_vertices;     // of a chunk: indices of the window's vertices
+  std::vector<uint32_t> clustered_triangles;  // of all chunks: triangle numbers in the window
   Welder welder;
   tools::ClusterBuilder clusters;
   std::vector<uint32_t> chunk_coordinates;
@@ -99,12 +99,12 @@ struct EncodeScratch {
   std::vector<uint64_t> chunk_ids;
 };
 
-/// Encodes one window of `primitive`. Errors as Window::load; kFormat: the window is not what measure saw (the source
-/// changed in between). `content`: of the window, renumbered, which is not read again then; or null.
+/// Encodes one window of `primitive`. `content`: the window's renumbered content, which is then not read again; or
+/// null. Errors as Window::load; kFormat: the window differs from the measured one (the source changed in between).
 Result<EncodedWindow> encode_window(const Primitive& primitive, const MeshPlan& mesh, const WindowPlan& plan,
                                     WindowContent* content, const EncodeOptions& options, EncodeScratch& scratch);
 
-/// Bytes that encode_window's result takes at most, roughly; for bounding what is in flight.
+/// Approximate upper bound of the bytes of encode_window's result, to limit the work in flight.
 uint64_t encoded_bytes_estimate(const MeshPlan& mesh, const WindowPlan& plan);
 
 }  // namespace scree::convert

@@ -1,4 +1,4 @@
-// Chunks into pages, pages into the file, in order.
+// Writes chunks into pages, and pages into the file, in order.
 #pragma once
 
 #include <cstddef>
@@ -14,19 +14,19 @@
 
 namespace scree::convert {
 
-/// Fills geometry pages with chunks in the order they come; a page is closed before a chunk would take it past
-/// kPageTargetBytes. Pages are compressed on the pool and written in order by the calling thread. Destroy it before the
-/// pool.
+/// Fills geometry pages with chunks in the order in which they come. A chunk that would take a page past
+/// kPageTargetBytes starts a new page. Pages are compressed on the pool and written in order by the calling thread.
+/// Destroy it before the pool.
 class GeometryWriter {
  public:
-  /// A page that is not full, for a writer of another pool to go on with.
+  /// A page that is not full, for the writer of another pass to continue.
   struct OpenPage {
     std::vector<std::byte> bytes;
     std::vector<format::PageClusters> clusters;
-    bool is_open = false;  // it holds a chunk, which may be empty: all its values equal
+    bool is_open = false;  // it has a chunk, which may be empty if all its values are equal
   };
 
-  /// `open`: behind the pages that `writer` has; nobody else appends any until finish() or release().
+  /// `open`: the page behind the pages of `writer`. Nothing else may append pages until finish() or release().
   GeometryWriter(WorkerPool& pool, format::ContainerWriter& writer, int zstd_level, StageTimes& times, OpenPage open)
       : times_(times),
         pages_(pool, true),
@@ -40,14 +40,14 @@ class GeometryWriter {
   /// Places a chunk: sets page and offset of its record. Errors of ContainerWriter::append.
   Result<void> add(EncodedChunk& chunk);
 
-  /// Where the next chunk comes at the earliest: that page's number, and what is in it already.
+  /// The number and content of the first page in which the next chunk may lie.
   uint32_t page() const { return number_; }
   const OpenPage& open_page() const { return open_; }
 
-  /// Closes the last page and writes what is left.
+  /// Closes the last page and writes all pages that are left.
   Result<void> finish();
 
-  /// Writes what is closed, and gives the last page away.
+  /// Writes all closed pages and hands the last page over.
   Result<OpenPage> release();
 
  private:

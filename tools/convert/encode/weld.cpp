@@ -9,14 +9,14 @@ namespace scree::convert {
 namespace {
 
 constexpr uint64_t kEmpty = UINT64_MAX;
-constexpr size_t kBlock = 64;  // items whose slots are asked for before they are looked at: the table is past the cache
+constexpr size_t kBlock = 64;  // items whose slots are prefetched before they are read: the table exceeds the cache
 
-/// Everything by which an item may differ: up to four values and the class it is in.
+/// Everything by which items may differ: up to four values and their class.
 using Key = std::array<uint32_t, 5>;
 
 uint64_t hash_of(const Key& key) {
-  // Two multiplications that do not wait for each other; coordinates of a grid differ in few bits, so the high half of
-  // the product is folded down.
+  // Two independent multiplications. Coordinates of a grid differ in few bits, so the high half of the product is
+  // folded down.
   const uint64_t a = (uint64_t{key[0]} << 32 | key[1]) * 0x9e3779b97f4a7c15ull;
   const uint64_t b = (uint64_t{key[2]} << 32 | key[3]) * 0xbf58476d1ce4e5b9ull;
   const uint64_t sum = (a ^ std::rotr(a, 32)) + (b ^ std::rotr(b, 29)) + key[4];
@@ -72,7 +72,7 @@ void Welder::part(std::span<const float> values, uint32_t components) {
     key[4] = firsts_[candidates_[i]];
     return key;
   });
-  // Only now: the classes above were looked up in the firsts as they were.
+  // Done only now, because the classes above were looked up in the unchanged firsts_.
   for (size_t i = 0; i < candidates_.size(); ++i) firsts_[candidates_[i]] = candidates_[first_items_[i]];
   count_duplicates();
 }

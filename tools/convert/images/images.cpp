@@ -77,20 +77,20 @@ Result<CheckedImage> check_source(const SourceImage& image, const ImageOptions& 
   return checked;
 }
 
-/// What checking an image takes; the check itself says what is wrong with those that are no images.
+/// Memory for checking an image. For a file that is no image, the check itself reports the error.
 uint64_t check_cost(const SourceImage& image) {
   const Result<runtime::ImageInfo> info = runtime::probe_image(image_file(image));
   return kBlockBytes + (info ? runtime::image_check_bytes(*info) : 0);
 }
 
-/// What is stored in place of an image that stays no file.
+/// The stored form of an image that is not kept as a file.
 struct StoredImage {
   std::vector<std::byte> base;                 // an indexed JPEG,
   std::vector<std::vector<std::byte>> levels;  // and its mip levels
-  std::vector<format::SealedPage> pages;       // of a block image; no base and no pages: the file as it came
+  std::vector<format::SealedPage> pages;       // of a block image; without base and pages: the unchanged file
   format::BlockFormat block_format = format::BlockFormat::kNoBlocks;
   uint16_t swizzle = 0;
-  std::vector<format::MipLevelRecord> places;  // of a block image's mip levels, page and image unset
+  std::vector<format::MipLevelRecord> places;  // of a block image's mip levels, with page and image unset
   uint32_t width = 0;
   uint32_t height = 0;
   uint32_t channels = 0;
@@ -106,7 +106,7 @@ Result<std::vector<std::byte>> read_file(const SourceImage& image, const Content
   return file;
 }
 
-/// The blocks of a KTX2 or DDS file: a page of level 0, and one of the others together.
+/// The blocks of a KTX2 or DDS file: one page for level 0, and one for all other levels.
 Result<StoredImage> store_blocks(const SourceImage& source, const ContentHash& hash, int zstd_level) {
   const auto bytes = read_file(source, hash);
   if (!bytes) return bytes.error();
@@ -136,7 +136,7 @@ Result<StoredImage> store_blocks(const SourceImage& source, const ContentHash& h
   return stored;
 }
 
-/// A picture in the place of one that is none.
+/// A picture to replace an invalid one.
 Result<std::vector<std::byte>> grey_jpeg() {
   runtime::Image image;
   image.width = image.height = 1;
@@ -144,7 +144,7 @@ Result<std::vector<std::byte>> grey_jpeg() {
   return runtime::encode_jpeg(image, 90, true);
 }
 
-/// A file that is no JPEG, coded as one.
+/// Encodes a file of another kind as a JPEG.
 Result<std::vector<std::byte>> code_jpeg(std::span<const std::byte> file, uint32_t channels, int quality,
                                          std::string& warning) {
   const Result<runtime::Image> image = runtime::decode_image(file);
@@ -182,7 +182,7 @@ Result<StoredImage> grey_image(const std::string& why) {
   return index_image(*file, why + "; grey in its place");
 }
 
-/// What an image is to be stored as.
+/// The form in which an image is stored.
 Result<StoredImage> store_image(const SourceImage& source, const format::ImageRecord& record, const ContentHash& hash,
                                 const ImageOptions& options) {
   if (record.codec == format::ImageCodec::kBlocks && options.textures != Textures::kJpeg)
@@ -194,7 +194,7 @@ Result<StoredImage> store_image(const SourceImage& source, const format::ImageRe
     stored = index_image(*file, {});
   } else {
     std::string warning;
-    // Blocks of one channel may be any colour by their swizzle.
+    // A swizzle may turn one-channel blocks into any colour.
     const uint32_t channels = record.codec == format::ImageCodec::kBlocks ? 3 : record.channels;
     const auto coded = code_jpeg(*file, channels, options.quality, warning);
     stored = coded ? index_image(*coded, std::move(warning)) : coded.error();
@@ -203,7 +203,7 @@ Result<StoredImage> store_image(const SourceImage& source, const format::ImageRe
   return grey_image(stored.error().message);
 }
 
-/// What compressing a page takes beside it.
+/// Memory that compressing a page takes beside the page.
 uint64_t zstd_bytes(int level, uint64_t page_bytes) {
   if (level == 0) return 0;
   const uint64_t most = level < 10 ? 16 : level < 20 ? 128 : 1024;
@@ -212,7 +212,7 @@ uint64_t zstd_bytes(int level, uint64_t page_bytes) {
 
 uint64_t store_cost(const SourceImage& source, const runtime::ImageInfo& info, const ImageOptions& options) {
   const bool has_blocks = info.codec == format::ImageCodec::kBlocks;
-  // Its levels take a third more than level 0; compressed ones stand beside them.
+  // All levels together take a third more than level 0; the compressed ones are in memory at the same time.
   if (has_blocks && options.textures != Textures::kJpeg)
     return source.bytes + 3 * info.block_bytes + kBlockBytes + zstd_bytes(options.zstd_level, info.block_bytes);
   if (!is_indexed(options, info.codec)) return kBlockBytes;
@@ -220,11 +220,11 @@ uint64_t store_cost(const SourceImage& source, const runtime::ImageInfo& info, c
   uint64_t bytes = 4 * source.bytes;
   if (info.codec != format::ImageCodec::kJpeg) bytes += 10 * pixels;
   if (has_blocks) bytes += 2 * info.block_bytes;
-  if (info.is_coded_anew) bytes += 2 * info.channels * pixels;
+  if (info.needs_transcode) bytes += 2 * info.channels * pixels;
   return bytes;
 }
 
-/// The pages of an indexed image: one of its base level, and one of the others together.
+/// Appends the pages of an indexed image: one for its base level, and one for all other levels.
 Result<void> append_indexed(StoredImage stored, uint32_t number, StoredImageRecord& written,
                             format::ContainerWriter& writer) {
   format::ImageRecord& record = written.record;
@@ -267,11 +267,11 @@ Result<void> append_blocks(StoredImage stored, uint32_t number, StoredImageRecor
   return {};
 }
 
-/// The page of an image that stays the file it is.
+/// Appends the page of an image that stays a file.
 Result<void> append_file(const SourceImage& image, const ContentHash& expected, StoredImageRecord& written,
                          format::ContainerWriter& writer) {
   ContentHasher hash;
-  // JPEG and PNG are compressed already; a raw page can be decoded where it is mapped.
+  // JPEG and PNG are already compressed, and a raw page can be decoded in the map.
   const Result<uint32_t> page =
       writer.append_raw(format::PageKind::kImage, image.bytes, [&](uint64_t offset, std::span<std::byte> out) {
         Result<void> read = read_image(image, offset, out);
@@ -285,7 +285,7 @@ Result<void> append_file(const SourceImage& image, const ContentHash& expected, 
   return {};
 }
 
-/// Completes the plan by an image that is written.
+/// Adds a written image to the plan.
 void add_stored(const SourceScene& scene, uint64_t number, const StoredImageRecord& stored, ImagePlan& plan) {
   format::ImageRecord& record = plan.records[number];
   record = stored.record;
@@ -301,7 +301,7 @@ void add_stored(const SourceScene& scene, uint64_t number, const StoredImageReco
 uint64_t largest_image_bytes(const SourceScene& scene, const ImageOptions& options) {
   uint64_t largest = 0;
   for (const SourceImage& image : scene.images) {
-    if (image.bytes > kMaxImageBytes) continue;  // refused later, as pictures are that claim too many pixels
+    if (image.bytes > kMaxImageBytes) continue;  // refused later, like pictures with too many pixels
     const Result<runtime::ImageInfo> info = runtime::probe_decodable(image_file(image));
     if (info) largest = std::max({largest, check_cost(image), store_cost(image, *info, options)});
   }

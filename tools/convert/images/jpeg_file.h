@@ -1,4 +1,4 @@
-// Any JPEG file as an indexed JPEG (spec/codecs.md, indexed JPEG).
+// Turns any JPEG file into an indexed JPEG (spec/codecs.md, indexed JPEG).
 #pragma once
 
 #include <cstddef>
@@ -11,17 +11,18 @@
 namespace scree::runtime {
 
 struct IndexedJpeg {
-  std::vector<std::byte> bytes;  // what format::open_jpeg_index opens
-  std::string note;              // where the file could not be indexed as it is: why, and what was done; else empty
+  std::vector<std::byte> bytes;  // for format::open_jpeg_index
+  std::string note;              // if the file could not be indexed unchanged: the reason, and what was done; else
+                                 // empty
 };
 
-inline constexpr int kReencodeQuality = 95;  // of what is decoded and coded anew: CMYK
+inline constexpr int kReencodeQuality = 95;  // for pictures that are decoded and encoded again: CMYK
 
-/// Indexes `file`: as it is where format::encode_jpeg_index takes it, transcoded with the same coefficients where it is
-/// progressive, arithmetic or of several scans, coded anew where it is CMYK (kReencodeQuality). Decodes all of it on
-/// the way: a file that is damaged or ends early is an error, with the byte. Takes memory for the file's size twice,
-/// and what transcode_jpeg and reencode_jpeg say where they are needed. Errors kFormat, kTruncated, kRange,
-/// kUnsupported, kMemory. Reentrant.
+/// Indexes `file`: unchanged if format::encode_jpeg_index accepts it; transcoded with the same coefficients if it is
+/// progressive, arithmetic or of several scans; encoded again if it is CMYK (kReencodeQuality). Decodes the whole file
+/// on the way: damage or an early end is an error, with the byte. Takes twice the file's size of memory, and the memory
+/// of transcode_jpeg and reencode_jpeg if they are needed. Errors kFormat, kTruncated, kRange, kUnsupported, kMemory.
+/// Reentrant.
 Result<IndexedJpeg> index_jpeg(std::span<const std::byte> file);
 
 }  // namespace scree::runtime

@@ -15,14 +15,14 @@
 namespace scree::runtime {
 namespace {
 
-/// A level's quantisation step, one and a half times the base level's: small pictures hold more detail a pixel, and
-/// with equal steps the levels would take half of what the base level takes, not a third.
+/// A level's quantisation step: one and a half times the base level's. Small pictures have more detail per pixel; with
+/// equal steps the levels would take half of the base level's bytes, instead of a third.
 uint16_t coarser(uint16_t step) {
-  const uint32_t most = step <= 255 ? 255 : 32767;  // a table stays one of bytes; libjpeg writes no larger ones
+  const uint32_t most = step <= 255 ? 255 : 32767;  // a table of bytes stays one; libjpeg writes no larger steps
   return static_cast<uint16_t>(std::min((3 * uint32_t{step} + 1) / 2, most));
 }
 
-/// The base level's way of coding, for a level of it.
+/// The encoding options of the base level, adapted to a level.
 JpegCoding coding_of(const format::JpegIndex& base, uint32_t level) {
   JpegCoding coding;
   coding.width = std::max(1u, uint32_t{base.width} >> level);
@@ -38,7 +38,7 @@ JpegCoding coding_of(const format::JpegIndex& base, uint32_t level) {
     h = std::max<uint32_t>(h, component.h);
     v = std::max<uint32_t>(v, component.v);
   }
-  // libjpeg shrinks by whole factors alone.
+  // libjpeg subsamples only by whole factors.
   for (format::JpegComponent& component : coding.components)
     if (h % component.h != 0 || v % component.v != 0) component.h = component.v = 0;
   if (std::any_of(coding.components.begin(), coding.components.end(), [](const auto& c) { return c.h == 0; }))

@@ -1,118 +1,56 @@
 #include "tools/convert/images/jpeg_transcode.h"
 
-#include <csetjmp>
-#include <cstdio>
 #include <cstdlib>
 #include <utility>
-
-#include <jpeglib.h>
-
-#include <jerror.h>  // behind jpeglib.h: which codes it has depends on what libjpeg was built with
 
 #include "format/jpeg/parse.h"
 #include "runtime/images/codecs.h"
 #include "runtime/images/image.h"
+#include "runtime/images/jpeg_errors.h"
 #include "runtime/images/jpeg_writer.h"
 
 namespace scree::runtime {
 namespace {
 
-/// libjpeg's error manager with a way out, for both ends; trivially destructible.
-struct Errors {
-  jpeg_error_mgr manager;  // first: libjpeg hands back a pointer to it
-  std::jmp_buf escape;
-  const jpeg_source_mgr* source;  // to tell the byte by; null until there is one
-  uint64_t file_bytes;
-  uint64_t at;  // byte of the file where the error was noticed
-  ErrorCode code;
-  char fatal[JMSG_LENGTH_MAX];
-  char warning[JMSG_LENGTH_MAX];
-};
-
-uint64_t place_of(const Errors& errors) {
-  return errors.source != nullptr && errors.source->bytes_in_buffer <= errors.file_bytes
-             ? errors.file_bytes - errors.source->bytes_in_buffer
-             : errors.file_bytes;
-}
-
-[[noreturn]] void leave(Errors& errors, ErrorCode code) {
-  errors.code = code;
-  errors.at = place_of(errors);
-  std::longjmp(errors.escape, 1);
-}
-
-[[noreturn]] void on_error(j_common_ptr info) {
-  auto& errors = *reinterpret_cast<Errors*>(info->err);
-  info->err->format_message(info, errors.fatal);
-  switch (info->err->msg_code) {
-    case JERR_OUT_OF_MEMORY:
-      leave(errors, ErrorCode::kMemory);
-    case JERR_BAD_MCU_SIZE:
-      leave(errors, ErrorCode::kUnsupported);
-    default:
-      leave(errors, ErrorCode::kFormat);
-  }
-}
-
-/// A warning after which coefficients are made up is an error here: what is kept is kept for good.
+/// A warning after which libjpeg invents coefficients is an error here, because the result is kept for good.
 void on_message(j_common_ptr info, int level) {
   if (level >= 0) return;  // traces
-  auto& errors = *reinterpret_cast<Errors*>(info->err);
+  JpegErrors& errors = JpegErrors::of(info);
   switch (info->err->msg_code) {
     case JWRN_JPEG_EOF:
     case JWRN_HIT_MARKER:
-      info->err->format_message(info, errors.fatal);
-      leave(errors, ErrorCode::kTruncated);
     case JWRN_HUFF_BAD_CODE:
     case JWRN_ARITH_BAD_CODE:
     case JWRN_MUST_RESYNC:
       info->err->format_message(info, errors.fatal);
-      leave(errors, ErrorCode::kFormat);
+      errors.leave();
     default:
-      break;
+      if (info->err->num_warnings++ == 0) info->err->format_message(info, errors.warning);
   }
-  if (info->err->num_warnings++ == 0) info->err->format_message(info, errors.warning);
 }
 
-void on_progress(j_common_ptr info) {
-  if (reinterpret_cast<j_decompress_ptr>(info)->input_scan_number <= kMaxJpegScans) return;
-  auto& errors = *reinterpret_cast<Errors*>(info->err);
-  std::snprintf(errors.fatal, sizeof errors.fatal, "more than %d scans", kMaxJpegScans);
-  leave(errors, ErrorCode::kFormat);
-}
-
-/// Runs `body`, whose frame must own nothing, and returns whether libjpeg got to its end.
-template <class Body>
-bool guarded(Errors& errors, const Body& body) {
-  if (setjmp(errors.escape) != 0) return false;
-  body();
-  return true;
-}
-
-/// Owns both ends and the output, so that an early return frees what libjpeg took.
+/// Owns reader, writer and output, so that an early return frees libjpeg's memory.
 class Transcoder {
  public:
   Transcoder() {
-    reader_.err = writer_.err = jpeg_std_error(&errors_.manager);
-    errors_.manager.error_exit = on_error;
+    reader_.err = writer_.err = errors_.set_up();
     errors_.manager.emit_message = on_message;
-    progress_.progress_monitor = on_progress;
+    progress_.progress_monitor = JpegErrors::limit_scans;
   }
   Transcoder(const Transcoder&) = delete;
   Transcoder& operator=(const Transcoder&) = delete;
   ~Transcoder() {
-    jpeg_destroy_compress(&writer_);  // do nothing where nothing was created
+    jpeg_destroy_compress(&writer_);  // do nothing if nothing was created
     jpeg_destroy_decompress(&reader_);
     std::free(out_);
   }
 
   bool transcode(std::span<const std::byte> file) {
-    errors_.file_bytes = file.size();
-    return guarded(errors_, [&] {
+    file_bytes_ = file.size();
+    return errors_.guarded([&] {
       jpeg_create_decompress(&reader_);
       reader_.progress = &progress_;
       jpeg_mem_src(&reader_, reinterpret_cast<const unsigned char*>(file.data()), file.size());
-      errors_.source = reader_.src;
       jpeg_read_header(&reader_, TRUE);
       jvirt_barray_ptr* const coefficients = jpeg_read_coefficients(&reader_);
       jpeg_create_compress(&writer_);
@@ -130,10 +68,19 @@ class Transcoder {
     return {bytes, bytes + out_bytes_};
   }
   std::string warning() const { return errors_.manager.num_warnings > 0 ? errors_.warning : ""; }
-  Error failure() const { return {errors_.code, "JPEG: byte " + std::to_string(errors_.at) + ": " + errors_.fatal}; }
+
+  /// The error after transcode() returned false, with the byte that libjpeg had reached.
+  Error failure() const {
+    const int message = errors_.manager.msg_code;
+    const bool ended = message == JWRN_JPEG_EOF || message == JWRN_HIT_MARKER;
+    const uint64_t left = reader_.src != nullptr ? reader_.src->bytes_in_buffer : 0;
+    const uint64_t at = file_bytes_ - (left <= file_bytes_ ? left : 0);
+    return errors_.error(ended ? ErrorCode::kTruncated : ErrorCode::kFormat, "byte " + std::to_string(at) + ": ");
+  }
 
  private:
-  Errors errors_{};
+  JpegErrors errors_{};
+  uint64_t file_bytes_ = 0;
   jpeg_progress_mgr progress_{};
   jpeg_decompress_struct reader_{};
   jpeg_compress_struct writer_{};
@@ -149,7 +96,7 @@ Result<TranscodedJpeg> transcode_jpeg(std::span<const std::byte> file) {
   const format::JpegVerdict verdict = format::judge_jpeg(*header);
   if (verdict.treatment == format::JpegTreatment::kRefuse || verdict.treatment == format::JpegTreatment::kReencode)
     return Error{ErrorCode::kUnsupported, "JPEG: " + verdict.reason};
-  // Before libjpeg takes memory by what the header claims.
+  // Checked before libjpeg allocates memory for the claims of the header.
   const uint64_t pixels = uint64_t{header->width} * header->height;
   if (pixels > kMaxImagePixels) {
     return Error{ErrorCode::kRange, "JPEG: " + std::to_string(uint32_t{header->width}) + " x " +

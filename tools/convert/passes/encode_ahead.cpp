@@ -11,15 +11,15 @@ namespace {
 
 constexpr uint64_t kJobsPerThread = 2;
 
-// Measured triangles that wait for a thread: beside the jobs in flight enough that no thread is without work where
+// Measured triangles per thread that may wait, beside the jobs in flight: enough that no thread idles when several
 // meshes become ready together.
 constexpr uint64_t kWaitingPerThread = kWindowTriangles;
 
-// A window counts as so many triangles at least, so that a million small meshes do not wait.
+// A window counts as at least this many triangles, so that a million small meshes do not wait.
 constexpr uint64_t kLeastWeight = 1024;
 
-// Triangles of a mesh for one that was encoded in vain before: so what is lost is at most a quarter more than the
-// largest mesh, whatever sources state.
+// A primitive is guessed only if it has this many triangles per triangle encoded in vain so far. So at most a quarter
+// more than the largest mesh is lost, whatever the sources state.
 constexpr uint64_t kDiscardedShare = 4;
 
 uint64_t weight_of(const EncodeItem& item) {
@@ -46,7 +46,7 @@ EncodeAhead::EncodeAhead(const ConvertOptions& options, const SourceScene& scene
 
 Result<void> EncodeAhead::take_one() {
   Result<std::vector<EncodedWindow>> encoded = pass_->next();
-  if (!encoded) {  // it is said when all before it is known to be good
+  if (!encoded) {  // reported once everything before it is known to be good
     has_failed_ = true;
     waiting_.clear();
     open_batch_.clear();
@@ -123,15 +123,15 @@ void EncodeAhead::start_pass(EncodeStart start) {
   pass_.emplace(options_, scene_, pool_, writer_, in_flight_, times_, std::move(start));
 }
 
-/// Takes the primitive that a first window is of for what its source states, where little enough was lost so far by
-/// that, and it does not begin as one did that it may repeat.
+/// Starts encoding a primitive from its first window, trusting its document. Only if little was lost by that so far,
+/// and the window differs from the first windows of earlier such primitives, which this one might repeat.
 void EncodeAhead::begin_guess(const WindowPlan& window, const Measured& measured) {
   const uint64_t triangles = scene_.primitives[window.primitive].triangle_count();
   if (window.count == triangles || discarded_triangles_ > triangles / kDiscardedShare) return;
   if (measured.content && (!is_group_alone(window.primitive) || !first_windows_.insert(*measured.content).second))
     return;
   std::optional<PlannedMesh> mesh = guess_mesh(options_, scene_, window.primitive, measured.white);
-  if (!mesh || !may_be_of(*mesh, window, measured.white)) return;  // taking it back would wait for all before it
+  if (!mesh || !may_be_of(*mesh, window, measured.white)) return;  // rolling back would wait for everything before it
   close_batch();
   submit();
   meshes_.push_back(std::move(*mesh));
@@ -145,7 +145,7 @@ void EncodeAhead::mark_guess() {
   guess_->done = done_;
 }
 
-/// How many of the windows that are measured now are taken already, as a guess that has come true.
+/// The number of measured windows that are already encoded, if the guess was right.
 Result<uint64_t> EncodeAhead::settle_guess(const std::vector<Measured>& primitives, std::span<const WindowPlan> windows,
                                            bool is_again) {
   if (!guess_) return uint64_t{0};
@@ -160,7 +160,7 @@ Result<uint64_t> EncodeAhead::settle_guess(const std::vector<Measured>& primitiv
   return uint64_t{0};
 }
 
-/// Takes what was placed of a guess out of the file again, as if it had not been.
+/// Removes everything that was placed for a guess from the file, restoring the earlier state.
 Result<void> EncodeAhead::drop_guess() {
   if (!guess_) return {};
   open_batch_.clear();
@@ -179,7 +179,7 @@ Result<void> EncodeAhead::drop_guess() {
   const uint64_t bytes = writer_.bytes();
   writer_.drop_pages(guess.mark->pages);
   times_.discarded_bytes += bytes - writer_.bytes();
-  log_windows(writer_, guess.mark->start.window, {});  // those that were noted from there on are none
+  log_windows(writer_, guess.mark->start.window, {});  // the log entries from there on are void
   start_pass(std::move(guess.mark->start));
   outcomes_.erase(outcomes_.begin() + static_cast<ptrdiff_t>(guess.outcomes), outcomes_.end());
   done_ = guess.done;
@@ -188,7 +188,7 @@ Result<void> EncodeAhead::drop_guess() {
   return {};
 }
 
-/// Whether the memory that threads have is reckoned for it.
+/// Whether the threads' memory was computed for a window of this size.
 bool EncodeAhead::fits(const WindowPlan& window) const {
   return window.vertices <= largest_.vertices && window.span <= largest_.span;
 }
@@ -208,7 +208,7 @@ bool EncodeAhead::is_repeat(const std::vector<Measured>& primitives, uint32_t pr
   return equal_.find_first(scene_, primitives, group, first) != group;
 }
 
-/// A window of the last mesh.
+/// Adds a window of the last mesh.
 void EncodeAhead::add(const WindowPlan& window, std::unique_ptr<HeldWindow> held) {
   const PlannedMesh& mesh = meshes_.back();
   EncodeItem item{window,       &scene_.primitives[window.primitive],      &mesh.plan,
@@ -220,7 +220,7 @@ void EncodeAhead::add(const WindowPlan& window, std::unique_ptr<HeldWindow> held
   open_batch_.push_back(std::move(item));
 }
 
-/// Waits while too much does.
+/// Waits while too many triangles wait.
 Result<void> EncodeAhead::make_room() {
   submit();
   while (waiting_triangles_ > most_waiting_ && pass_->in_flight() > 0 && !has_failed_)

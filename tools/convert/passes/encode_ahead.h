@@ -1,8 +1,8 @@
-// Encodes what is measured while more is still being measured, so that the disk reads while the cores encode, and most
-// windows are read once. A mesh of many windows is encoded before it is measured whole, as what its document says of
-// it; where that turns out to be wrong, it is taken out of the file again. Whatever else does not go smoothly ends it,
-// and is done again after all is measured: so errors are the same and come in the same order, and the bytes are those
-// of measuring first.
+// Encodes measured windows while others are still being measured, so that the disk reads while the cores encode, and
+// most windows are read once. A mesh of many windows is encoded before it is measured completely, trusting its
+// document. If the document was wrong, the mesh is removed from the file again. Any other problem ends encoding ahead,
+// and the work is repeated after all is measured. So errors are the same and in the same order, and the bytes equal
+// those of measuring first.
 #pragma once
 
 #include <cstdint>
@@ -24,10 +24,10 @@
 
 namespace scree::convert {
 
-/// Used by one thread, that which measures. Destroy it before the pool.
+/// Used by one thread, the one that measures. Destroy it before the pool.
 class EncodeAhead final : public MeasureListener {
  public:
-  /// `scene`: its materials merged. `progress(triangles)`: of the source, done with so far.
+  /// `scene`: with merged materials. `progress(triangles)`: number of source triangles done so far.
   EncodeAhead(const ConvertOptions& options, const SourceScene& scene, WorkerPool& pool,
               format::ContainerWriter& writer, const AheadLimits& limits, StageTimes& times,
               std::function<void(uint64_t)> progress);
@@ -35,7 +35,7 @@ class EncodeAhead final : public MeasureListener {
   HeldBudget& budget() override { return held_; }
   bool is_ready() const override { return !has_failed_ && pass_->ready_locked(); }
 
-  /// Errors: those of GeometryWriter::add (kFile, kRange, kMemory); after any other it goes no further.
+  /// Errors of GeometryWriter::add (kFile, kRange, kMemory). After any other error it stops encoding.
   Result<void> take_one() override;
   Result<void> take_window(const std::vector<Measured>& primitives, const WindowPlan& window,
                            std::unique_ptr<HeldWindow>& held) override;
@@ -44,26 +44,26 @@ class EncodeAhead final : public MeasureListener {
   Result<void> stop() override;
   bool is_stopped() const { return is_stopped_; }
 
-  /// What it wrote: the first windows of those that are measured and of no repeated group, in order.
+  /// The windows that it wrote: the first ones of the measured windows that are in no repeated group, in order.
   struct Written {
     std::vector<WindowOutcome> windows;
-    uint64_t before = 0;     // of them, that were written before finish()
-    uint64_t guessed = 0;    // of them, that were taken before their mesh was measured whole
-    uint64_t discarded = 0;  // others, that were taken out again
+    uint64_t before = 0;     // of them: written before finish()
+    uint64_t guessed = 0;    // of them: encoded before their mesh was measured completely
+    uint64_t discarded = 0;  // others, which were removed again
     GeometryWriter::OpenPage page;
   };
-  /// Encodes what it has. Errors as take_one().
+  /// Encodes the waiting windows. Errors as take_one().
   Result<Written> finish();
 
  private:
   using Items = std::vector<EncodeItem>;
 
-  /// The last of meshes_, while it is one that is not measured whole. Behind it nothing is added.
+  /// State while the last one of meshes_ is not measured completely. Nothing is added behind it.
   struct Guess {
-    uint64_t windows;         // added, the first ones
-    uint64_t batches_before;  // that are not placed; then there is a mark:
+    uint64_t windows;         // number of windows added, from the first on
+    uint64_t batches_before;  // batches that are not placed; once they are, there is a mark:
     std::optional<EncodePass::Mark> mark;
-    uint64_t outcomes;  // and what outcomes_ and done_ had there
+    uint64_t outcomes;  // sizes of outcomes_ and done_ at the mark
     uint64_t done;
   };
 
@@ -88,25 +88,25 @@ class EncodeAhead final : public MeasureListener {
   const InFlight in_flight_;
   StageTimes& times_;
   const std::function<void(uint64_t)> progress_;
-  const uint64_t most_waiting_;  // triangles
-  const WindowNeeds largest_;    // window
+  const uint64_t most_waiting_;  // in triangles
+  const WindowNeeds largest_;    // largest window
   HeldBudget held_;
   EqualGroups equal_;
-  std::set<ContentHash> first_windows_;  // of hashed meshes that were guessed
+  std::set<ContentHash> first_windows_;  // hashes of the first windows of guessed meshes
   std::deque<PlannedMesh> meshes_;
   std::vector<WindowOutcome> outcomes_;
-  Batch open_counts_;  // of open_batch_
+  Batch open_counts_;  // counts for open_batch_
   Items open_batch_;
   std::deque<Items> waiting_;
   uint64_t waiting_triangles_ = 0;
   uint64_t done_ = 0;
-  bool is_stopped_ = false;  // nothing more is taken
-  bool has_failed_ = false;  // nor encoded
+  bool is_stopped_ = false;  // nothing more is accepted
+  bool has_failed_ = false;  // and nothing more is encoded
   std::optional<Guess> guess_;
   uint64_t guessed_windows_ = 0;
   uint64_t discarded_windows_ = 0;
   uint64_t discarded_triangles_ = 0;
-  std::optional<EncodePass> pass_;  // always one
+  std::optional<EncodePass> pass_;  // always set
 };
 
 }  // namespace scree::convert

@@ -78,7 +78,7 @@ EncodePass::Mark EncodePass::mark() const {
   return {geometry_.page(), {geometry_.open_page(), window_, mesh_, triangle_, {}}};
 }
 
-/// Gives the chunks of a window their places; those that are in the file already have them.
+/// Places the chunks of a window. Chunks that are already in the file keep their places.
 Result<WindowOutcome> EncodePass::place_window(EncodedWindow& window, const EncodeItem& item) {
   const format::MeshRecord& record = *item.record;
   if (window.position_error > record.max_position_error)

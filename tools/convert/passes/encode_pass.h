@@ -1,4 +1,4 @@
-// Windows into the file, in order: encoded on a pool, their chunks placed in pages, and noted for --resume.
+// Encodes windows on a pool, places their chunks in pages in order, and logs them for --resume.
 #pragma once
 
 #include <cstdint>
@@ -20,59 +20,59 @@
 
 namespace scree::convert {
 
-/// A window to be encoded; what is pointed to stays where it is until the window is placed.
+/// A window to be encoded. The objects pointed to must stay valid until the window is placed.
 struct EncodeItem {
   WindowPlan window;
   const Primitive* primitive = nullptr;  // the source's, or its sorted copy
   const MeshPlan* plan = nullptr;
   const format::MeshRecord* record = nullptr;
   uint32_t mesh = 0;
-  std::unique_ptr<HeldWindow> held;  // or null: it is read
+  std::unique_ptr<HeldWindow> held;  // null: the window is read
 };
 
-/// Where a pass begins.
+/// State at the beginning of a pass.
 struct EncodeStart {
   GeometryWriter::OpenPage page;
-  uint64_t window = 0;                      // number of the first
-  uint32_t mesh = format::kNone;            // of the chunk before, if there is one
-  uint64_t triangle = 0;                    // of that mesh, that comes next
-  std::vector<format::ChunkRecord> placed;  // chunks of the first window that are in the file already
+  uint64_t window = 0;                      // number of its first window
+  uint32_t mesh = format::kNone;            // mesh of the previous chunk, if there is one
+  uint64_t triangle = 0;                    // the next triangle of that mesh
+  std::vector<format::ChunkRecord> placed;  // chunks of the first window that are already in the file
 };
 
-/// Used by one thread, but for ready_locked(). Destroy it before the pool.
+/// Used by one thread, except ready_locked(). Destroy it before the pool.
 class EncodePass {
  public:
-  /// `limit`: of batches and of bytes that they become.
+  /// `limit`: on batches and on their encoded bytes.
   EncodePass(const ConvertOptions& options, const SourceScene& scene, WorkerPool& pool, format::ContainerWriter& writer,
              InFlight limit, StageTimes& times, EncodeStart start);
 
-  /// Whether a batch may be submitted now; where none is in flight, any may.
+  /// Whether a batch may be submitted now. If none is in flight, any batch may.
   bool has_room(const std::vector<EncodeItem>& batch) const;
   void submit(std::vector<EncodeItem> batch);
 
-  /// Batches that have not been placed.
+  /// Batches that are not placed yet.
   uint64_t in_flight() const { return batches_.size(); }
 
-  /// Whether next() would not wait; called with the pool's lock held.
+  /// Whether next() would return at once. Called with the pool's lock held.
   bool ready_locked() const { return results_.ready_locked(); }
 
   /// The windows of the oldest batch in flight. Errors of encode_window.
   Result<std::vector<EncodedWindow>> next();
 
-  /// Places what next() gave last, and says what it adds to the tables. Errors of GeometryWriter::add.
+  /// Places the windows of the last next(), and returns their additions to the tables. Errors of GeometryWriter::add.
   Result<std::vector<WindowOutcome>> place(std::vector<EncodedWindow> windows);
 
-  /// Where another pass may begin instead, once this one is released and the file has no more than these pages.
+  /// A point at which another pass may begin, once this one is released and the file has only these pages.
   struct Mark {
     uint32_t pages = 0;
     EncodeStart start;
   };
-  /// Behind what place() placed last.
+  /// The point behind the last place().
   Mark mark() const;
 
-  /// Writes what is left.
+  /// Writes everything that is left.
   Result<void> finish() { return geometry_.finish(); }
-  /// The same but for the last page, for another pass to go on with.
+  /// The same except for the last page, which another pass continues.
   Result<GeometryWriter::OpenPage> release() { return geometry_.release(); }
 
  private:

@@ -9,9 +9,9 @@
 namespace scree::convert {
 namespace {
 
-/// All that rounds to the codes of a box's corners, and to those between them.
+/// The box of all points that round to the codes of a box's corners, or to codes between them.
 Box all_of_codes(const MeshPlan& plan) {
-  constexpr double kReach = 0.499;  // steps: rounding to float must not lead to the next code
+  constexpr double kReach = 0.499;  // steps: rounding to float must not reach the next code
   const int32_t exponent = plan.lattice.exponent;
   Box box = plan.box;
   for (size_t axis = 0; axis < 3; ++axis) {
@@ -38,7 +38,7 @@ std::optional<PlannedMesh> guess_mesh(const ConvertOptions& options, const Sourc
   PlannedMesh mesh = plan_mesh(options, scene, primitive, measured, false);
   if (!choose_lattice(options, scene, mesh.plan, mesh.record)) return std::nullopt;
   if (options.float32) return mesh;
-  // Boxes are often stated in fewer digits than floats have: let in what is as good.
+  // Documents often give boxes with fewer digits than floats have, so accept boxes that are equally good.
   PlannedMesh wide = mesh;
   wide.plan.box = all_of_codes(mesh.plan);
   if (choose_lattice(options, scene, wide.plan, wide.record) && is_same(mesh, wide)) return wide;

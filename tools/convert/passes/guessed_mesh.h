@@ -1,5 +1,5 @@
-// What a primitive will become, as far as its document and its first window say: so that a primitive of any size can be
-// encoded while it is being measured.
+// Predicts the output mesh of a primitive from its document and its first window, so that a primitive of any size can
+// be encoded while it is measured.
 #pragma once
 
 #include <cstdint>
@@ -9,17 +9,17 @@
 
 namespace scree::convert {
 
-/// The mesh that `primitive` becomes if it keeps all of its triangles, the box that its document states of its
-/// positions is that of the vertices they use, and its colours are all `white`, or not. Nothing where no box is stated
-/// or there is no lattice for it.
+/// The mesh of `primitive` under these assumptions: it keeps all triangles, the box in its document is the box of the
+/// vertices they use, and its colours are all white or not, as in `white`. Nullopt if the document has no box, or there
+/// is no lattice for the box.
 std::optional<PlannedMesh> guess_mesh(const ConvertOptions& options, const SourceScene& scene, uint32_t primitive,
                                       bool white);
 
-/// Whether a window of it, and colours that are all white so far, or not, can be encoded as a window of `guess`. What
-/// can not is none of this mesh.
+/// Whether a window of the primitive can be encoded as a window of `guess`. `white`: whether all colours so far are
+/// white. False means that the guess is wrong.
 bool may_be_of(const PlannedMesh& guess, const WindowPlan& window, bool white);
 
-/// Whether windows that were encoded as of `guess` are those of `measured`, byte for byte, what is noted of them too.
+/// Whether windows encoded for `guess` equal windows for `measured` byte for byte, including their log entries.
 bool is_same(const PlannedMesh& guess, const PlannedMesh& measured);
 
 }  // namespace scree::convert

@@ -20,31 +20,30 @@ namespace {
 
 constexpr uint64_t kMiB = uint64_t{1} << 20;
 
-// The allocator's rounding, code that is not counted below, and what a thread has beside its scratch memory.
+// The allocator's rounding, code that is not counted below, and a thread's memory beside its scratch memory.
 constexpr uint64_t kOtherBytes = 12 * kMiB;
 constexpr uint64_t kThreadBytes = 3 * kMiB;
 
-// What encoded windows in flight take where there is memory: more than this gains nothing.
+// Encoded windows in flight, if there is enough memory; more gains nothing.
 constexpr uint64_t kFlightBytes = 64 * kMiB;
 constexpr uint64_t kFlightBytesPerThread = 12 * kMiB;
 
-// What measured windows take that are held until they are encoded: some seven of C's a thread.
+// Measured windows that are held until they are encoded: about seven of scene C's per thread.
 constexpr uint64_t kHeldBytesPerThread = 40 * kMiB;
 
-// What convert holds of a primitive (measured, planned, recorded) and of an instance (its matrix, found again by a
-// hash).
+// Memory per primitive (measured, planned, recorded) and per instance (its matrix, and its entry in a hash table).
 constexpr uint64_t kPrimitiveBytes = 600;
 constexpr uint64_t kInstanceBytes = 400;
 
-/// For the new numbers of the vertices of a primitive that is sorted, at least.
+/// Minimum for the new vertex numbers of a primitive that is sorted.
 constexpr uint64_t kLeastMapBytes = kMiB;
 
-// Of a window of indexed triangles that share vertices: one a triangle and those that the first begins with, as in a
-// strip, where a closed surface has half as many; their numbers lie some rows of a grid apart.
+// A typical window of indexed triangles that share vertices: one vertex per triangle, and two at the beginning, as in a
+// strip. A closed surface has half as many. Vertex numbers are some rows of a grid apart.
 constexpr uint64_t kFirstVertices = 2;
-constexpr uint64_t kUsualSpan = 4;  // a triangle
+constexpr uint64_t kUsualSpan = 4;  // per triangle
 
-/// Of the least that is stated, so that it still suffices when the process takes some pages more.
+/// The stated minimum is a multiple of this, so that it still suffices when the process takes some pages more.
 constexpr uint64_t kLeastStep = 4 * kMiB;
 
 uint64_t chunks_of(uint64_t triangles, uint64_t chunk_triangles) {
@@ -178,7 +177,7 @@ StageLimits MemoryPlan::encode(const std::vector<WindowPlan>& windows) const {
     needs.span = std::max(needs.span, uint64_t{window.span});
     needs.chunks += chunks_of(window.kept, chunk_triangles_);
   }
-  const uint64_t tables = table_bytes(needs) + 2 * page_bytes(needs);  // a page is filled, and one is on its way
+  const uint64_t tables = table_bytes(needs) + 2 * page_bytes(needs);  // one page is filled, and one is being written
   const uint64_t left = free_bytes(tables);
   const uint64_t a_result = encoded_bytes(needs);
   const uint64_t a_thread = encode_thread_bytes(needs) + views_.reader_bytes + 2 * page_bytes(needs);
@@ -189,20 +188,20 @@ StageLimits MemoryPlan::encode(const std::vector<WindowPlan>& windows) const {
 }
 
 uint64_t MemoryPlan::free_bytes(uint64_t beside) const {
-  tools::give_back_free_memory();  // what earlier stages had would count twice
+  tools::give_back_free_memory();  // memory left over from earlier stages would count twice
   const uint64_t kept = std::max(views_.reader_bytes, std::min(views_.kept_bytes, kept_view_bytes(memory_)));
   const uint64_t taken = tools::memory_use().anonymous + kOtherBytes + kept + views_.place_bytes;
   return memory_ - std::min(memory_, taken + beside);
 }
 
 std::optional<AheadLimits> MemoryPlan::ahead_of(const WindowNeeds& window) const {
-  // Beside the tables, what each window adds to them, and each mesh's plan, are kept until all is measured. Windows of
-  // a glTF mesh wait for each other, listed as they were measured, as those that are kept, and as what is encoded.
+  // Beside the tables, the result of each window and the plan of each mesh are kept until everything is measured.
+  // Windows of a glTF mesh wait for each other in three lists: as measured, as held, and as items to encode.
   constexpr uint64_t kWaitingBytes = sizeof(WindowPlan) + 2 * sizeof(std::unique_ptr<HeldWindow>) + sizeof(EncodeItem);
   const uint64_t outcomes = window.chunks * (sizeof(format::ChunkRecord) + sizeof(uint64_t)) +
                             windows_ * sizeof(WindowOutcome) + primitives_ * sizeof(PlannedMesh) +
                             group_windows_ * kWaitingBytes;
-  // A page is filled, one is on its way, and of one there is a copy, to go back to.
+  // One page is filled, one is being written, and one is copied for a rollback.
   const uint64_t tables = table_bytes(window) + 2 * outcomes + 3 * page_bytes(window);
   const uint64_t left = free_bytes(tables);
   const uint64_t a_result = encoded_bytes(window);
@@ -216,7 +215,8 @@ std::optional<AheadLimits> MemoryPlan::ahead_of(const WindowNeeds& window) const
                      std::min(rest / 2, kHeldBytesPerThread * threads), window};
 }
 
-/// Window's vectors. They keep what the largest window took, and windows are numbered in three ways (window.cpp).
+/// The vectors of Window. They keep the size of the largest window, and windows are numbered in three ways
+/// (window.cpp).
 uint64_t MemoryPlan::window_bytes(const WindowNeeds& needs) const {
   const uint64_t table = std::min(needs.span, 12 * needs.triangles + 1024);
   uint64_t bytes = 20 * needs.triangles + 8 * table + 12 * needs.vertices;
@@ -229,7 +229,7 @@ uint64_t MemoryPlan::measure_thread_bytes(const WindowNeeds& needs) const {
   return window_bytes(needs) + 2 * 4 * attribute_components_ * needs.vertices + 12 * needs.triangles + kThreadBytes;
 }
 
-/// EncodeScratch, and what the encoder takes while it works.
+/// EncodeScratch, and the encoder's memory while it works.
 uint64_t MemoryPlan::encode_thread_bytes(const WindowNeeds& needs) const {
   const uint64_t t = needs.triangles, v = needs.vertices;
   uint64_t bytes = window_bytes(needs);
@@ -240,14 +240,14 @@ uint64_t MemoryPlan::encode_thread_bytes(const WindowNeeds& needs) const {
   bytes += 12 * scattered + 4 * std::min(v, 3 * scattered);
   bytes += 8 * std::bit_ceil(v + v / 4 + 2) + 13 * v;  // Welder
   if (clustered_) bytes += 30 * t + 20 * v + 2 * encoded_bytes(needs);
-  if (clustered_ && source_ids_) bytes += 4 * t;  // which triangles are where
+  if (clustered_ && source_ids_) bytes += 4 * t;  // the order of triangles
   const uint64_t chunk = chunk_triangles_ == 0 ? t : std::min(t, chunk_triangles_);
   bytes += 108 * chunk;  // one chunk's indices, coordinates and floats
   if (zstd_level_ > 0) bytes += (zstd_level_ < 10 ? 8 : 20) * std::min(page_bytes(needs), 128 * kMiB);
   return bytes + kThreadBytes;
 }
 
-/// As encoded_bytes_estimate(), of the worst window.
+/// As encoded_bytes_estimate(), for the worst window.
 uint64_t MemoryPlan::encoded_bytes(const WindowNeeds& needs) const {
   const uint64_t index_bits = 3 * static_cast<uint64_t>(std::bit_width(needs.vertices));
   const uint64_t id_bits = source_ids_ ? id_bits_ : 0;
@@ -260,7 +260,7 @@ uint64_t MemoryPlan::page_bytes(const WindowNeeds& needs) const {
   return zstd_level_ > 0 ? 2 * page : page;
 }
 
-/// Tables that grow while chunks are written; a vector that grows has what it had twice.
+/// Tables that grow while chunks are written. A growing vector briefly holds its content twice.
 uint64_t MemoryPlan::table_bytes(const WindowNeeds& needs) const {
   return 3 * needs.chunks * (sizeof(format::ChunkRecord) + sizeof(format::PageRecord));
 }

@@ -12,12 +12,12 @@
 namespace scree::convert {
 namespace {
 
-// A change of what is noted, or of how a scene is cut and packed, needs another number.
+// Must change when log entries change, or the way in which a scene is cut and packed.
 constexpr uint64_t kLogFormat = 5;
 
 enum EntryKind : uint32_t { kImageEntry = 16, kWindowsEntry = 17 };
 
-/// Values of fixed size one after the other.
+/// Writes values of fixed size, one after another.
 class Writer {
  public:
   template <class T>
@@ -99,7 +99,7 @@ format::PartId part_id(const std::string& options, const std::set<std::string>& 
   for (const std::string& file : files) {
     struct stat status {};
     add_text(file);
-    if (::stat(file.c_str(), &status) != 0) continue;  // it vanished: whoever reads it says so
+    if (::stat(file.c_str(), &status) != 0) continue;  // the file has vanished; reading it reports that
     add(uint64_t{static_cast<uint64_t>(status.st_size)});
     add(int64_t{status.st_mtim.tv_sec});
     add(int64_t{status.st_mtim.tv_nsec});
@@ -173,7 +173,7 @@ void read_entry(uint32_t kind, std::span<const std::byte> entry, Resumed& resume
     visit_numbers([&](auto& value) { reader.take(value); }, window);
     reader.take_list(window.chunks);
     reader.take_list(window.saved);
-    // One amount per chunk: lists of different lengths are no entry that log_windows() wrote.
+    // One amount per chunk: lists of different lengths cannot come from log_windows().
     if (reader.failed() || window.saved.size() != window.chunks.size()) return;
     resumed.windows.push_back(std::move(window));
   }
@@ -193,7 +193,7 @@ void settle(Resumed& resumed, uint32_t pages, size_t image_count, size_t window_
     resumed.windows.clear();
     return;
   }
-  // The page of the last chunk may hold chunks of windows that were not noted any more.
+  // The page of the last chunk may also hold chunks of windows that were not logged any more.
   resumed.pages = std::max(resumed.pages, std::min(pages, resumed.windows.back().chunks.back().page));
   const auto is_kept = [&](const format::ChunkRecord& chunk) { return chunk.page < resumed.pages; };
   while (resumed.whole_windows < resumed.windows.size()) {

@@ -1,4 +1,4 @@
-// What measuring found to have no locality is sorted through one temporary file beside the output, and measured then.
+// Sorts the primitives without locality through one temporary file beside the output, then measures the sorted copies.
 #pragma once
 
 #include <cstdint>
@@ -14,18 +14,17 @@
 namespace scree::convert {
 
 struct SortedPrimitives {
-  std::map<uint32_t, Primitive> copies;  // by number in SourceScene::primitives; they hold the file open
+  std::map<uint32_t, Primitive> copies;  // by index in SourceScene::primitives; they keep the file open
   uint64_t triangles = 0;
-  uint64_t file_bytes = 0;  // that the file takes at most
+  uint64_t file_bytes = 0;  // upper bound of the file's size
 };
 
-/// The name that the temporary file has for the moment between being made and being removed; in which state it is
-/// written, so that nothing that ends the program leaves it but a kill between the two.
+/// The temporary file's name in the moment between its creation and its unlinking. It is written while it has no name,
+/// so only a kill in that moment leaves it behind.
 std::string sort_file_name(const std::string& output);
 
-/// Sorts Measurement::scattered and adds what measuring the copies finds to `measurement`. `options`: of the first
-/// measuring. Errors: those of sort_primitive and measure; kFile: the file cannot be made, or the disk has less room
-/// than it will take.
+/// Sorts Measurement::scattered and adds the measurements of the copies to `measurement`. `options`: of the first
+/// measuring. Errors of sort_primitive and measure; kFile: the file cannot be made, or the disk has too little room.
 Result<SortedPrimitives> sort_scattered(const SourceScene& scene, const std::string& output, const MemoryPlan& memory,
                                         const MeasureOptions& options, const std::atomic<bool>* stop,
                                         tools::Progress& progress, StageTimes& times, Measurement& measurement);

@@ -1,4 +1,4 @@
-// Which files a conversion reads, and whether it may write where it is to.
+// Lists the files that a conversion reads, and checks that its output may be written.
 #pragma once
 
 #include <cstdint>
@@ -10,17 +10,17 @@
 
 namespace scree::convert {
 
-/// All files that a scene is read from: the input and what it names.
+/// All files that a scene is read from: the input and the files it refers to.
 std::set<std::string> source_files(const std::string& input, const SourceScene& scene);
 
-/// Bytes of all of them. Errors kFile: one is not there any more, or does not say.
+/// Total bytes of the files. Errors kFile: a file has vanished, or its size cannot be read.
 Result<uint64_t> total_bytes(const std::set<std::string>& files);
 
-/// Fails early where the end of a long run would. Errors kFile: `output` is a folder, or lies where nothing can be
+/// Fails early instead of at the end of a long run. Errors kFile: `output` is a folder, or lies where no file can be
 /// made.
 Result<void> check_output(const std::string& output);
 
-/// Error kUsage where `output`, or what is written beside it on the way, is one of `files`.
+/// Error kUsage if `output`, or a temporary file beside it, is one of `files`.
 Result<void> check_not_source(const std::set<std::string>& files, const std::string& output);
 
 }  // namespace scree::convert

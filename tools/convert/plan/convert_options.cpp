@@ -24,7 +24,7 @@ std::string describe_textures(const ImageOptions& options) {
   return options.textures == Textures::kKeep ? "keep" : "jpeg:" + std::to_string(options.quality);
 }
 
-/// The fewest digits that are read back as the same number.
+/// The shortest text that reads back as the same number.
 std::string shortest(double number) {
   char digits[32];
   return {digits, std::to_chars(digits, digits + sizeof digits, number).ptr};

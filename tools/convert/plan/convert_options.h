@@ -1,4 +1,4 @@
-// What a conversion is told: the options, which of them exclude each other, and how they are typed.
+// The options of a conversion, their checks, and their text form.
 #pragma once
 
 #include <atomic>
@@ -15,58 +15,60 @@
 namespace scree::convert {
 
 enum class Encoding {
-  kIndexed,    // chunks of one list of vertices and indices
-  kClustered,  // chunks of clusters; where positions are float32, indexed all the same
+  kIndexed,    // chunks with one list of vertices and one of indices
+  kClustered,  // chunks of clusters; meshes with float32 positions are still indexed
 };
 
 enum class Grid {
-  kMesh,   // every mesh has the finest step its own extent allows
-  kScene,  // all meshes under one world matrix have the finest step any of them needs
+  kMesh,   // every mesh has the finest step that its own extent allows
+  kScene,  // all meshes under one world matrix have the finest step among them
 };
 
 struct ConvertOptions {
   std::string input;                                       // .gltf or .glb
   std::string output;                                      // empty: the input with the extension .scree
-  format::Existing existing = format::Existing::kReplace;  // of `output`
+  format::Existing existing = format::Existing::kReplace;  // for `output`
 
-  // Options that shape the bytes.
-  bool float32 = false;         // positions as they are, instead of:
-  uint32_t position_bits = 16;  // 8 to 24 an axis
-  double max_error = 0;         // model units, an axis; above 0 it picks each mesh's step, or keeps its floats, instead
-  PixelBound pixel_bound;       // pixels above 0: picks the step of each mesh, or keeps its floats, instead of both
+  // Options that change the bytes of the file.
+  bool float32 = false;         // unchanged positions, instead of:
+  uint32_t position_bits = 16;  // 8 to 24 per axis
+  // Where above 0, max_error (model units, per axis) or pixel_bound.pixels chooses each mesh's step instead of
+  // position_bits, or keeps the mesh's floats.
+  double max_error = 0;
+  PixelBound pixel_bound;
   Grid grid = Grid::kMesh;
   Order order = Order::kFifo;
   Encoding encoding = Encoding::kClustered;
-  tools::ClusterEffort clusters = tools::ClusterEffort::kFast;  // where clustered
-  uint64_t chunk_triangles = format::kMaxChunkTriangles;        // 1 and up; 0: every mesh is one chunk and one window
+  tools::ClusterEffort clusters = tools::ClusterEffort::kFast;  // for clustered meshes
+  uint64_t chunk_triangles = format::kMaxChunkTriangles;        // at least 1; 0: every mesh is one chunk and one window
   int zstd_level = 0;                                           // 0 (raw pages) to 22
   bool normals = false;
   bool source_ids = false;
   bool drop_nonfinite = false;
-  bool weld = true;     // vertices that are equal in all that is stored of them are stored once a chunk
+  bool weld = true;     // vertices that are equal in everything stored are stored once per chunk
   bool share = true;    // equal meshes, textures and materials are stored once
   std::string exclude;  // ImportOptions::exclude
   ImageOptions images;
 
-  // Options that do not.
-  uint32_t threads = 0;                 // at most; 0: one per processor
-  uint64_t memory = uint64_t{2} << 30;  // bytes that the process may take; fewer threads work where it is short
-  bool allow_outside = false;           // reads files of the source outside its folder
-  bool resume = false;    // goes on with the .part of an earlier run where it fits, and leaves one that is not finished
-  bool progress = false;  // a line on stderr where that is a terminal
-  // Called by the caller's thread, five times a second at most: `done` of the `total` things of a stage.
+  // Options that do not change the bytes.
+  uint32_t threads = 0;                 // upper limit; 0: one per processor
+  uint64_t memory = uint64_t{2} << 30;  // limit for the process; if it is small, fewer threads work
+  bool allow_outside = false;           // may read files outside the source's folder
+  bool resume = false;    // continues the .part of an earlier run if it fits, and leaves an unfinished .part behind
+  bool progress = false;  // a line on stderr if that is a terminal
+  // Called by the caller's thread, at most five times per second: `done` of `total` items of a stage are done.
   std::function<void(const std::string& stage, uint64_t done, uint64_t total)> on_progress;
-  const std::atomic<bool>* stop = nullptr;  // raised: the conversion ends with kFile "interrupted", nothing is left
-                                            // behind but with `resume`
+  const std::atomic<bool>* stop = nullptr;  // if set, the conversion ends with kFile "interrupted" and leaves nothing
+                                            // behind, except with `resume`
 };
 
-/// Whether the error is chosen, and not the bits.
+/// Whether the options give the error, and not the bits.
 bool bounds_error(const ConvertOptions& options);
 
 /// Errors kUsage: options that exclude each other or are out of range.
 Result<void> check_options(const ConvertOptions& options);
 
-/// The options that shape the bytes, as they are typed.
+/// The options that change the bytes, as on the command line.
 std::string describe_options(const ConvertOptions& options);
 
 }  // namespace scree::convert

@@ -11,7 +11,7 @@
 namespace scree::convert {
 namespace {
 
-/// The largest position errors an axis, by mesh, that keep the pixel bound under every world matrix of its instances.
+/// By mesh: the largest position error per axis that keeps the pixel bound under every world matrix of its instances.
 Result<std::vector<double>> errors_for_pixels(const PixelBound& bound, const SourceScene& scene,
                                               const InstancePlan& instances, const std::vector<MeshPlan>& plans) {
   std::vector<double> gains(scene.groups.size());
@@ -25,7 +25,7 @@ Result<std::vector<double>> errors_for_pixels(const PixelBound& bound, const Sou
   std::vector<double> errors;
   for (const MeshPlan& plan : plans) {
     const double gain = gains[scene.primitives[plan.primitive].group];
-    // Not drawn, or all in one point: any error will do; that of a unit matrix is as good.
+    // The mesh is not drawn, or is a single point. Any error is allowed; the error for a unit matrix is used.
     errors.push_back(std::clamp(allowed / (gain > 0 ? gain : 1), std::numeric_limits<double>::min(),
                                 static_cast<double>(std::numeric_limits<float>::max())));
   }
@@ -38,8 +38,8 @@ void keep_floats(MeshPlan& plan, format::MeshRecord& record) {
   record.position_encoding = format::PositionEncoding::kFloat32;
 }
 
-/// --grid scene. A flat or single-point mesh asks for no step of its own: its exponent is only the finest that keeps
-/// its one coordinate exact, so it takes its neighbours' unless it stands alone.
+/// --grid scene. A flat or single-point mesh needs no step of its own, since its exponent is only the finest that keeps
+/// its one coordinate exact. So it takes its neighbours' step unless it is alone.
 Result<void> share_steps(const SourceScene& scene, const InstancePlan& instances, const format::TableSet& tables,
                          std::vector<MeshPlan>& plans) {
   const std::vector<uint32_t> shared = meshes_sharing_matrices(instances, scene, tables);
@@ -71,7 +71,7 @@ void write_lattice(const MeshPlan& plan, format::MeshRecord& record) {
   record.lattice_exponent = plan.lattice.exponent;
   record.max_position_error = plan.lattice.max_error;
   for (size_t axis = 0; axis < 3; ++axis) {
-    // Rounding is monotone: the codes of the box's corners are the extremes of all codes.
+    // Rounding is monotone, so the codes of the box's corners are the extremes of all codes.
     record.bounds_min[axis] = format::dequantize(plan.lattice.min[axis], plan.lattice.exponent);
     record.bounds_max[axis] =
         format::dequantize(format::quantize(plan.box.hi[axis], plan.lattice.exponent), plan.lattice.exponent);
@@ -107,7 +107,7 @@ Result<void> choose_lattices(const ConvertOptions& options, const SourceScene& s
   for (size_t i = 0; i < plans.size(); ++i) {
     MeshPlan& plan = plans[i];
     const Result<format::MeshLattice> lattice = lattice_of(options, plan, errors[i]);
-    // Rounding to float may be what passes the bound; then nothing is saved by a lattice.
+    // Rounding to float alone may exceed the bound; then a lattice saves nothing.
     if (bounds_error(options) && (!lattice || lattice->max_error > errors[i])) {
       keep_floats(plan, tables.meshes[i]);
       continue;

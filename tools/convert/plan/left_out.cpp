@@ -10,11 +10,11 @@ namespace {
 
 using format::kNone;
 
-/// Texture coordinates of the range 0 to 1 take about 16 bits an axis; a colour takes 32.
+/// Texture coordinates in the range 0 to 1 take about 16 bits per axis; a colour takes 32 bits.
 constexpr uint64_t kSetBytes = 4;
 
-/// What an entry of the import would have taken, as near as that can be said: attributes of `elements` vertices, else
-/// `count` records, to which pages or instances may come.
+/// Estimates the bytes that an entry of the import would have taken: attributes of `elements` vertices, else `count`
+/// records, without any pages or instances that belong to them.
 uint64_t cost_of(const LeftOut& entry) {
   const auto starts_with = [&](std::string_view prefix) { return entry.what.rfind(prefix, 0) == 0; };
   if (starts_with("TEXCOORD_") || starts_with("COLOR_")) return kSetBytes * entry.elements;
@@ -23,7 +23,7 @@ uint64_t cost_of(const LeftOut& entry) {
   if (entry.what == "unused textures") return sizeof(format::TextureRecord) * entry.count;
   if (entry.what == "excluded nodes" || entry.what == "nodes outside every scene")
     return sizeof(format::NodeRecord) * entry.count;
-  return 0;  // not known without encoding it, or nothing that the format has
+  return 0;  // unknown without encoding it, or not supported by the format
 }
 
 uint64_t weld_cost(const Welded& welded) {
@@ -77,7 +77,7 @@ void add_left_out(const LeftOutFacts& facts, format::TableSet& tables) {
   const SourceScene& scene = facts.scene;
   AccessorBytes kept, normals, white, repeats;
   uint64_t normal_cost = 0, white_cost = 0, repeat_count = 0, repeat_cost = 0;
-  std::vector<uint32_t> place(scene.groups.size());  // of the next primitive that keeps a triangle
+  std::vector<uint32_t> place(scene.groups.size());  // by group: index of its next primitive that keeps a triangle
   for (size_t i = 0; i < scene.primitives.size(); ++i) {
     if (facts.mesh_of[i] == kNone) continue;
     kept.add(scene.primitives[i]);

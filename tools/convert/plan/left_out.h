@@ -1,4 +1,4 @@
-// What convert leaves out of a source, by name, with what it takes there and would have taken in the file.
+// Lists the parts of a source that convert leaves out, with their bytes in the source and in the file.
 #pragma once
 
 #include <cstdint>
@@ -23,9 +23,9 @@ class AccessorBytes {
     bytes_ += accessor.count * accessor.element_bytes();
     ++count_;
   }
-  /// All accessors of a primitive.
+  /// Adds all accessors of a primitive.
   void add(const Primitive& primitive);
-  /// Accessors that count nowhere.
+  /// Excludes these accessors from the sum.
   void leave(const AccessorBytes& others) { seen_.insert(others.seen_.begin(), others.seen_.end()); }
   uint64_t bytes() const { return bytes_; }
   uint64_t count() const { return count_; }
@@ -36,21 +36,21 @@ class AccessorBytes {
   uint64_t count_ = 0;
 };
 
-/// Fills in what indices, positions and attributes of the primitives that are stored take in the source. `mesh_of`: the
-/// mesh of each of SourceScene::primitives, or kNone.
+/// Sets the bytes in the source of the stored primitives' indices, positions and attributes. `mesh_of`: by primitive of
+/// SourceScene::primitives, its mesh or kNone.
 void add_source_bytes(const SourceScene& scene, const std::vector<uint32_t>& mesh_of, format::SourceRecord& source);
 
-/// What a conversion knows when its geometry is written.
+/// The facts known once the geometry is written.
 struct LeftOutFacts {
   const SourceScene& scene;
-  std::span<const MeshPlan> plans;         // as the meshes of the tables
-  std::span<const uint32_t> mesh_of;       // of each primitive, or kNone
-  std::span<const Measured> measured;      // of each primitive
-  std::span<const uint32_t> stored_group;  // of each group
+  std::span<const MeshPlan> plans;         // in the order of the tables' meshes
+  std::span<const uint32_t> mesh_of;       // by primitive, or kNone
+  std::span<const Measured> measured;      // by primitive
+  std::span<const uint32_t> stored_group;  // by group
   const ImagePlan& images;
   MergedMaterials merged;
   Welded welded;
-  uint64_t undrawn = 0;  // primitives
+  uint64_t undrawn = 0;  // number of primitives
   uint64_t dropped_degenerate = 0;
   uint64_t dropped_nonfinite = 0;
   uint64_t repaired_uvs = 0;

@@ -1,4 +1,4 @@
-// What a measured primitive becomes: a mesh of the output, before its lattice is chosen.
+// The output mesh of a measured primitive, before its lattice is chosen.
 #pragma once
 
 #include <cstdint>
@@ -16,7 +16,7 @@ struct PlannedMesh {
   format::MeshRecord record{};  // its material and group as in SourceScene
 };
 
-/// `is_sorted`: its windows are of a sorted copy.
+/// `is_sorted`: its windows belong to a sorted copy.
 PlannedMesh plan_mesh(const ConvertOptions& options, const SourceScene& scene, uint32_t primitive,
                       const Measured& measured, bool is_sorted);
 

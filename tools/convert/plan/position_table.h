@@ -1,4 +1,4 @@
-// What meshes take at the bits that an error bound chose, beside what they would with floats.
+// Compares the bytes of meshes at the bits chosen by an error bound with their bytes as floats.
 #pragma once
 
 #include <cstdint>
@@ -11,18 +11,19 @@ namespace scree::convert {
 
 class PositionTable {
  public:
-  /// One chunk of `mesh`, its first or a further one, that would take `saved` bytes more with float32 positions.
+  /// Adds one chunk of `mesh`. `is_first`: the first of this mesh. `saved`: bytes that it would take more with float32
+  /// positions.
   void add(const format::MeshRecord& mesh, bool is_first, const format::ChunkRecord& chunk, int64_t saved);
 
   struct Row {
     uint64_t meshes = 0;
     uint64_t triangles = 0;
-    uint64_t bytes = 0;  // of chunks: positions, indices and attributes, padding included
-    int64_t saved = 0;   // that they would take more with float32 positions
+    uint64_t bytes = 0;  // of chunks: positions, indices and attributes, including padding
+    int64_t saved = 0;   // bytes that they would take more with float32 positions
   };
   /// By bits of the mesh's widest axis; 32: floats.
   const std::map<uint32_t, Row>& rows() const { return rows_; }
-  /// Lines, a row each and their sum.
+  /// A line per row, and one for the sum.
   std::string text() const;
 
  private:

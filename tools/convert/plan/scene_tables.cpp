@@ -81,7 +81,7 @@ void drop_negative_zeros(MatrixRecord& m) {
     for (double& value : row) value += 0.0;
 }
 
-/// Keeps equal matrices once: open addressing over the numbers of the matrices.
+/// Keeps equal matrices once: open addressing over the indices of the matrices.
 class MatrixSet {
  public:
   explicit MatrixSet(std::vector<MatrixRecord>& matrices) : matrices_(matrices), table_(1024, kNone) {}
@@ -133,7 +133,7 @@ uint64_t copies_of(const SourceNode& node) {
   return node.instances ? node.instances->count : 1;
 }
 
-/// Calls `take(first, records)` for all instances of a node, a block at a time.
+/// Calls `take(first, records)` for all instances of a node, one block at a time.
 template <class Take>
 Result<void> for_each_block(const SourceScene& scene, uint32_t node, const Take& take) {
   const SourceInstances& instances = *scene.nodes[node].instances;
@@ -147,7 +147,7 @@ Result<void> for_each_block(const SourceScene& scene, uint32_t node, const Take&
   return {};
 }
 
-/// Calls `take(matrices)` for the world matrices of a node's instances, a block at a time.
+/// Calls `take(matrices)` for the world matrices of a node's instances, one block at a time.
 template <class Take>
 Result<void> for_each_matrix_block(const SourceScene& scene, uint32_t node, const MatrixRecord& world,
                                    const Take& take) {
@@ -166,7 +166,7 @@ Result<void> for_each_matrix_block(const SourceScene& scene, uint32_t node, cons
   return for_each_block(scene, node, block);
 }
 
-/// Plans the matrices of nodes as scenes ask for them, each node once.
+/// Plans the matrices of nodes when scenes need them, each node once.
 class MatrixPlanner {
  public:
   MatrixPlanner(const SourceScene& scene, InstancePlan& plan) : scene_(scene), plan_(plan), set_(plan.matrices) {}
@@ -188,14 +188,14 @@ class MatrixPlanner {
     });
   }
 
-  /// Streams lie behind the matrices that are held, whose number is known only at the end.
+  /// Streams lie behind the held matrices, whose number is known only at the end.
   void finish() {
     for (InstancePlan::Node& node : plan_.nodes)
       if (node.is_streamed) node.first += plan_.matrices.size();
   }
 
  private:
-  /// Nodes that repeat the instances of another, as the parts of a tree in a wood do, have its matrices.
+  /// A node that repeats the instances of another, like the parts of a tree in a forest, shares its matrices.
   Result<void> add_stream(uint32_t node, const MatrixRecord& world, InstancePlan::Node& place) {
     const SourceInstances& instances = *scene_.nodes[node].instances;
     std::string key(reinterpret_cast<const char*>(&world), sizeof world);
@@ -237,7 +237,7 @@ std::vector<bool> shown_nodes(const SourceScene& scene, const SourceSceneRoots& 
   return shown;
 }
 
-/// Collects records and hands them on in blocks.
+/// Collects records and passes them on in blocks.
 template <class Record>
 class RecordBuffer {
  public:
@@ -282,7 +282,7 @@ Result<InstancePlan> plan_scenes(const SourceScene& scene, format::TableSet& tab
       return Error{ErrorCode::kRange, node_place(scene, i) + ": the world matrix is not finite"};
   }
 
-  // The world matrices of a node's instances are made once, whatever scenes show the node.
+  // The world matrices of a node's instances are made once, for all scenes that show the node.
   MatrixPlanner planner(scene, plan);
   uint64_t total = 0;
   for (const SourceSceneRoots& source : plan.scenes) {
@@ -427,7 +427,7 @@ Result<void> visit_world_matrices(const SourceScene& scene, const InstancePlan& 
         take(plan.matrices[plan.matrix_of[m]]);
       continue;
     }
-    // Streams lie one after the other behind the matrices that are held.
+    // Streams lie one after another behind the held matrices.
     uint64_t first = plan.matrices.size();
     for (const InstancePlan::Stream& stream : plan.streams) {
       if (first == place.first) {

@@ -1,4 +1,4 @@
-// Everything of the output but the geometry: nodes, world matrices, instances, scenes, cameras, materials, textures.
+// The output without geometry: nodes, world matrices, instances, scenes, cameras, materials, textures.
 #pragma once
 
 #include <cstdint>
@@ -11,13 +11,13 @@
 
 namespace scree::convert {
 
-/// Instances of one file, all scenes together: a document of a few bytes can multiply its way to more than any memory.
+/// Most instances of a file, over all scenes: a document of a few bytes can multiply them beyond any memory.
 inline constexpr uint64_t kMaxInstances = uint64_t{1} << 28;
 
-/// World matrices of more node instances than these are neither held nor compared with others.
+/// World matrices of further node instances are neither held nor compared.
 inline constexpr uint64_t kMaxHeldInstances = uint64_t{1} << 18;
 
-/// What write_nodes writes beside the nodes: the world matrices and the instances of a file, of which only those of
+/// Data that write_nodes needs beside the nodes: the world matrices and the instances of a file. Only the matrices of
 /// ordinary nodes and of the first kMaxHeldInstances node instances are held.
 struct InstancePlan {
   struct Node {
@@ -30,45 +30,46 @@ struct InstancePlan {
     format::MatrixRecord world{};
   };
   std::vector<format::MatrixRecord> matrices;  // each once
-  std::vector<uint32_t> matrix_of;             // places in `matrices`
-  std::vector<Node> nodes;                     // as SourceScene::nodes
+  std::vector<uint32_t> matrix_of;             // indices in `matrices`
+  std::vector<Node> nodes;                     // in the order of SourceScene::nodes
   std::vector<Stream> streams;                 // behind `matrices` in the table, in this order
   std::vector<uint32_t> by_group;              // nodes with a group, sorted by group, then number
-  std::vector<uint64_t> first_of_group;        // in by_group; one more than there are groups
+  std::vector<uint64_t> first_of_group;        // by group: its first index in by_group; one more ends the last
   std::vector<SourceSceneRoots> scenes;
 };
 
-/// Fills scenes, roots and cameras of `tables`, whose meshes and groups are there already, and plans the rest. A
-/// document without scenes gets one of all root nodes. Errors kRange: a world matrix that is not finite; kUnsupported:
-/// more than kMaxInstances; those of read_instances.
+/// Fills scenes, roots and cameras of `tables`, whose meshes and groups are already there, and plans the rest. A
+/// document without scenes gets one scene with all root nodes. Errors kRange: a world matrix that is not finite;
+/// kUnsupported: more than kMaxInstances; errors of read_instances.
 Result<InstancePlan> plan_scenes(const SourceScene& scene, format::TableSet& tables);
 
 /// Writes nodes, node instances, matrices and instances, after the last page, and adds the nodes' names to `tables`.
-/// Errors kFile, and those of read_instances.
+/// Errors kFile, and errors of read_instances.
 Result<void> write_nodes(const SourceScene& scene, const InstancePlan& plan, format::TableSet& tables,
                          format::ContainerWriter& writer);
 
-/// Which materials, textures and images the kept meshes need: new places, or kNone for those that are left out.
+/// The new indices of materials, textures and images that the kept meshes need; kNone for the others.
 struct MaterialUse {
   std::vector<uint32_t> materials;
   std::vector<uint32_t> textures;
   std::vector<uint32_t> images;
 };
 
-/// `materials_used`: a flag for each of SourceScene::materials.
+/// `materials_used`: a flag per entry of SourceScene::materials.
 MaterialUse find_material_use(const SourceScene& scene, const std::vector<bool>& materials_used);
 
-/// Fills materials and textures; `image_places`: the record of each of SourceScene::images.
+/// Fills materials and textures. `image_places`: by image of SourceScene::images, its record.
 void add_materials(const SourceScene& scene, const MaterialUse& use, const std::vector<uint32_t>& image_places,
                    format::TableSet& tables);
 
-/// Calls `take` for the world matrices of all instances of a group's nodes that some scene draws. Errors: those of
+/// Calls `take` with the world matrices of all instances of a group's nodes that are drawn by some scene. Errors of
 /// read_instances.
 Result<void> visit_world_matrices(const SourceScene& scene, const InstancePlan& plan, uint32_t group,
                                   const std::function<void(const format::MatrixRecord&)>& take);
 
-/// For each mesh of `tables`, the smallest mesh number with which it must share one lattice step so that all meshes
-/// under one world matrix have the same. All of them, where some matrices are not held and so cannot be compared.
+/// For each mesh of `tables`: the smallest mesh number with which it must share one lattice step so that all meshes
+/// under one world matrix have the same step. All meshes share one if some matrices are not held and so cannot be
+/// compared.
 std::vector<uint32_t> meshes_sharing_matrices(const InstancePlan& plan, const SourceScene& scene,
                                               const format::TableSet& tables);
 

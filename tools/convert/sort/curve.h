@@ -1,4 +1,4 @@
-// Morton's space-filling curve: points that lie together on it lie together in space.
+// Morton's space-filling curve: points that are close on it are close in space.
 #pragma once
 
 #include <algorithm>
@@ -23,7 +23,7 @@ inline uint64_t spread(uint64_t x) {
   return x;
 }
 
-/// Where a point lies on the curve through a box; points outside go to its border, NaN to 0.
+/// The position of a point on the curve through a box. Points outside are moved to its border; NaN gives 0.
 class Curve {
  public:
   static constexpr uint32_t kAxisBits = 21;
@@ -51,24 +51,26 @@ class Curve {
   double scale_;
 };
 
-/// A vertex that stands for others.
+/// A vertex of a sample.
 struct CurveSample {
   std::array<float, 3> point;
   uint32_t number;
 };
 
-/// The box of all but the outermost 64th of the samples (finite) on each side, a sixteenth wider, within `all`, that of
-/// all vertices: a few far points, used or not, would leave all others one place on the curve. Reorders the samples.
+/// The box of the samples (finite) without the outermost 64th on each side, made a sixteenth larger and clipped to
+/// `all`, the box of all vertices. Otherwise a few far points, used or not, would leave all others at one position on
+/// the curve. Reorders the samples.
 Box box_of_most(const Box& all, std::vector<CurveSample>& samples);
 
-/// Vertices along the curve, equal ones by number: a total order, so that any scene falls into even parts.
+/// Vertices ordered along the curve, equal positions by number. This is a total order, so any scene can be divided
+/// evenly.
 struct CurvePlace {
   uint64_t key;
   uint32_t number;
   auto operator<=>(const CurvePlace&) const = default;
 };
 
-/// The curve in parts, from one border to the next; a border is the first place of its part.
+/// The curve divided at borders. A border is the first place of the part behind it.
 class CurveParts {
  public:
   CurveParts() : CurveParts(std::vector<CurvePlace>()) {}
@@ -87,7 +89,7 @@ class CurveParts {
 
   uint32_t count() const { return static_cast<uint32_t>(borders_.size() + 1); }
 
-  /// Which part a place lies in.
+  /// The part that contains a place.
   uint32_t find(const CurvePlace& place) const {
     const uint64_t bits = std::min<uint64_t>(place.key >> shift_, below_.size() - 1);
     uint32_t part = below_[bits];
@@ -99,7 +101,7 @@ class CurveParts {
     return part;
   }
 
-  /// The upper bits of a key, less those of its part's first.
+  /// The upper bits of a key, relative to the first key of its part.
   uint32_t short_key(uint64_t key, uint32_t part) const {
     const uint64_t lo = part == 0 ? 0 : borders_[part - 1].key;
     const uint64_t hi = part == borders_.size() ? uint64_t{1} << Curve::kKeyBits : borders_[part].key;
@@ -107,12 +109,12 @@ class CurveParts {
   }
 
  private:
-  // A table over the upper bits of a key saves half the time of putting vertices into buckets.
+  // A table over the upper bits of a key halves the time of putting vertices into buckets.
   static constexpr int kGuideBits = 14;
   static constexpr uint32_t kFew = 8;
 
   std::vector<CurvePlace> borders_;
-  std::vector<uint32_t> below_;  // for the upper bits of a key: borders with smaller ones
+  std::vector<uint32_t> below_;  // by upper bits of a key: number of borders with smaller bits
   uint32_t shift_ = 0;
 };
 

@@ -22,14 +22,14 @@
 namespace scree::convert {
 namespace {
 
-constexpr uint64_t kBlock = 16384;  // vertices or triangles that are read as one job
+constexpr uint64_t kBlock = 16384;  // vertices or triangles per read job
 constexpr uint64_t kJobsPerThread = 3;
 
-// Buckets of about so many vertices, but not more buckets than kMostBuckets, each of which has a block in memory.
+// Buckets have about this many vertices, but there are at most kMostBuckets, since each has a block in memory.
 constexpr uint64_t kBucketVertices = 32768;
 constexpr uint64_t kMostBuckets = 2048;
 constexpr uint64_t kSamplesPerBucket = 64;
-constexpr uint64_t kPieceTriangles = 262144;  // that are in a thread's memory at a time
+constexpr uint64_t kPieceTriangles = 262144;  // in a thread's memory at a time
 
 constexpr uint32_t kTriangleBytes = 16;  // three vertices and the source's number
 
@@ -55,7 +55,7 @@ uint32_t middle(uint32_t a, uint32_t b, uint32_t c) {
   return std::max(std::min(a, b), std::min(std::max(a, b), c));
 }
 
-/// Bytes that are stored of a vertex while it is sorted: its number, and its key within the bucket; then its elements.
+/// Bytes stored per vertex while sorting: its number, and its key within the bucket; then its elements.
 constexpr uint32_t kVertexHeadBytes = 8;
 
 std::vector<const Accessor*> vertex_accessors(const Primitive& primitive, bool normals) {
@@ -72,7 +72,7 @@ uint32_t element_bytes(const std::vector<const Accessor*>& accessors) {
   return static_cast<uint32_t>(sum);
 }
 
-/// Most are three floats: a copy of known size is no call.
+/// Most elements are three floats: a copy of constant size needs no call.
 void copy_element(std::byte* to, const std::byte* from, uint64_t bytes) {
   if (bytes == 12) {
     std::memcpy(to, from, 12);
@@ -93,7 +93,7 @@ struct Scratch {
   std::vector<uint32_t> buckets;
   std::vector<uint32_t> places;
   std::vector<CurvePlace> curve_places;
-  std::vector<uint64_t> firsts;  // of each vertex's triangles, in the copy
+  std::vector<uint64_t> firsts;  // by vertex: its first triangle in the copy
   Grouping grouping;
 };
 
@@ -158,7 +158,7 @@ class Sorter {
     return read_floats(source_.positions, first_vertex_ + first, count, s.floats);
   }
 
-  /// Finds where the curve lies, and where on it each bucket begins.
+  /// Chooses the box of the curve, and the buckets along it.
   Result<void> survey() {
     struct Found {
       Box box = empty_box();
@@ -228,7 +228,7 @@ class Sorter {
     progress_(done_);
   }
 
-  /// Writes the vertices along the curve, and into map_ their new numbers, where all fit.
+  /// Writes the vertices along the curve, and their new numbers into map_, if it has room for all.
   Result<void> sort_vertices() {
     SpillBuckets buckets(*file_, buckets_offset_, parts_.count(), vertex_bytes_);
     const auto group = [&](uint64_t first, uint64_t count, Scratch& s) { return group_vertices(first, count, s); };
@@ -239,13 +239,13 @@ class Sorter {
     if (const Result<void> done = run_blocks<Grouped>(vertices_, group, take); !done) return done;
     if (const Result<void> done = buckets.finish(); !done) return done;
 
-    // A bucket that is far too large (the samples were none) is sorted in pieces; not all of it lies along the curve
-    // then, but the copy is the same for any memory.
+    // A bucket that is far too large (unrepresentative samples) is sorted in pieces. Then the vertices do not all lie
+    // along the curve, but the copy is the same for any amount of memory.
     struct Piece {
       uint32_t bucket;
       uint64_t first;
       uint64_t count;
-      uint64_t number;  // new, of its first vertex
+      uint64_t number;  // new number of its first vertex
     };
     std::vector<Piece> pieces;
     const uint64_t most = 2 * bucket_vertices(vertices_);
@@ -268,7 +268,7 @@ class Sorter {
     return run_pieces(pieces.size(), work);
   }
 
-  /// It is read and written at random: large pages, where the system has them, halve the time of that.
+  /// Allocates the map, which is read and written at random. Large pages, if available, halve the time of that.
   void make_map() {
     map_.reserve(vertices_);
     constexpr uint64_t kPage = 4096;
@@ -314,8 +314,9 @@ class Sorter {
     return {};
   }
 
-  /// Source triangles with vertices numbered from first_vertex_ on. Of those that only join a strip's or fan's others,
-  /// which are not kept, all corners are one: measuring did not count them, so they may lie anywhere.
+  /// Reads source triangles, with vertices numbered from first_vertex_ on. Triangles that only join the parts of a
+  /// strip or fan are not kept. All their corners are set to one vertex, because measuring did not count them and their
+  /// vertices may lie anywhere.
   Result<void> read_corners(uint64_t first, uint64_t count, Scratch& s) const {
     s.corners.resize(3 * count);
     if (const Result<void> read = read_triangles(source_, first, count, s.corners); !read) return read;
@@ -332,8 +333,8 @@ class Sorter {
     return {};
   }
 
-  /// Where there is no memory for all new numbers: puts those of source vertices [first, first + count) into the place
-  /// of the copy's triangles, which are in the source's order until they are sorted.
+  /// Used if there is no memory for all new numbers: writes the numbers of source vertices [first, first + count) into
+  /// the copy's triangles, which keep the source's order until they are sorted.
   Result<void> renumber(uint64_t first, uint64_t count) {
     std::vector<uint32_t> map(count);
     const auto fill = [&](uint64_t number, uint64_t n, Scratch& s) -> Result<Nothing> {
@@ -393,7 +394,7 @@ class Sorter {
     return out;
   }
 
-  /// Writes the triangles by their middle vertex; returns how many there are.
+  /// Writes the triangles in the order of their middle vertex. Returns their number.
   Result<uint64_t> sort_triangles() {
     SpillBuckets buckets(*file_, buckets_offset_, triangle_buckets(vertices_), kTriangleBytes);
     const auto group = [&](uint64_t first, uint64_t count, Scratch& s) { return group_triangles(first, count, s); };
@@ -418,7 +419,7 @@ class Sorter {
     return firsts.back();
   }
 
-  /// Reads a piece of a bucket and finds where in the bucket's vertices each triangle's middle one is.
+  /// Reads a piece of a bucket, and finds each triangle's middle vertex among the bucket's vertices.
   Result<void> read_piece(const SpillBuckets& buckets, uint32_t bucket, uint64_t first, uint64_t count,
                           Scratch& s) const {
     s.records.resize(count * kTriangleBytes);
@@ -432,7 +433,7 @@ class Sorter {
     return {};
   }
 
-  /// Sorts a bucket by counting, whatever its size: pieces of it are written to the places that are theirs.
+  /// Sorts a bucket of any size by counting: pieces of it are written to their final positions.
   Result<void> sort_bucket(const SpillBuckets& buckets, uint32_t bucket, uint64_t first, Scratch& s) {
     const uint64_t count = buckets.count(bucket);
     s.firsts.assign(uint64_t{1} << triangle_shift(vertices_), 0);
@@ -459,7 +460,7 @@ class Sorter {
     return {};
   }
 
-  /// Writes the triangles of s.records that s.pairs names, after their number in the copy.
+  /// Writes the triangles of s.records that s.pairs selects, at their numbers in the copy.
   Result<void> write_triangles(Scratch& s) {
     for (size_t begin = 0; begin < s.pairs.size();) {
       const uint64_t number = s.pairs[begin] >> 32;
@@ -531,14 +532,14 @@ class Sorter {
   const std::function<void(uint64_t)>& progress_;
   const std::vector<const Accessor*> accessors_;
   const uint32_t vertex_bytes_;
-  std::vector<uint64_t> element_offsets_;  // in the file, of each of accessors_
+  std::vector<uint64_t> element_offsets_;  // in the file, by accessor of accessors_
   uint64_t numbers_offset_ = 0;            // of the source's vertex numbers
   uint64_t corners_offset_ = 0;
   uint64_t ids_offset_ = 0;
   uint64_t buckets_offset_ = 0;
   Curve curve_{empty_box()};
   CurveParts parts_;           // the buckets of the vertices
-  std::vector<uint32_t> map_;  // new numbers; empty where there is no memory for all
+  std::vector<uint32_t> map_;  // new numbers; empty if there is no memory for all
   uint64_t done_ = 0;
   std::vector<Scratch> scratch_;
   WorkerPool pool_;
@@ -550,7 +551,7 @@ SortNeeds sort_needs(const Primitive& primitive, uint64_t vertex_count, bool nor
   const uint64_t vertices = std::max<uint64_t>(vertex_count, 1), triangles = primitive.triangle_count();
   const uint32_t elements = element_bytes(vertex_accessors(primitive, normals));
   const uint32_t vertex_bytes = kVertexHeadBytes + elements;
-  const uint32_t buckets = bucket_count(vertices) + bucket_count(vertices) / 256 + 2;  // as many as samples part
+  const uint32_t buckets = bucket_count(vertices) + bucket_count(vertices) / 256 + 2;  // as many as samples divide
   SortNeeds needs;
   needs.kept_file_bytes = vertices * (elements + 4) + 16 * triangles;
   needs.file_bytes = needs.kept_file_bytes +

@@ -80,7 +80,7 @@ Result<void> SpillBuckets::read(uint32_t bucket, uint64_t first, std::span<std::
 }
 
 uint64_t SpillBuckets::most_file_bytes(uint64_t records, uint32_t buckets, uint32_t record_bytes) {
-  // The last block of each need not be full.
+  // The last block of each bucket may be partly filled.
   return records * record_bytes + buckets * kBlockBytes;
 }
 

@@ -1,5 +1,4 @@
-// Records of one size that are sorted by the bucket they belong to, through a file: the coarse half of a sort of more
-// than fits into memory.
+// Sorts fixed-size records by bucket through a file: the coarse half of a sort that exceeds memory.
 #pragma once
 
 #include <cstddef>
@@ -12,14 +11,14 @@
 
 namespace scree::convert {
 
-/// Records of some buckets, those of each together.
+/// Records of several buckets, grouped by bucket.
 struct Grouped {
   std::vector<std::byte> records;
-  std::vector<uint32_t> ends;  // of each bucket, in records
+  std::vector<uint32_t> ends;  // by bucket: its end, in records
 };
 
-/// Puts records into groups: start() makes room for one of each of `buckets`, then place() says where the next record
-/// of a bucket goes, in records. Kept for the next list by one thread.
+/// Groups records: start() makes room for one record per entry of `buckets`; then place() returns the index of a
+/// bucket's next record. Each thread keeps one for all its lists.
 class Grouping {
  public:
   void start(std::span<const uint32_t> buckets, uint32_t bucket_count, uint32_t record_bytes, Grouped& out);
@@ -30,35 +29,36 @@ class Grouping {
 };
 
 /// The records of a bucket keep the order in which they were appended. In the file a bucket is a chain of blocks, so
-/// that nothing need be counted before; in memory each has one block that is being filled.
+/// nothing has to be counted before. In memory each bucket has one block that is being filled.
 class SpillBuckets {
  public:
   static constexpr uint64_t kBlockBytes = 32 << 10;
 
-  /// Writes to `file`, which must live as long, from `offset` on.
+  /// Writes to `file`, which must outlive this, from `offset` on.
   SpillBuckets(const format::PartFile& file, uint64_t offset, uint32_t buckets, uint32_t record_bytes);
 
   /// Used by one thread. Errors kFile.
   Result<void> append(const Grouped& grouped);
 
-  /// Writes what blocks hold in memory; append() may not be called any more.
+  /// Writes the blocks in memory. append() must not be called afterwards.
   Result<void> finish();
 
   uint32_t buckets() const { return static_cast<uint32_t>(chains_.size()); }
   uint64_t count(uint32_t bucket) const { return chains_[bucket].records; }
 
-  /// Reads records from number `first` of a bucket on until `out` is full. After finish(); thread-safe. Errors kFile.
+  /// Reads records from number `first` of a bucket on until `out` is full. Called after finish(); thread-safe. Errors
+  /// kFile.
   Result<void> read(uint32_t bucket, uint64_t first, std::span<std::byte> out) const;
 
-  /// What `records` take in the file at most, and in memory.
+  /// Upper bounds of the bytes that `records` take in the file and in memory.
   static uint64_t most_file_bytes(uint64_t records, uint32_t buckets, uint32_t record_bytes);
   static uint64_t most_memory(uint64_t records, uint32_t buckets, uint32_t record_bytes);
 
  private:
   struct Chain {
     uint64_t records = 0;
-    std::vector<uint32_t> blocks;    // in the file
-    std::vector<std::byte> filling;  // the block after them
+    std::vector<uint32_t> blocks;    // numbers of its blocks in the file
+    std::vector<std::byte> filling;  // the block that comes after them
   };
 
   Result<void> append(Chain& chain, std::span<const std::byte> records);
