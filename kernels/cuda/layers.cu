@@ -19,15 +19,15 @@ __global__ void run_layer(const __grid_constant__ Pass pass, uint32_t count) {
 
 Result<void> start_layers(const SceneView& scene, const View& view, uint32_t samples_per_side, const uint64_t* samples,
                           const Transform* transforms, const LayerTargets& out, cudaStream_t stream) {
-  Result<void> done = check_resolve(view, samples_per_side);
-  if (!done) return done;
+  if (Result<void> checked = check_resolve(view, samples_per_side); !checked) return checked;
+  cudaError_t status = cudaSuccess;
   run_layers(scene, view, samples_per_side, samples, transforms, out, [&]<class Pass>(const Pass& pass, uint32_t count) {
-    if (!done || count == 0) return;
+    if (status != cudaSuccess || count == 0) return;
     constexpr uint32_t kItemsPerBlock = kPixelThreads / 32;
     run_layer<Pass><<<(count + kItemsPerBlock - 1) / kItemsPerBlock, kPixelThreads, 0, stream>>>(pass, count);
-    done = cuda_check(cudaGetLastError(), "starting to make a layer");
+    status = cudaGetLastError();
   });
-  return done;
+  return cuda_check(status, "starting to make a layer");
 }
 
 }  // namespace scree::kernels
