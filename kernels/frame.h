@@ -79,6 +79,20 @@ struct FrameStats {
   uint64_t clusters_drawn;
 };
 
+inline FrameStats& operator+=(FrameStats& sum, const FrameStats& frame) {
+  sum.instances_drawn += frame.instances_drawn;
+  sum.draws += frame.draws;
+  sum.triangles += frame.triangles;
+  sum.triangles_small += frame.triangles_small;
+  sum.triangles_medium += frame.triangles_medium;
+  sum.triangles_large += frame.triangles_large;
+  sum.triangles_clipped += frame.triangles_clipped;
+  sum.groups_tested += frame.groups_tested;
+  sum.clusters_tested += frame.clusters_tested;
+  sum.clusters_drawn += frame.clusters_drawn;
+  return sum;
+}
+
 /// What every backend asks of a frame. Errors kRange: an image side of 0 or over kMaxImageSide, a camera that is not
 /// finite or sees nothing, more than 2^36 - 1 drawn triangles.
 Result<void> check_frame(const View& view, uint64_t triangle_count);

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <optional>
 #include <span>
@@ -28,6 +29,7 @@ struct PictureNeeds {
 /// What beside the colours can be made of a picture's pixels (kernels/shade/layers.h).
 enum class PixelLayer { kDepth, kTriangle, kInstance, kNormal, kUv };
 inline constexpr size_t kPixelLayerCount = 5;
+inline constexpr size_t kBlockCount = 7;  // of DeviceView::reserve_block(): one per Layer of a ViewRenderer
 
 /// Bytes of a pixel of it.
 constexpr uint64_t layer_bytes(PixelLayer layer) {
@@ -75,17 +77,28 @@ class DeviceView {
 
   /// Queues a layer of that picture, in device memory that stays until the next call for this layer. Errors kRange (no
   /// such picture), kUnsupported (normals and texture coordinates of a streamed scene, whose chunks are not there any
-  /// more), kDevice. `out`: device memory for it in place of that, as resolve() has it for pixels.
-  Result<const std::byte*> make_layer(const kernels::View& view, uint32_t samples_per_side, PixelLayer layer,
-                                      std::byte* out = nullptr);
+  /// more), kDevice.
+  Result<const std::byte*> make_layer(const kernels::View& view, uint32_t samples_per_side, PixelLayer layer);
+
+  /// Queues several layers of that picture into device memory. Errors as make_layer().
+  Result<void> make_layers(const kernels::View& view, uint32_t samples_per_side, const kernels::LayerTargets& out);
+
+  /// Draws pictures of one size, one after the other. `make(i)` queues what is made of picture i, by resolve() and
+  /// make_layers(); it may be called twice for a picture, whose second result holds. The scene's next picture is
+  /// submitted before the host waits for this one, so that the device has work all the time: two pictures have samples
+  /// and draw lists then, the second as long as the view lives. Where memory is missing for those, and where chunks are
+  /// streamed, pictures are waited for one by one. `scene`: the one that was uploaded. Sums of what draw() counts.
+  Result<kernels::FrameStats> draw_batch(const Scene& scene, std::span<const kernels::View> views,
+                                         const kernels::ShadeOptions* shade,
+                                         const std::function<Result<void>(size_t)>& make);
 
   /// The picture that resolve() made last of `width` x `height` pixels, as a JPEG file that is made on the device:
   /// baseline, with libjpeg's tables of `quality` (1 to 100) and a restart marker after every few MCUs. `is_sharp`:
   /// colours in full resolution in place of a quarter. Errors kDevice, kMemory, kRange (a side of 0 or over 65,535).
   Result<std::vector<std::byte>> encode_jpeg(uint32_t width, uint32_t height, int quality, bool is_sharp);
 
-  /// Device memory for the pictures of a batch, `index` below kPixelLayerCount + 1: at least so many
-  /// bytes, until it is asked for again.
+  /// Device memory for the pictures of a batch, `index` below kBlockCount: at least so many bytes, until it is asked
+  /// for again.
   Result<std::byte*> reserve_block(size_t index, uint64_t bytes);
 
   /// Device memory: the picture that resolve() made last, RGBA8, and the samples.

@@ -33,19 +33,6 @@ PixelLayer pixel_layer(Layer layer) {
   }
 }
 
-void add(kernels::FrameStats& sum, const kernels::FrameStats& frame) {
-  sum.instances_drawn += frame.instances_drawn;
-  sum.draws += frame.draws;
-  sum.triangles += frame.triangles;
-  sum.triangles_small += frame.triangles_small;
-  sum.triangles_medium += frame.triangles_medium;
-  sum.triangles_large += frame.triangles_large;
-  sum.triangles_clipped += frame.triangles_clipped;
-  sum.groups_tested += frame.groups_tested;
-  sum.clusters_tested += frame.clusters_tested;
-  sum.clusters_drawn += frame.clusters_drawn;
-}
-
 Error out_of_memory(uint64_t bytes) {
   return {ErrorCode::kMemory, "no memory left for " + std::to_string(bytes) + " bytes of a frame"};
 }
@@ -159,6 +146,26 @@ Result<void> ViewRenderer::draw_batch(std::span<const kernels::View> views, uint
   return {};
 }
 
+/// Where the layers of frame `v` of a batch go, `block(layer)` being all of a layer.
+template <class Block>
+ViewRenderer::FrameTargets ViewRenderer::targets_of(uint32_t layers, uint64_t v, const Block& block) const {
+  FrameTargets targets;
+  for (size_t i = 0; i < kLayerCount; ++i) {
+    if ((layers >> i & 1) == 0) continue;
+    const auto layer = static_cast<Layer>(i);
+    const uint64_t bytes = layer_bytes(layer) / batch_;
+    std::byte* const out = block(i) + v * bytes;
+    if (layer == Layer::kColor) {
+      targets.color = out;
+      targets.color_bytes = bytes;
+    } else {
+      set_target(targets.others, pixel_layer(layer), out);
+      targets.has_others = true;
+    }
+  }
+  return targets;
+}
+
 Result<void> ViewRenderer::draw_batch_on_cpu(std::span<const kernels::View> views, uint32_t layers) {
   const uint64_t count = uint64_t{view_.width} * view_.height;
   const auto shared = static_cast<uint32_t>(std::min<uint64_t>(scene_->threads(), views.size()));
@@ -185,16 +192,17 @@ Result<void> ViewRenderer::draw_batch_on_cpu(std::span<const kernels::View> view
       const kernels::View view = in_samples(views[v]);
       const Result<kernels::FrameStats> drawn = kernels::draw_cpu(scene_->scene().view(), view, samples, threads_each);
       Result<void> done = drawn ? Result<void>() : drawn.error();
-      for (size_t i = 0; i < kLayerCount && done; ++i) {
-        if ((layers >> i & 1) == 0) continue;
-        const uint64_t bytes = layer_bytes(static_cast<Layer>(i)) / batch_;
-        done = make_of(static_cast<Layer>(i), view, samples, threads_each,
-                       std::span(host_[i].bytes).subspan(v * bytes, bytes));
-      }
+      const FrameTargets targets = targets_of(layers, v, [&](size_t layer) { return host_[layer].bytes.data(); });
+      if (done && targets.color != nullptr)
+        done = kernels::resolve_cpu(scene_->scene().view(), view, samples_per_side_, samples, shade_, 4,
+                                    {reinterpret_cast<uint8_t*>(targets.color), targets.color_bytes}, threads_each);
+      if (done && targets.has_others)
+        done = kernels::layers_cpu(scene_->scene().view(), view, samples_per_side_, samples, targets.others,
+                                   threads_each);
       if (!done) failure.report(v, done.error());
       lock.lock();
       free.push_back(worker);
-      if (drawn) add(stats_, *drawn);
+      if (drawn) stats_ += *drawn;
     });
     if (failure.any()) return failure.error();
   } catch (const std::bad_alloc&) {
@@ -215,26 +223,24 @@ Result<void> ViewRenderer::draw_batch_on_gpu(std::span<const kernels::View> view
     blocks[i] = *block;
   }
   const bool shades = (layers & 1u << static_cast<uint32_t>(Layer::kColor)) != 0;
-  for (uint64_t v = 0; v < views.size(); ++v) {
-    const kernels::View view = in_samples(views[v]);
-    const Result<kernels::FrameStats> drawn =
-        device_->draw(view, nullptr, scene_->is_streamed() && shades ? &shade_ : nullptr);
-    if (!drawn) return drawn.error();
-    add(stats_, *drawn);
-    for (size_t i = 0; i < kLayerCount; ++i) {
-      if (blocks[i] == nullptr) continue;
-      const auto layer = static_cast<Layer>(i);
-      std::byte* const out = blocks[i] + v * (layer_bytes(layer) / batch_);
-      if (layer == Layer::kColor) {
-        if (Result<void> done =
-                device_->resolve(view, samples_per_side_, shade_, {}, nullptr, reinterpret_cast<uint32_t*>(out));
-            !done)
-          return done;
-      } else if (const auto done = device_->make_layer(view, samples_per_side_, pixel_layer(layer), out); !done) {
-        return done.error();
-      }
-    }
+  std::vector<kernels::View> in;
+  try {
+    for (const kernels::View& view : views) in.push_back(in_samples(view));
+  } catch (const std::bad_alloc&) {
+    return out_of_memory(views.size_bytes());
   }
+  const Result<kernels::FrameStats> drawn = device_->draw_batch(
+      scene_->scene(), in, scene_->is_streamed() && shades ? &shade_ : nullptr, [&](size_t v) -> Result<void> {
+        const FrameTargets targets = targets_of(layers, v, [&](size_t layer) { return blocks[layer]; });
+        Result<void> done;
+        if (targets.color != nullptr)
+          done = device_->resolve(in[v], samples_per_side_, shade_, {}, nullptr,
+                                  reinterpret_cast<uint32_t*>(targets.color));
+        if (done && targets.has_others) done = device_->make_layers(in[v], samples_per_side_, targets.others);
+        return done;
+      });
+  if (!drawn) return drawn.error();
+  stats_ = *drawn;
   std::copy(std::begin(blocks), std::end(blocks), std::begin(on_gpu_));
   return {};
 }

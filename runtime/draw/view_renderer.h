@@ -98,6 +98,14 @@ class ViewRenderer {
   Result<void> begin(const kernels::View& view, uint32_t samples_per_side, const kernels::ShadeOptions& shade);
   Result<void> draw_batch_on_cpu(std::span<const kernels::View> views, uint32_t layers);
   Result<void> draw_batch_on_gpu(std::span<const kernels::View> views, uint32_t layers);
+  struct FrameTargets {
+    std::byte* color = nullptr;
+    uint64_t color_bytes = 0;
+    kernels::LayerTargets others{};
+    bool has_others = false;
+  };
+  template <class Block>
+  FrameTargets targets_of(uint32_t layers, uint64_t v, const Block& block) const;
   kernels::View in_samples(kernels::View view) const;
   Result<void> draw_on_gpu();
   Result<void> make(Layer layer, std::span<std::byte> out);
