@@ -12,6 +12,7 @@ namespace scree::format {
 
 static_assert(std::endian::native == std::endian::little, "scree files are little-endian and are read in place");
 
+/// The value at `at`, of any alignment.
 template <class T>
 inline T load(const std::byte* at) {
   static_assert(std::is_trivially_copyable_v<T>);
@@ -20,6 +21,7 @@ inline T load(const std::byte* at) {
   return value;
 }
 
+/// Writes `value` to `at`, of any alignment.
 template <class T>
 inline void store(std::byte* at, T value) {
   static_assert(std::is_trivially_copyable_v<T>);

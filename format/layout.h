@@ -9,7 +9,7 @@ namespace scree::format {
 
 inline constexpr uint8_t kMagic[8] = {0x89, 'S', 'C', 'R', 'E', 'E', '\r', '\n'};
 inline constexpr uint16_t kVersionMajor = 1;  // a reader refuses a newer one
-inline constexpr uint16_t kVersionMinor = 0;  // a reader skips additions of a newer one
+inline constexpr uint16_t kVersionMinor = 1;  // a reader skips additions of a newer one; files without masks have 0
 
 inline constexpr uint64_t kPageAlignment = 4096;        // so that O_DIRECT can read pages
 inline constexpr uint64_t kPageTargetBytes = 1u << 20;  // a chunk that would take a page past this starts a new page
@@ -63,6 +63,7 @@ enum class TableKind : uint32_t {
   kLeftOut = 17,
   kMipLevels = 18,
   kLeftOutCosts = 19,
+  kMasks = 22,  // of minor version 1; 20 and 21 are not known
 };
 
 /// One table. A reader skips unknown kinds. Records of a known kind may be larger (a newer minor version); they are
@@ -76,7 +77,7 @@ struct TocEntry {
 };
 static_assert(sizeof(TocEntry) == 32);
 
-enum class PageKind : uint32_t { kGeometry = 1, kImage = 2 };
+enum class PageKind : uint32_t { kGeometry = 1, kImage = 2, kMask = 3 };
 enum class PageCodec : uint32_t {
   kRaw = 0,
   kZstd = 1,
@@ -84,7 +85,8 @@ enum class PageCodec : uint32_t {
 };
 
 /// A range of the file that is read, checked, compressed and kept resident as one. Geometry pages hold chunks and are
-/// at most kPageTargetBytes, but a chunk larger than that has a page of its own. An image page holds one image file.
+/// at most kPageTargetBytes, but a chunk larger than that has a page of its own. An image page holds one image file, a
+/// mask page the levels of one mask.
 struct PageRecord {
   uint64_t offset;        // kPageAlignment
   uint64_t stored_bytes;  // in the file
@@ -208,9 +210,10 @@ static_assert(sizeof(NodeInstanceRecord) == 40);
 enum MaterialFlags : uint32_t {
   kMaterialDoubleSided = 1,
   kMaterialUnlit = 2,
-  kMaterialAlphaMask = 4,   // drawn opaque by this version; kept for export
-  kMaterialAlphaBlend = 8,  // likewise
+  kMaterialAlphaMask = 4,   // kept for export; a MaskRecord says what is drawn
+  kMaterialAlphaBlend = 8,  // likewise; blended by no version yet, but drawn as a mask
 };
+inline constexpr uint32_t kMaterialCutOut = kMaterialAlphaMask | kMaterialAlphaBlend;  // may have a MaskRecord
 
 struct MaterialRecord {
   uint32_t name;
@@ -277,6 +280,28 @@ struct MipLevelRecord {
   uint32_t image;
 };
 static_assert(sizeof(MipLevelRecord) == 24);
+
+enum MaskFlags : uint32_t { kMaskNearest = 1 };
+
+/// How the triangles of a masked material with texture coordinates are drawn (spec/rasterization.md, alpha masks).
+/// Level l of the alpha is max(1, width >> l) by max(1, height >> l) bytes. The levels fill the page one after the
+/// other.
+struct MaskRecord {
+  uint32_t material;  // strictly ascending
+  uint32_t page;      // a page of kind kMask; masks may share it
+  uint32_t width;     // texels of level 0, 1 to kMaxMaskSide
+  uint32_t height;
+  uint32_t level_count;  // 1 to max_mask_levels()
+  uint32_t threshold;    // smallest alpha that passes, 1 to kMaxMaskThreshold, in 1 / 65536 of an 8-bit code
+  Wrap wrap_s;
+  Wrap wrap_t;
+  uint32_t flags;      // MaskFlags
+  double place[2][3];  // takes texture coordinates (u, v, 1) to the mask: KHR_texture_transform
+};
+static_assert(sizeof(MaskRecord) == 80);
+
+inline constexpr uint32_t kMaxMaskSide = 65536;
+inline constexpr uint32_t kMaxMaskThreshold = 255 * 65536;
 
 enum class CameraKind : uint32_t { kPerspective = 1, kOrthographic = 2 };
 

@@ -19,6 +19,20 @@ struct JpegLevel {
   uint32_t number;  // no other level of the scene has it
 };
 
+/// The alpha of a masked material's triangles (spec/rasterization.md, alpha masks): level l is max(1, width >> l) by
+/// max(1, height >> l) bytes, rows top to bottom, the levels one after the other.
+struct MaskView {
+  const uint8_t* alpha;  // null: the material is opaque
+  uint32_t width;
+  uint32_t height;
+  uint32_t level_count;
+  uint32_t threshold;  // of a place's alpha, in 1 / 65536 of a code of 8 bits
+  double place[2][3];  // of texture coordinates (u, v, 1)
+  format::Wrap wrap_s;
+  format::Wrap wrap_t;
+  bool nearest;  // where a sample covers less than a texel
+};
+
 class BlockCache;
 
 /// How a scene's chunks are encoded, so that a pass over one kind is compiled without the others: any of those below,
@@ -78,6 +92,7 @@ struct SceneView {
   uint64_t texture_count;
   ChunkKinds chunk_kinds;  // kMixed is right for every scene
   BlockCache* blocks;      // of the textures' JPEG levels; null where there are none, and on a GPU
+  const MaskView* masks;   // by material; null: nothing is masked
 };
 
 }  // namespace scree::kernels

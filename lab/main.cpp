@@ -51,7 +51,7 @@ void add_options(CLI::App& app, LabWords& words) {
       ->capture_default_str()
       ->type_name("LIST");
   app.add_option("--culling", words.culling,
-                 "Of clusters: all, bounds (not those hidden by others), none; the picture is the same")
+                 "Culling of clusters: all, bounds (keeps hidden clusters), none; the picture is the same")
       ->capture_default_str()
       ->type_name("LIST");
   app.add_option("--effects", words.effects, "none, ssao (ambient occlusion), edl (eye-dome lighting), ssao+edl")
@@ -78,7 +78,7 @@ void add_options(CLI::App& app, LabWords& words) {
                "What geometry takes, and seconds to encode and decode it: models (.gltf, .glb) as convert packs them,\n"
                "through meshoptimizer's codecs, and in the glTF");
   app.add_option("--textures", words.textures, "Textured: how many")->capture_default_str()->type_name("N");
-  app.add_option("--texture-size", words.texture_size, "Textured: texels a side")
+  app.add_option("--texture-size", words.texture_size, "Textured: texels per side")
       ->capture_default_str()
       ->type_name("N");
   app.add_option("--texture-cache", words.texture_cache, "Textured: memory for decoded blocks (default: 256MiB)")

@@ -15,7 +15,7 @@ constexpr double kSixtyMillion = 0.15;  // the share of A's triangles that gives
 constexpr uint32_t kLeastBits = 8;
 constexpr const char* kAllPositions = "8,9,10,11,12,13,14,15,16,17,18,19,20,21,22,23,24,float32";
 constexpr const char* kSweepPositions = "8,10,12,14,16,18,20,24";  // compared with float32
-constexpr uint32_t kMaxCurveSide = kernels::kMaxImageSide / kTruthSamples;
+constexpr uint32_t kMaxCurveSide = kernels::kMaxImageSide / kReferenceSamples;
 
 Error usage(std::string message) {
   return {ErrorCode::kUsage, std::move(message)};
@@ -80,7 +80,7 @@ Result<std::vector<uint32_t>> parse_samples(const std::string& text) {
   std::vector<uint32_t> samples;
   for (const std::string& word : split(text)) {
     if (word != "1" && word != "2" && word != "4")
-      return usage("--samples: '" + word + "' is not 1, 2 or 4 (a side of a pixel)");
+      return usage("--samples: '" + word + "' is not 1, 2 or 4 (per side of a pixel)");
     samples.push_back(static_cast<uint32_t>(word[0] - '0'));
   }
   return samples;
@@ -120,8 +120,8 @@ Result<void> check_reference(const LabWords& words, const LabOptions& options) {
       return usage("--indices: files that convert makes have packed or clustered ones");
   if (options.curves && options.size && std::max(options.size->width, options.size->height) > kMaxCurveSide)
     return usage("--size: --curves takes at most " + std::to_string(kMaxCurveSide) +
-                 " pixels a side, for its reference has " + std::to_string(kTruthSamples) +
-                 " samples a side of a pixel");
+                 " pixels per side, because its reference has " + std::to_string(kReferenceSamples) +
+                 " samples per side of a pixel");
   return {};
 }
 
@@ -136,7 +136,7 @@ Result<LabOptions> parse_textured(const LabWords& words, LabOptions options) {
   options.is_textured = true;
   if (words.textures < 1 || words.textures > 1000) return usage("--textures: 1 to 1000");
   if (words.texture_size == 0 || words.texture_size % 1024 != 0 || words.texture_size > 32768)
-    return usage("--texture-size: 1024, 2048, ... 32768 texels a side");
+    return usage("--texture-size: 1024, 2048, ... 32768 texels per side");
   options.textures = words.textures;
   options.texture_size = words.texture_size;
   const Result<uint64_t> cache = tools::parse_size(words.texture_cache, "--texture-cache", options.texture_cache);

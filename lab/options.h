@@ -46,7 +46,7 @@ struct LabWords {
 
 using tools::ImageSize;
 
-constexpr uint32_t kTruthSamples = 8;  // per side of a pixel, for the supersampled reference of --curves
+constexpr uint32_t kReferenceSamples = 8;  // per side of a pixel, for the supersampled reference of --curves
 
 /// Effects drawn in addition to the shaded triangles.
 struct Effects {

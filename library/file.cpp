@@ -82,22 +82,24 @@ scree_status scree_close(scree_file* file) {
 }
 
 scree_status scree_get_file_info(scree_file* file, scree_file_info* info) {
-  return get(
-      file, 0, info, "scree_file_info", "file", [](const Container&) { return 1; },
-      [&](const Container& container, scree_file_info& out) {
-        out.bytes = Files::all().find(file)->file.map().size();
-        const auto meshes = container.meshes();
-        for (uint64_t i = 0; i < meshes.size(); ++i) out.triangles += meshes[i].triangle_count;
-        const auto scenes = container.scenes();
-        out.scenes = static_cast<uint32_t>(scenes.size());
-        for (uint32_t i = 0; i < out.scenes; ++i)
-          if (scenes[i].flags & 1) out.default_scene = i;
-        out.meshes = static_cast<uint32_t>(meshes.size());
-        out.materials = static_cast<uint32_t>(container.materials().size());
-        out.textures = static_cast<uint32_t>(container.textures().size());
-        out.nodes = static_cast<uint32_t>(container.nodes().size());
-        return SCREE_OK;
-      });
+  return with<Files>(file, "scree_file", [&](const File& opened) {
+    if (const scree_status checked = check_output(info, "scree_file_info"); checked != SCREE_OK) return checked;
+    const Container& container = opened.file.container();
+    scree_file_info out{};
+    out.bytes = opened.file.map().size();
+    const auto meshes = container.meshes();
+    for (uint64_t i = 0; i < meshes.size(); ++i) out.triangles += meshes[i].triangle_count;
+    const auto scenes = container.scenes();
+    out.scenes = static_cast<uint32_t>(scenes.size());
+    for (uint32_t i = 0; i < out.scenes; ++i)
+      if (scenes[i].flags & 1) out.default_scene = i;
+    out.meshes = static_cast<uint32_t>(meshes.size());
+    out.materials = static_cast<uint32_t>(container.materials().size());
+    out.textures = static_cast<uint32_t>(container.textures().size());
+    out.nodes = static_cast<uint32_t>(container.nodes().size());
+    give(info, out);
+    return SCREE_OK;
+  });
 }
 
 scree_status scree_get_scene_info(scree_file* file, uint32_t index, scree_scene_info* info) {

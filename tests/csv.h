@@ -13,7 +13,7 @@ namespace scree::tests {
 
 using CsvRow = std::map<std::string, std::string>;  // by column
 
-/// The cells of one line; "a ""b"", c" is one of them.
+/// The cells of one line. "a ""b"", c" is a single cell.
 inline std::vector<std::string> csv_cells(const std::string& line) {
   std::vector<std::string> cells(1);
   bool quoted = false;
@@ -32,7 +32,7 @@ inline std::vector<std::string> csv_cells(const std::string& line) {
   return cells;
 }
 
-/// All rows; each line has as many cells as the first.
+/// All rows. Each line must have as many cells as the first.
 inline std::vector<CsvRow> read_csv(const std::string& path) {
   std::istringstream lines(read_whole(path));
   std::string line;

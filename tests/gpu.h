@@ -1,4 +1,4 @@
-// Whether what needs a GPU can be tested here.
+// Whether tests that need a GPU can run here.
 #pragma once
 
 #include <cstdint>
@@ -6,13 +6,13 @@
 
 namespace scree::tests {
 
-/// Says with WARN why where it cannot; that has to be the device's error.
+/// If not, prints the reason with WARN; it has to be the device's error.
 bool has_gpu();
 
-/// The bytes of device memory that a streamed scene takes at least, from the message that refuses it fewer.
+/// The least device memory that a streamed scene needs, in bytes, from the message that refuses less.
 uint64_t least_device_memory(const std::string& refusal);
 
-/// Whether it is the emulated one (tests/emulator): thousands of times slower, so that tests draw less on it.
+/// Whether the GPU is emulated (tests/emulator): thousands of times slower, so tests draw less on it.
 #if defined(SCREE_EMULATED_CUDA)
 inline constexpr bool kEmulatesGpu = true;
 #else

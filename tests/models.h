@@ -1,4 +1,4 @@
-// Where the tests find their inputs.
+// Locations of the tests' inputs.
 #pragma once
 
 #include <filesystem>
@@ -12,14 +12,14 @@ inline std::filesystem::path data_path(const char* name) {
   return std::filesystem::path(kDataFolder) / name;
 }
 
-/// The folder of real models beside the checkout (scenes/, jpeg/, bad/), empty where it is not there: such tests say so
-/// with WARN and return.
+/// The folder of real models beside the checkout (scenes/, jpeg/, bad/), or empty if it does not exist. Tests that need
+/// it print a WARN and return.
 inline std::filesystem::path models_path() {
   const std::filesystem::path path = std::filesystem::path(kModelsFolder) / "models";
   return std::filesystem::exists(path) ? path : std::filesystem::path{};
 }
 
-/// The definitions of the measured scenes (expected.txt), empty where they are not there.
+/// The definitions of the measured scenes (expected.txt), or empty if they do not exist.
 inline std::filesystem::path bench_scenes_path() {
   const std::filesystem::path path = std::filesystem::path(kModelsFolder) / "bench-scenes";
   return std::filesystem::exists(path) ? path : std::filesystem::path{};

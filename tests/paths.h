@@ -1,5 +1,5 @@
-// Where the programs and the files of the tests are. Known to one source file only: whoever builds in another folder
-// compiles that one anew, and not all tests.
+// Paths of the programs and files of the tests. Only one source file contains them, so that a build in another folder
+// recompiles that file and not all tests.
 #pragma once
 
 namespace scree::tests {
@@ -13,6 +13,6 @@ extern const char* const kViewPageFolder;   // tests/view
 extern const char* const kCliFolder;        // tests/cli
 extern const char* const kCorpusFolder;     // tests/fuzz/corpus
 extern const char* const kVectorsFolder;    // spec/vectors
-extern const char* const kModelsFolder;     // real models and measured scenes, where they are: SCREE_MODELS_DIR
+extern const char* const kModelsFolder;     // real models and measured scenes, if available: SCREE_MODELS_DIR
 
 }  // namespace scree::tests

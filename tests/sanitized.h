@@ -1,4 +1,5 @@
-// Whether the tests run under the sanitizers: several times slower, so that some do less there, and with more memory.
+// Whether the tests run under the sanitizers, which are several times slower and need more memory. Some tests do less
+// then.
 #pragma once
 
 namespace scree::tests {

@@ -1,5 +1,5 @@
-// For the tests of speed, label `speed`: in release builds only, in processor time, because others may be busy on the
-// machine.
+// For the speed tests, label `speed`: only in release builds, and in processor time, because the machine may have other
+// load.
 #pragma once
 
 #include <time.h>
@@ -14,17 +14,17 @@
 
 namespace scree::tests {
 
-/// Seconds of all threads of this process.
+/// Processor seconds of all threads of this process.
 inline double cpu_seconds() {
   timespec now{};
   clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &now);
   return static_cast<double>(now.tv_sec) + 1e-9 * static_cast<double>(now.tv_nsec);
 }
 
-/// What others do on this machine, from /proc/stat.
+/// The other load of this machine, from /proc/stat.
 struct OtherWork {
-  long running = 0;  // threads, beside the one that asks
-  long stolen = 0;   // ticks for which a virtual machine was not given its processor
+  long running = 0;  // threads other than the calling one
+  long stolen = 0;   // ticks for which a virtual machine did not get its processor
 
   static OtherWork now() {
     OtherWork work;
@@ -32,15 +32,15 @@ struct OtherWork {
     for (std::string word; stat >> word;) {
       if (word == "procs_running" && stat >> work.running) --work.running;
       if (word != "cpu") continue;
-      for (int column = 0; column < 8; ++column) stat >> work.stolen;  // the eighth is the steal
+      for (int column = 0; column < 8; ++column) stat >> work.stolen;  // the eighth column is the steal time
     }
     return work;
   }
 };
 
-/// How many times as long as the core that the limits were set on (a quiet guest of a 3.8 GHz Xeon, Cascade Lake) this
-/// one takes now, at least 1: the worse of sorting, which is branches and the near caches, and of filling, copying and
-/// gathering from fresh memory, which is the kernel's pages and the far caches.
+/// How much slower this core is now than the reference core of the limits (a quiet guest of a 3.8 GHz Xeon, Cascade
+/// Lake), at least 1. The maximum of two measurements: sorting, for branches and near caches; and filling, copying and
+/// gathering from fresh memory, for the kernel's page handling and the far caches.
 inline double slowness() {
   constexpr double kSortSeconds = 0.0555;
   constexpr double kMemorySeconds = 0.0855;
@@ -60,14 +60,14 @@ inline double slowness() {
   uint32_t sum = 0;
   for (int i = 0; i < 1 << 20; ++i) sum += copy[next() >> 8];
   const double gathered = cpu_seconds();
-  CHECK(sum == numbers[0] << 20);  // so that nothing of it is left out
+  CHECK(sum == numbers[0] << 20);  // keeps the compiler from removing the work
   return std::max({1.0, (sorted - start) / kSortSeconds, (gathered - sorted) / kMemorySeconds});
 }
 
-/// What `attempt` returns (seconds, or seconds a thing) may be at most `enough` on the core of slowness(), and so much
-/// more as this core is slower; the best of so many attempts counts. A thread next door takes half of a core's units
-/// and caches, and processor time does not show it (2.2 times as slow was seen): more than that is a failure only where
-/// an attempt began and ended with nobody else running.
+/// Checks that `attempt` returns (seconds, or seconds per item) at most `enough`, scaled by slowness(). The best of
+/// `attempts` attempts counts. A thread on the same core takes half of its units and caches, which processor time does
+/// not show (a factor of 2.2 was measured). So exceeding the limit is a failure only if an attempt began and ended with
+/// no other thread running.
 template <class Attempt>
 void check_speed(int attempts, double enough, const Attempt& attempt) {
   double best = 1e300;

@@ -13,6 +13,7 @@ inline namespace SCREE_ISA {
 
 inline constexpr uint32_t kMaxBlockImageSide = 65536;  // pixels
 
+/// Whether the value is one that files may have for a block image; kNoBlocks is not.
 SCREE_HD constexpr bool is_block_format(BlockFormat format) {
   const auto number = static_cast<uint32_t>(format);
   return number >= 1 && number <= 10 && number != 6;
@@ -23,6 +24,7 @@ SCREE_HD constexpr uint32_t block_side(BlockFormat format) {
   return format < BlockFormat::kR8 ? 4 : 1;
 }
 
+/// Bytes of a block; of a pixel for the uncompressed formats.
 SCREE_HD constexpr uint32_t block_bytes(BlockFormat format) {
   switch (format) {
     case BlockFormat::kR8:
@@ -70,6 +72,7 @@ constexpr uint16_t make_swizzle(ChannelSource red, ChannelSource green, ChannelS
                                static_cast<uint32_t>(blue) << 6 | static_cast<uint32_t>(alpha) << 9);
 }
 
+/// The source of channel `channel` (0 red to 3 alpha) of the picture.
 SCREE_HD constexpr ChannelSource swizzle_source(uint16_t swizzle, uint32_t channel) {
   return static_cast<ChannelSource>(swizzle >> 3 * channel & 7);
 }
@@ -79,6 +82,7 @@ inline constexpr uint16_t kPlainSwizzle =
 inline constexpr uint16_t kOpaqueSwizzle =
     make_swizzle(ChannelSource::kRed, ChannelSource::kGreen, ChannelSource::kBlue, ChannelSource::kOne);
 
+/// Whether the bits are a valid ImageRecord::swizzle.
 constexpr bool is_swizzle(uint16_t swizzle) {
   for (uint32_t channel = 0; channel < 4; ++channel)
     if (swizzle_source(swizzle, channel) > ChannelSource::kOne) return false;

@@ -13,6 +13,7 @@
 namespace scree::format {
 inline namespace SCREE_ISA {
 
+/// value / divisor rounded to nearest, halves up.
 SCREE_HD inline uint32_t rounded_ratio(uint32_t value, uint32_t divisor) {
   return (2 * value + divisor) / (2 * divisor);
 }
@@ -76,6 +77,7 @@ SCREE_HD inline uint32_t block_pixel(BlockFormat format, const uint8_t* block, u
   return 0;
 }
 
+/// `rgba`, red in the low byte, with its channels replaced by the swizzle.
 SCREE_HD inline uint32_t swizzled(uint32_t rgba, uint16_t swizzle) {
   if (swizzle == kPlainSwizzle) return rgba;
   uint32_t out = 0;

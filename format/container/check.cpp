@@ -31,6 +31,7 @@ Result<void> check_in_parts(const TableViews& tables, TableReader& reader, uint6
   if (auto checked = checker.materials(); !checked) return checked;
   if (auto checked = checker.textures(); !checked) return checked;
   if (auto checked = checker.images(); !checked) return checked;
+  if (auto checked = checker.masks(); !checked) return checked;
   if (auto checked = checker.cameras(); !checked) return checked;
   return checker.source();
 }

@@ -14,7 +14,7 @@
 
 namespace scree::format {
 
-inline constexpr uint32_t kKnownTableKinds = 20;  // TableKind values below this, 0 aside
+inline constexpr uint32_t kKnownTableKinds = 23;  // TableKind values are below this
 
 /// The tables of a file by kind. Kinds that the file lacks are empty.
 struct TableViews {
@@ -42,7 +42,7 @@ class TableReader {
  public:
   /// At least the records up to `record` of the table are read next. Returns the record (exclusive, more than `record`)
   /// up to which no further call is needed.
-  virtual uint64_t read_to(TableKind kind, uint64_t record) = 0;
+  virtual uint64_t announce(TableKind kind, uint64_t record) = 0;
 
  protected:
   ~TableReader() = default;

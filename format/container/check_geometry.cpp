@@ -37,7 +37,7 @@ bool lattice_is_sane(int64_t min, uint32_t bits, int32_t exponent) {
 Result<void> Checker::pages() const {
   uint64_t end = kPageAlignment;
   for (uint64_t i = 0; i < pages_.size(); ++i) {
-    reach(TableKind::kPages, i);
+    announce(TableKind::kPages, i);
     const PageRecord& page = pages_[i];
     const uint64_t place = align_up(end, kPageAlignment);  // in [4096, 2^63): `end` lies within the file
     if (page.offset != place) return fail(kRange, "page ", i, ": at byte ", page.offset, ", expected ", place);
@@ -274,7 +274,7 @@ std::optional<Error> Checker::chunk_streams_of(uint64_t index, const MeshRecord&
 
 Result<void> Checker::meshes(Part part) {
   for (uint64_t m = part.begin(meshes_.size()); m < part.end(meshes_.size()); ++m) {
-    reach(TableKind::kMeshes, m);
+    announce(TableKind::kMeshes, m);
     if (auto error = mesh_fields(m)) [[unlikely]]
       return *std::move(error);
     const MeshRecord& mesh = meshes_[m];
@@ -286,7 +286,7 @@ Result<void> Checker::meshes(Part part) {
     uint64_t triangles = 0;
     uint64_t vertices = 0;
     for (uint64_t c = next_chunk_; c < next_chunk_ + mesh.chunk_count; ++c) {
-      reach(TableKind::kChunks, c);
+      announce(TableKind::kChunks, c);
       // Streams before sizes: the error should give the absurd width, not the size that follows from it.
       if (auto error = chunk_streams_of(c, mesh)) [[unlikely]]
         return *std::move(error);
@@ -306,7 +306,7 @@ Result<void> Checker::meshes(Part part) {
 
     // Checks that the mesh's group contains it, while the group is in the cache. If not, groups() finds the error.
     while (m >= group_end_ && group_ < groups_.size()) {
-      reach(TableKind::kGroups, group_);
+      announce(TableKind::kGroups, group_);
       group_end_ += groups_[group_++].mesh_count;
     }
     groups_may_differ_ |= mesh.group + uint64_t{1} != group_;
@@ -321,7 +321,7 @@ Result<void> Checker::meshes(Part part) {
 Result<void> Checker::groups() const {
   uint64_t next_mesh = 0;
   for (uint64_t g = 0; g < groups_.size(); ++g) {
-    reach(TableKind::kGroups, g);
+    announce(TableKind::kGroups, g);
     const GroupRecord& group = groups_[g];
     if (name_is_bad(group.name)) return fail_name("group", g, group.name);
     if (group.reserved) return fail(kReserved, "group ", g, ": a reserved field is set");

@@ -20,7 +20,7 @@ constexpr uint64_t kNodesAhead = 32;  // instances
 
 Result<void> Checker::nodes(Part part) const {
   for (uint64_t n = part.begin(nodes_.size()); n < part.end(nodes_.size()); ++n) {
-    reach(TableKind::kNodes, n);
+    announce(TableKind::kNodes, n);
     const NodeRecord& node = nodes_[n];
     if (name_is_bad(node.name)) return fail_name("node", n, node.name);
     if (node.parent >= n && node.parent != kNone) {
@@ -51,7 +51,7 @@ Result<void> Checker::nodes(Part part) const {
 
 Result<void> Checker::node_instances() const {
   for (uint64_t i = 0; i < node_instances_.size(); ++i) {
-    reach(TableKind::kNodeInstances, i);
+    announce(TableKind::kNodeInstances, i);
     const NodeInstanceRecord& record = node_instances_[i];
     if (!all_finite(record.translation, 3) || !all_finite(record.rotation, 4) || !all_finite(record.scale, 3)) {
       return fail(kRange, "node instance ", i, ": a transform that is not finite");
@@ -62,7 +62,7 @@ Result<void> Checker::node_instances() const {
 
 Result<void> Checker::matrices(Part part) const {
   for (uint64_t i = part.begin(matrices_.size()); i < part.end(matrices_.size()); ++i) {
-    reach(TableKind::kMatrices, i);
+    announce(TableKind::kMatrices, i);
     if (!all_finite(&matrices_[i].rows[0][0], 12)) return fail(kRange, "matrix ", i, ": not finite");
   }
   return {};
@@ -72,7 +72,7 @@ Result<void> Checker::matrices(Part part) const {
 Result<void> Checker::instances_to(uint64_t end) {
   for (; next_instance_ < end; ++next_instance_) {
     const uint64_t i = next_instance_;
-    reach(TableKind::kInstances, i);
+    announce(TableKind::kInstances, i);
     if (i + kNodesAhead < end) {  // nodes come in any order, so that each would be a cache miss
       const uint32_t node = instances_[i + kNodesAhead].node;
       if (node < nodes_.size()) __builtin_prefetch(&nodes_[node].group);
@@ -156,7 +156,7 @@ Result<void> Checker::scenes(Part part) {
 
 Result<void> Checker::scene_roots() const {
   for (uint64_t i = 0; i < scene_roots_.size(); ++i) {
-    reach(TableKind::kSceneRoots, i);
+    announce(TableKind::kSceneRoots, i);
     if (scene_roots_[i] >= nodes_.size()) {
       return fail_index("scene root", i, "node", scene_roots_[i], nodes_.size(), "nodes");
     }
@@ -303,6 +303,46 @@ std::optional<Error> Checker::levels_of(uint64_t image, uint64_t first) const {
     }
   }
   return std::nullopt;
+}
+
+Result<void> Checker::masks() const {
+  for (uint64_t i = 0; i < masks_.size(); ++i) {
+    const MaskRecord& mask = masks_[i];
+    if (mask.material >= materials_.size()) {
+      return fail_index("mask", i, "material", mask.material, materials_.size(), "materials");
+    }
+    if (i > 0 && mask.material <= masks_[i - 1].material) {
+      return fail(kRange, "mask ", i, ": material ", mask.material, " after material ", masks_[i - 1].material,
+                  ", expected ascending order");
+    }
+    if (mask.page >= pages_.size()) return fail_index("mask", i, "page", mask.page, pages_.size(), "pages");
+    const PageRecord& page = pages_[mask.page];
+    if (page.kind != PageKind::kMask) {
+      return fail(kRange, "mask ", i, ": page ", mask.page, " is of kind ", static_cast<uint32_t>(page.kind),
+                  ", which holds no mask");
+    }
+    if (mask.width == 0 || mask.width > kMaxMaskSide || mask.height == 0 || mask.height > kMaxMaskSide) {
+      return fail(kRange, "mask ", i, ": ", mask.width, " x ", mask.height, " texels, expected 1 to ", kMaxMaskSide);
+    }
+    if (mask.level_count == 0 || mask.level_count > max_mask_levels(mask.width, mask.height)) {
+      return fail(kRange, "mask ", i, ": ", mask.level_count, " levels, expected 1 to ",
+                  max_mask_levels(mask.width, mask.height));
+    }
+    const uint64_t bytes = mask_bytes(mask.width, mask.height, mask.level_count);
+    if (page.raw_bytes != bytes) {
+      return fail(kRange, "mask ", i, ": page ", mask.page, " has ", page.raw_bytes, " bytes, expected ", bytes);
+    }
+    if (mask.threshold == 0 || mask.threshold > kMaxMaskThreshold) {
+      return fail(kRange, "mask ", i, ": threshold ", mask.threshold, ", expected 1 to ", kMaxMaskThreshold);
+    }
+    if (mask.wrap_s > Wrap::kClamp || mask.wrap_t > Wrap::kClamp) {
+      return fail(kRange, "mask ", i, ": wrap ", static_cast<uint32_t>(mask.wrap_s), " and ",
+                  static_cast<uint32_t>(mask.wrap_t));
+    }
+    if ((mask.flags & ~uint32_t{kMaskNearest}) != 0) return fail(kReserved, "mask ", i, ": flags ", mask.flags);
+    if (!all_finite(&mask.place[0][0], 6)) return fail(kRange, "mask ", i, ": a transform that is not finite");
+  }
+  return {};
 }
 
 Result<void> Checker::cameras() const {

@@ -59,10 +59,13 @@ class Checker {
         textures_(tables.table<TextureRecord>(TableKind::kTextures)),
         images_(tables.table<ImageRecord>(TableKind::kImages)),
         mip_levels_(tables.table<MipLevelRecord>(TableKind::kMipLevels)),
+        masks_(tables.table<MaskRecord>(TableKind::kMasks)),
         cameras_(tables.table<CameraRecord>(TableKind::kCameras)),
         scenes_(tables.table<SceneRecord>(TableKind::kScenes)),
         scene_roots_(tables.table<uint32_t>(TableKind::kSceneRoots)) {}
 
+  // One function per table, and for parts of a table that is checked in parts. Errors kRange, kReserved, kFormat;
+  // each gives the record and the field.
   Result<void> strings();
   Result<void> pages() const;
   Result<void> meshes(Part part);
@@ -75,6 +78,7 @@ class Checker {
   Result<void> materials() const;
   Result<void> textures() const;
   Result<void> images() const;
+  Result<void> masks() const;
   Result<void> cameras() const;
   Result<void> source() const;
 
@@ -92,15 +96,15 @@ class Checker {
 
   /// Called before a record is read for the first time. Prefetches the records one block ahead, so that the next
   /// block's checksum does not wait for memory.
-  void reach(TableKind kind, uint64_t index) const {
+  void announce(TableKind kind, uint64_t index) const {
     const TableViews::View& table = tables_.view(kind);
     const uintptr_t ahead = reinterpret_cast<uintptr_t>(table.first) + index * table.stride + kReadAheadBytes;
     for (uint64_t line = 0; line < std::min<uint64_t>(table.stride, 192); line += 64) {
       __builtin_prefetch(reinterpret_cast<const void*>(ahead + line), 0, 2);
     }
-    uint64_t& reached = reached_[static_cast<uint32_t>(kind)];
-    if (index >= reached) [[unlikely]]
-      reached = reader_.read_to(kind, index);
+    uint64_t& announced = announced_[static_cast<uint32_t>(kind)];
+    if (index >= announced) [[unlikely]]
+      announced = reader_.announce(kind, index);
   }
 
   bool name_is_bad(uint32_t offset) const { return offset >= string_bytes_; }
@@ -111,7 +115,7 @@ class Checker {
 
   const TableViews& tables_;
   TableReader& reader_;
-  mutable std::array<uint64_t, kKnownTableKinds> reached_{};
+  mutable std::array<uint64_t, kKnownTableKinds> announced_{};
   uint64_t string_bytes_ = 0;
 
   // State of meshes().
@@ -142,6 +146,7 @@ class Checker {
   Table<TextureRecord> textures_;
   Table<ImageRecord> images_;
   Table<MipLevelRecord> mip_levels_;
+  Table<MaskRecord> masks_;
   Table<CameraRecord> cameras_;
   Table<SceneRecord> scenes_;
   Table<uint32_t> scene_roots_;

@@ -7,6 +7,7 @@
 namespace scree::format::isa_avx2 {
 
 #ifdef SCREE_HAS_AVX2_CODE
+/// XXH3-64 of `size` bytes.
 uint64_t xxh3_64(const void* bytes, size_t size);
 /// `state`: an XXH3_state_t, which is the same for all instruction sets.
 void xxh3_64_update(void* state, const void* bytes, size_t size);

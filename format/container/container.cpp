@@ -52,8 +52,15 @@ constexpr std::array<KnownTable, kKnownTableKinds> kKnownTables = {{
     known<LeftOutRecord>("left-out"),
     known<MipLevelRecord>("mip level"),
     known<uint64_t>("left-out cost"),
+    {nullptr, 0, 1},
+    {nullptr, 0, 1},
+    known<MaskRecord>("mask"),
 }};
-static_assert(kKnownTables[static_cast<uint32_t>(TableKind::kLeftOutCosts)].record_bytes == sizeof(uint64_t));
+static_assert(kKnownTables[static_cast<uint32_t>(TableKind::kMasks)].record_bytes == sizeof(MaskRecord));
+
+constexpr bool is_known(uint32_t kind) {
+  return kind < kKnownTableKinds && kKnownTables[kind].name != nullptr;
+}
 
 constexpr uint32_t kZstdMagic = 0xFD2FB528;  // RFC 8878, 3.1.1
 
@@ -117,7 +124,7 @@ class TableHashes final : public TableReader {
  public:
   explicit TableHashes(const TableViews& tables) : tables_(tables) {}
 
-  uint64_t read_to(TableKind kind, uint64_t record) override {
+  uint64_t announce(TableKind kind, uint64_t record) override {
     const TableViews::View& table = tables_.view(kind);
     const uint64_t block = std::max<uint64_t>(1, kBlockBytes / table.stride);
     hash_to(static_cast<uint32_t>(kind), std::min(table.count, record + block));
@@ -155,7 +162,7 @@ class TableHashes final : public TableReader {
 Result<void> take_table(const TocEntry& entry, uint32_t index, std::span<const std::byte> file, TableViews& views) {
   const uint32_t kind = static_cast<uint32_t>(entry.kind);
   if (kind == 0) return fail(ErrorCode::kRange, "table ", index, ": kind 0");
-  if (kind < kKnownTableKinds) {
+  if (is_known(kind)) {
     const KnownTable& table = kKnownTables[kind];
     TableViews::View& view = views.views[kind];
     if (view.first) return fail(ErrorCode::kFormat, "table ", index, ": a second ", table.name, " table");
@@ -182,7 +189,7 @@ Result<void> take_table(const TocEntry& entry, uint32_t index, std::span<const s
 Result<void> check_checksum(const TocEntry& entry, uint32_t index, uint64_t actual) {
   if (actual == entry.checksum) return {};
   const uint32_t kind = static_cast<uint32_t>(entry.kind);
-  if (kind < kKnownTableKinds) {
+  if (is_known(kind)) {
     return fail(ErrorCode::kChecksum, kKnownTables[kind].name, " table: the checksum differs");
   }
   return fail(ErrorCode::kChecksum, "table ", index, " of kind ", kind, ": the checksum differs");
@@ -260,7 +267,7 @@ Result<void> check_tables(const FileHeader& header, std::span<const std::byte> f
       const TocEntry entry = toc_entry(header, file, i);
       const uint32_t kind = static_cast<uint32_t>(entry.kind);
       checked = check_checksum(entry, i,
-                               kind < kKnownTableKinds
+                               is_known(kind)
                                    ? hashes.checksum(kind)
                                    : checksum(file.subspan(entry.offset, entry.record_bytes * entry.record_count)));
     }
@@ -384,6 +391,9 @@ Table<ImageRecord> Container::images() const {
 }
 Table<MipLevelRecord> Container::mip_levels() const {
   return views_->table<MipLevelRecord>(TableKind::kMipLevels);
+}
+Table<MaskRecord> Container::masks() const {
+  return views_->table<MaskRecord>(TableKind::kMasks);
 }
 Table<CameraRecord> Container::cameras() const {
   return views_->table<CameraRecord>(TableKind::kCameras);

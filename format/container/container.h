@@ -60,6 +60,7 @@ class Container {
   Table<TextureRecord> textures() const;
   Table<ImageRecord> images() const;
   Table<MipLevelRecord> mip_levels() const;
+  Table<MaskRecord> masks() const;
   Table<CameraRecord> cameras() const;
   Table<SceneRecord> scenes() const;
   Table<uint32_t> scene_roots() const;
@@ -135,6 +136,7 @@ struct TableSet {
   std::vector<TextureRecord> textures;
   std::vector<ImageRecord> images;
   std::vector<MipLevelRecord> mip_levels;
+  std::vector<MaskRecord> masks;
   std::vector<CameraRecord> cameras;
   std::vector<SceneRecord> scenes;
   std::vector<uint32_t> scene_roots;

@@ -1,4 +1,5 @@
-// Which mip levels of an indexed JPEG a file stores. Source: spec/container.md, mip levels.
+// Which mip levels of an indexed JPEG a file stores, and how many bytes the levels of a mask take.
+// Source: spec/container.md, mip levels and masks.
 #pragma once
 
 #include <algorithm>
@@ -17,6 +18,20 @@ inline uint32_t stored_level_count(uint32_t width, uint32_t height) {
   uint32_t count = 0;
   while (std::max(width, height) >> (count + 1) >= kLeastLevelSide) ++count;
   return count;
+}
+
+/// The most levels that a mask of this size may have: down to one texel.
+inline uint32_t max_mask_levels(uint32_t width, uint32_t height) {
+  uint32_t count = 1;
+  while (std::max(width, height) >> count != 0) ++count;
+  return count;
+}
+
+/// Bytes of the levels of a mask. Each side is at most kMaxMaskSide.
+inline uint64_t mask_bytes(uint32_t width, uint32_t height, uint32_t level_count) {
+  uint64_t bytes = 0;
+  for (uint32_t l = 0; l < level_count; ++l) bytes += uint64_t{std::max(1u, width >> l)} * std::max(1u, height >> l);
+  return bytes;
 }
 
 }  // namespace scree::format

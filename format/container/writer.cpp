@@ -399,13 +399,14 @@ Result<uint64_t> ContainerWriter::finish(const TableSet& tables) {
   table(TableKind::kSource, std::span<const SourceRecord>(&tables.source, 1));
   table(TableKind::kLeftOut, tables.left_out);
   table(TableKind::kLeftOutCosts, tables.left_out_costs);
+  table(TableKind::kMasks, tables.masks);
   if (!written) return written.error();
 
   const std::vector<TocEntry>& toc = impl_->toc;
   FileHeader header{};
   std::memcpy(header.magic, kMagic, sizeof kMagic);
   header.version_major = kVersionMajor;
-  header.version_minor = kVersionMinor;
+  header.version_minor = tables.masks.empty() ? 0 : 1;  // masks are all that version 1.1 added
   header.header_bytes = sizeof header;
   header.toc_offset = align_up(impl_->end, kTableAlignment);
   header.toc_count = static_cast<uint32_t>(toc.size());

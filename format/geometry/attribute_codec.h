@@ -33,20 +33,21 @@ UvRange choose_uv_range(std::span<const float> uvs, uint32_t bits = 16);
 /// Bound of the error per axis: half a step plus half an ulp of the range's largest coordinate.
 double uv_error_bound(const UvRange& range);
 uint64_t uv_stream_bytes(uint64_t vertex_count, const UvRange& range);
+/// `uvs` and `out` of the decoder: 2 floats per vertex.
 void encode_uvs(std::span<std::byte> out, std::span<const float> uvs, const UvRange& range);
 Result<void> decode_uvs(std::span<float> out, const UvRange& range, std::span<const std::byte> bytes);
 Result<void> check_uvs(uint64_t vertex_count, const UvRange& range, std::span<const std::byte> bytes);
 
 /// Linear RGBA8, 4 bytes per vertex, rounded up to 16. Values are clamped to 0 .. 1 and rounded to the nearest 1/255,
-/// halves up; NaN becomes 0.
+/// halves up; NaN becomes 0. `rgba` and `out` of the decoder: 4 floats per vertex.
 uint64_t color_stream_bytes(uint64_t vertex_count);
 void encode_colors(std::span<std::byte> out, std::span<const float> rgba);
 Result<void> decode_colors(std::span<float> out, std::span<const std::byte> bytes);
 Result<void> check_colors(uint64_t vertex_count, std::span<const std::byte> bytes);
 
 /// Unit vectors on the octahedron unfolded to a square, `bits` (2 to 16) per axis, side by side. Codes 0 .. 2^bits - 2
-/// stand for -1 .. 1, so that the axes are exact. The encoder takes normals of any length; zero and non-finite ones
-/// become (0, 0, 1).
+/// stand for -1 .. 1, so that the axes are exact. `normals` and `out` of the decoder: 3 floats per vertex. The encoder
+/// takes normals of any length; zero and non-finite ones become (0, 0, 1).
 uint64_t normal_stream_bytes(uint64_t vertex_count, uint32_t bits);
 void encode_normals(std::span<std::byte> out, std::span<const float> normals, uint32_t bits);
 Result<void> decode_normals(std::span<float> out, uint32_t bits, std::span<const std::byte> bytes);
@@ -84,6 +85,7 @@ struct SourceIdRange {
 };
 /// The tightest range; {0, 0} for no ids. The ids of a chunk must lie within 2^32 of each other.
 SourceIdRange source_id_range(std::span<const uint64_t> ids);
+/// `ids` and `out` of the decoder: one per triangle.
 uint64_t source_id_stream_bytes(uint64_t triangle_count, const SourceIdRange& range);
 void encode_source_ids(std::span<std::byte> out, std::span<const uint64_t> ids, const SourceIdRange& range);
 Result<void> decode_source_ids(std::span<uint64_t> out, const SourceIdRange& range, std::span<const std::byte> bytes);

@@ -25,6 +25,7 @@ struct ClusterBounds {
 };
 static_assert(sizeof(ClusterBounds) == 16);
 
+/// Smallest offset along an axis (0 to 2), from the chunk's position_min.
 SCREE_HD constexpr uint32_t bounds_min(const ClusterBounds& bounds, int axis) {
   return bounds.axis[axis] & 0xffffffu;
 }
@@ -33,11 +34,15 @@ SCREE_HD constexpr uint32_t bounds_extent(const ClusterBounds& bounds, int axis)
   return (((bounds.axis[axis] >> 24) + 1) << (bounds.shift & 31)) - 1;
 }
 
-/// Triangles of a chunk and the vertices they use. `place`: bits 0 to 28 are the start of its data, in 4-byte words
-/// from the start of the chunk's cluster data; bits 29 and 30 the axis that is predicted from the other two, or
-/// kNotPredicted; bit 31 is set where steps have two bits. `counts`: bits 0 to 6 triangles less one, 7 to 13 vertices
-/// less one, 14 to 16 the bits of a distance, 17 to 21, 22 to 26 and 27 to 31 the bits of a position's x, y and z codes
-/// (for the predicted axis: the bits of the residual).
+/// Triangles of a chunk and the vertices they use. Bits of `place`:
+/// - 0 to 28: start of its data, in 4-byte words from the start of the chunk's cluster data;
+/// - 29 and 30: the axis that is predicted from the other two, or kNotPredicted;
+/// - 31: set where steps have two bits.
+/// Bits of `counts`:
+/// - 0 to 6: triangles less one;
+/// - 7 to 13: vertices less one;
+/// - 14 to 16: the bits of a distance;
+/// - 17 to 21, 22 to 26, 27 to 31: the bits of a position's x, y and z codes; for the predicted axis: of its residuals.
 struct ClusterRecord {
   uint32_t place;
   uint32_t first_triangle;  // in the chunk: the sum of the counts before
@@ -61,6 +66,7 @@ struct ClusterLayout {
   uint32_t end;
 };
 
+/// Decodes a record. Defined for any record; whether the data fit the chunk is for the caller to check.
 SCREE_HD constexpr ClusterLayout cluster_layout(const ClusterRecord& record) {
   ClusterLayout out{};
   out.triangle_count = (record.counts & 127) + 1;

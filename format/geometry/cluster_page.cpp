@@ -303,7 +303,7 @@ class Joiner {
       }
       const uint32_t furthest = std::max(back[0], back[1]);
       if (largest >= form_.vertex_count || furthest > largest || furthest >> bits != 0)
-        return broken(kRange, "a triangle of vertices that its cluster has not");
+        return broken(kRange, "a triangle with vertices that its cluster lacks");
       predictor.triangle(largest, back, place);
     }
     predictor.finish(form_.vertex_count, place);

@@ -27,9 +27,11 @@ struct SplitPage {
   std::vector<uint64_t> stream_ends;  // offsets in `bytes` where each stream ends; a stream has bytes of one kind
 };
 
-/// Splits a page of valid chunks; `clusters` are in file order. The page cannot be split where join_page() would not
-/// restore every byte (another writer's clusters need not be the tightest), where the streams take more than
-/// kMaxSplitRatio times its bytes, where it has 2 GiB or more, and where memory is short.
+/// Splits a page of valid chunks; `clusters` are in file order. The page cannot be split in these cases:
+/// - join_page() would not restore every byte, since another writer's clusters need not be the tightest;
+/// - the streams take more than kMaxSplitRatio times its bytes;
+/// - it has 2 GiB or more;
+/// - memory is short.
 SplitPage split_page(std::span<const std::byte> page, std::span<const PageClusters> clusters);
 
 /// Joins a split page: writes all of `page`. Safe on any bytes, but checks only its own needs; the result has to be

@@ -11,6 +11,7 @@
 
 namespace scree::format {
 
+/// Number of one bits.
 SCREE_HD inline uint32_t count_ones(uint32_t word) {
 #if defined(__CUDA_ARCH__)
   return static_cast<uint32_t>(__popc(word));
@@ -26,6 +27,7 @@ struct ClusterPredictor {
   int32_t slope_v;
   uint32_t bias;
 
+  /// Adds the predicted part to the stored codes of a vertex.
   SCREE_HD void apply(uint32_t code[3]) const {
     if (axis == kNotPredicted) return;
     // Constant indices, so that the codes stay in registers.
@@ -46,10 +48,12 @@ struct ClusterReader {
   uint32_t first_vertex;
   uint32_t min[3];  // offset of code 0 from the chunk's position_min
 
+  /// Bits of a vertex.
   SCREE_HD uint32_t stride() const {
     return layout.position_bits[0] + layout.position_bits[1] + layout.position_bits[2];
   }
 
+  /// Word `place` of the chunk's cluster data.
   SCREE_HD uint32_t word(uint32_t place) const { return unpack(data, uint64_t{place} * 32, 32); }
 
   /// The largest vertex of a triangle less that of the triangle before. For the first triangle: less 2.
@@ -80,6 +84,7 @@ struct ClusterReader {
     out[1] = both >> bits;
   }
 
+  /// The three vertices of a triangle, the largest first.
   SCREE_HD void triangle(uint32_t number, uint32_t out[3]) const {
     uint32_t back[2];
     distances(number, back);

@@ -24,6 +24,7 @@ class EightRecords {
   explicit EightRecords(uint32_t stride)
       : stride_(stride), place1_(2 * stride / 8), place2_(4 * stride / 8), place3_(6 * stride / 8) {}
 
+  /// Loads the eight records that begin at `at`.
   void load(const std::byte* at) {
     const auto two = [at](size_t place) { return _mm_loadu_si128(reinterpret_cast<const __m128i*>(at + place)); };
     records0123_ = _mm256_inserti128_si256(_mm256_castsi128_si256(two(0)), two(place1_), 1);
@@ -40,6 +41,7 @@ class EightRecords {
     __m256i left;   // left shift that moves it to the high end
     __m256i mask;
   };
+  /// Makes the field for low() and high().
   Field field(uint32_t offset, uint32_t bits) const {
     const auto residue = [this](uint32_t records) { return static_cast<int>(records * stride_ % 8); };
     const auto next = static_cast<int>(stride_);
@@ -81,6 +83,7 @@ class EightRecords {
   __m256i records4567_{};
 };
 
+/// The largest of eight unsigned numbers.
 uint32_t largest_lane(__m256i lanes) {
   __m128i most = _mm_max_epu32(_mm256_castsi256_si128(lanes), _mm256_extracti128_si256(lanes, 1));
   most = _mm_max_epu32(most, _mm_srli_si128(most, 8));

@@ -54,6 +54,7 @@ void quantize_positions(std::span<uint32_t> out, std::span<const float> position
 
 /// Writes exactly position_stream_bytes() bytes; `coordinates` must lie in `range`.
 void encode_positions(std::span<std::byte> out, std::span<const uint32_t> coordinates, const PositionRange& range);
+/// The same for three floats per vertex: 12 * vertex_count bytes, rounded up to 16.
 void encode_positions_float32(std::span<std::byte> out, std::span<const float> positions);
 
 /// Decodes to float model units, 3 per vertex (out.size() / 3 vertices). Safe on any bytes and any range; errors

@@ -22,6 +22,7 @@ class WordWriter {
  public:
   explicit WordWriter(uint32_t* words) : at_(words) {}
 
+  /// Appends the low `bits` (0 to 32) of `value`, whose other bits must be zero.
   void put(uint32_t value, uint32_t bits) {
     pending_ |= uint64_t{value} << fill_;
     std::memcpy(at_, &pending_, sizeof pending_);  // unconditionally: a branch would often be mispredicted

@@ -47,6 +47,7 @@ inline bool jpeg_data_may_hold(const JpegLayout& layout, uint64_t data_bytes) {
   return uint64_t{layout.mcu_count()} * layout.mcu_blocks <= 4 * data_bytes;
 }
 
+/// Bits of a group's anchor.
 inline uint32_t anchor_stride(const JpegAnchorBlock& block) {
   return uint32_t{block.bit_bits} + block.dc_bits[0] + block.dc_bits[1] + block.dc_bits[2];
 }

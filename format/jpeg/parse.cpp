@@ -224,7 +224,7 @@ JpegVerdict judge_jpeg(const JpegHeader& header) {
   if (header.process == JpegProcess::kLossless) return {JpegTreatment::kRefuse, "lossless"};
   if (header.process == JpegProcess::kHierarchical) return {JpegTreatment::kRefuse, "hierarchical"};
   if (header.precision != 8)
-    return {JpegTreatment::kRefuse, std::to_string(uint32_t{header.precision}) + " bits a sample"};
+    return {JpegTreatment::kRefuse, std::to_string(uint32_t{header.precision}) + " bits per sample"};
   if (header.colour == JpegColour::kOther)
     return {JpegTreatment::kReencode,
             std::to_string(header.component_count) + " components" + (header.component_count == 4 ? " (CMYK)" : "")};

@@ -77,6 +77,7 @@ SCREE_HD inline void transform_jpeg_line(int32_t* values, uint32_t step, uint32_
   put(4, even0 - even3 - odd0);
 }
 
+/// `value` limited to 0 .. 255.
 SCREE_HD inline uint32_t clamp_jpeg_sample(int32_t value) {
   return value < 0 ? 0u : value > 255 ? 255u : static_cast<uint32_t>(value);
 }
@@ -149,6 +150,7 @@ struct JpegPlace {
   uint32_t y;
 };
 
+/// The location of pixel (x, y), which must lie in the picture.
 SCREE_HD inline JpegPlace jpeg_place(const JpegPicture& picture, uint32_t x, uint32_t y) {
   const uint32_t column = divide_jpeg(x, picture.mcu_width_inverse);
   const uint32_t row = divide_jpeg(y, picture.mcu_height_inverse);

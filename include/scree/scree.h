@@ -12,7 +12,8 @@
  *
  * Threads. All functions may be called from any thread. Calls with the same view wait for each other; calls with
  * different views run at the same time on the CPU, and one after the other on a GPU. A handle may be ended while
- * another thread uses it: that call still ends well.
+ * another thread uses it: that call still ends well. Every call leaves the calling thread's current CUDA device as it
+ * was.
  *
  * Structures begin with `size`, which the caller sets to sizeof: a later version of the library may know more fields,
  * and takes those that are missing to be 0. In options 0 always means the default. So begin with

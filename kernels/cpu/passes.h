@@ -105,7 +105,7 @@ struct PyramidBand {
 
 /// Draws into a picture that was cleared, or holds what chunks that have gone since drew. `draw()` returns false when
 /// memory ran out.
-template <class Backend, bool kOrthographic>
+template <class Backend, bool kOrthographic, bool kMasked>
 class FrameDrawer {
  public:
   FrameDrawer(Backend& backend, const SceneView& scene, const FrameView& view, uint64_t* samples,
@@ -178,6 +178,13 @@ class FrameDrawer {
     return true;
   }
 
+  MaskSource<kMasked> masks() const {
+    if constexpr (kMasked)
+      return {scene_, nullptr};
+    else
+      return {};
+  }
+
   /// From near to far, in rounds: each as much as all before, which then may hide what comes next.
   bool draw_blocks(uint64_t total, FrameStats& stats) {
     if (culling_.occlusion) {
@@ -191,8 +198,8 @@ class FrameDrawer {
       const uint64_t count = min_of(share, end_of_round - first);
       backend_.write_counters(Counters{});
       ClusterCounts clusters{};
-      backend_.for_each(count,
-                        RasterBlocks<kOrthographic>{{scene_, view_, target_, queues_}, culling_, &clusters, first});
+      backend_.for_each(
+          count, RasterBlocks<kOrthographic, kMasked>{{scene_, view_, target_, queues_}, culling_, &clusters, first});
       const Counters drawn = backend_.read_counters();
       if (drawn.medium > queues_.medium_capacity || drawn.large > queues_.large_capacity) {
         if (count > 1 && max_of(drawn.medium, drawn.large) > kMostTriangles) {
@@ -204,7 +211,7 @@ class FrameDrawer {
         continue;
       }
       if (drawn.medium != 0) {
-        backend_.for_each(drawn.medium, RasterMedium<kOrthographic>{view_, target_, queues_, 0});
+        backend_.for_each(drawn.medium, RasterMedium<kOrthographic, kMasked>{view_, target_, queues_, 0, masks()});
       }
       draw_large(drawn.large);
       stats.triangles += drawn.triangles;
@@ -260,7 +267,7 @@ class FrameDrawer {
         share = max_of<uint64_t>(count / 2, 1);
         continue;
       }
-      backend_.for_each(tiles, RasterTiles<kOrthographic>{view_, target_, queues_, 0});
+      backend_.for_each(tiles, RasterTiles<kOrthographic, kMasked>{view_, target_, queues_, 0, masks()});
       first += count;
     }
   }
@@ -283,8 +290,13 @@ void clear_frame(Backend& backend, const FrameView& view, uint64_t* samples) {
 template <class Backend>
 bool draw_frame(Backend& backend, const SceneView& scene, const FrameView& view, uint64_t* samples,
                 const QueueSizes& sizes, FrameStats& stats) {
-  if (view.orthographic) return FrameDrawer<Backend, true>(backend, scene, view, samples, sizes).draw(stats);
-  return FrameDrawer<Backend, false>(backend, scene, view, samples, sizes).draw(stats);
+  const auto draw = [&]<bool kOrthographic, bool kMasked>() {
+    return FrameDrawer<Backend, kOrthographic, kMasked>(backend, scene, view, samples, sizes).draw(stats);
+  };
+  const auto draw_with = [&]<bool kMasked>() {
+    return view.orthographic ? draw.template operator()<true, kMasked>() : draw.template operator()<false, kMasked>();
+  };
+  return scene.masks != nullptr ? draw_with.template operator()<true>() : draw_with.template operator()<false>();
 }
 
 }  // namespace SCREE_ISA

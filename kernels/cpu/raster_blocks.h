@@ -30,14 +30,14 @@ struct ClusterCounts {
   uint64_t clusters_drawn;
 };
 
-template <bool kOrthographic>
+template <bool kOrthographic, bool kMasked>
 struct RasterBlocks {
-  RasterSmall<kOrthographic> small;
+  RasterSmall<kOrthographic, kMasked> small;
   ClusterCulling culling;
   ClusterCounts* counts;
   uint64_t first;  // block of item 0
 
-  using Context = typename RasterSmall<kOrthographic>::Context;
+  using Context = typename RasterSmall<kOrthographic, kMasked>::Context;
 
   template <class Team>
   void operator()(uint32_t item, Team team) const {
@@ -55,6 +55,7 @@ struct RasterBlocks {
         nullptr, &transform,
         mesh.material != format::kNone && (scene.materials[mesh.material].flags & format::kMaterialDoubleSided) != 0,
         scene.instance_base[block.instance] + chunk.first_triangle};
+    if constexpr (kMasked) context.masked = {scene, mesh, chunk};
     // The box of float32 positions is known for whole meshes only.
     if (!culling.bounds || block.triangle_count < kMinTestedTriangles ||
         mesh.position_encoding == format::PositionEncoding::kFloat32) {

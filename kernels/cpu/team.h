@@ -168,10 +168,10 @@ class CpuTeam {
 
   /// Draws `triangles` triangles of the chunk, that context.reader reads, from vertices projected once each; false
   /// where projecting a triangle's corners is the better way.
-  template <bool kOrthographic>
-  bool with_projected_vertices(const RasterSmall<kOrthographic>& pass,
-                               typename RasterSmall<kOrthographic>::Context& context, const format::ChunkRecord& chunk,
-                               uint32_t first_triangle, uint32_t triangles) const {
+  template <bool kOrthographic, bool kMasked>
+  bool with_projected_vertices(const RasterSmall<kOrthographic, kMasked>& pass,
+                               typename RasterSmall<kOrthographic, kMasked>::Context& context,
+                               const format::ChunkRecord& chunk, uint32_t first_triangle, uint32_t triangles) const {
     const ChunkReader& reader = *context.reader;
     if (scratch_ == nullptr) return false;
     if (reader.clustered) return with_projected_cluster(pass, context, first_triangle, triangles);
@@ -223,9 +223,9 @@ class CpuTeam {
   }
 
   /// The same for triangles of a cluster.
-  template <bool kOrthographic>
-  bool with_projected_cluster(const RasterSmall<kOrthographic>& pass,
-                              typename RasterSmall<kOrthographic>::Context& context, uint32_t first_triangle,
+  template <bool kOrthographic, bool kMasked>
+  bool with_projected_cluster(const RasterSmall<kOrthographic, kMasked>& pass,
+                              typename RasterSmall<kOrthographic, kMasked>::Context& context, uint32_t first_triangle,
                               uint32_t triangles) const {
     const ChunkReader& reader = *context.reader;
     const format::ClusterReader& cluster = reader.cluster;
@@ -252,8 +252,9 @@ class CpuTeam {
   /// Draws the covered samples of a box in runs of kRun along its rows: edges and depth codes of a run in a loop that
   /// the compiler makes vectors of, then a look at each sample. Where a row is no multiple of kRun its last run
   /// overlaps the one before, since drawing twice changes nothing.
-  template <bool kOrthographic, class Int>
-  void draw_runs(const Target& target, const Triangle& triangle, const PixelBox& box, int64_t area) const {
+  template <bool kOrthographic, class Int, class Mask>
+  void draw_runs(const Target& target, const Triangle& triangle, const PixelBox& box, int64_t area,
+                 const Mask& mask) const {
     constexpr int32_t kRun = 16;
     const Edges<Int> edges = make_edges<Int>(triangle, box.x0, box.y0);
     const DepthPlane plane = make_depth_plane(triangle, area);
@@ -288,7 +289,11 @@ class CpuTeam {
           for (int32_t k = 0; k < count; ++k) {
             uint64_t* sample = samples + start + k;
             if (codes[k] <= sample_depth_code(__atomic_load_n(sample, __ATOMIC_RELAXED))) {
-              update_min(sample, pack_sample(codes[k], triangle.id));
+              const uint64_t drawn = pack_sample(codes[k], triangle.id);
+              if constexpr (Mask::kTests) {
+                if (drawn >= load_relaxed(sample) || !mask.passes(box.x0 + start + k, y)) continue;
+              }
+              update_min(sample, drawn);
             }
           }
         }

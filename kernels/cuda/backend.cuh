@@ -12,6 +12,7 @@ namespace scree::kernels {
 struct WarpTeam {
   static constexpr bool kCachesVertices = false;
   static constexpr bool kDrawsRuns = false;
+  static constexpr bool kMakesTransforms = false;
 
   __device__ uint32_t rank() const { return threadIdx.x & 31u; }
   __device__ static constexpr uint32_t size() { return 32; }

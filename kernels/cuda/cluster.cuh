@@ -255,6 +255,34 @@ struct SurvivorReader {
         prediction(at.predicted_axis, data + at.prediction) {}
 };
 
+/// This warp's, behind the ClusterShared of all, where a kernel draws masked triangles.
+__device__ inline WarpMasks& cluster_masks() {
+  extern __shared__ uint4 shared_memory[];
+  return reinterpret_cast<WarpMasks*>(reinterpret_cast<ClusterShared*>(shared_memory) +
+                                      kClusterWarps)[threadIdx.x / kWarpLanes];
+}
+
+/// This warp's in raster_near_clipped.
+template <bool kMasked>
+__device__ inline WarpMasks* near_clipped_masks() {
+  if constexpr (kMasked) {
+    __shared__ WarpMasks masks[kClusterWarps];
+    return masks + threadIdx.x / kWarpLanes;
+  } else {
+    return nullptr;
+  }
+}
+
+/// Finds the mask of a lane's triangle, which a cluster's reader read.
+__device__ inline void find_mask(const ClusterFrame& frame, const SurvivorTriangle& survivor, Triangle& triangle,
+                                 LaneMask& mask) {
+  const ClusterItem item = frame.list.items[survivor.item];
+  const ClusterDraw& draw = frame.list.draws[item.draw];
+  const uint32_t number = draw.clusters()[item.cluster].first_triangle + (survivor.corners & 127);
+  triangle.is_masked =
+      mask.find(frame.small.scene, frame.small.view, frame.small.list.transforms, draw.instance, draw.chunk, number);
+}
+
 /// Projects a triangle that waits. False where there is nothing to draw, or it was queued to be clipped.
 template <bool kOrthographic>
 __device__ inline bool project_cluster_survivor(const ClusterFrame& frame, const SurvivorTriangle& survivor,
@@ -288,7 +316,7 @@ __device__ inline bool project_cluster_survivor(const ClusterFrame& frame, const
 /// is 2% faster where they are many, since the code for parts is gone. `kLateCull`: where a pass has many clusters
 /// beside the first one, as after a jump of the camera, each run of clusters is tested against the current picture just
 /// before it is drawn. That requires kParts == 1.
-template <bool kOrthographic, uint32_t kParts, bool kLateCull>
+template <bool kOrthographic, uint32_t kParts, bool kLateCull, bool kMasked>
 class ClusterWarp {
   static_assert(!kLateCull || kParts == 1);
 
@@ -415,12 +443,15 @@ class ClusterWarp {
     PixelBox box{};
     int64_t area = 0;
     int64_t pixels = 0;
+    std::conditional_t<kMasked, LaneMask, NoLaneMask> mask;
+    if constexpr (kMasked) mask.planes = cluster_masks().planes;
     if (lane_ < count && project_cluster_survivor<kOrthographic>(frame_, shared.survivors[survivor_count_ + lane_],
                                                                  triangle, box, area)) {
       pixels = box.pixels();
+      if constexpr (kMasked) find_mask(frame_, shared.survivors[survivor_count_ + lane_], triangle, mask);
     }
-    if (draw_set_up<kOrthographic>(frame_.small.target, frame_.small.queues, shared.set_up, triangle, box, area,
-                                   pixels)) {
+    if (draw_set_up<kOrthographic>(frame_.small.target, frame_.small.queues, shared.set_up, triangle, box, area, pixels,
+                                   mask)) {
       ++small_;
     }
     __syncwarp();
@@ -435,10 +466,10 @@ class ClusterWarp {
   uint32_t small_ = 0;
 };
 
-template <bool kOrthographic, uint32_t kParts, bool kLateCull>
-__global__ void __launch_bounds__(kClusterThreads, kClusterBlocks)
+template <bool kOrthographic, uint32_t kParts, bool kLateCull, bool kMasked>
+__global__ void __launch_bounds__(kClusterThreads, kMasked ? kMaskedBlocks : kClusterBlocks)
     raster_clusters(const __grid_constant__ ClusterFrame frame) {
-  ClusterWarp<kOrthographic, kParts, kLateCull>(frame).run();
+  ClusterWarp<kOrthographic, kParts, kLateCull, kMasked>(frame).run();
 }
 
 inline constexpr uint32_t kNearClippedBlocks = 4;  // of a multiprocessor
@@ -460,9 +491,10 @@ __device__ inline bool clip_survivor_near(const ClusterFrame& frame, const Survi
 }
 
 /// Draws what is left of up to 32 triangles of clusters that need clipping, a lane each. Returns as
-/// clip_and_draw() does.
+/// clip_and_draw() does. `masks`: null unless kMasked.
+template <bool kMasked>
 __device__ inline uint32_t draw_near_clipped(const ClusterFrame& frame, const ClipItem& item, bool has_one,
-                                             SetUpTriangles& set_up) {
+                                             SetUpTriangles& set_up, [[maybe_unused]] WarpMasks* masks) {
   const SurvivorReader reader(frame, item.survivor);
   NearPolygon polygon;
   uint32_t drawn = 0;
@@ -471,8 +503,14 @@ __device__ inline uint32_t draw_near_clipped(const ClusterFrame& frame, const Cl
       drawn = 1u << 16;
     } else {
       polygon.count = 0;
-      drawn = clip_and_draw<false>(frame.small, item.instance, item.chunk, item.triangle);
+      drawn = clip_and_draw<false, kMasked>(frame.small, item.instance, item.chunk, item.triangle);
     }
+  }
+  std::conditional_t<kMasked, LaneMask, NoLaneMask> mask;
+  if constexpr (kMasked) {
+    mask.planes = masks->planes;
+    mask.find(frame.small.scene, frame.small.view, frame.small.list.transforms, item.instance, item.chunk,
+              item.triangle);
   }
   // Of 4 corners two triangles are left.
 #pragma unroll 1
@@ -484,7 +522,8 @@ __device__ inline uint32_t draw_near_clipped(const ClusterFrame& frame, const Cl
     if (i < polygon.count &&
         reader.set_up(frame.small.view, polygon.corner[0], polygon.corner[1], polygon.corner[2], triangle, box, area))
       pixels = box.pixels();
-    if (draw_set_up<false>(frame.small.target, frame.small.queues, set_up, triangle, box, area, pixels)) ++drawn;
+    if constexpr (kMasked) triangle.is_masked = mask.mask != nullptr ? 1 : 0;
+    if (draw_set_up<false>(frame.small.target, frame.small.queues, set_up, triangle, box, area, pixels, mask)) ++drawn;
     polygon.corner[1] = polygon.corner[2];
     polygon.corner[2] = polygon.corner[3];
   }
@@ -493,7 +532,7 @@ __device__ inline uint32_t draw_near_clipped(const ClusterFrame& frame, const Cl
 
 /// Draws the triangles of clusters that need clipping, or whose reference is too far away for int32, a thread each.
 /// Neighbours in the queue go to different warps, since hardly two take the same branches.
-template <bool kOrthographic>
+template <bool kOrthographic, bool kMasked>
 __global__ void __launch_bounds__(kClusterThreads) raster_clipped(const __grid_constant__ ClusterFrame frame) {
   FrameCounters& counters = *frame.small.list.counters;
   const uint64_t count = min_of(counters.to_clip, frame.list.clip_capacity);
@@ -502,7 +541,7 @@ __global__ void __launch_bounds__(kClusterThreads) raster_clipped(const __grid_c
   const uint64_t first = counters.to_clip_drawn + threadIdx.x % kWarpLanes * (threads / kWarpLanes) + warp;
   for (uint64_t i = first; i < count; i += threads) {
     const ClipItem item = frame.list.to_clip[i];
-    const uint32_t drawn = clip_and_draw<kOrthographic>(frame.small, item.instance, item.chunk, item.triangle);
+    const uint32_t drawn = clip_and_draw<kOrthographic, kMasked>(frame.small, item.instance, item.chunk, item.triangle);
     WarpTeam::add(&counters.queues.triangles_small, drawn & 0xffffu);
     WarpTeam::add(&counters.queues.triangles_clipped, drawn >> 16);
   }
@@ -510,6 +549,7 @@ __global__ void __launch_bounds__(kClusterThreads) raster_clipped(const __grid_c
 
 /// The same for a perspective camera where they are many: neighbours in the queue go to one warp, and triangles that
 /// the near plane alone cuts are clipped in registers (clip_near).
+template <bool kMasked>
 __global__ void __launch_bounds__(kClusterThreads, kNearClippedBlocks)
     raster_near_clipped(const __grid_constant__ ClusterFrame frame) {
   __shared__ SetUpTriangles set_up[kClusterWarps];
@@ -523,8 +563,8 @@ __global__ void __launch_bounds__(kClusterThreads, kNearClippedBlocks)
   for (uint64_t first = counters.to_clip_drawn + uint64_t{blockIdx.x} * kClusterThreads + warp * kWarpLanes;
        first < end; first += threads) {
     const bool has_one = first + lane < end;
-    const uint32_t drawn =
-        draw_near_clipped(frame, frame.list.to_clip[has_one ? first + lane : first], has_one, set_up[warp]);
+    const uint32_t drawn = draw_near_clipped<kMasked>(frame, frame.list.to_clip[has_one ? first + lane : first],
+                                                      has_one, set_up[warp], near_clipped_masks<kMasked>());
     small += drawn & 0xffffu;
     clipped += drawn >> 16;
   }

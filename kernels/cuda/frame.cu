@@ -41,12 +41,16 @@ struct SmallVariant {
   size_t shared_bytes;
 };
 
-template <bool kOrthographic, bool kLattice, bool kFloat32, bool kInstanced>
+template <bool kOrthographic, bool kLattice, bool kFloat32, bool kInstanced, bool kMasked = false>
 SmallVariant small_variant() {
-  return {raster_small<kOrthographic, kLattice, kFloat32, kInstanced>, kSmallWarps * sizeof(SmallShared<kInstanced>)};
+  return {raster_small<kOrthographic, kLattice, kFloat32, kInstanced, kMasked>,
+          kSmallWarps * (sizeof(SmallShared<kInstanced>) + (kMasked ? sizeof(WarpMasks) : 0))};
 }
 
-SmallVariant choose_small(const DrawTables& tables, bool orthographic) {
+SmallVariant choose_small(const DrawTables& tables, bool orthographic, bool masked) {
+  if (masked)
+    return orthographic ? small_variant<true, true, true, true, true>()
+                        : small_variant<false, true, true, true, true>();
   if (orthographic) return small_variant<true, true, true, true>();
   if (tables.has_lattice && tables.has_float32) return small_variant<false, true, true, true>();
   if (tables.has_float32) {
@@ -54,6 +58,25 @@ SmallVariant choose_small(const DrawTables& tables, bool orthographic) {
                                 : small_variant<false, false, true, false>();
   }
   return tables.has_instances ? small_variant<false, true, false, true>() : small_variant<false, true, false, false>();
+}
+
+/// Shared memory of a block of raster_clusters.
+template <bool kMasked>
+constexpr size_t kClusterSharedBytes = kClusterWarps*(sizeof(ClusterShared) + (kMasked ? sizeof(WarpMasks) : 0));
+
+template <bool kMasked>
+Result<void> prepare_clusters() {
+  for (const auto kernel :
+       {raster_clusters<false, 1, false, kMasked>, raster_clusters<false, 1, true, kMasked>,
+        raster_clusters<false, kClusterParts, false, kMasked>, raster_clusters<true, 1, false, kMasked>,
+        raster_clusters<true, 1, true, kMasked>, raster_clusters<true, kClusterParts, false, kMasked>}) {
+    Result<void> done = cuda_check(
+        cudaFuncSetAttribute(reinterpret_cast<const void*>(kernel), cudaFuncAttributeMaxDynamicSharedMemorySize,
+                             static_cast<int>(kClusterSharedBytes<kMasked>)),
+        "asking for shared memory");
+    if (!done) return done;
+  }
+  return {};
 }
 
 enum FrameEvent {
@@ -135,18 +158,26 @@ struct CudaFrames::Impl {
   Result<void> submit();
   Result<void> capture_graph();
   Result<void> submit_passes(const FrameStreams& streams) {
-    return frame.orthographic ? submit_passes<true>(streams) : submit_passes<false>(streams);
+    if (scene.masks != nullptr)
+      return frame.orthographic ? submit_passes<true, true>(streams) : submit_passes<false, true>(streams);
+    return frame.orthographic ? submit_passes<true, false>(streams) : submit_passes<false, false>(streams);
   }
-  template <bool kOrthographic>
+  template <bool kOrthographic, bool kMasked>
   Result<void> submit_passes(const FrameStreams& streams);
-  template <bool kOrthographic, ClusterPass kPass>
+  template <bool kOrthographic, ClusterPass kPass, bool kMasked>
   void submit_clusters(const SmallFrame& small, uint32_t round, uint32_t rounds, const FrameStreams& streams);
-  template <bool kOrthographic>
+  template <bool kOrthographic, bool kMasked>
   void submit_clipped(const ClusterFrame& clusters, cudaStream_t stream);
-  template <bool kOrthographic>
+  template <bool kOrthographic, bool kMasked>
   Result<void> submit_clipping_on_own_stream(const SmallFrame& small, const FrameStreams& streams);
-  template <bool kOrthographic>
+  template <bool kOrthographic, bool kMasked>
   Result<void> submit_stages(const SmallFrame& small, const StageEvents& events_of_pass, const FrameStreams& streams);
+  template <bool kMasked>
+  LargeFrame<kMasked> large_frame(const SmallFrame& small, const Queues& queued, const DrawnTriangles* drawn) const {
+    LargeFrame<kMasked> out{small.view, small.target, queued, drawn, {}};
+    if constexpr (kMasked) out.masks = {scene, transforms.data()};
+    return out;
+  }
   ClusterList cluster_list() const;
   ClusterCull cluster_cull(const DrawList& list, const ClusterTests& tests, uint32_t pass, uint32_t round,
                            uint32_t rounds) const;
@@ -239,7 +270,7 @@ Result<void> CudaFrames::Impl::open(const SceneView& host, const CudaQueueSizes&
   tables = std::move(*made);
   Result<void> done = resident.open();
   for (const bool orthographic : {false, true}) {
-    variants[orthographic] = choose_small(tables, orthographic);
+    variants[orthographic] = choose_small(tables, orthographic, scene.masks != nullptr);
     if (done) done = prepare(variants[orthographic]);
   }
   for (cudaStream_t* stream : {&frame_streams.main, &frame_streams.side, &frame_streams.clip})
@@ -300,15 +331,7 @@ Result<void> CudaFrames::Impl::open_clusters(const SceneView& host, const CudaQu
   if (done) done = queues.clipped.tiles.allocate(sizes.tiles, "allocating the queues");
   if (done)
     done = queues.grow({0, 0, 0, first_items(tables.cluster_groups, sizes), sizes.to_clip, sizes.clipped, 0, 0});
-  for (const auto kernel :
-       {raster_clusters<false, 1, false>, raster_clusters<false, 1, true>, raster_clusters<false, kClusterParts, false>,
-        raster_clusters<true, 1, false>, raster_clusters<true, 1, true>, raster_clusters<true, kClusterParts, false>}) {
-    if (!done) break;
-    done = cuda_check(
-        cudaFuncSetAttribute(reinterpret_cast<const void*>(kernel), cudaFuncAttributeMaxDynamicSharedMemorySize,
-                             static_cast<int>(kClusterWarps * sizeof(ClusterShared))),
-        "asking for shared memory");
-  }
+  if (done) done = scene.masks != nullptr ? prepare_clusters<true>() : prepare_clusters<false>();
   return done;
 }
 
@@ -391,7 +414,7 @@ void CudaFrames::Impl::submit_small_scene_culling(const DrawList& list, const Sa
 }
 
 /// Finds the clusters that a pass draws, unless they are few and found, and draws them.
-template <bool kOrthographic, ClusterPass kPass>
+template <bool kOrthographic, ClusterPass kPass, bool kMasked>
 void CudaFrames::Impl::submit_clusters(const SmallFrame& small, uint32_t round, uint32_t rounds,
                                        const FrameStreams& streams) {
   const uint32_t pass = kPass == ClusterPass::kNewlyVisible ? 1 + round : 0;
@@ -403,67 +426,68 @@ void CudaFrames::Impl::submit_clusters(const SmallFrame& small, uint32_t round, 
   const ClusterFrame clusters{small, cluster_list(), pass};
   // Not of parts of a frame: what the last of them draws has no first pass to compare with.
   const bool culls_late = kPass == ClusterPass::kNewlyVisible && options.part == FramePart::kWhole;
-  const auto kernel = !in_two_passes() ? raster_clusters<kOrthographic, kClusterParts, false>
-                      : culls_late     ? raster_clusters<kOrthographic, 1, true>
-                                       : raster_clusters<kOrthographic, 1, false>;
-  constexpr size_t kShared = kClusterWarps * sizeof(ClusterShared);
+  const auto kernel = !in_two_passes() ? raster_clusters<kOrthographic, kClusterParts, false, kMasked>
+                      : culls_late     ? raster_clusters<kOrthographic, 1, true, kMasked>
+                                       : raster_clusters<kOrthographic, 1, false, kMasked>;
+  constexpr size_t kShared = kClusterSharedBytes<kMasked>;
   kernel<<<resident.of(kernel, kClusterThreads, kShared), kClusterThreads, kShared, streams.main>>>(clusters);
-  if (!clips_on_own_stream()) submit_clipped<kOrthographic>(clusters, streams.main);
+  if (!clips_on_own_stream()) submit_clipped<kOrthographic, kMasked>(clusters, streams.main);
 }
 
 /// Clips the triangles of clusters that need it.
-template <bool kOrthographic>
+template <bool kOrthographic, bool kMasked>
 void CudaFrames::Impl::submit_clipped(const ClusterFrame& clusters, cudaStream_t stream) {
   if constexpr (!kOrthographic) {  // an orthographic camera has no near plane that bends what it cuts
     if (clips_many()) {
-      raster_near_clipped<<<resident.of(raster_near_clipped, kClusterThreads), kClusterThreads, 0, stream>>>(clusters);
+      const auto near_clipped = raster_near_clipped<kMasked>;
+      near_clipped<<<resident.of(near_clipped, kClusterThreads), kClusterThreads, 0, stream>>>(clusters);
       return;
     }
   }
-  raster_clipped<kOrthographic><<<resident.multiprocessors(), kClusterThreads, 0, stream>>>(clusters);
+  raster_clipped<kOrthographic, kMasked><<<resident.multiprocessors(), kClusterThreads, 0, stream>>>(clusters);
 }
 
 /// Clips the triangles of clusters that need it and draws what is left of them, while all others go through stages 2
 /// and 3. Few as they are, each takes 20 us. Worth the kernels that it costs only where a frame is short: of scenes
 /// that are drawn in one pass.
-template <bool kOrthographic>
+template <bool kOrthographic, bool kMasked>
 Result<void> CudaFrames::Impl::submit_clipping_on_own_stream(const SmallFrame& small, const FrameStreams& streams) {
   SmallFrame clipped = small;
   clipped.queues = queues.clipped.view(&small.list.counters->clipped);
-  const LargeFrame queued{small.view, small.target, clipped.queues, &small.list.counters->clipped_drawn};
+  const LargeFrame<kMasked> queued = large_frame<kMasked>(small, clipped.queues, &small.list.counters->clipped_drawn);
   Result<void> done = record_event(kClustersDone, streams);
   if (done) done = cuda_check(cudaStreamWaitEvent(streams.clip, events[kClustersDone]), "forking");
   if (!done) return done;
-  submit_clipped<kOrthographic>({clipped, cluster_list(), 0}, streams.clip);
-  const auto large = raster_large<kOrthographic>;
-  split_large<kOrthographic><<<resident.multiprocessors(), kLargeThreads, 0, streams.clip>>>(queued);
+  submit_clipped<kOrthographic, kMasked>({clipped, cluster_list(), 0}, streams.clip);
+  const auto large = raster_large<kOrthographic, kMasked>;
+  split_large<kOrthographic, kMasked><<<resident.multiprocessors(), kLargeThreads, 0, streams.clip>>>(queued);
   large<<<resident.of(large, kLargeThreads), kLargeThreads, 0, streams.clip>>>(queued);
-  raster_medium<kOrthographic><<<resident.multiprocessors(), kLargeThreads, 0, streams.clip>>>(queued);
+  raster_medium<kOrthographic, kMasked><<<resident.multiprocessors(), kLargeThreads, 0, streams.clip>>>(queued);
   done = cuda_check(cudaGetLastError(), "starting to clip");
   if (done) done = cuda_check(cudaEventRecord(events[kClippedDone], streams.clip), "recording an event");
   return done;
 }
 
 /// What stage 1 left, by stages 2 and 3 side by side: each alone is too little for the GPU.
-template <bool kOrthographic>
+template <bool kOrthographic, bool kMasked>
 Result<void> CudaFrames::Impl::submit_stages(const SmallFrame& small, const StageEvents& at,
                                              const FrameStreams& streams) {
-  const LargeFrame queued{small.view, small.target, small.queues, &small.list.counters->drawn};
+  const LargeFrame<kMasked> queued = large_frame<kMasked>(small, small.queues, &small.list.counters->drawn);
   Result<void> done;
-  if (clips_on_own_stream()) done = submit_clipping_on_own_stream<kOrthographic>(small, streams);
+  if (clips_on_own_stream()) done = submit_clipping_on_own_stream<kOrthographic, kMasked>(small, streams);
   if (done) done = record_event(at.small_done, streams);
   if (done) done = cuda_check(cudaStreamWaitEvent(streams.side, events[at.small_done]), "forking");
   if (done) done = cuda_check(cudaEventRecord(events[at.large_begun], streams.side), "recording an event");
   if (done) {
-    const auto split = split_large<kOrthographic>;
-    const auto large = raster_large<kOrthographic>;
+    const auto split = split_large<kOrthographic, kMasked>;
+    const auto large = raster_large<kOrthographic, kMasked>;
     split<<<resident.of(split, kLargeThreads), kLargeThreads, 0, streams.side>>>(queued);
     large<<<resident.of(large, kLargeThreads), kLargeThreads, 0, streams.side>>>(queued);
     done = cuda_check(cudaGetLastError(), "starting stage 3");
   }
   if (done) done = cuda_check(cudaEventRecord(events[at.large_done], streams.side), "recording an event");
   if (done) {
-    const auto medium = raster_medium<kOrthographic>;
+    const auto medium = raster_medium<kOrthographic, kMasked>;
     medium<<<resident.of(medium, kLargeThreads), kLargeThreads, 0, streams.main>>>(queued);
     done = cuda_check(cudaGetLastError(), "starting stage 2");
   }
@@ -475,7 +499,7 @@ Result<void> CudaFrames::Impl::submit_stages(const SmallFrame& small, const Stag
 }
 
 /// Draws the frame.
-template <bool kOrthographic>
+template <bool kOrthographic, bool kMasked>
 Result<void> CudaFrames::Impl::submit_passes(const FrameStreams& streams) {
   auto* const counters = reinterpret_cast<FrameCounters*>(zeroed.data());
   const DrawList list{order.data(),
@@ -529,13 +553,13 @@ Result<void> CudaFrames::Impl::submit_passes(const FrameStreams& streams) {
   }
   if (done && draws_clusters) {
     if (two_passes && options.part != FramePart::kRest) {
-      submit_clusters<kOrthographic, ClusterPass::kPreviouslyVisible>(small, 0, 1, streams);
+      submit_clusters<kOrthographic, ClusterPass::kPreviouslyVisible, kMasked>(small, 0, 1, streams);
     } else if (!two_passes) {
-      submit_clusters<kOrthographic, ClusterPass::kOnly>(small, 0, 1, streams);
+      submit_clusters<kOrthographic, ClusterPass::kOnly, kMasked>(small, 0, 1, streams);
     }
   }
   if (done) done = cuda_check(cudaGetLastError(), "starting stage 1");
-  if (done) done = submit_stages<kOrthographic>(small, kFirstStages, streams);
+  if (done) done = submit_stages<kOrthographic, kMasked>(small, kFirstStages, streams);
   if (done) done = record_event(kFirstDone, streams);
   if (done && two_passes && !draws_only_previously_visible) {
     const auto tiles_along = [](int32_t side) { return (static_cast<uint32_t>(side) - 1) / kPyramidTile + 1; };
@@ -546,9 +570,9 @@ Result<void> CudaFrames::Impl::submit_passes(const FrameStreams& streams) {
       build_pyramid_tiles<<<tiles_of_image, kPyramidThreads, 0, streams.main>>>(pyramid, samples);
       build_pyramid_top_and_begin_pass<<<1, 1024, 0, streams.main>>>(pyramid, counters);
       if (round == 0) done = record_event(kPyramidDone, streams);
-      submit_clusters<kOrthographic, ClusterPass::kNewlyVisible>(small, round, rounds, streams);
+      submit_clusters<kOrthographic, ClusterPass::kNewlyVisible, kMasked>(small, round, rounds, streams);
       if (done) done = cuda_check(cudaGetLastError(), "starting the second pass");
-      if (done) done = submit_stages<kOrthographic>(small, kSecondStages, streams);
+      if (done) done = submit_stages<kOrthographic, kMasked>(small, kSecondStages, streams);
     }
   }
   return done;

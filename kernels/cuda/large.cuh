@@ -3,15 +3,18 @@
 
 #include "kernels/cuda/backend.cuh"
 #include "kernels/cuda/cull.cuh"
+#include "kernels/cuda/masks.cuh"
 #include "kernels/raster/large.h"
 
 namespace scree::kernels {
 
+template <bool kMasked>
 struct LargeFrame {
   FrameView view;
   Target target;
   Queues queues;
   const DrawnTriangles* drawn;
+  MaskSource<kMasked> masks;
 };
 
 inline constexpr uint32_t kLargeThreads = 256;
@@ -31,10 +34,28 @@ __device__ inline PixelBox rows_of(const PixelBox& box, uint32_t part, int32_t r
   return out;
 }
 
+/// Calls draw(mask) with what the samples of a warp's triangle are tested by. One lane makes the plane for all.
+template <bool kOrthographic, bool kMasked, class Draw>
+__device__ inline void with_warp_mask(const LargeFrame<kMasked>& frame, const Triangle& triangle, const Draw& draw) {
+  if constexpr (kMasked) {
+    if (triangle.is_masked != 0) {
+      __shared__ MaskPlane planes[kLargeThreads / kWarpLanes];
+      MaskPlane& plane = planes[threadIdx.x / kWarpLanes];
+      if (threadIdx.x % kWarpLanes == 0)
+        frame.masks.template make_plane<kOrthographic>(WarpTeam{}, frame.view, triangle.id, plane);
+      __syncwarp();
+      draw(WarpPlane{&plane});
+      __syncwarp();
+      return;
+    }
+  }
+  draw(NoMask{});
+}
+
 /// Appends the tiles that a large triangle may touch, by a warp: counts them first, since each addition to the queue's
 /// counter is waited for. What the queue has no room for is drawn at once.
-template <bool kOrthographic>
-__device__ inline void split_triangle(const LargeFrame& frame, uint32_t number) {
+template <bool kOrthographic, bool kMasked>
+__device__ inline void split_triangle(const LargeFrame<kMasked>& frame, uint32_t number) {
   const Queues& queues = frame.queues;
   const uint32_t lane = threadIdx.x % kWarpLanes;
   const Triangle triangle = queues.large[number];
@@ -68,15 +89,18 @@ __device__ inline void split_triangle(const LargeFrame& frame, uint32_t number) 
       const PixelBox box = tile_box(triangle, frame.view, static_cast<int32_t>(__shfl_sync(~0u, x, owner)),
                                     static_cast<int32_t>(__shfl_sync(~0u, y, owner)));
       if (box.empty()) continue;
-      draw_box_with_team<kOrthographic, int64_t>(WarpTeam{}, frame.target, triangle, box,
-                                                 doubled_area(triangle.x, triangle.y));
+      with_warp_mask<kOrthographic>(frame, triangle, [&](const auto& mask) {
+        draw_box_with_team<kOrthographic, int64_t>(WarpTeam{}, frame.target, triangle, box,
+                                                   doubled_area(triangle.x, triangle.y), mask);
+      });
     }
   }
 }
 
 /// Splits the large queue into tiles, a triangle a warp.
-template <bool kOrthographic>
-__global__ void __launch_bounds__(kLargeThreads, kLargeBlocks) split_large(const __grid_constant__ LargeFrame frame) {
+template <bool kOrthographic, bool kMasked>
+__global__ void __launch_bounds__(kLargeThreads, kLargeBlocks)
+    split_large(const __grid_constant__ LargeFrame<kMasked> frame) {
   const uint64_t warp = (uint64_t{blockIdx.x} * blockDim.x + threadIdx.x) / kWarpLanes;
   const uint64_t warps = uint64_t{gridDim.x} * blockDim.x / kWarpLanes;
   const uint64_t large = min_of(frame.queues.counters->large, frame.queues.large_capacity);
@@ -89,26 +113,28 @@ inline constexpr uint32_t kMediumParts = 4;
 inline constexpr int64_t kWholeBox = 512;  // pixels
 
 /// Draws one part of a triangle of the medium queue, or all of it where it has but one.
-template <bool kOrthographic>
-__device__ inline void draw_medium_part(const LargeFrame& frame, const Triangle& triangle, uint32_t part) {
+template <bool kOrthographic, bool kMasked>
+__device__ inline void draw_medium_part(const LargeFrame<kMasked>& frame, const Triangle& triangle, uint32_t part) {
   const PixelBox whole = pixel_box(triangle.x, triangle.y, frame.view);
   const int32_t rows = (whole.y1 - whole.y0) / static_cast<int32_t>(kMediumParts) + 1;
   const PixelBox box = whole.pixels() > kWholeBox ? rows_of(whole, part, rows) : whole;
   if (box.empty()) return;
   const int64_t area = doubled_area(triangle.x, triangle.y);
-  if (fits_narrow_edges(triangle.x, triangle.y)) {
-    draw_box_with_team<kOrthographic, int32_t>(WarpTeam{}, frame.target, triangle, box, area);
-  } else {
-    draw_box_with_team<kOrthographic, int64_t>(WarpTeam{}, frame.target, triangle, box, area);
-  }
+  with_warp_mask<kOrthographic>(frame, triangle, [&](const auto& mask) {
+    if (fits_narrow_edges(triangle.x, triangle.y)) {
+      draw_box_with_team<kOrthographic, int32_t>(WarpTeam{}, frame.target, triangle, box, area, mask);
+    } else {
+      draw_box_with_team<kOrthographic, int64_t>(WarpTeam{}, frame.target, triangle, box, area, mask);
+    }
+  });
 }
 
 /// Draws the medium queue, a triangle or a part of one per warp. First come whole triangles and part 0 of split ones;
 /// then the remaining parts, spread over the warps, so that no warp draws all parts of a triangle. Few triangles are
 /// split: a warp's lanes test 32 candidates at a time.
-template <bool kOrthographic>
+template <bool kOrthographic, bool kMasked>
 __global__ void __launch_bounds__(kLargeThreads, kMediumBlocks)
-    raster_medium(const __grid_constant__ LargeFrame frame) {
+    raster_medium(const __grid_constant__ LargeFrame<kMasked> frame) {
   const uint32_t lane = threadIdx.x % kWarpLanes;
   const uint64_t warp = (uint64_t{blockIdx.x} * blockDim.x + threadIdx.x) / kWarpLanes;
   const uint64_t warps = uint64_t{gridDim.x} * blockDim.x / kWarpLanes;
@@ -176,10 +202,10 @@ struct StripEdges {
 
 /// A strip of a tile, `rows` (a bit each) of its pixels in columns `x0` to `x1`. A lane has two columns, whose samples
 /// it asks for before it finds their depths.
-template <bool kOrthographic, bool kHuge>
+template <bool kOrthographic, bool kHuge, class Mask>
 __device__ inline void draw_strip(const Target& target, const StripEdges& strip, const DepthPlane& plane,
                                   uint32_t exclusive1, uint32_t exclusive2, uint64_t id, int32_t first_x,
-                                  int32_t first_y, int32_t x0, int32_t x1, uint32_t rows) {
+                                  int32_t first_y, int32_t x0, int32_t x1, uint32_t rows, const Mask& mask) {
   const auto lane = static_cast<int32_t>(threadIdx.x % kWarpLanes);
 #pragma unroll 1
   for (int32_t column = lane; column < kTileSide; column += static_cast<int32_t>(kWarpLanes)) {
@@ -200,7 +226,8 @@ __device__ inline void draw_strip(const Target& target, const StripEdges& strip,
         const float weight1 = strip.value_at<kHuge>(1, moved[1], exclusive1) * plane.inverse_area;
         const float weight2 = strip.value_at<kHuge>(2, moved[2], exclusive2) * plane.inverse_area;
         const uint64_t drawn = pack_sample(depth_code<kOrthographic>(depth_of_weights(plane, weight1, weight2)), id);
-        if (drawn < seen[y]) WarpTeam::atomic_min(samples + static_cast<uint32_t>(y) * stride, drawn);
+        if (drawn < seen[y] && mask.passes(x, first_y + y))
+          WarpTeam::atomic_min(samples + static_cast<uint32_t>(y) * stride, drawn);
       }
       moved[1] += strip.down[1];
       moved[2] += strip.down[2];
@@ -209,8 +236,9 @@ __device__ inline void draw_strip(const Target& target, const StripEdges& strip,
 }
 
 /// Draws the tiles, a strip a warp.
-template <bool kOrthographic>
-__global__ void __launch_bounds__(kLargeThreads, kLargeBlocks) raster_large(const __grid_constant__ LargeFrame frame) {
+template <bool kOrthographic, bool kMasked>
+__global__ void __launch_bounds__(kLargeThreads, kLargeBlocks)
+    raster_large(const __grid_constant__ LargeFrame<kMasked> frame) {
   const uint64_t warp = (uint64_t{blockIdx.x} * blockDim.x + threadIdx.x) / kWarpLanes;
   const uint64_t warps = uint64_t{gridDim.x} * blockDim.x / kWarpLanes;
   const uint64_t tiles = min_of(frame.queues.counters->tiles, frame.queues.tile_capacity);
@@ -237,13 +265,15 @@ __global__ void __launch_bounds__(kLargeThreads, kLargeBlocks) raster_large(cons
     const auto exclusive1 = static_cast<uint32_t>(edges.exclusive[1]);
     const auto exclusive2 = static_cast<uint32_t>(edges.exclusive[2]);
     const uint32_t rows = (2u << last_row) - (1u << first_row);
-    if (area < int64_t{1} << 48) {
-      draw_strip<kOrthographic, false>(frame.target, strip, plane, exclusive1, exclusive2, triangle.id, first_x,
-                                       first_y, box.x0, box.x1, rows);
-    } else {
-      draw_strip<kOrthographic, true>(frame.target, strip, plane, exclusive1, exclusive2, triangle.id, first_x, first_y,
-                                      box.x0, box.x1, rows);
-    }
+    with_warp_mask<kOrthographic>(frame, triangle, [&](const auto& mask) {
+      if (area < int64_t{1} << 48) {
+        draw_strip<kOrthographic, false>(frame.target, strip, plane, exclusive1, exclusive2, triangle.id, first_x,
+                                         first_y, box.x0, box.x1, rows, mask);
+      } else {
+        draw_strip<kOrthographic, true>(frame.target, strip, plane, exclusive1, exclusive2, triangle.id, first_x,
+                                        first_y, box.x0, box.x1, rows, mask);
+      }
+    });
   }
 }
 

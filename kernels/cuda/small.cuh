@@ -8,6 +8,7 @@
 #include "kernels/cuda/backend.cuh"
 #include "kernels/cuda/chunk.cuh"
 #include "kernels/cuda/cull.cuh"
+#include "kernels/cuda/masks.cuh"
 #include "kernels/cull/coverage_filter.h"
 #include "kernels/raster/small.h"
 
@@ -67,7 +68,7 @@ __device__ inline auto choose_fetch(const PackedChunkView& stored, const Call& c
 
 /// Draws a triangle that needs clipping, or whose reference is too far away for int32. Returns how many pieces of it
 /// stage 1 drew, and from bit 16 on whether it was clipped. Out of line, since it is rare and takes many registers.
-template <bool kOrthographic>
+template <bool kOrthographic, bool kMasked>
 __device__ __noinline__ uint32_t clip_and_draw(const SmallFrame& frame, uint32_t instance, uint32_t chunk_number,
                                                uint32_t number) {
   const format::ChunkRecord& chunk = frame.scene.chunks[chunk_number];
@@ -75,10 +76,11 @@ __device__ __noinline__ uint32_t clip_and_draw(const SmallFrame& frame, uint32_t
   Transform transform = frame.list.transforms[instance];
   set_error(transform, vertex_box(mesh, chunk, transform));
   const ChunkReader reader = make_reader(mesh, chunk, frame.scene.pages[chunk.page], transform, number);
-  const RasterSmall<kOrthographic> pass{frame.scene, frame.view, frame.target, frame.queues};
-  typename RasterSmall<kOrthographic>::Context context{&reader, &transform, is_double_sided(frame.scene, mesh),
-                                                       frame.scene.instance_base[instance] + chunk.first_triangle,
-                                                       kLaneBox};
+  const RasterSmall<kOrthographic, kMasked> pass{frame.scene, frame.view, frame.target, frame.queues};
+  typename RasterSmall<kOrthographic, kMasked>::Context context{
+      &reader, &transform, is_double_sided(frame.scene, mesh),
+      frame.scene.instance_base[instance] + chunk.first_triangle, kLaneBox};
+  if constexpr (kMasked) context.masked = {frame.scene, mesh, chunk};
   uint32_t v[3];
   reader.triangle(number, v);
   ScreenVertex corners[3];
@@ -135,12 +137,20 @@ __device__ inline SmallShared<kInstanced>& small_shared() {
   return reinterpret_cast<SmallShared<kInstanced>*>(shared_memory)[threadIdx.x / kWarpLanes];
 }
 
+/// Behind what all its warps share, where a kernel draws masked triangles.
+template <bool kInstanced>
+__device__ inline WarpMasks& small_masks() {
+  extern __shared__ uint4 shared_memory[];
+  return reinterpret_cast<WarpMasks*>(reinterpret_cast<SmallShared<kInstanced>*>(shared_memory) +
+                                      kSmallWarps)[threadIdx.x / kWarpLanes];
+}
+
 /// Draws the boxes of the lanes' triangles, of `pixels` <= kSmallBox each (0: the lane has none), with narrow edges.
 /// Every lane takes every 32nd pixel of all of them, whosever it is: boxes of 1 and of 128 pixels leave no lane
-/// waiting.
-template <bool kOrthographic>
+/// waiting. `masks`: NoLaneMask or the lane's LaneMask.
+template <bool kOrthographic, class Masks>
 __device__ inline void draw_pixels(const Target& target, SetUpTriangles& shared, const Triangle& triangle,
-                                   const PixelBox& box, int64_t area, uint32_t pixels) {
+                                   const PixelBox& box, int64_t area, uint32_t pixels, const Masks& masks) {
   const uint32_t lane = threadIdx.x % kWarpLanes;
   const uint32_t before_lane = (1u << lane) - 1;
   const uint32_t up_to_lane = 2 * before_lane + 1;
@@ -157,6 +167,7 @@ __device__ inline void draw_pixels(const Target& target, SetUpTriangles& shared,
     const Edges<int32_t> edges = make_edges<int32_t>(triangle, box.x0, box.y0);
     const auto width = static_cast<uint32_t>(box.x1 - box.x0 + 1);
     SetUpTriangle& out = shared.items[__popc(lanes & before_lane)];
+    if constexpr (Masks::kTests) masks.template set_up<kOrthographic>(__popc(lanes & before_lane));
     for (int i = 0; i < 3; ++i) {
       out.value[i] = static_cast<uint32_t>(edges.value[i]);
       out.step_x[i] = static_cast<uint32_t>(edges.step_x[i]);
@@ -178,6 +189,7 @@ __device__ inline void draw_pixels(const Target& target, SetUpTriangles& shared,
     uint32_t sample[kBatch];
     uint64_t drawn[kBatch];
     uint64_t seen[kBatch];
+    [[maybe_unused]] uint32_t owners[kBatch];
     for (uint32_t k = 0; k < kBatch; ++k) {
       const uint32_t row = base + k * kWarpLanes;
       const uint32_t pixel = row + lane;
@@ -185,6 +197,7 @@ __device__ inline void draw_pixels(const Target& target, SetUpTriangles& shared,
       const uint32_t owner = begun + static_cast<uint32_t>(__popc(begins & up_to_lane));
       begun += static_cast<uint32_t>(__popc(begins));
       drawn[k] = kBackground;
+      if constexpr (Masks::kTests) owners[k] = owner;
       if (pixel >= total) continue;
       const SetUpTriangle& its = shared.items[owner];
       const uint32_t shape = its.shape;
@@ -206,7 +219,12 @@ __device__ inline void draw_pixels(const Target& target, SetUpTriangles& shared,
       seen[k] = drawn[k] != kBackground ? WarpTeam::load_relaxed(target.samples + sample[k]) : 0;
     }
     for (uint32_t k = 0; k < kBatch; ++k) {
-      if (drawn[k] < seen[k]) WarpTeam::atomic_min(target.samples + sample[k], drawn[k]);
+      if constexpr (Masks::kTests) {
+        if (drawn[k] < seen[k] && masks.passes(owners[k], sample[k], target.width))
+          WarpTeam::atomic_min(target.samples + sample[k], drawn[k]);
+      } else {
+        if (drawn[k] < seen[k]) WarpTeam::atomic_min(target.samples + sample[k], drawn[k]);
+      }
     }
   }
   __syncwarp();
@@ -214,9 +232,10 @@ __device__ inline void draw_pixels(const Target& target, SetUpTriangles& shared,
 
 /// Draws the lanes' triangles, whose boxes have `pixels` each (0: the lane has none), or leaves them to the other
 /// stages. Whether stage 1 drew the lane's.
-template <bool kOrthographic>
+template <bool kOrthographic, class Masks = NoLaneMask>
 __device__ inline bool draw_set_up(const Target& target, const Queues& queues, SetUpTriangles& shared,
-                                   const Triangle& triangle, const PixelBox& box, int64_t area, int64_t pixels) {
+                                   const Triangle& triangle, const PixelBox& box, int64_t area, int64_t pixels,
+                                   const Masks& masks = {}) {
   if (__ballot_sync(~0u, pixels != 0) == 0) return false;
   bool small = pixels != 0 && pixels <= kSmallBox && fits_narrow_edges(triangle.x, triangle.y);
   // 32 boxes of a hundred pixels would keep this warp long after all others are done: the larger go to stage 2.
@@ -229,12 +248,12 @@ __device__ inline bool draw_set_up(const Target& target, const Queues& queues, S
     push(WarpTeam{}, &queues.counters->medium, queues.medium, queues.medium_capacity, triangle);
   }
   __syncwarp();
-  draw_pixels<kOrthographic>(target, shared, triangle, box, area, small ? static_cast<uint32_t>(pixels) : 0);
+  draw_pixels<kOrthographic>(target, shared, triangle, box, area, small ? static_cast<uint32_t>(pixels) : 0, masks);
   return small;
 }
 
 /// Projects a triangle that waits. False where there is nothing to draw, or clip_and_draw() drew it (`drawn`).
-template <bool kOrthographic, Fetch kIndices, Fetch kPositions>
+template <bool kOrthographic, Fetch kIndices, Fetch kPositions, bool kMasked>
 __device__ inline bool project_survivor(const SmallFrame& frame, const PackedChunkView& stored,
                                         const InstanceTransform& exact, bool double_sided, uint32_t number,
                                         uint32_t chunk, Triangle& triangle, PixelBox& box, int64_t& area,
@@ -253,7 +272,7 @@ __device__ inline bool project_survivor(const SmallFrame& frame, const PackedChu
     for (int i = 0; i < 3; ++i) {
       outside &= plane_flags<kOrthographic>(points[i], frame.view, exact.error[0], exact.error[1], exact.error[2]);
     }
-    if (outside == 0) drawn = clip_and_draw<kOrthographic>(frame, exact.instance, chunk, number);
+    if (outside == 0) drawn = clip_and_draw<kOrthographic, kMasked>(frame, exact.instance, chunk, number);
     return false;
   }
   return set_up(frame.view, snap_point(points[0], frame.view, 0), snap_point(points[1], frame.view, 0),
@@ -263,7 +282,7 @@ __device__ inline bool project_survivor(const SmallFrame& frame, const PackedChu
 
 /// Draws the triangles survivors[first] to [first + count - 1] with a whole warp, a lane each. Returns as
 /// clip_and_draw() does.
-template <bool kOrthographic, bool kLattice, bool kFloat32, bool kInstanced>
+template <bool kOrthographic, bool kLattice, bool kFloat32, bool kInstanced, bool kMasked>
 __device__ inline uint32_t draw_survivors(const SmallFrame& frame, uint32_t first, uint32_t count, uint32_t chunk) {
   SmallShared<kInstanced>& shared = small_shared<kInstanced>();
   const uint32_t lane = threadIdx.x % kWarpLanes;
@@ -272,17 +291,24 @@ __device__ inline uint32_t draw_survivors(const SmallFrame& frame, uint32_t firs
   int64_t area = 0;
   int64_t pixels = 0;  // none: nothing is left to draw
   uint32_t drawn = 0;
+  std::conditional_t<kMasked, LaneMask, NoLaneMask> mask;
+  if constexpr (kMasked) mask.planes = small_masks<kInstanced>().planes;
   if (lane < count) {
     const uint32_t number = shared.survivors[first + lane];
     const InstanceTransform& exact = shared.exact[kInstanced ? shared.survivor_instance[first + lane] : 0];
     const auto project = [&](auto indices, auto positions) {
-      return project_survivor<kOrthographic, decltype(indices)::value, decltype(positions)::value>(
+      return project_survivor<kOrthographic, decltype(indices)::value, decltype(positions)::value, kMasked>(
           frame, shared.stored, exact, shared.double_sided, number, chunk, triangle, box, area, drawn);
     };
     if (choose_fetch<kLattice, kFloat32>(shared.stored, project)) pixels = box.pixels();
+    if constexpr (kMasked) {
+      if (pixels != 0)
+        triangle.is_masked = mask.find(frame.scene, frame.view, frame.list.transforms, exact.instance, chunk, number);
+    }
   }
   return drawn +
-         (draw_set_up<kOrthographic>(frame.target, frame.queues, shared.set_up, triangle, box, area, pixels) ? 1 : 0);
+         (draw_set_up<kOrthographic>(frame.target, frame.queues, shared.set_up, triangle, box, area, pixels, mask) ? 1
+                                                                                                                   : 0);
 }
 
 /// Fills shared memory with what the chunk and the instances of a draw need, by a whole warp. Out of line as well.
@@ -367,7 +393,7 @@ __device__ __noinline__ RowCursor filter_rows(const SmallFrame& frame, RowCursor
 }
 
 /// One warp's way through the draw list.
-template <bool kOrthographic, bool kLattice, bool kFloat32, bool kInstanced>
+template <bool kOrthographic, bool kLattice, bool kFloat32, bool kInstanced, bool kMasked>
 class SmallWarp {
  public:
   __device__ explicit SmallWarp(const SmallFrame& frame) : frame_(frame), lane_(threadIdx.x % kWarpLanes) {}
@@ -446,7 +472,7 @@ class SmallWarp {
     if (count == 0) return;
     at.survivor_count -= count;
     const uint32_t drawn =
-        draw_survivors<kOrthographic, kLattice, kFloat32, kInstanced>(frame_, at.survivor_count, count, chunk);
+        draw_survivors<kOrthographic, kLattice, kFloat32, kInstanced, kMasked>(frame_, at.survivor_count, count, chunk);
     small_ += drawn & 0xffffu;
     clipped_ += drawn >> 16;
     __syncwarp();
@@ -466,10 +492,10 @@ class SmallWarp {
   uint32_t clipped_ = 0;
 };
 
-template <bool kOrthographic, bool kLattice, bool kFloat32, bool kInstanced>
-__global__ void __launch_bounds__(kSmallThreads, small_blocks(kInstanced))
+template <bool kOrthographic, bool kLattice, bool kFloat32, bool kInstanced, bool kMasked>
+__global__ void __launch_bounds__(kSmallThreads, kMasked ? kMaskedBlocks : small_blocks(kInstanced))
     raster_small(const __grid_constant__ SmallFrame frame) {
-  SmallWarp<kOrthographic, kLattice, kFloat32, kInstanced>(frame).run();
+  SmallWarp<kOrthographic, kLattice, kFloat32, kInstanced, kMasked>(frame).run();
 }
 
 }  // namespace scree::kernels

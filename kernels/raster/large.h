@@ -86,12 +86,13 @@ struct SplitLarge {
   }
 };
 
-template <bool kOrthographic>
+template <bool kOrthographic, bool kMasked>
 struct RasterTiles {
   FrameView view;
   Target target;
   Queues queues;
   uint64_t first;  // queue entry of item 0
+  MaskSource<kMasked> masks;
 
   template <class Team>
   SCREE_HD void operator()(uint32_t item, Team team) const {
@@ -99,7 +100,10 @@ struct RasterTiles {
     const Triangle triangle = queues.large[tile.triangle];
     const PixelBox box = tile_box(triangle, view, tile.x, tile.y);
     if (box.empty()) return;
-    draw_box_with_team<kOrthographic, int64_t>(team, target, triangle, box, doubled_area(triangle.x, triangle.y));
+    const int64_t area = doubled_area(triangle.x, triangle.y);
+    with_mask<kOrthographic>(team, masks, view, triangle, [&](const auto& mask) {
+      draw_box_with_team<kOrthographic, int64_t>(team, target, triangle, box, area, mask);
+    });
   }
 };
 

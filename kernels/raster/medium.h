@@ -3,18 +3,20 @@
 
 #include <type_traits>
 
+#include "kernels/raster/mask.h"
 #include "kernels/raster/queues.h"
 
 namespace scree::kernels {
 inline namespace SCREE_ISA {
 
 /// Draws the covered pixels of `box`, at most 2^31 of them, with the lanes of a team. `Int`: make_edges(). A lane looks
-/// at several samples before it needs the first, so that they are fetched at the same time.
-template <bool kOrthographic, class Int, class Team>
+/// at several samples before it needs the first, so that they are fetched at the same time. `mask`: NoMask, or the
+/// triangle's MaskPlane, which is asked where the triangle would be seen.
+template <bool kOrthographic, class Int, class Team, class Mask = NoMask>
 SCREE_HD inline void draw_box_with_team(Team team, const Target& target, const Triangle& triangle, const PixelBox& box,
-                                        int64_t area) {
+                                        int64_t area, const Mask& mask = {}) {
   if constexpr (Team::kDrawsRuns) {
-    team.template draw_runs<kOrthographic, Int>(target, triangle, box, area);
+    team.template draw_runs<kOrthographic, Int>(target, triangle, box, area, mask);
   } else {
     using Bits = std::make_unsigned_t<Int>;  // wraps where a lane steps off the box's end
     const Edges<Int> edges = make_edges<Int>(triangle, box.x0, box.y0);
@@ -43,7 +45,9 @@ SCREE_HD inline void draw_box_with_team(Team team, const Target& target, const T
       uint64_t* sample[kBatch];
       uint64_t drawn[kBatch];
       uint64_t seen[kBatch];
+      [[maybe_unused]] uint32_t place[kBatch];  // in the box: y, then x
       for (int k = 0; k < kBatch; ++k) {
+        if constexpr (Mask::kTests) place[k] = y << 16 | x;
         const bool covered = (y < height) & (static_cast<Int>(value[0] | value[1] | value[2]) >= 0);
         const float depth = depth_at<Int>(plane, static_cast<Int>(value[1]) + edges.exclusive[1],
                                           static_cast<Int>(value[2]) + edges.exclusive[2]);
@@ -60,29 +64,52 @@ SCREE_HD inline void draw_box_with_team(Team team, const Target& target, const T
       }
       for (int k = 0; k < kBatch; ++k) seen[k] = drawn[k] != kBackground ? team.load_relaxed(sample[k]) : 0;
       for (int k = 0; k < kBatch; ++k) {
-        if (drawn[k] < seen[k]) team.atomic_min(sample[k], drawn[k]);
+        if constexpr (Mask::kTests) {
+          if (drawn[k] < seen[k] && mask.passes(box.x0 + static_cast<int32_t>(place[k] & 0xffffu),
+                                                box.y0 + static_cast<int32_t>(place[k] >> 16)))
+            team.atomic_min(sample[k], drawn[k]);
+        } else {
+          if (drawn[k] < seen[k]) team.atomic_min(sample[k], drawn[k]);
+        }
       }
     }
   }
 }
 
-template <bool kOrthographic>
+/// Calls draw(mask) with what a queued triangle's samples are tested by.
+template <bool kOrthographic, class Team, bool kMasked, class Draw>
+SCREE_HD inline void with_mask(Team team, const MaskSource<kMasked>& masks, const FrameView& view,
+                               const Triangle& triangle, const Draw& draw) {
+  if constexpr (kMasked) {
+    if (triangle.is_masked != 0) {
+      MaskPlane plane;
+      masks.template make_plane<kOrthographic>(team, view, triangle.id, plane);
+      return draw(plane);
+    }
+  }
+  draw(NoMask{});
+}
+
+template <bool kOrthographic, bool kMasked>
 struct RasterMedium {
   FrameView view;
   Target target;
   Queues queues;
   uint64_t first;  // queue entry of item 0
+  MaskSource<kMasked> masks;
 
   template <class Team>
   SCREE_HD void operator()(uint32_t item, Team team) const {
     const Triangle triangle = queues.medium[first + item];
     const PixelBox box = pixel_box(triangle.x, triangle.y, view);
     const int64_t area = doubled_area(triangle.x, triangle.y);
-    if (fits_narrow_edges(triangle.x, triangle.y)) {
-      draw_box_with_team<kOrthographic, int32_t>(team, target, triangle, box, area);
-    } else {
-      draw_box_with_team<kOrthographic, int64_t>(team, target, triangle, box, area);
-    }
+    with_mask<kOrthographic>(team, masks, view, triangle, [&](const auto& mask) {
+      if (fits_narrow_edges(triangle.x, triangle.y)) {
+        draw_box_with_team<kOrthographic, int32_t>(team, target, triangle, box, area, mask);
+      } else {
+        draw_box_with_team<kOrthographic, int64_t>(team, target, triangle, box, area, mask);
+      }
+    });
   }
 };
 

@@ -20,7 +20,7 @@ struct Triangle {
   int32_t x[3];
   int32_t y[3];
   float depth[3];
-  uint32_t reserved;
+  uint32_t is_masked;  // 1: by its material's mask (mask.h)
   uint64_t id;
 };
 static_assert(sizeof(Triangle) == 48);

@@ -2,15 +2,16 @@
 #pragma once
 
 #include "kernels/raster/clip.h"
+#include "kernels/raster/mask.h"
 #include "kernels/raster/queues.h"
 
 namespace scree::kernels {
 inline namespace SCREE_ISA {
 
-/// Draws all covered pixels of `box`, for a team of one lane.
-template <bool kOrthographic, class Int, class Team>
+/// Draws all covered pixels of `box`, for a team of one lane. `mask`: as draw_box_with_team() has it.
+template <bool kOrthographic, class Int, class Team, class Mask = NoMask>
 SCREE_HD inline void draw_box(Team team, const Target& target, const Triangle& triangle, const PixelBox& box,
-                              int64_t area) {
+                              int64_t area, const Mask& mask = {}) {
   const Edges<Int> edges = make_edges<Int>(triangle, box.x0, box.y0);
   const DepthPlane plane = make_depth_plane(triangle, area);
   Int row0 = edges.value[0];
@@ -24,7 +25,12 @@ SCREE_HD inline void draw_box(Team team, const Target& target, const Triangle& t
     for (int32_t x = box.x0; x <= box.x1; ++x) {
       if ((value0 | value1 | value2) >= 0) {
         const float depth = depth_at<Int>(plane, value1 + edges.exclusive[1], value2 + edges.exclusive[2]);
-        team.update_min(samples + x, pack_sample(depth_code<kOrthographic>(depth), triangle.id));
+        const uint64_t sample = pack_sample(depth_code<kOrthographic>(depth), triangle.id);
+        if constexpr (Mask::kTests) {
+          if (sample < team.load_relaxed(samples + x) && mask.passes(x, y)) team.update_min(samples + x, sample);
+        } else {
+          team.update_min(samples + x, sample);
+        }
       }
       value0 += edges.step_x[0];
       value1 += edges.step_x[1];
@@ -50,7 +56,22 @@ struct DirectVertices {
   }
 };
 
-template <bool kOrthographic>
+/// The chunk that is drawn, as its triangles' masks need it.
+template <bool kMasked>
+struct MaskedChunk {};
+template <>
+struct MaskedChunk<true> {
+  const MaskView* mask = nullptr;  // null: its triangles are opaque
+  const format::MeshRecord* mesh = nullptr;
+  const format::ChunkRecord* chunk = nullptr;
+  const std::byte* page = nullptr;
+
+  MaskedChunk() = default;
+  SCREE_HD MaskedChunk(const SceneView& scene, const format::MeshRecord& of, const format::ChunkRecord& drawn)
+      : mask(mask_of(scene, of)), mesh(&of), chunk(&drawn), page(scene.pages[drawn.page]) {}
+};
+
+template <bool kOrthographic, bool kMasked>
 struct RasterSmall {
   SceneView scene;
   FrameView view;
@@ -63,6 +84,7 @@ struct RasterSmall {
     bool double_sided;
     uint64_t first_id;
     int64_t small_box = kSmallBox;  // larger ones are left to stage 2
+    [[no_unique_address]] MaskedChunk<kMasked> masked = {};
     uint64_t small = 0;
     uint64_t clipped = 0;
   };
@@ -103,9 +125,13 @@ struct RasterSmall {
                 box, area)) {
       return;
     }
+    if constexpr (kMasked) triangle.is_masked = context.masked.mask != nullptr ? 1 : 0;
     const int64_t pixels = box.pixels();
     if (pixels <= context.small_box) {
       ++context.small;
+      if constexpr (kMasked) {
+        if (triangle.is_masked != 0) return draw_masked(team, context, number, triangle, box, area);
+      }
       if (fits_narrow_edges(triangle.x, triangle.y)) {
         draw_box<kOrthographic, int32_t>(team, target, triangle, box, area);
       } else {
@@ -115,6 +141,20 @@ struct RasterSmall {
       push(team, &queues.counters->medium, queues.medium, queues.medium_capacity, triangle);
     } else {
       push(team, &queues.counters->large, queues.large, queues.large_capacity, triangle);
+    }
+  }
+
+  template <class Team>
+  SCREE_HD inline void draw_masked(Team team, Context& context, uint32_t number, const Triangle& triangle,
+                                   const PixelBox& box, int64_t area) const {
+    const MaskedChunk<true>& masked = context.masked;
+    MaskPlane plane;
+    make_mask_plane<kOrthographic>(masked.mask, view, *context.transform, *masked.mesh, *masked.chunk, masked.page,
+                                   *context.reader, number, plane);
+    if (fits_narrow_edges(triangle.x, triangle.y)) {
+      draw_box<kOrthographic, int32_t>(team, target, triangle, box, area, plane);
+    } else {
+      draw_box<kOrthographic, int64_t>(team, target, triangle, box, area, plane);
     }
   }
 

@@ -14,7 +14,7 @@
 #include "lab/frames/textured.h"
 #include "lab/report/case_row.h"
 #include "lab/report/tables.h"
-#include "lab/scenes/touched.h"
+#include "lab/scenes/visible_cost.h"
 #include "lab/setup/machine.h"
 #include "lab/setup/views.h"
 #include "runtime/scene/scene.h"
@@ -275,10 +275,10 @@ class Runner {
     result.covered_samples = static_cast<uint64_t>(std::count_if(
         samples->begin(), samples->end(), [](uint64_t sample) { return sample != kernels::kBackground; }));
     result.picture = format::checksum(std::as_bytes(std::span(*samples)));
-    const Touched touched = count_touched(resident.host(), resident.boxes(), view.frames.back());
+    const VisibleCost cost = visible_cost(resident.host(), resident.boxes(), view.frames.back());
     // These are the bytes that the frame read only if it drew exactly these chunks.
-    if (view.frames.size() == 1 && result.stats.clusters_drawn == 0 && touched.draws == result.stats.draws)
-      result.touched_bytes = touched.bytes;
+    if (view.frames.size() == 1 && result.stats.clusters_drawn == 0 && cost.draws == result.stats.draws)
+      result.touched_bytes = cost.bytes;
     return {};
   }
 

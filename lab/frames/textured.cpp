@@ -135,7 +135,8 @@ class TexturedBench {
     }
     const auto pixels = static_cast<double>(base_pixels);
     std::printf(
-        "JPEG files %s, %.3f bits a pixel; on the GPU base levels %s (%.3f of the files), %.4f bits a pixel of index; "
+        "JPEG files %s, %.3f bits per pixel; on the GPU base levels %s (%.3f of the files), %.4f bits per pixel of "
+        "index; "
         "all "
         "levels %s, the cache %s; decoded with levels they would take %s\n",
         tools::format_bytes(jpeg_bytes).c_str(), 8 * static_cast<double>(jpeg_bytes) / pixels,
@@ -229,7 +230,8 @@ class TexturedBench {
       }
     }
     std::printf(
-        "\ndecoding whole base levels, a thread a group: %.2f Gpixel/s, %.2f GMCU/s, %.1f GB/s of samples, %.1f GB/s "
+        "\ndecoding whole base levels, one thread per group: %.2f Gpixel/s, %.2f GMCU/s, %.1f GB/s of samples, %.1f "
+        "GB/s "
         "as RGB, from %.2f GB/s of JPEG\n",
         pixels * 1e-6 / ms, mcus * 1e-6 / ms, sample_bytes * 1e-6 / ms, 3 * pixels * 1e-6 / ms, jpeg_bytes * 1e-6 / ms);
     return {};

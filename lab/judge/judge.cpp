@@ -110,18 +110,18 @@ Result<SourceJudge> SourceJudge::open(const std::string& source, const PackedSce
   return judge;
 }
 
-Result<SourceJudge::Truth> SourceJudge::draw(const bench::FileView& view) const {
-  Truth truth{view.name, view.view, {}, {}, 0};
+Result<SourceJudge::ReferencePicture> SourceJudge::draw(const bench::FileView& view) const {
+  ReferencePicture reference{view.name, view.view, {}, {}, 0};
   Result<std::vector<compare::ReferencePixel>> pixels =
-      compare::draw_reference(model_->views, model_->instances, truth.view, threads_);
+      compare::draw_reference(model_->views, model_->instances, reference.view, threads_);
   if (!pixels) return pixels.error();
-  truth.pixels = std::move(*pixels);
-  truth.covered = static_cast<uint64_t>(std::count_if(truth.pixels.begin(), truth.pixels.end(),
-                                                      [](const auto& pixel) { return !pixel.is_background(); }));
-  Result<std::vector<uint8_t>> rgb = compare::shade_reference(*model_, truth.pixels, truth.view, 1, threads_);
+  reference.pixels = std::move(*pixels);
+  reference.covered = static_cast<uint64_t>(std::count_if(reference.pixels.begin(), reference.pixels.end(),
+                                                          [](const auto& pixel) { return !pixel.is_background(); }));
+  Result<std::vector<uint8_t>> rgb = compare::shade_reference(*model_, reference.pixels, reference.view, 1, threads_);
   if (!rgb) return rgb.error();
-  truth.rgb = std::move(*rgb);
-  return truth;
+  reference.rgb = std::move(*rgb);
+  return reference;
 }
 
 Result<std::vector<uint8_t>> SourceJudge::draw_supersampled(const kernels::View& view,
@@ -135,26 +135,28 @@ Result<std::vector<uint8_t>> SourceJudge::draw_supersampled(const kernels::View&
   return compare::shade_reference(*model_, *pixels, samples, samples_per_side, threads_);
 }
 
-Result<void> SourceJudge::judge(const PackedScene::Drawn& drawn, const Truth& truth, JudgedCase& row) const {
+Result<void> SourceJudge::judge(const PackedScene::Drawn& drawn, const ReferencePicture& reference,
+                                JudgedCase& row) const {
   const Result<compare::PixelReport> report =
-      compare::compare_frame(*drawn.frame, *model_, truth.pixels, truth.view, threads_);
+      compare::compare_frame(*drawn.frame, *model_, reference.pixels, reference.view, threads_);
   if (!report) return report.error();
-  keep(*report, truth, row);
-  judge_picture(drawn.picture.pixels, truth.rgb, truth.view, row);
+  keep(*report, reference, row);
+  judge_picture(drawn.picture.pixels, reference.rgb, reference.view, row);
   return {};
 }
 
-Result<void> SourceJudge::judge_mode(const compare::ReferenceMode& mode, const Truth& truth, JudgedCase& row) const {
+Result<void> SourceJudge::judge_mode(const compare::ReferenceMode& mode, const ReferencePicture& reference,
+                                     JudgedCase& row) const {
   const Result<std::vector<compare::ReferencePixel>> pixels =
-      compare::draw_reference(model_->views, model_->instances, truth.view, threads_, mode);
+      compare::draw_reference(model_->views, model_->instances, reference.view, threads_, mode);
   if (!pixels) return pixels.error();
   const Result<compare::PixelReport> report =
-      compare::compare_references(*pixels, *model_, truth.pixels, truth.view, threads_);
+      compare::compare_references(*pixels, *model_, reference.pixels, reference.view, threads_);
   if (!report) return report.error();
-  const Result<std::vector<uint8_t>> rgb = compare::shade_reference(*model_, *pixels, truth.view, 1, threads_);
+  const Result<std::vector<uint8_t>> rgb = compare::shade_reference(*model_, *pixels, reference.view, 1, threads_);
   if (!rgb) return rgb.error();
-  keep(*report, truth, row);
-  judge_picture(*rgb, truth.rgb, truth.view, row);
+  keep(*report, reference, row);
+  judge_picture(*rgb, reference.rgb, reference.view, row);
   return {};
 }
 
@@ -167,9 +169,9 @@ void SourceJudge::judge_picture(std::span<const uint8_t> rgb, std::span<const ui
   row.flip_max = report.flip_max;
 }
 
-void SourceJudge::keep(const compare::PixelReport& report, const Truth& truth, JudgedCase& row) const {
+void SourceJudge::keep(const compare::PixelReport& report, const ReferencePicture& reference, JudgedCase& row) const {
   row.pixels =
-      JudgedCase::Pixels{truth.covered, report.wrong(), report.counts(), report.same_depth, report.surface_depth};
+      JudgedCase::Pixels{reference.covered, report.wrong(), report.counts(), report.same_depth, report.surface_depth};
 }
 
 }  // namespace scree::lab

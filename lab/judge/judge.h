@@ -69,7 +69,7 @@ class SourceJudge {
   static Result<SourceJudge> open(const std::string& source, const PackedScene& packed, uint32_t threads);
 
   /// The exact picture of one view.
-  struct Truth {
+  struct ReferencePicture {
     std::string name;
     kernels::View view;
     std::vector<compare::ReferencePixel> pixels;
@@ -77,20 +77,20 @@ class SourceJudge {
     uint64_t covered = 0;
   };
   /// Draws the exact picture. Errors kMemory.
-  Result<Truth> draw(const bench::FileView& view) const;
+  Result<ReferencePicture> draw(const bench::FileView& view) const;
   /// The picture with `samples_per_side` squared samples per pixel. Errors kMemory, kRange (too large).
   Result<std::vector<uint8_t>> draw_supersampled(const kernels::View& view, uint32_t samples_per_side) const;
 
   /// Fills in the errors of `drawn`, a picture of one sample per pixel. Errors as compare_frame.
-  Result<void> judge(const PackedScene::Drawn& drawn, const Truth& truth, JudgedCase& row) const;
+  Result<void> judge(const PackedScene::Drawn& drawn, const ReferencePicture& reference, JudgedCase& row) const;
   /// Likewise the errors of the reference in one of its modes.
-  Result<void> judge_mode(const compare::ReferenceMode& mode, const Truth& truth, JudgedCase& row) const;
+  Result<void> judge_mode(const compare::ReferenceMode& mode, const ReferencePicture& reference, JudgedCase& row) const;
   /// Fills in PSNR and FLIP only, for two pictures of the size of `view`.
   void judge_picture(std::span<const uint8_t> rgb, std::span<const uint8_t> expected, const kernels::View& view,
                      JudgedCase& row) const;
 
  private:
-  void keep(const compare::PixelReport& report, const Truth& truth, JudgedCase& row) const;
+  void keep(const compare::PixelReport& report, const ReferencePicture& reference, JudgedCase& row) const;
 
   std::unique_ptr<compare::SourceModel> model_;
   uint32_t threads_ = 1;

@@ -107,19 +107,19 @@ class JudgeRun {
     const auto views = bench::file_views(packed->scene(), source.path, source.views, options_.size.value_or(kImageSize),
                                          settings_.threads);
     if (!views) return views.error();
-    std::vector<SourceJudge::Truth> truths;
+    std::vector<SourceJudge::ReferencePicture> references;
     std::vector<std::vector<uint8_t>> supersampled;
     for (const bench::FileView& view : *views) {
       const runtime::Stopwatch watch;
-      Result<SourceJudge::Truth> truth = judge->draw(view);
-      if (!truth) return truth.error();
+      Result<SourceJudge::ReferencePicture> reference = judge->draw(view);
+      if (!reference) return reference.error();
       std::fprintf(
           stderr, "%s %s: reference of %llu triangles in %.2f s\n", source.name.c_str(), view.name.c_str(),
           static_cast<unsigned long long>(packed->scene().view().instance_base[packed->scene().view().instance_count]),
           watch.elapsed().wall_ms * 1e-3);
-      truths.push_back(std::move(*truth));
+      references.push_back(std::move(*reference));
       if (!options_.curves) continue;
-      Result<std::vector<uint8_t>> picture = judge->draw_supersampled(truths.back().view, kTruthSamples);
+      Result<std::vector<uint8_t>> picture = judge->draw_supersampled(references.back().view, kReferenceSamples);
       if (!picture) return picture.error();
       supersampled.push_back(std::move(*picture));
     }
@@ -128,66 +128,68 @@ class JudgeRun {
       if (!encoding.float32 || !is_exact) packed = pack(source, encoding);
       if (!packed) return packed.error();
       is_exact = encoding.float32;
-      for (size_t i = 0; i < truths.size(); ++i) {
-        JudgedCase row = describe(source, truths[i], *packed);
+      for (size_t i = 0; i < references.size(); ++i) {
+        JudgedCase row = describe(source, references[i], *packed);
         row.positions = encoding.float32 ? "float32" : std::to_string(encoding.position_bits);
         row.indices = encoding.clustered ? "clustered" : "packed";
-        if (Result<void> done = judge_positions(*packed, *judge, truths[i], row); !done) return done;
+        if (Result<void> done = judge_positions(*packed, *judge, references[i], row); !done) return done;
         const bool studied = options_.curves && (encoding.float32 || encoding.position_bits == 16);
         if (!studied) continue;
-        if (Result<void> done = judge_samples(*packed, *judge, truths[i], supersampled[i], row); !done) return done;
+        if (Result<void> done = judge_samples(*packed, *judge, references[i], supersampled[i], row); !done) return done;
       }
     }
     if (!options_.curves) return {};
-    for (const SourceJudge::Truth& truth : truths)
-      if (Result<void> done = judge_modes(*judge, truth, describe(source, truth, *packed)); !done) return done;
+    for (const SourceJudge::ReferencePicture& reference : references)
+      if (Result<void> done = judge_modes(*judge, reference, describe(source, reference, *packed)); !done) return done;
     return {};
   }
 
-  JudgedCase describe(const Source& source, const SourceJudge::Truth& truth, const PackedScene& packed) const {
+  JudgedCase describe(const Source& source, const SourceJudge::ReferencePicture& reference,
+                      const PackedScene& packed) const {
     JudgedCase row;
     row.scene = source.name;
     row.scale = source.scale;
-    row.view = truth.name;
-    row.width = truth.view.width;
-    row.height = truth.view.height;
+    row.view = reference.name;
+    row.width = reference.view.width;
+    row.height = reference.view.height;
     packed.describe(row);
     return row;
   }
 
-  Result<void> judge_positions(const PackedScene& packed, const SourceJudge& judge, const SourceJudge::Truth& truth,
-                               JudgedCase row) {
-    const Result<PackedScene::Drawn> drawn = packed.draw(truth.view, 1);
+  Result<void> judge_positions(const PackedScene& packed, const SourceJudge& judge,
+                               const SourceJudge::ReferencePicture& reference, JudgedCase row) {
+    const Result<PackedScene::Drawn> drawn = packed.draw(reference.view, 1);
     if (!drawn) return drawn.error();
     row.drawing = drawn->times;
     row.frames = drawn->frames;
-    if (Result<void> done = judge.judge(*drawn, truth, row); !done) return done;
+    if (Result<void> done = judge.judge(*drawn, reference, row); !done) return done;
     return keep(std::move(row));
   }
 
-  Result<void> judge_samples(const PackedScene& packed, const SourceJudge& judge, const SourceJudge::Truth& truth,
-                             const std::vector<uint8_t>& expected, JudgedCase row) {
+  Result<void> judge_samples(const PackedScene& packed, const SourceJudge& judge,
+                             const SourceJudge::ReferencePicture& reference, const std::vector<uint8_t>& expected,
+                             JudgedCase row) {
     row.study = Study::kSupersample;
     for (const uint32_t samples : {1u, 2u, 4u}) {
-      const Result<PackedScene::Drawn> drawn = packed.draw(truth.view, samples);
+      const Result<PackedScene::Drawn> drawn = packed.draw(reference.view, samples);
       if (!drawn) return drawn.error();
       row.samples_per_side = samples;
       row.drawing = drawn->times;
       row.frames = drawn->frames;
-      judge.judge_picture(drawn->picture.pixels, expected, truth.view, row);
+      judge.judge_picture(drawn->picture.pixels, expected, reference.view, row);
       if (Result<void> done = keep(row); !done) return done;
     }
     return {};
   }
 
-  Result<void> judge_modes(const SourceJudge& judge, const SourceJudge::Truth& truth, JudgedCase row) {
+  Result<void> judge_modes(const SourceJudge& judge, const SourceJudge::ReferencePicture& reference, JudgedCase row) {
     row.positions = "source";
     row.geometry_bytes = 0;
     const auto judge_mode = [&](Study study, const compare::ReferenceMode& mode) -> Result<void> {
       row.study = study;
       row.snap = mode.snap;
       row.depth_bits = mode.depth_bits;
-      if (Result<void> done = judge.judge_mode(mode, truth, row); !done) return done;
+      if (Result<void> done = judge.judge_mode(mode, reference, row); !done) return done;
       return keep(row);
     };
     for (const uint32_t snap : {16u, 256u, 4096u})

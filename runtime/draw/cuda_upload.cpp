@@ -147,6 +147,7 @@ struct ArenaLayout {
     const kernels::SceneView& host = streamed != nullptr ? *streamed : scene.view();
     pages.resize(streamed != nullptr ? host.chunk_count : scene.container().pages().size());
     textures.assign(host.textures, host.textures + host.texture_count);
+    if (host.masks != nullptr) masks.assign(host.masks, host.masks + host.material_count);
     meshes = plan.add_array(host.meshes, host.mesh_count);
     chunks = plan.add_array(host.chunks, host.chunk_count);
     instances = plan.add_array(host.instances, host.instance_count);
@@ -163,6 +164,9 @@ struct ArenaLayout {
       if (!image.empty())
         block_offset[reinterpret_cast<const uint8_t*>(image.blocks().data())] =
             plan.add(image.blocks().data(), image.blocks().size());
+    for (const std::span<const std::byte> page : scene.mask_pages())
+      mask_offset[reinterpret_cast<const uint8_t*>(page.data())] = plan.add(page.data(), page.size());
+    mask_views = plan.add_array(masks.data(), masks.size());
     levels.add_to(plan, scene);
     if (streamed != nullptr) return;
     const DrawnPages& drawn = scene.drawn_pages();
@@ -180,7 +184,9 @@ struct ArenaLayout {
   std::vector<kernels::TextureView> textures;
   std::map<const uint8_t*, uint64_t> texel_offset;  // several textures may show one image
   std::map<const uint8_t*, uint64_t> block_offset;  // likewise
-  std::vector<uint64_t> page_offset;                // empty where pages are streamed
+  std::vector<kernels::MaskView> masks;
+  std::map<const uint8_t*, uint64_t> mask_offset;  // several masks may have one page
+  std::vector<uint64_t> page_offset;               // empty where pages are streamed
   JpegLevels levels;
   uint64_t meshes;
   uint64_t chunks;
@@ -189,6 +195,7 @@ struct ArenaLayout {
   uint64_t matrices;
   uint64_t materials;
   uint64_t texture_views;
+  uint64_t mask_views;
   uint64_t page_table;
 };
 
@@ -243,6 +250,8 @@ Result<CudaScene> CudaScene::upload(const Scene& scene, uint64_t budget_bytes, u
     if (texture.blocks != nullptr)
       texture.blocks = reinterpret_cast<const uint8_t*>(base + layout.block_offset[texture.blocks]);
   }
+  for (kernels::MaskView& mask : layout.masks)
+    if (mask.alpha != nullptr) mask.alpha = reinterpret_cast<const uint8_t*>(base + layout.mask_offset[mask.alpha]);
   layout.levels.move_to(base, layout.textures);
 
   const MappedFile& map = scene.file().map();
@@ -272,6 +281,8 @@ Result<CudaScene> CudaScene::upload(const Scene& scene, uint64_t budget_bytes, u
   copy.view_.matrices = reinterpret_cast<const format::MatrixRecord*>(base + layout.matrices);
   copy.view_.materials = reinterpret_cast<const format::MaterialRecord*>(base + layout.materials);
   copy.view_.textures = reinterpret_cast<const kernels::TextureView*>(base + layout.texture_views);
+  if (copy.view_.masks != nullptr)
+    copy.view_.masks = reinterpret_cast<const kernels::MaskView*>(base + layout.mask_views);
   copy.view_.pages = reinterpret_cast<const std::byte* const*>(base + layout.page_table);
   copy.stats_.counts = *counts;
   copy.stats_.device_bytes = needed;

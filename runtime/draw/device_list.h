@@ -45,6 +45,22 @@ Result<Gpu> use_gpu(std::string_view which = {});
 /// The calling thread's current device; errors as use_gpu().
 Result<Gpu> current_gpu();
 
+/// Makes a GPU that use_gpu() returned the calling thread's current device. Errors kDevice: a CUDA call that failed, a
+/// program without CUDA.
+Result<void> set_current_gpu(int index);
+
+/// Restores, where it ends, the device that was the calling thread's current one, if there is one.
+class KeptGpu {
+ public:
+  KeptGpu();
+  KeptGpu(const KeptGpu&) = delete;
+  KeptGpu& operator=(const KeptGpu&) = delete;
+  ~KeptGpu();
+
+ private:
+  int index_ = -1;  // -1: none
+};
+
 /// Whether this machine seems to have an NVIDIA GPU, asked without CUDA: by its driver's device node or entry in /proc.
 bool seems_to_have_gpu();
 

@@ -139,8 +139,7 @@ GpuList list_gpus() {
     list.why_none = count.error().message;
     return list;
   }
-  int before = 0;
-  const bool has_before = cudaGetDevice(&before) == cudaSuccess;
+  const KeptGpu kept;
   for (int i = 0; i < *count; ++i) {
     Gpu gpu = describe_gpu(i);
     make_current(gpu);
@@ -154,7 +153,6 @@ GpuList list_gpus() {
     }
     list.gpus.push_back(std::move(gpu));
   }
-  if (has_before) (void)cudaSetDevice(before);
   return list;
 }
 
@@ -183,6 +181,22 @@ Result<Gpu> current_gpu() {
   Gpu gpu = describe_gpu(index);
   make_current(gpu);
   return usable(std::move(gpu));
+}
+
+Result<void> set_current_gpu(int index) {
+  return cuda_check(cudaSetDevice(index), "choosing the GPU");
+}
+
+KeptGpu::KeptGpu() {
+  if (cudaGetDevice(&index_) == cudaSuccess) return;
+  (void)cudaGetLastError();  // no driver
+  index_ = -1;
+}
+
+KeptGpu::~KeptGpu() {
+  // cudaSetDevice() makes a context, so it is called only where there is something to restore.
+  int index = -1;
+  if (index_ >= 0 && (cudaGetDevice(&index) != cudaSuccess || index != index_)) (void)cudaSetDevice(index_);
 }
 
 }  // namespace scree::runtime

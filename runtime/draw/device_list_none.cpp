@@ -26,4 +26,11 @@ Result<Gpu> current_gpu() {
   return Error{ErrorCode::kDevice, kWithoutCuda};
 }
 
+Result<void> set_current_gpu(int) {
+  return Error{ErrorCode::kDevice, kWithoutCuda};
+}
+
+KeptGpu::KeptGpu() = default;
+KeptGpu::~KeptGpu() = default;
+
 }  // namespace scree::runtime

@@ -5,14 +5,15 @@
 
 namespace scree::runtime {
 
-std::unique_lock<std::mutex> LoadedScene::gpu_lock() {
+LoadedScene::GpuLock LoadedScene::gpu_lock() {
   static std::mutex mutex;
-  return std::unique_lock<std::mutex>(mutex);
+  return GpuLock(mutex);
 }
 
 LoadedScene::~LoadedScene() {
   if (device_ == nullptr) return;
-  const std::unique_lock<std::mutex> lock = gpu_lock();
+  const GpuLock lock = gpu_lock();
+  (void)set_current_gpu(gpu_->index);
   device_.reset();
 }
 
@@ -24,7 +25,7 @@ Result<std::shared_ptr<LoadedScene>> LoadedScene::load(SceneFile file, const Loa
     std::shared_ptr<LoadedScene> loaded(new LoadedScene);
     loaded->threads_ = options.threads;
     if (options.on != DrawOn::kCpu) {
-      const std::unique_lock<std::mutex> lock = gpu_lock();
+      const GpuLock lock = gpu_lock();
       Result<Gpu> gpu = use_gpu(options.gpu);
       if (!gpu && options.on == DrawOn::kGpu) return at(path, gpu.error());
       if (gpu)
@@ -42,7 +43,10 @@ Result<std::shared_ptr<LoadedScene>> LoadedScene::load(SceneFile file, const Loa
     if (!scene) return scene.error();
     loaded->scene_ = std::make_unique<Scene>(std::move(*scene));
     if (loaded->gpu_) {
-      if (const Result<void> uploaded = loaded->upload(options); !uploaded) {
+      const auto upload = [&] { return loaded->upload(options); };
+      // The listener may draw another scene, for which it takes the lock that uploading holds.
+      const Result<void> uploaded = options.progress != nullptr ? options.progress->relay(upload) : upload();
+      if (!uploaded) {
         if (uploaded.error().code != ErrorCode::kDevice) return uploaded.error();
         if (options.on == DrawOn::kGpu) return at(path, uploaded.error());
         loaded->gpu_.reset();
@@ -59,9 +63,10 @@ Result<std::shared_ptr<LoadedScene>> LoadedScene::load(SceneFile file, const Loa
 }
 
 Result<void> LoadedScene::upload(const LoadOptions& options) {
-  const std::unique_lock<std::mutex> lock = gpu_lock();
+  const GpuLock lock = gpu_lock();
+  if (const Result<void> done = set_current_gpu(gpu_->index); !done) return done;
   Result<DeviceScene> device =
-      DeviceScene::upload(*scene_, options.device_memory, options.threads, Reading::kAuto,
+      DeviceScene::upload(*scene_, options.device_memory, options.threads, options.reading,
                           options.texture_cache != 0 ? options.texture_cache : kDeviceTextureCache, options.host_memory,
                           options.pictures, options.progress);
   if (!device) return device.error();

@@ -29,6 +29,7 @@ struct LoadOptions {
   uint64_t device_memory = 0;       // as DeviceScene::upload()
   uint64_t host_memory = 0;         // likewise
   PictureNeeds pictures;            // likewise
+  Reading reading = Reading::kAuto;  // likewise
   JobProgress* progress = nullptr;  // hears of loading, and may stop it (kFile)
 };
 
@@ -54,8 +55,16 @@ class LoadedScene {
   Result<kernels::View> view(const CameraOptions& options) const { return make_view(*scene_, options); }
 
   /// The GPUs' work of all scenes is asked for by one thread at a time: a thread that frees device memory or waits for
-  /// a device would end the recording of another thread's frame (kernels/cuda/graph.h).
-  static std::unique_lock<std::mutex> gpu_lock();
+  /// a device would end the recording of another thread's frame (kernels/cuda/graph.h). Whoever holds the lock makes
+  /// the scene's device current first; its end restores the device that the caller had.
+  class GpuLock : public std::unique_lock<std::mutex> {
+   public:
+    explicit GpuLock(std::mutex& mutex) : std::unique_lock<std::mutex>(mutex) {}
+
+   private:
+    KeptGpu kept_;  // ends while the lock is held
+  };
+  static GpuLock gpu_lock();
 
  private:
   LoadedScene() = default;

@@ -43,7 +43,8 @@ Result<std::unique_ptr<ViewRenderer>> ViewRenderer::create(std::shared_ptr<const
   try {
     std::unique_ptr<ViewRenderer> renderer(new ViewRenderer(std::move(scene)));
     if (DeviceScene* const device = renderer->scene_->device()) {
-      const std::unique_lock<std::mutex> lock = LoadedScene::gpu_lock();
+      const LoadedScene::GpuLock lock = LoadedScene::gpu_lock();
+      if (const Result<void> done = set_current_gpu(renderer->scene_->gpu()->index); !done) return done.error();
       Result<DeviceView> view = device->add_view(renderer->scene_->scene());
       if (!view) return view.error();
       renderer->device_ = std::move(*view);
@@ -56,7 +57,7 @@ Result<std::unique_ptr<ViewRenderer>> ViewRenderer::create(std::shared_ptr<const
 
 ViewRenderer::~ViewRenderer() {
   if (!device_) return;
-  const std::unique_lock<std::mutex> lock = LoadedScene::gpu_lock();
+  const LoadedScene::GpuLock lock = LoadedScene::gpu_lock();
   (void)device_->make_current();
   device_.reset();
 }
@@ -213,7 +214,7 @@ Result<void> ViewRenderer::draw_batch_on_cpu(std::span<const kernels::View> view
 }
 
 Result<void> ViewRenderer::draw_batch_on_gpu(std::span<const kernels::View> views, uint32_t layers) {
-  const std::unique_lock<std::mutex> lock = LoadedScene::gpu_lock();
+  const LoadedScene::GpuLock lock = LoadedScene::gpu_lock();
   if (Result<void> done = device_->make_current(); !done) return done;
   std::byte* blocks[kLayerCount] = {};
   for (size_t i = 0; i < kLayerCount; ++i) {
@@ -246,7 +247,7 @@ Result<void> ViewRenderer::draw_batch_on_gpu(std::span<const kernels::View> view
 }
 
 Result<void> ViewRenderer::draw_on_gpu() {
-  const std::unique_lock<std::mutex> lock = LoadedScene::gpu_lock();
+  const LoadedScene::GpuLock lock = LoadedScene::gpu_lock();
   if (Result<void> done = device_->make_current(); !done) return done;
   const bool is_streamed = scene_->is_streamed();
   kernels::FrameTimes times{};
@@ -305,7 +306,7 @@ Result<void> ViewRenderer::read(Layer layer, std::span<std::byte> out) {
 Result<void> ViewRenderer::make(Layer layer, std::span<std::byte> out) {
   if (!device_ && batch_ != 0) return Error{ErrorCode::kRange, "the batch was drawn without this layer"};
   if (!device_) return make_on_cpu(layer, out);
-  const std::unique_lock<std::mutex> lock = LoadedScene::gpu_lock();
+  const LoadedScene::GpuLock lock = LoadedScene::gpu_lock();
   const Result<const std::byte*> made = make_on_gpu(layer);
   if (!made) return made.error();
   return device_->read(*made, out);
@@ -353,7 +354,7 @@ Result<const std::byte*> ViewRenderer::make_on_gpu(Layer layer) {
 Result<const std::byte*> ViewRenderer::device_layer(Layer layer, void* stream) {
   if (Result<void> checked = check_frame(); !checked) return checked.error();
   if (!device_) return Error{ErrorCode::kDevice, "the scene is drawn on the CPU: its layers are in host memory"};
-  const std::unique_lock<std::mutex> lock = LoadedScene::gpu_lock();
+  const LoadedScene::GpuLock lock = LoadedScene::gpu_lock();
   const Result<const std::byte*> made = make_on_gpu(layer);
   if (!made) return made;
   if (const Result<void> ordered = device_->order_before(stream); !ordered) return ordered.error();
@@ -369,7 +370,7 @@ Result<std::optional<Pick>> ViewRenderer::pick(uint32_t x, uint32_t y) {
   if (!device_) return pick_sample(scene_->scene(), view_, samples_[index]);
   Result<uint64_t> sample = uint64_t{0};
   {
-    const std::unique_lock<std::mutex> lock = LoadedScene::gpu_lock();
+    const LoadedScene::GpuLock lock = LoadedScene::gpu_lock();
     if (const Result<void> done = device_->make_current(); !done) return done.error();
     sample = device_->read_sample(index);
   }

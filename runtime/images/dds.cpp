@@ -162,7 +162,7 @@ Result<BlockFile> open_dds(ImageFile& file) {
     if (!format) return not_read("of format \"" + text + "\"");
   } else {
     format = by_masks(flags, word(88), {word(92), word(96), word(100), word(104)});
-    if (!format) return not_read("of " + std::to_string(word(88)) + " bits a pixel in another order");
+    if (!format) return not_read("of " + std::to_string(word(88)) + " bits per pixel in another order");
   }
   head.format = format->format;
   head.swizzle = format->swizzle;

@@ -7,21 +7,21 @@
 
 #include <jpeglib.h>
 
-#include <jerror.h>  // behind jpeglib.h: which codes it has depends on what libjpeg was built with
+#include <jerror.h>  // must follow jpeglib.h; its codes depend on the build of libjpeg
 
 #include "format/result.h"
 #include "runtime/images/codecs.h"
 
 namespace scree::runtime {
 
-/// libjpeg's error manager with a way out of its calls. Trivially destructible, as a jump skips destructors.
+/// libjpeg's error manager with a jump target. Trivially destructible, because a jump skips destructors.
 struct JpegErrors {
-  jpeg_error_mgr manager;  // first: libjpeg hands back a pointer to it
+  jpeg_error_mgr manager;  // first: libjpeg passes on a pointer to it
   std::jmp_buf escape;
   char fatal[JMSG_LENGTH_MAX];
   char warning[JMSG_LENGTH_MAX];
 
-  /// What jpeg.err points to, in place of jpeg_std_error(). Nothing is printed; the first warning is kept.
+  /// Returns the pointer for jpeg.err, in place of jpeg_std_error(). Nothing is printed; the first warning is kept.
   jpeg_error_mgr* set_up() {
     jpeg_std_error(&manager);
     manager.error_exit = [](j_common_ptr info) {
@@ -46,7 +46,7 @@ struct JpegErrors {
 
   [[noreturn]] void leave() { std::longjmp(escape, 1); }
 
-  /// Runs `body`, whose frame must own nothing. False where libjpeg gave up: see error().
+  /// Runs `body`, whose frame must own nothing. Returns false if libjpeg failed: see error().
   template <class Body>
   bool guarded(const Body& body) {
     if (setjmp(escape) != 0) return false;
@@ -54,8 +54,8 @@ struct JpegErrors {
     return true;
   }
 
-  /// After guarded() returned false. kMemory, kUnsupported (blocks too many for an MCU), else `other`. `place`: of the
-  /// file, with ": " behind it.
+  /// The error after guarded() returned false: kMemory, kUnsupported (too many blocks for an MCU), else `other`.
+  /// `place`: the file, followed by ": ".
   Error error(ErrorCode other = ErrorCode::kFormat, const std::string& place = "") const {
     const ErrorCode code = manager.msg_code == JERR_OUT_OF_MEMORY  ? ErrorCode::kMemory
                            : manager.msg_code == JERR_BAD_MCU_SIZE ? ErrorCode::kUnsupported

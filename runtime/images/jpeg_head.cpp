@@ -16,9 +16,9 @@ void put_big_endian(std::byte* at, uint32_t value) {
   at[1] = static_cast<std::byte>(value);
 }
 
-/// Where the frame's marker stands in a file that libjpeg wrote.
+/// Offset of the frame's marker in a file that libjpeg wrote.
 size_t find_frame(std::span<const std::byte> file) {
-  size_t at = 2;  // behind SOI
+  size_t at = 2;  // after SOI
   while (file[at + 1] != kFrameMarker)
     at += 2 + (std::to_integer<size_t>(file[at + 2]) << 8 | std::to_integer<size_t>(file[at + 3]));
   return at;
@@ -32,7 +32,7 @@ Result<JpegHead> make_jpeg_head(uint32_t width, uint32_t height, int quality, bo
   if (width == 0 || height == 0 || width > kMostSide || height > kMostSide)
     return Error{ErrorCode::kRange, "JPEG: " + std::to_string(width) + " x " + std::to_string(height) +
                                         " pixels, expected sides of 1 to 65535"};
-  // libjpeg writes a picture of one MCU, whose head becomes the other's.
+  // libjpeg writes a picture of one MCU, whose header is then adapted.
   JpegCoding coding;
   coding.width = coding.height = is_sharp ? 8 : 16;
   coding.components[0].h = coding.components[0].v = is_sharp ? 1 : 2;

@@ -1,4 +1,4 @@
-// The head of a JPEG whose entropy-coded bytes are made elsewhere.
+// The header of a JPEG whose entropy-coded bytes are made elsewhere.
 #pragma once
 
 #include <cstddef>
@@ -15,10 +15,10 @@ struct JpegHead {
   format::JpegHeader header;     // the same, parsed
 };
 
-/// The head of a baseline JPEG of YCbCr with libjpeg's tables of `quality` (1 to 100) and the Huffman tables of T.81,
-/// K.3: 0 for luma, 1 for chroma. `is_sharp`: colours in full resolution (4:4:4) in place of a quarter (4:2:0). There
-/// is a restart marker after every `restart_mcus`. Width and height in pixels, 1 to 65,535. Errors kRange (another
-/// size), kMemory.
+/// The header of a baseline YCbCr JPEG with libjpeg's quantisation tables of `quality` (1 to 100) and the Huffman
+/// tables of T.81, K.3: 0 for luma, 1 for chroma. `is_sharp`: full colour resolution (4:4:4) instead of a quarter
+/// (4:2:0). A restart marker follows every `restart_mcus` MCUs. Width and height in pixels, 1 to 65,535. Errors kRange
+/// (another size), kMemory.
 Result<JpegHead> make_jpeg_head(uint32_t width, uint32_t height, int quality, bool is_sharp, uint16_t restart_mcus);
 
 }  // namespace scree::runtime

@@ -33,6 +33,7 @@ inline constexpr uint64_t kOptimisedJpegPixels = uint64_t{1} << 22;
 /// write). After an error only the destructor may be called.
 class JpegWriter {
  public:
+  /// Begins a picture.
   static Result<JpegWriter> create(const JpegCoding& coding);
   JpegWriter(JpegWriter&&) noexcept;
   JpegWriter& operator=(JpegWriter&&) noexcept;

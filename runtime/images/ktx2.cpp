@@ -260,7 +260,7 @@ class Reader {
         return fail(ErrorCode::kFormat, name + std::to_string(stated != expected ? stated : level.bytes) +
                                             " bytes, but " + std::to_string(width) + " x " + std::to_string(height) +
                                             " pixels take " + std::to_string(expected));
-      // Neither zstd nor zlib needs more; frames to be skipped would take memory that the pixels do not.
+      // zstd and zlib never need more. Skippable frames would take memory without giving pixels.
       if (const uint64_t most = expected + expected / 8 + 1024; level.bytes > most)
         return fail(ErrorCode::kFormat, name + std::to_string(level.bytes) + " packed bytes of " +
                                             std::to_string(expected) + ", expected at most " + std::to_string(most));

@@ -23,6 +23,7 @@ struct WorldBox {
   Vec3 min{kFar, kFar, kFar};
   Vec3 max{-kFar, -kFar, -kFar};
   bool is_empty() const { return !(min[0] <= max[0]); }
+  /// Extends the box to the point.
   void add(const Vec3& point) {
     for (size_t i = 0; i < 3; ++i) {
       min[i] = point[i] < min[i] ? point[i] : min[i];

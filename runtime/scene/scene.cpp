@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <charconv>
+#include <map>
 #include <new>
 #include <span>
 #include <utility>
@@ -142,6 +143,7 @@ Result<Scene> Scene::load(SceneFile file, uint32_t scene_index, const SceneOptio
       if (const Result<void> loaded = scene.load_pages(options.threads, options.progress); !loaded)
         return loaded.error();
     const Stopwatch texture_watch;
+    if (const Result<void> loaded = scene.load_masks(); !loaded) return at(path, loaded.error());
     if (const Result<void> loaded = scene.load_textures(options); !loaded) return at(path, loaded.error());
     scene.stats_.textures = texture_watch.elapsed();
   } catch (const std::bad_alloc&) {
@@ -194,6 +196,46 @@ Result<std::span<const std::byte>> Scene::page(uint32_t page, std::vector<std::b
   const Result<std::span<const std::byte>> read = container().load_page(page, scratch);
   if (!read) return at(file_.path(), read.error());
   return read;
+}
+
+/// Loads the masks of all drawn meshes' materials. Masks decide which samples are covered, so no option leaves them
+/// out.
+Result<void> Scene::load_masks() {
+  std::vector<bool> material_drawn(view_.material_count, false);
+  for (uint64_t m = 0; m < view_.mesh_count; ++m)
+    if (mesh_drawn_[m] && view_.meshes[m].material != format::kNone &&
+        (view_.meshes[m].attributes & format::kHasUv) != 0)
+      material_drawn[view_.meshes[m].material] = true;
+  const auto records = container().masks();
+  std::map<uint32_t, std::span<const std::byte>> pages;
+  for (uint64_t i = 0; i < records.size(); ++i) {
+    const format::MaskRecord& record = records[i];
+    if (!material_drawn[record.material]) continue;
+    auto [entry, is_new] = pages.try_emplace(record.page);
+    if (is_new) {
+      std::vector<std::byte> unpacked;
+      const Result<std::span<const std::byte>> page = container().load_page(record.page, unpacked);
+      if (!page) return at("mask " + std::to_string(i), page.error());
+      entry->second = *page;
+      if (!unpacked.empty()) unpacked_masks_.push_back(std::move(unpacked));  // a move keeps the bytes' address
+      mask_pages_.push_back(*page);
+      stats_.mask_bytes += page->size();
+    }
+    masks_.resize(view_.material_count);
+    kernels::MaskView& mask = masks_[record.material];
+    mask.alpha = reinterpret_cast<const uint8_t*>(entry->second.data());
+    mask.width = record.width;
+    mask.height = record.height;
+    mask.level_count = record.level_count;
+    mask.threshold = record.threshold;
+    std::copy(&record.place[0][0], &record.place[0][0] + 6, &mask.place[0][0]);
+    mask.wrap_s = record.wrap_s;
+    mask.wrap_t = record.wrap_t;
+    mask.nearest = (record.flags & format::kMaskNearest) != 0;
+    ++stats_.masks;
+  }
+  view_.masks = masks_.empty() ? nullptr : masks_.data();
+  return {};
 }
 
 Result<void> Scene::load_textures(const SceneOptions& options) {

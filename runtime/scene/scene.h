@@ -64,6 +64,8 @@ struct LoadStats {
   uint64_t images = 0;
   uint64_t texture_bytes = 0;  // of their decoded levels
   uint64_t jpeg_bytes = 0;     // of the levels that stay JPEGs, with their tables
+  uint64_t masks = 0;          // alpha masks of the drawn meshes
+  uint64_t mask_bytes = 0;     // of the masks' levels, each page counted once
   Duration geometry;
   Duration textures;
 };
@@ -108,6 +110,8 @@ class Scene {
   std::span<const JpegTexture> jpeg_textures() const { return jpegs_; }
   /// By image: the ones that stay blocks. Other entries are empty.
   std::span<const BlockTexture> block_textures() const { return block_images_; }
+  /// The pages of the masks in view(), each once; none if nothing is masked.
+  std::span<const std::span<const std::byte>> mask_pages() const { return mask_pages_; }
   /// Bytes of the largest group of the JPEGs' levels, decoded; 0 if there are none.
   uint32_t jpeg_slot_bytes() const { return jpeg_slot_bytes_; }
 
@@ -127,6 +131,7 @@ class Scene {
 
   explicit Scene(SceneFile file) : file_(std::move(file)) {}
   Result<void> number_instances();
+  Result<void> load_masks();
   Result<void> load_textures(const SceneOptions& options);
   kernels::TextureView view_of(const format::TextureRecord& record) const;
   void number_jpeg_levels();
@@ -150,6 +155,9 @@ class Scene {
   uint32_t jpeg_slot_bytes_ = 0;
   std::unique_ptr<kernels::BlockCache> blocks_;
   std::vector<kernels::TextureView> textures_;
+  std::vector<kernels::MaskView> masks_;                // one per material; empty if nothing is masked
+  std::vector<std::span<const std::byte>> mask_pages_;  // in the mapped file or in
+  std::vector<std::vector<std::byte>> unpacked_masks_;  // pages that had to be unpacked
   std::vector<std::string> warnings_;
   LoadStats stats_;
   std::unique_ptr<LazyBox> box_ = std::make_unique<LazyBox>();

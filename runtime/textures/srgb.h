@@ -25,6 +25,7 @@ class Srgb {
   kernels::SrgbTables tables_;
 };
 
+/// Srgb::linear() and Srgb::code() with the shared tables.
 inline float linear_of_srgb(uint8_t code) {
   return Srgb::tables().linear(code);
 }

@@ -14,6 +14,7 @@ namespace scree::runtime {
 /// error().
 class FirstError {
  public:
+  /// Records an error unless one of an earlier or the same place was recorded.
   void report(uint64_t place, Error error) {
     const std::lock_guard<std::mutex> lock(mutex_);
     if (place >= place_.load()) return;

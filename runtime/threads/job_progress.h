@@ -3,12 +3,15 @@
 
 #include <atomic>
 #include <chrono>
+#include <condition_variable>
 #include <cstdint>
+#include <deque>
 #include <functional>
 #include <mutex>
 #include <utility>
 
 #include "format/result.h"
+#include "runtime/threads/job_thread.h"
 
 namespace scree::runtime {
 
@@ -39,7 +42,46 @@ class JobProgress {
 
   bool is_stopped() const { return is_stopped_; }
 
+  /// Runs `job()` on a thread of its own and returns its result, or throws its exception. Until the job ends, the
+  /// calling thread calls the listener. So a job that holds a lock never waits for a listener that takes the same lock.
+  /// Throws std::bad_alloc.
+  template <class Job>
+  auto relay(const Job& job) {
+    is_relayed_ = true;
+    JobThread<decltype(job())> thread;
+    auto result = thread.add([&] {
+      const RelayEnd end{*this};
+      return job();
+    });
+    std::unique_lock<std::mutex> lock(relay_mutex_);
+    for (;;) {
+      relay_changed_.wait(lock, [&] { return !is_relayed_ || !reports_.empty(); });
+      if (reports_.empty()) break;
+      const Report next = reports_.front();
+      reports_.pop_front();
+      lock.unlock();
+      call(next);
+      lock.lock();
+    }
+    lock.unlock();
+    return result.get();
+  }
+
  private:
+  struct Report {
+    const char* stage;
+    uint64_t done;
+    uint64_t total;
+  };
+  struct RelayEnd {
+    JobProgress& progress;
+    ~RelayEnd() {
+      const std::lock_guard<std::mutex> lock(progress.relay_mutex_);
+      progress.is_relayed_ = false;
+      progress.relay_changed_.notify_all();
+    }
+  };
+
   using Clock = std::chrono::steady_clock;
 
   bool advance(uint64_t count) {
@@ -55,7 +97,19 @@ class JobProgress {
 
   void report(uint64_t done) {
     last_ = Clock::now();
-    if (!is_stopped_ && !listener_(stage_, done, total_)) is_stopped_ = true;
+    const Report report{stage_, done, total_};
+    if (!is_relayed_) return call(report);
+    const std::lock_guard<std::mutex> lock(relay_mutex_);
+    // A slow listener gets the beginning of each stage and the latest report.
+    if (!reports_.empty() && reports_.back().stage == stage_ && reports_.back().done != 0)
+      reports_.back() = report;
+    else
+      reports_.push_back(report);
+    relay_changed_.notify_all();
+  }
+
+  void call(const Report& report) {
+    if (!is_stopped_ && !listener_(report.stage, report.done, report.total)) is_stopped_ = true;
   }
 
   Listener listener_;
@@ -65,6 +119,10 @@ class JobProgress {
   std::atomic<bool> is_stopped_{false};
   std::mutex mutex_;  // for the listener and last_
   Clock::time_point last_{};
+  std::atomic<bool> is_relayed_{false};
+  std::mutex relay_mutex_;  // for reports_
+  std::condition_variable relay_changed_;
+  std::deque<Report> reports_;  // not yet passed to the listener; only used by relay()
 };
 
 }  // namespace scree::runtime

@@ -16,6 +16,7 @@ struct Duration {
 /// Runs from its construction on.
 class Stopwatch {
  public:
+  /// The time since construction.
   Duration elapsed() const {
     const auto wall = std::chrono::steady_clock::now() - wall_;
     return {std::chrono::duration<double, std::milli>(wall).count(), cpu_now_ms() - cpu_ms_};

@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
-"""Holds what cmake/reference.py makes against --help, read here in a simpler way: check_reference.py PROGRAM MADE SOURCE
+"""Compares the output of cmake/reference.py with --help, parsed here in a simpler way: check_reference.py PROGRAM MADE SOURCE
 
-Every subcommand and option of --help stands in the man pages, in the completion of bash, zsh and fish, and in
-docs/options.md; bash completes each of them, and choices; a second run makes the same bytes.
+Every subcommand and option of --help must be in the man pages, in the completion of bash, zsh and fish, and in
+docs/options.md. Bash must complete each of them, and choices. A second run must make the same bytes.
 """
 import gzip
 import os
@@ -30,12 +30,12 @@ def run(*words):
 
 
 def names_in(text):
-    """-x and --long at the head of a help's lines."""
+    """The options -x and --long at the beginning of help lines."""
     return [name for head in re.findall(r"^  (-[^ ]+(?:, --[\w-]+)?)", text, re.MULTILINE) for name in re.split(r",\s*", head)]
 
 
 def complete(*words):
-    """What bash offers for the last of these words."""
+    """Bash's completions of the last of these words."""
     script = ('source "$0"; COMP_WORDS=("$@"); COMP_CWORD=$(($# - 1)); _scree; printf "%s\\n" "${COMPREPLY[@]}"')
     return run("bash", "-c", script, os.path.join(made, "bash", "scree"), *words).split()
 

@@ -1,10 +1,12 @@
-// The command line itself: every *.cli file beside this one is a list of commands with what they must print and return.
+// The command line: every *.cli file beside this one is a list of commands with their expected output and exit code.
 //
-//   $ scree convert missing.gltf     run by sh in an empty folder; `scree` is the program built here, $DATA is
-//   tests/data exit 2                           its exit code (0 where no line says otherwise) err missing.gltf stderr
-//   contains the text out 12 triangles                 stdout contains the text errlines 1                       stderr
-//   has so many lines absent out.scree                 no such file afterwards exists out.scree                 there
-//   is one
+//   $ scree convert missing.gltf     run by sh in an empty folder; `scree`: the program built here, $DATA: tests/data
+//   exit 2                           its exit code (0 if no line gives one)
+//   err missing.gltf                 stderr contains the text
+//   out 12 triangles                 stdout contains the text
+//   errlines 1                       number of lines on stderr
+//   absent out.scree                 no such file afterwards
+//   exists out.scree                 such a file afterwards
 #include <sys/wait.h>
 
 #include <algorithm>

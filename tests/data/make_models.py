@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Writes the small glTF models of this folder. Needs Python 3 only; the same files every time.
+"""Writes the small glTF models of this folder. Needs only Python 3; always writes the same files.
 
     python3 tests/data/make_models.py            writes beside itself
     python3 tests/data/make_models.py --check    fails where a file differs from what it would write
@@ -32,7 +32,7 @@ def png(width, height, pixels, channels=3):
 
 
 def jpeg(blocks_x, blocks_y, colors):
-    """A baseline JPEG, 4:4:4, of flat 8 x 8 blocks: `colors` are (r, g, b) a block, rows from the top."""
+    """A baseline JPEG, 4:4:4, of flat 8 x 8 blocks: `colors` are (r, g, b) per block, rows from the top."""
     def segment(marker, data):
         return struct.pack(">BBH", 0xff, marker, len(data) + 2) + data
     # DC codes of 4 bits for the categories 0 to 11; the AC table has only "end of block", code 0.
@@ -87,7 +87,7 @@ class Model:
         return self.add("bufferViews", entry)
 
     def accessor(self, rows, component=FLOAT, normalized=False, **more):
-        """rows: tuples (or numbers), tightly packed but for the 4-byte alignment of vertex elements glTF asks for."""
+        """rows: tuples (or numbers), tightly packed except for glTF's 4-byte alignment of vertex elements."""
         rows = [r if isinstance(r, tuple) else (r,) for r in rows]
         width = len(rows[0])
         packed = [struct.pack("<%d%s" % (width, FORMAT[component]), *r) for r in rows]
@@ -267,7 +267,7 @@ def interleaved():
 
 
 def sparse():
-    """Sparse accessors: positions over a base, positions over nothing, indices."""
+    """Sparse accessors: positions over a base, positions without a base, indices."""
     m = Model("sparse")
     grid = [(float(x), float(y), 0.0) for y in range(3) for x in range(3)]
     quads = [i for y in range(2) for x in range(2)
@@ -311,7 +311,7 @@ def quantized():
             top = limits[component]
             rows = [tuple(int(v) * top for v in p) for p in TETRAHEDRON]
             if component in (BYTE, SHORT):
-                rows[0] = (-top - 1,) * 3  # one past the symmetric range: reads as -1 where it is normalised
+                rows[0] = (-top - 1,) * 3  # one past the symmetric range: normalised, it reads as -1
             signed = component if component in (BYTE, SHORT) else (BYTE if component == UBYTE else SHORT)
             normals = [tuple(round(v * limits[signed]) for v in p)
                        for p in ((-n, -n, -n), (1, 0, 0), (0, 1, 0), (0, 0, 1))]
@@ -361,7 +361,7 @@ def materials():
 
 
 def colors():
-    """COLOR_0 of every type glTF allows, a quad each."""
+    """COLOR_0 of every type that glTF allows, one quad each."""
     m = Model("colors")
     positions = m.positions(QUAD)
     indices = m.accessor(QUAD_INDICES, UBYTE)
@@ -397,7 +397,7 @@ def gpu_instancing():
 
 
 def nodes():
-    """Trees with children before parents, matrices, negative scales, several scenes, cameras, nodes nobody draws."""
+    """Trees with children before parents, matrices, negative scales, several scenes, cameras, nodes of no scene."""
     m = Model("nodes")
     mesh = m.mesh({"attributes": {"POSITION": m.positions(TETRAHEDRON)},
                    "indices": m.accessor(TETRAHEDRON_INDICES, UBYTE)}, name="tetrahedron")
@@ -424,7 +424,7 @@ def nodes():
 
 
 def multi_primitive():
-    """Primitives with different materials, attributes and modes in one mesh, some with nothing to draw; a mesh of those."""
+    """Primitives with different materials, attributes and modes in one mesh, some with nothing to draw; a mesh with only such primitives."""
     m = Model("multi_primitive")
     red, green = m.material("red", color=[1, 0, 0, 1]), m.material("green", color=[0, 1, 0, 1])
     quad = m.positions(QUAD)
@@ -441,7 +441,7 @@ def multi_primitive():
 
 
 def left_out():
-    """Skins, morph targets, animations, tangents and other attributes that are named and left out."""
+    """Skins, morph targets, animations, tangents and other attributes that are reported and left out."""
     m = Model("left_out")
     count = 4
     attributes = {"POSITION": m.positions(QUAD), "NORMAL": m.accessor([(0.0, 0.0, 1.0)] * count),

@@ -13,7 +13,7 @@ namespace {
 constexpr uint32_t kThreads = 96;
 constexpr uint32_t kBlocks = 5;
 
-/// What a lane of `intrinsics` finds wrong, a bit each.
+/// The errors that a lane of `intrinsics` finds, one bit each.
 __global__ void __launch_bounds__(kThreads) intrinsics(uint32_t* wrong, unsigned long long* sums) {
   const uint32_t lane = threadIdx.x % 32;
   const uint32_t thread = blockIdx.x * blockDim.x + threadIdx.x;
@@ -27,7 +27,7 @@ __global__ void __launch_bounds__(kThreads) intrinsics(uint32_t* wrong, unsigned
   expect(5, __reduce_add_sync(~0u, lane) == 496);
   expect(6, __reduce_max_sync(~0u, lane ^ 21u) == 31);
   expect(7, __reduce_or_sync(~0u, 1u << lane) == ~0u);
-  // Half a warp each way: lanes of a mask meet without the others.
+  // Half a warp each way: the lanes of a mask synchronise without the others.
   if (lane < 16) {
     expect(8, __ballot_sync(0xffffu, true) == 0xffffu);
   } else {

@@ -5,16 +5,16 @@
 
 namespace scree::emulator {
 
-/// What is wrong with what the collectives, atomics and intrinsics give; empty where all is right.
+/// Errors in the results of collectives, atomics and intrinsics; empty if there are none.
 std::string check_intrinsics();
 
-/// What is wrong with shared memory and the copies into it; empty where all is right.
+/// Errors of shared memory and of copies to it; empty if there are none.
 std::string check_shared_memory();
 
-/// What is wrong with when work of streams is done; empty where all is right.
+/// Errors in the order of work on streams; empty if there are none.
 std::string check_streams();
 
-/// Runs a kernel, or makes a call, that is wrong: the program ends.
+/// Runs an invalid kernel, or makes an invalid call: the program ends.
 enum class Mistake {
   kEndedLane,
   kOtherCollective,

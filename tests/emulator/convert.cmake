@@ -1,5 +1,5 @@
-# cmake -DFROM=source.cu -DTO=source.cpp -P convert.cmake: what is not C++ in a CUDA source, as calls of device.h. Lines
-# stay where they are.
+# cmake -DFROM=source.cu -DTO=source.cpp -P convert.cmake: turns CUDA syntax that is not C++ into calls of device.h.
+# Line numbers stay the same.
 file(READ "${FROM}" text)
 string(REGEX REPLACE "extern __shared__ ([A-Za-z_0-9:]+) ([a-z_0-9]+)\\[\\];"
   "auto* const \\2 = static_cast<\\1*>(::scree::emulator::dynamic_shared_memory());" text "${text}")

@@ -1,5 +1,5 @@
-// What nvcc gives a kernel's source, for the C++ compiler: included before everything else of an emulated .cu file
-// (CMakeLists.txt here), whose launches and shared memory convert.cmake has rewritten.
+// Gives the C++ compiler the names that nvcc gives a kernel's source. Included before everything else of an emulated
+// .cu file (CMakeLists.txt here), whose launches and shared memory convert.cmake has rewritten.
 #pragma once
 
 #include <cuda_runtime.h>
@@ -14,7 +14,7 @@
 
 #include "tests/emulator/machine.h"
 
-// The parts of shared headers that are for a GPU.
+// Enables the GPU parts of shared headers.
 #define __CUDA_ARCH__ 900
 
 #undef __global__
@@ -85,7 +85,7 @@ Launch<P...> launch(const char* name, void (*kernel)(P...), dim3 blocks, dim3 th
   return Launch<P...>(kernel, name, blocks, threads, shared_bytes, stream);
 }
 
-/// What each lane of a mask left, as the type it was left in.
+/// The value that each lane of a mask passed, as its own type.
 template <class T>
 class Values {
  public:
@@ -93,7 +93,7 @@ class Values {
     static_assert(sizeof(T) <= sizeof(uint64_t) && std::is_trivially_copyable_v<T>);
     uint64_t bits = 0;
     std::memcpy(&bits, &value, sizeof value);
-    std::memcpy(bits_, meet_warp(what, mask, bits), sizeof bits_);
+    std::memcpy(bits_, exchange_in_warp(what, mask, bits), sizeof bits_);
   }
 
   T operator[](uint32_t lane) const {
@@ -103,7 +103,7 @@ class Values {
     return value;
   }
 
-  /// All of the mask's, one after the other.
+  /// All values of the mask, joined one after another.
   template <class Join>
   T joined(Join join) const {
     T all = (*this)[static_cast<uint32_t>(std::countr_zero(mask_))];
@@ -180,10 +180,10 @@ inline uint32_t __reduce_or_sync(uint32_t mask, uint32_t value) {
   });
 }
 inline void __syncwarp(uint32_t mask = ~0u) {
-  scree::emulator::meet_warp("__syncwarp", mask, 0);
+  scree::emulator::exchange_in_warp("__syncwarp", mask, 0);
 }
 inline void __syncthreads() {
-  scree::emulator::meet_block();
+  scree::emulator::sync_block();
 }
 
 // Atomics.
@@ -192,7 +192,7 @@ T atomicAdd(T* at, std::type_identity_t<T> value) {
   scree::emulator::pause_at_atomic();
   return std::atomic_ref(*at).fetch_add(value);
 }
-/// Puts what `choose` makes of the value that is there. Returns the one that was.
+/// Replaces the value at an address by `choose` of it. Returns the old value.
 template <class T, class Choose>
 T atomic_change(T* at, Choose choose) {
   scree::emulator::pause_at_atomic();
@@ -261,7 +261,7 @@ inline uint32_t __byte_perm(uint32_t low, uint32_t high, uint32_t selector) {
   }
   return out;
 }
-/// What `join` makes of the halves of two words, each a T.
+/// `join` applied to both halves of two words, each half a T.
 template <class T, class Join>
 uint32_t join_halves(uint32_t a, uint32_t b, Join join) {
   const auto half = [&](uint32_t shift) {

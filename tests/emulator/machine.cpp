@@ -24,12 +24,12 @@ namespace {
 
 using boost::context::fiber;
 
-constexpr uint32_t kResidentBlocks = 3;  // that take turns
+constexpr uint32_t kResidentBlocks = 3;  // blocks that take turns
 constexpr size_t kStackBytes = size_t{256} * 1024;
 constexpr size_t kFirstFrameBytes = 4096;
-constexpr uint64_t kStackEnd = 0x5ca1ab1e5ca1ab1e;  // stands at the far end of each stack
+constexpr uint64_t kStackEnd = 0x5ca1ab1e5ca1ab1e;  // stored at the far end of each stack
 
-/// The stacks of all lanes that can be at work. Memory comes with the first touch of a page.
+/// The stacks of all lanes that may run. A page takes memory once it is used.
 class Stacks {
  public:
   std::byte* stack(uint32_t number) {
@@ -46,7 +46,7 @@ class Stacks {
   std::byte* stacks_ = nullptr;
 };
 
-/// A stack as Boost.Context takes it from an allocator; the stacks stay.
+/// A stack allocator for Boost.Context. The stacks are kept.
 struct StackOf {
   std::byte* stack;
 
@@ -59,16 +59,16 @@ struct StackOf {
   void deallocate(boost::context::stack_context&) const noexcept {}
 };
 
-/// Where lanes wait for each other: those of a mask, or a block's.
-struct Meeting {
+/// A barrier of lanes: of a mask in a warp, or of a block.
+struct Barrier {
   const char* what = nullptr;
   uint32_t mask = 0;
-  uint32_t arrived = 0;  // lanes of the mask; of a block's, how many
-  uint64_t ended = 0;    // meetings that came to their end here
+  uint32_t arrived = 0;  // mask of arrived lanes; for a block: their number
+  uint64_t ended = 0;    // number of times this barrier was completed
   std::array<std::array<uint64_t, kWarpLanes>, 2> values{};
 };
 
-/// What a lane asked to be copied and has not waited for.
+/// A copy that a lane has requested and not waited for yet.
 struct LaterCopy {
   void* to;
   const void* from;
@@ -84,8 +84,8 @@ struct SharedVariable {
 struct Block;
 
 struct Warp {
-  std::deque<Meeting> meetings;  // one for each mask that was met on
-  uint32_t ended = 0;            // lanes
+  std::deque<Barrier> barriers;  // one per mask that was used
+  uint32_t ended = 0;            // mask of ended lanes
 };
 
 struct Lane {
@@ -94,10 +94,10 @@ struct Lane {
   uint32_t number;  // in its warp
   uint3 thread;
   std::byte* stack;
-  fiber here;  // while it does not run
-  fiber back;  // while it does
-  const Meeting* waits = nullptr;
-  uint64_t since = 0;  // waits->ended then
+  fiber here;  // while the lane does not run
+  fiber back;  // while it runs
+  const Barrier* waits = nullptr;
+  uint64_t since = 0;  // value of waits->ended when the wait began
   bool has_ended = false;
   std::vector<LaterCopy> copies;
   uint64_t copy_group = 0;
@@ -109,16 +109,16 @@ struct Block {
   uint3 index;
   std::vector<Lane> lanes;
   std::vector<Warp> warps;
-  Meeting all;
-  uint32_t ended = 0;  // lanes
+  Barrier all;
+  uint32_t ended = 0;  // number of ended lanes
   std::map<uint32_t, SharedVariable> shared;
-  size_t shared_bytes = 0;  // of all of them, and what the launch asked for
+  size_t shared_bytes = 0;  // of all variables, and of the launch's dynamic memory
   std::unique_ptr<std::byte[]> dynamic;
 };
 
 thread_local Lane* current = nullptr;
 
-// Of the thread that runs the fibers, as the address sanitizer wants to know it.
+// Stack of the thread that runs the fibers, for the address sanitizer.
 thread_local const void* outer_stack = nullptr;
 thread_local size_t outer_bytes = 0;
 
@@ -139,7 +139,7 @@ std::unique_ptr<std::byte[]> garbage(size_t bytes) {
   return made;
 }
 
-/// Back to the scheduler; returns when it lets the lane go on.
+/// Switches to the scheduler; returns when the lane is to continue.
 void yield(Lane& lane) {
   leave_for(&lane.fake_stack, outer_stack, outer_bytes);
   lane.back = std::move(lane.back).resume();
@@ -173,7 +173,7 @@ bool can_go_on(const Lane& lane) {
 }
 
 void end_block_meeting_if_all_came(Block& block) {
-  Meeting& all = block.all;
+  Barrier& all = block.all;
   if (all.arrived == 0 || all.arrived + block.ended != block.lanes.size()) return;
   all.arrived = 0;
   ++all.ended;
@@ -181,7 +181,7 @@ void end_block_meeting_if_all_came(Block& block) {
 
 void note_end(Lane& lane) {
 #if defined(__SANITIZE_ADDRESS__)
-  // What the fiber's first frames, which do not return, have marked as theirs.
+  // The fiber's first frames never return and have poisoned their memory.
   __asan_unpoison_memory_region(lane.stack + kStackBytes - kFirstFrameBytes, kFirstFrameBytes);
 #endif
   if (std::memcmp(lane.stack, &kStackEnd, sizeof kStackEnd) != 0)
@@ -191,7 +191,7 @@ void note_end(Lane& lane) {
   end_block_meeting_if_all_came(*lane.block);
 }
 
-/// Lets each lane of `block` that can run until it waits or ends. Returns how many could.
+/// Runs each lane of `block` that can run until it waits or ends. Returns the number of lanes that could.
 uint32_t take_turn(Block& block) {
   const auto count = static_cast<uint32_t>(block.lanes.size());
   const uint32_t first = random_below(count);
@@ -246,7 +246,7 @@ std::unique_ptr<Block> begin_block(const Grid& grid, uint64_t number, uint32_t s
     lane.stack = stacks.stack(slot * kMaxThreads + i);
     std::memcpy(lane.stack, &kStackEnd, sizeof kStackEnd);
   }
-  // A last warp may have fewer lanes.
+  // The last warp may have fewer lanes.
   if (threads % kWarpLanes != 0) block->warps.back().ended = ~0u << threads % kWarpLanes;
   return block;
 }
@@ -283,7 +283,7 @@ void* dynamic_shared_memory() {
   return current->block->dynamic.get();
 }
 
-const uint64_t* meet_warp(const char* what, uint32_t mask, uint64_t value) {
+const uint64_t* exchange_in_warp(const char* what, uint32_t mask, uint64_t value) {
   Lane& lane = *current;
   Warp& warp = *lane.warp;
   const char* const kernel = lane.block->grid->name;
@@ -292,32 +292,32 @@ const uint64_t* meet_warp(const char* what, uint32_t mask, uint64_t value) {
     fail("%s: lane %u in %s(0x%08x) would wait for lanes 0x%08x that have ended", kernel, lane.number, what, mask,
          mask & warp.ended);
   }
-  auto meeting =
-      std::find_if(warp.meetings.begin(), warp.meetings.end(), [&](const Meeting& m) { return m.mask == mask; });
-  if (meeting == warp.meetings.end()) {
-    meeting = warp.meetings.emplace(meeting);
-    meeting->mask = mask;
+  auto barrier =
+      std::find_if(warp.barriers.begin(), warp.barriers.end(), [&](const Barrier& m) { return m.mask == mask; });
+  if (barrier == warp.barriers.end()) {
+    barrier = warp.barriers.emplace(barrier);
+    barrier->mask = mask;
   }
-  if (meeting->arrived == 0) meeting->what = what;
-  if (meeting->what != what && std::strcmp(meeting->what, what) != 0) {
-    fail("%s: of one warp, lane %u is in %s(0x%08x), others in %s", kernel, lane.number, what, mask, meeting->what);
+  if (barrier->arrived == 0) barrier->what = what;
+  if (barrier->what != what && std::strcmp(barrier->what, what) != 0) {
+    fail("%s: of one warp, lane %u is in %s(0x%08x), others in %s", kernel, lane.number, what, mask, barrier->what);
   }
-  const auto& values = meeting->values[meeting->ended % 2];
-  meeting->values[meeting->ended % 2][lane.number] = value;
-  meeting->arrived |= 1u << lane.number;
-  if (meeting->arrived == mask) {
-    meeting->arrived = 0;
-    ++meeting->ended;
+  const auto& values = barrier->values[barrier->ended % 2];
+  barrier->values[barrier->ended % 2][lane.number] = value;
+  barrier->arrived |= 1u << lane.number;
+  if (barrier->arrived == mask) {
+    barrier->arrived = 0;
+    ++barrier->ended;
     if (random_below(8) == 0) yield(lane);
   } else {
-    lane.waits = &*meeting;
-    lane.since = meeting->ended;
+    lane.waits = &*barrier;
+    lane.since = barrier->ended;
     yield(lane);
   }
   return values.data();
 }
 
-void meet_block() {
+void sync_block() {
   Lane& lane = *current;
   lane.waits = &lane.block->all;
   lane.since = lane.block->all.ended;

@@ -1,6 +1,6 @@
-// The calls of the CUDA runtime that scree makes, for the emulated GPU. What is submitted to a stream is kept, and done
-// when somebody waits for it or, now and then, earlier: a result that is used before it was waited for is not there,
-// and what a copy reads from pinned memory has to stay until the copy was waited for.
+// The calls of the CUDA runtime that scree makes, for the emulated GPU. Work submitted to a stream is queued. It is
+// done when somebody waits for it, or at random earlier. So a result that is used without waiting is missing, and
+// pinned memory that a copy reads must stay valid until the copy was waited for.
 #include <cuda_runtime.h>
 
 #include <algorithm>
@@ -26,7 +26,7 @@ namespace {
 
 using Clock = std::chrono::steady_clock;
 
-/// The work of `stream` before its number `end`. Null: what a graph keeps.
+/// The work of `stream` before its number `end`. Null: work that belongs to a graph.
 struct Point {
   CUstream_st* stream;
   uint64_t end;
@@ -39,7 +39,7 @@ struct Work {
 
 }  // namespace
 
-/// In an order in which it can be done.
+/// A graph's work, in an order in which it can be done.
 struct CUgraph_st {
   std::vector<std::function<void()>> work;
   bool is_open = true;  // being captured
@@ -49,13 +49,14 @@ struct CUgraphExec_st {
 };
 
 struct CUstream_st {
-  int gpu = 0;                  // that it is of; the null stream is of all
-  bool waits_for_null = false;  // and the null stream for it
+  int gpu = 0;                  // its GPU; the null stream belongs to all
+  bool waits_for_null = false;  // ordered with the null stream, in both directions
   bool is_destroyed = false;
   bool is_running = false;
-  std::shared_ptr<CUgraph_st> capture;  // that keeps its work
-  uint64_t captured = 0;                // work that it got while it was captured
-  uint64_t joined = 0;                  // of that: before an event that another captured stream waited for
+  std::shared_ptr<CUgraph_st> capture;  // the graph that its work goes to
+  uint64_t captured = 0;                // amount of work since the capture began
+  uint64_t joined = 0;                  // the part of it that lies before an event that another captured stream waited
+                                        // for
   uint64_t done = 0;
   std::deque<Work> waiting;
 
@@ -67,9 +68,9 @@ struct CUevent_st {
     Point at;
     bool is_timed;
     Clock::time_point time;
-    std::weak_ptr<CUgraph_st> capture;     // that it is of: whose work holds this record
-    CUstream_st* captured_from = nullptr;  // null: of none
-    uint64_t captured_before = 0;          // work of that stream
+    std::weak_ptr<CUgraph_st> capture;     // the graph whose work includes this record
+    CUstream_st* captured_from = nullptr;  // null: not captured
+    uint64_t captured_before = 0;          // amount of that stream's work before the record
 
     bool is_captured() const { return captured_from != nullptr; }
   };
@@ -80,9 +81,9 @@ struct CUevent_st {
 namespace {
 
 constexpr size_t kDeviceBytes = size_t{16} << 30;
-constexpr int kLeastMajor = 8;  // of GPUs that kernels have code for
+constexpr int kLeastMajor = 8;  // oldest GPUs that kernels have code for
 constexpr size_t kAlignment = 256;
-constexpr size_t kGarbageBytes = size_t{16} << 20;  // of an allocation: more is not worth the time
+constexpr size_t kGarbageBytes = size_t{16} << 20;  // of an allocation; more would take too long
 constexpr size_t kUnaskedSharedBytes = 48 * 1024;
 
 struct Allocation {
@@ -97,7 +98,7 @@ struct Gpu {
   size_t bytes = kDeviceBytes;
 };
 
-/// As SCREE_EMULATED_GPU lists them.
+/// The GPUs listed in SCREE_EMULATED_GPU.
 std::vector<Gpu> listed_gpus() {
   const char* const text = std::getenv("SCREE_EMULATED_GPU");
   if (text == nullptr) return {};
@@ -125,19 +126,19 @@ struct Kernel {
   size_t shared_bytes = kUnaskedSharedBytes;
 };
 
-/// All that the calls share. One of them at a time.
+/// State that the calls share. One call runs at a time.
 struct Device {
   std::recursive_mutex mutex;
   CUstream_st null_stream;
-  std::deque<std::unique_ptr<CUstream_st>> streams;  // destroyed ones too
+  std::deque<std::unique_ptr<CUstream_st>> streams;  // including destroyed ones
   std::map<uintptr_t, Allocation> allocations;
   std::map<const void*, Kernel> kernels;
-  std::map<int, scree::emulator::MemoryInUse> in_use;  // by GPU; pinned memory is kPinned's
+  std::map<int, scree::emulator::MemoryInUse> in_use;  // by GPU; pinned memory is under kPinned
   std::vector<std::shared_ptr<CUgraph_st>> graphs;     // not destroyed yet
 };
 
 Device& device() {
-  static Device* const made = new Device;  // stays for what runs at exit
+  static Device* const made = new Device;  // never freed, for code that runs at exit
   return *made;
 }
 
@@ -156,7 +157,7 @@ CUstream_st* stream_of(cudaStream_t stream) {
   return stream;
 }
 
-/// Does all before `point`.
+/// Does all work before `point`.
 void reach(Point point) {
   if (point.stream == nullptr) fail("what a graph keeps is waited for");
   CUstream_st& stream = *point.stream;
@@ -187,7 +188,7 @@ Point submit(CUstream_st* stream, std::function<void()> run, std::vector<Point> 
   }
   stream->waiting.push_back({std::move(run), std::move(after)});
   const Point end = stream->end();
-  // A GPU may be as fast as it likes.
+  // A GPU may be arbitrarily fast.
   if (random_below(4) == 0) {
     const uint32_t number = random_below(static_cast<uint32_t>(all.streams.size()) + 1);
     CUstream_st* const any = number == all.streams.size() ? &all.null_stream : all.streams[number].get();
@@ -196,7 +197,7 @@ Point submit(CUstream_st* stream, std::function<void()> run, std::vector<Point> 
   return end;
 }
 
-/// Null: of nothing that CUDA has given out.
+/// Null if CUDA did not allocate that memory.
 const Allocation* allocation_at(const void* at, size_t bytes) {
   const auto& all = device().allocations;
   const auto address = reinterpret_cast<uintptr_t>(at);
@@ -232,7 +233,7 @@ cudaError_t allocate(void** out, size_t bytes, bool is_device) {
   return cudaSuccess;
 }
 
-/// Both wait for all that was submitted.
+/// Both functions wait for all submitted work.
 cudaError_t give_back(void* block, bool is_device) {
   if (block == nullptr) return cudaSuccess;
   Device& all = device();
@@ -252,7 +253,7 @@ struct Copy {
   size_t bytes;
 };
 
-/// Submits the copies; memory that is not pinned is read or written before it returns.
+/// Submits the copies. Memory that is not pinned is read or written before it returns.
 cudaError_t submit_copies(std::vector<Copy> copies, cudaMemcpyKind kind, cudaStream_t stream, bool waits) {
   const std::lock_guard lock(device().mutex);
   for (const Copy& copy : copies) {
@@ -322,14 +323,14 @@ scree::emulator::MemoryInUse scree::emulator::pinned_memory() {
   return memory_of_gpu(kPinned);
 }
 
-void scree::emulator::forget_peaks() {
+void scree::emulator::reset_peaks() {
   const std::lock_guard lock(device().mutex);
   for (auto& [index, in_use] : device().in_use) in_use.peak = in_use.now;
 }
 
 void scree::emulator::add_kernel(const void* function, const char* name, Bind bind) {
   const std::lock_guard lock(device().mutex);
-  Kernel& kernel = device().kernels[function];  // perhaps one whose attribute was set
+  Kernel& kernel = device().kernels[function];  // may be a kernel whose attribute was set before
   kernel.name = name;
   kernel.bind = bind;
 }
@@ -369,7 +370,7 @@ cudaError_t cudaMemcpyBatchAsync(void* const* to, const void* const* from, const
   if (stream == nullptr) return failed(cudaErrorInvalidValue);
   std::vector<Copy> copies;
   for (size_t i = 0; i < count; ++i) copies.push_back({to[i], from[i], bytes[i]});
-  std::reverse(copies.begin(), copies.end());  // there is no order among them
+  std::reverse(copies.begin(), copies.end());  // copies of one batch have no order
   return submit_copies(std::move(copies), cudaMemcpyDefault, stream, false);
 }
 #endif
@@ -460,7 +461,7 @@ cudaError_t cudaStreamWaitEvent(cudaStream_t stream, cudaEvent_t event, unsigned
   const std::shared_ptr<CUgraph_st> capture = event->last->capture.lock();
   if (event->last->is_captured() && (capture == nullptr || !capture->is_open)) return failed(cudaErrorCapturedEvent);
   if (capture != waiting->capture) {
-    // A stream joins a capture so; work outside of it cannot be waited for within.
+    // A stream joins a capture this way. Work outside of the capture cannot be waited for inside.
     if (waiting->capture != nullptr) return failed(cudaErrorStreamCaptureIsolation);
     waiting->capture = capture;
     waiting->captured = waiting->joined = 0;
@@ -479,7 +480,7 @@ cudaError_t cudaStreamBeginCapture(cudaStream_t stream, cudaStreamCaptureMode) {
   const std::lock_guard lock(device().mutex);
   CUstream_st* const begun = stream_of(stream);
   if (begun == &device().null_stream || begun->capture != nullptr) return failed(cudaErrorStreamCaptureUnsupported);
-  // Work of the default stream and of such a stream wait for each other.
+  // Such a stream and the default stream wait for each other's work.
   if (begun->waits_for_null) fail("a stream is captured that is ordered with the default stream");
   begun->capture = device().graphs.emplace_back(std::make_shared<CUgraph_st>());
   return cudaSuccess;
@@ -596,7 +597,8 @@ cudaError_t cudaFuncSetAttribute(const void* function, cudaFuncAttribute attribu
 cudaError_t cudaOccupancyMaxActiveBlocksPerMultiprocessorWithFlags(int* blocks, const void*, int threads,
                                                                    size_t shared_bytes, unsigned) {
   const size_t by_memory = scree::emulator::kSharedBytes / std::max<size_t>(shared_bytes, 1);
-  *blocks = static_cast<int>(std::min<size_t>({static_cast<size_t>(scree::emulator::kMultiprocessorThreads / std::max(threads, 1)), by_memory, 2}));
+  *blocks = static_cast<int>(std::min<size_t>(
+      {static_cast<size_t>(scree::emulator::kMultiprocessorThreads / std::max(threads, 1)), by_memory, 2}));
   return cudaSuccess;
 }
 

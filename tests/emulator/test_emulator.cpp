@@ -1,4 +1,4 @@
-// The emulated GPU: that it does what a GPU does, and ends the program where a GPU would do anything.
+// Checks that the emulated GPU gives a GPU's results, and ends the program where a GPU's behaviour is undefined.
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -16,7 +16,7 @@ using emulator::Mistake;
 
 namespace {
 
-/// What a child that makes the mistake says before it ends by itself.
+/// The last output of a child process that makes the mistake.
 std::string last_words(Mistake mistake) {
   int ends[2];
   REQUIRE(pipe(ends) == 0);

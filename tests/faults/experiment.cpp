@@ -18,7 +18,7 @@
 
 int scree_main(int argc, char** argv);  // tools/main.cpp
 
-// Of ASan's build: whether anything is lost by now.
+// Present in ASan's build: whether any memory is leaked so far.
 extern "C" __attribute__((weak)) int __lsan_do_recoverable_leak_check();
 
 namespace scree::faults {
@@ -73,7 +73,7 @@ Run Experiment::run_in_place(const Plan& plan) const {
   if (child == 0) {
     stay_here();
     const int code = call(plan);
-    std::exit(code);  // where ASan's build looks for leaks
+    std::exit(code);  // ASan's build checks for leaks here
   }
   if (child < 0) {
     std::perror("scree_faults: fork");

@@ -1,4 +1,4 @@
-// One run of the program under test, in which a call fails or none, and whether what it leaves is as it should be.
+// One run of the program under test, with or without a failing call, and the check of its results.
 #pragma once
 
 #include <cstdint>
@@ -14,35 +14,35 @@ namespace scree::faults {
 struct Run {
   int code = -1;  // -1: ended by `signal`
   int signal = 0;
-  int64_t live = 0;                  // live_count(), where the command came to its end
+  int64_t live = 0;                  // live_count(), if the command reached its end
   std::string errors;                // stderr
-  std::vector<std::string> outputs;  // of those that belong together, one after the other
-  std::set<std::string> names;       // of the files that are there
+  std::vector<std::string> outputs;  // contents; outputs that belong together are concatenated
+  std::set<std::string> names;       // names of existing files
 };
 
-/// A command that is run in `folder`, where `outputs` are what it writes; those in one group belong together.
+/// A command that is run in `folder` and writes `outputs`. Outputs in one group belong together.
 class Experiment {
  public:
   Experiment(std::string folder, std::vector<std::vector<std::string>> outputs, std::vector<std::string> words);
 
-  /// In a process of its own.
+  /// Runs in a separate process.
   Run run(const Plan& plan) const;
-  /// The same once more without a failure, in what the run before left.
+  /// Runs once more without a failure, on the files that the last run left.
   Run run_again() const;
 
-  /// From now on each run finds `bytes` as the .part of its first output, as a run that was killed leaves one.
+  /// From now on each run finds `bytes` as the .part of its first output, as left by a killed run.
   void find_part(std::string bytes) { part_ = std::move(bytes); }
-  /// What the last run left there; empty where it left none.
+  /// The .part that the last run left; empty if there is none.
   std::string left_part() const;
 
-  /// Runs in this process from now on: what it prints goes where the command's output does.
+  /// From now on, runs in this process, with its output in the command's output files.
   void stay_here() const;
-  /// After stay_here(). Where the process ends instead of returning, its parent has the rest from end_of().
+  /// Called after stay_here(). If the process ends instead of returning, its parent gets the rest from end_of().
   Run run_here(const Plan& plan) const;
   Run end_of(int status) const;
 
   std::vector<std::string> earlier_outputs() const;
-  /// Names of outputs that are not there before a run.
+  /// Names of outputs that do not exist before a run.
   std::set<std::string> new_outputs() const;
 
  private:
@@ -51,7 +51,7 @@ class Experiment {
   std::string part_path() const { return path(outputs_.front().front() + ".part"); }
   Run run_in_place(const Plan& plan) const;
   void lay_out() const;
-  /// A command of the program without --force begins without outputs, which it would refuse.
+  /// Whether outputs exist before a run. Not for commands without --force, which would refuse them.
   bool has_earlier() const;
   void collect(Run& run) const;
   int call(const Plan& plan) const;
@@ -62,17 +62,17 @@ class Experiment {
   std::string part_;
 };
 
-/// What a run is held to.
+/// The results that a run must have.
 struct Expected {
-  Run good;                          // no call failed
-  std::vector<std::string> earlier;  // outputs before a run; empty ones: there were none
-  std::set<std::string> outputs;     // their names, where there were none: those of a run that fails may be there
-  int code = 2;                      // of an error
-  bool may_differ = false;           // outputs of a run that came to its end
+  Run good;                          // a run without a failed call
+  std::vector<std::string> earlier;  // contents of outputs before a run; empty if there were none
+  std::set<std::string> outputs;     // names of new outputs, which a failed run may leave
+  int code = 2;                      // exit code of an error
+  bool may_differ = false;           // outputs may differ between successful runs
   bool keeps_part = false;           // an error may leave a .part
 };
 
-/// What is wrong with a run in which `failed`, as failed_call() has it, failed; empty where nothing is.
+/// The error of a run in which `failed` (from failed_call()) failed; empty if there is none.
 std::string fault_of(Run run, const Expected& expected, const std::string& failed);
 
 }  // namespace scree::faults

@@ -23,8 +23,8 @@
 namespace scree::tests {
 namespace {
 
-/// A primitive that is sorted, as small as one can be: a strip of two windows, both of which use all of its few
-/// vertices, and between them triangles that only join.
+/// The smallest primitive that is sorted: a strip of two windows, both of which use all of its few vertices, with
+/// joining triangles between them.
 void write_scattered(const TempFolder& folder) {
   constexpr uint32_t kVertices = 64, kWindow = convert::kWindowTriangles, kCorners = kWindow + kVertices;
   std::vector<float> points, normals;
@@ -57,7 +57,7 @@ void write_scattered(const TempFolder& folder) {
                                      std::to_string(kCorners) + "}]}");
 }
 
-/// Vertices, and triangles between three of them, in no order: more than a block of a bucket holds.
+/// Random triangles over random vertices: more than a block of a bucket holds.
 void write_shuffled(const TempFolder& folder) {
   constexpr uint32_t kVertices = 3000, kTriangles = 5000;
   std::mt19937 random(7);
@@ -70,9 +70,10 @@ void write_shuffled(const TempFolder& folder) {
   maker.finish();
 }
 
-/// giant.gltf and lying.gltf: a primitive of so many windows that one thread has a page of it in the file before the
-/// last, short window is measured. The first states the box of its positions; the second a larger one, which shows only
-/// then. The few vertices that are used come first of as many as it takes for a box to be believed.
+/// giant.gltf and lying.gltf: a primitive of so many windows that one thread has written a page of it before the last,
+/// short window is measured. The first file gives the correct box of its positions; the second gives a larger one,
+/// which shows only at the end. The few used vertices come first, followed by as many as needed for the box to be
+/// trusted.
 void write_giant(const TempFolder& folder) {
   constexpr uint32_t kUsed = 2048;
   constexpr uint64_t kVertices = convert::kLeastBounded, kCorners = 3 * (4 * convert::kWindowTriangles + 1000);
@@ -101,7 +102,7 @@ void write_giant(const TempFolder& folder) {
                            R"(},{"bufferView":1,"componentType":5123,"type":"SCALAR","count":)" + corner_count + "}]}");
 }
 
-/// Grids before and beside each other round the origin, which hide some of each other.
+/// Grids around the origin, in front of and beside each other, so that some hide others.
 void write_many(const TempFolder& folder) {
   JpegRecipe recipe;
   recipe.width = recipe.height = 40;

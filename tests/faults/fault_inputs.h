@@ -1,4 +1,4 @@
-// What scree_faults is run on, for the tests.
+// Inputs of scree_faults, for the tests.
 #pragma once
 
 #include <string>
@@ -7,23 +7,24 @@
 
 namespace scree::tests {
 
-/// A scene of a .gltf, its .bin and its images, two that are sorted, and what the program made of the first: the inputs
-/// of all commands.
+/// The inputs of all commands: a scene as .gltf with its .bin and its images, two that are sorted, and the program's
+/// output for the first.
 class FaultInputs {
  public:
   FaultInputs();
 
-  /// many.scree and many_packed.scree, of many chunks round the origin, for what streams them.
+  /// Adds many.scree and many_packed.scree: many chunks around the origin, for streaming.
   void add_many();
 
-  /// shuffled.scree and shuffled_packed.scree, whose pages take more than a block.
+  /// Adds shuffled.scree and shuffled_packed.scree, whose pages take more than a block.
   void add_shuffled();
 
-  /// giant.gltf and lying.gltf, whose only primitive is encoded while it is measured; what the second states of it
-  /// proves wrong when four windows are measured, and a page of them is in the file.
+  /// Adds giant.gltf and lying.gltf, whose only primitive is encoded while it is measured. The second one's box turns
+  /// out to be wrong when four windows are measured and a page of them is in the file.
   void add_giant();
 
-  /// Runs scree_faults; fails the test with what it says where something is wrong. `options`: in front of all.
+  /// Runs scree_faults; fails the test with its output if it finds an error. `options`: placed before all other
+  /// arguments.
   void check(const std::string& kind, const std::string& which, const std::string& outputs, const std::string& command,
              const std::string& options = "");
 

@@ -14,16 +14,16 @@ constexpr uint64_t kMaxSites = 1 << 16;
 
 struct Shared {
   std::atomic<bool> is_armed;
-  std::atomic<bool> is_counting;  // plan.from was met
+  std::atomic<bool> is_counting;  // plan.from was reached
   std::atomic<bool> has_failed;
-  std::atomic_flag lock;  // of the sites
+  std::atomic_flag lock;  // for the sites
   Plan plan;
   std::atomic<uint64_t> calls;
   std::atomic<uint64_t> run_number;
   std::atomic<int64_t> live;
   char failed_call[64];
   uint64_t site_count;
-  uint64_t sites[kMaxSites];     // by first call
+  uint64_t sites[kMaxSites];     // in the order of their first calls
   uint64_t seen[2 * kMaxSites];  // a hash table of them; 0: empty
 };
 
@@ -62,7 +62,7 @@ Foreign::~Foreign() {
 void prepare() {
   void* const memory = ::mmap(nullptr, sizeof(Shared), PROT_READ | PROT_WRITE, MAP_SHARED | MAP_ANONYMOUS, -1, 0);
   if (memory == MAP_FAILED) std::abort();
-  shared = static_cast<Shared*>(memory);  // zeros
+  shared = static_cast<Shared*>(memory);  // all zeros
 }
 
 void arm(const Plan& plan) {

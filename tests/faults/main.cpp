@@ -1,24 +1,28 @@
-// Runs a command of scree over and over, each time with another call failing, and looks at what is left:
+// Runs a command of scree repeatedly, each time with another failing call, and checks the results:
 //   scree_faults [-j N] [-p] [-s N] [-r] KIND WHICH FOLDER OUTPUTS -- CONVERT|INSPECT|... ARGUMENTS
-// KIND: file, memory, device, short. WHICH: all, or sites: one failure a place in the program (memory: and a size);
-// with /N behind it every N-th of them; call/N: the N-th call alone; every: all calls in one run; with @NAME at the
-// end, of the calls from the first of that name on. OUTPUTS: files in FOLDER, with commas between, with + between those
-// that belong together, ~ before all where they may come out otherwise. -j: so many runs at a time, each in a copy of
-// FOLDER. -p: many runs in one process, where beginning is what takes long, as for a GPU. -s: so many runs without a
-// failure tell which calls there are. -r: each run finds the .part of one that ended early, with all that can be gone
-// on with, and may leave one where it has to say an error; then the command is run again, and has to write what it
-// writes without a failure. Prints what went wrong, and a line of counts; exits 0 where nothing did.
+// - KIND: file, memory, device, short.
+// - WHICH: all; sites: one failure per call site in the program (for memory: and size). A suffix /N selects every N-th
+//   of them. call/N: only the N-th call. every: all calls in one run. A suffix @NAME counts calls from the first of
+//   that name on.
+// - OUTPUTS: files in FOLDER, separated by commas. A + joins outputs that belong together. A leading ~ means that
+//   successful runs may differ.
+// - -j N: number of parallel runs, each in a copy of FOLDER.
+// - -p: many runs in one process, for programs with a slow start, as on a GPU.
+// - -s N: number of runs without a failure that find the call sites.
+// - -r: each run finds the .part of an interrupted run, with all that can be resumed, and may leave a .part when it
+//   fails. Then the command is run again, and has to write the output of a run without a failure.
+// Prints the errors and a line of counts. Exits with 0 if there are no errors.
 //
-// A run may come to its end all the same, and then has to write what it writes without a failure. Else it has to say
-// one line, to return its code, and to leave no leak (ASan's build; of what CUDA gave, any) and no other file but an
-// empty .part, where the file system does not even say what it is, and a .part that could not be removed. Outputs are
-// then what they were before, or whole (the first of several; one whose folder cannot be synced), those that belong
-// together all the same. Of KIND short, where a call moves half of the bytes and says so, every run has to come to its
-// end.
+// A run may succeed in spite of the failure; its output must then equal that of a run without a failure. Otherwise it
+// must print one line, return its exit code, and leave no leak (memory in ASan's build, CUDA resources in any build).
+// It may leave no new file, with two exceptions: an empty .part, if the file system does not even give the file's type,
+// and a .part that could not be removed. Outputs must then be unchanged, or complete (the first of several; an output
+// whose folder cannot be synced); this holds for each group of outputs as a whole. For KIND short, where a call
+// transfers half of the bytes and reports that, every run must succeed.
 //
-// Where threads take turns as they like, so do calls: which one is the n-th then differs from run to run, and a run may
-// have fewer. Such a run, in which none failed, has to be a good one, and shows how many there may be as those before
-// do: every number is tried that any run without a failure reached. Places are those of all the first runs together.
+// With several threads the order of calls varies, so the n-th call differs from run to run, and a run may have fewer
+// calls. A run in which no call failed must be a good one, and its number of calls counts like that of the first runs:
+// every number that any run without a failure reached is tried. The sites are the union over the first runs.
 #include <sys/mman.h>
 #include <sys/wait.h>
 #include <unistd.h>
@@ -103,10 +107,10 @@ std::optional<Options> parse(int argc, char** argv) {
   return options;
 }
 
-/// Of all processes that make runs; each run takes the next number.
+/// State of all processes that make runs. Each run takes the next number.
 struct Progress {
   std::atomic<uint64_t> next;
-  std::atomic<uint64_t> most;  // that any run without a failure has calls
+  std::atomic<uint64_t> most;  // most calls of any run without a failure
   std::atomic<uint64_t> refused;
   std::atomic<uint64_t> borne;
   std::atomic<uint64_t> missed;
@@ -120,7 +124,7 @@ T& shared_memory() {
   return *new (memory) T();
 }
 
-/// Makes runs in a folder of its own, until all numbers are taken.
+/// Makes runs in its own folder until all numbers are taken.
 class Worker {
  public:
   Worker(const Options& options, const std::vector<uint64_t>& sites, const faults::Expected& expected,
@@ -135,13 +139,13 @@ class Worker {
     if (out_ == nullptr) std::abort();
   }
 
-  /// In a process that has this for its only task.
+  /// The only task of its process.
   void work() {
     if (options_.one_process) experiment_.stay_here();
     while (const std::optional<faults::Plan> plan = next_plan()) {
       const faults::Run run = options_.one_process ? experiment_.run_here(*plan) : experiment_.run(*plan);
       const std::string failed = faults::failed_call();
-      // What a run that went wrong left in this process is nothing to go on with.
+      // The state that a failed run left in this process must not affect further runs.
       if (!judge(run) && options_.one_process) return;
       if (!options_.resumes || run.code == 0) continue;
       const faults::Run again = experiment_.run_again();
@@ -150,7 +154,7 @@ class Worker {
     }
   }
 
-  /// The run that the process ended in.
+  /// Judges the run during which the process ended.
   void judge_end(int status) { judge(experiment_.end_of(status)); }
 
  private:
@@ -203,7 +207,7 @@ class Worker {
   std::FILE* out_;
 };
 
-/// Has `jobs` processes at work, each in a folder of its own; where one ends before all is done another goes on.
+/// Keeps `jobs` processes at work, each in its own folder. If one ends early, another takes over.
 void run_all(const Options& options, const std::vector<uint64_t>& sites, const faults::Expected& expected,
              Progress& progress, const std::string& part) {
   std::vector<pid_t> processes(options.jobs, -1);
@@ -248,8 +252,8 @@ void run_all(const Options& options, const std::vector<uint64_t>& sites, const f
     std::filesystem::remove_all(options.folder + "." + std::to_string(job));
 }
 
-/// The .part of a run in which the last call for a file fails with which all pages are still there to be gone on with.
-/// Nothing where there is no such call.
+/// The .part of a run with the last failing file call after which all pages can still be resumed. Nullopt if there is
+/// no such call.
 std::optional<std::string> make_part(faults::Experiment& experiment) {
   const faults::Run good = experiment.run({});
   for (uint64_t number = faults::call_count(); good.code == 0 && number > 0; --number) {

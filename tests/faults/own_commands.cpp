@@ -42,7 +42,7 @@ Result<void> stream(const std::string& path, uint64_t part, uint32_t threads, co
   const auto stream =
       runtime::CpuStream::create(*scene, all / part + largest + runtime::Residency::kAlignment, threads);
   if (!stream) return stream.error();
-  // All of it, and then what is near, and back: chunks give way and come again.
+  // A view of everything, a near one, and the first one again: chunks are evicted and loaded again.
   const kernels::ShadeOptions shade;
   for (const double distance : {4.0, 0.5, 4.0}) {
     runtime::CameraOptions camera;
@@ -68,7 +68,7 @@ Result<void> write_file(const std::string& path, std::span<const std::byte> byte
   return out->commit();
 }
 
-/// A device whose memory is the host's.
+/// A device whose memory is host memory.
 class HostTarget final : public runtime::UploadTarget {
  public:
   HostTarget(uint64_t arena_bytes, const runtime::StagingSizes& sizes)
@@ -118,7 +118,7 @@ Result<void> sort(const std::string& path, uint64_t map_vertices, uint32_t threa
   const Result<convert::Primitive> copy = convert::sort_primitive(
       primitive, {0, 0, primitive.vertex_count()}, true, {threads, map_vertices}, file, 0, nullptr, [](uint64_t) {});
   if (!copy) return at(path, copy.error());
-  // All of the temporary file but its buckets is the copy.
+  // The copy is the temporary file without its buckets.
   const Result<uint64_t> size = file->size();
   if (!size) return size.error();
   std::vector<std::byte> bytes(*size);
@@ -126,7 +126,7 @@ Result<void> sort(const std::string& path, uint64_t map_vertices, uint32_t threa
   return write_file(output, bytes);
 }
 
-/// What tools/main.cpp does round a command.
+/// Handles errors of a command like tools/main.cpp.
 template <class Command>
 int report(const char* name, const Command& command) {
   try {

@@ -1,19 +1,19 @@
-// Commands that scree_faults has beside those of scree: what no command reaches, or none that is quick.
+// Commands that scree_faults has beside those of scree, for code that no command reaches, or none that is quick.
 #pragma once
 
 namespace scree::faults {
 
-/// The command that argv[1] names; null where it is one of scree's. Says and returns what scree would. Paths are in the
-/// current folder.
+/// The command named by argv[1]; null if it is one of scree's. It prints and returns the same as scree would. Paths are
+/// in the current folder.
 ///
-/// scree stream FILE PART THREADS OUTPUT.bin OUTPUT.png: draws frames of a scene round the origin on the CPU out of a
-/// pool that holds a PART-th of its chunks, and one chunk more; writes the samples and the picture of the last.
+/// scree stream FILE PART THREADS OUTPUT.bin OUTPUT.png: draws frames of a scene around the origin on the CPU, from a
+/// pool that holds one PART-th of its chunks and one chunk more. Writes the samples and the picture of the last frame.
 ///
-/// scree upload FILE READING THREADS OUTPUT: brings a scene's pages to a device of host memory, read as READING says
-/// (mapped, buffered or direct); writes what arrived.
+/// scree upload FILE READING THREADS OUTPUT: uploads a scene's pages to a device of host memory, with a READING of
+/// mapped, buffered or direct. Writes the uploaded bytes.
 ///
 /// scree sort FILE VERTICES THREADS OUTPUT: sorts the first primitive of a glTF scene as convert does, with the new
-/// numbers of so many vertices in memory at a time; writes the copy.
+/// numbers of that many vertices in memory at a time. Writes the copy.
 using Main = int (*)(int argc, char** argv);
 Main own_command(const char* name);
 

@@ -1,5 +1,5 @@
-// Every command with every call failing once: files, memory, and the GPU; and with reads and writes that stop half way
-// (scree_faults does the work).
+// Every command with every call failing once: files, memory, and the GPU; and with reads and writes that stop half way.
+// scree_faults does the work.
 #include <algorithm>
 #include <cstdint>
 #include <filesystem>
@@ -21,24 +21,24 @@ struct Job {
   bool only_maps = false;  // reads and writes no file but through a map
 };
 
-// Pages stay raw where memory for compressing them is short (format::seal_page).
+// Pages stay raw if memory for compressing them is short (format::seal_page).
 constexpr Job kConvert[] = {
     {"out.scree", "convert in.gltf -o out.scree --force --normals --quiet --threads 1"},
     {"~out.scree", "convert in.gltf -o out.scree --force --encoding clustered --zstd 3 --quiet --threads 2"},
     {"out.scree", "convert in.gltf -o out.scree --quiet --threads 1"},
     {"out.scree", "convert in.gltf -o out.scree --force --textures jpeg:80 --max-error 1e-3 --quiet --threads 1"},
 };
-// In the .part of a run that was killed; pages are compressed in the first, so that they may stay raw there too.
+// For the .part of a killed run. The first job compresses pages, so that they may stay raw there too.
 constexpr Job kResume[] = {
     {"~out.scree", "convert in.gltf -o out.scree --force --resume --zstd 3 --quiet --threads 2"},
     {"out.scree",
      "convert in.gltf -o out.scree --force --resume --encoding clustered --max-error 1e-3 --normals --quiet --threads "
      "1"},
 };
-// Of which only what comes once the file to sort through is made: unlink takes its name away.
+// Only calls after the temporary file for sorting is made: unlink removes its name.
 constexpr Job kSort[] = {{"out.scree", "convert scattered.gltf -o out.scree --force --normals --quiet --threads 1"}};
-// A primitive that is encoded while it is measured, with as little work as may be done with a window. Of which only
-// what comes once the output is open, which is then emptied first.
+// A primitive that is encoded while it is measured, with as little work per window as possible. Only calls after the
+// output is opened, which begins by emptying it.
 constexpr Job kGuess[] = {
     {"out.scree",
      "convert giant.gltf -o out.scree --force --order none --no-weld --chunk-triangles 65536 --positions 8 --encoding "
@@ -49,7 +49,8 @@ constexpr Job kGuess[] = {
      "indexed "
      "--quiet --threads 1"},
 };
-// Triangles are read thrice, since so many vertices' new numbers fit into memory; buckets are written as they fill.
+// Triangles are read three times, since memory holds only this many vertices' new numbers. Buckets are written as they
+// fill.
 constexpr Job kSortInPasses[] = {{"out", "sort shuffled.gltf 1000 1 out"}, {"out", "sort shuffled.gltf 1000 2 out"}};
 constexpr Job kReaders[] = {
     {"", "inspect packed.scree --verify --threads 2", true},
@@ -79,14 +80,14 @@ constexpr Job kDevice[] = {
     {"out.png", "render packed.scree --force -o out.png --size 640x480 --samples 2 --backend cuda --quiet --threads 2"},
 };
 
-// Past the page cache, where the file system has such reads, and through it; raw and compressed pages.
+// Past the page cache, if the file system supports that, and through it; raw and compressed pages.
 constexpr Job kUpload[] = {
     {"out", "upload in.scree direct 1 out"},
     {"out", "upload packed.scree direct 2 out"},
     {"out", "upload in.scree buffered 2 out"},
 };
 
-// The same with pages of several blocks, of which a read past the page cache may stop after one.
+// The same with pages of several blocks, where a read past the page cache may stop after one block.
 constexpr Job kUploadBlocks[] = {
     {"out", "upload shuffled.scree direct 1 out"},
     {"out", "upload shuffled_packed.scree direct 2 out"},
@@ -106,7 +107,7 @@ void check_all(const std::string& kind, const std::string& which, const Job (&jo
   for (const Job& job : jobs) inputs.check(kind, which, job.outputs, job.command, options);
 }
 
-/// Once a place, and all calls.
+/// Once per site, and all calls.
 template <size_t kCount>
 void check_short(FaultInputs& inputs, const Job (&jobs)[kCount], const std::string& options = "") {
   for (const Job& job : jobs)
@@ -114,7 +115,7 @@ void check_short(FaultInputs& inputs, const Job (&jobs)[kCount], const std::stri
       if (!job.only_maps) inputs.check("short", which, job.outputs, job.command, options);
 }
 
-/// So many runs at a time.
+/// The option for parallel runs.
 std::string on_all_cores() {
   return "-j " + std::to_string(std::max(1u, std::thread::hardware_concurrency()));
 }
@@ -125,7 +126,7 @@ void check_stream(const std::string& kind, const std::string& which, const std::
   for (const Job& job : kStream) inputs.check(kind, which, job.outputs, job.command, options + " -p -s 2");
 }
 
-/// Else nothing is tested of guesses: one comes true, and of the other a page is taken out of the file again.
+/// Makes sure that guesses are tested: one is right, and for the other a page is removed from the file again.
 void must_guess(const TempFolder& folder) {
   for (const bool is_right : {true, false}) {
     convert::ConvertOptions options = options_of(folder, is_right ? "giant.gltf" : "lying.gltf");
@@ -146,13 +147,13 @@ void check_guess(const std::string& kind, const std::string& which, const std::s
   FaultInputs inputs;
   inputs.add_giant();
   must_guess(inputs.folder());
-  // Whether a window is encoded before the next is measured is for threads to say, and so which call is the n-th.
+  // Threads decide whether a window is encoded before the next one is measured, and so which call is the n-th.
   for (const Job& job : kGuess) inputs.check(kind, which + "@ftruncate", job.outputs, job.command, options + " -s 2");
 }
 
-// Beginning with a GPU takes longer than all the rest, so that processes make many runs each.
+// Starting with a GPU takes longer than everything else, so each process makes many runs.
 constexpr const char* kOnGpu = "-p -j 4";
-// Which calls there are, and which is the n-th, depends on when loads are done.
+// The calls, and which one is the n-th, depend on when loads are done.
 constexpr const char* kStreamedOnGpu = "-p -j 4 -s 4";
 
 TEST_CASE("faults: every call for a file fails once while converting", "[faults]") {
@@ -225,7 +226,7 @@ TEST_CASE("faults: reads and writes move half of the bytes while pages are uploa
 TEST_CASE("faults: reads and writes move half of the bytes while frames are streamed", "[faults][short][stream]") {
   check_stream("short", "every");
 }
-// Hours of one core, so that all cores make runs.
+// Takes hours of one core, so all cores make runs.
 TEST_CASE("faults: every call fails once while sorting", "[.][faults-all]") {
   check_all("file", "all", kSort, on_all_cores());
   check_all("memory", "all", kSort, on_all_cores());
@@ -277,13 +278,14 @@ TEST_CASE("faults: every call fails once while a GPU streams frames", "[cuda][fa
     const std::string path = inputs.folder().file(file);
     const ProgramRun refused = run_program(
         {"render", path, "--backend", "cuda", "--device-memory", "1", "--size", "160x120", "-o", path + ".png"}, log);
-    // A third of the chunks has room then.
+    // Leaves room for a third of the chunks.
     const uint64_t budget = least_device_memory(refused.output) + std::filesystem::file_size(path) / 3;
     const std::string common =
         " --force -o out.png --visbuffer out.bin --size 160x120 --eye 0,0,2 --target 0,0,0 --frames 2 "
         "--backend cuda --quiet --threads 2 --device-memory " +
         std::to_string(budget);
-    // From the page cache, and in part from pinned memory: beside the picture's buffers, a third of the chunks.
+    // Partly from the page cache and partly from pinned memory: room for the picture's buffers and a third of the
+    // chunks.
     const uint64_t picture = 160 * 120 * (sizeof(uint64_t) + 3 + sizeof(uint32_t));
     const ProgramRun no_room = run_program(
         {"render", path, "-o", path + ".png", "--visbuffer", path + ".bin", "--size", "160x120", "--backend", "cuda",

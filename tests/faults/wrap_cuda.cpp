@@ -1,5 +1,5 @@
-// The calls of the CUDA runtime that may fail. The list of names stands in CMakeLists.txt too, where a test holds
-// it against what the program calls.
+// The calls of the CUDA runtime that may fail. CMakeLists.txt has the list of names too, where a test compares it with
+// the program's calls.
 #include <cuda_runtime_api.h>
 
 #include <atomic>
@@ -12,7 +12,7 @@ using scree::faults::Kind;
 
 namespace {
 
-// A launch that failed says so in the next cudaGetLastError() of its run.
+// A failed launch is reported by the next cudaGetLastError() of its run.
 std::atomic<uint64_t> launch_failed_in{0};
 
 bool fails_here(const char* what, const void* site) {
@@ -32,7 +32,7 @@ extern "C" {
     return __real_##name arguments;                                   \
   }
 
-/// A call that makes something which is to be given back.
+/// A call that creates an object which must be destroyed.
 #define SCREE_WRAP_MAKE(name, error, parameters, arguments, out)              \
   cudaError_t __real_##name parameters;                                       \
   cudaError_t __wrap_##name parameters {                                      \
@@ -96,7 +96,7 @@ SCREE_WRAP(cudaOccupancyMaxActiveBlocksPerMultiprocessorWithFlags, cudaErrorUnkn
            (blocks, kernel, threads, bytes, flags))
 #undef SCREE_WRAP
 
-/// Ends the capture also where it fails, as CUDA does.
+/// Ends the capture even when it fails, like CUDA.
 cudaError_t __real_cudaStreamEndCapture(cudaStream_t stream, cudaGraph_t* graph);
 cudaError_t __real_cudaGraphDestroy(cudaGraph_t graph);
 cudaError_t __wrap_cudaStreamEndCapture(cudaStream_t stream, cudaGraph_t* graph) {
@@ -112,7 +112,7 @@ cudaError_t __wrap_cudaStreamEndCapture(cudaStream_t stream, cudaGraph_t* graph)
   return made;
 }
 
-/// Calls that give something back do it all the same: what they say is of no use to anybody then.
+/// Calls that free something succeed in any case, because nobody can use their errors.
 #define SCREE_WRAP_RELEASE(name, type, object)                             \
   cudaError_t __real_##name(type object);                                  \
   cudaError_t __wrap_##name(type object) {                                 \
@@ -131,7 +131,7 @@ SCREE_WRAP_RELEASE(cudaGraphDestroy, cudaGraph_t, graph)
 SCREE_WRAP_RELEASE(cudaGraphExecDestroy, cudaGraphExec_t, exec)
 #undef SCREE_WRAP_RELEASE
 
-/// What <<<>>> calls: CUDA 12 the first, CUDA 13 the second, whose kernel is a handle.
+/// The call behind <<<>>>: CUDA 12 uses the first, CUDA 13 the second, whose kernel is a handle.
 #define SCREE_WRAP_LAUNCH(name)                                                                         \
   cudaError_t __real_##name(const void* kernel, dim3 grid, dim3 block, void** arguments, size_t shared, \
                             cudaStream_t stream);                                                       \
@@ -152,7 +152,7 @@ SCREE_WRAP_LAUNCH(__cudaLaunchKernel)
 #undef SCREE_WRAP_LAUNCH
 
 #if !defined(SCREE_EMULATED_CUDA)
-/// What else stands behind <<<>>>. A kernel's handle is asked for once in a process, so that failing would stay.
+/// Other calls behind <<<>>>. A kernel's handle is requested once per process, so a failure would be permanent.
 #define SCREE_WRAP_FOREIGN(type, name, parameters, arguments) \
   type __real_##name parameters;                              \
   type __wrap_##name parameters {                             \

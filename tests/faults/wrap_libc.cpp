@@ -1,5 +1,5 @@
-// The calls of the C library that may fail or stop half way, those of std::filesystem, and operator new. The list of
-// names stands in CMakeLists.txt too, where a test holds it against what the program calls.
+// The calls of the C library that may fail or stop half way, those of std::filesystem, and operator new. CMakeLists.txt
+// has the list of names too, where a test compares it with the program's calls.
 #include <fcntl.h>
 #include <pthread.h>
 #include <sys/mman.h>
@@ -28,8 +28,8 @@ using scree::faults::Kind;
 
 namespace {
 
-/// How many bytes of `size` a call moves: half where this one stops early. Linux does so for signals, full disks and
-/// network file systems. Past the page cache it stops on whole blocks.
+/// The number of bytes of `size` that a call transfers: half if this call stops early. Linux does that for signals,
+/// full disks and network file systems. Direct I/O stops on whole blocks.
 size_t moved(const char* what, const void* site, int file, size_t size) {
   constexpr size_t kBlock = 4096;
   const bool is_direct = (::fcntl(file, F_GETFL) & O_DIRECT) != 0;
@@ -53,7 +53,7 @@ int __wrap_open(const char* path, int flags, ...) {
 
 int __real_close(int file);
 int __wrap_close(int file) {
-  const int done = __real_close(file);  // Linux closes it whatever it says
+  const int done = __real_close(file);  // Linux closes it in any case
   if (fails(Kind::kFile, "close", SCREE_SITE)) return errno = EIO, -1;
   return done;
 }
@@ -70,7 +70,7 @@ ssize_t __wrap_pread(int file, void* out, size_t size, off_t offset) {
   return __real_pread(file, out, moved("pread", SCREE_SITE, file, size), offset);
 }
 
-/// Of pages that may not be cached: a kernel or a file system without RWF_NOWAIT.
+/// For reads that need cached pages: a kernel or a file system without RWF_NOWAIT.
 ssize_t __real_preadv2(int file, const iovec* parts, int count, off_t offset, int flags);
 ssize_t __wrap_preadv2(int file, const iovec* parts, int count, off_t offset, int flags) {
   if (fails(Kind::kFile, "preadv2", SCREE_SITE)) return errno = EOPNOTSUPP, -1;
@@ -131,7 +131,7 @@ int __wrap_rename(const char* from, const char* to) {
   return __real_rename(from, to);
 }
 
-/// EINVAL: a file system without RENAME_NOREPLACE, which link() stands in for.
+/// EINVAL: a file system without RENAME_NOREPLACE, for which link() is the replacement.
 int __real_renameat2(int from_folder, const char* from, int to_folder, const char* to, unsigned flags);
 int __wrap_renameat2(int from_folder, const char* from, int to_folder, const char* to, unsigned flags) {
   if (fails(Kind::kFile, "renameat2", SCREE_SITE)) return errno = EINVAL, -1;
@@ -176,7 +176,7 @@ void* __wrap_mmap(void* at, size_t size, int protection, int flags, int file, of
 
 int __real_munmap(void* at, size_t size);
 int __wrap_munmap(void* at, size_t size) {
-  const int done = __real_munmap(at, size);  // as close()
+  const int done = __real_munmap(at, size);  // like close()
   if (fails(Kind::kFile, "munmap", SCREE_SITE)) return errno = ENOMEM, -1;
   return done;
 }
@@ -217,14 +217,14 @@ long __wrap_sysconf(int name) {
   return __real_sysconf(name);
 }
 
-/// std::thread::hardware_concurrency(): 0 where nobody can say.
+/// std::thread::hardware_concurrency(): 0 if it is unknown.
 unsigned __real__ZNSt6thread20hardware_concurrencyEv();
 unsigned __wrap__ZNSt6thread20hardware_concurrencyEv() {
   if (fails(Kind::kFile, "hardware_concurrency", SCREE_SITE)) return 0;
   return __real__ZNSt6thread20hardware_concurrencyEv();
 }
 
-/// What the constructors of file streams call, by its name in libstdc++.
+/// The function behind the constructors of file streams, by its name in libstdc++.
 std::filebuf* __real__ZNSt13basic_filebufIcSt11char_traitsIcEE4openEPKcSt13_Ios_Openmode(std::filebuf* buffer,
                                                                                          const char* path,
                                                                                          std::ios_base::openmode mode);
@@ -253,7 +253,7 @@ void* __wrap_realloc(void* block, size_t size) {
   return __real_realloc(block, size);
 }
 
-/// std::thread's constructor, by its name in libstdc++: no thread is to be had.
+/// std::thread's constructor, by its name in libstdc++: no thread is available.
 void __real__ZNSt6thread15_M_start_threadESt10unique_ptrINS_6_StateESt14default_deleteIS1_EEPFvvE(void* thread,
                                                                                                   void* state,
                                                                                                   void (*depend)());
@@ -265,7 +265,7 @@ void __wrap__ZNSt6thread15_M_start_threadESt10unique_ptrINS_6_StateESt14default_
   __real__ZNSt6thread15_M_start_threadESt10unique_ptrINS_6_StateESt14default_deleteIS1_EEPFvvE(thread, state, depend);
 }
 
-/// What stands in for a failed call of std::filesystem, by its name in libstdc++.
+/// A failing call of std::filesystem, by its name in libstdc++.
 #define SCREE_WRAP_FILESYSTEM(symbol, what, type, failed, parameters, arguments) \
   type __real_##symbol parameters;                                               \
   type __wrap_##symbol parameters {                                              \
@@ -290,7 +290,7 @@ SCREE_WRAP_FILESYSTEM(_ZNSt10filesystem5spaceERKNS_7__cxx114pathERSt10error_code
 
 }  // extern "C"
 
-// Replaced, which the language allows, so that those of libstdc++ come here too.
+// Replaced, which the language allows, so that calls from libstdc++ come here too.
 namespace {
 
 void* take(size_t size, size_t alignment) {

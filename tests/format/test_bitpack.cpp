@@ -12,7 +12,7 @@ using scree::tests::SparseBytes;
 
 namespace {
 
-/// `bits` bits at bit_offset, one by one.
+/// Reads `bits` bits at bit_offset, one by one.
 uint32_t bit_by_bit(std::span<const std::byte> bytes, uint64_t bit_offset, uint32_t bits) {
   uint32_t value = 0;
   for (uint32_t i = 0; i < bits; ++i) {
@@ -52,7 +52,7 @@ TEST_CASE("unpack reads no further than the slack, and nothing for 0 bits", "[bi
   CHECK(unpack(nullptr, 0, 0) == 0);
   for (uint32_t bits = 1; bits <= 32; ++bits) {
     for (uint64_t count = 1; count <= 17; ++count) {
-      // The slack alone, without the rounding to 16, is what a reader may rely on.
+      // A reader may rely on the slack alone, without the rounding to 16.
       const uint64_t data_bytes = (count * bits + 7) / 8;
       GuardedBytes guarded(data_bytes + kPackedSlackBytes);
       for (uint64_t i = 0; i < data_bytes; ++i) guarded.bytes()[i] = std::byte{0xff};
@@ -78,5 +78,5 @@ TEST_CASE("unpack reaches bits past 2^32", "[bitpack]") {
     if ((value >> i) & 1u) bytes[(offset + i) / 8] |= std::byte{1} << ((offset + i) % 8);
   }
   CHECK(unpack(bytes, offset, bits) == value);
-  CHECK(unpack(bytes, offset & 0xffffffffu, bits) == 0);  // where a 32-bit product would have looked
+  CHECK(unpack(bytes, offset & 0xffffffffu, bits) == 0);  // the address that a 32-bit product would give
 }

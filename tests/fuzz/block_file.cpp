@@ -1,4 +1,4 @@
-// A KTX2 or DDS file: its head, every level, every pixel.
+// A KTX2 or DDS file: its header, every level, every pixel.
 #include "runtime/images/block_file.h"
 
 #include <algorithm>
@@ -17,7 +17,7 @@ void block_file(Bytes bytes) {
   must(format::is_block_format(head->format) && format::is_swizzle(head->swizzle), "a format that there is");
   must(!head->levels.empty() && head->levels.size() <= format::most_block_levels(head->width, head->height) + 1,
        "no more levels than there can be");
-  // Time goes with pixels.
+  // The time is proportional to the pixels.
   if (uint64_t{head->width} * head->height > 512 * 512) return;
   for (uint32_t l = 0; l < head->levels.size(); ++l) {
     const uint32_t width = std::max(1u, head->width >> l), height = std::max(1u, head->height >> l);

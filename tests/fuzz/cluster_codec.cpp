@@ -1,4 +1,4 @@
-// The streams of a clustered chunk, and the reader that kernels use on those that passed.
+// The streams of a clustered chunk, and the reader that kernels use on accepted streams.
 #include "format/geometry/cluster_codec.h"
 
 #include <cmath>
@@ -11,7 +11,7 @@
 namespace scree::fuzz {
 namespace {
 
-/// Kernels check nothing: on a chunk that was accepted they see what the decoder saw.
+/// Kernels check nothing, so on an accepted chunk they must read the decoder's values.
 void read_as_kernels(const format::ClusterStreams& streams, std::span<const uint32_t> indices,
                      std::span<const uint32_t> offsets) {
   for (uint32_t c = 0; c < streams.cluster_count; ++c) {
@@ -53,7 +53,7 @@ void cluster_codec(Bytes bytes) {
   for (uint8_t& bits : mesh.lattice_bits) bits = in.take<uint8_t>();
   for (uint32_t& min : chunk.position_min) min = in.take<uint32_t>();
   for (uint8_t& bits : chunk.position_bits) bits = in.take<uint8_t>();
-  // The records say how long the streams are; what the input lacks is zero.
+  // The records determine the length of the streams. Bytes missing in the input are zero.
   const ExactCopy payload(in.rest(), format::chunk_streams(mesh, chunk).bytes);
   const format::ClusterStreams streams = format::cluster_streams_of(mesh, chunk, payload.bytes());
 

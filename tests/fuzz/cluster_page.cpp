@@ -1,4 +1,4 @@
-// Split pages, and what is split again.
+// Split pages: joined, and the result split again.
 #include "format/geometry/cluster_page.h"
 
 #include "tests/fuzz/input.h"

@@ -1,4 +1,4 @@
-// A .scree file as inspect --verify and export see it.
+// A .scree file as read by inspect --verify and export.
 #include "format/container/container.h"
 
 #include "tests/fuzz/input.h"
@@ -13,7 +13,7 @@ void container(Bytes bytes) {
   const ExactCopy copy(bytes);
   const auto file = format::Container::open(copy.bytes());
   if (!file) return;
-  uint64_t triangles = 0;  // chunks of equal values hold many in no bytes, which takes time and proves nothing
+  uint64_t triangles = 0;  // chunks of equal values hold many triangles in no bytes, which takes time and tests nothing
   for (uint64_t i = 0; i < file->chunks().size(); ++i) triangles += file->chunks()[i].triangle_count;
   if (triangles > 200000) return;
 

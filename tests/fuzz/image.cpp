@@ -9,12 +9,12 @@ namespace scree::fuzz {
 void image(Bytes bytes) {
   const ExactCopy copy(bytes);
   const auto info = runtime::probe_image(copy.bytes());
-  // Time goes with pixels; memory is the business of these functions.
+  // The time is proportional to the pixels. Limiting memory is the tested functions' own task.
   if (info && uint64_t{info->width} * info->height > 1024 * 1024 && bytes.size() > 4096) return;
   const auto checked = runtime::check_image(copy.bytes());
   const auto decoded = runtime::decode_image(copy.bytes());
   must(!checked || decoded, "an image that passes the check decodes");
-  // The check unpacks every level of KTX2 and DDS; decoding needs the first alone.
+  // The check unpacks every level of KTX2 and DDS; decoding reads only the first.
   const bool has_levels = info && info->codec == format::ImageCodec::kBlocks;
   must(checked || !decoded || has_levels, "an image that decodes passes the check");
   if (!decoded || !checked) return;

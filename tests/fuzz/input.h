@@ -1,4 +1,4 @@
-// What the targets share.
+// Functions that the fuzz targets share.
 #pragma once
 
 #include <unistd.h>
@@ -18,14 +18,14 @@
 
 namespace scree::fuzz {
 
-/// A promise that was broken: the program ends, as it would for a crash.
+/// Ends the program, as a crash would, if a promise is broken.
 inline void must(bool holds, const char* promise) {
   if (holds) return;
   std::fprintf(stderr, "broken promise: %s\n", promise);
   std::abort();
 }
 
-/// Numbers from the front of an input, zeros past its end; rest() is the stream they describe.
+/// Numbers from the front of an input, zeros past its end. rest() is the stream that they describe.
 class Parameters {
  public:
   explicit Parameters(Bytes bytes) : bytes_(bytes) {}
@@ -44,10 +44,10 @@ class Parameters {
   Bytes bytes_;
 };
 
-/// A copy in a heap block of exactly that size, aligned as a map is, so that ASan sees every byte read past its end.
+/// A copy in a heap block of exactly that size, aligned like a map, so that ASan detects every read past its end.
 class ExactCopy {
  public:
-  // Not inlined: at -O1 g++ 12 takes the size for one that could be below zero, and warns.
+  // Not inlined: at -O1, g++ 12 assumes that the size may be negative, and warns.
   [[gnu::noinline]] explicit ExactCopy(Bytes bytes, size_t size)
       : data_(static_cast<std::byte*>(::operator new(size, kAlignment))), size_(size) {
     const size_t copied = std::min(size, bytes.size());
@@ -66,7 +66,7 @@ class ExactCopy {
   size_t size_;
 };
 
-/// A folder of this process, in memory where the system has such a place, gone at its end.
+/// A folder of this process, in memory if possible, removed at exit.
 class Folder {
  public:
   static const std::filesystem::path& path() {

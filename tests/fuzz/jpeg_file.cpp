@@ -1,5 +1,5 @@
-// A JPEG file on its way into a container: parsed, indexed (transcoded or coded anew where it has to be), its mip
-// levels made, and all of it decoded again.
+// A JPEG file on its way into a container: parsed, indexed (transcoded or encoded again if needed), its mip levels
+// made, and everything decoded again.
 #include "tools/convert/images/jpeg_file.h"
 
 #include "format/jpeg/index.h"
@@ -14,7 +14,8 @@ void jpeg_file(Bytes bytes) {
   const ExactCopy copy(bytes);
   const auto header = format::parse_jpeg(copy.bytes());
   if (!header) return;
-  // Time goes with pixels, which are cheap to claim; memory is the business of these functions.
+  // The time is proportional to the pixels, which are cheap to claim. Limiting memory is the tested functions' own
+  // task.
   if (uint64_t{header->width} * header->height > 512 * 512 && bytes.size() > 4096) return;
   const auto indexed = runtime::index_jpeg(copy.bytes());
   if (!indexed) return;

@@ -1,4 +1,4 @@
-// An indexed JPEG: opened, every MCU and group decoded as kernels do, and put together again.
+// An indexed JPEG: opened, every MCU and group decoded as in kernels, and the file rebuilt.
 #include "format/jpeg/index.h"
 
 #include "format/jpeg/picture.h"
@@ -34,7 +34,7 @@ void jpeg_index(Bytes bytes) {
   std::vector<std::byte> file(format::jpeg_file_bound(*index));
   const auto size = format::decode_jpeg_index(file, *index);
   if (!size) return;
-  // What passes is whole: its rows decode, and the file that comes of it is one that can be indexed.
+  // An accepted index is complete: its rows decode, and the rebuilt file can be indexed again.
   must(bool(format::decode_jpeg_rows(*index, [](uint32_t, std::span<const uint8_t>) {})), "checked data decode");
   const auto header = format::parse_jpeg({file.data(), *size});
   must(bool(header), "a rebuilt file has a header");

@@ -1,5 +1,5 @@
-// Makes the seeds of the corpus, from what the tests have: scree_tests "[make-corpus]". They are committed; a new
-// codec or table wants new ones.
+// Makes the seeds of the corpus from the tests' inputs: scree_tests "[make-corpus]". The seeds are committed; a new
+// codec or table needs new ones.
 #include <meshoptimizer.h>
 
 #include <cstdint>
@@ -31,7 +31,7 @@
 namespace scree::tests {
 namespace {
 
-/// The fields of a seed as fuzz::Parameters takes them, then a stream.
+/// The fields of a seed in the order of fuzz::Parameters, then a stream.
 class Seed {
  public:
   template <class T>
@@ -230,8 +230,8 @@ void make_block_seeds() {
   }
 }
 
-/// A textured grid whose JPEG is kept as one, with two levels. `is_magnified`: a part of the picture, so that level 0
-/// is looked at.
+/// A textured grid whose JPEG is kept, with two levels. `is_magnified`: shows a part of the picture, so that level 0 is
+/// used.
 std::string textured_model(const TempFolder& folder, bool is_magnified) {
   JpegRecipe recipe;
   recipe.width = recipe.height = 128;
@@ -249,8 +249,8 @@ std::string textured_model(const TempFolder& folder, bool is_magnified) {
   return path;
 }
 
-/// Flips bits all over the entropy-coded data of an indexed JPEG, whose decoders then run out of step, into codes that
-/// are none and past the end. `jpeg` lies in `file`.
+/// Flips bits all over the entropy-coded data of an indexed JPEG, so that decoders lose synchronisation, read invalid
+/// codes and run past the end. `jpeg` lies in `file`.
 void damage(std::span<std::byte> file, std::span<const std::byte> jpeg) {
   const auto index = format::open_jpeg_index(jpeg);
   REQUIRE(index);
@@ -263,8 +263,8 @@ void damage(std::span<std::byte> file, std::span<const std::byte> jpeg) {
   REQUIRE(!jpeg::rebuild(*damaged));
 }
 
-/// The container with its texture's data damaged, and sealed again. It is opened and drawn: only verifying decodes
-/// level 0, while loading makes the levels that are not stored from the last one, which stays whole.
+/// The container with its texture's data damaged, and resealed. It opens and can be drawn: only verifying decodes level
+/// 0, while loading computes the missing levels from the last stored one, which is intact.
 void make_damaged_seed(const std::string& path) {
   const auto packed = open_packed(path);
   REQUIRE(packed);
@@ -281,7 +281,8 @@ void make_damaged_seed(const std::string& path) {
   Seed::save(file, "container", "magnified_damaged");
 }
 
-/// A .glb whose positions, normals (by the octahedral filter) and triangles are compressed by meshopt, a stream a mode.
+/// A .glb whose positions, normals (by the octahedral filter) and triangles are compressed by meshopt, one stream per
+/// mode.
 void make_meshopt_seed(const TempFolder& folder) {
   constexpr uint32_t kSide = 5;
   constexpr uint32_t kVertices = (kSide + 1) * (kSide + 1);
@@ -419,7 +420,7 @@ void make_scene_seeds(const TempFolder& folder) {
        {"colors.glb", "gpu_instancing.glb", "index_types.glb", "interleaved.glb", "left_out.glb", "modes.glb",
         "multi_primitive.glb", "quantized.glb", "textured_cube.glb", "data_uri.gltf", "nodes.gltf", "materials.gltf"})
     Seed::save(tests::read_file(data_path(name).string()), "gltf", name);
-  // What a .gltf and its .bin beside it say, in one file.
+  // The content of a .gltf and its .bin, in one file.
   const std::string sparse = replaced(read_whole(data_path("sparse.gltf").string()), "sparse.bin", "data.bin");
   Seed::save(std::as_bytes(std::span<const char>(sparse)), "gltf", "sparse");
 }

@@ -1,4 +1,4 @@
-// A .scree file as render sees it, on the CPU: whatever it holds, a picture or an error.
+// A .scree file as read by render, on the CPU: any content gives a picture or an error.
 #include "runtime/scene/scene.h"
 
 #include "runtime/draw/renderer.h"
@@ -27,7 +27,7 @@ void scene(Bytes bytes) {
   if (!file) return;
   const auto chosen = file->find_scene("");
   if (!chosen) return;
-  // Much can be drawn of few bytes, which takes time and proves nothing.
+  // A few bytes can cause much drawing, which takes time and tests nothing.
   const format::SceneRecord& record = file->container().scenes()[*chosen];
   if (record.triangle_count > 200000 || record.instance_count > 20000) return;
   for (uint64_t i = 0; i < file->container().images().size(); ++i) {

@@ -1,5 +1,5 @@
-// What is fuzzed: functions that take any bytes and may neither crash, hang, nor break a promise. Each is a libFuzzer
-// program (SCREE_FUZZ, scripts/fuzz) and, over the committed corpus, a plain test (test_corpus.cpp).
+// The fuzz targets: functions that accept any bytes and may neither crash, hang, nor break a promise. Each is a
+// libFuzzer program (SCREE_FUZZ, scripts/fuzz) and also, over the committed corpus, a normal test (test_corpus.cpp).
 #pragma once
 
 #include <cstddef>
@@ -22,11 +22,12 @@ void container(Bytes bytes);     // inspect --verify, and export
 void scene(Bytes bytes);         // render
 void gltf(Bytes bytes);          // convert
 void view_message(Bytes bytes);  // a page's message to scree view
+void camera_path(Bytes bytes);   // render --path
 
 struct Target {
   const char* name;
   void (*run)(Bytes);
-  bool is_container;  // bytes are a .scree file: mutated as one (mutate_container.h)
+  bool is_container;  // bytes are a .scree file, with its own mutations (mutate_container.h)
 };
 
 inline constexpr Target kTargets[] = {
@@ -43,6 +44,7 @@ inline constexpr Target kTargets[] = {
     {"scene", scene, true},
     {"gltf", gltf, false},
     {"view_message", view_message, false},
+    {"camera_path", camera_path, false},
 };
 
 }  // namespace scree::fuzz

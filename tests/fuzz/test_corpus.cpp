@@ -1,5 +1,5 @@
-// The fuzz targets over their committed corpus: the seeds, what coverage found worth keeping, and the inputs that once
-// broke something ("found-...").
+// Runs the fuzz targets over their committed corpus: the seeds, inputs that added coverage, and inputs that once broke
+// something ("found-...").
 #include <algorithm>
 #include <filesystem>
 #include <string>
@@ -21,7 +21,7 @@
 namespace scree::fuzz {
 namespace {
 
-/// Runs the target over the corpus of `folder` and over pieces of it: every input cut in half, and nothing at all.
+/// Runs the target over the corpus of `folder` and over parts of it: both halves of every input, and an empty input.
 void replay(const std::string& name, const std::string& folder) {
   const auto* const target = std::find_if(std::begin(kTargets), std::end(kTargets),
                                           [&](const Target& candidate) { return candidate.name == name; });
@@ -33,7 +33,7 @@ void replay(const std::string& name, const std::string& folder) {
   REQUIRE(!files.empty());
   target->run({});
   for (const std::filesystem::path& file : files) {
-    INFO(file.string());  // a target that breaks ends the program
+    INFO(file.string());  // a broken promise ends the program
     const tests::Bytes bytes = tests::read_file(file.string());
     target->run(bytes);
     target->run(Bytes(bytes).first(bytes.size() / 2));
@@ -80,11 +80,14 @@ TEST_CASE("fuzz corpus: gltf", "[fuzz]") {
 TEST_CASE("fuzz corpus: view_message", "[fuzz][view]") {
   replay("view_message", "view_message");
 }
+TEST_CASE("fuzz corpus: camera_path", "[fuzz][path]") {
+  replay("camera_path", "camera_path");
+}
 
-/// The picture of a seed as scripts/sanitize-gpu asks for it.
+/// The picture of a seed with the options of scripts/sanitize-gpu.
 std::vector<uint8_t> picture_of(const std::filesystem::path& seed) {
   runtime::SceneOptions options;
-  options.texture_cache = 65536;  // level 0 is decoded as it is looked at
+  options.texture_cache = 65536;  // level 0 is decoded on demand
   const runtime::Scene scene = tests::must_load(seed.string(), options);
   runtime::CameraOptions camera;
   camera.width = 160;
@@ -98,7 +101,7 @@ std::vector<uint8_t> picture_of(const std::filesystem::path& seed) {
   return picture->pixels;
 }
 
-// The targets are silent about what they refuse: these two have to get through to what they are there for.
+// Targets are silent about refused inputs, so this checks that these two inputs reach the code that they are for.
 TEST_CASE("fuzz corpus: a damaged texture is drawn, and found by verifying", "[fuzz]") {
   const std::filesystem::path folder = std::filesystem::path(tests::kCorpusFolder) / "container";
   CHECK(picture_of(folder / "magnified_damaged") != picture_of(folder / "magnified"));

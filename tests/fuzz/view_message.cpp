@@ -1,4 +1,4 @@
-// What a page says to scree view.
+// Messages of a page to scree view.
 #include <cmath>
 #include <string_view>
 #include <type_traits>

@@ -1,4 +1,4 @@
-// Frames of the CPU with what they counted, for tests of what a frame leaves out.
+// Frames of the CPU with their statistics, for tests of culling.
 #pragma once
 
 #include <cstdint>

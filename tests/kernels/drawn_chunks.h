@@ -1,4 +1,4 @@
-// The chunks that a view draws, for tests that look at each of their triangles.
+// The chunks that a view draws, for tests that check each of their triangles.
 #pragma once
 
 #include <cstdint>
@@ -7,7 +7,7 @@
 
 namespace scree::tests {
 
-/// Calls visit(mesh, chunk, transform) for every chunk of every instance, with its transform and what that may err.
+/// Calls visit(mesh, chunk, transform) for every chunk of every instance. The transform includes its error bound.
 template <class Visit>
 void for_each_drawn_chunk(const kernels::SceneView& scene, const kernels::FrameView& view, const Visit& visit) {
   for (uint64_t n = 0; n < scene.instance_count; ++n) {

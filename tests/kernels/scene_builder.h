@@ -20,7 +20,7 @@
 
 namespace scree::tests {
 
-/// Triangles over float positions (3 a vertex). Optional attributes are empty or one entry a vertex.
+/// Triangles over float positions (3 per vertex). Optional attributes are empty or have one entry per vertex.
 struct Soup {
   std::vector<float> positions;
   std::vector<uint32_t> indices;
@@ -38,7 +38,7 @@ struct Soup {
 enum class Clusters {
   kNone,       // indexed chunks in the soup's order
   kClustered,  // clustered chunks
-  kUndone,     // indexed chunks of the triangles and vertices of kClustered, in its order
+  kUndone,     // indexed chunks with the triangles and vertices of kClustered, in its order
 };
 
 struct Encoding {
@@ -57,7 +57,7 @@ inline Encoding float32() {
 
 class SceneBuilder {
  public:
-  /// Adds a mesh of the soup's triangles, cut into chunks that keep the soup's vertex order; returns its number.
+  /// Adds a mesh of the soup's triangles, cut into chunks that keep the soup's vertex order. Returns its number.
   uint32_t mesh(const Soup& soup, const Encoding& encoding) {
     format::MeshRecord mesh{};
     mesh.triangle_count = soup.indices.size() / 3;
@@ -117,6 +117,16 @@ class SceneBuilder {
     return static_cast<uint32_t>(materials.size() - 1);
   }
 
+  /// A material whose triangles are masked: `levels` from the finest on, each as MaskView has it.
+  uint32_t masked_material(uint32_t flags, kernels::MaskView mask, std::vector<uint8_t> levels) {
+    const uint32_t number = material(flags | format::kMaterialAlphaMask);
+    masks.resize(materials.size());
+    alphas.resize(materials.size());
+    masks[number] = mask;
+    alphas[number] = std::move(levels);
+    return number;
+  }
+
   /// `first_id`: added to all global ids.
   kernels::SceneView view(uint64_t first_id = 0) {
     bases.assign(1, first_id);
@@ -139,6 +149,9 @@ class SceneBuilder {
     scene.matrix_count = matrices.size();
     scene.material_count = materials.size();
     scene.texture_count = textures.size();
+    masks.resize(masks.empty() ? 0 : materials.size());
+    for (size_t i = 0; i < alphas.size(); ++i) masks[i].alpha = alphas[i].empty() ? nullptr : alphas[i].data();
+    scene.masks = masks.empty() ? nullptr : masks.data();
     return scene;
   }
 
@@ -149,7 +162,9 @@ class SceneBuilder {
   std::vector<format::MatrixRecord> matrices;
   std::vector<format::MaterialRecord> materials;
   std::vector<kernels::TextureView> textures;
-  std::deque<std::vector<std::byte>> pages;  // one a chunk; operator new aligns them to 16
+  std::vector<kernels::MaskView> masks;      // by material, or none
+  std::vector<std::vector<uint8_t>> alphas;  // by material, likewise
+  std::deque<std::vector<std::byte>> pages;  // one per chunk; operator new aligns them to 16
   std::vector<const std::byte*> page_pointers;
 
  private:
@@ -176,7 +191,7 @@ class SceneBuilder {
     format::ClusterSet clusters;
     if (encoding.clusters != Clusters::kNone) {
       clusters = cut_clusters(indices, coordinates);
-      // What decoding the clusters gives is checked by the codec's own tests.
+      // The codec's own tests check the decoding of clusters.
       std::vector<uint32_t> vertices;
       for (const uint32_t vertex : clusters.vertices) vertices.push_back(used[vertex]);
       used = vertices;
@@ -298,7 +313,7 @@ inline std::vector<uint64_t> draw_with(const kernels::SceneView& scene, const ke
   return samples;
 }
 
-/// The same camera, orthographic: `half` units above and below the axis.
+/// The same camera as an orthographic one: `half` units above and below the axis.
 inline kernels::View orthographic(kernels::View view, double half, double z_near, double z_far) {
   view.orthographic = true;
   view.half_width = half * view.width / view.height;
@@ -313,7 +328,7 @@ inline uint64_t covered(const std::vector<uint64_t>& samples) {
       std::count_if(samples.begin(), samples.end(), [](uint64_t s) { return s != kernels::kBackground; }));
 }
 
-/// A height field over [-1, 1]^2 in x and z of n x n quads, bumps of `amplitude`; counter-clockwise from above.
+/// A height field over [-1, 1]^2 in x and z, of n x n quads with bumps of `amplitude`. Counter-clockwise from above.
 inline Soup grid(uint32_t n, double amplitude) {
   Soup soup;
   for (uint32_t j = 0; j <= n; ++j) {
@@ -333,8 +348,8 @@ inline Soup grid(uint32_t n, double amplitude) {
   return soup;
 }
 
-/// An instance turned about z and squashed, every seventh `round` mirrored, at (origin, -origin, origin). `unit`: gives
-/// numbers from -1 to 1.
+/// An instance that is rotated about z and squashed, for every seventh `round` also mirrored, at (origin, -origin,
+/// origin). `unit`: returns numbers from -1 to 1.
 template <class Unit>
 void add_turned_instance(SceneBuilder& scene, uint32_t mesh, int round, double origin, Unit&& unit) {
   const double turn = 3 * unit();
@@ -344,7 +359,7 @@ void add_turned_instance(SceneBuilder& scene, uint32_t mesh, int round, double o
                                      std::cos(turn), 0, -origin, 0, 0, height, origin}));
 }
 
-/// A grid whose heights are random, up to `amplitude` either way: any plane at its height cuts triangles everywhere.
+/// A grid with random heights up to `amplitude` in both directions: any plane at its height cuts triangles everywhere.
 inline Soup rough_field(uint32_t n, double amplitude) {
   Soup soup = grid(n, 0);
   uint32_t state = 1;
@@ -355,7 +370,7 @@ inline Soup rough_field(uint32_t n, double amplitude) {
   return soup;
 }
 
-/// A closed sphere with `n` rows of quads, radius 1, bumps of `amplitude`; counter-clockwise from outside.
+/// A closed sphere of radius 1 with `n` rows of quads and bumps of `amplitude`. Counter-clockwise from outside.
 inline Soup sphere(uint32_t n, double amplitude) {
   Soup soup;
   const uint32_t columns = 2 * n;

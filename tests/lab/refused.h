@@ -1,4 +1,4 @@
-// Options that scree bench must refuse.
+// Options that scree-lab must refuse.
 #pragma once
 
 #include <string>
@@ -8,7 +8,7 @@
 
 namespace scree::tests {
 
-/// What is said of options that must be refused.
+/// The error for options that must be refused.
 template <class Options>
 std::string refusal(const Result<Options>& options) {
   REQUIRE_FALSE(options);

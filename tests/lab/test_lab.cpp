@@ -1,4 +1,4 @@
-// scree-lab without a GPU: its words, its statistics, its files, and how pictures are compared.
+// scree-lab without a GPU: its options, its statistics, its files, and its comparison of pictures.
 #include <cmath>
 #include <fstream>
 #include <limits>
@@ -9,7 +9,7 @@
 #include "lab/report/case_result.h"
 #include "lab/report/case_row.h"
 #include "lab/report/tables.h"
-#include "lab/scenes/touched.h"
+#include "lab/scenes/visible_cost.h"
 #include "lab/setup/views.h"
 #include "tests/catch.h"
 #include "tests/lab/refused.h"
@@ -151,7 +151,7 @@ TEST_CASE("lab: the textured scene is measured by itself", "[lab]") {
   bad.texture_cache = "much";
   CHECK(refused(bad).find("--texture-cache") != std::string::npos);
   bad = words;
-  bad.scenes = "A";  // which has no textures
+  bad.scenes = "A";  // A has no textures
   CHECK(refused(bad).find("--scene textured") != std::string::npos);
   bad.scenes = "A,textured";
   CHECK(refused(bad).find("\"textured\"") != std::string::npos);

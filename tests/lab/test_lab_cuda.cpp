@@ -1,4 +1,4 @@
-// Scenes made on the GPU: the host's bytes, and the CPU's picture of them.
+// Scenes made on the GPU have the host's bytes, and give the CPU's picture.
 #include <algorithm>
 #include <cstring>
 #include <random>
@@ -44,7 +44,7 @@ void check_bytes(const synth::Scene& scene, const Encoding& encoding) {
   CHECK(std::memcmp(found.data(), expected.data(), found.size()) == 0);
 }
 
-/// The picture of the chunks that lie on the device, drawn there and, copied back, here.
+/// Compares the picture of the device's chunks, drawn there, with the CPU's picture of their copy.
 void check_picture(const synth::Scene& scene, const Encoding& encoding) {
   INFO(scene.name << " " << encoding_name(encoding));
   const Result<ResidentScene> resident = ResidentScene::generate(scene, encoding);
@@ -85,8 +85,8 @@ Drawn draw(Frames& frames, const kernels::View& view, const Culling& culling) {
   return {std::move(*samples), stats->clusters_drawn};
 }
 
-/// Every frame is a jump of the camera, then one where it stands still; some are orthographic, some of another size.
-/// What the frames before left behind differs between `used` and `fresh`. `sizes`: of `used`.
+/// Every frame is a jump of the camera, followed by one with a still camera; some are orthographic, some of another
+/// size. `used` and `fresh` differ in the state that earlier frames left. `sizes`: for `used`.
 void check_culling(const synth::Scene& scene, int cameras, const kernels::CudaQueueSizes& sizes) {
   const Result<ResidentScene> resident = ResidentScene::generate(scene, kClustered[0]);
   REQUIRE(resident);
@@ -95,7 +95,7 @@ void check_culling(const synth::Scene& scene, int cameras, const kernels::CudaQu
   REQUIRE(used);
   REQUIRE(fresh);
   std::mt19937 random(1);
-  uint64_t clusters[3] = {};  // culled whole, by bounds, not at all
+  uint64_t clusters[3] = {};  // with all culling, by bounds only, without culling
   for (int i = 0; i < cameras; ++i) {
     const kernels::View view = tests::kEmulatesGpu ? tests::random_view(scene, random, i, {160, 90}, {61, 101})
                                                    : tests::random_view(scene, random, i, {640, 360}, {333, 517});
@@ -159,7 +159,7 @@ TEST_CASE("lab: the GPU that is measured has a name and a rate of copies", "[cud
 
 TEST_CASE("culling of clusters changes no picture", "[cuda]") {
   if (!tests::has_gpu()) return;
-  kernels::CudaQueueSizes rounds;  // all that there are
+  kernels::CudaQueueSizes rounds;  // holds everything
   rounds.two_pass_groups = 1;
   rounds.round_groups = 1;
   kernels::CudaQueueSizes tight = rounds;  // each frame is drawn again until its queues are large enough
@@ -181,8 +181,8 @@ TEST_CASE("culling of clusters changes no picture", "[cuda]") {
   check_culling(synth::zorahlike_scene(synth::MeshOrder::kRow, 0.002), 20, {});
 }
 
-// In one round nothing is drawn yet when clusters are looked for, so that only those outside of the view are left out;
-// all others are hidden by what is drawn before their turn, or not at all.
+// In one round nothing is drawn yet when clusters are tested, so only clusters outside the view are culled. All others
+// are hidden by something drawn before their round, or not at all.
 TEST_CASE("a first frame leaves out clusters that it has hidden by their turn", "[cuda]") {
   if (!tests::has_gpu()) return;
   const double scale = tests::kEmulatesGpu ? 0.001 : 0.2;  // more clusters than are drawn at a time

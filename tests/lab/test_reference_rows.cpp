@@ -1,4 +1,4 @@
-// scree-lab --reference and --curves: what they say of small pictures of real scenes.
+// scree-lab --reference and --curves: their rows for small pictures of real scenes.
 #include <cmath>
 #include <map>
 #include <string>
@@ -69,7 +69,7 @@ TEST_CASE("lab --reference: wider positions are nearer to the source", "[lab]") 
     CHECK(number(coarse, "flip_mean") > number(fine, "flip_mean"));
     CHECK(number(coarse, "bytes_per_triangle") < number(fine, "bytes_per_triangle"));
   }
-  // Clusters hold the same vertices: not a pixel is different.
+  // Clusters have the same vertices, so no pixel differs.
   for (const char* column : {"wrong_pixels", "psnr_db", "depth_error_rms", "position_error"})
     CHECK(named["16packed"].at(column) == named["16clustered"].at(column));
 }

@@ -1,4 +1,4 @@
-// Generated chunks hold what the scene functions define, and draw what the converted scene draws.
+// Generated chunks equal the definition by the scene functions, and are drawn like the converted scene.
 #include <algorithm>
 #include <bit>
 #include <cmath>
@@ -11,7 +11,7 @@
 #include "format/geometry/position_codec.h"
 #include "kernels/frame.h"
 #include "lab/scenes/scene_tables.h"
-#include "lab/scenes/touched.h"
+#include "lab/scenes/visible_cost.h"
 #include "runtime/scene/camera.h"
 #include "runtime/scene/scene.h"
 #include "tests/catch.h"
@@ -114,7 +114,7 @@ void check_geometry(const synth::Scene& scene, const Encoding& encoding) {
   CHECK(made.tables.instance_base.back() == scene.drawn_triangles());
 }
 
-/// The sums of the definition, over the vertices and indices of float32 chunks.
+/// Compares the sums over the vertices and indices of float32 chunks with the definition.
 void check_sums(const char* name, const synth::Scene& scene, double scale) {
   INFO(name);
   const Generated made(scene, Encoding{true, 16, false});
@@ -157,7 +157,8 @@ void check_sums(const char* name, const synth::Scene& scene, double scale) {
   CHECK(indices == expected->index_sum);
 }
 
-/// The scene through synth and convert, order kept, and as generated here: both drawn on the CPU.
+/// Compares the CPU's pictures of the scene through synth and convert (in its own order) and of the scene generated
+/// here.
 void check_picture(const char* name, const synth::Scene& scene, double scale, bool float32) {
   INFO(name << (float32 ? " float32" : " 16 bits"));
   const tests::TempFolder folder;
@@ -181,7 +182,7 @@ void check_picture(const char* name, const synth::Scene& scene, double scale, bo
   Encoding encoding;
   encoding.float32 = float32;
   Generated made(scene, encoding);
-  // glTF's up is y, so the file stands turned: the same matrices with other rows.
+  // glTF has y up, so the file is rotated: the same matrices with exchanged rows.
   for (size_t i = 0; i < made.tables.instances.size(); ++i) {
     const kernels::SceneView& view = converted->view();
     REQUIRE(made.tables.instances[i].mesh == view.instances[i].mesh);
@@ -206,13 +207,13 @@ void check_picture(const char* name, const synth::Scene& scene, double scale, bo
     REQUIRE(kernels::draw_cpu(converted->view(), *view, expected, 2));
     const Result<kernels::FrameStats> stats = kernels::draw_cpu(made.view(), *view, samples, 2);
     REQUIRE(stats);
-    const Touched touched = count_touched(made.view(), {}, *view);
-    CHECK(touched.draws == stats->draws);
-    const Touched boxed = count_touched(made.view(), made.tables.boxes, *view);
-    CHECK(boxed.draws <= touched.draws);
-    CHECK(boxed.bytes <= touched.bytes);
-    CHECK(touched.bytes > 0);
-    CHECK(touched.bytes <= made.tables.geometry_bytes);
+    const VisibleCost cost = visible_cost(made.view(), {}, *view);
+    CHECK(cost.draws == stats->draws);
+    const VisibleCost boxed = visible_cost(made.view(), made.tables.boxes, *view);
+    CHECK(boxed.draws <= cost.draws);
+    CHECK(boxed.bytes <= cost.bytes);
+    CHECK(cost.bytes > 0);
+    CHECK(cost.bytes <= made.tables.geometry_bytes);
     CHECK(std::any_of(samples.begin(), samples.end(), [](uint64_t s) { return s != kernels::kBackground; }));
     uint64_t different = 0;
     for (size_t i = 0; i < samples.size(); ++i) different += samples[i] != expected[i] ? 1 : 0;
@@ -228,20 +229,20 @@ TEST_CASE("generated chunks hold the scene functions' triangles", "[bench_scenes
   constexpr Encoding kCoarse{false, 8, false};
   constexpr Encoding kFine{false, 24, true};
   for (const synth::MeshOrder order : {synth::MeshOrder::kRow, synth::MeshOrder::kBlock}) {
-    synth::Scene scene = synth::zorahlike_scene(order, 1e-6);  // n = 8: whole meshes in a chunk
+    synth::Scene scene = synth::zorahlike_scene(order, 1e-6);  // n = 8: whole meshes per chunk
     scene.meshes.resize(3);
     synth::MeshRecipe terrain = synth::terrain_scene(order, 1e-6).meshes[7];
-    terrain.n = 200;  // a face in two chunks
+    terrain.n = 200;  // a face takes two chunks
     scene.meshes.push_back(terrain);
     synth::MeshRecipe blob = scene.meshes[0];
-    blob.n = 104;  // three faces a chunk
+    blob.n = 104;  // three faces per chunk
     scene.meshes.push_back(blob);
     std::erase_if(scene.instances, [](const synth::SceneInstance& i) { return i.mesh >= 3; });
     const std::vector<ChunkPlan> plans = plan_chunks(scene);
     CHECK(plans.size() == 3 + 2 + 2);
     for (const Encoding& encoding : {kPacked, kFloat, kCoarse, kFine}) check_geometry(scene, encoding);
   }
-  check_geometry(synth::sponzalike_scene(0.1), kPacked);  // sides that are no multiple of 8
+  check_geometry(synth::sponzalike_scene(0.1), kPacked);  // sides that are not a multiple of 8
 }
 
 TEST_CASE("chunks stay below their limit at full scale and cover every quad", "[bench_scenes]") {
@@ -268,7 +269,7 @@ TEST_CASE("generated scenes draw what the converted ones draw", "[bench_scenes]"
 
 TEST_CASE("generated scenes have the definition's sums", "[bench_scenes]") {
   for (const synth::MeshOrder order : {synth::MeshOrder::kRow, synth::MeshOrder::kBlock}) {
-    check_sums("A", synth::terrain_scene(order, 0.0025), 0.0025);  // faces of two chunks
+    check_sums("A", synth::terrain_scene(order, 0.0025), 0.0025);  // faces take two chunks
     check_sums("B", synth::lantern_scene(order, 0.1), 0.1);
     check_sums("C", synth::zorahlike_scene(order, 1e-6), 1e-6);
   }

@@ -1,4 +1,4 @@
-// What geometry takes, encoding by encoding.
+// The size of geometry in each encoding.
 #include <algorithm>
 #include <string>
 #include <vector>

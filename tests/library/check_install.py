@@ -34,8 +34,9 @@ with tempfile.TemporaryDirectory() as temporary:
 
     run("cmake", "-S", source / "tests/library/consumer", "-B", consumer, f"-DCMAKE_PREFIX_PATH={prefix}")
     run("cmake", "--build", consumer)
-    programs = [consumer / name for name in ("consumer_c", "consumer_cpp", "consumer_static") if (consumer / name).exists()]
-    if (lib / "libscree.a").exists() != (len(programs) == 3):
+    names = ("consumer_c", "consumer_cpp", "consumer_static", "consumer_static_cpp")
+    programs = [consumer / name for name in names if (consumer / name).exists()]
+    if (lib / "libscree.a").exists() != (len(programs) == 4):
         sys.exit("libscree.a is installed, but the CMake package does not offer it")
     by_hand = folder / "by_hand"
     run("cc", "-std=c99", source / "tests/library/consumer/consumer.c", *flags(environment, "--cflags", "--libs"), "-o", by_hand)

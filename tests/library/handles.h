@@ -1,4 +1,4 @@
-// What the library's tests need: models as .scree files, and handles that end with a test.
+// Helpers for the library's tests: models as .scree files, and handles that are freed when a test ends.
 #pragma once
 
 #include <scree/scree.h>
@@ -14,7 +14,7 @@
 
 namespace scree::tests {
 
-/// A structure of scree.h, all zeros but for its size.
+/// A structure of scree.h, all zeros except for its size.
 template <class T>
 T sized() {
   T value{};
@@ -22,7 +22,7 @@ T sized() {
   return value;
 }
 
-/// Fails the test with the library's text.
+/// Fails the test with the library's error text.
 inline void must(scree_status status) {
   INFO(scree_status_name(status) << ": " << scree_error());
   REQUIRE(status == SCREE_OK);
@@ -80,7 +80,7 @@ inline std::string layer_of(scree_view* view, scree_layer layer) {
 inline constexpr scree_layer kAllLayers[] = {SCREE_COLOR,   SCREE_DEPTH,  SCREE_TRIANGLE, SCREE_INSTANCE,
                                              SCREE_SAMPLES, SCREE_NORMAL, SCREE_UV};
 
-/// All layers, one after the other.
+/// All layers, concatenated.
 inline std::string frame_of(scree_view* view) {
   std::string bytes;
   for (const scree_layer layer : kAllLayers) bytes += layer_of(view, layer);

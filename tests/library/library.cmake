@@ -1,4 +1,4 @@
-# The library as its users have it: everything here goes through include/scree/.
+# The library as users have it: everything here goes through include/scree/.
 add_executable(scree_library_tests gpu.cpp main.cpp paths.cpp library/test_abi.cpp library/test_misuse.cpp
   library/test_render_equal.cpp library/test_views.cpp)
 set_property(TARGET scree_library_tests PROPERTY UNITY_BUILD OFF)
@@ -25,7 +25,7 @@ if(CMAKE_NM)
 endif()
 
 find_program(PKG_CONFIG pkg-config)
-if(PKG_CONFIG AND NOT SCREE_SANITIZE)  # whose runtime a program of somebody else's does not have
+if(PKG_CONFIG AND NOT SCREE_SANITIZE)  # a third-party program lacks the sanitizers' runtime
   add_test(NAME library-install COMMAND "${Python3_EXECUTABLE}" "${CMAKE_CURRENT_SOURCE_DIR}/library/check_install.py"
     "${CMAKE_BINARY_DIR}" "${CMAKE_SOURCE_DIR}" "${CMAKE_CURRENT_SOURCE_DIR}/data/textured_cube.glb")
   set_tests_properties(library-install PROPERTIES LABELS cpu)

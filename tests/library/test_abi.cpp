@@ -1,4 +1,4 @@
-// What programs that were built before rely on: names (check_symbols.cmake), sizes of structures, numbers.
+// Properties that existing programs rely on: names (check_symbols.cmake), sizes of structures, numbers.
 #include <fstream>
 #include <map>
 #include <string>

@@ -1,4 +1,4 @@
-// Every slip of a caller ends in a code and a text.
+// Every misuse of the library gives an error code and a text.
 #include <cmath>
 #include <limits>
 #include <string>
@@ -11,7 +11,7 @@ using namespace scree::tests;
 
 namespace {
 
-/// The call failed so, and said so.
+/// Checks that the call failed with this code and text.
 void failed(scree_status status, scree_status expected, const std::string& part) {
   INFO(scree_status_name(status) << ": " << scree_error());
   CHECK(status == expected);
@@ -63,7 +63,7 @@ TEST_CASE("handles that were ended, and handles of another kind", "[library][mis
   must(scree_close(file));
   must(scree_unload(scene));
   const scree_draw_options options = draw_options(8, 8);
-  must(scree_draw(view, nullptr, &options));  // it keeps what it needs
+  must(scree_draw(view, nullptr, &options));  // it keeps the objects that it needs
   must(scree_view_destroy(view));
 
   auto info = sized<scree_file_info>();
@@ -75,7 +75,7 @@ TEST_CASE("handles that were ended, and handles of another kind", "[library][mis
   failed(scree_unload(scene), SCREE_ERROR_HANDLE, "ended");
   failed(scree_draw(view, nullptr, nullptr), SCREE_ERROR_HANDLE, "ended");
   failed(scree_view_destroy(view), SCREE_ERROR_HANDLE, "ended");
-  // A handle is never used twice.
+  // Handles are never reused.
   scree_file* again = nullptr;
   must(scree_open(path.c_str(), &again));
   CHECK(again != file);
@@ -97,7 +97,7 @@ TEST_CASE("files that are none", "[library][misuse]") {
   CHECK(file == nullptr);
   failed(scree_convert(folder.file("none.glb").c_str(), nullptr, nullptr, nullptr), SCREE_ERROR_FILE, "none.glb");
   failed(scree_convert(data_path("textured_cube.glb").c_str(), path.c_str(), nullptr, nullptr), SCREE_ERROR_FILE,
-         ".scree");  // it is there
+         ".scree");  // the file exists
 }
 
 TEST_CASE("numbers and options out of range", "[library][misuse]") {
@@ -219,7 +219,7 @@ TEST_CASE("structures without their size, and newer ones", "[library][misuse]") 
   newer.more = 1;
   failed(scree_draw(opened.view, nullptr, &newer.known), SCREE_ERROR_ARGUMENT, "does not know");
 
-  // An older program's structure is filled in as far as it goes.
+  // The structure of an older program is filled in up to its size.
   struct {
     scree_file_info known;
   } older{};
@@ -264,7 +264,7 @@ TEST_CASE("frames that are not there, buffers of another size, pixels outside", 
   failed(scree_shade(opened.view, &options), SCREE_ERROR_ARGUMENT, "batch");
   must(scree_draw(opened.view, nullptr, &options));
 
-  // What was wrong with the call leaves the frame; an error of its own thread alone is told.
+  // The call's error must not affect the frame; a thread only gets its own error.
   options.samples = 3;
   failed(scree_draw(opened.view, nullptr, &options), SCREE_ERROR_ARGUMENT, "samples");
   must(scree_read(opened.view, SCREE_COLOR, buffer.data(), 280));

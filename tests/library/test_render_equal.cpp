@@ -1,4 +1,4 @@
-// A frame of the library is what `scree render` writes, bit for bit.
+// A frame of the library equals the output of `scree render` bit for bit.
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
@@ -30,7 +30,7 @@ std::string pfm_values(const std::string& bytes, uint32_t width, uint32_t height
   return values;
 }
 
-/// Whether what `render` drew of `file` is what the library draws.
+/// Compares the output of `render` for `file` with the library's frame.
 void compare(const TempFolder& folder, const std::string& file, uint32_t samples) {
   const uint32_t width = 97, height = 61;
   const std::string picture = folder.file("a.png"), depth = folder.file("a.pfm"), visibility = folder.file("a.vis");
@@ -62,7 +62,7 @@ void compare(const TempFolder& folder, const std::string& file, uint32_t samples
                    [](char a, uint8_t b) { return static_cast<uint8_t>(a) == b; }));
 }
 
-/// Of a pixel's samples the nearest; what the layers of ids and depths show.
+/// Checks the layers of ids and depths: they show a pixel's nearest sample.
 void check_layers(const std::string& file) {
   const Opened opened(file);
   const scree_draw_options options = draw_options(50, 40, 2);
@@ -108,7 +108,7 @@ uint64_t folder_bytes(const fs::path& folder) {
   return bytes;
 }
 
-/// Compares every model below `root` whose folder is no larger than `most_bytes`; returns how many.
+/// Compares every model below `root` whose folder has at most `most_bytes`. Returns the number of models.
 size_t compare_all(const fs::path& root, uint64_t most_bytes) {
   const TempFolder folder;
   size_t compared = 0;
@@ -120,7 +120,9 @@ size_t compare_all(const fs::path& root, uint64_t most_bytes) {
     options.flags = SCREE_CONVERT_REPLACE | (compared % 2 == 0 ? SCREE_CONVERT_NORMALS : 0) |
                     (compared % 3 == 0 ? SCREE_CONVERT_INDEXED : 0);
     options.threads = 2;
-    if (scree_convert(model.c_str(), file.c_str(), &options, nullptr) != SCREE_OK) continue;  // Draco and the like
+    if (scree_convert(model.c_str(), file.c_str(), &options, nullptr) != SCREE_OK)
+      continue;  // Draco and other
+                 // unsupported input
     compare(folder, file, compared % 4 == 0 ? 2 : 1);
     ++compared;
   }
@@ -142,7 +144,7 @@ TEST_CASE("a frame of every small real model is what scree render writes", "[lib
   CHECK(compare_all(models / "scenes", kIsSanitized ? 30000 : 2000000) >= 10);
 }
 
-// Minutes; run by its name.
+// Takes minutes; run by name.
 TEST_CASE("a frame of every real model is what scree render writes", "[.][library-models]") {
   const fs::path models = models_path();
   REQUIRE(!models.empty());

@@ -1,4 +1,4 @@
-// Views that live: many frames, of several sizes, cameras and shadings, by several threads.
+// Long-lived views: many frames of several sizes, with several cameras, shading options and threads.
 #include <unistd.h>
 
 #include <array>
@@ -110,7 +110,7 @@ TEST_CASE("a batch of cameras is their frames, one by one", "[library]") {
     }
     must(scree_view_destroy(single));
   }
-  // The next frame is one again.
+  // The next frame succeeds again.
   const scree_draw_options options = draw_options(5, 5);
   must(scree_draw(opened.view, nullptr, &options));
   CHECK(layer_of(opened.view, SCREE_SAMPLES).size() == 25 * 8);
@@ -170,7 +170,7 @@ TEST_CASE("threads draw views of scenes that others open and close", "[library]"
   std::vector<std::thread> threads;
   for (size_t t = 0; t < 8; ++t)
     threads.emplace_back([&, t] {
-      // Without Catch's macros, which are one thread's.
+      // Without Catch's macros, which must be used by one thread.
       for (size_t i = t; i < count; i += 4) {
         const size_t f = i % 2;
         scree_file* file = nullptr;
@@ -181,7 +181,7 @@ TEST_CASE("threads draw views of scenes that others open and close", "[library]"
         load.threads = 1;
         bool good = scree_open(files[f].c_str(), &file) == SCREE_OK && scree_load(file, &load, &scene) == SCREE_OK;
         good = good && scree_view_create(f == 0 && i % 3 == 0 ? shared.scene : scene, &view) == SCREE_OK;
-        // The view keeps what it needs.
+        // The view keeps the objects that it needs.
         good = good && scree_close(file) == SCREE_OK && scree_unload(scene) == SCREE_OK;
         good = good && scree_draw(view, &shots[i].camera, &shots[i].options) == SCREE_OK;
         std::string bytes;
@@ -261,6 +261,32 @@ TEST_CASE("two views of one scene are drawn by two threads at once", "[library]"
   for (std::thread& thread : threads) thread.join();
   CHECK(wrong == 0);
   for (scree_view* const view : views) must(scree_view_destroy(view));
+}
+
+TEST_CASE("a file is closed while other threads read what it has", "[library]") {
+  const TempFolder folder;
+  const std::string path = packed(folder);
+  std::atomic<scree_file*> current{nullptr};
+  std::atomic<bool> ends{false};
+  std::atomic<size_t> wrong{0};
+  std::vector<std::thread> threads;
+  for (size_t t = 0; t < 2; ++t)
+    threads.emplace_back([&] {
+      while (!ends) {
+        auto info = sized<scree_file_info>();
+        const scree_status status = scree_get_file_info(current, &info);
+        if (status == SCREE_OK ? info.triangles != 12 : current != nullptr && status != SCREE_ERROR_HANDLE) ++wrong;
+      }
+    });
+  for (size_t i = 0; i < (kIsSanitized ? 2000 : 20000); ++i) {
+    scree_file* file = nullptr;
+    must(scree_open(path.c_str(), &file));
+    current = file;
+    must(scree_close(file));
+  }
+  ends = true;
+  for (std::thread& thread : threads) thread.join();
+  CHECK(wrong == 0);
 }
 
 TEST_CASE("a camera of matrices sees what the same camera by eye and target sees", "[library]") {
@@ -477,7 +503,7 @@ TEST_CASE("views of a scene that the GPU's memory does not hold", "[library][cud
   std::mt19937 random(7);
   std::uniform_real_distribution<double> unit(-1, 1);
   std::vector<std::pair<Soup, Encoding>> meshes;
-  for (int m = 0; m < 24; ++m) {  // more than what streaming itself takes
+  for (int m = 0; m < 24; ++m) {  // more than streaming itself takes
     Soup cloud;
     const double middle[3] = {unit(random), unit(random), unit(random)};
     for (int i = 0; i < 1500; ++i) {
@@ -489,7 +515,7 @@ TEST_CASE("views of a scene that the GPU's memory does not hold", "[library][cud
     meshes.emplace_back(cloud, float32());
   }
   PagedScene paged;
-  paged.chunk_triangles = 1500;  // few parts of a frame
+  paged.chunk_triangles = 1500;  // few parts per frame
   paged.write(path, meshes);
   scree_file* file = nullptr;
   must(scree_open(path.c_str(), &file));

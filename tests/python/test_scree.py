@@ -87,7 +87,7 @@ class Package(unittest.TestCase):
         gc.collect()
         self.assertTrue(np.isfinite(array).any())  # the array keeps the view
         capsule = self.scene.view().draw(8, 8).share("color").__dlpack__()
-        del capsule  # which nobody took
+        del capsule  # no consumer took it
 
     def test_cameras(self):
         view = self.scene.view()

@@ -1,4 +1,4 @@
-// Scenes that a test needs.
+// Loads scenes for a test.
 #pragma once
 
 #include <string>
@@ -11,14 +11,14 @@
 
 namespace scree::tests {
 
-/// Scene 0 of a .scree file; the test fails where that cannot be loaded.
+/// Scene 0 of a .scree file. The test fails if it cannot be loaded.
 inline runtime::Scene must_load(const std::string& path, const runtime::SceneOptions& options = {.threads = 2}) {
   Result<runtime::Scene> scene = runtime::Scene::open(path, options);
   if (!scene) FAIL(scene.error().message);
   return std::move(*scene);
 }
 
-/// Of a file that is gone again.
+/// The same from a temporary file.
 inline runtime::Scene must_load(const SmallScene& small) {
   const ScratchPath path("small.scree");
   small.write(path.string());

@@ -1,4 +1,4 @@
-// .scree files of many geometry pages of all kinds, written without glTF.
+// .scree files with many geometry pages of all kinds, written without glTF.
 #pragma once
 
 #include <cstdint>
@@ -14,15 +14,15 @@
 
 namespace scree::tests {
 
-/// Writes one mesh of each soup, drawn once: chunks in pages of about `page_bytes` (a longer chunk has one of its own),
-/// of which every `zstd_every`th is compressed, with an image page after every `image_every`th. `change` may alter page
+/// Writes one mesh per soup, drawn once. Chunks lie in pages of about `page_bytes` (a longer chunk has its own page).
+/// Every `zstd_every`th page is compressed, and an image page follows every `image_every`th. `change` may alter page
 /// `number` before it is written.
 struct PagedScene {
   uint64_t page_bytes = 9000;
   uint32_t zstd_every = 3;
   uint32_t image_every = 4;
   uint32_t chunk_triangles = 300;
-  bool drawn_twice = false;  // every mesh by two instances
+  bool drawn_twice = false;  // every mesh has two instances
   std::function<void(uint32_t number, format::SealedPage& page)> change;
 
   void write(const std::string& path, const std::vector<std::pair<Soup, Encoding>>& meshes) const {

@@ -24,7 +24,7 @@
 
 namespace scree::tests {
 
-/// A file name of this process in the folder for temporary files; removed with what lies there at the end.
+/// A file name of this process in the folder for temporary files. The file is removed in the destructor.
 class ScratchPath {
  public:
   explicit ScratchPath(const std::string& name)
@@ -58,9 +58,9 @@ inline std::vector<std::byte> four_colors_png() {
   return file_bytes(path.path());
 }
 
-/// The tables and pages of a file: a quad of two triangles from (-1, -1, 0) to (1, 1, 0) that faces +z, with a texture
-/// of four colours whose top row is the quad's top, source triangles 70 and 71; drawn by node 1, which "Quad" is the
-/// name of, below node 0. `change` may alter the tables before they are written.
+/// The tables and pages of a file: a quad of two triangles from (-1, -1, 0) to (1, 1, 0) that faces +z. It has source
+/// triangles 70 and 71, and a texture of four colours whose top row is the quad's top. Node 1, named "Quad", draws it
+/// below node 0. `change` may alter the tables before they are written.
 struct SmallScene {
   int zstd_level = 0;
   bool nearest = true;

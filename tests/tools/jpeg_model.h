@@ -19,7 +19,7 @@ inline JpegRecipe jpeg_recipe(int width, int height, std::vector<std::pair<int, 
   return made;
 }
 
-/// Grids side by side, of `side` quads a side, each with another JPEG, wrapping, filter and transform; some of many
+/// Grids side by side, of `side` quads per side, each with another JPEG, wrapping, filter and transform; some with many
 /// repeats, some close up.
 inline void make_jpeg_model(const std::string& path, uint32_t side = 4) {
   ModelMaker maker(path);

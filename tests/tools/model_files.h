@@ -1,4 +1,4 @@
-// Lists of glTF files, for the tests that go through all of a folder.
+// Lists of glTF files, for the tests that process all files of a folder.
 #pragma once
 
 #include <algorithm>
@@ -8,7 +8,7 @@
 
 namespace scree::tests {
 
-/// All .gltf and .glb files in and below `root`, sorted; none where it is not there.
+/// All .gltf and .glb files in and below `root`, sorted; empty if it does not exist.
 inline std::vector<std::filesystem::path> model_files(const std::filesystem::path& root) {
   std::vector<std::filesystem::path> files;
   if (!std::filesystem::exists(root)) return files;

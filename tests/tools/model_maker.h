@@ -46,7 +46,7 @@ class ModelMaker {
     accessor.count = values.size() / components;
     if (bounds) {
       accessor.min.assign(components, 0);
-      accessor.max.assign(components, 0);  // lies, as files may: nobody may rely on it
+      accessor.max.assign(components, 0);  // wrong on purpose: files may lie, and no code may rely on it
     }
     return writer_.add_accessor(accessor);
   }
@@ -117,7 +117,7 @@ class ModelMaker {
     return out;
   }
 
-  /// The material that shows it.
+  /// A material with that texture.
   uint32_t textured(const std::string& name, format::ImageCodec codec, std::span<const std::byte> bytes) {
     tools::GltfMaterial material;
     material.texture = writer_.add_texture(texture(name, codec, bytes));
@@ -131,7 +131,7 @@ class ModelMaker {
     return writer_.add_mesh(out);
   }
 
-  /// A root node that draws `mesh` at a place.
+  /// A root node that draws `mesh` at a position.
   uint32_t node(const std::string& name, uint32_t mesh, std::array<double, 3> place = {0, 0, 0}) {
     tools::GltfNode out;
     out.name = name;
@@ -177,8 +177,7 @@ inline void make_model(const std::string& path, const GridSpec& spec) {
   maker.finish();
 }
 
-/// A strip of `side` squares a side whose triangles come in no order: it is sorted first where it is more than a
-/// window.
+/// A strip of `side` squares per side with its triangles in random order, so that it is sorted if it exceeds a window.
 inline tools::GltfPrimitive shuffled_squares(ModelMaker& maker, uint32_t side) {
   std::vector<float> points;
   for (uint32_t y = 0; y <= side; ++y)

@@ -1,4 +1,4 @@
-// What the tests of export and inspect share: a temporary folder, and a glTF converted and opened.
+// Shared by the tests of export and inspect: a temporary folder, and a glTF that is converted and opened.
 #pragma once
 
 #include <algorithm>
@@ -30,7 +30,7 @@ inline Result<PackedFile> open_packed(const std::string& path) {
   return PackedFile{std::move(*map), std::move(*file)};
 }
 
-/// Converts with 2 threads and opens what came of it.
+/// Converts with 2 threads and opens the result.
 inline Result<PackedFile> pack(const std::string& input, const std::string& output,
                                convert::ConvertOptions options = {}) {
   options.input = input;

@@ -1,4 +1,4 @@
-// Runs the program as a process of its own and says what that took.
+// Runs the program as a separate process and measures its time.
 #pragma once
 
 #include <fcntl.h>
@@ -46,7 +46,7 @@ inline int wait_for(pid_t child) {
 
 struct ProgramRun {
   int exit_code = -1;  // -1: ended by a signal
-  double seconds = 0;  // of processor time, user and system
+  double seconds = 0;  // processor time, user and system
   std::string output;  // both streams
 };
 
@@ -63,7 +63,7 @@ inline ProgramRun run_program(const std::vector<std::string>& words, const std::
           read_whole(log)};
 }
 
-/// The peak memory that convert's closing line states, bytes; 0 where it states none.
+/// The peak memory in convert's closing line, bytes; 0 if there is none.
 inline uint64_t stated_peak(const std::string& output) {
   const size_t at = output.find("peak memory ");
   double value = 0;
@@ -74,7 +74,7 @@ inline uint64_t stated_peak(const std::string& output) {
   return static_cast<uint64_t>(std::ldexp(value, power));
 }
 
-/// The most memory convert may take, as the README states it.
+/// The README's upper bound of convert's memory.
 inline uint64_t convert_memory_bound(uint64_t threads, uint64_t json_bytes) {
   return (uint64_t{256} << 20) + threads * (uint64_t{64} << 20) + 15 * json_bytes;
 }

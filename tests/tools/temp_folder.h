@@ -1,4 +1,4 @@
-// A fresh empty folder for the files of one test, removed at its end.
+// A new empty folder for the files of one test, removed at its end.
 #pragma once
 
 #include <stdlib.h>
@@ -31,7 +31,7 @@ class TempFolder {
   const std::filesystem::path& path() const { return path_; }
   std::string file(const std::string& name) const { return (path_ / name).string(); }
 
-  /// Writes a file, in subfolders where the name has some, and returns its path.
+  /// Writes a file, creating the subfolders of its name, and returns its path.
   std::string write(const std::string& name, std::string_view bytes) const {
     const std::filesystem::path path = path_ / name;
     std::filesystem::create_directories(path.parent_path());
@@ -41,7 +41,7 @@ class TempFolder {
     return path.string();
   }
 
-  /// Names of what is in the folder, sorted.
+  /// Names of the folder's entries, sorted.
   std::vector<std::string> names() const {
     std::vector<std::string> found;
     for (const auto& entry : std::filesystem::directory_iterator(path_))
@@ -54,13 +54,13 @@ class TempFolder {
   std::filesystem::path path_;
 };
 
-/// The bytes of a file; empty where it cannot be read.
+/// The bytes of a file; empty if it cannot be read.
 inline std::string read_whole(const std::string& path) {
   std::ifstream in(path, std::ios::binary);
   return {std::istreambuf_iterator<char>(in), {}};
 }
 
-/// `text` with the first `from` changed to `to`; there must be one.
+/// `text` with the first `from` replaced by `to`. `from` must occur.
 inline std::string replaced(std::string text, std::string_view from, std::string_view to) {
   const size_t at = text.find(from);
   if (at == std::string::npos) throw std::runtime_error("not in the text: " + std::string(from));

@@ -74,15 +74,15 @@ TEST_CASE("every model converts to what it was within the stated error", "[model
     if (converted % 8 == 2) options.clusters = tools::ClusterEffort::kBest;
     Result<convert::ConvertReport> report = convert::convert(options);
     if (!report && report.error().message.find("--grid scene") != std::string::npos) {
-      // A detailed mesh beside a very wide one: a common step may need more bits than there are.
+      // A detailed mesh beside a very wide one: a common step may need more bits than are available.
       REQUIRE(report.error().code == ErrorCode::kRange);
       REQUIRE(options.grid == convert::Grid::kScene);
       options.grid = convert::Grid::kMesh;
       report = convert::convert(options);
     }
     if (!report) {
-      // Only what this program does not do at all, and documents whose nodes are no trees; a model that it should read
-      // must not be refused.
+      // Only for features that this program does not support at all, and documents whose nodes are not trees. A
+      // supported model must not be refused.
       const std::string& message = report.error().message;
       INFO(message);
       CHECK((report.error().code == ErrorCode::kUnsupported || message.find("has two parents") != std::string::npos ||

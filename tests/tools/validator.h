@@ -1,4 +1,4 @@
-// The Khronos glTF validator over a folder of exports.
+// Runs the Khronos glTF validator over a folder of exports.
 #pragma once
 
 #include <filesystem>
@@ -7,17 +7,17 @@
 namespace scree::tests {
 
 struct ValidatorRun {
-  bool ran = false;  // false: node or the npm package is missing; `output` says what
+  bool ran = false;  // false: node or the npm package is missing; `output` gives the reason
   int exit_code = 0;
   std::string output;
 };
 
 /// Validates every .gltf and .glb below `folder` in one node process (tests/validator/validate.mjs; `npm ci` there
-/// installs the package, as scripts/test does). Exit code 1: some file has errors, which the output names.
+/// installs the package, like scripts/test). Exit code 1: some file has errors, which the output lists.
 ValidatorRun run_validator(const std::filesystem::path& folder);
 
-/// What a test does with a run that did not happen: fails where SCREE_REQUIRE_VALIDATOR is 1 (as in CI), else warns.
-/// True where there is a result to look at.
+/// Handles a run that did not happen: fails if SCREE_REQUIRE_VALIDATOR is 1 (as in CI), else warns. Returns true if
+/// there is a result.
 bool validator_result_is_there(const ValidatorRun& run);
 
 }  // namespace scree::tests

@@ -1,7 +1,7 @@
 // Runs the Khronos glTF validator over files and folders (searched for .gltf and .glb):
 //   node validate.mjs [--json] PATH...
-// One line a file, then the errors of those that have some; exit code 1 where any file has an error, 2 where a file
-// cannot be read or no file was found. Warnings and hints are counted, never fatal.
+// Prints one line per file, then the errors. Exit code 1 if any file has an error, 2 if a file cannot be read or no
+// file was found. Warnings and hints are counted, never fatal.
 import fs from 'node:fs';
 import path from 'node:path';
 import validator from 'gltf-validator';
@@ -20,7 +20,7 @@ async function validate(file) {
   const folder = path.dirname(path.resolve(file));
   const report = await validator.validateBytes(new Uint8Array(fs.readFileSync(file)), {
     uri: path.basename(file),
-    maxIssues: 0,  // all of them: a cut list could hide an error behind hints
+    maxIssues: 0,  // unlimited: a shortened list could hide an error behind hints
     externalResourceFunction: async (uri) => {
       const resource = path.resolve(folder, decodeURIComponent(uri));
       if (!resource.startsWith(folder + path.sep)) throw new Error(`${uri} leaves the folder`);

@@ -7,7 +7,7 @@ export const browserPath = [process.env.SCREE_BROWSER, '/usr/bin/chromium-headle
   '/usr/bin/google-chrome'].find((path) => path && existsSync(path));
 
 export async function launch() {
-  // Root in a container has no sandbox; nothing but our own page is opened.
+  // Root in a container has no sandbox; only our own page is opened.
   return chromium.launch({executablePath: browserPath, args: ['--no-sandbox', '--force-color-profile=srgb', '--disable-gpu']});
 }
 

@@ -1,4 +1,4 @@
-// Input to picture, measured in the page: node measure.mjs PROGRAM SCENE [WIDTHxHEIGHT] [SECONDS] [words of scree view ...]
+// Measures the time from input to picture in the page: node measure.mjs PROGRAM SCENE [WIDTHxHEIGHT] [SECONDS] [words of scree view ...]
 // A drag with a mouse event every 16 ms, on this machine's processor, browser and server together.
 import {launch, open, rests, serve} from './browser.mjs';
 

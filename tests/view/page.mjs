@@ -1,5 +1,5 @@
-// The page of scree view as a person uses it: node page.mjs PROGRAM SCENE FOLDER. Prints a line per check; exit code 1
-// where one fails, 77 where there is no browser.
+// Uses the page of scree view as a person would: node page.mjs PROGRAM SCENE FOLDER. Prints a line per check. Exit
+// code 1 if one fails, 77 if there is no browser.
 import assert from 'node:assert/strict';
 import {readFileSync} from 'node:fs';
 import {join} from 'node:path';
@@ -54,7 +54,7 @@ await check('the page loads and shows a picture', async () => {
 });
 await check('the picture at rest is that of scree render', () => isExact(page, 1));
 await check('more samples come, as scree render makes them', async () => {
-  await page.setViewportSize({width: 240, height: 140});  // so few pixels that a slow machine takes them too
+  await page.setViewportSize({width: 240, height: 140});  // few pixels, for slow machines
   await page.waitForFunction(() => document.documentElement.dataset.exact === '0');
   await isExact(page, 4);
   await page.setViewportSize({width: 800, height: 450});
@@ -182,7 +182,7 @@ await check('the end of the server is said, and that it ends in time', async () 
   assert.match(await page.textContent('#cover'), /ended|No server/);
 });
 await check('nothing was wrong on the way', async () => {
-  // What a browser says of a connection that is gone is no fault of the page.
+  // A browser's message about a closed connection is not an error of the page.
   assert.deepEqual(page.problems.filter((problem) => !/WebSocket connection to/.test(problem)), []);
 });
 await browser.close();

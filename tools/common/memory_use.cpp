@@ -32,7 +32,7 @@ uint64_t peak_anonymous(const MemoryUse& before) {
   return std::max(now.anonymous, now.peak - std::min(now.peak, before.file));
 }
 
-void forget_peak() {
+void reset_peak() {
   std::ofstream("/proc/self/clear_refs") << 5;
 }
 
@@ -45,7 +45,7 @@ uint64_t available_memory() {
   return 0;
 }
 
-void give_back_free_memory() {
+void trim_heap() {
   malloc_trim(0);
 }
 

@@ -18,12 +18,12 @@ MemoryUse memory_use();
 uint64_t peak_anonymous(const MemoryUse& before);
 
 /// Resets the peak to the currently resident memory. No effect where the system does not allow it (no /proc).
-void forget_peak();
+void reset_peak();
 
 /// Memory that programs may take now without swapping, according to the system; 0 without /proc.
 uint64_t available_memory();
 
 /// Returns memory that the allocator keeps for later to the system.
-void give_back_free_memory();
+void trim_heap();
 
 }  // namespace scree::tools

@@ -152,20 +152,20 @@ struct InFlight {
 };
 
 /// Other results of the same pool, which are taken while run_ordered() waits for its own.
-class Meanwhile {
+class OtherResults {
  public:
-  virtual ~Meanwhile() = default;
+  virtual ~OtherResults() = default;
   /// Whether take_one() would return without waiting. Called with the pool's lock held.
   virtual bool is_ready() const = 0;
   virtual Result<void> take_one() = 0;
 };
 
 /// Runs work(i, worker) for i in [0, count) on the pool and take(i, result) on the calling thread, in order. Stops at
-/// the first error in that order, which is the same for any number of threads, or at an error of `meanwhile`, which may
+/// the first error in that order, which is the same for any number of threads, or at an error of `others`, which may
 /// be null. `cost(i)`: see OrderedResults::submit.
 template <class T, class Work, class Cost, class Take>
 Result<void> run_ordered(WorkerPool& pool, uint64_t count, InFlight limit, Work work, Cost cost, Take take,
-                         Meanwhile* meanwhile = nullptr) {
+                         OtherResults* others = nullptr) {
   OrderedResults<T> results(pool, false);
   uint64_t next = 0;
   for (uint64_t taken = 0; taken < count; ++taken) {
@@ -174,12 +174,12 @@ Result<void> run_ordered(WorkerPool& pool, uint64_t count, InFlight limit, Work 
       results.submit([work, next](uint32_t worker) { return work(next, worker); }, cost(next));
       ++next;
     }
-    while (meanwhile != nullptr) {
+    while (others != nullptr) {
       bool is_other = false;
-      const auto done = [&] { return (is_other = meanwhile->is_ready()) || results.ready_locked(); };
+      const auto done = [&] { return (is_other = others->is_ready()) || results.ready_locked(); };
       if (const Result<void> waited = pool.wait(done); !waited) return waited;
       if (!is_other) break;
-      if (const Result<void> other = meanwhile->take_one(); !other) return other;
+      if (const Result<void> other = others->take_one(); !other) return other;
     }
     Result<T> result = results.take();
     if (!result) return result.error();

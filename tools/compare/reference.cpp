@@ -7,6 +7,7 @@
 
 #include "runtime/threads/parallel.h"
 #include "tools/compare/reference_geometry.h"
+#include "tools/compare/reference_mask.h"
 #include "tools/compare/reference_modes.h"
 
 namespace scree::compare {
@@ -129,8 +130,9 @@ void for_each_group(std::span<const ReferenceMesh> meshes, std::span<const Refer
 }
 
 /// Draws the rows [first, last] of a triangle.
-void draw_rows(const View& view, const SeenTriangle& seen, bool mirrored, bool double_sided, const ReferenceMode& mode,
-               uint32_t first, uint32_t last, std::span<ReferencePixel> pixels) {
+void draw_rows(const View& view, const SeenTriangle& seen, const ReferenceMesh& mesh, bool mirrored,
+               const ReferenceMode& mode, uint32_t first, uint32_t last, std::span<ReferencePixel> pixels) {
+  const bool double_sided = mesh.double_sided;
   for (uint32_t y = std::max(first, seen.box.y0); y <= std::min(last, seen.box.y1); ++y) {
     for (uint32_t x = seen.box.x0; x <= seen.box.x1; ++x) {
       std::optional<double> depth = mode.snap == 0
@@ -139,7 +141,9 @@ void draw_rows(const View& view, const SeenTriangle& seen, bool mirrored, bool d
       if (depth && mode.depth_bits != 0) depth = coded_depth(view, *depth, mode.depth_bits);
       ReferencePixel& pixel = pixels[uint64_t{y} * view.width + x];
       // Triangles come in order: of equal depths the first stays.
-      if (depth && *depth < pixel.depth) pixel = {seen.instance, seen.triangle, *depth};
+      if (!depth || !(*depth < pixel.depth)) continue;
+      if (mesh.mask != nullptr && !mask_passes(view, mesh, seen.triangle, seen.corners, x, y)) continue;
+      pixel = {seen.instance, seen.triangle, *depth};
     }
   }
 }
@@ -178,8 +182,8 @@ Result<std::vector<ReferencePixel>> draw_reference(std::span<const ReferenceMesh
         for (const std::vector<SeenTriangle>& block : seen)
           for (const SeenTriangle& triangle : block)
             if (triangle.box.y0 <= last && triangle.box.y1 >= first)
-              draw_rows(view, triangle, mirrored[triangle.instance],
-                        meshes[instances[triangle.instance].mesh].double_sided, mode, first, last, pixels);
+              draw_rows(view, triangle, meshes[instances[triangle.instance].mesh], mirrored[triangle.instance], mode,
+                        first, last, pixels);
       });
     });
     return pixels;

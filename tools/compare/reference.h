@@ -16,12 +16,26 @@
 
 namespace scree::compare {
 
+/// The alpha of a mesh's material: what of its triangles is there (spec/rasterization.md 12), without places of 1/256
+/// of a texel and with footprints as they are.
+struct ReferenceMask {
+  std::array<std::array<double, 3>, 2> place{};  // of texture coordinates (u, v, 1)
+  std::array<format::Wrap, 2> wrap{};
+  uint32_t width = 0;  // texels of level 0; of level l max(1, width >> l)
+  uint32_t height = 0;
+  std::vector<std::vector<uint8_t>> levels;
+  double cutoff = 0;  // least code of 8 bits that passes
+  bool nearest = false;
+};
+
 /// A mesh in object space; what it points to outlives it.
 struct ReferenceMesh {
   std::span<const float> positions;         // x y z; finite where a kept triangle uses them
   std::span<const uint32_t> corners;        // 3 a triangle, counter-clockwise from the front
   const std::vector<bool>* kept = nullptr;  // by triangle; null: all are drawn
   bool double_sided = false;
+  const ReferenceMask* mask = nullptr;  // null: all of every triangle is there
+  std::span<const float> uvs;           // u v a vertex, where there is a mask
 };
 
 struct ReferenceInstance {
@@ -51,9 +65,10 @@ struct ReferencePixel {
 /// Draws all instances: width * height pixels, rows top to bottom. A triangle covers a pixel when the ray through the
 /// pixel's centre meets it, exact ties going to the triangle whose left or top edge it is (as spec/rasterization.md 4);
 /// the nearest at or beyond the near plane wins, of equal depths the first in order of instances and triangles. Back
-/// faces of meshes that are not double-sided are left out. Vertices and rays are rounded to double, once an operation:
-/// places are off by some 1e-16 of the distance. The result does not depend on `threads`. Takes 24 bytes a pixel and
-/// 200 MiB at most for triangles. Errors kRange (an image side of 0 or over kernels::kMaxImageSide), kMemory.
+/// faces of meshes that are not double-sided are left out, and what a mask hides. Vertices and rays are rounded to
+/// double, once an operation: places are off by some 1e-16 of the distance. The result does not depend on `threads`.
+/// Takes 24 bytes a pixel and 200 MiB at most for triangles. Errors kRange (an image side of 0 or over
+/// kernels::kMaxImageSide), kMemory.
 Result<std::vector<ReferencePixel>> draw_reference(std::span<const ReferenceMesh> meshes,
                                                    std::span<const ReferenceInstance> instances,
                                                    const kernels::View& view, uint32_t threads,

@@ -108,6 +108,46 @@ Result<void> read_colors(const convert::Accessor& accessor, std::vector<float>& 
   return {};
 }
 
+ReferenceMask reference_mask(const convert::SourceScene& scene, const convert::PlannedMask& planned, uint32_t material,
+                             std::span<const std::byte> levels) {
+  const format::MaterialRecord& record = scene.materials[material].record;
+  const format::TextureRecord& texture = scene.textures[record.texture].record;
+  constexpr uint16_t kGlNearest = 9728;
+  ReferenceMask mask;
+  double place[2][3];
+  convert::uv_transform(record, place);
+  for (size_t c = 0; c < 2; ++c) std::copy_n(place[c], 3, mask.place[c].begin());
+  mask.wrap = {texture.wrap_s, texture.wrap_t};
+  mask.width = planned.width;
+  mask.height = planned.height;
+  mask.cutoff = static_cast<double>(planned.threshold) / 65536;
+  mask.nearest = texture.mag_filter == kGlNearest;
+  for (uint32_t l = 0; !levels.empty(); ++l) {
+    const size_t texels = size_t{std::max(1u, mask.width >> l)} * std::max(1u, mask.height >> l);
+    const auto* const first = reinterpret_cast<const uint8_t*>(levels.data());
+    mask.levels.emplace_back(first, first + texels);
+    levels = levels.subspan(texels);
+  }
+  return mask;
+}
+
+/// Reads what a mesh's alpha mask needs, where it has one.
+Result<void> add_mask(const convert::SourceScene& scene, const convert::MaskPlan& plan, SourceMesh& mesh,
+                      std::map<uint32_t, ReferenceMask>& masks) {
+  const convert::Primitive& primitive = scene.primitives[mesh.primitive];
+  if (plan.kind(primitive) != convert::MaskKind::kMixed) return {};
+  mesh.uvs.resize(2 * primitive.vertex_count());
+  if (Result<void> read = convert::read_floats(*primitive.uv, 0, primitive.vertex_count(), mesh.uvs); !read)
+    return read;
+  for (float& value : mesh.uvs)
+    if (!std::isfinite(value)) value = 0;  // as convert has it
+  if (masks.contains(primitive.material)) return {};
+  const auto levels = convert::load_mask_levels(scene, plan, primitive.material, true);
+  if (!levels) return levels.error();
+  masks[primitive.material] = reference_mask(scene, plan.materials[primitive.material], primitive.material, *levels);
+  return {};
+}
+
 }  // namespace
 
 Result<SourceMesh> load_source_mesh(const convert::SourceScene& scene, uint32_t primitive_number) {
@@ -159,6 +199,17 @@ Result<void> MeshMatcher::find_stored_groups() {
   return {};
 }
 
+Result<void> MeshMatcher::find_masks() {
+  convert::WorkerPool pool(1, nullptr);
+  convert::ImageOptions options;
+  options.keep_going = true;
+  Result<convert::MaskPlan> masks =
+      convert::plan_masks(scene_, std::vector<bool>(scene_.primitives.size(), true), options, pool, [](uint64_t) {});
+  if (!masks) return masks.error();
+  masks_ = std::move(*masks);
+  return {};
+}
+
 Result<void> MeshMatcher::check_repeat(const SourceMesh& mesh) {
   const uint32_t group = scene_.primitives[mesh.primitive].group;
   const format::GroupRecord& stored = file_.groups()[stored_as_[group]];
@@ -182,9 +233,12 @@ Result<void> MeshMatcher::check_repeat(const SourceMesh& mesh) {
 Result<std::optional<SourceMesh>> MeshMatcher::next() {
   if (stored_as_.empty())
     if (const Result<void> found = find_stored_groups(); !found) return found.error();
+  if (!masks_)
+    if (const Result<void> found = find_masks(); !found) return found.error();
   for (; primitive_ < scene_.primitives.size(); ++primitive_) {
     const uint32_t group = scene_.primitives[primitive_].group;
     if (stored_as_[group] == format::kNone) continue;
+    if (masks_->kind(scene_.primitives[primitive_]) == convert::MaskKind::kClear) continue;
     Result<SourceMesh> mesh = load_source_mesh(scene_, primitive_);
     if (!mesh) return at(scene_.file_name, mesh.error());
     if (mesh->kept_count == 0) continue;
@@ -225,6 +279,9 @@ uint64_t source_model_bytes(const convert::SourceScene& scene) {
   for (const convert::Primitive& primitive : scene.primitives) {
     bytes += (primitive.color ? 6 : 3) * sizeof(float) * primitive.vertex_count();
     bytes += 3 * sizeof(uint32_t) * primitive.triangle_count() + primitive.triangle_count() / 8;
+    if (primitive.uv && primitive.material != format::kNone &&
+        (scene.materials[primitive.material].record.flags & format::kMaterialCutOut) != 0)
+      bytes += 2 * sizeof(float) * primitive.vertex_count();
   }
   return bytes;
 }
@@ -232,13 +289,20 @@ uint64_t source_model_bytes(const convert::SourceScene& scene) {
 Result<SourceModel> load_source_model(const convert::SourceScene& scene, const format::Container& file,
                                       uint32_t file_scene) {
   SourceModel model;
-  const Result<void> loaded = for_each_mesh(scene, file, [&](uint64_t, SourceMesh mesh) -> Result<void> {
-    model.meshes.push_back(std::move(mesh));
-    return {};
-  });
-  if (!loaded) return loaded.error();
-  for (const SourceMesh& mesh : model.meshes)
-    model.views.push_back({mesh.positions, mesh.corners, &mesh.kept, mesh.double_sided});
+  MeshMatcher matcher(scene, file);
+  for (;;) {
+    Result<std::optional<SourceMesh>> mesh = matcher.next();
+    if (!mesh) return mesh.error();
+    if (!mesh->has_value()) break;
+    if (const Result<void> read = add_mask(scene, matcher.masks(), **mesh, model.masks); !read)
+      return at(scene.file_name, read.error());
+    model.meshes.push_back(std::move(**mesh));
+  }
+  for (const SourceMesh& mesh : model.meshes) {
+    ReferenceMesh view{mesh.positions, mesh.corners, &mesh.kept, mesh.double_sided, nullptr, mesh.uvs};
+    if (!mesh.uvs.empty()) view.mask = &model.masks.at(scene.primitives[mesh.primitive].material);
+    model.views.push_back(view);
+  }
   // Which mesh stands where is the file's word; where that place is, the source's.
   NodeCopies copies(scene);
   const format::SceneRecord& record = file.scenes()[file_scene];

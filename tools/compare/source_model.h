@@ -4,6 +4,7 @@
 
 #include <array>
 #include <cstdint>
+#include <map>
 #include <optional>
 #include <string>
 #include <vector>
@@ -11,11 +12,12 @@
 #include "format/container/container.h"
 #include "format/result.h"
 #include "tools/compare/reference.h"
+#include "tools/convert/images/masks.h"
 #include "tools/gltf/source.h"
 
 namespace scree::compare {
 
-/// One primitive, whole in memory: 12 bytes a vertex (24 with colours) and 12 a triangle.
+/// One primitive, whole in memory: 12 bytes a vertex (24 with colours, 8 more with a mask) and 12 a triangle.
 struct SourceMesh {
   uint32_t primitive = 0;         // in SourceScene::primitives
   std::vector<float> positions;   // x y z
@@ -26,6 +28,7 @@ struct SourceMesh {
   std::vector<float> colors;                  // of vertices, linear red, green, blue; empty where there are none
   bool double_sided = false;
   bool unlit = false;
+  std::vector<float> uvs;  // u v, where the material has a mask
 };
 
 /// Reads a primitive. Not kept: triangles of strips and fans with two equal indices (they cover nothing) and those with
@@ -45,6 +48,7 @@ struct SourceModel {
   std::vector<SourceMesh> meshes;            // by mesh number in the file
   std::vector<ReferenceInstance> instances;  // by place in the scene's instances
   std::vector<ReferenceMesh> views;          // of `meshes`, for draw_reference()
+  std::map<uint32_t, ReferenceMask> masks;   // by material of the source
 };
 
 /// What load_source_model() takes of memory for vertices and triangles, at most: those of all primitives of `scene`.
@@ -61,15 +65,19 @@ class MeshMatcher {
   MeshMatcher(const convert::SourceScene& scene, const format::Container& file);
   /// The next source primitive that has a mesh; nothing at the end.
   Result<std::optional<SourceMesh>> next();
+  /// Which of the source's alpha masks hide something; after next().
+  const convert::MaskPlan& masks() const { return *masks_; }
   /// The mesh number of the last one that next() returned.
   uint64_t mesh() const { return mesh_ - 1; }
 
  private:
   Result<void> find_stored_groups();
+  Result<void> find_masks();
   Result<void> check_repeat(const SourceMesh& mesh);
 
   const convert::SourceScene& scene_;
   const format::Container& file_;
+  std::optional<convert::MaskPlan> masks_;
   std::vector<uint32_t> stored_as_;          // by group of the source: that of the file's nodes, or kNone: not drawn
   std::vector<uint32_t> kept_;               // by group: primitives that keep a triangle, so far
   std::vector<uint32_t> primitive_of_mesh_;  // of the meshes so far

@@ -18,6 +18,7 @@
 #include "tools/common/progress.h"
 #include "tools/convert/encode/geometry_writer.h"
 #include "tools/convert/images/images.h"
+#include "tools/convert/images/masks.h"
 #include "tools/convert/passes/encode_ahead.h"
 #include "tools/convert/passes/encode_pass.h"
 #include "tools/convert/passes/memory_plan.h"
@@ -51,6 +52,7 @@ class Converter {
 
   Result<void> run() {
     find_wanted();
+    if (const Result<void> done = find_masks(); !done) return done;
     if (const Result<void> done = plan_memory(); !done) return done;
     prepare_ahead();
     read_before_ = read_totals();  // what images took is not the geometry's
@@ -77,6 +79,7 @@ class Converter {
     tables_.images = images_.records;
     tables_.mip_levels = images_.levels;
     if (const Result<void> done = encode(*writer_); !done) return done;
+    if (const Result<void> done = store_masks(*writer_); !done) return done;
     list_left_out();
     if (const Result<void> done = write_nodes(scene_, instances_, tables_, *writer_); !done) return done;
     const Result<uint64_t> bytes = writer_->finish(tables_);
@@ -98,11 +101,28 @@ class Converter {
     }
   }
 
-  Result<void> plan_memory() {
+  /// Decides which alpha masks are masks in fact. What is clear everywhere is no longer wanted.
+  Result<void> find_masks() {
     report_.threads_asked =
         options_.threads != 0 ? options_.threads : std::max(1u, std::thread::hardware_concurrency());
-    Result<MemoryPlan> plan = MemoryPlan::make(options_, scene_, wanted_, largest_image_bytes(scene_, options_.images),
-                                               report_.threads_asked);
+    WorkerPool pool(report_.threads_asked, options_.stop);
+    ImageOptions image_options = options_.images;
+    image_options.memory = std::min(image_options.memory, options_.memory / 2);
+    Result<MaskPlan> masks = plan_masks(scene_, wanted_, image_options, pool, [](uint64_t) {});
+    if (!masks) return masks.error();
+    masks_ = std::move(*masks);
+    for (size_t i = 0; i < wanted_.size(); ++i) {
+      if (!wanted_[i] || masks_.kind(scene_.primitives[i]) != MaskKind::kClear) continue;
+      wanted_[i] = false;
+      ++clear_;
+    }
+    return {};
+  }
+
+  Result<void> plan_memory() {
+    Result<MemoryPlan> plan = MemoryPlan::make(
+        options_, scene_, wanted_, std::max(largest_image_bytes(scene_, options_.images), largest_mask_bytes(scene_)),
+        report_.threads_asked);
     if (!plan) return plan.error();
     memory_ = *plan;
     return {};
@@ -294,6 +314,17 @@ class Converter {
                         });
   }
 
+  /// Behind the geometry: what an earlier run wrote of them is not worth keeping.
+  Result<void> store_masks(format::ContainerWriter& writer) {
+    ImageOptions image_options = options_.images;
+    image_options.zstd_level = options_.zstd_level;
+    const StageLimits limits = memory_.images(image_options.memory);
+    image_options.memory = limits.flight_bytes;
+    WorkerPool pool(limits.threads, options_.stop);
+    const MaterialUse use = find_material_use(scene_, materials_used());
+    return write_masks(scene_, masks_, use.materials, image_options, pool, writer, tables_);
+  }
+
   void merge_equal() {
     if (options_.share && !ahead_) merged_ = merge_materials(scene_, materials_used(), images_.places);
     first_equal_ = find_equal_groups(scene_, measurement_);
@@ -332,7 +363,7 @@ class Converter {
       if (writer && !is_of_this_input(resumed_))
         writer = Error{ErrorCode::kFormat, "it was made from another input or with other options"};
       if (writer) {
-        settle(resumed_, writer->page_count(), images_.records.size(), measurement_.windows.size());
+        drop_incomplete_tail(resumed_, writer->page_count(), images_.records.size(), measurement_.windows.size());
         writer->drop_pages(resumed_.pages);
         report_.resumed_pages = resumed_.pages;
       }
@@ -384,6 +415,7 @@ class Converter {
   /// With all but the geometry, and a quarter more.
   uint64_t with_rest(uint64_t bytes) const {
     for (const uint64_t cost : images_.costs) bytes += 4 * cost;
+    bytes += masks_.bytes();
     bytes += 512 * (scene_.nodes.size() + scene_.primitives.size()) + tables_.strings.bytes().size();
     for (const SourceNode& node : scene_.nodes)
       bytes += node.name.size() + (node.instances ? 256 * node.instances->count : 0);
@@ -500,14 +532,15 @@ class Converter {
   }
 
   void list_left_out() {
-    convert::add_left_out(
-        {scene_, plans_, mesh_of_, measurement_.primitives, first_equal_, images_, merged_, welded_, undrawn_,
-         report_.dropped_degenerate, report_.dropped_nonfinite, repaired_uvs_, repaired_colors_, repaired_normals_},
-        tables_);
+    convert::add_left_out({scene_, plans_, mesh_of_, measurement_.primitives, first_equal_, images_, merged_, welded_,
+                           undrawn_, report_.dropped_degenerate, report_.dropped_nonfinite, repaired_uvs_,
+                           repaired_colors_, repaired_normals_, clear_},
+                          tables_);
     const auto warn = [&](uint64_t count, const char* text) {
       if (count > 0) report_.warnings.push_back(scene_.file_name + ": " + std::to_string(count) + " " + text);
     };
     warn(undrawn_, "primitives that no node draws are left out");
+    warn(clear_, "primitives that their alpha masks hide everywhere are left out");
     warn(report_.dropped_nonfinite, "triangles with positions that are not finite are left out");
     warn(repaired_uvs_, "texture coordinates are not finite and became 0");
     warn(repaired_colors_, "vertex colours are not finite and became 0");
@@ -525,7 +558,12 @@ class Converter {
     }
     for (const format::SceneRecord& scene : tables_.scenes) report_.triangles_drawn += scene.triangle_count;
     report_.geometry_bytes = writer_->page_bytes(format::PageKind::kGeometry);
-    report_.image_bytes = writer_->page_bytes(format::PageKind::kImage);
+    report_.image_bytes = writer_->page_bytes(format::PageKind::kImage) + writer_->page_bytes(format::PageKind::kMask);
+    report_.masks = tables_.masks.size();
+    report_.mask_bytes = writer_->page_bytes(format::PageKind::kMask);
+    for (const format::MaterialRecord& material : tables_.materials)
+      report_.opaque_masks += (material.flags & format::kMaterialCutOut) != 0 ? 1 : 0;
+    report_.opaque_masks -= tables_.masks.size();
     for (const format::LeftOutRecord& record : tables_.left_out) {
       const std::string_view what = tables_.strings.bytes().data() + record.what;
       // What is stored once, or is implied, is not lost.
@@ -547,6 +585,7 @@ class Converter {
   ReadTotals read_before_;
   uint64_t written_before_ = 0;  // images, and what another run wrote
   std::vector<bool> wanted_;     // of the primitives: some node draws them
+  MaskPlan masks_;
   MemoryPlan memory_;
   Measurement measurement_;
   std::map<uint32_t, Primitive> sorted_;  // copies of primitives without locality
@@ -558,6 +597,7 @@ class Converter {
   InstancePlan instances_;
   format::TableSet tables_;
   uint64_t undrawn_ = 0;
+  uint64_t clear_ = 0;  // primitives whose alpha mask hides all of them
   Welded welded_;
   uint64_t repaired_uvs_ = 0;
   uint64_t repaired_colors_ = 0;

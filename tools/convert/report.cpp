@@ -49,7 +49,11 @@ std::string describe(const ConvertOptions& options, const ConvertReport& report,
   const double triangles = static_cast<double>(report.triangles);
   std::string text = options.input + " -> " + report.output + ": " + tools::format_bytes(report.input_bytes) + " -> " +
                      tools::format_bytes(report.output_bytes);
-  if (report.image_bytes > 0) text += " (textures " + tools::format_bytes(report.image_bytes) + ")";
+  if (report.image_bytes > 0) {
+    text += " (textures " + tools::format_bytes(report.image_bytes);
+    if (report.mask_bytes > 0) text += ", alpha masks " + tools::format_bytes(report.mask_bytes) + " of that";
+    text += ")";
+  }
   char numbers[256];
   std::snprintf(numbers, sizeof numbers, ", ratio %.2f%s\n", out > 0 ? kept / out : 0.0,
                 left_out > 0 ? " over what was kept" : "");
@@ -64,6 +68,9 @@ std::string describe(const ConvertOptions& options, const ConvertReport& report,
   text += numbers;
   if (report.resumed_pages > 0) text += "; resumed after " + std::to_string(report.resumed_pages) + " pages";
   text += "\n";
+  if (report.masks + report.opaque_masks > 0)
+    text += "alpha masks: " + std::to_string(report.masks) + " drawn, " + std::to_string(report.opaque_masks) +
+            " that hide nothing\n";
   if (!report.left_out.empty()) text += "left out: " + list_left_out(report) + "\n";
   if (!stats) return text;
   text += describe_work(report);
@@ -83,6 +90,9 @@ std::string json_report(const ConvertOptions& options, const ConvertReport& repo
   json.member("output_bytes", report.output_bytes);
   json.member("geometry_bytes", report.geometry_bytes);
   json.member("image_bytes", report.image_bytes);
+  json.member("masks", report.masks);
+  json.member("mask_bytes", report.mask_bytes);
+  json.member("opaque_masks", report.opaque_masks);
   json.member("meshes", report.meshes);
   json.member("chunks", report.chunks);
   json.member("triangles", report.triangles);

@@ -105,8 +105,44 @@ Result<std::vector<std::byte>> make_png(const format::Container& file, uint32_t 
   return Error{ErrorCode::kMemory, "no memory to decode it"};
 }
 
-format::ImageCodec exported_codec(format::ImageCodec codec) {
-  if (codec == format::ImageCodec::kIndexedJpeg) return format::ImageCodec::kJpeg;
+/// The mask whose alpha an indexed JPEG has lost, by image; or kNone.
+std::vector<uint32_t> lost_alphas(const format::Container& file) {
+  std::vector<uint32_t> masks(file.images().size(), kNone);
+  for (uint32_t i = 0; i < file.masks().size(); ++i) {
+    const uint32_t texture = file.materials()[file.masks()[i].material].texture;
+    if (texture == kNone) continue;
+    const uint32_t image = file.textures()[texture].image;
+    const format::ImageRecord& record = file.images()[image];
+    const format::MaskRecord& mask = file.masks()[i];
+    if (record.codec == format::ImageCodec::kIndexedJpeg && record.width == mask.width &&
+        record.height == mask.height && masks[image] == kNone)
+      masks[image] = i;
+  }
+  return masks;
+}
+
+/// An indexed JPEG as a PNG with the alpha of a mask of its size.
+Result<std::vector<std::byte>> add_alpha(const format::Container& file, std::span<const std::byte> jpeg,
+                                         const format::MaskRecord& mask) try {
+  auto picture = runtime::decode_image(jpeg);
+  if (!picture) return picture.error();
+  std::vector<std::byte> scratch;
+  const auto alpha = file.load_page(mask.page, scratch);
+  if (!alpha) return alpha.error();
+  if (picture->width != mask.width || picture->height != mask.height)
+    return Error{ErrorCode::kFormat, "the image is " + std::to_string(picture->width) + " x " +
+                                         std::to_string(picture->height) + ", but its mask " +
+                                         std::to_string(mask.width) + " x " + std::to_string(mask.height)};
+  for (size_t i = 0; i < picture->rgba.size() / 4; ++i)
+    picture->rgba[4 * i + 3] = std::to_integer<uint8_t>((*alpha)[i]);
+  return runtime::encode_png(picture->width, picture->height, 4, picture->rgba);
+} catch (const std::bad_alloc&) {
+  return Error{ErrorCode::kMemory, "no memory to decode it"};
+}
+
+format::ImageCodec exported_codec(format::ImageCodec codec, bool has_lost_alpha) {
+  if (codec == format::ImageCodec::kIndexedJpeg)
+    return has_lost_alpha ? format::ImageCodec::kPng : format::ImageCodec::kJpeg;
   return codec == format::ImageCodec::kBlocks ? format::ImageCodec::kPng : codec;
 }
 
@@ -114,8 +150,9 @@ format::ImageCodec exported_codec(format::ImageCodec codec) {
 std::vector<GltfWriter::PlannedImage> planned_images(const format::Container& file) {
   std::vector<GltfWriter::PlannedImage> planned;
   const auto images = file.images();
+  const std::vector<uint32_t> masks = lost_alphas(file);
   for (uint32_t i = 0; i < images.size(); ++i) {
-    planned.push_back({file.string(images[i].name), exported_codec(images[i].codec)});
+    planned.push_back({file.string(images[i].name), exported_codec(images[i].codec, masks[i] != kNone)});
   }
   return planned;
 }
@@ -123,23 +160,26 @@ std::vector<GltfWriter::PlannedImage> planned_images(const format::Container& fi
 Result<void> add_images(const format::Container& file, GltfWriter& writer, const ExportOptions& options) {
   std::vector<std::byte> scratch;
   const auto images = file.images();
+  const std::vector<uint32_t> masks = lost_alphas(file);
   for (uint32_t i = 0; i < images.size(); ++i) {
+    const format::ImageCodec codec = exported_codec(images[i].codec, masks[i] != kNone);
     if (options.stop != nullptr && options.stop->load()) return Error{ErrorCode::kFile, "interrupted"};
     const std::string place = "image " + std::to_string(i) + ", page " + std::to_string(images[i].page);
     const std::string_view name = file.string(images[i].name);
     if (images[i].codec == format::ImageCodec::kBlocks) {
       const auto png = make_png(file, i);
       if (!png) return at(place, png.error());
-      const auto added = writer.add_image(name, exported_codec(images[i].codec), *png);
+      const auto added = writer.add_image(name, codec, *png);
       if (!added) return added.error();
       continue;
     }
     const auto bytes = file.load_page(images[i].page, scratch);
     if (!bytes) return at(place, bytes.error());
     if (images[i].codec == format::ImageCodec::kIndexedJpeg) {
-      const auto jpeg = rebuild_jpeg(*bytes);
-      if (!jpeg) return at(place, jpeg.error());
-      const auto added = writer.add_image(name, format::ImageCodec::kJpeg, *jpeg);
+      auto image = rebuild_jpeg(*bytes);
+      if (image && masks[i] != kNone) image = add_alpha(file, *image, file.masks()[masks[i]]);
+      if (!image) return at(place, image.error());
+      const auto added = writer.add_image(name, codec, *image);
       if (!added) return added.error();
       continue;
     }

@@ -5,7 +5,6 @@
 #include <cmath>
 #include <optional>
 #include <string_view>
-#include <tuple>
 
 #include "format/bytes.h"
 
@@ -72,7 +71,8 @@ class MaterialMaker {
     to.texture = kNone;
     for (size_t i = 0; i < 4; ++i) to.base_color[i] = static_cast<float>(from.base_color[i]);
     to.uv_scale[0] = to.uv_scale[1] = 1.0f;
-    to.alpha_cutoff = static_cast<float>(from.alpha_cutoff);
+    // Where a blended surface shows more of itself than of what lies behind it.
+    to.alpha_cutoff = from.alpha_blend ? 0.5f : static_cast<float>(from.alpha_cutoff);
     to.flags = (from.double_sided ? format::kMaterialDoubleSided : 0u) | (from.unlit ? format::kMaterialUnlit : 0u) |
                (from.alpha_mask ? format::kMaterialAlphaMask : 0u) |
                (from.alpha_blend ? format::kMaterialAlphaBlend : 0u);
@@ -237,21 +237,14 @@ class MaterialMaker {
   std::vector<std::pair<std::string, uint64_t>> dropped_;
 };
 
-void warn_of_alpha(const GltfDocument& document, const std::vector<bool>& used, SourceScene& scene) {
-  uint64_t masked = 0;
+void warn_of_blending(const GltfDocument& document, const std::vector<bool>& used, SourceScene& scene) {
   uint64_t blended = 0;
-  for (size_t i = 0; i < document.materials.size(); ++i) {
-    if (!used[i]) continue;
-    masked += document.materials[i].alpha_mask ? 1 : 0;
-    blended += document.materials[i].alpha_blend ? 1 : 0;
-  }
-  for (const auto& [count, what, is] :
-       {std::tuple{blended, "alpha blending", " is"}, std::tuple{masked, "alpha masks", " are"}}) {
-    if (count == 0) continue;
-    scene.warnings.push_back(std::string(what) + " of " + std::to_string(count) +
-                             (count == 1 ? " material" : " materials") + is + " left out: drawn opaque");
-    scene.left_out.push_back({what, count, 0, 0});
-  }
+  for (size_t i = 0; i < document.materials.size(); ++i)
+    blended += used[i] && document.materials[i].alpha_blend ? 1 : 0;
+  if (blended == 0) return;
+  scene.warnings.push_back("alpha blending of " + std::to_string(blended) +
+                           (blended == 1 ? " material" : " materials") + " is left out: drawn where alpha is at least 0.5");
+  scene.left_out.push_back({"alpha blending", blended, 0, 0});
 }
 
 }  // namespace
@@ -277,7 +270,7 @@ Result<MaterialPlan> make_materials(const GltfDocument& document, const std::vec
   }
   if (unused > 0) scene.left_out.push_back({"unused materials", unused, 0, 0});
   maker.warn();
-  warn_of_alpha(document, used, scene);
+  warn_of_blending(document, used, scene);
   return plan;
 }
 

@@ -28,7 +28,7 @@ void print(const std::string& text, std::FILE* out) {
 }
 
 /// The error if the file breaks its stated bounds; nullopt if it keeps them.
-std::optional<Error> broken_promise(const compare::GeometryReport& report, const InspectOptions& options) {
+std::optional<Error> bound_error(const compare::GeometryReport& report, const InspectOptions& options) {
   if (!report.broken.empty()) {
     const compare::BrokenBound& first = report.broken.front();
     std::string message = "mesh " + std::to_string(first.mesh) + ": position error " +
@@ -106,7 +106,7 @@ Result<void> inspect_file(const std::string& path, const InspectOptions& options
     return error;
   }
   if (measured)
-    if (const auto broken = broken_promise(*measured, options)) return at(path, *broken);
+    if (const auto broken = bound_error(*measured, options)) return at(path, *broken);
   return {};
 }
 
@@ -125,7 +125,7 @@ Command add_inspect(CLI::App& parent) {
   app->add_option("FILE", arguments->path, "The .scree file")->required();
   app->add_flag("--json", options.json, "One JSON object, amounts in bytes");
   app->add_flag("--verify", options.verify,
-                "Check every checksum and decode everything; and say how much of clusters is indices");
+                "Check every checksum and decode everything; also show the share of indices in clusters");
   app->add_flag("--chunks", options.chunks, "Add a row for every chunk");
   app->add_option("--source", options.source,
                   "Measure the true position error against this .gltf or .glb (needs convert --source-ids)");

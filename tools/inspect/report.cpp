@@ -24,21 +24,20 @@ constexpr size_t kBarLetters = 40;
 
 /// The footnotes. note('a') refers to the first.
 constexpr const char* kNotes[] = {
-    "8 x bytes / stored triangles; a mesh counts once, however many instances draw it.",
-    "bytes / what the same takes in the source: of the accessors used, each once; for the file, the files of the\n"
-    "      source: document, buffers, images.",
-    "bytes / the same plainly stored: 12 bytes per triangle (32-bit indices), 12 per position, 12 per normal, 8 per\n"
-    "      texture coordinate, 16 per colour (float32); of vertices the fewer of source's and stored, mesh by mesh;\n"
-    "      images as they are.",
+    "8 x bytes / stored triangles; a mesh counts once for any number of instances.",
+    "bytes / bytes of the same content in the source: the accessors used, each once; for the file: document, buffers\n"
+    "      and images.",
+    "bytes / bytes of the same content without packing: 12 per triangle (32-bit indices), 12 per position, 12 per\n"
+    "      normal, 8 per texture coordinate, 16 per colour (float32); per mesh for the source's or the stored number\n"
+    "      of vertices, whichever is smaller; images unchanged.",
     "A mesh is a glTF primitive: triangles with one material.",
-    "A vertex on the border of chunks is stored in each of them; one that no triangle uses is not stored.",
+    "A vertex on the border of chunks is stored in each of them; a vertex that no triangle uses is not stored.",
     "Positions are whole multiples of the step, in model units (before the nodes' transforms).",
-    "The largest distance of a stored from a source coordinate, per axis: half a step and half an ulp, 0 for float32.\n"
-    "      In model units; of a scene in world units.",
-    "Of a compressed page, each stream has the share of the stored bytes that it has of the raw bytes.",
-    "A chunk's indices are stored as differences to its smallest, all with the bits that the largest needs.",
-    "As near as can be told without encoding it, before compression; -: not known (as of duplicate vertices in\n"
-    "      clusters), or nothing."};
+    "The largest distance between a stored and a source coordinate, per axis: half a step and half an ulp, 0 for\n"
+    "      float32. In model units; for a scene in world units.",
+    "The stored bytes of a compressed page are divided among its streams in proportion to their raw bytes.",
+    "A chunk's indices are stored as differences from its smallest, all with the bits that the largest needs.",
+    "Estimated without encoding, before compression; -: unknown (as for duplicate vertices in clusters), or nothing."};
 
 /// A reference to a note, lettered by add_footnotes(). It contains a control character, which no printed name has
 /// (printable).
@@ -176,7 +175,7 @@ void add_meshes(const format::Container& file, const Stats& stats, std::string& 
           times(stats.triangles, "triangle", "triangles") + ", " + times(stats.vertices, "vertex", "vertices") +
           " stored, " + grouped(stats.source_vertices) + " in the source " + note('e') + "\n";
   if (meshes.empty()) return;
-  text += "  triangles a mesh: " + spread(stats.mesh_triangles, stats.triangles, meshes.size(), false) + "\n";
+  text += "  triangles per mesh: " + spread(stats.mesh_triangles, stats.triangles, meshes.size(), false) + "\n";
   if (stats.top_meshes.empty()) return;
   TextTable table;
   table.row({"largest by bytes", "bytes", "share", "triangles", "vertices", "chunks", "bits/tri", "step " + note('f'),
@@ -219,7 +218,7 @@ void add_chunks(const format::Container& file, const Stats& stats, std::string& 
   table.row({"triangles each", spread(stats.chunk_triangles, stats.triangles, chunks, false)});
   table.row({"vertices each", spread(stats.chunk_vertices, stats.vertices, chunks, false)});
   table.row({"bytes each", spread(stats.chunk_bytes, payload, chunks, true)});
-  table.row({"vertices a triangle", fixed(divided(stats.vertices, stats.triangles), 3)});
+  table.row({"vertices per triangle", fixed(divided(stats.vertices, stats.triangles), 3)});
   std::string pages = times(stats.geometry_pages, "of geometry", "of geometry") + ", " +
                       times(stats.pages - stats.geometry_pages, "other", "others");
   if (stats.compressed_pages != 0) {
@@ -234,7 +233,7 @@ void add_indices(const Stats& stats, std::string& text) {
   const Cost& cost = stats.streams[kIndices];
   if (stats.stream_elements[kIndices] == 0) return;
   text += "\nIndices\n  " + human_bytes(cost.stored) + ", " + bits_each(cost.stored, stats.stream_elements[kIndices]) +
-          " bits an index, " + bits_each(cost.stored, stats.triangles) + " bits a triangle\n";
+          " bits per index, " + bits_each(cost.stored, stats.triangles) + " bits per triangle\n";
   if (stats.clusters.triangles == stats.triangles) return;
   uint64_t most = 0;
   for (const IndexBits& bits : stats.index_bits) most = std::max(most, bits.triangles);
@@ -278,7 +277,7 @@ void add_clusters(const Stats& stats, std::string& text) {
   const uint64_t data = bytes[kIndices] + bytes[kPositions] + bytes[kClusterData];
   const uint64_t geometry = bytes[kClusterBounds] + bytes[kClusterRecords] + data;
   TextTable table;
-  std::vector<std::string> titles{"bytes a triangle, unpacked", "bounds", "records"};
+  std::vector<std::string> titles{"bytes per triangle, unpacked", "bounds", "records"};
   std::vector<uint64_t> columns{bytes[kClusterBounds], bytes[kClusterRecords]};
   if (stats.has_split) {
     titles.insert(titles.end(), {"indices", "positions"});
@@ -302,8 +301,8 @@ void add_positions(const Stats& stats, std::string& text) {
   const bool is_known = stats.stream_meshes[kClusterData] == 0;
   text += "\nPositions\n  ";
   if (is_known)
-    text += human_bytes(cost.stored) + ", " + bits_each(cost.stored, stats.vertices) + " bits a vertex, " +
-            bits_each(cost.stored, stats.triangles) + " bits a triangle, ";
+    text += human_bytes(cost.stored) + ", " + bits_each(cost.stored, stats.vertices) + " bits per vertex, " +
+            bits_each(cost.stored, stats.triangles) + " bits per triangle, ";
   text += "error at most " + short_number(stats.max_position_error) + " model units " + note('g') + "\n";
   TextTable table;
   table.row({"step " + note('f'), "meshes", "triangles", "vertices", "bits/vertex", "max error " + note('g')});
@@ -359,6 +358,15 @@ void add_textures(const format::Container& file, const Stats& stats, std::string
   if (stats.mip_levels != 0) {
     text += "  of which " + human_bytes(stats.level_bytes) + " in " +
             times(stats.mip_levels, "mip level", "mip levels") + "\n";
+  }
+  if (stats.masks + stats.opaque_masks != 0) {
+    text += "  of which " + human_bytes(stats.mask_pages.stored) + " in " +
+            times(stats.masks, "alpha mask", "alpha masks") + " (" + human_bytes(stats.mask_pages.raw) +
+            " in memory, always)";
+    if (stats.opaque_masks != 0)
+      text += "; " +
+              times(stats.opaque_masks, "material has one that hides nothing", "materials have one that hides nothing");
+    text += "\n";
   }
   if (stats.top_images.empty()) return;
   TextTable largest;

@@ -283,6 +283,10 @@ void textures_member(JsonWriter& json, const format::Container& file, const Stat
   json.member("images", file.images().size());
   json.member("mip_levels", stats.mip_levels);
   json.member("mip_level_bytes", stats.level_bytes);
+  json.member("masks", stats.masks);
+  json.member("mask_bytes", stats.mask_pages.stored);
+  json.member("mask_memory_bytes", stats.mask_pages.raw);
+  json.member("opaque_masks", stats.opaque_masks);
   for (const format::ImageCodec codec : {format::ImageCodec::kIndexedJpeg, format::ImageCodec::kBlocks,
                                          format::ImageCodec::kJpeg, format::ImageCodec::kPng}) {
     const ImageStats& kind = stats.image_kinds[static_cast<size_t>(codec)];

@@ -56,6 +56,8 @@ const char* table_name(format::TableKind kind) {
       return "mip_levels";
     case format::TableKind::kLeftOutCosts:
       return "left_out_costs";
+    case format::TableKind::kMasks:
+      return "masks";
   }
   return "unknown";
 }
@@ -326,6 +328,19 @@ void count_images(const format::Container& file, uint32_t top, Stats& stats) {
     }
   }
   stats.mip_levels = levels.size();
+  for (uint64_t i = 0; i < file.masks().size(); ++i) {
+    const uint32_t number = file.masks()[i].page;
+    if (seen[number]) continue;
+    seen[number] = true;
+    for (Cost* sum : {&stats.images, &stats.mask_pages}) {
+      sum->stored += pages[number].stored_bytes;
+      sum->raw += pages[number].raw_bytes;
+    }
+  }
+  stats.masks = file.masks().size();
+  for (uint64_t i = 0; i < file.materials().size(); ++i)
+    stats.opaque_masks += (file.materials()[i].flags & format::kMaterialCutOut) != 0 ? 1 : 0;
+  stats.opaque_masks -= std::min(stats.opaque_masks, stats.masks);
   for (uint64_t i = 0; i < pages.size(); ++i) {
     if (pages[i].kind != PageKind::kGeometry && !seen[i]) stats.other_pages += pages[i].stored_bytes;
   }

@@ -108,7 +108,7 @@ struct Stats {
   // Contents. The sum of all `stored` here and of all bytes of the container below is file_bytes.
   std::array<Cost, kStreamCount> streams{};
   bool has_split = false;  // cluster data are counted as indices and positions
-  Cost images;
+  Cost images;             // with masks
 
   // Container.
   uint64_t header_bytes = 0;
@@ -143,7 +143,10 @@ struct Stats {
   std::array<ImageStats, 5> image_kinds{};  // by ImageCodec, mip levels included
   std::vector<uint32_t> top_images;         // by stored bytes of their page and levels
   uint64_t mip_levels = 0;
-  uint64_t level_bytes = 0;  // of the mip levels
+  uint64_t level_bytes = 0;   // of the mip levels
+  uint64_t masks = 0;         // materials with a mask
+  uint64_t opaque_masks = 0;  // materials whose alpha mask hides nothing
+  Cost mask_pages;
 
   uint64_t geometry_bytes() const;   // all streams, stored
   uint64_t attribute_bytes() const;  // uvs, colours, normals, stored

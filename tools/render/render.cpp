@@ -25,6 +25,7 @@
 #include "tools/render/exr.h"
 #include "tools/render/layers.h"
 #include "tools/render/render_options.h"
+#include "tools/render/render_path.h"
 
 namespace scree::tools {
 namespace {
@@ -443,7 +444,7 @@ Result<void> render(const RenderOptions& options) {
 Result<void> run(const RenderWords& words) {
   const Result<RenderOptions> options = parse_render_options(words);
   if (!options) return options.error();
-  const Result<void> done = render(*options);
+  const Result<void> done = options->path ? render_path(*options) : render(*options);
   if (!done) return done.error();
   return finish_output();
 }
@@ -494,9 +495,17 @@ Command add_render(CLI::App& parent) {
       ->allow_extra_args(false)  // the next word is a file to read
       ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll);
   add_device_options(*app, *words);
+  app->add_option("--path", words->path,
+                  "Draw the frames of a camera's path, a JSON file as scree view saves it (docs/scale.md); outputs are "
+                  "then patterns, such as -o frame_%05d.png")
+      ->type_name("FILE");
   app->add_option("--frames", words->frames,
-                  "Draw so many frames of a still camera and write the last (default: 1); with --stats, what each of "
-                  "them streamed");
+                  "Of a path: FIRST:END, as 0:600 for frames 0 to 599, and I/N, every N-th of them from the I-th on, or "
+                  "both, as 0:600,1/8 (default: all). Without a path: draw so many frames of a still camera and write "
+                  "the last (default: 1); with --stats, what each of them streamed");
+  app->add_option("--fps", words->fps, "Frames per second of a path (default: the file's, else 30)")->type_name("N");
+  app->add_flag("--resume", words->resume,
+                "Of a path: leave frames alone that are there, whole and of this size; they may be of another run");
   app->add_option(
       "--texture-cache", words->texture_cache,
       "Memory for decoded blocks of JPEG textures, such as 1GiB; the picture does not depend on it (default: "

@@ -161,6 +161,55 @@ Result<void> parse_occlusion(const RenderWords& words, kernels::ShadeOptions& sh
   return {};
 }
 
+/// --path and what belongs to it; the outputs are set.
+Result<void> parse_path(const RenderWords& words, RenderOptions& options) {
+  if (words.path.empty()) {
+    for (const auto& [name, is_given] : {std::pair("--fps", !words.fps.empty()), std::pair("--resume", words.resume)})
+      if (is_given) return Error{ErrorCode::kUsage, std::string(name) + " needs --path"};
+    if (words.frames.find_first_of(":/") != std::string::npos)
+      return Error{ErrorCode::kUsage, "--frames: '" + words.frames + "' chooses frames of a --path, which is not there"};
+    const Result<uint64_t> frames = parse_whole(words.frames.empty() ? "1" : words.frames, 1, 1000000, "--frames");
+    if (!frames) return frames.error();
+    options.frames = static_cast<uint32_t>(*frames);
+    return {};
+  }
+  const std::pair<const char*, bool> others[] = {
+      {"--camera", !words.camera.empty()}, {"--view", !words.view.empty()},   {"--eye", !words.eye.empty()},
+      {"--target", !words.target.empty()}, {"--up", !words.up.empty()},       {"--fov", !words.fov.empty()},
+      {"--pick", !words.picks.empty()},    {"--list-cameras", words.list_cameras}, {"--stats", words.stats},
+      {"--normals", !words.normals.empty()}, {"--uvs", !words.uvs.empty()}};
+  for (const auto& [name, is_given] : others)
+    if (is_given) return Error{ErrorCode::kUsage, std::string("--path and ") + name + " exclude each other"};
+  if (words.resume && words.force)
+    return Error{ErrorCode::kUsage, "--resume and --force exclude each other: frames that are there stay, or do not"};
+  if (options.writes_exr()) return usage("--output", options.output, "a .png file, as frames of a --path are");
+  PathOptions path;
+  path.file = words.path;
+  path.resume = words.resume;
+  if (!words.frames.empty()) {
+    const Result<FrameRange> frames = parse_frame_range(words.frames);
+    if (!frames) return frames.error();
+    path.frames = *frames;
+  }
+  if (!words.fps.empty()) {
+    const std::optional<double> fps = number(words.fps);
+    if (!fps || !(*fps >= 1e-9 && *fps < 1e6))
+      return usage("--fps", words.fps, "frames per second, above 0 and below 1e6");
+    path.frames_per_second = *fps;
+  }
+  const std::pair<const char*, const std::string*> outputs[] = {
+      {"--output", &options.output}, {"--depth", &options.depth}, {"--visbuffer", &options.visbuffer}};
+  for (const auto& [name, text] : outputs)
+    if (!text->empty())
+      if (const Result<FramePattern> pattern = FramePattern::parse(name, *text); !pattern) return pattern.error();
+  // The other two have extensions of their own, so that no two files of a frame have one name.
+  const std::string extension = format::lower_case(std::filesystem::path(options.visbuffer).extension().string());
+  if (extension == ".png" || extension == ".pfm")
+    return usage("--visbuffer", options.visbuffer, "a file of another extension than pictures and depth images have");
+  options.path = path;
+  return {};
+}
+
 /// Outputs: a picture is a .png, and nothing is written over the file that is read.
 Result<void> check_outputs(const RenderOptions& options) {
   if (!options.writes_exr()) {
@@ -307,9 +356,7 @@ Result<RenderOptions> parse_render_options(const RenderWords& words) {
   if (!background) return background.error();
   std::copy(background->begin(), background->end(), options.shade.background);
 
-  const Result<uint64_t> frames = parse_whole(words.frames, 1, 1000000, "--frames");
-  if (!frames) return frames.error();
-  options.frames = static_cast<uint32_t>(*frames);
+  if (const Result<void> path = parse_path(words, options); !path) return path.error();
   if (!words.texture_cache.empty()) {
     const Result<uint64_t> bytes = parse_size(words.texture_cache);
     if (!bytes) return at("--texture-cache", bytes.error());
@@ -323,6 +370,8 @@ Result<RenderOptions> parse_render_options(const RenderWords& words) {
   const auto outputs = options.outputs();
   const bool writes = std::any_of(outputs.begin(), outputs.end(), [](const auto& one) { return !one.path.empty(); });
   if (!writes && options.picks.empty() && !options.list_cameras) {
+    if (options.path)
+      return Error{ErrorCode::kUsage, "--path needs the names of the frames' files, such as -o frame_%05d.png"};
     options.output = std::filesystem::path(options.file).replace_extension(".png").string();
   }
   if (const Result<void> checked = check_outputs(options); !checked) return checked.error();

@@ -13,6 +13,7 @@
 #include "kernels/frame.h"
 #include "runtime/scene/camera.h"
 #include "tools/common/draw_options.h"
+#include "tools/render/path_frames.h"
 
 namespace scree::tools {
 
@@ -34,7 +35,9 @@ struct RenderWords : DrawWords {
   std::string fov;
   std::string show = "texture";
   std::string background = "#9aa4b0";
-  std::string frames = "1";
+  std::string path;
+  std::string frames;
+  std::string fps;
   std::string texture_cache;
   std::vector<std::string> picks;
   std::string edl_strength;
@@ -44,6 +47,7 @@ struct RenderWords : DrawWords {
   bool edl = false;
   bool list_cameras = false;
   bool float_color = false;
+  bool resume = false;
   bool stats = false;
   bool json = false;
   bool force = false;
@@ -66,6 +70,14 @@ struct PixelPlace {
   uint32_t y;
 };
 
+/// Of a camera that moves; the outputs' names are then patterns (FramePattern).
+struct PathOptions {
+  std::string file;
+  FrameRange frames;
+  std::optional<double> frames_per_second;  // nothing: the file's
+  bool resume = false;                      // frames that are there and whole are not drawn again
+};
+
 struct RenderOptions : DrawOptions {
   std::string file;
   std::string output;     // of the picture; empty: none
@@ -80,7 +92,8 @@ struct RenderOptions : DrawOptions {
   // Bytes of decoded blocks of JPEG textures; nothing: runtime::kHostTextureCache, on a GPU
   // runtime::kDeviceTextureCache.
   std::optional<uint64_t> texture_cache;
-  uint32_t frames = 1;  // drawn one after the other
+  uint32_t frames = 1;  // of a still camera, drawn one after the other
+  std::optional<PathOptions> path;
   std::vector<PixelPlace> picks;
   format::Existing existing = format::Existing::kReplace;  // of all outputs
   bool list_cameras = false;

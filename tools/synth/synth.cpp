@@ -141,7 +141,7 @@ Command add_synth(CLI::App& parent) {
   app->add_option("--seed", options->seed, "Slope: another scattering of the stones")
       ->capture_default_str()
       ->type_name("N");
-  app->add_option("--texture-size", options->texture_size, "Slope: texels a side, a power of two from 64 to 8192")
+  app->add_option("--texture-size", options->texture_size, "Slope: texels per side, a power of two from 64 to 8192")
       ->capture_default_str()
       ->type_name("N");
   const auto force = std::make_shared<bool>(false);

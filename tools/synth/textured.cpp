@@ -132,7 +132,7 @@ Result<TexturedReport> write_textured(const TexturedOptions& options) {
   if (options.meshes == 0 || options.size == 0 || options.size > 32768 || options.stone < 32 ||
       !std::has_single_bit(options.stone) || options.size % options.stone != 0)
     return Error{ErrorCode::kUsage, std::to_string(options.meshes) + " textures of " + std::to_string(options.size) +
-                                        " texels a side, expected 1 or more of a multiple of " +
+                                        " texels per side, expected 1 or more of a multiple of " +
                                         std::to_string(options.stone) + ", at most 32768"};
   try {
     const uint32_t threads = thread_count(options.threads, options.meshes);

@@ -1,4 +1,4 @@
-// Makes streams.bin: streams of ATTRIBUTES as meshoptimizer writes them, and what its decoder makes of each; and a .glb of
+// Makes streams.bin: streams of ATTRIBUTES written by meshoptimizer, with checksums of its decoder's output; and a .glb of
 // KHR_meshopt_compression for the fuzz corpus (tests/fuzz/corpus/gltf/meshopt_v1.glb).
 //   npm install meshoptimizer@1.3 && node make_streams.mjs streams.bin meshopt_v1.glb
 // Each: u32 count, u32 stride, u32 filter (DocMeshopt::Filter), u32 CRC-32 of the count * stride decoded bytes, u32 bytes

@@ -1,4 +1,5 @@
-// Copies to shared memory that a lane does not wait for: done when it waits, so that what is read before is not there.
+// Asynchronous copies to shared memory: made only when a lane waits for them, so that an earlier read does not see the
+// data.
 #pragma once
 
 #include <cstddef>

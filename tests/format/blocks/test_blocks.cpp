@@ -39,7 +39,7 @@ TEST_CASE("blocks of the spec", "[blocks][spec]") {
       for (uint32_t c = 0; c < 4; ++c) CHECK(channels_of(block_pixel(format, block.data(), i))[c] == pixels[4 * i + c]);
     if (format == BlockFormat::kBc7) ++modes[static_cast<uint32_t>(std::countr_zero(uint32_t{block[0]} | 256))];
   }
-  CHECK(modes.size() == 9);  // the reserved one too
+  CHECK(modes.size() == 9);  // including the reserved one
 }
 
 TEST_CASE("a channel comes from where the swizzle says", "[blocks]") {
@@ -50,7 +50,7 @@ TEST_CASE("a channel comes from where the swizzle says", "[blocks]") {
   const uint16_t zorah = make_swizzle(kOne, kRed, kGreen, kOne);  // "1rg1"
   CHECK(swizzled(rgba, zorah) == 0xff2010ff);
   CHECK(swizzled(rgba, make_swizzle(kZero, kAlpha, kBlue, kZero)) == 0x00304000);
-  // One after the other is both at once.
+  // Applying one swizzle after another equals applying their combination.
   std::mt19937 random(1);
   for (int round = 0; round < 200; ++round) {
     const auto any = [&] {

@@ -1,4 +1,4 @@
-// For the tests of the container's rules: each breaks one, with checksums that fit.
+// For the tests of the container's rules: each test breaks one rule, with matching checksums.
 #pragma once
 
 #include <cstddef>
@@ -13,7 +13,7 @@
 
 namespace scree::tests {
 
-/// Opens a file in which one thing was changed, and wants just that message.
+/// Opens a file with one change, and expects exactly that message.
 class Breaker {
  public:
   explicit Breaker(const Parts& parts) : file_(file_of(parts)) {
@@ -27,7 +27,7 @@ class Breaker {
     expect(patched<Record>(file_, kind, index, change), message, code);
   }
 
-  /// Changes the file's header and makes its own checksum fit, unless `seal` is false.
+  /// Changes the file's header and updates its checksum, unless `seal` is false.
   template <class Change>
   void header(Change change, const char* message, ErrorCode code, bool seal = true) const {
     Bytes file = file_;

@@ -36,7 +36,7 @@ NodeRecord node_of(uint32_t name, uint32_t parent, uint32_t group) {
   return node;
 }
 
-/// Gives the chunk the next free place of a page, and its page the bytes.
+/// Places the chunk at the end of a page and adds its bytes to the page.
 void place(const MeshRecord& mesh, ChunkRecord& chunk, uint32_t page, Bytes& raw) {
   chunk.page = page;
   chunk.offset = raw.size();
@@ -242,6 +242,7 @@ size_t record_offset(const Bytes& file, TableKind kind, uint64_t index) {
 
 RawFile::RawFile(const Bytes& file) {
   const auto header = load<FileHeader>(file.data());
+  version_minor = header.version_minor;
   for (uint32_t i = 0; i < header.toc_count; ++i) {
     const auto entry = load<TocEntry>(file.data() + header.toc_offset + i * sizeof(TocEntry));
     const auto first = file.begin() + static_cast<ptrdiff_t>(entry.offset);

@@ -1,4 +1,4 @@
-// Small .scree files for the container's tests, and the means to change their bytes and make the checksums right again.
+// Small .scree files for the container's tests, and functions that change their bytes and update the checksums.
 #pragma once
 
 #include <cstddef>
@@ -20,7 +20,7 @@ namespace scree::tests {
 
 using Bytes = std::vector<std::byte>;
 
-/// A folder of its own, gone at the end.
+/// A temporary folder, removed in the destructor.
 class TemporaryFolder {
  public:
   TemporaryFolder() {
@@ -46,7 +46,7 @@ inline Bytes read_file(const std::string& path) {
   return bytes;
 }
 
-/// A copy in a heap block of exactly that size, aligned as a map is, so that ASan sees every byte read past its end.
+/// A copy in a heap block of exactly that size, aligned like a map, so that ASan detects every read past its end.
 class ExactCopy {
  public:
   explicit ExactCopy(std::span<const std::byte> bytes)
@@ -81,7 +81,7 @@ inline std::optional<Error> verify_copy(std::span<const std::byte> file) {
   return verify(ExactCopy(file).bytes());
 }
 
-/// What a file is made from.
+/// The parts of a file.
 struct Parts {
   std::vector<format::SealedPage> pages;
   format::TableSet tables;
@@ -93,10 +93,10 @@ Parts tiny_parts();
 /// Every table, both position encodings, all attributes, raw and zstd pages, an image, an empty mesh.
 Parts full_parts();
 
-/// The file's bytes. Fails the test where they cannot be written.
+/// The file's bytes. Fails the test if they cannot be written.
 Bytes file_of(const Parts& parts);
 
-/// Offset of a table's entry in the table of contents of a valid file; the table must be there.
+/// Offset of a table's entry in the table of contents of a valid file. The table must exist.
 size_t toc_entry_offset(const Bytes& file, format::TableKind kind);
 
 /// Offset of record `index` of a table.
@@ -114,8 +114,8 @@ Bytes patched(Bytes file, format::TableKind kind, uint64_t index, const std::fun
   return file;
 }
 
-/// Tables and pages of a file as they lie, to be laid out anew with a newer version's longer records, unknown kinds,
-/// ... by build(): no writer of this version makes such files.
+/// Raw tables and pages of a file. build() lays them out again with a newer version's longer records, unknown kinds and
+/// so on, which no writer of this version can do.
 struct RawTable {
   format::TableKind kind;
   uint32_t record_bytes;

@@ -12,8 +12,8 @@ using namespace scree::format;
 
 namespace {
 
-/// Calls visit(where the entry lies, the entry) for the entries of the table of contents whose tables lie in the file;
-/// false where the table of contents does not.
+/// Calls visit(offset of the entry, the entry) for each entry of the table of contents whose table lies in the file.
+/// Returns false if the table of contents does not lie in the file.
 template <class Visit>
 bool for_each_table(std::span<std::byte> file, const Visit& visit) {
   const auto header = load<FileHeader>(file.data());
@@ -30,7 +30,7 @@ bool for_each_table(std::span<std::byte> file, const Visit& visit) {
 }  // namespace
 
 void reseal(std::span<std::byte> file) {
-  auto header = load<FileHeader>(file.data());  // before entries are stored, which may lie on it
+  auto header = load<FileHeader>(file.data());  // loaded before entries are stored, which may overlap it
   const bool has_toc = for_each_table(file, [&](std::byte* at, TocEntry entry) {
     entry.checksum = checksum(file.subspan(entry.offset, entry.record_bytes * entry.record_count));
     store(at, entry);

@@ -1,4 +1,4 @@
-// Makes the checksums of a changed .scree file fit its bytes.
+// Updates the checksums of a changed .scree file.
 #pragma once
 
 #include <cstddef>
@@ -6,11 +6,11 @@
 
 namespace scree::tests {
 
-/// Those of tables, table of contents and header, in that order; `file` has at least a header. Touches nothing that
-/// lies out of bounds.
+/// Updates the checksums of tables, table of contents and header, in that order. `file` must have at least a header.
+/// Changes nothing that is out of bounds.
 void reseal(std::span<std::byte> file);
 
-/// Those of pages, in the page table: before reseal().
+/// Updates the checksums of pages, in the page table. Must be called before reseal().
 void reseal_pages(std::span<std::byte> file);
 
 }  // namespace scree::tests

@@ -1,4 +1,4 @@
-// The container as a whole: what is written is read; what is cut, lengthened or flipped is refused; versions.
+// The container as a whole: written data is read back; cut, lengthened and flipped files are refused; versions.
 #include <sys/mman.h>
 #include <sys/resource.h>
 #include <sys/stat.h>
@@ -21,7 +21,7 @@ namespace {
 
 using namespace scree::format;
 
-/// Whether a table of an opened file holds exactly these records.
+/// Whether a table of an opened file has exactly these records.
 template <class Record>
 bool same(const Table<Record>& table, const std::vector<Record>& records) {
   if (table.size() != records.size()) return false;
@@ -254,10 +254,10 @@ TEST_CASE("container: where the streams of a chunk lie", "[container]") {
   mesh.attributes = ~0u;
   ChunkRecord chunk;
   std::memset(&chunk, 0xff, sizeof chunk);
-  CHECK(chunk_streams(mesh, chunk).bytes < uint64_t{1} << 41);  // the widest fields do not wrap
+  CHECK(chunk_streams(mesh, chunk).bytes < uint64_t{1} << 41);  // the widest fields do not overflow
 }
 
-/// A file of `count` records of each of the large tables, which refer to each other in order, as convert writes them,
+/// A file with `count` records in each of the large tables. They refer to each other in order, as convert writes them,
 /// or shuffled.
 Bytes large_file(uint32_t count, bool is_shuffled) {
   Parts parts = tiny_parts();
@@ -298,7 +298,7 @@ TEST_CASE("container: large tables, checked in parts, say what small ones say", 
 
   const Bytes bad_node = patched<NodeRecord>(good, TableKind::kNodes, place, [](NodeRecord& node) { node.camera = 7; });
   CHECK(message(bad_node) == "node " + number + ": camera 7, but the file has 0 cameras");
-  // Tables are checked in their order, however far down the first bad record of each is.
+  // Tables are checked in order, even if the first bad record of an early table comes late.
   const Bytes bad_mesh =
       patched<MeshRecord>(bad_node, TableKind::kMeshes, kCount - 1, [](MeshRecord& mesh) { mesh.attributes = 64; });
   CHECK(message(bad_mesh) == "mesh 2999: attributes 64");
@@ -313,7 +313,7 @@ TEST_CASE("container: large tables, checked in parts, say what small ones say", 
           instance.node_instance = 1;
         })).find("instance " + number + ": node instance 1, but node ") == 0);
 
-  // A flipped bit is a wrong checksum, whatever else it breaks and whatever is wrong in tables after it.
+  // A flipped bit is reported as a wrong checksum, even if it breaks a rule and later tables have errors.
   Bytes flipped = bad_mesh;
   flipped[record_offset(flipped, TableKind::kNodes, place) + 8] ^= std::byte{1};
   CHECK(message(flipped) == "node table: the checksum differs");
@@ -321,7 +321,7 @@ TEST_CASE("container: large tables, checked in parts, say what small ones say", 
   CHECK(message(flipped) == "mesh table: the checksum differs");
 }
 
-/// Processor time of opening a file, ns a record of the six tables.
+/// Processor time of opening a file, in ns per record of the six tables.
 double opening_nanoseconds(const ExactCopy& file, uint32_t count) {
   const double start = cpu_seconds();
   const auto container = Container::open(file.bytes());
@@ -330,7 +330,7 @@ double opening_nanoseconds(const ExactCopy& file, uint32_t count) {
   return 1e9 * seconds / (6.0 * count);
 }
 
-/// By hand: scree_tests "[container-speed]", in a release build.
+/// Run by name: scree_tests "[container-speed]", in a release build.
 TEST_CASE("container: speed of opening large tables", "[.][container-speed]") {
   constexpr uint32_t kCount = 1000000;
   for (const bool is_shuffled : {false, true}) {

@@ -1,5 +1,5 @@
 // Every rule of spec/container.md for the file as a whole (header, table of contents, pages) is broken once, and open()
-// must name the place; the records' rules are in test_record_rules.cpp.
+// must give the place. test_record_rules.cpp has the records' rules.
 #include <zstd.h>
 
 #include "format/bytes.h"
@@ -99,7 +99,7 @@ TEST_CASE("container rules: table of contents", "[container]") {
       TableKind::kSource, [](T& t) { t.kind = TableKind{99}; }, "source table: 0 records, expected 1",
       ErrorCode::kFormat);
 
-  // A table that lies at the end, shortened: the table of contents no longer follows it.
+  // The last table, shortened: the table of contents no longer follows it directly.
   RawFile raw(b.file());
   Bytes two = raw.build();
   raw.table(TableKind::kSource).bytes.resize(128);
@@ -204,7 +204,7 @@ TEST_CASE("container rules: pages", "[container]") {
                   ErrorCode::kRange);
 }
 
-/// A file whose second page holds these stored bytes in place of the zstd frame, checksum fitting.
+/// A file whose second page has these stored bytes in place of the zstd frame, with a matching checksum.
 Bytes with_frame(Bytes frame, uint64_t raw_bytes, PageCodec codec = PageCodec::kZstd) {
   Parts parts = full_parts();
   parts.pages[1].record.codec = codec;
@@ -232,7 +232,7 @@ TEST_CASE("container rules: a zstd page is one frame of its size", "[container]"
   twice.insert(twice.end(), frame.begin(), frame.end());
   CHECK(verify_copy(with_frame(twice, raw_bytes))->code == ErrorCode::kTrailing);
 
-  // A skippable frame in front would be passed over by zstd.
+  // zstd would skip a skippable frame in front.
   Bytes skippable(12);
   store<uint32_t>(skippable.data(), 0x184D2A50);
   store<uint32_t>(skippable.data() + 4, 4);
@@ -245,14 +245,14 @@ TEST_CASE("container rules: a zstd page is one frame of its size", "[container]"
         verify_copy(with_frame(Bytes(frame.begin(), frame.begin() + static_cast<ptrdiff_t>(size)), raw_bytes));
     REQUIRE(error);
   }
-  // Any flipped bit gives an error or the right size; nothing else, and no crash.
+  // Any flipped bit gives an error or the right size, and never a crash.
   for (size_t i = 0; i < frame.size(); ++i) {
     Bytes flipped = frame;
     flipped[i] ^= std::byte{1} << (i % 8);
     (void)verify_copy(with_frame(flipped, raw_bytes));
   }
 
-  // A frame that does not say its size.
+  // A frame without a content size.
   Bytes unsized(ZSTD_compressBound(raw_bytes));
   ZSTD_CCtx* const context = ZSTD_createCCtx();
   ZSTD_CCtx_setParameter(context, ZSTD_c_contentSizeFlag, 0);
@@ -280,7 +280,7 @@ TEST_CASE("container rules: a split page holds at most twice its bytes, and make
 }
 
 TEST_CASE("container rules: what a compressed page may grow to", "[container]") {
-  // Zeros compress to almost nothing: kept raw where a reader would refuse them.
+  // Zeros compress to almost nothing, so they stay raw where a reader would refuse the ratio.
   for (const auto& [bytes, codec] : {std::pair{size_t{kPageTargetBytes}, PageCodec::kZstd},
                                      std::pair{size_t{kPageTargetBytes} + 1, PageCodec::kRaw}}) {
     const SealedPage page = seal_page(PageKind::kImage, Bytes(bytes), 3);
@@ -289,7 +289,7 @@ TEST_CASE("container rules: what a compressed page may grow to", "[container]") 
     parts.pages[2] = page;
     CHECK(!verify_copy(file_of(parts)));
   }
-  // The same page compressed by someone else.
+  // The same page compressed by another writer.
   const Bytes zeros(kPageTargetBytes + 1);
   Bytes frame(ZSTD_compressBound(zeros.size()));
   frame.resize(ZSTD_compress(frame.data(), frame.size(), zeros.data(), zeros.size(), 3));
@@ -317,7 +317,7 @@ TEST_CASE("container rules: what a compressed page may grow to", "[container]") 
   CHECK(!verify_copy(file_of(parts)));
 }
 
-/// Any bytes in any record: an error or a file that opens; never a crash, a wrong read or a long wait.
+/// Random bytes in any record give an error or a file that opens; never a crash, an invalid read or a long wait.
 TEST_CASE("container rules: random damage with fitting checksums", "[container]") {
   const Bytes file = file_of(full_parts());
   const auto header = load<FileHeader>(file.data());

@@ -1,5 +1,5 @@
-// The writer against the file system: what is there after success, failure, a crash and a second writer; the worked
-// examples of spec/container.md.
+// The writer and the file system: which files exist after success, failure, a crash and with a second writer; the
+// worked examples of spec/container.md.
 #include <fcntl.h>
 #include <sys/file.h>
 #include <sys/resource.h>
@@ -38,7 +38,7 @@ SealedPage noise_page(size_t bytes) {
   return seal_page(PageKind::kImage, std::move(raw), 0);
 }
 
-/// Lets files grow to `bytes` and no further while it lives, with an error in place of a signal.
+/// While it exists, files cannot grow past `bytes`; exceeding that gives an error instead of a signal.
 class FileSizeLimit {
  public:
   explicit FileSizeLimit(rlim_t bytes) : handler_(std::signal(SIGXFSZ, SIG_IGN)) {
@@ -156,7 +156,7 @@ TEST_CASE("container writer: destroyed before its end, it leaves nothing", "[con
 TEST_CASE("container writer: a stale .part is taken over, a busy one is not", "[container]") {
   const TemporaryFolder folder;
   const std::string path = folder.file("a.scree");
-  // Longer than what will be written, so that anything left of it would show.
+  // Longer than the written file, so that leftovers would show.
   std::ofstream(path + ".part", std::ios::binary) << std::string(100000, 'x');
   auto first = ContainerWriter::create(path);
   REQUIRE(first);
@@ -196,7 +196,7 @@ TEST_CASE("container writer: places that cannot be written", "[container]") {
 }
 
 TEST_CASE("container writer: a full disk", "[container]") {
-  // Once while pages are written, once at the tables; the limit cuts a write short before it refuses one.
+  // Once while pages are written, once at the tables. The limit first shortens a write and then refuses one.
   for (const rlim_t limit : {rlim_t{4096 + 3000}, rlim_t{4096 + 8192 + 10}}) {
     const TemporaryFolder folder;
     const std::string path = folder.file("a.scree");
@@ -221,7 +221,7 @@ TEST_CASE("container writer: a full disk", "[container]") {
       if (message.empty()) message = finished.error().message;
     }
     CHECK(message == path + ".part: write: File too large");
-    CHECK(file_count(folder) == 1);  // given up at once, not only when the writer goes
+    CHECK(file_count(folder) == 1);  // given up at once, not only when the writer is destroyed
     CHECK(read_file(path).size() == 16);
   }
 }
@@ -259,7 +259,8 @@ TEST_CASE("container writer: strings", "[container]") {
   CHECK(std::string(strings.bytes().data(), strings.bytes().size()) == std::string("\0slope\0scree\0", 13));
 }
 
-/// A worked example: lines of "offset: bytes   # what they are"; bytes not shown are zero. The last offset is the size.
+/// A worked example: lines of "offset: bytes   # meaning". Bytes that are not listed are zero. The last offset is the
+/// size.
 Bytes read_vector(const char* name) {
   std::ifstream file(fs::path(tests::kVectorsFolder) / name);
   REQUIRE(file);

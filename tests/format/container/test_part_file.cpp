@@ -1,4 +1,4 @@
-// A file that takes its name only once it is whole, while other writers want the same name.
+// A file that takes its name only once it is complete, while other writers want the same name.
 #include "format/container/part_file.h"
 
 #include <sys/file.h>
@@ -54,7 +54,7 @@ TEST_CASE("part file: writers of one name get in nobody's way", "[part]") {
         const std::lock_guard lock(mutex);
         other_error = done.error().message;
       }
-      // One file of one writer, whichever was last.
+      // The file is complete, from whichever writer was last.
       const std::string bytes = read_whole(path);
       if (bytes.size() % 8 != 0 || bytes.size() < 8) continue;
       std::vector<uint64_t> words(bytes.size() / 8);
@@ -93,7 +93,7 @@ TEST_CASE("part file: a parked one that another writer has taken is neither publ
     CHECK(read_whole(path) == "second");
     REQUIRE(std::filesystem::remove(path));
   }
-  // One that nobody touched.
+  // A .part that no other program touched.
   PartFile third = must_create(path);
   REQUIRE(third.park());
   REQUIRE(third.commit());
@@ -142,7 +142,7 @@ TEST_CASE("part file: a container whose name is taken meanwhile stays as a .part
   CHECK(done.error().message.find("exists already") != std::string::npos);
   CHECK(done.error().message.find("the new file is " + path + ".part") != std::string::npos);
   CHECK(read_whole(path) == "made meanwhile");
-  // It is whole: under its name it can be read.
+  // The .part is complete: after a rename it can be read.
   writer = Error{ErrorCode::kFile, {}};
   std::filesystem::rename(path + ".part", path);
   const std::string bytes = read_whole(path);
@@ -162,7 +162,7 @@ TEST_CASE("part file: a link stays a link, and permissions stay", "[part]") {
   CHECK(read_whole(target) == "new");
   CHECK(mode_of(target) == 0640);
   CHECK_FALSE(PartFile::create(link, PartFile::Content::kEmpty, Existing::kRefuse));
-  // A link to nothing is a name that is taken too.
+  // A dangling link also counts as a taken name.
   const std::string nowhere = folder.file("nowhere.bin");
   std::filesystem::create_symlink("data/missing.bin", nowhere);
   CHECK_FALSE(PartFile::create(nowhere, PartFile::Content::kEmpty, Existing::kRefuse));

@@ -1,4 +1,4 @@
-// A .part that is gone on with: every cut and every damaged byte of a small one, and a log that has no room.
+// Continuing a .part: every cut and every damaged byte of a small one, and a log without room.
 #include <fcntl.h>
 #include <unistd.h>
 
@@ -22,7 +22,7 @@ SealedPage page_of(uint32_t number) {
   return seal_page(PageKind::kImage, Bytes(100 + 1700 * number, static_cast<std::byte>(number + 1)), 0);
 }
 
-/// Appends pages [first, last), each with a note of its number.
+/// Appends pages [first, last), each with a log entry of its number.
 void append(ContainerWriter& writer, uint32_t first, uint32_t last) {
   for (uint32_t number = first; number < last; ++number) {
     const auto got = writer.append(page_of(number));
@@ -53,8 +53,7 @@ class Unfinished {
     append(*writer, 0, 4);
   }
 
-  /// Puts `bytes` there as the .part, goes on, and returns how many pages were kept; none as well where it has to start
-  /// anew.
+  /// Continues with `bytes` as the .part, and returns the number of pages kept; also 0 if it has to start again.
   uint32_t finish(const Bytes& bytes) {
     write_bytes(path + ".part", bytes);
     std::vector<uint32_t> notes;
@@ -71,7 +70,7 @@ class Unfinished {
     }
     for (uint32_t i = 0; i < notes.size(); ++i) CHECK(notes[i] == i);
     const uint32_t kept = writer->page_count();
-    CHECK(kept <= notes.size() + 1);  // killed between a page and its note
+    CHECK(kept <= notes.size() + 1);  // killed between a page and its log entry
     append(*writer, kept, kPages);
     REQUIRE(writer->finish({}));
     CHECK((read_file(path) == expected));
@@ -100,7 +99,7 @@ TEST_CASE("part log: whatever is cut off or damaged, the same bytes", "[containe
     if (at >= 4096 && at < 4196) CHECK(kept == 0);
     if (at < 64) CHECK(kept == 0);
   }
-  // Page 1 damaged, and the run that made it again killed as well.
+  // Page 1 is damaged, and the run that wrote it again was killed too.
   Bytes damaged = part;
   damaged[2 * kPageAlignment + 5] ^= std::byte{1};
   write_bytes(unfinished.path + ".part", damaged);
@@ -164,7 +163,7 @@ TEST_CASE("part log: pages that were dropped are not gone on with, whole as they
 
 TEST_CASE("part log: a file that grows past its log is right, and ends where it should", "[container][resume]") {
   Unfinished unfinished;
-  auto writer = ContainerWriter::create(unfinished.path);  // what was left behind is overwritten
+  auto writer = ContainerWriter::create(unfinished.path);  // the leftover .part is overwritten
   REQUIRE(writer);
   writer->keep_log(kId, 3 * kPageAlignment);
   append(*writer, 0, kPages);

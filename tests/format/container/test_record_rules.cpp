@@ -1,4 +1,4 @@
-// Every rule of spec/container.md for a record's fields is broken once, and open() must name the record.
+// Every rule of spec/container.md for a record's fields is broken once, and open() must give the record.
 #include <cmath>
 #include <limits>
 
@@ -86,7 +86,7 @@ TEST_CASE("container rules: meshes", "[container]") {
       k, 2, [](M& m) { m.triangle_count = 1; }, "mesh 2: 1 triangles and 0 vertices, but its chunks have 0 and 0");
   b.record<M>(
       k, 1, [](M& m) { m.source_vertex_count = UINT64_MAX; }, "mesh 1: 18446744073709551615 vertices in its source");
-  // A chunk that no mesh has.
+  // A chunk that belongs to no mesh.
   Parts parts = full_parts();
   parts.tables.chunks.push_back(parts.tables.chunks[2]);
   Breaker::expect(file_of(parts), "chunk 3: belongs to no mesh", ErrorCode::kRange);
@@ -245,7 +245,7 @@ TEST_CASE("container rules: a chunk of all-equal indices and a large page for on
   CHECK(!triangles(65536, 0));
   CHECK(triangles(65537, 0));
   CHECK(!triangles(65537, 1));
-  CHECK(triangles(65537, 2));  // of one vertex, a second bit has no meaning
+  CHECK(triangles(65537, 2));  // with one vertex, a second bit has no meaning
 
   CHECK(!triangles(3000000, 1));  // 1.1 MB in a page of its own
   REQUIRE(chunk.bytes > kPageTargetBytes);
@@ -258,7 +258,7 @@ TEST_CASE("container rules: a chunk of all-equal indices and a large page for on
 TEST_CASE("container rules: coordinates near the largest float are no error", "[container]") {
   Parts parts = tiny_parts();
   MeshRecord& mesh = parts.tables.meshes[0];
-  mesh.lattice_exponent = 126;  // x: 0 to 2^127; that 3 x 2^126 would be one more code does not matter, 4 x would
+  mesh.lattice_exponent = 126;  // x: 0 to 2^127; one more code, 3 x 2^126, would be allowed, but not 4 x 2^126
   mesh.bounds_max[0] = std::ldexp(1.0f, 127);
   CHECK(!verify_copy(file_of(parts)));
   mesh.lattice_exponent = 127;
@@ -509,13 +509,13 @@ TEST_CASE("container rules: costs of what is left out, one each or none", "[cont
 }
 
 TEST_CASE("container rules: counts of triangles", "[container]") {
-  // Triangles that take bits take bytes.
+  // Triangles with index bits take bytes.
   Parts parts = tiny_parts();
   parts.tables.meshes[0].triangle_count = parts.tables.chunks[0].triangle_count = UINT32_MAX;
   parts.tables.chunks[0].bytes = 0;
   Breaker::expect(file_of(parts), "chunk 0: 0 bytes, but its streams take 3221225504", ErrorCode::kRange);
 
-  // A scene of more triangles than 36-bit ids tell apart is a valid file.
+  // A scene with more triangles than 36-bit ids is a valid file.
   parts = tiny_parts();
   TableSet& tables = parts.tables;
   ChunkRecord& chunk = tables.chunks[0];
@@ -537,7 +537,7 @@ TEST_CASE("container rules: counts of triangles", "[container]") {
 }  // namespace
 TEST_CASE("container rules: indexed JPEGs and their mip levels", "[container]") {
   scree::tests::Parts parts = full_parts();
-  // 300 x 130 has levels of 150 x 65 and 75 x 32 pixels, 60 x 60 has none.
+  // 300 x 130 has levels of 150 x 65 and 75 x 32 pixels; 60 x 60 has none.
   parts.pages.push_back(seal_page(PageKind::kImage, Bytes(96, std::byte{1}), 0));
   ImageRecord small = parts.tables.images[0];
   small.codec = ImageCodec::kIndexedJpeg;
@@ -593,9 +593,65 @@ TEST_CASE("container rules: indexed JPEGs and their mip levels", "[container]") 
       "mip level 1: 18446744073709551615 bytes at byte 64 of page 3, which has 96");
 }
 
+TEST_CASE("container rules: masks", "[container][mask]") {
+  scree::tests::Parts parts = full_parts();
+  // 5 x 3, 2 x 1 and 1 x 1 texels.
+  parts.pages.push_back(seal_page(PageKind::kMask, Bytes(18, std::byte{1}), 0));
+  MaskRecord mask{};
+  mask.page = 3;
+  mask.width = 5;
+  mask.height = 3;
+  mask.level_count = 3;
+  mask.threshold = kMaxMaskThreshold;
+  mask.wrap_s = Wrap::kClamp;
+  mask.flags = kMaskNearest;
+  mask.place[0][0] = mask.place[1][1] = 1;
+  parts.tables.masks = {mask, mask};
+  parts.tables.masks[1].material = 1;
+  const Bytes file = file_of(parts);
+  CHECK(load<FileHeader>(file.data()).version_minor == 1);
+  CHECK(load<FileHeader>(file_of(full_parts()).data()).version_minor == 0);
+  const Breaker b(parts);
+
+  using M = MaskRecord;
+  constexpr TableKind m = TableKind::kMasks;
+  b.record<M>(
+      m, 1, [](M& r) { r.material = 2; }, "mask 1: material 2, but the file has 2 materials");
+  b.record<M>(
+      m, 1, [](M& r) { r.material = 0; }, "mask 1: material 0 after material 0, expected ascending order");
+  b.record<M>(
+      m, 0, [](M& r) { r.page = 4; }, "mask 0: page 4, but the file has 4 pages");
+  b.record<M>(
+      m, 0, [](M& r) { r.page = 2; }, "mask 0: page 2 is of kind 2, which holds no mask");
+  b.record<M>(
+      m, 0, [](M& r) { r.width = 0; }, "mask 0: 0 x 3 texels, expected 1 to 65536");
+  b.record<M>(
+      m, 0, [](M& r) { r.height = 65537; }, "mask 0: 5 x 65537 texels, expected 1 to 65536");
+  b.record<M>(
+      m, 0, [](M& r) { r.level_count = 0; }, "mask 0: 0 levels, expected 1 to 3");
+  b.record<M>(
+      m, 0, [](M& r) { r.level_count = 4; }, "mask 0: 4 levels, expected 1 to 3");
+  b.record<M>(
+      m, 0, [](M& r) { r.level_count = UINT32_MAX; }, "mask 0: 4294967295 levels, expected 1 to 3");
+  b.record<M>(
+      m, 0, [](M& r) { r.level_count = 2; }, "mask 0: page 3 has 18 bytes, expected 17");
+  b.record<M>(
+      m, 0, [](M& r) { r.width = r.height = 65536; }, "mask 0: page 3 has 18 bytes, expected 5637144576");
+  b.record<M>(
+      m, 0, [](M& r) { r.threshold = 0; }, "mask 0: threshold 0, expected 1 to 16711680");
+  b.record<M>(
+      m, 0, [](M& r) { r.threshold = kMaxMaskThreshold + 1; }, "mask 0: threshold 16711681, expected 1 to 16711680");
+  b.record<M>(
+      m, 0, [](M& r) { r.wrap_t = Wrap{3}; }, "mask 0: wrap 2 and 3");
+  b.record<M>(
+      m, 0, [](M& r) { r.flags = 2; }, "mask 0: flags 2", ErrorCode::kReserved);
+  b.record<M>(
+      m, 1, [](M& r) { r.place[1][2] = kInfinity; }, "mask 1: a transform that is not finite");
+}
+
 TEST_CASE("container rules: block images and their mip levels", "[container]") {
   scree::tests::Parts parts = full_parts();
-  // 9 x 6 pixels of BC1 have 3 x 2 blocks, its levels of 4 x 3 and 2 x 1 one each.
+  // 9 x 6 pixels of BC1 have 3 x 2 blocks; its levels of 4 x 3 and 2 x 1 have one each.
   parts.pages.push_back(seal_page(PageKind::kImage, Bytes(48, std::byte{1}), 0));
   parts.pages.push_back(seal_page(PageKind::kImage, Bytes(24, std::byte{2}), 0));
   ImageRecord image = parts.tables.images[0];

@@ -1,4 +1,4 @@
-// Speed of every codec on one core: scree_tests "[.bench]". Hidden, because it measures and asserts only the round
+// Speed of every codec on one core: scree_tests "[.bench]". Hidden, because it measures, and asserts only the round
 // trip.
 #include <algorithm>
 #include <chrono>
@@ -22,7 +22,7 @@ namespace {
 constexpr uint64_t kTriangles = 65536;  // a chunk: streams and values stay in the second-level cache
 constexpr int kRepeats = 41;
 
-/// Prints the fastest of kRepeats calls in millions of values a second.
+/// Prints the fastest of kRepeats calls, in millions of values per second.
 template <class Work>
 void report(const char* name, uint64_t values, Work&& work) {
   double best = 1e30;
@@ -85,7 +85,7 @@ TEST_CASE("codec speed", "[.bench]") {
     bool good = true;
     report((name + "decode").c_str(), vertices,
            [&] { good &= bool(decode_positions(decoded, *lattice, range, bytes)); });
-    MeshLattice narrow = *lattice;  // so that every code is looked at
+    MeshLattice narrow = *lattice;  // so that every code is checked
     narrow.bits[0] = static_cast<uint8_t>(range.bits[0] - 1);
     report((name + "check").c_str(), vertices, [&] { good &= !bool(check_positions(vertices, narrow, range, bytes)); });
     CHECK(good);
@@ -139,7 +139,7 @@ TEST_CASE("codec speed", "[.bench]") {
 }
 
 TEST_CASE("cluster speed", "[.bench]") {
-  // A height field of 181 x 181 quads, rough and at 16 bits as scans are: a chunk.
+  // A chunk: a height field of 181 x 181 quads, rough and at 16 bits like scans.
   constexpr uint32_t kSide = 181;
   std::mt19937 random(2);
   std::vector<uint32_t> indices, offsets;

@@ -28,7 +28,7 @@ struct List {
   void triangle(uint32_t a, uint32_t b, uint32_t c) { indices.insert(indices.end(), {a, b, c}); }
 };
 
-/// A chunk made of a list, alone in its mesh.
+/// A chunk made from a list, alone in its mesh.
 struct ClusteredChunk {
   format::MeshRecord mesh{};
   format::ChunkRecord record{};
@@ -52,13 +52,13 @@ inline ClusteredChunk encode(const List& list, tools::ClusterEffort effort = too
   chunk.payload.resize(format::cluster_stream_bytes(chunk.record.cluster_count, chunk.record.cluster_words));
   REQUIRE(chunk.payload.size() == format::chunk_streams(chunk.mesh, chunk.record).bytes);
   GuardedBytes guarded(chunk.payload.size());
-  std::fill(guarded.bytes().begin(), guarded.bytes().end(), std::byte{0xaa});  // the writer clears what it leaves
+  std::fill(guarded.bytes().begin(), guarded.bytes().end(), std::byte{0xaa});  // the writer must clear unused bytes
   format::write_clusters(guarded.bytes(), chunk.set, run, chunk.record);
   chunk.payload.assign(guarded.bytes().begin(), guarded.bytes().end());
   return chunk;
 }
 
-/// A height field of n x n quads whose triangles come row by row.
+/// A height field of n x n quads, with triangles row by row.
 inline List grid(uint32_t n, uint32_t step, uint32_t slope) {
   List list;
   for (uint32_t y = 0; y <= n; ++y)

@@ -56,13 +56,14 @@ class SpecVector {
     return values;
   }
 
- private:
   std::vector<std::string> words(const std::string& key) const {
     std::istringstream stream(text(key));
     std::vector<std::string> found;
     for (std::string word; stream >> word;) found.push_back(word);
     return found;
   }
+
+ private:
   std::map<std::string, std::string> fields_;
 };
 

@@ -1,4 +1,4 @@
-// The list every codec's stream goes through.
+// The checks that every codec's stream must pass.
 #pragma once
 
 #include <cstddef>
@@ -35,15 +35,15 @@ inline std::string word_of(ErrorCode code) {
   }
 }
 
-/// What became of a call: "ok" or the kind of error.
+/// The outcome of a call: "ok" or the kind of error.
 template <class T>
 std::string outcome(const Result<T>& result) {
   return result ? "ok" : word_of(result.error().code);
 }
 
-/// `decode`: Result<void>(std::span<const std::byte>). `valid`: a stream it accepts, with `data_bits` of data. Checks
-/// that it stays inside the stream (guard page), takes it at any alignment, and refuses every prefix, a byte too many
-/// and every set bit after the data.
+/// `decode`: Result<void>(std::span<const std::byte>). `valid`: a stream that it accepts, with `data_bits` of data.
+/// Checks that it stays inside the stream (guard page), accepts any alignment, and refuses every prefix, a byte too
+/// many and every set bit after the data.
 template <class Decode>
 void check_stream_limits(std::span<const std::byte> valid, uint64_t data_bits, Decode&& decode) {
   {
@@ -56,7 +56,7 @@ void check_stream_limits(std::span<const std::byte> valid, uint64_t data_bits, D
     CHECK(outcome(decode({moved.get() + shift, valid.size()})) == "ok");
   }
   for (size_t size = 0; size < valid.size(); ++size) {
-    const auto prefix = std::make_unique<std::byte[]>(size);  // exactly so large: ASan sees a read past it
+    const auto prefix = std::make_unique<std::byte[]>(size);  // exact size, so that ASan detects a read past it
     std::copy_n(valid.begin(), size, prefix.get());
     const std::string found = outcome(decode({prefix.get(), size}));
     if (found != "truncated") FAIL("a prefix of " << size << " of " << valid.size() << " bytes: " << found);

@@ -24,7 +24,7 @@ constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
 constexpr float kInfinity = std::numeric_limits<float>::infinity();
 constexpr double kDegrees = 57.29577951308232;
 
-/// What `write` writes into a buffer of `size` bytes that ends at a guard page.
+/// The bytes that `write` writes into a buffer of `size` bytes that ends at a guard page.
 template <class Write>
 std::vector<std::byte> encoded(uint64_t size, Write&& write) {
   GuardedBytes guarded(size);
@@ -45,7 +45,7 @@ std::vector<std::byte> encode(const std::vector<uint64_t>& ids, const SourceIdRa
   return encoded(source_id_stream_bytes(ids.size(), range), [&](auto out) { encode_source_ids(out, ids, range); });
 }
 
-/// Degrees between two vectors of any length, good at small angles too.
+/// Degrees between two vectors of any length; accurate for small angles too.
 double angle(const float* a, const float* b) {
   const double x = static_cast<double>(a[1]) * b[2] - static_cast<double>(a[2]) * b[1];
   const double y = static_cast<double>(a[2]) * b[0] - static_cast<double>(a[0]) * b[2];
@@ -148,7 +148,7 @@ TEST_CASE("texture coordinates keep their error at every scale", "[attribute_cod
       const double error = std::fabs(static_cast<double>(decoded[i]) - static_cast<double>(uvs[i]));
       if (!(error <= uv_error_bound(range))) FAIL(uvs[i] << " became " << decoded[i] << " at 2^" << range.exponent);
     }
-    // 16 bits over the wider axis, and a step of at most 2^-15 as long as 24 bits allow it or floats have it.
+    // 16 bits over the wider axis, and a step of at most 2^-15 as far as 24 bits and the precision of floats allow.
     const uint8_t widest = std::max(range.bits[0], range.bits[1]);
     if (range.exponent > -15 && widest < 24 && decoded != uvs) FAIL(int{widest} << " bits at 2^" << range.exponent);
     if (range.exponent < -15 && widest > 16) FAIL(int{widest} << " bits at 2^" << range.exponent);
@@ -311,7 +311,7 @@ TEST_CASE("normals keep the angle stated in the spec", "[attribute_codec][normal
     }
     INFO(bits << " bits");
     CHECK(worst <= stated[bits - 2]);
-    CHECK(worst > stated[bits - 2] / 2);  // the table is no looser than it must be
+    CHECK(worst > stated[bits - 2] / 2);  // the table is not much looser than needed
     CHECK(longest < 4e-7);
   }
 }

@@ -24,7 +24,7 @@ using namespace scree::tests;
 
 namespace {
 
-/// As the decoder has it, one triangle and one vertex at a time by the reader that kernels use.
+/// Compares the decoder with the kernels' reader, one triangle and one vertex at a time.
 void check_reader(const ClusteredChunk& chunk, const std::vector<uint32_t>& indices,
                   const std::vector<uint32_t>& offsets) {
   const ClusterStreams streams = chunk.streams(chunk.payload);
@@ -51,7 +51,8 @@ void check_reader(const ClusteredChunk& chunk, const std::vector<uint32_t>& indi
   }
 }
 
-/// Decodes the chunk and compares it with the list, triangle by triangle: same vertices, same side, same offsets.
+/// Decodes the chunk and compares it with the list, triangle by triangle: same vertices, same orientation, same
+/// offsets.
 void check_round_trip(const List& list, const ClusteredChunk& chunk) {
   std::vector<uint32_t> indices(3 * size_t{chunk.record.triangle_count});
   std::vector<uint32_t> offsets(3 * size_t{chunk.record.vertex_count});
@@ -148,7 +149,7 @@ TEST_CASE("clusters keep triangles, sides and offsets", "[cluster_codec]") {
   check_round_trip(grid(1, 1, 0));
   check_round_trip(grid(8, 100, 3));          // 128 triangles: one cluster
   check_round_trip(grid(40, 377, 50));        // 3200: several
-  check_round_trip(grid(200, 83800, 80000));  // over 32 clusters, 24 bits
+  check_round_trip(grid(200, 83800, 80000));  // more than 32 clusters, 24 bits
 }
 
 TEST_CASE("degenerate triangles keep their place and their vertices", "[cluster_codec]") {
@@ -156,7 +157,7 @@ TEST_CASE("degenerate triangles keep their place and their vertices", "[cluster_
   point.add(9, 8, 7);
   point.triangle(0, 0, 0);
   check_round_trip(point);
-  CHECK(encode(point).record.vertex_count == 3);  // two repeats
+  CHECK(encode(point).record.vertex_count == 3);  // two are repeated
 
   List edge;
   edge.add(1, 2, 3);
@@ -164,7 +165,7 @@ TEST_CASE("degenerate triangles keep their place and their vertices", "[cluster_
   for (int i = 0; i < 130; ++i) edge.triangle(0, i % 2, 1);
   check_round_trip(edge);
 
-  List mixed;  // a point first, then triangles that take the rest of the vertices
+  List mixed;  // a point first, then triangles that use all other vertices
   for (uint32_t i = 0; i < 400; ++i) mixed.add(i, i * i % 97, 3 * i);
   for (uint32_t i = 0; i + 2 < 400; i += 3) {
     if (i % 5 == 0) mixed.triangle(i, i, i);
@@ -174,7 +175,7 @@ TEST_CASE("degenerate triangles keep their place and their vertices", "[cluster_
 }
 
 TEST_CASE("clusters end where vertices run out", "[cluster_codec]") {
-  List apart;  // no vertex is shared: 128 hold 42 triangles
+  List apart;  // no vertex is shared, so 128 of them hold 42 triangles
   for (uint32_t t = 0; t < 128; ++t) {
     for (uint32_t i = 0; i < 3; ++i) apart.add(t * 50 + i, t * i, 4000 - t);
     apart.triangle(3 * t, 3 * t + 1, 3 * t + 2);
@@ -184,7 +185,7 @@ TEST_CASE("clusters end where vertices run out", "[cluster_codec]") {
   CHECK(chunk.record.vertex_count == 3 * 128);
   check_round_trip(apart);
 
-  List fans;  // 300 triangles about one vertex, twice over and once the other way round
+  List fans;  // 300 triangles around one vertex, two copies and one with the other orientation
   for (uint32_t v = 0; v <= 301; ++v) fans.add(v * 3, (v * v) % 1000, 500);
   for (uint32_t v = 1; v <= 300; ++v) fans.triangle(0, v, v + 1);
   for (uint32_t v = 1; v <= 300; ++v) fans.triangle(0, v, v + 1);
@@ -197,7 +198,7 @@ TEST_CASE("clusters keep positions of every width", "[cluster_codec]") {
   for (uint32_t bits = 0; bits <= 24; ++bits) {
     INFO(bits << " bits");
     check_round_trip(soup(random, 300, 200, bits));
-    List flat = soup(random, 100, 60, bits);  // each axis its own width
+    List flat = soup(random, 100, 60, bits);  // a different width per axis
     for (size_t i = 0; i < flat.offsets.size(); i += 3) {
       flat.offsets[i + 1] >>= bits / 2;
       flat.offsets[i + 2] = flat.offsets[i + 2] & 1u;
@@ -265,7 +266,7 @@ TEST_CASE("checking clusters of any width says what decoding them says", "[clust
   std::vector<List> lists;
   for (uint32_t bits = 0; bits <= 24; ++bits) lists.push_back(soup(random, 200, 150, bits));
   for (uint32_t axis = 0; axis < 3; ++axis) {
-    List slope = grid(12, 200, 0);  // an axis follows from the others
+    List slope = grid(12, 200, 0);  // one axis is predicted from the others
     for (size_t v = 0; v < slope.offsets.size(); v += 3) {
       const uint32_t x = slope.offsets[v], y = slope.offsets[v + 1];
       slope.offsets[v + axis] = 9000 - x + y + (x ^ y) % 3;
@@ -348,7 +349,7 @@ TEST_CASE("what is wrong with a cluster is said", "[cluster_codec]") {
   CHECK(change_record(0, [](ClusterRecord& r) { r.counts |= 31u << 27; }) ==
         "range: cluster 0: 31 position bits, expected at most 24");
   CHECK(change_record(0, [](ClusterRecord& r) {
-          r.place &= ~(3u << 29);  // x follows from y and z
+          r.place &= ~(3u << 29);  // x is predicted from y and z
           r.counts = (r.counts & ~(31u << 22)) | 16u << 22;
         }) == "range: cluster 0: 16 bits of an axis that another follows from, expected at most 15");
   CHECK(change_record(chunk.record.cluster_count - 1, [](ClusterRecord& r) {
@@ -371,7 +372,7 @@ TEST_CASE("what is wrong with a cluster is said", "[cluster_codec]") {
 }
 
 TEST_CASE("bounds hold exactly what they say", "[cluster_codec]") {
-  // Extents around every power of two: the finest shift with which all three fit.
+  // Extents around every power of two give the finest shift with which all three fit.
   for (uint32_t bits = 1; bits <= 24; ++bits) {
     for (int away = -1; away <= 1; ++away) {
       const uint32_t extent = (1u << bits) + static_cast<uint32_t>(away);

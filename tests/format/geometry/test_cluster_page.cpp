@@ -24,7 +24,7 @@ using Bytes = std::vector<std::byte>;
 
 constexpr size_t kHeaderBytes = 48;
 
-/// Bytes of a stream, in the order of spec/codecs.md, and where it begins.
+/// Bytes of a stream, numbered in the order of spec/codecs.md.
 size_t stream_bytes(const Bytes& split, size_t stream) {
   return load<uint32_t>(split.data() + 4 * (1 + stream));
 }
@@ -34,7 +34,7 @@ size_t stream_begin(const Bytes& split, size_t stream) {
   return begin;
 }
 
-/// Splits a page and puts it together again, between guard pages.
+/// Splits a page and joins it again, between guard pages.
 SplitPage check_split(const Bytes& page, const std::vector<PageClusters>& clusters) {
   SplitPage split = split_page(page, clusters);
   REQUIRE(!split.bytes.empty());
@@ -54,7 +54,7 @@ SplitPage check_split(const List& list, ClusterEffort effort = ClusterEffort::kF
   return check_split(chunk.payload, {{0, chunk.record.cluster_count}});
 }
 
-/// What joining makes of it, and the message.
+/// The outcome of joining, with the message.
 std::string join(const Bytes& split, size_t page_bytes) {
   GuardedBytes from(split);
   GuardedBytes to(page_bytes);
@@ -62,7 +62,7 @@ std::string join(const Bytes& split, size_t page_bytes) {
   return joined ? "ok" : outcome(joined) + ": " + joined.error().message;
 }
 
-/// `count` triangles that share nothing, then one with the corners of triangle `again`.
+/// `count` triangles without shared vertices, then one with the corners of triangle `again`.
 List far_apart(uint32_t count, uint32_t again) {
   List list;
   const auto add = [&list](uint32_t i) {
@@ -127,14 +127,14 @@ TEST_CASE("what lies between clusters is kept as it is", "[cluster_page]") {
   add(second);
   add(first);
   const SplitPage split = check_split(page, clusters);
-  CHECK(stream_bytes(split.bytes, 0) == 4 * 8);  // what comes before the first, and three
+  CHECK(stream_bytes(split.bytes, 0) == 4 * 8);  // the part before the first, and three more
   CHECK(stream_bytes(split.bytes, 10) == 64 + 160);
   add_plain(48);
   CHECK(stream_bytes(check_split(page, clusters).bytes, 10) == 64 + 160 + 48);
 }
 
 TEST_CASE("vertices are named 65535 back and no further", "[cluster_page]") {
-  CHECK(stream_bytes(check_split(far_apart(20000, 1000)).bytes, 8) == 2);  // the other two follow the first
+  CHECK(stream_bytes(check_split(far_apart(20000, 1000)).bytes, 8) == 2);  // the other two vertices follow the first
   CHECK(stream_bytes(check_split(far_apart(23000, 1000)).bytes, 8) == 0);
 }
 
@@ -142,7 +142,7 @@ TEST_CASE("clusters that would take more than twice their bytes are not split", 
   List point;
   point.add(9, 8, 7);
   for (int i = 0; i < 300; ++i) point.triangle(0, 0, 0);
-  const ClusteredChunk chunk = encode(point);  // no bits but the steps'
+  const ClusteredChunk chunk = encode(point);  // no bits except the steps'
   CHECK(split_page(chunk.payload, std::vector<PageClusters>{{0, chunk.record.cluster_count}}).bytes.empty());
 }
 
@@ -185,7 +185,7 @@ TEST_CASE("a split page that is cut off, too long or changed is refused or makes
     }
     from.bytes()[i] = before;
   }
-  CHECK(accepted > split.size());  // other positions and triangles
+  CHECK(accepted > split.size());  // with other positions and triangles
   CHECK(accepted < 4 * split.size());
 }
 
@@ -209,12 +209,13 @@ TEST_CASE("what is wrong with a split page is said", "[cluster_page]") {
   CHECK(with(in(0) + 4, 1) == "truncated: split page: its plain end early");
   CHECK(with(in(1), 128) == "range: split page: more than 128 triangles or vertices of a cluster");
   CHECK(with(in(2), 255) == "range: split page: more than 128 triangles or vertices of a cluster");
-  CHECK(with(in(2), 4) == "range: split page: a triangle of vertices that its cluster has not");
+  CHECK(with(in(2), 4) == "range: split page: a triangle with vertices that its cluster lacks");
   CHECK(with(in(3), 64) == "reserved: split page: a reserved bit of a form is set");
-  CHECK(with(in(6), 255) == "range: split page: a triangle of vertices that its cluster has not");
+  CHECK(with(in(6), 255) == "range: split page: a triangle with vertices that its cluster lacks");
   CHECK(with(in(7), 1) == "range: split page: a vertex that is not there, or too few residuals");
   CHECK(with(in(7), 255) == "range: split page: a vertex that is not there, or too few residuals");
-  const auto moved = [&](size_t grown, size_t shrunk, size_t bytes) {  // from the end of one stream to the other's
+  const auto moved = [&](size_t grown, size_t shrunk, size_t bytes) {  // moves bytes from the end of one stream to
+                                                                       // another's
     Bytes changed = split;
     store(changed.data() + 4 * (1 + grown), static_cast<uint32_t>(stream_bytes(split, grown) + bytes));
     store(changed.data() + 4 * (1 + shrunk), static_cast<uint32_t>(stream_bytes(split, shrunk) - bytes));

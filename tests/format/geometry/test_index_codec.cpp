@@ -24,7 +24,7 @@ constexpr uint32_t kMostVertices = std::numeric_limits<uint32_t>::max();
 
 std::vector<std::byte> encode(const std::vector<uint32_t>& indices, IndexRange range) {
   GuardedBytes guarded(packed_bytes(indices.size(), range.bits));
-  std::fill(guarded.bytes().begin(), guarded.bytes().end(), std::byte{0xaa});  // the encoder clears what it leaves
+  std::fill(guarded.bytes().begin(), guarded.bytes().end(), std::byte{0xaa});  // the encoder must clear unused bytes
   encode_indices(guarded.bytes(), indices, range);
   return {guarded.bytes().begin(), guarded.bytes().end()};
 }
@@ -86,7 +86,7 @@ TEST_CASE("the width of a span of indices is exact around powers of two", "[inde
         const std::vector<uint32_t> indices{min, static_cast<uint32_t>(min + span),
                                             static_cast<uint32_t>(min + span / 2)};
         const IndexRange range = index_range(indices);
-        uint32_t bits = 0;  // the smallest with span < 2^bits
+        uint32_t bits = 0;  // the smallest number with span < 2^bits
         while ((int64_t{1} << bits) <= span) ++bits;
         if (range.min != min || range.bits != bits) FAIL("span " << span << ": " << range.bits << " bits");
         if (!decodes_to(indices, range, encode(indices, range))) FAIL("span " << span << " does not round trip");
@@ -121,7 +121,7 @@ TEST_CASE("an index too large is found wherever it stands", "[index_codec]") {
   for (uint32_t bits = 1; bits <= 32; ++bits) {
     const auto limit = static_cast<uint32_t>((uint64_t{1} << bits) - 1);
     for (const size_t count : {1, 8, 70, 200}) {
-      std::vector<uint32_t> indices(count, limit - 1);  // nearly all bits are set around the one that is looked for
+      std::vector<uint32_t> indices(count, limit - 1);  // nearly all bits around the tested one are set
       for (size_t i = 0; i < count; i += 3) indices[i] = 0;
       const IndexRange range{0, bits};
       if (!check_indices(count, limit, range, GuardedBytes(encode(indices, range)).bytes()))
@@ -151,7 +151,7 @@ TEST_CASE("index ranges from outside are checked", "[index_codec]") {
   CHECK(outcome(decode_indices(out, 15, {10, 0xffffffffu}, bytes)) == "range");
   CHECK(outcome(decode_indices(out, kMostVertices, {0xffffffffu, 3}, bytes)) == "range");  // min + code passes 2^32
   CHECK(outcome(decode_indices(out, 15, {10, 0}, bytes)) == "trailing");
-  // 0 bits: the range alone decides.
+  // With 0 bits only the range matters.
   CHECK(outcome(decode_indices(out, 11, {10, 0}, {})) == "ok");
   CHECK(outcome(decode_indices(out, 10, {10, 0}, {})) == "range");
   CHECK(outcome(check_indices(uint64_t{1} << 60, 10, {10, 0}, {})) == "range");
@@ -170,11 +170,12 @@ TEST_CASE("an index stream of more than 2^32 bits is measured in 64 bits", "[ind
     WARN("no room for a sparse 1 GiB: skipped");
     return;
   }
-  // Every code is below the vertex count, so that only the size and the last bytes are looked at.
+  // Every code is below the vertex count, so only the size and the last bytes are checked.
   CHECK(outcome(check_indices(count, uint32_t{1} << 31, range, sparse.bytes())) == "ok");
   const uint64_t data_bits = count * range.bits;
   sparse.bytes()[data_bits / 8] |= std::byte{1} << (data_bits % 8 - 1);
   CHECK(outcome(check_indices(count, uint32_t{1} << 31, range, sparse.bytes())) == "ok");  // the last bit of the data
+                                                                                           // is set
   sparse.bytes()[data_bits / 8] |= std::byte{1} << (data_bits % 8);
   CHECK(outcome(check_indices(count, uint32_t{1} << 31, range, sparse.bytes())) == "trailing");
 }

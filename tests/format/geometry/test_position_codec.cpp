@@ -38,7 +38,7 @@ MeshLattice lattice_with_bits(uint8_t x, uint8_t y, uint8_t z) {
   return lattice;
 }
 
-/// Whether the offsets come back as the values of their lattice points.
+/// Whether the offsets decode to the values of their lattice points.
 bool round_trips(const std::vector<uint32_t>& offsets, const MeshLattice& lattice, const PositionRange& range) {
   const auto bytes = encode(offsets, range);
   GuardedBytes guarded(offsets.size() * sizeof(float));
@@ -127,7 +127,7 @@ TEST_CASE("positions survive every width and length", "[position_codec]") {
     widths.push_back({24, bits, 24});
     widths.push_back({bits, static_cast<uint8_t>(24 - bits), 9});
   }
-  widths.push_back({24, 24, 9});   // 57 bits: the most one window holds
+  widths.push_back({24, 24, 9});   // 57 bits: the most that one window holds
   widths.push_back({24, 24, 10});  // 58
   for (const auto& bits : widths) {
     for (const size_t count : {0, 1, 2, 7, 8, 9, 40}) {
@@ -209,12 +209,12 @@ TEST_CASE("a code too large is found wherever it stands", "[position_codec]") {
   std::mt19937 random(41);
   constexpr uint64_t kCount = 43;
   for (int round = 0; round < 60; ++round) {
-    // From 3 to 72 bits a vertex.
+    // From 3 to 72 bits per vertex.
     PositionRange range;
     MeshLattice lattice;
     const uint32_t widest = 1 + static_cast<uint32_t>(random()) % kMaxPositionBits;
     for (size_t axis = 0; axis < 3; ++axis) {
-      range.min[axis] = 1;  // the largest code is the one that the lattice does not have
+      range.min[axis] = 1;  // the largest code is the one that is not on the lattice
       range.bits[axis] = static_cast<uint8_t>(1 + random() % widest);
       lattice.bits[axis] = range.bits[axis];
     }
@@ -247,9 +247,9 @@ TEST_CASE("position ranges and lattices from outside are checked", "[position_co
   CHECK(both(lattice, range, bytes) == "ok");
 
   MeshLattice narrow = lattice;
-  narrow.bits = {4, 4, 3};  // 10 passes 7
+  narrow.bits = {4, 4, 3};  // 10 exceeds 7
   CHECK(both(narrow, range, bytes) == "range");
-  narrow.bits = {2, 4, 4};  // the smallest offset itself passes 3
+  narrow.bits = {2, 4, 4};  // the smallest offset itself exceeds 3
   CHECK(both(narrow, range, bytes) == "range");
 
   PositionRange changed = range;
@@ -282,13 +282,13 @@ TEST_CASE("position ranges and lattices from outside are checked", "[position_co
     moved.exponent = exponent;
     CHECK(both(moved, range, bytes) == "range");
   }
-  // A lattice whose points pass the largest float: only the codes that do are refused.
+  // A lattice with points past the largest float: only codes of such points are refused.
   moved.exponent = 126;
   moved.min = {0, 0, 0};
   CHECK(both(moved, range, bytes) == "range");
   moved.exponent = 124;
   CHECK(both(moved, range, bytes) == "ok");
-  moved.exponent = 125;  // 10 * 2^125 passes, 8 * 2^125 = 2^128 too
+  moved.exponent = 125;  // 10 * 2^125 is too large, and 8 * 2^125 = 2^128 too
   CHECK(both(moved, range, bytes) == "range");
 
   CHECK(outcome(check_positions(std::numeric_limits<uint64_t>::max(), lattice, range, bytes)) == "range");
@@ -406,7 +406,7 @@ TEST_CASE("random bytes and ranges never take a position decoder past its limits
   int accepted = 0;
   for (int round = 0; round < 20000; ++round) {
     const size_t count = random() % 12;
-    // Mostly near the limits, sometimes anything.
+    // Mostly near the limits, sometimes random.
     MeshLattice lattice;
     PositionRange range;
     lattice.exponent = random() % 8 == 0 ? static_cast<int32_t>(random()) : static_cast<int32_t>(random() % 281) - 151;
@@ -456,7 +456,7 @@ TEST_CASE("a lattice that cannot be is refused with the reason", "[position_code
   CHECK_FALSE(lattice_of_exponent(lo, hi, -150));
   CHECK_FALSE(lattice_of_exponent(lo, hi, 128));
 
-  // Half a step below 2^128 there is no lattice point that is a float.
+  // Half a step below 2^128 no lattice point is a float.
   const float low[3] = {0, 0, 0};
   const float huge[3] = {FLT_MAX, 0, 0};
   const auto past = choose_lattice(low, huge, 16, 0);

@@ -21,7 +21,7 @@ float any_float(std::mt19937& random) {
   return std::bit_cast<float>(static_cast<uint32_t>(random() % 2) << 31 | exponent << 23 | fraction);
 }
 
-/// The nearest multiple of 2^exponent, in the x87's 64-bit significand: an arithmetic the codec does not use.
+/// The nearest multiple of 2^exponent, computed in the x87's 64-bit significand, which the codec does not use.
 long double nearest_step(float value, int32_t exponent) {
   return rintl(ldexpl(static_cast<long double>(value), -exponent));
 }
@@ -74,7 +74,7 @@ TEST_CASE("dequantize rounds once", "[quantize]") {
     const auto expected = static_cast<float>(ldexpl(static_cast<long double>(turned), exponent));
     if (dequantize(turned, exponent) != expected) FAIL(turned << " at 2^" << exponent);
   }
-  CHECK(dequantize((int64_t{1} << 24) + 1, 0) == 16777216.0f);  // a tie goes to even
+  CHECK(dequantize((int64_t{1} << 24) + 1, 0) == 16777216.0f);  // ties go to even
   CHECK(dequantize((int64_t{1} << 24) + 3, 0) == 16777220.0f);
   CHECK(dequantize(3, -150 + 1) == 3 * FLT_TRUE_MIN);
 }
@@ -86,7 +86,7 @@ TEST_CASE("a dequantised coordinate is within half a step of its value, and exac
     const int32_t exponent = -149 + static_cast<int32_t>(random() % 277);
     if (!fits_lattice(value, exponent)) continue;
     const float back = dequantize(quantize(value, exponent), exponent);
-    if (!std::isfinite(back)) continue;  // within half a step of 2^128; choose_lattice refuses it
+    if (!std::isfinite(back)) continue;  // within half a step of 2^128, which choose_lattice refuses
     const double error = std::fabs(static_cast<double>(back) - static_cast<double>(value));
     if (error > 0.5 * exp2i(exponent)) FAIL(value << " at 2^" << exponent << ": off by " << error);
     if (exp2i(exponent) <= float_ulp(value) && error != 0) FAIL(value << " at 2^" << exponent << " is not exact");

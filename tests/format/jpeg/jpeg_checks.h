@@ -1,4 +1,4 @@
-// What the tests of indexed JPEGs share: encoding and rebuilding in buffers that end at a guard page.
+// Functions that the tests of indexed JPEGs share: encoding and rebuilding in buffers that end at a guard page.
 #pragma once
 
 #include <algorithm>
@@ -18,7 +18,7 @@
 #include "tests/format/geometry/stream_checks.h"
 #include "tests/format/jpeg/jpeg_maker.h"
 
-// Not scree::tests itself: these names are short, and other tests have functions of theirs.
+// Not scree::tests itself: these names are short, and other tests have functions of the same name.
 namespace scree::tests::jpeg {
 
 using namespace scree::format;
@@ -32,7 +32,7 @@ inline Result<Bytes> encode(std::span<const std::byte> file, uint64_t* dropped_b
   const auto bound = jpeg_index_bound(*header, file.size());
   if (!bound) return bound.error();
   GuardedBytes out(*bound);
-  std::fill(out.bytes().begin(), out.bytes().end(), std::byte{0xaa});  // the encoder clears what it leaves
+  std::fill(out.bytes().begin(), out.bytes().end(), std::byte{0xaa});  // the encoder must clear unused bytes
   const auto encoded = encode_jpeg_index(out.bytes(), *header, file);
   if (!encoded) return encoded.error();
   REQUIRE(encoded->bytes <= *bound);

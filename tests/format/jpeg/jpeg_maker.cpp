@@ -42,7 +42,7 @@ class Reader {
   jpeg_error_mgr errors_{};
 };
 
-/// The standard Huffman tables once more as number 2.
+/// Adds the standard Huffman tables again as number 2.
 void add_huffman_tables(jpeg_compress_struct& jpeg) {
   jpeg.dc_huff_tbl_ptrs[2] = jpeg_alloc_huff_table(reinterpret_cast<j_common_ptr>(&jpeg));
   jpeg.ac_huff_tbl_ptrs[2] = jpeg_alloc_huff_table(reinterpret_cast<j_common_ptr>(&jpeg));
@@ -51,7 +51,7 @@ void add_huffman_tables(jpeg_compress_struct& jpeg) {
 }
 
 void write_segments(jpeg_compress_struct& jpeg) {
-  const std::string exif("Exif\0\0II*\0\xff\xd8\xff\xda\0\0", 16);  // what looks like markers is none in here
+  const std::string exif("Exif\0\0II*\0\xff\xd8\xff\xda\0\0", 16);  // these bytes look like markers but are none
   const std::string comment = "a comment";
   const std::string photo = "Photoshop 3.0" + std::string(60000, '\xff');
   jpeg_write_marker(&jpeg, JPEG_APP0 + 1, reinterpret_cast<const JOCTET*>(exif.data()), 16);
@@ -103,7 +103,7 @@ std::vector<std::byte> make_jpeg(const JpegRecipe& recipe) {
   }
   jpeg_start_compress(&jpeg, TRUE);
   if (recipe.has_segments) write_segments(jpeg);
-  // Ramps with noise, and flat squares, so that every length of code and run comes up.
+  // Ramps with noise, and flat squares, so that all lengths of codes and runs occur.
   std::mt19937 random(static_cast<unsigned>(recipe.width * 7919 + recipe.height));
   std::vector<unsigned char> row(static_cast<size_t>(recipe.width * components));
   while (jpeg.next_scanline < jpeg.image_height) {
@@ -199,7 +199,7 @@ std::vector<JpegPlane> read_coefficients(std::span<const std::byte> file) {
 
 std::vector<std::vector<uint16_t>> read_quant_tables(std::span<const std::byte> file) {
   Reader reader(file);
-  jpeg_read_coefficients(&reader.jpeg);  // the tables a component is given are known once its scan begins
+  jpeg_read_coefficients(&reader.jpeg);  // a component's tables are known once its scan begins
   std::vector<std::vector<uint16_t>> tables;
   for (int c = 0; c < reader.jpeg.num_components; ++c) {
     const UINT16* const values = reader.jpeg.comp_info[c].quant_table->quantval;
@@ -217,7 +217,7 @@ std::vector<JpegSamples> read_samples(std::span<const std::byte> file) {
   jpeg.out_color_space = jpeg.jpeg_color_space;
   jpeg_start_decompress(&jpeg);
   std::vector<JpegSamples> planes;
-  std::vector<std::vector<uint8_t>> strips;  // of an MCU row, as wide as libjpeg writes
+  std::vector<std::vector<uint8_t>> strips;  // of an MCU row, with the width that libjpeg writes
   std::vector<std::vector<JSAMPROW>> rows;
   std::vector<JSAMPARRAY> arrays;
   for (int c = 0; c < jpeg.num_components; ++c) {

@@ -1,4 +1,4 @@
-// JPEG files and their coefficients by libjpeg, for the tests.
+// Makes JPEG files and reads their coefficients with libjpeg, for the tests.
 #pragma once
 
 #include <cstddef>
@@ -14,23 +14,23 @@ struct JpegRecipe {
   std::string name;
   int width = 0;
   int height = 0;
-  std::vector<std::pair<int, int>> factors;  // of each component: 1 grey, 3 YCbCr or RGB, 4 CMYK
+  std::vector<std::pair<int, int>> factors;  // by component: 1 grey, 3 YCbCr or RGB, 4 CMYK
   int quality = 85;
-  int restart = 0;  // MCUs
+  int restart = 0;  // in MCUs
   bool is_rgb = false;
   bool is_optimised = false;
   bool is_progressive = false;
   bool is_arithmetic = false;
-  bool has_scan_each = false;     // every component in a scan of its own
+  bool has_scan_each = false;     // every component has its own scan
   bool has_wide_quant = false;    // 16-bit quantisation tables
-  bool has_three_tables = false;  // a quantisation and Huffman table for every component
+  bool has_three_tables = false;  // every component has its own quantisation and Huffman tables
   bool has_segments = false;      // EXIF, a long APP13 and a comment
 };
 
-/// A noisy, reproducible picture so coded.
+/// A noisy, reproducible picture with this encoding.
 std::vector<std::byte> make_jpeg(const JpegRecipe& recipe);
 
-/// Every kind encode_jpeg_index takes, at several sizes.
+/// Every kind that encode_jpeg_index accepts, in several sizes.
 std::vector<JpegRecipe> indexable_recipes();
 
 /// Blocks of 64 quantised coefficients in row-major order, rows of blocks top to bottom.
@@ -40,10 +40,11 @@ struct JpegPlane {
   std::vector<int16_t> values;
 };
 
-/// What jpeg_read_coefficients says, a plane a component; ends the program where libjpeg cannot read the file.
+/// The coefficients of jpeg_read_coefficients, one plane per component. Ends the program if libjpeg cannot read the
+/// file.
 std::vector<JpegPlane> read_coefficients(std::span<const std::byte> file);
 
-/// The quantisation table of each component, row-major, as libjpeg has them.
+/// The quantisation table of each component, row-major, as in libjpeg.
 std::vector<std::vector<uint16_t>> read_quant_tables(std::span<const std::byte> file);
 
 /// Samples of a component, rows top to bottom.
@@ -53,11 +54,11 @@ struct JpegSamples {
   std::vector<uint8_t> values;
 };
 
-/// The components as libjpeg's JDCT_ISLOW gives them, before upsampling and colour conversion. What a progressive file
-/// lacks is not guessed (block smoothing).
+/// The components after libjpeg's JDCT_ISLOW, before upsampling and colour conversion. Missing data of a progressive
+/// file are not guessed (no block smoothing).
 std::vector<JpegSamples> read_samples(std::span<const std::byte> file);
 
-/// 3 bytes a pixel, by JDCT_ISLOW. `is_fancy`: chroma is interpolated, not repeated.
+/// 3 bytes per pixel, by JDCT_ISLOW. `is_fancy`: chroma is interpolated, not repeated.
 std::vector<uint8_t> read_rgb(std::span<const std::byte> file, bool is_fancy);
 
 /// libjpeg's J_COLOR_SPACE of the file's components.

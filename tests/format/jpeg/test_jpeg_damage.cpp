@@ -1,4 +1,4 @@
-// Damaged, cut and mutated files and indexed JPEGs.
+// Damaged, cut and mutated JPEG files and indexed JPEGs.
 #include <algorithm>
 #include <random>
 
@@ -16,8 +16,8 @@ using namespace scree::tests::jpeg;
 
 namespace {
 
-/// Decodes groups into a buffer of their size that ends at a guard page, and pixels of them without: the same colours,
-/// whatever the data are.
+/// Decodes groups into a buffer of their size that ends at a guard page, and pixels of them without a buffer. The
+/// colours must be the same for any data.
 void decode_groups(const JpegIndex& index, uint32_t step) {
   const std::vector<uint32_t> factors = jpeg_factors(index);
   const JpegPicture picture = jpeg_picture(index, factors.data());
@@ -43,7 +43,7 @@ void decode_groups(const JpegIndex& index, uint32_t step) {
   }
 }
 
-/// Opens and, where that works, decodes every MCU both ways; nothing may be read or written out of place.
+/// Opens the index and, if that succeeds, decodes every MCU both ways. Nothing may be read or written out of bounds.
 void decode_all(std::span<const std::byte> bytes) {
   const auto index = open_jpeg_index(bytes);
   if (!index) return;
@@ -64,7 +64,7 @@ TEST_CASE("a JPEG cut anywhere is refused, with the byte", "[jpeg_index]") {
       GuardedBytes guarded(std::span<const std::byte>(file).first(size));
       const auto encoded = encode(guarded.bytes());
       if (size >= file.size() - 2) {
-        if (!encoded) FAIL("without the end marker: " << encoded.error().message);  // the picture is whole
+        if (!encoded) FAIL("without the end marker: " << encoded.error().message);  // the picture is complete
         continue;
       }
       const std::string found = outcome(encoded);
@@ -83,7 +83,7 @@ TEST_CASE("damage in the data is named", "[jpeg_index]") {
   REQUIRE_FALSE(encoded);
   CHECK(encoded.error().message ==
         "JPEG: byte " + std::to_string(first) + ": MCU 4 of 16: marker 211, expected restart marker 208");
-  // Two bytes more before a marker are left out, and so are fill bytes.
+  // Two extra bytes before a marker are dropped, and so are fill bytes.
   Bytes longer = file;
   longer.insert(longer.begin() + static_cast<ptrdiff_t>(first), {std::byte{0x12}, std::byte{0x34}, std::byte{0xff}});
   uint64_t dropped = 0;
@@ -91,7 +91,7 @@ TEST_CASE("damage in the data is named", "[jpeg_index]") {
   REQUIRE(kept);
   CHECK(dropped == 2);
   CHECK(*kept == *encode(file));
-  // A code of ones alone is none.
+  // A code of ones only is invalid.
   const Bytes plain = make_jpeg(recipe_of(64, 64, {{1, 1}}));
   const auto header = parse_jpeg(plain);
   Bytes ones = plain;
@@ -103,7 +103,7 @@ TEST_CASE("damage in the data is named", "[jpeg_index]") {
   REQUIRE_FALSE(encoded);
   CHECK(encoded.error().code == ErrorCode::kFormat);
   CHECK(encoded.error().message.find("no Huffman code") != std::string::npos);
-  // A header that claims more than there is takes no memory.
+  // A header that claims more data than the file has takes no memory.
   Bytes huge = plain;
   for (size_t i = 5; i < 9; ++i) huge[find_marker(huge, 0xc0) + i] = std::byte{0xff};
   CHECK(outcome(encode(huge)) == "truncated");
@@ -176,8 +176,9 @@ TEST_CASE("a flipped bit of an indexed JPEG is refused or harmless", "[jpeg_inde
     const auto index = open_jpeg_index(guarded.bytes());
     const bool is_whole = index && rebuild(*index);
     guarded.bytes()[at] ^= mask;
-    // A quantisation table may hold anything, a component may take another, a Huffman table or the data may be another
-    // picture's. Else the index is told by the data, the header all but the colour and sizes that give the same MCUs.
+    // Any quantisation table is valid; a component may use another table; a Huffman table or the data may belong to
+    // another picture. Otherwise the data determine the index, and all of the header except the colour and sizes with
+    // the same MCUs.
     const bool is_quant_number = at >= 24 && at < 48 && at % 8 == 2;
     const bool is_told = at < 6 || (at >= 12 && at < 64 && !is_quant_number) || at >= blocks_at;
     const bool is_slack = at >= data_at + original->data.size() && at < blocks_at;
@@ -234,7 +235,7 @@ TEST_CASE("mutated JPEG files and indexed JPEGs never take a decoder past its li
   uint32_t opened = 0;
   for (int round = 0; round < 3000; ++round) {
     Bytes bytes = indexed[random() % indexed.size()];
-    // Sizes mostly kept, so that more than the size is wrong.
+    // Sizes are mostly kept, so that more than the size is wrong.
     const size_t size = bytes.size();
     mutate(bytes, 64);
     if (round % 8 != 0) bytes.resize(size);
@@ -255,7 +256,7 @@ TEST_CASE("a group decoder handed any bytes stays inside its buffers and ends", 
       const auto index = open_jpeg_index(*bytes);
       REQUIRE(index);
       decode_groups(*index, 1);
-      // What open_jpeg_index() looks at stays; the data and the anchors are anything.
+      // The parts that open_jpeg_index() checks stay; data and anchors are random.
       const auto data_at = static_cast<size_t>(index->data.data() - bytes->data());
       const auto anchors_at = static_cast<size_t>(index->anchors.data() - bytes->data());
       GuardedBytes guarded(*bytes);
@@ -268,7 +269,7 @@ TEST_CASE("a group decoder handed any bytes stays inside its buffers and ends", 
         const auto damaged = open_jpeg_index(guarded.bytes());
         REQUIRE(damaged);
         decode_groups(*damaged, 1);
-        // Anchors that point anywhere: the checks of a file are passed by.
+        // Random anchors, which bypass the checks of a file.
         fill(anchors_at, index->anchors.size(), kind);
         decode_groups(*damaged, 1);
         std::copy_n(bytes->begin() + static_cast<ptrdiff_t>(anchors_at), index->anchors.size(),

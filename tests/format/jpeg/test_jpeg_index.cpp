@@ -18,7 +18,7 @@ using namespace scree::tests::jpeg;
 
 namespace {
 
-/// Compares every MCU, decoded alone and in random order, with libjpeg's coefficients of `file`.
+/// Compares every MCU, decoded separately and in random order, with libjpeg's coefficients of `file`.
 void check_coefficients(const JpegIndex& index, std::span<const std::byte> file) {
   const std::vector<JpegPlane> planes = scree::tests::read_coefficients(file);
   REQUIRE(planes.size() == index.component_count);
@@ -37,7 +37,7 @@ void check_coefficients(const JpegIndex& index, std::span<const std::byte> file)
       for (uint32_t i = 0; i < uint32_t{component.h} * component.v; ++i, ++block) {
         const uint32_t x = mcu % view.mcus_across * component.h + i % component.h;
         const uint32_t y = mcu / view.mcus_across * component.v + i / component.h;
-        if (x >= planes[c].blocks_across || y >= planes[c].blocks_down) continue;  // fills up the MCU
+        if (x >= planes[c].blocks_across || y >= planes[c].blocks_down) continue;  // padding of the MCU
         const int16_t* const expected = planes[c].values.data() + 64 * (size_t{y} * planes[c].blocks_across + x);
         wrong += !std::equal(blocks[block].begin(), blocks[block].end(), expected);
         ++compared;
@@ -50,7 +50,7 @@ void check_coefficients(const JpegIndex& index, std::span<const std::byte> file)
   CHECK(compared == blocks_in_all);
 }
 
-/// Index, coefficients, tables, colour, and the way back, all against libjpeg.
+/// Compares index, coefficients, tables, colour, and the rebuilt file with libjpeg.
 void check_round_trip(std::span<const std::byte> file) {
   const auto bytes = encode(file);
   if (!bytes) FAIL(bytes.error().message);
@@ -76,7 +76,7 @@ void check_round_trip(std::span<const std::byte> file) {
   CHECK(same(scree::tests::read_coefficients(*back), scree::tests::read_coefficients(file)));
   CHECK(scree::tests::read_quant_tables(*back) == tables);
   CHECK(scree::tests::read_colour_space(*back) == colour);
-  // What is rebuilt is indexed to the same bytes again.
+  // The rebuilt file is indexed to the same bytes again.
   const auto again = encode(*back);
   REQUIRE(again);
   CHECK(*again == *bytes);
@@ -119,7 +119,7 @@ TEST_CASE("every kind of sequential JPEG is indexed without loss", "[jpeg_index]
 }
 
 TEST_CASE("groups and anchor blocks of every fill", "[jpeg_index]") {
-  // Grey: 4 MCUs a group, 32 groups a block.
+  // Grey: 4 MCUs per group, 32 groups per block.
   for (const int mcus : {1, 3, 4, 5, 124, 127, 128, 129, 132, 256, 257}) {
     INFO(mcus << " MCUs");
     const Bytes file = make_jpeg(recipe_of(8 * mcus, 8, {{1, 1}}, mcus == 257 ? 3 : 0));
@@ -173,7 +173,7 @@ TEST_CASE("real JPEG files are indexed without loss", "[jpeg_index]") {
     if (!back) FAIL(back.error().message);
     check_coefficients(*index, *back);
     CHECK(scree::tests::read_colour_space(*back) == scree::tests::read_colour_space(file));
-    // Group by group: what the picture's edge adds to fill its MCUs counts, too.
+    // Counts whole groups, including the padding of MCUs at the picture's edge.
     const uint64_t covered = uint64_t{256} * index->layout.group_count;
     if (index->layout.group_count >= 32) CHECK(8 * index->index_bytes() <= covered / 4);
     ++indexed;
@@ -212,18 +212,18 @@ TEST_CASE("what cannot be indexed says why", "[jpeg_index]") {
     REQUIRE(header);
     return std::pair(judge_jpeg(*header).treatment, judge_jpeg(*header).reason);
   };
-  CHECK(changed(0xc1, 12) == std::pair(JpegTreatment::kRefuse, std::string("12 bits a sample")));
+  CHECK(changed(0xc1, 12) == std::pair(JpegTreatment::kRefuse, std::string("12 bits per sample")));
   CHECK(changed(0xc3, 8) == std::pair(JpegTreatment::kRefuse, std::string("lossless")));
   CHECK(changed(0xcb, 8) == std::pair(JpegTreatment::kRefuse, std::string("lossless")));
   CHECK(changed(0xc6, 8) == std::pair(JpegTreatment::kRefuse, std::string("hierarchical")));
   CHECK(changed(0xc1, 8) == std::pair(JpegTreatment::kAsItIs, std::string()));
 
-  // A second scan is found behind the first.
+  // A second scan behind the first is found.
   const Bytes file = make_jpeg(recipe_of(40, 30, {{1, 1}}));
   Bytes twice(file.begin(), file.end() - 2);
   twice.insert(twice.end(), file.begin() + static_cast<ptrdiff_t>(find_marker(file, 0xda)), file.end());
   CHECK(outcome(encode(twice)) == "unsupported");
-  // Eleven blocks an MCU.
+  // Eleven blocks per MCU.
   Bytes wide = make_jpeg(recipe_of(40, 30, {{2, 2}, {1, 1}, {1, 1}}));
   wide[find_marker(wide, 0xc0) + 11] = std::byte{0x33};
   CHECK(outcome(encode(wide)) == "unsupported");
@@ -246,9 +246,9 @@ TEST_CASE("a file without Huffman tables takes the standard ones", "[jpeg_index]
 
 TEST_CASE("Huffman tables that cannot be are refused", "[jpeg_index]") {
   JpegHuffmanSpec spec;
-  CHECK(make_jpeg_table(spec, true));  // no codes: nothing decodes
+  CHECK(make_jpeg_table(spec, true));  // a table without codes decodes nothing
   CHECK(make_jpeg_table(spec, true)->find(0).length == 0);
-  spec.counts[0] = 2;  // 0 and 1: ones alone
+  spec.counts[0] = 2;  // 0 and 1: a code of ones only
   CHECK(outcome(make_jpeg_table(spec, false)) == "format");
   spec.counts[0] = 1;
   CHECK(make_jpeg_table(spec, false));
@@ -266,7 +266,7 @@ TEST_CASE("Huffman tables find every code at every window", "[jpeg_index]") {
                                         standard_jpeg_table(true, 0), standard_jpeg_table(true, 1)};
   for (int i = 0; i < 60; ++i) {
     JpegHuffmanSpec spec;
-    uint32_t left = 1;  // codes of this length that are free
+    uint32_t left = 1;  // free codes of this length
     uint32_t total = 0;
     for (uint32_t length = 1; length <= 16; ++length) {
       left = std::min(left * 2, 100000u);
@@ -282,7 +282,7 @@ TEST_CASE("Huffman tables find every code at every window", "[jpeg_index]") {
   for (const JpegHuffmanSpec& spec : specs) {
     const auto table = make_jpeg_table(spec, false);
     REQUIRE(table);
-    // T.81, F.2.2.3 bit by bit.
+    // Decodes bit by bit as in T.81, F.2.2.3.
     uint64_t wrong = 0;
     for (uint32_t window = 0; window < 65536; ++window) {
       uint32_t code = 0;

@@ -10,8 +10,8 @@ namespace scree::tests {
 
 inline constexpr uint32_t kCrowdSide = 320;  // instances along the ground
 
-/// Leaves and, one in 64, balls stand over a square of two units in four layers, each turned and some mirrored; most
-/// are smaller than a pixel of the pictures that tests draw, or hidden.
+/// Leaves, and one ball per 64 instances, stand over a square of two units in four layers, each rotated and some
+/// mirrored. Most are smaller than a pixel of the tests' pictures, or hidden.
 inline void build_crowd(SceneBuilder& builder) {
   Encoding encoding;
   encoding.clusters = Clusters::kClustered;

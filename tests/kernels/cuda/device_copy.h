@@ -8,6 +8,7 @@
 #include <utility>
 #include <vector>
 
+#include "format/container/mip_levels.h"
 #include "kernels/cuda/check.h"
 #include "kernels/cuda/frame.h"
 #include "tests/kernels/scene_builder.h"
@@ -16,7 +17,7 @@ namespace scree::tests {
 
 class DeviceCopy {
  public:
-  /// `host`: a builder's view(), of whose pages `pages` are; needed as long as this.
+  /// `host`: a builder's view(), whose pages are `pages`. Both must outlive this.
   DeviceCopy(const kernels::SceneView& host, const std::deque<std::vector<std::byte>>& pages)
       : host_(host), view_(host) {
     copy(view_.meshes, host_.mesh_count);
@@ -26,6 +27,13 @@ class DeviceCopy {
     copy(view_.matrices, host_.matrix_count);
     copy(view_.materials, host_.material_count);
     copy(view_.textures, host_.texture_count);
+    if (host_.masks != nullptr) {
+      masks_.assign(host_.masks, host_.masks + host_.material_count);
+      for (kernels::MaskView& mask : masks_)
+        if (mask.alpha != nullptr) copy(mask.alpha, format::mask_bytes(mask.width, mask.height, mask.level_count));
+      view_.masks = masks_.data();
+      copy(view_.masks, masks_.size());
+    }
     std::vector<const std::byte*> table;
     for (const std::vector<std::byte>& page : pages) {
       const std::byte* bytes = page.data();
@@ -37,13 +45,13 @@ class DeviceCopy {
     pages_ = std::move(table);
   }
 
-  /// What the GPU draws of it, with queues of `sizes` at first.
+  /// The GPU's samples of the scene, with queues that start at `sizes`.
   std::vector<uint64_t> draw(const kernels::View& view, const kernels::CudaQueueSizes& sizes = {},
                              const kernels::DrawOptions& options = {}) const {
     return draw_in_turn({view}, sizes, options).front();
   }
 
-  /// The same frame after frame, each of which may know what the one before saw.
+  /// The same for consecutive frames, each of which may use hints of the previous one.
   std::vector<std::vector<uint64_t>> draw_in_turn(const std::vector<kernels::View>& views,
                                                   const kernels::CudaQueueSizes& sizes = {},
                                                   const kernels::DrawOptions& options = {}) const {
@@ -55,7 +63,7 @@ class DeviceCopy {
     return pictures;
   }
 
-  /// Of the first frame.
+  /// Statistics of the first frame.
   kernels::FrameStats stats(const kernels::View& view, const kernels::CudaQueueSizes& sizes,
                             const kernels::DrawOptions& options) const {
     kernels::CudaFrames frames = make_frames(sizes);
@@ -68,13 +76,13 @@ class DeviceCopy {
     return stats;
   }
 
-  /// A part of a frame: what is drawn of the pages for which `has_page` holds.
+  /// A part of a frame: the pages for which `has_page` returns true.
   struct Part {
     kernels::FramePart part;
     std::function<bool(size_t page)> has_page;
   };
 
-  /// As draw_in_turn(), each frame in these parts.
+  /// As draw_in_turn(), with each frame drawn in these parts.
   std::vector<std::vector<uint64_t>> draw_in_parts(const std::vector<kernels::View>& views,
                                                    const std::vector<Part>& parts,
                                                    const kernels::CudaQueueSizes& sizes) const {
@@ -101,7 +109,7 @@ class DeviceCopy {
     return std::move(*frames);
   }
 
-  /// What `draw` draws into samples on the device, which are background before.
+  /// The samples that `draw` writes on the device, which begin as background.
   template <class Draw>
   std::vector<uint64_t> picture(const kernels::View& view, const Draw& draw) const {
     std::vector<uint64_t> samples(size_t{view.width} * view.height);
@@ -124,7 +132,7 @@ class DeviceCopy {
                                 "writing the page table"));
   }
 
-  /// Makes a pointer to host memory one to a copy of it.
+  /// Replaces a pointer to host memory by one to a device copy.
   template <class T>
   void copy(const T*& pointer, uint64_t count) {
     if (count == 0) return;
@@ -139,6 +147,7 @@ class DeviceCopy {
   kernels::SceneView host_;
   kernels::SceneView view_;
   std::vector<const std::byte*> pages_;  // on the device
+  std::vector<kernels::MaskView> masks_;
   std::vector<kernels::DeviceBuffer> buffers_;
 };
 

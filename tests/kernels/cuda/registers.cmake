@@ -1,5 +1,5 @@
-# cmake -DREPORT=frame.cu.o.ptxas -DTABLE=registers.txt -P registers.cmake: fails where a kernel of the table takes more
-# registers or spills more bytes than the table says, or is in none of the report's capabilities.
+# cmake -DREPORT=frame.cu.o.ptxas -DTABLE=registers.txt -P registers.cmake: fails if a kernel of the table takes more
+# registers or spills more bytes than the table allows, or is missing in all of the report's capabilities.
 file(STRINGS "${TABLE}" rows REGEX "^[a-z]")
 file(READ "${REPORT}" report)
 string(REPLACE ";" "," report "${report}")

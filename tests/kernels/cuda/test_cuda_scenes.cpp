@@ -1,5 +1,5 @@
-// The GPU against the CPU on scenes made for it: encodings side by side, orthographic floats, widths of no bits. The
-// same visibility buffer, bit for bit, from queues that hold all and queues that have to grow.
+// The GPU against the CPU on scenes made for it: encodings side by side, orthographic floats, widths of 0 bits. The
+// visibility buffers must be equal bit for bit, with queues that hold everything and queues that have to grow.
 #include <algorithm>
 #include <cstdint>
 #include <random>
@@ -19,8 +19,8 @@ using kernels::View;
 
 namespace {
 
-/// `least`: pixels that the scene covers in each view, at least. That is looked at without a GPU, too. `first_id`: as
-/// SceneBuilder::view has it.
+/// `least`: the least number of pixels that the scene covers in each view, which is also checked without a GPU.
+/// `first_id`: as in SceneBuilder::view.
 void compare(SceneBuilder& builder, const std::vector<View>& views, uint64_t least, uint64_t first_id = 0) {
   const kernels::SceneView scene = builder.view(first_id);
   std::vector<std::vector<uint64_t>> expected;
@@ -43,7 +43,7 @@ void compare(SceneBuilder& builder, const std::vector<View>& views, uint64_t lea
   CHECK((device.draw_in_turn(views) == expected));
 }
 
-/// Perspective and orthographic, the whole scene in view, parts of it, and from inside.
+/// Perspective and orthographic views: the whole scene, parts of it, and from inside.
 std::vector<View> all_views() {
   const View far = look_at({2.5, 2, 3}, {0, 0, 0}, 321, 203);
   const View near = look_at({0.4, 0.7, 0.5}, {0, 0, 0}, 200, 333, 0.01);
@@ -56,7 +56,7 @@ std::vector<View> all_views() {
           orthographic(above, 1, 0.1, 20)};
 }
 
-/// A mesh whose corners all lie on `values` along the first `flat` axes.
+/// A mesh whose corners have one of `values` along each of the first `flat` axes.
 Soup flat_soup(int flat) {
   Soup soup;
   for (uint32_t j = 0; j < 5; ++j)
@@ -81,7 +81,7 @@ TEST_CASE("scenes that mix lattice and float32 meshes are drawn alike on the GPU
   floats.chunk_triangles = 333;
   Encoding open_lattice = lattice;
   open_lattice.material = both_sides;
-  open_lattice.exponent = -20;  // 22 bits an axis: the general way of reading
+  open_lattice.exponent = -20;  // 22 bits per axis: the general reader
   Encoding open_floats = floats;
   open_floats.material = both_sides;
   const uint32_t meshes[] = {builder.mesh(grid(40, 0.2), lattice), builder.mesh(sphere(30, 0.1), floats),
@@ -104,7 +104,7 @@ TEST_CASE("an orthographic camera sees float32 positions alike on the GPU", "[cu
   builder.mesh(grid(1, 0), floats);  // large triangles
   for (uint32_t mesh = 0; mesh < 3; ++mesh) {
     builder.instance(mesh, builder.identity());
-    // Far from the origin, where float32 positions leave few bits to what the camera sees.
+    // Far from the origin, where float32 positions leave few bits for the visible part.
     builder.instance(mesh, builder.matrix({1, 0, 0, 1e6, 0, 1, 0, 0, 0, 0, 1, 0}));
   }
   std::vector<View> views;
@@ -136,7 +136,7 @@ TEST_CASE("chunks with widths of no bits are drawn alike on the GPU", "[cuda]") 
     builder.instance(builder.mesh(points, of_points), builder.identity());
     CHECK(builder.chunks.back().index_bits == 0);
   }
-  // Indices of few bits in a mesh that is otherwise as any, cut so that some chunks are one triangle.
+  // Indices of few bits in an otherwise usual mesh, cut so that some chunks have one triangle.
   Encoding single = encoding;
   single.chunk_triangles = 1;
   builder.instance(builder.mesh(grid(4, 0.2), single), builder.identity());
@@ -145,8 +145,8 @@ TEST_CASE("chunks with widths of no bits are drawn alike on the GPU", "[cuda]") 
 
 namespace {
 
-/// Clustered and, unless it `is_clustered` alone, other chunks, in front of each other and behind, seen twice from each
-/// view, the second time with all known; then back again, in jumps.
+/// Clustered chunks and, unless `is_clustered`, other chunks, in front of and behind each other. Each view is drawn
+/// twice, the second time with all hints; then the views come again in reverse order, with jumps.
 struct MixedScene {
   explicit MixedScene(bool is_clustered) {
     Encoding lattice;
@@ -215,7 +215,7 @@ TEST_CASE("scenes of clustered and other chunks are drawn alike on the GPU, fram
 
 TEST_CASE("frames in parts are drawn alike on the GPU, what was seen before first", "[cuda][clusters]") {
   const bool is_clustered = GENERATE(false, true);
-  if (scree::tests::kEmulatesGpu && is_clustered) return;  // the other has clusters too
+  if (scree::tests::kEmulatesGpu && is_clustered) return;  // the other scene has clusters too
   const MixedScene mixed(is_clustered);
   const auto third = [](size_t which) { return [which](size_t page) { return page % 3 == which; }; };
   const auto but_third = [](size_t which) { return [which](size_t page) { return page % 3 != which; }; };
@@ -273,8 +273,9 @@ TEST_CASE("clusters that the near plane cuts everywhere are drawn alike on the G
   encoding.clusters = clusters;
   builder.instance(builder.mesh(rough_field(scree::tests::kEmulatesGpu ? 60 : 400, 0.01), encoding),
                    builder.identity());
-  // From above, so that the field is at the near plane; slanting through it; close, where most is left of few; and from
-  // within, where some leave the guard band too. Each twice: what is cut is many only by the frame before.
+  // From above, with the field at the near plane; slanting through it; close, with little left after clipping; and from
+  // within, where some triangles leave the guard band too. Each view comes twice: whether there is much to clip is
+  // known from the previous frame.
   std::vector<View> views;
   for (const View& view :
        {look_at({0, 1.6, 0}, {0, 0, 0}, 320, 180, 1.6), look_at({0.3, 0.5, 0.2}, {0, 0, 0}, 320, 180, 0.55),
@@ -359,7 +360,7 @@ TEST_CASE("hard: ids past 2^32, to the last, on the GPU", "[cuda][hard]") {
 
 namespace {
 
-/// Meshes of one chunk each, side by side, whose indices span `spans`.
+/// Meshes of one chunk each, side by side, with indices that span `spans`.
 void compare_spans(const std::vector<uint32_t>& spans) {
   std::mt19937 random(17);
   std::uniform_real_distribution<double> unit(-1, 1);
@@ -373,7 +374,7 @@ void compare_spans(const std::vector<uint32_t>& spans) {
         for (double& m : middle) m = 0.3 * unit(random);
       soup.add(middle[0] + 0.1 * unit(random), middle[1] + 0.1 * unit(random), middle[2] + 0.1 * unit(random));
     }
-    // Every vertex is used, and the last triangle ends with the last one. The first spans them all.
+    // Every vertex is used, and the last triangle ends with the last vertex. The first triangle spans all vertices.
     soup.triangle(0, spans[i] / 2, spans[i]);
     for (uint32_t v = 0; v <= spans[i]; v += 3) soup.triangle(v, std::min(v + 1, spans[i]), std::min(v + 2, spans[i]));
     Encoding whole;

@@ -1,4 +1,4 @@
-// JPEGs that a GPU makes of pictures in its memory, against libjpeg's of the same pixels.
+// JPEGs that a GPU encodes from pictures in its memory, compared with libjpeg's for the same pixels.
 #include <cmath>
 #include <random>
 #include <vector>
@@ -21,7 +21,7 @@ struct Pixels {
   std::vector<uint32_t> rgba;
 };
 
-/// Waves of every length, and a share of noise.
+/// Waves of all wavelengths, and some noise.
 Pixels waves(uint32_t width, uint32_t height, double noise) {
   Pixels out{width, height, std::vector<uint32_t>(size_t{width} * height)};
   std::mt19937 random(width * 31 + height);
@@ -40,7 +40,7 @@ Pixels waves(uint32_t width, uint32_t height, double noise) {
   return out;
 }
 
-/// `coder`: kept between pictures, as a viewer does.
+/// `coder`: kept between pictures, as in a viewer.
 std::vector<std::byte> encode_on_gpu(kernels::CudaJpegCoder& coder, const Pixels& picture, int quality, bool is_sharp) {
   auto device = kernels::DeviceBuffer::allocate(picture.rgba.size() * sizeof(uint32_t), "a picture");
   REQUIRE(device);
@@ -101,7 +101,7 @@ TEST_CASE("a GPU's JPEG is as true and as large as libjpeg's", "[cuda][jpeg]") {
     double noise;
     int quality;
   };
-  // Sizes that end within an MCU and within a segment; noise of the best quality outgrows the first buffer.
+  // Sizes that end within an MCU and within a segment. Noise at the best quality exceeds the first buffer.
   for (const Case& at : {Case{321, 203, 4, 85}, Case{1, 1, 0, 85}, Case{17, 9, 0, 40}, Case{250, 64, 60, 95},
                          Case{256, 96, 70, 30}, Case{128, 96, 128, 100}, Case{640, 8, 0, 1}}) {
     for (const bool is_sharp : {false, true}) {
@@ -114,7 +114,7 @@ TEST_CASE("a GPU's JPEG is as true and as large as libjpeg's", "[cuda][jpeg]") {
       REQUIRE(our_image);
       REQUIRE(their_image);
       CHECK(difference(*our_image, picture) <= 1.01 * difference(*their_image, picture) + 0.1);
-      // Restart markers and the DCs behind them: at most 24 bytes a segment.
+      // Restart markers and the DC values behind them: at most 24 bytes per segment.
       const double segments = at.width * at.height / (is_sharp ? 640.0 : 1280.0) + 2;
       CHECK(static_cast<double>(ours.size()) <= 1.02 * static_cast<double>(theirs.size()) + 24 * segments);
     }

@@ -1,5 +1,5 @@
-// What older GPUs do otherwise (kernels/cuda/warp.cuh), on any GPU of compute capability 8.0 and newer, or an emulated
-// one. The build option SCREE_CUDA_PATH makes whole frames take those ways.
+// The code for older GPUs (kernels/cuda/warp.cuh), on any GPU of compute capability 8.0 and newer, or an emulated one.
+// The build option SCREE_CUDA_PATH makes whole frames use it.
 #include "tests/catch.h"
 #include "tests/gpu.h"
 #include "tests/kernels/cuda/warp_cases.h"

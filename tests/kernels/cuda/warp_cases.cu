@@ -11,15 +11,15 @@ namespace {
 using kernels::DeviceArray;
 using kernels::kWarpLanes;
 
-/// Lane i's value of round r: some of all sizes, whose sums overflow.
+/// The value of lane i in round r: values of all sizes, with sums that overflow.
 SCREE_HD uint32_t lane_value(uint32_t lane, uint32_t round) {
   return (lane * 2654435761u + round * 40503u) >> (lane + round) % 32;
 }
 
 constexpr uint32_t kRounds = 64;
 
-/// Whether the GPU that is compiled for has the instructions of compute capability 8.0. Code for an older one joins by
-/// shuffles in both cases.
+/// Whether the GPU compiled for has the instructions of compute capability 8.0. Code for an older one uses shuffles in
+/// both cases.
 #if defined(__CUDA_ARCH__) && __CUDA_ARCH__ < 800
 constexpr bool kHasOne = false;
 #else
@@ -40,7 +40,7 @@ __global__ void join(uint32_t* sums, uint32_t* largest, uint32_t* bits) {
 
 constexpr uint32_t kMostPieces = 2 * kWarpLanes;
 
-/// Stages run after run of `pieces[r]` pieces, as stage 1 does, and copies what it finds staged to `out`.
+/// Stages one run after another of `pieces[r]` pieces, as stage 1 does, and copies the staged pieces to `out`.
 template <bool kAsync>
 __global__ void stage(const uint4* from, const uint32_t* pieces, uint32_t runs, uint4* out) {
   __shared__ uint4 stages[2][kMostPieces];
@@ -52,7 +52,7 @@ __global__ void stage(const uint4* from, const uint32_t* pieces, uint32_t runs, 
     copy.commit();
     copy.wait();
     __syncwarp();
-    // Each lane reads what another one copied.
+    // Each lane reads pieces that another lane copied.
     for (uint32_t i = kWarpLanes - 1 - threadIdx.x; i < pieces[run]; i += kWarpLanes)
       out[run * kMostPieces + i] = stages[run % 2][i];
     __syncwarp();

@@ -1,14 +1,14 @@
-// Kernels of the tests of kernels/cuda/warp.cuh.
+// Test kernels for kernels/cuda/warp.cuh.
 #pragma once
 
 #include <string>
 
 namespace scree::tests {
 
-/// Joins lanes' values by one instruction and by shuffles. What is wrong; empty where both are right.
+/// Joins lanes' values by one instruction and by shuffles. Returns the errors; empty if both are right.
 std::string check_lane_sums();
 
-/// Stages runs of pieces, past the registers and through them. What is wrong; empty where both are right.
+/// Stages runs of pieces, past the registers and through them. Returns the errors; empty if both are right.
 std::string check_stage_copies();
 
 }  // namespace scree::tests

@@ -1,5 +1,5 @@
-// The fixed-point map of a cluster never lets a triangle go that covers a pixel centre, keeps hardly more than the
-// filter it stands for, and is there for most clusters that are small on the screen.
+// The fixed-point map of a cluster never drops a triangle that covers a pixel centre, keeps hardly more than the filter
+// that it replaces, and exists for most clusters that are small on the screen.
 #include "kernels/cull/affine_projection.h"
 
 #include <algorithm>
@@ -18,15 +18,15 @@ namespace {
 struct Tally {
   uint64_t clusters = 0;
   uint64_t linear = 0;
-  uint64_t predicted = 0;  // of the linear ones
-  uint64_t triangles = 0;  // of them
+  uint64_t predicted = 0;  // of the clusters with a map
+  uint64_t triangles = 0;  // of these clusters
   uint64_t covering = 0;
   uint64_t kept = 0;
   uint64_t kept_by_filter = 0;
   uint64_t wrong = 0;
 };
 
-/// A vertex's place, as the kernel finds it. `words`: the first has the vertices' first bit.
+/// A vertex's position, as the kernel computes it. `words`: the first one contains the vertices' first bit.
 uint32_t place_of(const AffineProjection& map, const ClusterCodes& codes, const uint32_t* words, uint32_t vertex) {
   const uint32_t stride = codes.bits[0] + codes.bits[1] + codes.bits[2];
   uint64_t window = 0;

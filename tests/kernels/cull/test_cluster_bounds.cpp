@@ -1,5 +1,5 @@
-// What cluster_bounds.h says of a box holds for every triangle of vertices in it, and is tight enough to be of use; a
-// box that the depth pyramid calls hidden is behind every sample it touches.
+// The bounds of cluster_bounds.h for a box hold for every triangle with vertices in it, and are tight enough to be
+// useful. A box that the depth pyramid reports as hidden is behind every sample that it touches.
 #include "kernels/cull/cluster_bounds.h"
 
 #include <algorithm>
@@ -43,11 +43,11 @@ struct Tally {
   uint64_t empty = 0;  // boxes whose triangles cover no pixel centre
   uint64_t clipped = 0;
   uint64_t wrong = 0;
-  uint64_t area = 0;        // pixels of the bounds of boxes before the camera
-  uint64_t least_area = 0;  // of the smallest box around the triangles' own
+  uint64_t area = 0;        // pixels of the bounds of boxes in front of the camera
+  uint64_t least_area = 0;  // pixels of the smallest box around the triangles' own boxes
 };
 
-/// What a triangle's pieces cover, all together.
+/// The pixels covered by all pieces of a triangle.
 struct Covered {
   PixelBox box{INT32_MAX, INT32_MAX, INT32_MIN, INT32_MIN};
   uint32_t nearest_code = UINT32_MAX;
@@ -94,7 +94,7 @@ void add_triangle(const FrameView& view, const Transform& transform, const Chunk
   }
 }
 
-/// Takes runs of 1 to 128 triangles of a chunk as clusters.
+/// Uses runs of 1 to 128 triangles of a chunk as clusters.
 template <bool kOrthographic>
 void tally_chunk(const FrameView& view, const format::MeshRecord& mesh, const format::ChunkRecord& chunk,
                  const ChunkReader& reader, const Transform& transform, std::mt19937& random, Tally& tally) {
@@ -155,7 +155,7 @@ TEST_CASE("bounds of clusters hold every pixel and depth code of their triangles
     SceneBuilder scene;
     const Soup soup = round % 2 == 0 ? sphere(40, 0.2) : grid(60, 0.3);
     const uint32_t mesh = scene.mesh(soup, {false, -6 - round % 17, round % 5 == 0 ? 500u : 65536u});
-    // From far away to within the mesh; the world's origin near or a million units off; fine and coarse pictures.
+    // From far away to inside the mesh; with the world's origin near or a million units away; fine and coarse pictures.
     const double distance = std::pow(10.0, 2.5 * unit(random));
     const double origin = round % 4 == 0 ? 1e6 * unit(random) : 0.0;
     add_turned_instance(scene, mesh, round, origin, [&] { return unit(random); });
@@ -179,7 +179,7 @@ TEST_CASE("bounds of clusters hold every pixel and depth code of their triangles
     sum.least_area += one.least_area;
   }
   CAPTURE(sum.boxes, sum.culled, sum.empty, sum.clipped, sum.area, sum.least_area);
-  // Both answers came up, most of what shows nothing was found, and the bounds are not much wider than what is there.
+  // Both answers occurred, most invisible boxes were found, and the bounds are not much larger than needed.
   CHECK(sum.culled > sum.boxes / 10);
   CHECK(sum.culled > sum.empty / 2);
   CHECK(sum.clipped > 500);

@@ -23,7 +23,7 @@ void add_attributes(Soup& soup) {
   }
 }
 
-/// Thousands of triangles of all sizes, some without area, some of no shared vertices.
+/// Thousands of triangles of all sizes, some without area, some without shared vertices.
 Soup mixed() {
   Soup soup = sphere(40, 0.3);
   std::mt19937 random(9);
@@ -41,7 +41,7 @@ Soup mixed() {
   return soup;
 }
 
-/// The soup at two places, once mirrored.
+/// The soup at two positions, one of them mirrored.
 void build(SceneBuilder& builder, const Soup& soup, Encoding encoding) {
   encoding.material = builder.material(format::kMaterialDoubleSided);
   const uint32_t mesh = builder.mesh(soup, encoding);
@@ -78,7 +78,7 @@ TEST_CASE("clusters: the picture is that of indexed chunks in the same order, bi
         REQUIRE(covered(expected) > 0);
         CHECK(draw(scene, view) == expected);
         CHECK(draw(scene, view, 3) == expected);
-        // Blocks that end within clusters, some of few triangles, and kernels without AVX2.
+        // Blocks that end within clusters, some with few triangles, and kernels without AVX2.
         QueueSizes sizes;
         for (const uint32_t triangles : {1u, 50u, 200u}) {
           sizes.block_triangles = triangles;
@@ -113,7 +113,7 @@ TEST_CASE("clusters: shading and picking find the triangle and its vertices", "[
       REQUIRE(shade_cpu(other, view, samples, options, expected, 1));
       CHECK(found == expected);
     }
-    // Each cluster that is seen has a colour of its own.
+    // Each visible cluster has its own colour.
     ShadeOptions options;
     options.show = Show::kCluster;
     std::vector<float> rgba(4 * samples.size());

@@ -15,13 +15,13 @@ namespace {
 
 struct Tally {
   uint64_t triangles = 0;
-  uint64_t clipped = 0;   // not outside, with corners to clip
-  uint64_t covering = 0;  // the pixel box of the exact projection, or of a piece of it, is not empty
+  uint64_t clipped = 0;   // not outside, with corners to be clipped
+  uint64_t covering = 0;  // the exact projection, or a piece of it, has a non-empty pixel box
   uint64_t kept = 0;
   uint64_t wrong = 0;  // covering and not kept
 };
 
-/// Whether a piece of the triangle that is left of clipping has a pixel box that is not empty.
+/// Whether a piece of the clipped triangle has a non-empty pixel box.
 template <bool kOrthographic>
 bool piece_covers(ClipVertex polygon[kMaxPolygon], const FrameView& view) {
   const int count = clip_polygon<kOrthographic>(polygon);
@@ -107,11 +107,11 @@ TEST_CASE("no triangle that covers a pixel centre is filtered out", "[sample_fil
     const Soup soup = round % 2 == 0 ? sphere(40, 0.2) : grid(60, 0.3);
     const bool float32 = round % 3 == 0;
     const uint32_t mesh = scene.mesh(soup, {float32, -6 - round % 17, round % 5 == 0 ? 500u : 65536u});
-    // From far away to within the mesh; the world's origin near or a million units off.
+    // From far away to inside the mesh; with the world's origin near or a million units away.
     const double distance = std::pow(10.0, 3 * unit(random));
     const double origin = round % 4 == 0 ? 1e6 * unit(random) : 0.0;
     add_turned_instance(scene, mesh, round, origin, [&] { return unit(random); });
-    // Odd and even sizes, small to the largest.
+    // Odd and even sizes, from small to the largest.
     const uint32_t width = round % 6 == 0 ? 16384 : 100 + static_cast<uint32_t>(round);
     const uint32_t height = round % 6 == 0 ? 9001 : 80 + static_cast<uint32_t>(round * 7 % 31);
     const double around = unit(random) * 3;
@@ -126,7 +126,7 @@ TEST_CASE("no triangle that covers a pixel centre is filtered out", "[sample_fil
     sum.covering += one.covering;
     sum.kept += one.kept;
   }
-  // Both answers came up often enough to mean something.
+  // Both answers occurred often enough to be meaningful.
   CHECK(sum.covering > sum.triangles / 20);
   CHECK(sum.kept < sum.triangles - sum.triangles / 20);
 }
@@ -135,7 +135,7 @@ TEST_CASE("most triangles of a dense mesh are filtered out", "[sample_filter]") 
   for (const bool float32 : {false, true}) {
     SceneBuilder scene;
     scene.instance(scene.mesh(grid(300, 0.05), {float32, -16}), scene.identity());
-    // 180,000 triangles on some 30,000 pixels: legs of half a pixel.
+    // 180,000 triangles on about 30,000 pixels: legs of half a pixel.
     const Tally seen = tally(scene.view(), look_at({0.4, 2.5, 1.5}, {0, 0, 0}, 200, 160));
     CHECK(seen.wrong == 0);
     CHECK(seen.covering > 1000);
@@ -149,12 +149,12 @@ TEST_CASE("most triangles that are smaller than a pixel are filtered out at the 
     SceneBuilder scene;
     scene.instance(scene.mesh(rough_field(300, 0.01), {float32, -16}), scene.identity());
     Tally sum;
-    // From above, its surface at the near plane; and from near, with corners half as far away as the plane.
+    // From above, with the surface at the near plane; and from close, with corners at half of the near distance.
     const Tally above = tally(scene.view(), look_at({0, 1.6, 0}, {0, 0, 0}, 200, 160, 1.6));
     CHECK(above.wrong == 0);
     CHECK(above.clipped > 50000);
     CHECK(above.kept < above.triangles / 2);
-    CHECK(above.kept < 2 * above.covering);  // what is cut off would have covered some
+    CHECK(above.kept < 2 * above.covering);  // the part that is cut off would have covered some
     for (const double height : {0.4, 0.1, 0.02}) {
       const Tally near = tally(scene.view(), look_at({0.1, height, 0.05}, {0, 0, 0}, 200, 160, height));
       INFO("from " << height);

@@ -1,4 +1,4 @@
-// What the CPU leaves out of a frame never shows, and is most of what is hidden.
+// Culling on the CPU never removes anything visible, and removes most of the hidden part.
 #include <algorithm>
 #include <cmath>
 #include <random>
@@ -15,7 +15,7 @@ using namespace scree::tests;
 
 namespace {
 
-/// Rounds of few triangles: a pyramid before nearly each.
+/// Rounds of few triangles: a pyramid before almost every round.
 QueueSizes many_rounds() {
   QueueSizes sizes;
   sizes.round_triangles = 64;
@@ -34,7 +34,8 @@ Soup wall(double half) {
   return soup;
 }
 
-/// A hundred spheres in four layers, and a wall before them. (A chunk's box is up to twice as large as what is in it.)
+/// A hundred spheres in four layers, and a wall in front of them. (A chunk's box is up to twice as large as its
+/// content.)
 void build_rows(SceneBuilder& builder, Clusters clusters) {
   Encoding encoding;
   encoding.clusters = clusters;
@@ -61,9 +62,9 @@ TEST_CASE("culling: random cameras see what all triangles give, with all of it o
     std::mt19937 random(31);
     std::uniform_real_distribution<double> place(-1, 1);
     uint64_t drawn = 0;
-    uint64_t within = 0;  // the picture, hidden or not
+    uint64_t within = 0;  // in the picture, hidden or not
     for (int i = 0; i < (kIsSanitized ? 60 : 200); ++i) {
-      // Around the scene and within it, near planes that cut through spheres, tall pictures and wide ones.
+      // Around the scene and inside it, with near planes that cut through spheres, in tall and wide pictures.
       const double far = i % 4 == 0 ? 0.6 : 5;
       View view =
           look_at({far * place(random), far * place(random), far * place(random) + 1}, {0.3 * place(random), 0, 0},
@@ -136,7 +137,7 @@ TEST_CASE("culling: what a wall hides is not drawn", "[raster][clusters]") {
     SceneBuilder builder;
     build_rows(builder, clusters);
     const SceneView scene = builder.view();
-    // The wall fills the picture, before 100 spheres.
+    // The wall fills the picture, in front of 100 spheres.
     const View view = look_at({0, 0, 2}, {0, 0, 0}, 64, 40);
     const Drawn all = draw_counted(scene, view, nothing_left_out());
     QueueSizes sizes;
@@ -194,7 +195,7 @@ TEST_CASE("culling: parts of a picture hide what comes in later ones", "[raster]
   std::vector<const std::byte*> pages(scene.pages, scene.pages + builder.pages.size());
   scene.pages = pages.data();
   std::vector<uint64_t> samples(expected.size(), kBackground);
-  // Page after page, from the last to the first.
+  // One page after another, from the last to the first.
   for (size_t page = pages.size(); page-- > 0;) {
     std::vector<const std::byte*> one(pages.size(), nullptr);
     one[page] = pages[page];
@@ -223,7 +224,7 @@ TEST_CASE("culling: single precision keeps every box that double precision keeps
     for (int row = 0; row < 3; ++row) {
       for (int column = 0; column < 3; ++column) matrix.rows[row][column] = unit(random);
       matrix.rows[row][3] = distance * unit(random);
-      // Boxes of all sizes, from one side of the origin to the other.
+      // Boxes of all sizes, on both sides of the origin.
       const double steps = std::min(std::ldexp(distance, -mesh.lattice_exponent), 1e9);
       mesh.lattice_min[row] = static_cast<int64_t>(steps * unit(random));
       chunk.position_min[row] = static_cast<uint32_t>(random() % 65536);

@@ -1,4 +1,4 @@
-// How fast triangles are drawn: scree_tests "[.bench]", in a Release build; a speed that must hold is a test.
+// Speed of drawing triangles: scree_tests "[.bench]", in a Release build. Speeds that must hold are tests.
 #include <chrono>
 #include <cstdio>
 #include <thread>
@@ -13,8 +13,8 @@ using namespace scree::tests;
 
 namespace {
 
-/// Bumpy ground of columns x rows quads in blocks of 8 x 8 (as a mesh ordered for locality has them), 0.0625 a quad:
-/// scene A of the measured scenes, smaller.
+/// Bumpy ground of columns x rows quads in blocks of 8 x 8 (as in a mesh ordered for locality), 0.0625 units per quad:
+/// a smaller version of the measured scene A.
 Soup ground(uint32_t columns, uint32_t rows) {
   Soup soup;
   const double step = 0.0625;
@@ -102,7 +102,7 @@ TEST_CASE("speed: 15 M small triangles a second and core at 1920 x 1080", "[spee
       const double start = cpu_seconds();
       const auto drawn = draw_cpu_with(scene, view, samples, 1, set, QueueSizes{});
       REQUIRE(drawn);
-      REQUIRE(drawn->triangles > samples.size());  // below a pixel each
+      REQUIRE(drawn->triangles > samples.size());  // smaller than a pixel each
       return (cpu_seconds() - start) / static_cast<double>(drawn->triangles);
     });
   }
@@ -110,7 +110,7 @@ TEST_CASE("speed: 15 M small triangles a second and core at 1920 x 1080", "[spee
 #endif
 
 TEST_CASE("bench: medium and large triangles", "[.bench]") {
-  // Layers of quads facing the camera, back to front and front to back.
+  // Layers of quads that face the camera, back to front and front to back.
   for (uint32_t quads : {1u, 16u, 64u, 160u}) {
     SceneBuilder builder;
     Soup soup;

@@ -23,7 +23,7 @@ Encoding lattice(int32_t exponent) {
   return encoding;
 }
 
-/// 100 pixels a unit from above, the origin in the picture's middle, a pixel's corner.
+/// 100 pixels per unit, from above, with the origin at a pixel corner in the picture's middle.
 View pixels_view(uint32_t width, uint32_t height) {
   return orthographic(look_at({0, 0, 4}, {0, 0, 0}, width, height), height / 200.0, 0.5, 16);
 }
@@ -61,7 +61,7 @@ HardCase slivers() {
   Soup soup;
   for (int i = 0; i < 20000; ++i) {
     const double angle = kPi * unit(random), x = unit(random), y = unit(random), z = unit(random);
-    const double across = 1e-6;  // of a unit of length
+    const double across = 1e-6;  // units
     const uint32_t a = soup.add(x, y, z);
     soup.add(x + std::cos(angle), y + std::sin(angle), z);
     soup.add(x - across * std::sin(angle), y + across * std::cos(angle), z);
@@ -88,8 +88,8 @@ HardCase degenerate_triangles() {
     soup.triangle(a, a, a);
     soup.triangle(a, b, a);
     soup.triangle(b, b, c);
-    soup.triangle(a, b, c);  // once more
-    soup.triangle(b, c, a);  // and turned
+    soup.triangle(a, b, c);  // a duplicate
+    soup.triangle(b, c, a);  // a duplicate with rotated corners
   }
   const uint32_t line = soup.add(-2, -2, 0);
   soup.add(0, 0, 0);
@@ -100,7 +100,7 @@ HardCase degenerate_triangles() {
   return hard;
 }
 
-/// Four surfaces in one place, of several chunks, instances and meshes; of the last the triangles start at another
+/// Four coincident surfaces, from several chunks, instances and meshes. The triangles of the last one start at another
 /// corner.
 HardCase coincident() {
   HardCase hard;
@@ -130,14 +130,14 @@ HardCase whole_screen() {
 HardCase edge_on() {
   HardCase hard;
   hard.draw_once(grid(30, 0), hard.both_sides(lattice(-12)));
-  // In the plane, an ulp-sized angle above it, a small one.
+  // The eye in the plane, an ulp-sized angle above it, and a small angle above it.
   hard.views = {look_at({0, 0, 3}, {0, 0, 0}, 300, 200), look_at({0.4, 1e-7, 2}, {0, 0, 0}, 300, 201),
                 look_at({0.4, 1e-3, 2}, {0, 0, 0}, 300, 200),
                 orthographic(look_at({0, 0, 3}, {0, 0, 0}, 300, 200), 1.2, 0.5, 8)};
   return hard;
 }
 
-/// Large triangles about the eye: before it, across the near plane, behind.
+/// Large triangles around the eye: in front of it, across the near plane, behind it.
 HardCase near_plane() {
   HardCase hard;
   std::mt19937 random(47);
@@ -162,7 +162,7 @@ HardCase behind() {
   return hard;
 }
 
-/// Fans whose hub is the eye itself, and the eye on edges and faces of them.
+/// Fans whose hub is at the eye, and the eye on their edges and faces.
 HardCase vertex_at_eye() {
   HardCase hard;
   Soup soup;
@@ -200,14 +200,14 @@ HardCase pixel_centres() {
     }
   }
   hard.draw_once(soup, hard.both_sides(lattice(-8)));
-  View view = orthographic(look_at({0, 0, 1}, {0, 0, 0}, 128, 128), 0.5, 0, 2);  // 128 pixels a unit
+  View view = orthographic(look_at({0, 0, 1}, {0, 0, 0}, 128, 128), 0.5, 0, 2);  // 128 pixels per unit
   hard.views = {view};
   for (int i = 0; i < 3; ++i) view.right[i] = -view.right[i], view.up[i] = -view.up[i];
-  hard.views.push_back(view);  // upside down: the other side of every edge takes its centres
+  hard.views.push_back(view);  // upside down: each edge's centres belong to its other side
   return hard;
 }
 
-/// 10,000 triangles round a point: all inside of one pixel, and as long as 40.
+/// 10,000 triangles around a point, all inside of one pixel or up to 40 pixels long.
 Soup fan(double x, double y, double radius) {
   Soup soup;
   const uint32_t count = 10000;
@@ -220,9 +220,9 @@ Soup fan(double x, double y, double radius) {
 
 HardCase fans() {
   HardCase hard;
-  hard.draw_once(fan(0.005, 0.005, 0.4), float32());      // round a pixel's centre, 40 pixels long
-  hard.draw_once(fan(-0.595, 0.305, 0.0045), float32());  // within a pixel, round its centre
-  hard.draw_once(fan(0.6, -0.3, 0.0045), float32());      // round a corner of four
+  hard.draw_once(fan(0.005, 0.005, 0.4), float32());      // around a pixel's centre, 40 pixels long
+  hard.draw_once(fan(-0.595, 0.305, 0.0045), float32());  // within a pixel, around its centre
+  hard.draw_once(fan(0.6, -0.3, 0.0045), float32());      // around a corner of four pixels
   hard.draw_once(fan(0.7012, 0.3987, 0.2), float32());    // anywhere
   hard.views = {pixels_view(200, 100)};
   return hard;
@@ -230,13 +230,13 @@ HardCase fans() {
 
 HardCase subpixel_sphere() {
   HardCase hard;
-  hard.draw_once(sphere(150, 0), hard.both_sides(lattice(-16)));  // 89,400 triangles, 4 a pixel
+  hard.draw_once(sphere(150, 0), hard.both_sides(lattice(-16)));  // 89,400 triangles, 4 per pixel
   hard.views = {look_at({0.1, 0.2, 3}, {0, 0, 0}, 160, 160), pixels_view(160, 160)};
   hard.views[1] = orthographic(hard.views[0], 1.2, 0.5, 8);
   return hard;
 }
 
-/// A sphere with millimetre bumps 1e7 m from the origin, by its instance's translation.
+/// A sphere with millimetre bumps 1e7 m from the origin, placed by its instance's translation.
 HardCase georeferenced() {
   HardCase hard;
   const uint32_t ball = hard.mesh(sphere(40, 0.001), lattice(-16));
@@ -246,7 +246,7 @@ HardCase georeferenced() {
   return hard;
 }
 
-/// The same as float32 vertices, which are half a metre apart there.
+/// The same as float32 vertices, which are half a metre apart at that distance.
 HardCase georeferenced_floats() {
   HardCase hard;
   Soup soup = sphere(40, 0.001);
@@ -263,7 +263,7 @@ HardCase scaled(double scale) {
   hard.builder.instance(ball, hard.builder.matrix({scale, 0, 0, 0, 0, scale, 0, 0, 0, 0, scale, 0}));
   Soup small = sphere(30, 0.1);
   for (float& value : small.positions) value *= static_cast<float>(0.5 * scale);
-  const uint32_t own = hard.mesh(small, float32());  // by its vertices instead of its matrix
+  const uint32_t own = hard.mesh(small, float32());  // placed by its vertices instead of its matrix
   hard.builder.instance(own, hard.builder.matrix({1, 0, 0, 1.5 * scale, 0, 1, 0, 0, 0, 0, 1, 0}));
   hard.views = {look_at({2 * scale, 1.5 * scale, 2.5 * scale}, {0.4 * scale, 0, 0}, 300, 200, 0.1 * scale)};
   return hard;
@@ -290,7 +290,7 @@ HardCase flat_and_points() {
   return hard;
 }
 
-/// Squares that fill a strip of the picture each, from 1e-3 units away, where the near plane is, to 1e7.
+/// Squares that fill one strip of the picture each, from 1e-3 units away, where the near plane is, to 1e7.
 HardCase depth_range() {
   HardCase hard;
   const uint32_t identity = hard.builder.identity();
@@ -323,7 +323,7 @@ HardCase transforms() {
     at({0.8, 0, 0, 3, 0, 0, 0, y, 0, 0, 0.8, 0});      // a plane
     at({0.5, 0.5, 0, 5, 0.5, 0.5, 0, y, 0, 0, 0, 0});  // a line
     at({0, 0, 0, -5, 0, 0, 0, y, 0, 0, 0, 0});         // a point
-    at({0, -0.7, 0, 7, 0.7, 0, 0, y, 0, 0, -0.7, 0});  // turned and mirrored
+    at({0, -0.7, 0, 7, 0.7, 0, 0, y, 0, 0, -0.7, 0});  // rotated and mirrored
     at({1e-6, 0, 0, -7, 0, 1, 0, y, 0, 0, 1e-6, 0});   // a needle
   }
   hard.views = {look_at({0.5, 3, 9}, {0, 1, 0}, 500, 200), look_at({-2, 6, 1}, {0, 0, 0}, 300, 300)};
@@ -338,7 +338,7 @@ HardCase odd_sizes() {
     View sized = view;
     sized.width = width;
     sized.height = height;
-    hard.views.push_back(sized);  // stretched: all of the picture is used
+    hard.views.push_back(sized);  // stretched to fill the picture
   }
   return hard;
 }
@@ -417,7 +417,7 @@ Figures judge(HardCase& hard) {
         const auto ours =
             compare::reference_depth(meshes[instances[instance].mesh], instances[instance], triangle, view,
                                      static_cast<uint32_t>(i % view.width), static_cast<uint32_t>(i / view.width));
-        // Triangles that coincide there are as good.
+        // Triangles that coincide there are equally right.
         if (!ours || std::fabs(*ours - right.depth) > 1e-12 * std::fabs(right.depth)) {
           ++figures.other_triangle;
           continue;
@@ -436,7 +436,7 @@ CoverCount count_covers(SceneBuilder& builder, const View& view, const Draws& dr
     std::vector<uint32_t> indices;
     std::span<std::byte> stream;
     format::IndexRange range;
-    uint64_t first;  // its first triangle's number among those of all meshes
+    uint64_t first;  // number of its first triangle among those of all meshes
   };
   std::vector<Chunk> chunks;
   uint64_t triangles = 0;
@@ -472,7 +472,7 @@ CoverCount count_covers(SceneBuilder& builder, const View& view, const Draws& dr
       keep([&](uint64_t number) { return ((number >> bit) & 1) == side; });
       halves[side] = picture();
     }
-    uint64_t different = 0;  // the halves together are the whole
+    uint64_t different = 0;  // both halves together must give the whole
     for (size_t i = 0; i < whole.size(); ++i) {
       const bool a = halves[0][i] != kBackground, b = halves[1][i] != kBackground;
       different += (a || b) != count.is_covered[i] ? 1 : 0;
@@ -528,7 +528,7 @@ void check_closed(const std::string& name, const Soup& soup, const View& view, d
                  "), covered from one side only " + std::to_string(one_side) + "; " + took);
   CHECK(inside_missing == 0);
   CHECK(inside_twice == 0);
-  CHECK(one_side == 0);  // a closed surface has as many front as back faces at every point, however it is snapped
+  CHECK(one_side == 0);  // a closed surface has as many front as back faces at every point, also after snapping
   CHECK(static_cast<double>(counts[0].covered) == Approx(3.14159265 * disc_pixels * disc_pixels).epsilon(0.01));
 }
 

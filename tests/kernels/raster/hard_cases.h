@@ -1,6 +1,6 @@
-// Scenes that break rasterisers, drawn on the CPU by every path there is and held against the double-precision
-// reference of tools/compare; tests/kernels/cuda/test_cuda_scenes.cpp draws the same ones on the GPU.
-// docs/results/hard_cases.md has what they gave.
+// Scenes that break rasterisers, drawn on the CPU by every path and compared with the double-precision reference of
+// tools/compare. tests/kernels/cuda/test_cuda_scenes.cpp draws the same scenes on the GPU. Results:
+// docs/results/hard_cases.md.
 #pragma once
 
 #include <cstdint>
@@ -12,7 +12,7 @@
 
 namespace scree::tests {
 
-/// A scene with the soups its meshes were made of, which are what the reference draws.
+/// A scene, with the soups that its meshes were made from, which the reference draws.
 struct HardCase {
   SceneBuilder builder;
   std::vector<Soup> soups;          // by mesh
@@ -21,13 +21,13 @@ struct HardCase {
 
   /// Adds a mesh and returns its number.
   uint32_t mesh(Soup soup, const Encoding& encoding);
-  /// The same, drawn once as it is.
+  /// The same, with one instance without a transform.
   void draw_once(Soup soup, const Encoding& encoding);
-  /// Encoding with a material that shows both sides.
+  /// Encoding with a double-sided material.
   Encoding both_sides(Encoding encoding = {});
 };
 
-/// What the pictures of a case are beside the reference's, all views together.
+/// Comparison of a case's pictures with the reference, summed over all views.
 struct Figures {
   uint64_t pixels = 0;
   uint64_t covered = 0;         // by us
@@ -39,34 +39,34 @@ struct Figures {
   std::string text() const;
 };
 
-/// Draws all views with one thread, with two and queues that must grow, and with either instruction set, requires equal
-/// pictures, and compares them with the reference.
+/// Draws all views with one thread, with two threads and queues that must grow, and with both instruction sets.
+/// Requires equal pictures, and compares them with the reference.
 Figures judge(HardCase& hard);
 
-/// How often triangles cover pixels, each triangle counted: exact, whatever lies in front of what.
+/// How often triangles cover pixels, counting each triangle exactly, regardless of depth.
 struct CoverCount {
   uint64_t covered = 0;  // pixels that any triangle covers
-  uint64_t twice = 0;    // by more than one
+  uint64_t twice = 0;    // pixels that more than one covers
   std::vector<bool> is_covered, is_twice;
 };
 
-/// What draws a builder's scene; two threads where it is empty.
+/// A function that draws a builder's scene. If empty: the CPU with two threads.
 using Draws =
     std::function<std::vector<uint64_t>(const SceneBuilder&, const kernels::SceneView&, const kernels::View&)>;
 
-/// Draws the scene once for each value of each bit of the triangles' numbers: two triangles differ in a bit, so that a
-/// pixel with two of them is covered by both halves of some bit. Indexed chunks only.
+/// Draws the scene once for each value of each bit of the triangles' numbers. Two triangles differ in some bit, so a
+/// pixel with two of them is covered by both halves of that bit. Indexed chunks only.
 CoverCount count_covers(SceneBuilder& builder, const kernels::View& view, const Draws& draws = {});
 
-/// A closed convex mesh: what faces the camera covers each pixel of its picture once, what faces away the same pixels
-/// once; what the two count near the outline, where snapping folds triangles over, is noted.
+/// For a closed convex mesh: its front faces cover each pixel of its picture once, and its back faces the same pixels
+/// once. Differences near the outline, where snapping folds triangles over, are noted.
 void check_closed(const std::string& name, const Soup& soup, const kernels::View& view, double disc_pixels,
                   const Draws& draws = {});
-/// Of a sphere() of radius 1, which has side / 2.2 pixels there.
+/// The view of a sphere() of radius 1, which is side / 2.2 pixels large.
 kernels::View sphere_view(uint32_t side);
 
-/// Notes a case's figure: in the message of a failing check, and as a row in the file that the environment variable
-/// SCREE_HARD_CASES names, if any.
+/// Records a figure of a case: in the message of a failing check, and as a row in the file that the environment
+/// variable SCREE_HARD_CASES names, if it is set.
 void note(const std::string& what, const std::string& figure);
 
 /// Cases that are drawn on both backends, by name.
@@ -79,8 +79,8 @@ const std::vector<NamedCase>& hard_cases();
 /// The case of that name.
 HardCase make_hard_case(const std::string& name);
 
-/// The same case with clustered chunks, or with their triangles in indexed ones. Float32 positions are laid on a
-/// lattice of 20 bits an axis, so that it is not the case's own picture.
+/// The same case with clustered chunks, or with the clusters' triangles in indexed chunks. Float32 positions are moved
+/// to a lattice of 20 bits per axis, so the picture differs from the case's own.
 HardCase in_clusters(const HardCase& hard, Clusters clusters);
 
 }  // namespace scree::tests

@@ -1,4 +1,4 @@
-// The short way of cutting triangles at the near plane gives what cutting them at all planes gives.
+// Clipping at the near plane alone gives the same result as clipping at all planes.
 #include "kernels/raster/clip.h"
 
 #include <cmath>
@@ -15,7 +15,7 @@ bool is_same(const ScreenVertex& a, const ScreenVertex& b) {
   return a.x == b.x && a.y == b.y && a.depth == b.depth && a.flags == b.flags;
 }
 
-/// All planes: how many corners, and these as they are drawn.
+/// Clips at all planes: returns the number of corners, and the corners as drawn.
 int cut_at_all(const ClipVertex v[3], const FrameView& view, ScreenVertex out[kMaxPolygon]) {
   ClipVertex polygon[kMaxPolygon] = {v[0], v[1], v[2]};
   const int count = clip_polygon<false>(polygon);
@@ -24,8 +24,8 @@ int cut_at_all(const ClipVertex v[3], const FrameView& view, ScreenVertex out[kM
 }
 
 struct Tally {
-  uint64_t by_count[5] = {};  // triangles that the short way answers, by corners
-  uint64_t left = 0;          // to the long way
+  uint64_t by_count[5] = {};  // triangles clipped at the near plane alone, by number of corners
+  uint64_t left = 0;          // triangles for the general clipper
   uint64_t wrong = 0;
 };
 
@@ -59,7 +59,7 @@ TEST_CASE("clip: triangles cut at the near plane alone have the corners that cut
   Tally sums;
   for (int round = 0; round < 400000; ++round) {
     ClipVertex v[3];
-    // Far less than a near distance across, about as much, and far more; some leave the guard band.
+    // Much smaller than the near distance, about as large, and much larger; some leave the guard band.
     const double across = std::pow(10.0, 3 * unit(random));
     const double wide = std::pow(10.0, 4 + 4 * unit(random));
     const double middle = 1 + across * unit(random);
@@ -69,7 +69,7 @@ TEST_CASE("clip: triangles cut at the near plane alone have the corners that cut
       corner.y = wide * unit(random);
       const bool inside =
           corner.w >= 1 && std::abs(corner.x) <= kGuardBand * corner.w && std::abs(corner.y) <= kGuardBand * corner.w;
-      // Single precision may see a corner at the plane on the other side of it.
+      // Single precision may put a corner near the plane on its other side.
       corner.snapped = round % 32 == 0 ? unit(random) > 0 : inside;
       corner.drawn = {round, -round, 0.25f, 0};
     }

@@ -1,6 +1,6 @@
-// One test a hard case of rasterisation (hard_cases.h): how many pixels differ from the double-precision reference, and
-// the bound that must hold. A wrong pixel is one on an outline or an edge, which snapping to 1/256 pixel moves; bounds
-// are about twice what was measured.
+// One test per hard case of rasterisation (hard_cases.h): the number of pixels that differ from the double-precision
+// reference, and its bound. A wrong pixel lies on an outline or an edge, which snapping to 1/256 pixel moves. Bounds
+// are about twice the measured values.
 #include <chrono>
 #include <cstdio>
 #include <random>
@@ -33,14 +33,14 @@ std::string number(uint64_t value) {
 
 TEST_CASE("hard: slivers of aspect 1e6", "[hard]") {
   const Figures figures = judged("slivers", 800, 0, 1e-6);
-  // Which centres a sliver of a ten-thousandth of a pixel covers is chance; how many is not.
+  // Which centres a sliver of a ten-thousandth of a pixel covers is random; their number is not.
   CHECK(figures.reference > 100);
   CHECK(figures.covered > figures.reference / 2);
   CHECK(figures.covered < 2 * figures.reference);
 }
 
 TEST_CASE("hard: slivers of aspect 1e6 side by side cover each pixel once", "[hard]") {
-  judged("sliver strip", 10, UINT64_MAX, 1e-5);  // of thousands of slivers a pixel, which one is chance
+  judged("sliver strip", 10, UINT64_MAX, 1e-5);  // thousands of slivers per pixel: which one is drawn is random
   HardCase hard = make_hard_case("sliver strip");
   for (const View& view : hard.views) {
     const CoverCount count = count_covers(hard.builder, view);
@@ -55,8 +55,8 @@ TEST_CASE("hard: triangles without area and triangles that come twice", "[hard]"
   HardCase hard = make_hard_case("degenerate and duplicate triangles");
   const std::vector<uint64_t> samples = draw(hard.builder.view(), hard.views[0]);
   const uint64_t originals = sphere(12, 0.1).indices.size() / 3;
-  // Behind the originals come five a triangle: three without area, a copy, and a copy turned, whose depth may round to
-  // the code before.
+  // The originals are followed by five triangles each: three without area, a copy, and a rotated copy, whose depth may
+  // be rounded to the previous code.
   uint64_t turned = 0;
   for (const uint64_t sample : samples) {
     if (sample == kBackground || kernels::sample_id(sample) < originals) continue;
@@ -78,7 +78,7 @@ TEST_CASE("hard: of coincident surfaces the smaller id shows", "[hard]") {
     const std::vector<uint64_t> samples = draw(all, view), expected = draw(alone, view);
     for (size_t i = 0; i < samples.size(); ++i) {
       if (samples[i] == expected[i]) continue;
-      // Weights of corners in another order round otherwise: the turned copy may be a code nearer.
+      // Weights of corners in another order are rounded differently, so the rotated copy may be one code nearer.
       REQUIRE(expected[i] != kBackground);
       REQUIRE(kernels::sample_depth_code(samples[i]) + 1 == kernels::sample_depth_code(expected[i]));
       (kernels::sample_id(samples[i]) >= 3 * first ? turned : later) += 1;
@@ -97,7 +97,7 @@ TEST_CASE("hard: triangles over the whole screen and far beyond", "[hard]") {
 }
 
 TEST_CASE("hard: a plane seen edge-on", "[hard]") {
-  // Below a 256th of a pixel there is nothing to cover a centre with, where the reference still finds centres.
+  // Surfaces thinner than a 256th of a pixel cover no centre, where the reference still finds centres.
   judged("edge-on", 400, 0, 1e-3);
 }
 
@@ -115,7 +115,7 @@ TEST_CASE("hard: a vertex at the eye", "[hard]") {
 }
 
 TEST_CASE("hard: vertices at pixel centres, edges through them", "[hard]") {
-  judged("vertices at pixel centres", 0, 0, 1e-7);  // exact in both, ties by the same rule
+  judged("vertices at pixel centres", 0, 0, 1e-7);  // exact in both; ties follow the same rule
   HardCase hard = make_hard_case("vertices at pixel centres");
   for (const View& view : hard.views) {
     const CoverCount count = count_covers(hard.builder, view);
@@ -126,17 +126,17 @@ TEST_CASE("hard: vertices at pixel centres, edges through them", "[hard]") {
 }
 
 TEST_CASE("hard: fans of 10,000 triangles round a pixel", "[hard]") {
-  judged("fans", 30, UINT64_MAX, 1e-6);  // which of the triangles in a pixel shows is chance
+  judged("fans", 30, UINT64_MAX, 1e-6);  // which of a pixel's triangles is drawn is random
   HardCase hard = make_hard_case("fans");
   const CoverCount count = count_covers(hard.builder, hard.views[0]);
   note("fans, covers", number(count.covered) + " pixels, " + number(count.twice) + " twice");
   CHECK(count.covered > 5000);
   CHECK(count.twice == 0);
   const auto is_covered = [&](size_t x, size_t y) { return count.is_covered[y * 200 + x]; };
-  CHECK(is_covered(100, 49));  // both have their hub at a centre
+  CHECK(is_covered(100, 49));  // both have their hub at a pixel centre
   CHECK(is_covered(40, 19));
   for (const size_t y : {79, 80})
-    for (const size_t x : {159, 160}) CHECK_FALSE(is_covered(x, y));  // round a corner: no centre within
+    for (const size_t x : {159, 160}) CHECK_FALSE(is_covered(x, y));  // around a corner: no centre inside
 }
 
 TEST_CASE("hard: a closed mesh of sub-pixel triangles has no leak and no double cover", "[hard]") {

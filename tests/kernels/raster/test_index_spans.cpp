@@ -1,7 +1,7 @@
-// Indices of every width the format has, drawn: the same triangles over vertices that lie next to each other and over
-// the same vertices up to 2^32 apart. A valid file states no more bits than its vertices need (spec/container.md 5.2),
-// so 32 bits take a chunk of 716 million triangles; the kernels read the widths of a record as they stand, over
-// vertices of which only the few that are used take memory here.
+// Draws indices of every width of the format: the same triangles over adjacent vertices and over vertices up to 2^32
+// apart. A valid file states no more bits than its vertices need (spec/container.md 5.2), so 32 bits would need a chunk
+// of 716 million triangles. The kernels use the widths of a record without that check; here only the few used vertices
+// take memory.
 #include <bit>
 #include <cstdint>
 #include <memory>
@@ -20,7 +20,7 @@ using kernels::View;
 
 namespace {
 
-constexpr uint32_t kLastVertex = UINT32_MAX - 1;  // of the largest vertex_count
+constexpr uint32_t kLastVertex = UINT32_MAX - 1;  // for the largest vertex_count
 
 /// A sphere with texture coordinates, colours and normals, all different.
 Soup ball() {
@@ -34,7 +34,7 @@ Soup ball() {
   return soup;
 }
 
-/// Its one chunk as it is encoded, and drawn twice.
+/// The sphere's chunk as encoded, drawn twice.
 void build(SceneBuilder& builder, const Encoding& encoding) {
   const uint32_t mesh = builder.mesh(ball(), encoding);
   REQUIRE(builder.chunks.size() == 1);
@@ -57,7 +57,7 @@ std::vector<uint32_t> indices_of(SceneBuilder& builder) {
   return indices;
 }
 
-/// All that is drawn of a scene: samples, by each path of the CPU, and shaded pictures.
+/// Everything that is drawn of a scene: samples, by each path of the CPU, and shaded pictures.
 struct Pictures {
   std::vector<uint64_t> samples;
   std::vector<float> shaded;
@@ -87,7 +87,8 @@ Pictures pictures(const SceneView& scene) {
   return out;
 }
 
-/// Copies the item of `bits` bits at place `from_item` of a stream to place `to_item` of another, which is zero there.
+/// Copies the item of `bits` bits at index `from_item` of a stream to index `to_item` of another, which must be zero
+/// there.
 void copy_item(const std::byte* from, uint64_t from_item, std::byte* to, uint64_t to_item, uint32_t bits) {
   for (uint64_t i = 0; i < bits; ++i) {
     const uint64_t at = from_item * bits + i, place = to_item * bits + i;
@@ -96,8 +97,8 @@ void copy_item(const std::byte* from, uint64_t from_item, std::byte* to, uint64_
   }
 }
 
-/// The payload of the builder's chunk with its vertices apart: the first at `first`, the last `span` behind it. Changes
-/// the chunk's record, whose page has to be set to this; nothing where the system grants no such range.
+/// The payload of the builder's chunk with its vertices spread out: the first at `first`, the last `span` behind it.
+/// Changes the chunk's record, whose page has to be set to the result. Null if the system grants no such range.
 std::unique_ptr<SparseBytes> spread(SceneBuilder& builder, std::vector<uint32_t> indices, uint32_t first,
                                     uint32_t span) {
   const format::MeshRecord& mesh = builder.meshes[0];
@@ -156,7 +157,7 @@ TEST_CASE("hard: indices of more bits than they need are drawn alike, to 32", "[
 
 TEST_CASE("hard: index spans about 2^7 to 2^32, drawn", "[raster][hard]") {
   std::vector<uint32_t> spans{kLastVertex};
-  for (uint32_t k = 7; k < 32; k = k == 8 ? 16 : k + 1)  // the CPU's way of reading changes at 20 bits
+  for (uint32_t k = 7; k < 32; k = k == 8 ? 16 : k + 1)  // the CPU's reader changes at 20 bits
     for (const uint32_t span : {(1u << k) - 1, 1u << k, (1u << k) + 1}) spans.push_back(span);
   for (const Encoding& encoding : encodings()) {
     SceneBuilder builder;
@@ -166,7 +167,7 @@ TEST_CASE("hard: index spans about 2^7 to 2^32, drawn", "[raster][hard]") {
     const format::ChunkRecord chunk = builder.chunks[0];
     for (const uint32_t span : spans) {
       for (const uint32_t first : {0u, kLastVertex - span}) {
-        if (first == 0 && !std::has_single_bit(span)) continue;  // at the end is enough, and goes farther
+        if (first == 0 && !std::has_single_bit(span)) continue;  // at the end only, which is farther away
         CAPTURE(span, first, encoding.exponent, encoding.float32);
         builder.chunks[0] = chunk;
         const std::unique_ptr<SparseBytes> page = spread(builder, indices, first, span);

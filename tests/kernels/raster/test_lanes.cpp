@@ -1,4 +1,4 @@
-// The passes as a warp runs them: 32 threads in lockstep stand in for its lanes.
+// Runs the passes as a warp does: 32 threads in lockstep take the place of its lanes.
 #include <barrier>
 #include <random>
 #include <thread>
@@ -14,7 +14,7 @@ namespace {
 
 constexpr uint32_t kLanes = 32;
 
-/// What the lanes of a team see of each other.
+/// Values that the lanes of a team exchange.
 struct Exchange {
   std::barrier<> meet{kLanes};
   uint64_t values[kLanes];
@@ -81,7 +81,7 @@ TEST_CASE("lanes: a team finds the last value not above a key", "[lanes]") {
     uint64_t value = 0;
     for (size_t i = 0; i < count; ++i) {
       made.values.push_back(value);
-      value += random() % 3;  // equal ones too: of those the last is wanted
+      value += random() % 3;  // with equal values: the last of them is expected
     }
     for (uint64_t key = 0; key < value + 2; key += 1 + value / 12) made.keys.push_back(key);
     cases.push_back(made);
@@ -104,7 +104,7 @@ TEST_CASE("lanes: a team finds the last value not above a key", "[lanes]") {
 
 TEST_CASE("lanes: a team's pixels are a thread's", "[lanes]") {
   // Many small instances in chunks of few triangles: tiles with one chunk, with some, and with more than are searched
-  // for together.
+  // together.
   SceneBuilder builder;
   Encoding encoding;
   encoding.chunk_triangles = 7;
@@ -117,7 +117,7 @@ TEST_CASE("lanes: a team's pixels are a thread's", "[lanes]") {
   }
   const SceneView scene = builder.view();
   for (const uint32_t side : {1u, 2u}) {
-    const uint32_t width = 29;  // no whole tiles
+    const uint32_t width = 29;  // not a multiple of the tile width
     const uint32_t height = 19;
     const View view = look_at({0.1, 1.2, 1.4}, {0, 0.2, 0}, width * side, height * side);
     const std::vector<uint64_t> samples = draw(scene, view);

@@ -11,9 +11,9 @@ using namespace scree::tests;
 
 namespace {
 
-/// The rules again, the slow way: every triangle against every pixel. Takes the snapped corners from the kernels (what
-/// rounding and clipping do is tested elsewhere); coverage is barycentric in 128 bits, with the top-left rule from its
-/// definition: the pixel's centre, nudged right and then less down, is inside.
+/// The drawing rules implemented naively: every triangle against every pixel. Uses the kernels' snapped corners, since
+/// rounding and clipping are tested elsewhere. Coverage is barycentric in 128 bits, with the top-left rule by its
+/// definition: the pixel's centre, moved slightly right and even less down, is inside.
 std::vector<uint64_t> brute_force(const SceneView& scene, const View& camera) {
   const FrameView view = make_frame_view(camera);
   std::vector<uint64_t> samples(size_t{camera.width} * camera.height, kBackground);
@@ -75,7 +75,7 @@ std::vector<uint64_t> brute_force(const SceneView& scene, const View& camera) {
                 const ScreenVertex& a = *p[(k + 1) % 3];
                 const ScreenVertex& b = *p[(k + 2) % 3];
                 edge[k] = cross(b.x - a.x, b.y - a.y, px - a.x, py - a.y);
-                // The gradient of the edge value is (-dy, dx): the nudge by (2 eps, eps^2) has its sign.
+                // The gradient of the edge value is (-dy, dx), so moving by (2 eps, eps^2) changes it with this sign.
                 const Wide nudge = b.y != a.y ? Wide{a.y - b.y} : Wide{b.x - a.x};
                 inside = inside && (edge[k] > 0 || (edge[k] == 0 && nudge > 0));
               }
@@ -183,7 +183,7 @@ TEST_CASE("raster: meshes of all three sizes of triangles give the statistics of
     soup.add(x, y + size, 0);
     soup.triangle(a, a + 1, a + 2);
   };
-  add(-0.9, -0.9, 0.05);  // of 2 units over 200 pixels: 5 x 5, 30 x 30 and 120 x 120 pixels
+  add(-0.9, -0.9, 0.05);  // 2 units are 200 pixels: 5 x 5, 30 x 30 and 120 x 120 pixels
   add(0.2, -0.8, 0.3);
   add(-0.7, -0.7, 1.2);
   builder.instance(builder.mesh(soup, Encoding{}), builder.identity());
@@ -209,21 +209,21 @@ TEST_CASE("raster: meshes of all three sizes of triangles give the statistics of
 }
 
 TEST_CASE("raster: centres on an edge belong to the triangle below or right of it", "[raster]") {
-  // 64 samples a unit, the image's centre on a corner of samples: centres at odd multiples of 1 / 128.
+  // 64 samples per unit, with the image's centre on a corner of samples: centres lie at odd multiples of 1 / 128.
   const View view = orthographic(look_at({0, 0, 1}, {0, 0, 0}, 64, 64), 0.5, 0, 2);
   Encoding encoding;
   encoding.exponent = -7;
   const auto rows_and_columns = [&](std::initializer_list<std::array<int, 2>> corners) {
     SceneBuilder builder;
     Soup soup;
-    for (const auto& [x, y] : corners) soup.add(x / 128.0, -y / 128.0, 0);  // y down, as samples have it
+    for (const auto& [x, y] : corners) soup.add(x / 128.0, -y / 128.0, 0);  // y points down, as for samples
     soup.triangle(0, 1, 2);
     if (corners.size() == 4) soup.triangle(0, 2, 3);
     Encoding sides = encoding;
     sides.material = builder.material(format::kMaterialDoubleSided);
     builder.instance(builder.mesh(soup, sides), builder.identity());
     const std::vector<uint64_t> samples = draw(builder.view(), view);
-    std::set<std::array<int, 2>> covered_centres;  // in 1 / 128 from the image's centre
+    std::set<std::array<int, 2>> covered_centres;  // in 1 / 128 units from the image's centre
     for (int y = 0; y < 64; ++y) {
       for (int x = 0; x < 64; ++x) {
         if (samples[static_cast<size_t>(64 * y + x)] != kBackground) covered_centres.insert({2 * x - 63, 2 * y - 63});
@@ -231,14 +231,15 @@ TEST_CASE("raster: centres on an edge belong to the triangle below or right of i
     }
     return covered_centres;
   };
-  // A square between centres: its left and top edge are in, its right and bottom edge are not, however it is turned.
+  // A square between centres: its left and top edges are inside, its right and bottom edges are not, in any
+  // orientation.
   for (const auto& square : {std::initializer_list<std::array<int, 2>>{{-11, -7}, {9, -7}, {9, 13}, {-11, 13}},
                              std::initializer_list<std::array<int, 2>>{{9, 13}, {9, -7}, {-11, -7}, {-11, 13}}}) {
     const auto found = rows_and_columns(square);
     CHECK(found.size() == 100);
     for (const auto& [x, y] : found) CHECK((x >= -11 && x < 9 && y >= -7 && y < 13));
   }
-  // Diagonals through centres: of the two halves of a square the one right of the edge has them.
+  // Diagonals through centres: they belong to the half of the square right of the edge.
   const auto left_below = rows_and_columns({{-11, -11}, {9, 9}, {-11, 9}});
   const auto right_above = rows_and_columns({{-11, -11}, {9, 9}, {9, -11}});
   CHECK(left_below.count({-11, -11}) == 0);
@@ -276,8 +277,8 @@ TEST_CASE("raster: the depth of a pixel lies within the corners' range, in both 
 }
 
 TEST_CASE("raster: every pixel of a fan of random triangles belongs to exactly one", "[raster]") {
-  // A flat patch of jittered quads: any pixel inside is in one triangle, so that drawing each triangle alone must count
-  // every pixel once. Corners often fall on pixel centres: the lattice is a multiple of half a pixel.
+  // A flat patch of jittered quads. Any pixel inside lies in one triangle, so drawing each triangle separately must
+  // count every pixel once. Corners often lie on pixel centres: the lattice is a multiple of half a pixel.
   std::mt19937 random(3);
   for (int round = 0; round < 6; ++round) {
     const uint32_t n = 9;
@@ -290,7 +291,7 @@ TEST_CASE("raster: every pixel of a fan of random triangles belongs to exactly o
                   (12 * static_cast<int>(j) + (border ? 0 : jitter(random)) - 54) / 128.0, 0);
       }
     }
-    View view = orthographic(look_at({0, 0, 1}, {0, 0, 0}, 64, 64), 0.5, 0, 2);  // 64 pixels a unit
+    View view = orthographic(look_at({0, 0, 1}, {0, 0, 0}, 64, 64), 0.5, 0, 2);  // 64 pixels per unit
     if (round >= 3) {
       view = look_at({0, 0, 1}, {0, 0, 0}, 64, 64, 0.1, 0.9);
       for (int i = 0; i < 3; ++i) view.right[i] = -view.right[i], view.up[i] = -view.up[i];  // upside down
@@ -326,7 +327,7 @@ TEST_CASE("raster: every pixel of a fan of random triangles belongs to exactly o
       once += count[i];
     }
     CHECK(once > 1500);
-    if (round < 3) CHECK(once == 54 * 54);  // 108 / 128 of a unit, to the pixel
+    if (round < 3) CHECK(once == 54 * 54);  // 108 / 128 of a unit, exactly
   }
 }
 

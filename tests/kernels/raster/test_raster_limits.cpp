@@ -20,7 +20,8 @@ TEST_CASE("raster: far from the world's origin the picture is the one at the ori
     const std::vector<uint64_t> expected = draw(builder.view(), view);
     CHECK(covered(expected) > 3000);
     const format::MatrixRecord at_origin = builder.matrices[0];
-    // The second so far that a rounding to the coordinates there is 1/4096: still exact, for eye and matrix are.
+    // The second is so far away that coordinates there are rounded by 1/4096. The result is still exact, because eye
+    // and matrix are.
     for (const std::array<double, 3>& away : {std::array<double, 3>{1e7, -3e7, 2.5e6}, {0x1p40, -0x1.8p40, 0x1p39}}) {
       View moved = view;
       builder.matrices[0] = at_origin;
@@ -109,7 +110,7 @@ TEST_CASE("raster: projection is within a few ulps of double precision, snapped 
       const double y = (1 - along(camera.up) / z / camera.half_height) * 540;
       if (std::fabs(x) > 3000 || std::fabs(y) > 3000) continue;
       REQUIRE((projected.flags & kNeedsClip) == 0);
-      // Half a sub-pixel for snapping, and a few roundings of the terms: the sum may be much smaller than they are.
+      // Half a sub-pixel for snapping, and a few roundings of the terms, which may be much larger than the sum.
       double terms_x = std::fabs(static_cast<double>(transform.x[3]));
       double terms_y = std::fabs(static_cast<double>(transform.y[3]));
       double terms_w = std::fabs(static_cast<double>(transform.w[3]));
@@ -145,7 +146,7 @@ TEST_CASE("raster: a vertex counts as outside a plane of the view only where dou
     RelativeBox box{{0, 0, 0}, {3e5, 3e5, 3e5}};
     Transform rounded = transform;
     set_error(transform, box);
-    // A vertex within a few ulps of a plane, ahead or behind.
+    // A vertex within a few ulps of a plane, on either side.
     const double depth = 1e5 * unit(random);
     const double reach = camera.orthographic ? 1.0 : depth;
     double local[3] = {camera.half_width * reach * unit(random), camera.half_height * reach * unit(random), depth};
@@ -178,7 +179,7 @@ TEST_CASE("raster: a vertex counts as outside a plane of the view only where dou
     CHECK((flags(transform) & ~outside) == 0);
     unsure += (flags(rounded) & ~outside) != 0;
   }
-  CHECK(unsure > 20);  // without the bound on the error some would be wrong
+  CHECK(unsure > 20);  // without the error bound some of them would be wrong
 }
 
 TEST_CASE("raster: facing, mirroring and double-sided materials", "[raster]") {
@@ -196,7 +197,7 @@ TEST_CASE("raster: facing, mirroring and double-sided materials", "[raster]") {
         const double s = mirrored ? -1 : 1;
         builder.instance(builder.mesh(soup, encoding), builder.matrix({s, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}));
         const View view = look_at({0, 0, behind ? -2.0 : 2.0}, {0, 0, 0}, 64, 64);
-        const bool expected = double_sided || !behind;  // mirroring moves the front with it
+        const bool expected = double_sided || !behind;  // mirroring exchanges front and back
         CHECK((covered(draw(builder.view(), view)) > 100) == expected);
       }
     }
@@ -235,7 +236,7 @@ TEST_CASE("raster: matrices without an inverse, huge, tiny and infinite numbers"
       for (float value : rgba) REQUIRE((value >= 0 && value <= 1));
     }
   }
-  // A flattened mesh (a shadow): singular, and drawn where it lies.
+  // A flattened mesh (a shadow): its matrix is singular, and it is drawn in its plane.
   SceneBuilder builder;
   Encoding encoding;
   encoding.material = builder.material(format::kMaterialDoubleSided);
@@ -246,7 +247,8 @@ TEST_CASE("raster: matrices without an inverse, huge, tiny and infinite numbers"
 }
 
 TEST_CASE("raster: slivers and points", "[raster]") {
-  // Long triangles thinner than a sub-pixel, alone and side by side: no pixel twice, and nothing from zero area.
+  // Long triangles thinner than a sub-pixel, alone and side by side: no pixel is drawn twice, and zero area draws
+  // nothing.
   Soup fan;
   const uint32_t hub = fan.add(-1, -0.8, 0);
   const uint32_t count = 4000;
@@ -267,7 +269,8 @@ TEST_CASE("raster: slivers and points", "[raster]") {
     one.instance(one.mesh(whole, encoding), one.identity());
     const std::vector<uint64_t> thin = draw(slivers.view(), view);
     const std::vector<uint64_t> solid = draw(one.view(), view);
-    // The far edge is a chain of snapped points in one picture: a pixel or two of its outline may differ, none inside.
+    // The far edge is a chain of snapped points in one picture. So a few pixels of its outline may differ, but none
+    // inside.
     uint32_t differ = 0;
     for (size_t y = 1; y + 1 < 140; ++y) {
       for (size_t x = 1; x + 1 < 190; ++x) {
@@ -306,13 +309,13 @@ TEST_CASE("raster: images of 16384 samples a side", "[raster]") {
   for (const auto& [width, height] : {std::array<uint32_t, 2>{16384, 3}, std::array<uint32_t, 2>{2, 16384}}) {
     const View view = orthographic(look_at({0, 0, 1}, {0, 0, 0}, width, height), 0.9, 0, 2);
     View exact = view;
-    exact.half_width = 0.9;  // stretched: all pixels of both sides are used
+    exact.half_width = 0.9;  // stretched, so that both sides use all pixels
     const std::vector<uint64_t> samples = draw(builder.view(), exact);
-    CHECK(covered(samples) == samples.size());  // the last row and column too
+    CHECK(covered(samples) == samples.size());  // including the last row and column
     exact.half_width = exact.half_height = 2;
     const uint64_t inside = covered(draw(builder.view(), exact));
-    // Half of the long side. Of the short one: the middle of three rows; and of two columns, whose centres lie on the
-    // square's left and right edge, the left.
+    // Half of the long side. Of the short side: the middle one of three rows; and of two columns, whose centres lie on
+    // the square's left and right edges, the left one.
     CHECK(inside == 8192);
   }
 }
@@ -384,7 +387,7 @@ TEST_CASE("raster: depth codes", "[raster]") {
   }
   CHECK(orthographic_depth_code(1.0f) == 0);
   CHECK(orthographic_depth_code(0.0f) < kFarthestDepthCode);
-  // Every code in order, at the ends and across an octave.
+  // All codes are in order, at the ends and across an octave.
   for (uint32_t code : {0u, 1u, (1u << 22) - 2, 1u << 22, 5u << 22, kFarthestDepthCode - 3}) {
     for (uint32_t c = code; c < code + 2; ++c) {
       const double value = depth_value_of_code(c, false);
@@ -418,7 +421,7 @@ TEST_CASE("raster: pages that are not there are left out, wrong sizes refused", 
   std::vector<uint64_t> enough(80 * 60);
   CHECK(draw_cpu(scene, blind, enough, 1).error().code == ErrorCode::kRange);
   std::vector<float> rgba(80 * 4 * 7 + 1);
-  CHECK(!shade_cpu(scene, view, samples, ShadeOptions{}, rgba, 1));  // no whole rows
+  CHECK(!shade_cpu(scene, view, samples, ShadeOptions{}, rgba, 1));  // not a multiple of a row
   rgba.resize(80 * 4 * 7);
   CHECK(shade_cpu(scene, view, samples, ShadeOptions{}, rgba, 1, 53));
   CHECK(!shade_cpu(scene, view, samples, ShadeOptions{}, rgba, 1, 54));
@@ -427,7 +430,8 @@ TEST_CASE("raster: pages that are not there are left out, wrong sizes refused", 
 }
 
 TEST_CASE("raster: one chunk of more triangles than a block, and vertices far apart", "[raster]") {
-  // --chunk-triangles 0: blocks then share a chunk; drawn from a scratch of the vertices they use, or one by one.
+  // --chunk-triangles 0: several blocks share a chunk. They are drawn from a buffer of their vertices, or vertex by
+  // vertex.
   const Soup field = grid(200, 0.05);
   Soup shuffled = field;
   std::mt19937 random(31);

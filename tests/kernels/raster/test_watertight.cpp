@@ -1,5 +1,5 @@
-// Closed meshes, drawn double-sided: a ray in double precision through the pixel's centre, beyond the near plane,
-// decides what must be covered and how far it is, except within 1/128 pixel of an outline.
+// Closed meshes, drawn double-sided. A ray in double precision through the pixel's centre, beyond the near plane,
+// decides whether it must be covered and at which distance, except within 1/128 pixel of an outline.
 #include <random>
 
 #include "tests/kernels/scene_builder.h"
@@ -10,7 +10,7 @@ using namespace scree::tests;
 
 namespace {
 
-/// The mesh as a camera sees it: homogeneous corners, x and y in pixels from the image's centre times w.
+/// The mesh in camera space: homogeneous corners, with x and y in pixels from the image's centre times w.
 struct Seen {
   struct Corner {
     double x, y, w, distance;
@@ -44,7 +44,8 @@ Seen see(const Soup& soup, const std::vector<double>& positions, const std::arra
   return seen;
 }
 
-/// Distance of the nearest point that the ray through (x, y) meets between the near and far planes; infinity for none.
+/// Distance of the nearest intersection of the ray through (x, y) between the near and far planes; infinity if there is
+/// none.
 double cast(const Seen& seen, double x, double y) {
   double nearest = INFINITY;
   for (const auto& t : seen.triangles) {
@@ -67,7 +68,7 @@ double cast(const Seen& seen, double x, double y) {
   return nearest;
 }
 
-/// The range of distances that rays within 1/128 pixel meet.
+/// The range of distances for rays within 1/128 pixel.
 std::array<double, 2> cast_around(const Seen& seen, double x, double y) {
   std::array<double, 2> range = {INFINITY, -INFINITY};
   for (int i = 0; i < 17; ++i) {
@@ -80,7 +81,7 @@ std::array<double, 2> cast_around(const Seen& seen, double x, double y) {
   return range;
 }
 
-/// The positions a scene with this encoding really has.
+/// The positions that a scene with this encoding really has.
 std::vector<double> stored_positions(const Soup& soup, const Encoding& encoding) {
   std::vector<double> out;
   for (float p : soup.positions) {
@@ -124,7 +125,7 @@ void check_picture(const Soup& soup, const Encoding& base, const std::array<doub
         const double slack = view.orthographic ? 1e-6 * (view.z_far - view.z_near) : 2e-6 * expected;
         if (std::fabs(distance - expected) <= slack) continue;
         const std::array<double, 2> range = cast_around(seen, px, py);
-        if (!std::isfinite(range[1])) continue;  // at an outline half of the rays say nothing
+        if (!std::isfinite(range[1])) continue;  // at an outline half of the rays hit nothing
         INFO("pixel " << x << ", " << y << " distance " << distance << " not " << expected << ", around " << range[0]
                       << " to " << range[1]);
         REQUIRE(distance >= range[0] - slack);
@@ -148,7 +149,8 @@ TEST_CASE("watertight: outside, inside and across the near plane", "[raster][wat
     encoding.float32 = round % 4 == 3;
     encoding.exponent = -10 - round % 4;
     encoding.chunk_triangles = round % 3 ? 50 : 65536;
-    // Distances from the centre that put the camera inside, the near plane through the surface, or all of it in view.
+    // Distances from the centre with the camera inside, with the near plane through the surface, or with the whole
+    // surface in view.
     const double distance = std::array<double, 4>{0.3, 1.05, 1.3, 3.0}[static_cast<size_t>(round % 4)];
     std::array<double, 3> eye = {unit(random), unit(random), unit(random)};
     const double length = std::sqrt(eye[0] * eye[0] + eye[1] * eye[1] + eye[2] * eye[2]) + 1e-3;
@@ -203,7 +205,7 @@ TEST_CASE("watertight: an eye on a vertex, on an edge and on a face", "[raster][
 
 TEST_CASE("watertight: huge triangles, far beyond the guard band and behind the eye", "[raster][watertight]") {
   Tally tally;
-  Soup soup;  // a box of 2e4 a side, its 12 triangles seen from within, near a corner and near the middle
+  Soup soup;  // a box with sides of 2e4; its 12 triangles are seen from inside, near a corner and near the middle
   for (int i = 0; i < 8; ++i) soup.add(i & 1 ? 1e4 : -1e4, i & 2 ? 1e4 : -1e4, i & 4 ? 1e4 : -1e4);
   const uint32_t faces[6][4] = {{0, 2, 3, 1}, {4, 5, 7, 6}, {0, 1, 5, 4}, {2, 6, 7, 3}, {0, 4, 6, 2}, {1, 3, 7, 5}};
   for (const auto& f : faces) {
@@ -222,11 +224,11 @@ TEST_CASE("watertight: huge triangles, far beyond the guard band and behind the 
         look_at(eye, {eye[0] + unit(random), eye[1] + unit(random), eye[2] + 1.1 * unit(random)}, 61, 47, 0.05, 1.3);
     check_picture(soup, encoding, kIdentity, view, tally);
   }
-  CHECK(tally.empty < 30);  // the outside is seen only where an outline of the cut is
+  CHECK(tally.empty < 30);  // the outside is visible only at an outline of the cut
 }
 
 TEST_CASE("watertight: triangles along the planes of the view, from far ahead to far behind", "[raster][watertight]") {
-  // Corners a hundred thousand units away and a few ulps inside: the picture near the eye hangs on them.
+  // Corners a hundred thousand units away and a few ulps inside determine the picture near the eye.
   std::mt19937 random(17);
   std::uniform_real_distribution<double> unit(-1, 1);
   Tally tally;
@@ -234,7 +236,7 @@ TEST_CASE("watertight: triangles along the planes of the view, from far ahead to
     const View view = look_at({0, 0, 0}, {unit(random), unit(random), unit(random)}, 24, 18, 0.01, 1.0);
     Soup soup;
     for (int corner = 0; corner < 3; ++corner) {
-      // Two corners a little inside of the left or top plane, one ahead, one behind; the third outside of it.
+      // Two corners slightly inside of the left or top plane, one in front, one behind; the third outside of it.
       const double depth = (corner == 1 ? -1 : 1) * 1e5 * (0.5 + std::fabs(unit(random)));
       const double inside = corner == 2 ? -1e4 : 0.03 * std::fabs(unit(random));
       const double along = corner == 2 ? 1e5 * unit(random) : 0.01 * unit(random);

@@ -1,5 +1,5 @@
-// Shading in double precision, sample by sample, from world positions: what the passes' single precision is held
-// against.
+// Shading in double precision, sample by sample, from world positions. The single precision of the shading passes is
+// compared with it.
 #pragma once
 
 #include <array>
@@ -11,8 +11,8 @@ namespace scree::tests {
 
 using Light = std::array<double, 3>;
 
-/// The corners' weights where the ray through (x, y), sub-pixels from the image's centre, meets their plane; not
-/// clamped. Also whether it does so before the eye's side of the plane, as `turned`.
+/// The corners' weights where the ray through (x, y), in sub-pixels from the image's centre, intersects their plane;
+/// not clamped. `turned`: whether the intersection is in front of the eye's side of the plane.
 inline std::array<double, 3> plane_weights(const double corner[3][3], double x, double y, bool& turned) {
   double q[3][2];
   for (int i = 0; i < 3; ++i) {

@@ -1,4 +1,4 @@
-// Ambient occlusion and eye-dome lighting against what geometry says they are.
+// Ambient occlusion and eye-dome lighting compared with their geometric definition.
 #include "tests/kernels/scene_builder.h"
 
 using namespace scree;
@@ -48,7 +48,7 @@ ShadeOptions both() {
   return options;
 }
 
-/// From (0, 0, 10) along -z; the perspective one sees 10 units of height at z = 0, the orthographic one too.
+/// A camera at (0, 0, 10) looking along -z. Both projections show 10 units of height at z = 0.
 View camera(bool orthographic_camera, uint32_t width, uint32_t height) {
   const View view = look_at({0, 0, 10}, {0, 0, 0}, width, height, 0.5, 2 * std::atan(0.5));
   return orthographic_camera ? orthographic(view, 5, 0.5, 30) : view;
@@ -90,8 +90,8 @@ TEST_CASE("occlusion: a tilted plane is not open to itself", "[occlusion]") {
 }
 
 TEST_CASE("occlusion: a step darkens its far side, not its near one", "[occlusion]") {
-  // The far plane behind all of the picture, the near one before its left half, half a radius nearer: 400 pixels are 10
-  // units, the radius 400 / 40 = 10 pixels.
+  // The far plane is behind the whole picture, the near one in front of its left half, half a radius nearer: 400 pixels
+  // are 10 units, the radius is 400 / 40 = 10 pixels.
   for (const bool flat : {false, true}) {
     Soup soup;
     add_rectangle(soup, -40, -40, 40, 40, 0);
@@ -101,7 +101,7 @@ TEST_CASE("occlusion: a step darkens its far side, not its near one", "[occlusio
     const View view = camera(flat, 120, 400);
     const Factors open = factors(builder.view(), view, ssao());
     const Factors lit = factors(builder.view(), view, edl());
-    // A pixel beside the edge has three of its eight neighbours before it.
+    // A pixel beside the edge has three of its eight neighbours in front of it.
     const double step = flat ? 0.125 / 10 / std::log(2.0) : std::log2(10 / 9.875);
     const double expected = std::exp(-120.0 * 3 / 8 * step);
     for (uint32_t y = 20; y < 380; ++y) {
@@ -109,11 +109,11 @@ TEST_CASE("occlusion: a step darkens its far side, not its near one", "[occlusio
       REQUIRE(lit.at(61, y) == 1);
       REQUIRE(lit.at(59, y) == 1);
       REQUIRE(open.at(60, y) < 0.9);
-      REQUIRE(open.at(73, y) == 1);              // past the radius and the blur
-      REQUIRE(open.at(59, y) > open.at(60, y));  // the blur alone reaches the near side
+      REQUIRE(open.at(73, y) == 1);              // beyond the radius and the blur
+      REQUIRE(open.at(59, y) > open.at(60, y));  // only the blur reaches the near side
       REQUIRE(open.at(56, y) == 1);
     }
-    // Both together multiply.
+    // The combined factor is the product of both.
     const Factors product = factors(builder.view(), view, both());
     for (size_t i = 0; i < product.values.size(); ++i)
       REQUIRE(static_cast<double>(product.values[i]) ==
@@ -144,7 +144,7 @@ TEST_CASE("occlusion: a corner is darkest in its crease, at any scale", "[occlus
   for (const bool flat : {false, true}) {
     std::vector<Factors> found;
     for (const double scale : {1.0, 1024.0}) {
-      // Two walls at a right angle, the crease upright in the middle of the picture and away from the camera.
+      // Two walls at a right angle; the crease is upright in the middle of the picture and points away from the camera.
       Soup soup;
       for (const double turn : {-1.0, 1.0}) {
         const uint32_t a = soup.add(0, -20 * scale, 0);

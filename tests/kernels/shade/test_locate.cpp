@@ -1,4 +1,4 @@
-// Finished pixels on the CPU: the mean of their samples, and single precision held against double.
+// Finished pixels on the CPU: the mean of their samples, and single precision compared with double.
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
@@ -22,7 +22,7 @@ using namespace scree::tests;
 
 namespace {
 
-/// Noise of `side` x `side` texels with its mip levels, each the plain mean of the one above.
+/// Noise of `side` x `side` texels with its mip levels, each the plain mean of the level above.
 struct NoiseTexture {
   explicit NoiseTexture(uint32_t side) {
     std::mt19937 random(7);
@@ -52,10 +52,10 @@ struct NoiseTexture {
 
 struct Difference {
   uint64_t covered = 0;
-  uint64_t over = 0;  // samples of which a channel is off by more than one level
+  uint64_t over = 0;  // samples with a channel that is off by more than one level
 };
 
-/// Of the picture's samples, shaded and by the double-precision reference, both as 8-bit codes.
+/// Compares the picture's shaded samples with the double-precision reference, both as 8-bit codes.
 Difference against_double(const SceneView& scene, const View& view) {
   const std::vector<uint64_t> samples = draw(scene, view);
   std::vector<float> rgba(4 * samples.size());
@@ -77,7 +77,7 @@ Difference against_double(const SceneView& scene, const View& view) {
   return out;
 }
 
-/// At most 0.01% of the samples, and of a small picture not more than a few.
+/// Allows 0.01% of the samples, and for a small picture a few samples.
 void check_against_double(const SceneView& scene, const View& view, Difference& total) {
   const Difference found = against_double(scene, view);
   CHECK(found.covered > 100);
@@ -90,7 +90,7 @@ void check_total(const Difference& total) {
   CHECK(total.over <= total.covered / 10000);
 }
 
-/// Gives a soup texture coordinates: x and z, `repeats` a unit.
+/// Gives a soup texture coordinates: x and z, with `repeats` per unit.
 void add_uvs(Soup& soup, float repeats) {
   for (size_t v = 0; v < soup.positions.size(); v += 3) {
     soup.uvs.push_back(soup.positions[v] * repeats);
@@ -223,8 +223,8 @@ TEST_CASE("resolve: single precision is within a level of double", "[resolve]") 
   Difference total;
   for (const bool normals : {false, true}) {
     for (const bool float32 : {false, true}) {
-      // Small triangles near and far, large ones, and ones far from the origin or the camera. With a lattice far away
-      // from the camera, edges keep their shape.
+      // Small triangles near and far, large ones, and ones far from the origin or the camera. If the lattice is far
+      // away from the camera, edges keep their shape.
       for (const double distance : {2.5, 40.0, 4000.0}) {
         for (const double origin : {0.0, 1e7}) {
           SceneBuilder builder;

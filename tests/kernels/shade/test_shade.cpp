@@ -139,7 +139,8 @@ TEST_CASE("shade: minified textures take the mip level of their footprint", "[sh
     for (size_t i = 0; i < rgba.size(); i += 4)
       REQUIRE(static_cast<double>(rgba[i]) == Approx(linear(10 * level)).margin(1e-4));
   }
-  // Between two levels: footprint 2^1.5 at 64 / 2^1.5 pixels is no whole number; 24 pixels give log2(64 / 24) = 1.415.
+  // Between two levels: a footprint of 2^1.5 would need 64 / 2^1.5 pixels, which is not an integer; 24 pixels give
+  // log2(64 / 24) = 1.415.
   const std::vector<float> between = shaded(square_scene.builder.view(), front(24), ShadeOptions{});
   const double weight = std::log2(64.0 / 24) - 1;
   for (size_t i = 0; i < between.size(); i += 4) {
@@ -154,7 +155,7 @@ TEST_CASE("shade: minified textures take the mip level of their footprint", "[sh
 TEST_CASE("shade: wrap modes", "[shade]") {
   const uint32_t side = 8;
   const Texture texture(side, noise(side, 4));
-  const int shown = 40;  // texels, from -16 to 24
+  const int shown = 40;  // in texels, from -16 to 24
   for (format::Wrap wrap : {format::Wrap::kRepeat, format::Wrap::kMirror, format::Wrap::kClamp}) {
     TexturedSquare scene(square(-2, -2, 3, 3), texture);
     scene.builder.textures[0].wrap_s = wrap;
@@ -183,7 +184,7 @@ TEST_CASE("shade: thousands of repeats away a texture is as sharp", "[shade]") {
   const std::vector<float> expected = shaded(near.builder.view(), front(100), ShadeOptions{});
   TexturedSquare away(square(4096, -8192, 4097, -8191), texture);
   check_close(shaded(away.builder.view(), front(100), ShadeOptions{}), expected, 1e-5);
-  // The lattice of a chunk reaches further than floats: move it by 2^40 repeats.
+  // The lattice of a chunk can reach farther than floats: move it by 2^40 repeats.
   for (format::ChunkRecord& chunk : near.builder.chunks) {
     chunk.uv_min[0] += static_cast<int64_t>(std::ldexp(1.0, 20 - chunk.uv_exponent));
   }
@@ -200,7 +201,7 @@ TEST_CASE("shade: KHR_texture_transform scales, rotates counter-clockwise, then 
   TexturedSquare moved(square(0.25, 0.5, 2.25, 1.5), texture);
   check_close(shaded(plain.builder.view(), front(64), ShadeOptions{}),
               shaded(moved.builder.view(), front(64), ShadeOptions{}), 1e-5);
-  // A quarter turn: (1, 0), right, becomes (0, -1), up in a picture whose v runs down.
+  // A quarter turn: (1, 0), right, becomes (0, -1), which is up in a picture with v pointing down.
   material = moved.builder.materials[0];
   material.uv_rotation = static_cast<float>(3.14159265358979323846 / 2);
   Soup turned = square(0, 0, 1, 1);
@@ -215,7 +216,7 @@ TEST_CASE("shade: KHR_texture_transform scales, rotates counter-clockwise, then 
 }
 
 TEST_CASE("shade: perspective, clipped and edge-on: texture coordinates where the ray meets the plane", "[shade]") {
-  Soup floor = square(0, 0, 1, 1);  // turned down: y = 0, from z = -20 to 20
+  Soup floor = square(0, 0, 1, 1);  // rotated down: y = 0, from z = -20 to 20
   for (size_t v = 0; v < 4; ++v) {
     floor.positions[3 * v + 2] = -20 * floor.positions[3 * v + 1];
     floor.positions[3 * v] *= 20;
@@ -276,7 +277,7 @@ TEST_CASE("shade: factors, vertex colours, light and background", "[shade]") {
   std::vector<float> rgba = shaded(builder.view(), view, options);
   CHECK(rgba[0] == 0.125f);
   CHECK(rgba[3] == 0.5f);
-  const double light = 0.2 + 0.8 * std::cos(angle);  // the turned square's normal against the view
+  const double light = 0.2 + 0.8 * std::cos(angle);  // the rotated square's normal against the view
   CHECK(middle(rgba, 0) == Approx(0.5 * 51 / 255 * light).epsilon(1e-4));
   CHECK(middle(rgba, 1) == Approx(0.25 * 102 / 255 * light).epsilon(1e-4));
   CHECK(middle(rgba, 2) == Approx(153.0 / 255 * light).epsilon(1e-4));
@@ -296,7 +297,7 @@ TEST_CASE("shade: normals of faces and of vertices, also under mirroring and str
       SceneBuilder builder;
       Encoding encoding;
       encoding.material = builder.material(format::kMaterialDoubleSided);
-      Soup soup;  // the plane x + z = 0 turned a little: normal (1, 0, 1)
+      Soup soup;  // the plane x + z = 0, rotated a little: normal (1, 0, 1)
       soup.add(-1, -1, 1);
       soup.add(1, -1, -1);
       soup.add(1, 1, -1);
@@ -349,9 +350,9 @@ TEST_CASE("shade: triangles, meshes and depth", "[shade]") {
   };
   std::set<uint64_t> ids;
   for (uint64_t sample : samples) ids.insert(sample_id(sample));
-  CHECK(colors(Show::kTriangle) == ids.size() - 1);  // the background is one of them
+  CHECK(colors(Show::kTriangle) == ids.size() - 1);  // the background is one of these colours
   CHECK(colors(Show::kMesh) == 2);
-  CHECK(colors(Show::kCluster) == 2);  // of indexed chunks, each one of its own
+  CHECK(colors(Show::kCluster) == 2);  // each indexed chunk counts as one cluster
   CHECK(colors(Show::kDepth) > 100);
   uint64_t nearest = kBackground;
   size_t brightest = 0;
@@ -362,7 +363,7 @@ TEST_CASE("shade: triangles, meshes and depth", "[shade]") {
     }
   }
   CHECK(rgba[4 * brightest] == 1.0f);
-  // A band of rows is the same as those rows of the whole picture.
+  // A band of rows equals these rows of the whole picture.
   for (Show show : {Show::kTexture, Show::kDepth, Show::kStage, Show::kNormal}) {
     colors(show);
     std::vector<float> band(4 * 160 * 11);

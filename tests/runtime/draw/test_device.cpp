@@ -1,4 +1,4 @@
-// The GPU against the CPU: the same visibility buffer, bit for bit, twice in a row, and the same picture to one level.
+// The GPU against the CPU: equal visibility buffers bit for bit, twice in a row, and pictures equal to one level.
 #include "runtime/draw/device_scene.h"
 
 #include <algorithm>
@@ -43,7 +43,7 @@ Scene load_cube(const scree::tests::TempFolder& folder) {
   return must_load(convert.output);
 }
 
-/// Pixels whose channels differ by more than one level.
+/// Number of pixels whose channels differ by more than one level.
 size_t differing(const Picture& a, const Picture& b) {
   REQUIRE(a.pixels.size() == b.pixels.size());
   size_t count = 0;
@@ -189,7 +189,7 @@ TEST_CASE("queues that are too small grow, and the frame is drawn again", "[cuda
   const Scene scene = load_cube(folder);
   Result<DeviceScene> device = DeviceScene::upload(scene, 0, 2);
   REQUIRE(device);
-  // A cube that fills the picture: large triangles, many tiles, and with the smaller picture medium ones.
+  // A cube that fills the picture: large triangles, many tiles, and medium triangles in the smaller picture.
   for (const uint32_t width : {700u, 60u}) {
     scree::runtime::CameraOptions camera;
     camera.width = width;
@@ -211,7 +211,7 @@ TEST_CASE("queues that are too small grow, and the frame is drawn again", "[cuda
     REQUIRE(scree::kernels::cuda_check(
         cudaMemcpy(samples.data(), buffer->data(), buffer->bytes(), cudaMemcpyDeviceToHost), "reading the picture"));
     CHECK(std::equal(samples.begin(), samples.end(), cpu->samples().begin(), cpu->samples().end()));
-    // The same picture when no triangle is dropped before it is projected.
+    // The picture is the same when no triangle is dropped before its projection.
     REQUIRE(frames->draw(*view, reinterpret_cast<uint64_t*>(buffer->data()), {false}));
     REQUIRE(scree::kernels::cuda_check(
         cudaMemcpy(samples.data(), buffer->data(), buffer->bytes(), cudaMemcpyDeviceToHost), "reading the picture"));

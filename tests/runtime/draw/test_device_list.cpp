@@ -1,4 +1,4 @@
-// The list of GPUs: what names one, and what is said of one that cannot be used.
+// The list of GPUs: their names, and the messages for unusable ones.
 #include "runtime/draw/device_list.h"
 
 #include <algorithm>
@@ -32,7 +32,7 @@ std::vector<Gpu> two_gpus() {
   return {a, b};
 }
 
-/// Sets a variable of the environment for the time of a test.
+/// Sets an environment variable during a test.
 class Variable {
  public:
   Variable(const char* name, const char* value) : name_(name) {
@@ -179,7 +179,7 @@ TEST_CASE("a fallback to the CPU says why in one line, and the GPU that drew is 
       {"", "99000", {}, 0, "warning: the CPU draws: no NVIDIA GPU found"},
       {"6.1", "99000", {}, 0, "has compute capability 6.1, this program needs 7.5\n"},
       {"7.5", "99000", {}, 0, "; this GPU is 7.5\n"},
-      // Less than the least that the scene takes.
+      // Less than the scene needs at least.
       {"9.0:1", "99000", {}, 0, "warning: the CPU draws: cuda:0 (emulated GPU): "},
       {"9.0", "99000", {"--device-memory", "1"}, 0, "warning: the CPU draws: cuda:0 (emulated GPU): "},
       {"6.1", "99000", {"--backend", "cuda"}, 4, "has compute capability 6.1, this program needs 7.5; --backend cpu"},

@@ -1,4 +1,4 @@
-// What a scene, its frames and its pictures take of a GPU's memory and of pinned memory stays below what was allowed.
+// The GPU memory and pinned memory of a scene, its frames and its pictures stay within the limits.
 #include <algorithm>
 #include <string>
 #include <utility>
@@ -7,7 +7,9 @@
 #include "kernels/cuda/check.h"
 #include "runtime/draw/device_list.h"
 #include "runtime/draw/device_scene.h"
+#include "runtime/draw/loaded_scene.h"
 #include "runtime/draw/renderer.h"
+#include "runtime/draw/view_renderer.h"
 #include "runtime/scene/camera.h"
 #include "tests/catch.h"
 #include "tests/gpu.h"
@@ -45,7 +47,7 @@ kernels::View view_of(const Scene& scene, uint32_t width, uint32_t height) {
 }
 
 #if defined(SCREE_EMULATED_CUDA)
-/// Many chunks: whole they take more than a streamed scene does.
+/// Many chunks: together they take more than a streamed scene does.
 void write_spheres(const std::string& path) {
   std::vector<std::pair<Soup, Encoding>> meshes;
   for (int i = 0; i < 24; ++i) meshes.push_back({sphere(24, 0.1 + 0.01 * i), {}});
@@ -109,7 +111,7 @@ TEST_CASE("a scene and its pictures take no more device memory than they may", "
       const auto upload = [&](uint64_t budget) {
         return DeviceScene::upload(scene, budget, 2, Reading::kAuto, kCache, 0, needs);
       };
-      // All that it takes where it may take anything is what a resident scene needs; a byte less is streamed.
+      // Without a limit, it takes the memory of a resident scene. With one byte less it is streamed.
       const Result<DeviceScene> refused = upload(1);
       REQUIRE_FALSE(refused);
       const uint64_t least = least_device_memory(refused.error().message);
@@ -122,10 +124,10 @@ TEST_CASE("a scene and its pictures take no more device memory than they may", "
       REQUIRE(resident > 0);
       std::vector<uint64_t> samples;
       for (const uint64_t budget : {resident, resident - 1, least, uint64_t{0}}) {
-        if (budget != 0 && budget < least) continue;  // a small scene takes less whole than streamed
+        if (budget != 0 && budget < least) continue;  // a small scene takes less as a whole than streamed
         CAPTURE(file, size.width, size.samples, budget, resident, least);
         REQUIRE(emulator::memory_of_gpu(0).now == 0);
-        emulator::forget_peaks();
+        emulator::reset_peaks();
         Result<DeviceScene> device = upload(budget);
         if (!device) FAIL(device.error().message);
         const kernels::View view = view_of(scene, size.width, size.height);
@@ -162,7 +164,7 @@ TEST_CASE("a streamed scene takes no more pinned memory than it may", "[cuda]") 
   for (const uint64_t host : {least_host, least_host + 4096, 4 * least_host, uint64_t{64} << 20}) {
     CAPTURE(host, least_host);
     REQUIRE(emulator::pinned_memory().now == 0);
-    emulator::forget_peaks();
+    emulator::reset_peaks();
     Result<DeviceScene> device = upload(host);
     if (!device) FAIL(device.error().message);
     const Result<Frame> frame = Frame::draw(scene, view_of(scene, 64, 48), 1, 2, &*device);
@@ -179,7 +181,7 @@ TEST_CASE("a scene lies on the GPU that was chosen", "[cuda]") {
   const Scene scene = must_load(folder.file("a.scree"));
   setenv("SCREE_EMULATED_GPU", "9.0,9.0", 1);
   REQUIRE(runtime::use_gpu("1"));
-  emulator::forget_peaks();
+  emulator::reset_peaks();
   {
     Result<DeviceScene> device = DeviceScene::upload(scene, 0, 2);
     REQUIRE(device);
@@ -190,6 +192,69 @@ TEST_CASE("a scene lies on the GPU that was chosen", "[cuda]") {
   CHECK(emulator::memory_of_gpu(1).now == 0);
   REQUIRE(runtime::use_gpu("0"));
   setenv("SCREE_EMULATED_GPU", "1", 1);
+}
+
+TEST_CASE("views draw on their scene's GPU, and their caller's stays current", "[cuda]") {
+  if (!has_gpu()) return;
+  const TempFolder folder;
+  PagedScene{}.write(folder.file("a.scree"), {{sphere(20, 0.1), {}}});
+  setenv("SCREE_EMULATED_GPU", "9.0,9.0", 1);
+  REQUIRE(runtime::use_gpu("0"));
+  emulator::forget_peaks();
+  size_t heard = 0;
+  runtime::JobProgress progress([&](const char*, uint64_t, uint64_t) { return ++heard != 0; });
+  for (runtime::JobProgress* const listens : {static_cast<runtime::JobProgress*>(nullptr), &progress}) {
+    runtime::LoadOptions options;
+    options.on = runtime::DrawOn::kGpu;
+    options.gpu = "1";
+    options.progress = listens;
+    const auto scene = runtime::LoadedScene::load(*runtime::SceneFile::open(folder.file("a.scree")), options);
+    if (!scene) FAIL(scene.error().message);
+    CHECK(runtime::current_gpu()->index == 0);
+    for (int i = 0; i < 2; ++i) {  // the second view has buffers of its own
+      auto view = runtime::ViewRenderer::create(*scene);
+      auto other = runtime::ViewRenderer::create(*scene);
+      REQUIRE(view);
+      REQUIRE(other);
+      CHECK(runtime::current_gpu()->index == 0);
+      REQUIRE((*other)->draw(view_of((*scene)->scene(), 40, 20), 1, {}));
+      REQUIRE((*other)->device_layer(runtime::Layer::kDepth, nullptr));
+      REQUIRE((*other)->pick(0, 0));
+      CHECK(runtime::current_gpu()->index == 0);
+    }
+  }
+  CHECK(heard > 1);
+  CHECK(emulator::memory_of_gpu(0).peak == 0);
+  CHECK(emulator::memory_of_gpu(1).now == 0);
+  setenv("SCREE_EMULATED_GPU", "1", 1);
+}
+
+TEST_CASE("a listener to one scene's loading draws another", "[cuda]") {
+  if (!has_gpu()) return;
+  const TempFolder folder;
+  PagedScene{}.write(folder.file("a.scree"), {{sphere(20, 0.1), {}}});
+  const runtime::SceneFile file = *runtime::SceneFile::open(folder.file("a.scree"));
+  runtime::LoadOptions options;
+  options.on = runtime::DrawOn::kGpu;
+  const auto first = runtime::LoadedScene::load(file, options);
+  REQUIRE(first);
+  std::vector<std::string> stages;
+  bool draws = true;
+  runtime::JobProgress progress([&](const char* stage, uint64_t, uint64_t) {
+    stages.push_back(stage);
+    const auto view = runtime::ViewRenderer::create(*first);
+    draws = draws && view && (*view)->draw(view_of((*first)->scene(), 16, 8), 1, {}) && (*view)->pick(0, 0);
+    return true;
+  });
+  options.progress = &progress;
+  REQUIRE(runtime::LoadedScene::load(file, options));
+  CHECK(draws);
+  CHECK(std::count(stages.begin(), stages.end(), "upload") >= 2);
+
+  runtime::JobProgress stops([](const char* stage, uint64_t, uint64_t) { return std::string(stage) != "upload"; });
+  options.progress = &stops;
+  CHECK_FALSE(runtime::LoadedScene::load(file, options));
+  CHECK(stops.is_stopped());
 }
 #endif
 

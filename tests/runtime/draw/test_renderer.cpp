@@ -39,7 +39,7 @@ Result<Scene> load_file(const std::string& path, uint32_t threads = 2) {
   return Scene::open(path, {true, threads});
 }
 
-/// The quad seen from the front, half the picture's height and (square pixels) a quarter to half of its width.
+/// The quad from the front: half the picture's height and (with square pixels) a quarter to half of its width.
 View front_view(const Scene& scene, uint32_t width, uint32_t height) {
   CameraOptions options;
   options.eye = Vec3{0, 0, 2};
@@ -87,7 +87,7 @@ TEST_CASE("a textured quad stands upright and unmirrored", "[renderer]") {
   CHECK(pixel(picture, 35, 25) == Rgba{0, 0, 255, 255});
   CHECK(pixel(picture, 45, 25) == Rgba{255, 255, 255, 255});
   CHECK(pixel(picture, 5, 5) == Rgba{0, 0, 0, 0});
-  // 20 x 20 pixels exactly: the edges lie on pixel borders, the top-left rule takes one side.
+  // Exactly 20 x 20 pixels: the edges lie on pixel borders, and the top-left rule includes one side.
   CHECK(pixel(picture, 30, 10)[3] == 255);
   CHECK(pixel(picture, 49, 29)[3] == 255);
   CHECK(pixel(picture, 29, 10)[3] == 0);
@@ -131,7 +131,7 @@ TEST_CASE("picking names node, mesh, triangle, source triangle and depth", "[ren
 
 TEST_CASE("more samples come nearer to the area a shape covers", "[renderer]") {
   SmallScene small;
-  small.change = [](format::TableSet& tables) {  // turned by 20 degrees about z
+  small.change = [](format::TableSet& tables) {  // rotated by 20 degrees about z
     const double turn = 20 * 3.14159265358979 / 180;
     tables.matrices[0].rows[0][0] = tables.matrices[0].rows[1][1] = std::cos(turn);
     tables.matrices[0].rows[0][1] = -std::sin(turn);
@@ -218,7 +218,7 @@ TEST_CASE("a flipped bit in any page is found when it is loaded", "[renderer]") 
       out.write(reinterpret_cast<const char*>(file.data()), static_cast<std::streamsize>(file.size()));
     }
     const Result<Scene> scene = load_file(path.string());
-    if (scene) continue;  // padding that belongs to no page the scene uses
+    if (scene) continue;  // padding of no page that the scene uses
     ++refused;
     CHECK(scene.error().message.find(path.string() + ": ") == 0);
     CHECK(scree::exit_code(scene.error().code) == 3);
@@ -267,7 +267,7 @@ TEST_CASE("scenes are found by name and number", "[renderer]") {
 TEST_CASE("a scene with more triangles than ids is refused", "[renderer]") {
   SmallScene small;
   small.change = [](format::TableSet& tables) {
-    // Triangles of one point take no bits: 1024 chunks of 65536 of them, drawn 1025 times.
+    // Triangles of a single point take no bits: 1024 chunks of 65536 of them, drawn 1025 times.
     format::MeshRecord& mesh = tables.meshes[0];
     mesh.attributes = 0;
     mesh.chunk_count = mesh.vertex_count = 1024;
@@ -301,7 +301,7 @@ TEST_CASE("real models are drawn alike by one thread and many, and fill what the
   }
   struct Model {
     const char* path;
-    double least, most;  // share of the picture that is not background, default view
+    double least, most;  // share of the picture that is not background, in the default view
   };
   for (const Model& model :
        {Model{"scenes/Duck/Duck.glb", 0.2, 0.6}, Model{"scenes/DamagedHelmet/DamagedHelmet.glb", 0.15, 0.7},

@@ -1,4 +1,4 @@
-// Scenes that a GPU's budget does not hold, against the CPU's frames of the whole scene.
+// Scenes that exceed a GPU's budget, compared with the CPU's frames of the whole scene.
 #include <algorithm>
 #include <cstring>
 #include <iterator>
@@ -179,7 +179,7 @@ TEST_CASE("pieces of any size are copied within a GPU's memory", "[cuda]") {
   }
   std::vector<std::byte> bytes(all);
   for (std::byte& byte : bytes) byte = static_cast<std::byte>(random());
-  // From their order to a random one.
+  // Moves from an ordered layout to a random one.
   Result<kernels::DeviceBuffer> from = kernels::DeviceBuffer::allocate(all, "a test");
   Result<kernels::DeviceBuffer> to = kernels::DeviceBuffer::allocate(all, "a test");
   REQUIRE((from && to));
@@ -222,7 +222,7 @@ TEST_CASE("a scene over the device's budget is streamed with the same samples", 
                           kernels::CudaFrames::device_bytes(scene.view()) +
                           runtime::CudaStream::device_bytes(scene.view());
   for (const uint64_t pool : {3 * largest, all / 4 + largest, all / 2 + largest}) {
-    // None kept, some, all; batches and lists take their part.
+    // No chunks kept, some, all; batches and lists take their part.
     const uint64_t lists = runtime::CudaStream::pinned_list_bytes(scene.view());
     const uint64_t some = lists + 4 * runtime::CudaStream::kStagings * largest + all / 2;
     for (const uint64_t host_memory : {uint64_t{0}, some, lists + 2 * all}) {
@@ -256,13 +256,13 @@ TEST_CASE("a scene over the device's budget is streamed with the same samples", 
         REQUIRE(picture);
         REQUIRE(reference);
         REQUIRE(picture->pixels.size() == reference->pixels.size());
-        // Shading's floats are not held to the bit between the two.
+        // Shading uses floats, which need not be equal bit for bit on both.
         for (size_t p = 0; p < picture->pixels.size(); ++p)
           REQUIRE(std::abs(picture->pixels[p] - reference->pixels[p]) <= 1);
       }
     }
   }
-  // The same scene whole on the device: streamed pictures are its pictures, byte for byte.
+  // The same scene resident on the device: its pictures equal the streamed ones byte for byte.
   Result<DeviceScene> resident = DeviceScene::upload(scene, 0, 2);
   Result<DeviceScene> streamed = DeviceScene::upload(scene, beside + all / 4 + largest, 2, Reading::kAuto, 0);
   REQUIRE(resident);
@@ -338,7 +338,7 @@ TEST_CASE("a GPU decodes JPEG textures as it looks at them while chunks are stre
       CHECK(from_streamed->pixels == from_resident->pixels);
     }
   }
-  // What a refusal says that it takes at least is enough, whatever cache was asked for.
+  // The minimum that a refusal states is sufficient, for any requested cache.
   const Result<DeviceScene> refused = DeviceScene::upload(scene, 1, 2, Reading::kAuto, uint64_t{1} << 20);
   REQUIRE_FALSE(refused);
   const uint64_t least = scree::tests::least_device_memory(refused.error().message);

@@ -1,4 +1,4 @@
-// What a streamer asks of its target, whenever loads are done: a target that draws nothing and keeps account.
+// The calls of a streamer to its target, for any timing of loads: a target that draws nothing and records the calls.
 #include <algorithm>
 #include <deque>
 #include <future>
@@ -39,13 +39,13 @@ namespace {
 
 constexpr uint64_t kUnit = Residency::kAlignment;
 
-/// Its memory is the number of a chunk, and one, for every unit of the pool.
+/// Each unit of its pool holds a chunk number plus one.
 class Account final : public StreamTarget {
  public:
   Account(uint64_t pool_bytes, uint32_t seed) : random_(seed), pool_(pool_bytes / kUnit) {}
 
-  /// Of the next frames, by chunk; kNotInView is not listed. Chunks with a code in `in_the_end` hide or show so once
-  /// something is drawn.
+  /// Depth codes of the next frames, by chunk; chunks with kNotInView are not listed. `in_the_end`: the codes after
+  /// something is drawn, by which chunks are hidden or visible.
   void set_view(std::vector<uint32_t> codes, std::vector<uint32_t> in_the_end) {
     codes_ = std::move(codes);
     in_the_end_ = std::move(in_the_end);
@@ -53,11 +53,11 @@ class Account final : public StreamTarget {
   void fail_at(uint32_t call) { fails_at_ = call; }
 
   const std::set<uint32_t>& loaded() const { return loaded_; }
-  /// Chunks that were drawn when the first and the fourth load were started.
+  /// Number of chunks that were drawn when the first and the fourth load were started.
   size_t drawn_before_first() const { return drawn_before_.at(0); }
   size_t drawn_before_fourth() const { return drawn_before_.at(3); }
 
-  /// After a frame.
+  /// Called after a frame.
   void check_all_drawn() const {
     REQUIRE(started_.empty());
     for (const uint32_t chunk : likely_seen_) REQUIRE(drawn_.contains(chunk));
@@ -109,7 +109,7 @@ class Account final : public StreamTarget {
   }
   Result<Drawn> finish_drawing() override {
     REQUIRE_FALSE(part_.empty());
-    // Whatever was moved and loaded meanwhile.
+    // Some of the moves and loads happen meanwhile.
     while (carried_out_ < started_.size() && random_() % 3 != 0) carry_out();
     check_part();
     std::set<uint32_t>& drawn = options_.share == Share::kLikelySeen ? likely_seen_ : drawn_;
@@ -127,7 +127,7 @@ class Account final : public StreamTarget {
   }
 
  private:
-  /// The oldest start that was not, in their order.
+  /// Carries out the oldest open start, in order.
   void carry_out() {
     if (carried_out_ == started_.size()) return;
     const Residency::Batch& batch = started_[carried_out_++];
@@ -155,7 +155,7 @@ class Account final : public StreamTarget {
   std::vector<uint32_t> shown_;
   std::vector<uint32_t> listed_;
   std::deque<Residency::Batch> started_;
-  size_t carried_out_ = 0;  // of those
+  size_t carried_out_ = 0;  // how many of them are carried out
   std::vector<Residency::Place> part_;
   PartOptions options_{};
   std::set<uint32_t> loaded_;
@@ -165,7 +165,7 @@ class Account final : public StreamTarget {
   uint32_t fails_at_ = 0;
 };
 
-/// A scene of some hundred chunks; of their bytes any may be claimed.
+/// A scene of some hundred chunks, whose sizes may be set to any values.
 struct Chunks {
   Chunks() {
     std::mt19937 random(3);
@@ -270,7 +270,7 @@ TEST_CASE("what the last picture needed is loaded while what is there is drawn, 
   const Result<StreamStats> first = streamer->draw(chunks.view, nullptr, account);
   REQUIRE(first);
   CHECK(first->streamed_bytes >= needed);
-  // Nothing is known: one is loaded before there are depths, and two while they come.
+  // Without earlier knowledge one batch is loaded before there are depths, and two while they are found.
   CHECK(account.drawn_before_first() == 0);
   CHECK(account.drawn_before_fourth() > 0);
   for (int i = 0; i < 4; ++i) {
@@ -280,7 +280,7 @@ TEST_CASE("what the last picture needed is loaded while what is there is drawn, 
     for (const uint32_t chunk : account.loaded()) REQUIRE(chunk % 3 != 2);
     CHECK(again->streamed_bytes == again->needed_bytes);
     CHECK(again->streamed_bytes < needed / 2);
-    // One part makes room for a batch.
+    // One part makes room for one batch.
     CHECK(again->batches < 2 * runtime::kBatchShare);
     CHECK(account.drawn_before_first() < count / 10);
     CHECK(account.drawn_before_fourth() < count / 3);

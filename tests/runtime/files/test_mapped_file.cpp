@@ -62,7 +62,7 @@ TEST_CASE("the page cache is seen right by a user who may only read the file", "
   CAPTURE(share_of_owner, share);
   CHECK(share_of_owner <= 100);
   CHECK(share <= 100);
-  // A file system in memory drops nothing; one without reads that do not wait tells nothing, which counts as 1.
+  // A file system in memory drops nothing. One without non-waiting reads reports nothing, which counts as 1.
   iovec one{};
   char byte = 0;
   one = {&byte, 1};
@@ -70,7 +70,7 @@ TEST_CASE("the page cache is seen right by a user who may only read the file", "
   const bool has_probes = ::preadv2(probe, &one, 1, 0, RWF_NOWAIT) >= 0 || errno == EAGAIN;
   ::close(probe);
   if (has_probes && share_of_owner < 50) CHECK(share < 50);
-  // And what is cached is seen as such.
+  // Cached pages are recognised.
   const std::string bytes = [&] {
     std::ifstream in(path, std::ios::binary);
     return std::string(std::istreambuf_iterator<char>(in), {});
@@ -110,7 +110,7 @@ TEST_CASE("a mapped file is read without its map, and says where it ends now", "
   std::ofstream(path, std::ios::binary) << text;
   const Result<MappedFile> file = MappedFile::open(path.string());
   REQUIRE(file);
-  std::filesystem::rename(path, path.string() + "_elsewhere");  // not by its name
+  std::filesystem::rename(path, path.string() + "_elsewhere");  // not found by its name
   const std::string elsewhere = path.string() + "_elsewhere";
   std::vector<std::byte> out(10000, std::byte{'#'});
   for (const auto& [offset, size] : {std::pair<uint64_t, size_t>{0, 10000}, {1, 4096}, {9999, 1}, {10000, 0}}) {

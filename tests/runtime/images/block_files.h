@@ -1,4 +1,4 @@
-// KTX2 and DDS files as the tests make them.
+// Makes KTX2 and DDS files for the tests.
 #pragma once
 
 #include <zlib.h>
@@ -29,7 +29,7 @@ inline void put_text(FileBytes& file, const std::string& text) {
   for (const char c : text) put(file, c);
 }
 
-/// What a file is to hold.
+/// The content of a file.
 struct BlockRecipe {
   uint32_t vk_format = 145;  // BC7_UNORM
   uint32_t model = 134;      // of the data format descriptor
@@ -43,7 +43,7 @@ struct BlockRecipe {
   uint32_t seed = 1;
 };
 
-/// Blocks of a level: any bytes, many of them equal so that they compress.
+/// Blocks of a level: random bytes, many of them equal so that they compress.
 inline FileBytes level_blocks(const BlockRecipe& recipe, uint32_t level) {
   std::mt19937 random(recipe.seed * 100 + level);
   FileBytes blocks(format::block_level_bytes(recipe.format, std::max(1u, recipe.width >> level),
@@ -66,7 +66,7 @@ inline FileBytes packed_by(uint32_t scheme, const FileBytes& raw) {
   return packed;
 }
 
-/// A KTX2 file, its smallest level first as the format has it.
+/// A KTX2 file, with its smallest level first as the format requires.
 inline FileBytes make_ktx2(const BlockRecipe& recipe) {
   FileBytes keys;
   for (const auto& [key, value] : {std::pair{"KTXorientation", recipe.orientation}, {"KTXswizzle", recipe.swizzle}}) {
@@ -109,7 +109,7 @@ inline FileBytes make_ktx2(const BlockRecipe& recipe) {
   return file;
 }
 
-/// A DDS file with a header of DX10; `dxgi`: the format's number.
+/// A DDS file with a DX10 header. `dxgi`: the format's number.
 inline FileBytes make_dds(const BlockRecipe& recipe, uint32_t dxgi) {
   FileBytes file;
   put_text(file, "DDS ");

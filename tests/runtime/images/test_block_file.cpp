@@ -1,5 +1,5 @@
-// KTX2 and DDS files: what comes out is what was put in, real files of many writers read right, and malformed ones are
-// refused by one line.
+// KTX2 and DDS files: levels are read back unchanged, real files of many writers are read correctly, and malformed ones
+// are refused with one line.
 #include "runtime/images/block_file.h"
 
 #include <algorithm>
@@ -96,7 +96,7 @@ TEST_CASE("KTXswizzle comes after the order of the format's channels", "[block_f
   CHECK(swizzle_of(reversed) == format::make_swizzle(kBlue, kGreen, kRed, kAlpha));
   reversed.swizzle = "rrr0";
   CHECK(swizzle_of(reversed) == format::make_swizzle(kBlue, kBlue, kBlue, kZero));
-  // BC1 without alpha is opaque, whatever its blocks say.
+  // BC1 without alpha is opaque for any blocks.
   BlockRecipe opaque{.vk_format = 131, .model = 128, .format = BlockFormat::kBc1};
   CHECK(swizzle_of(opaque) == format::kOpaqueSwizzle);
   opaque.swizzle = "argb";
@@ -155,7 +155,7 @@ TEST_CASE("malformed KTX2 and DDS files are refused by name", "[block_file][bad]
       {with(dds, 16, 70000u), ErrorCode::kRange, "DDS: 70000 x 8 pixels"},
       {with(dds, 28, 200u), ErrorCode::kRange, "DDS: 200 levels, but a picture of 8 x 8 pixels has at most 4"},
       {with(dds, 84, 0x39545844u), ErrorCode::kUnsupported, "DDS: of format \"DXT9\""},
-      {with(dds, 80, 0u), ErrorCode::kUnsupported, "DDS: of 0 bits a pixel in another order"},
+      {with(dds, 80, 0u), ErrorCode::kUnsupported, "DDS: of 0 bits per pixel in another order"},
       {with(dds, 112, 0x200u), ErrorCode::kUnsupported, "DDS: a cube map"},
       {with(dds, 112, 0x200000u), ErrorCode::kUnsupported, "DDS: a picture of three dimensions"},
       {with(dds, 128, 95u), ErrorCode::kUnsupported, "DDS: of DXGI format 95"},
@@ -172,20 +172,20 @@ TEST_CASE("malformed KTX2 and DDS files are refused by name", "[block_file][bad]
     CHECK(checked.error().code == one.code);
     CHECK(checked.error().message.starts_with(one.message));
   }
-  // Every prefix: refused, and never read past its end.
+  // Every prefix is refused, and never read past its end.
   for (const FileBytes& whole : {ktx2, dds})
     for (size_t size = 0; size < whole.size(); ++size) {
       FileBytes prefix(whole.begin(), whole.begin() + static_cast<ptrdiff_t>(size));
       prefix.shrink_to_fit();
       CHECK_FALSE(check_image(prefix));
     }
-  // A level with more packed bytes than its pixels need, as frames that zstd skips take memory.
+  // A level with more packed bytes than its pixels need, because skippable zstd frames take space.
   FileBytes padded = make_ktx2({.width = 8, .height = 8, .scheme = 2});
   padded.resize(padded.size() + 4096);
   const auto skipping = check_image(with(padded, 88, uint64_t{4096}));
   REQUIRE_FALSE(skipping);
   CHECK(skipping.error().message == "KTX2: level 0: 4096 packed bytes of 64, expected at most 1096");
-  // A picture that so few bytes cannot hold is not unpacked.
+  // A picture that so few bytes cannot contain is not unpacked.
   const auto bomb = check_image(with(with(ktx2, 20, 16384u), 24, 16384u));
   REQUIRE_FALSE(bomb);
   CHECK(bomb.error().message.find("pixels") != std::string::npos);
@@ -224,7 +224,7 @@ TEST_CASE("real KTX2 and DDS files are read or refused by one line", "[block_fil
   }
   CHECK(read == 96);
   CHECK(refused == 102);
-  CHECK(malformed >= 138);  // others are odd where no pixel depends on it
+  CHECK(malformed >= 138);  // others are unusual in a way that affects no pixel
 }
 
 TEST_CASE("real files of one picture decode to one picture", "[block_file][models]") {
@@ -254,7 +254,7 @@ TEST_CASE("real files of one picture decode to one picture", "[block_file][model
     INFO(one << " and " << other);
     CHECK((decoded(one) == decoded(other)));
   }
-  // Transcoded from one picture to other formats: near each other.
+  // One picture transcoded to other formats: the results are similar.
   const std::vector<uint8_t> source = decoded("KTX-Software-CTS/output_R8G8B8A8_UNORM_2D_BLZE_to_bc7.ktx2");
   for (const auto& [name, channels] : {std::pair{"bc1", 3}, {"bc3", 4}, {"bc4", 1}, {"bc5", 1}}) {
     const auto near = decoded(std::string("KTX-Software-CTS/output_R8G8B8A8_UNORM_2D_BLZE_to_") + name + ".ktx2");

@@ -61,7 +61,7 @@ std::vector<uint8_t> noise(size_t size) {
   return bytes;
 }
 
-/// Whether check_image says of a file what decode_image says, both where it lies in memory and where it is read.
+/// Checks that check_image and decode_image agree about a file, both in memory and read on demand.
 void check_agrees(const std::vector<std::byte>& file) {
   const Result<Image> decoded = decode_image(file);
   const auto read = [&](uint64_t offset, std::span<std::byte> out) -> Result<void> {
@@ -113,7 +113,7 @@ std::vector<std::byte> make_jpeg(uint32_t width, uint32_t height, int components
   return file;
 }
 
-/// The file, cut ends of it and copies with flipped bits.
+/// Checks the file, truncated copies and copies with flipped bits.
 void check_agrees_when_damaged(const std::vector<std::byte>& file, int times) {
   check_agrees(file);
   std::mt19937 random(11);
@@ -255,7 +255,7 @@ TEST_CASE("a huge picture in a few bytes is refused before its memory is taken",
   CHECK(image.error().code == ErrorCode::kRange);
   std::filesystem::remove(path);
 
-  // A JPEG may lack data, but not all of them.
+  // A JPEG may lack some data, but not all.
   const std::string flat = scree::tests::flat_jpeg(64, scree::tests::JpegKind::kBaseline);
   file.assign(reinterpret_cast<const std::byte*>(flat.data()),
               reinterpret_cast<const std::byte*>(flat.data() + flat.size()));
@@ -348,7 +348,7 @@ TEST_CASE("one picture coded in many ways looks the same", "[image][models]") {
     WARN("no models beside the checkout");
     return;
   }
-  // go-libjpeg's video-001 family holds one picture; CMYK goes through ink and back without a profile.
+  // go-libjpeg's video-001 family shows one picture. CMYK goes to ink and back without a profile.
   const auto folder = models / "jpeg" / "go-libjpeg";
   const Result<Image> reference = decode_image(read_file(folder / "video-001.jpeg"));
   REQUIRE(reference);

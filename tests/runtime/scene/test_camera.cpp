@@ -28,7 +28,7 @@ Result<View> view_of(const Scene& scene, const CameraOptions& options) {
   return make_view(scene.container(), scene.scene_index(), scene.view(), options);
 }
 
-/// Picture coordinates, -1 to 1 inside, and the distance from the eye's plane.
+/// Picture coordinates, from -1 to 1 inside, and the distance from the eye's plane.
 Vec3 project(const View& view, const Vec3& point) {
   double x = 0, y = 0, z = 0;
   for (size_t i = 0; i < 3; ++i) {
@@ -52,7 +52,8 @@ void check_orthonormal(const View& view) {
   CHECK(view.right[0] * view.up[1] - view.right[1] * view.up[0] == Approx(-view.forward[2]).margin(1e-12));
 }
 
-/// Two cameras: perspective "Eye" on node 2, which is moved, turned about y and scaled; orthographic on node 3 "Flat".
+/// Two cameras: perspective "Eye" on node 2, which is translated, rotated about y and scaled; orthographic on node 3
+/// "Flat".
 SmallScene with_cameras() {
   SmallScene small;
   small.change = [](format::TableSet& tables) {
@@ -92,7 +93,7 @@ TEST_CASE("a camera node is seen from, whatever its scale", "[camera]") {
     const Vec3 ahead = project(*view, {4, 2, 0});
     CHECK(ahead[0] == Approx(0).margin(1e-12));
     CHECK(ahead[2] == Approx(5));
-    // Looking along -x with y up, -z lies to the right.
+    // Looking along -x with y up, -z is on the right.
     CHECK(project(*view, {4, 2, -1})[0] == Approx(1 / (5 * 2 * std::tan(0.5))));
     CHECK(project(*view, {4, 3, 0})[1] == Approx(1 / (5 * std::tan(0.5))));
   }
@@ -103,7 +104,7 @@ TEST_CASE("a camera node is seen from, whatever its scale", "[camera]") {
 }
 
 TEST_CASE("a camera's rotation is divided by its length, as that of instances is", "[camera]") {
-  // Another writer's file: the quaternion of the node is 3 times a unit.
+  // A file of another writer: the node's quaternion has length 3.
   SmallScene small = with_cameras();
   const auto with_units = small.change;
   small.change = [&](format::TableSet& tables) {

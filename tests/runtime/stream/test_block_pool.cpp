@@ -1,4 +1,4 @@
-// Blocks of a pool against an array that says who has each unit.
+// A block pool compared with an array of each unit's owner.
 #include "runtime/stream/block_pool.h"
 
 #include <algorithm>
@@ -15,7 +15,7 @@ namespace {
 
 constexpr uint32_t kFree = 0;
 
-/// Walks the blocks: they cover the pool, no two free ones are neighbours, and each unit has the owner it should have.
+/// Checks the blocks: they cover the pool, no two neighbours are free, and each unit has the right owner.
 void check_blocks(const BlockPool& pool, const std::vector<uint32_t>& owners) {
   uint64_t at = 0;
   uint64_t free_units = 0;
@@ -90,7 +90,7 @@ TEST_CASE("blocks are taken wherever there is room, given back and moved togethe
           REQUIRE_FALSE(stays(pool.owner(block)));
           ++moves;
         });
-        for (uint64_t at = 0; at < units;) {  // each as far to the front as those before it let it
+        for (uint64_t at = 0; at < units;) {  // each as far to the front as the blocks before it allow
           const uint32_t owner = owners[at];
           uint64_t count = 0;
           while (at + count < units && owners[at + count] == owner) ++count;

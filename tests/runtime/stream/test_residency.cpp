@@ -1,4 +1,4 @@
-// The pool of chunks against a memory of bytes that says what really lies where, and a plain reading of what gives way.
+// The pool of chunks compared with a simulated memory, and with a direct implementation of the eviction order.
 #include "runtime/stream/residency.h"
 
 #include <algorithm>
@@ -25,7 +25,8 @@ uint64_t room_of(uint64_t bytes) {
   return std::max<uint64_t>((bytes + Residency::kAlignment - 1) / Residency::kAlignment, 1) * Residency::kAlignment;
 }
 
-/// Does what a residency says in a memory of 32-bit numbers, one a unit of kAlignment, and checks all it promises.
+/// Carries out a residency's moves and loads in a memory of 32-bit numbers, one per kAlignment bytes, and checks all
+/// its promises.
 class Checked {
  public:
   Checked(uint64_t pool_bytes, std::vector<uint64_t> chunk_bytes)
@@ -42,8 +43,8 @@ class Checked {
     uint32_t batches = 0;
   };
 
-  /// `ahead`: a batch is loaded before the one before it is drawn. `hide_one_of`: share of the missing that is dropped
-  /// after each batch, and as many again when a batch is chosen.
+  /// `ahead`: a batch is loaded before the previous one is drawn. `hide_one_of`: share of the missing chunks that is
+  /// dropped after each batch, and again when a batch is chosen.
   Frame frame(const std::vector<uint32_t>& visible, uint64_t batch_bytes, bool ahead, std::mt19937& random,
               uint32_t hide_one_of = 0) {
     ++number_;
@@ -82,7 +83,7 @@ class Checked {
         if (!ahead) draw_oldest();
       }
       if (hide_one_of != 0) {
-        std::vector<uint32_t> late;  // dropped and wanted after all
+        std::vector<uint32_t> late;  // dropped, but then needed after all
         residency_->drop_missing([&](uint32_t chunk) {
           if (random() % hide_one_of != 0) return false;
           if (random() % 2 == 0) {
@@ -148,7 +149,7 @@ class Checked {
     REQUIRE(std::equal(residency_->missing().begin(), residency_->missing().end(),
                        missing.begin() + static_cast<ptrdiff_t>(batch.loads.size())));
 
-    // What gave way is what had to, by the order promised.
+    // The evicted chunks follow the promised order.
     std::vector<uint32_t> gone;
     std::vector<uint32_t> kept;
     for (const uint32_t chunk : resident_) (residency_->is_resident(chunk) ? kept : gone).push_back(chunk);
@@ -198,7 +199,7 @@ class Checked {
     }
     frame.batches += !batch.loads.empty();
     REQUIRE(used() + residency_->free_bytes() == units_.size() * Residency::kAlignment);
-    // Nothing that is there was touched.
+    // No undrawn resident chunk was overwritten.
     for (const auto& batch_before : undrawn)
       for (const Residency::Place& place : batch_before) REQUIRE(holds(place));
     return batch;
@@ -237,12 +238,12 @@ TEST_CASE("random frames in random pools keep what a residency promises", "[resi
       largest = std::max(largest, room_of(chunk));
       all += room_of(chunk);
     }
-    // From the least pool to one with room for all.
+    // From the smallest pool to one with room for everything.
     const uint64_t pool = largest + random() % (all - largest + 700) * (random() % 3) / 2;
     Checked checked(pool, bytes);
     std::vector<uint32_t> visible;
     for (int frame = 0; frame < 12; ++frame) {
-      const bool still = frame % 3 == 2;  // the same chunks once more
+      const bool still = frame % 3 == 2;  // the same chunks again
       if (!still) visible = some_of(count, static_cast<uint32_t>(random() % (count + 1)), random);
       uint64_t needed = 0;
       for (const uint32_t chunk : visible) needed += room_of(bytes[chunk]);
@@ -267,10 +268,10 @@ TEST_CASE("near chunks stay in a pool that is too small, far ones stream", "[res
   std::vector<uint32_t> visible(count);
   std::iota(visible.begin(), visible.end(), 0u);
   CHECK(checked.frame(visible, 2048, true, random).loaded_bytes == 40 * 1024);
-  // Two batches of two take turns; the eight others hold the nearest but for those.
+  // Two batches of two chunks take turns; the other eight places hold the nearest chunks.
   for (uint32_t chunk = 0; chunk < 6; ++chunk) CHECK(checked.residency().is_resident(chunk));
   CHECK(checked.frame(visible, 2048, true, random).loaded_bytes == 30 * 1024);
-  // Chunks seen last longest ago give way first.
+  // The chunks seen longest ago are evicted first.
   const std::vector<uint32_t> others{20, 21, 22};
   checked.frame(others, 2048, true, random);
   CHECK(checked.frame(others, 2048, true, random).loaded_bytes == 0);
@@ -298,7 +299,7 @@ TEST_CASE("a chunk larger than the pool is told with the least pool", "[residenc
   const Result<Residency> huge = Residency::create(~uint64_t{0}, {~uint64_t{0}});
   REQUIRE_FALSE(huge);
   CHECK(huge.error().code == ErrorCode::kRange);
-  // Without chunks nothing is needed; one without bytes still has a place of its own.
+  // Without chunks no memory is needed; a chunk without bytes still has its own place.
   CHECK(Residency::create(0, {}));
   CHECK_FALSE(Residency::create(0, {0}));
 }
@@ -330,7 +331,7 @@ TEST_CASE("what is to give way next does, stretch by stretch, and leaves its roo
   residency.begin_frame(first);
   residency.batch_drawn(residency.next_batch(kChunks * kUnit).loads);
 
-  // The same and as many more, of which four and then two are wanted.
+  // The same chunks and as many more; four and then two of the new ones are wanted.
   std::vector<uint32_t> second(2 * kChunks);
   std::iota(second.begin(), second.end(), 0u);
   const std::vector<Residency::Place> there = residency.begin_frame(second);
@@ -354,7 +355,7 @@ TEST_CASE("what is to give way next does, stretch by stretch, and leaves its roo
 }
 
 TEST_CASE("what choosing chunks costs", "[.bench][residency]") {
-  // As many chunks as scene C has at a quarter of its size, the pool a quarter of them.
+  // As many chunks as scene C has at a quarter of its size, with a pool for a quarter of them.
   constexpr uint32_t kCount = 36000;
   std::mt19937 random(3);
   std::vector<uint64_t> bytes(kCount);

@@ -1,4 +1,4 @@
-// Copies past the cache write what they have to, and nothing beside it.
+// Copies past the cache write the right bytes, and no others.
 #include "runtime/stream/streamed_copy.h"
 
 #include <algorithm>

@@ -1,4 +1,4 @@
-// Streamed frames against frames of the whole scene in memory: every sample and every byte of the picture.
+// Streamed frames compared with frames of the whole scene in memory: every sample and every byte of the picture.
 #include "runtime/stream/streamer.h"
 
 #include <algorithm>
@@ -52,7 +52,7 @@ Scene open_scene(const std::string& path, bool pages) {
 
 struct Pool {
   uint64_t least = 0;  // room for the largest chunk
-  uint64_t all = 0;    // and for all of them
+  uint64_t all = 0;    // room for all chunks
 };
 
 Pool pool_of(const Scene& scene) {
@@ -99,7 +99,7 @@ View random_view(const Scene& scene, std::mt19937& random, uint32_t width, uint3
   return view;
 }
 
-/// Every kind of picture in turn.
+/// Shading options, with every kind of picture in turn.
 ShadeOptions shade_options(uint32_t number) {
   constexpr Show kShows[] = {Show::kTexture, Show::kTexture,  Show::kColor, Show::kUv,   Show::kNormal,  Show::kTexture,
                              Show::kCluster, Show::kTriangle, Show::kStage, Show::kMesh, Show::kTexture, Show::kDepth};
@@ -177,7 +177,7 @@ Totals compare_paths(const Compared& scene, uint32_t seed, uint32_t views = 4) {
       const StreamStats first = scene.draw(*stream, view, side, shade_options(number));
       const StreamStats again = scene.draw(*stream, view, side, shade_options(number + 6));
       REQUIRE(again.seen_bytes == first.seen_bytes);
-      // Whatever is drawn stays where it all fits, and what was hidden is not asked for again.
+      // Once everything fits, drawn chunks stay, and hidden chunks are not loaded again.
       if (bytes == pool.all) {
         REQUIRE(first.hidden_bytes == again.hidden_bytes);
         REQUIRE(again.streamed_bytes == 0);
@@ -340,7 +340,7 @@ TEST_CASE("what the view holds already is not streamed again along a path", "[st
   const Compared scene(folder.file("out.scree"));
   const Pool pool = scene.pool();
   const std::unique_ptr<CpuStream> stream = scene.stream(pool.all / 2 + pool.least);
-  // A camera that goes round once sees about half of the scene at a time.
+  // A camera that goes around once sees about half of the scene at a time.
   uint64_t streamed = 0;
   uint64_t seen = 0;
   runtime::CameraOptions camera;
@@ -361,7 +361,7 @@ TEST_CASE("what the view holds already is not streamed again along a path", "[st
   }
   CAPTURE(streamed, seen, pool.all);
   CHECK(streamed > 0);
-  // Where nothing stayed from frame to frame it would be all that was seen.
+  // If nothing stayed from frame to frame, everything visible would be loaded.
   CHECK(streamed < seen / 3);
 }
 
@@ -381,17 +381,17 @@ TEST_CASE("chunks behind what is drawn are not loaded, nor asked for again", "[s
   const std::unique_ptr<CpuStream> stream = scene.stream(scene.pool().all);
   const StreamStats first = scene.draw(*stream, *view, 2, shade_options(0));
   CHECK(first.missing_bytes == first.seen_bytes);
-  // From above the ground hides all of the mesh below it, which has the most triangles.
+  // Seen from above, the ground hides the whole mesh below it, which has the most triangles.
   uint64_t below = 0;
   const scree::kernels::SceneView& records = scene.paged().view();
   for (uint64_t c = 0; c < records.chunk_count; ++c)
     if (records.meshes[records.chunks[c].mesh].triangle_count == 3200) below += records.chunks[c].bytes;
-  // The first three batches of eight are chosen before the ground is drawn.
+  // The first three of eight batches are chosen before the ground is drawn.
   CHECK(first.hidden_bytes > below / 4);
   const StreamStats again = scene.draw(*stream, *view, 2, shade_options(0));
   CHECK(again.hidden_bytes == first.hidden_bytes);
   CHECK(again.streamed_bytes == 0);
-  // Seen from below the ground, which has one side, hides nothing.
+  // Seen from below, the one-sided ground hides nothing.
   camera.eye = runtime::Vec3{1.5, -2, 1.5};
   camera.target = runtime::Vec3{1.5, -3, 1.49};
   const Result<View> under = runtime::make_view(scene.whole().container(), 0, scene.whole().view(), camera);
@@ -416,7 +416,7 @@ TEST_CASE("a still camera over a pool that is too small streams what is missing,
   CHECK(first.missing_bytes == first.seen_bytes);
   for (int i = 0; i < 3; ++i) {
     const StreamStats again = scene.draw(*stream, *view, 1, shade_options(0));
-    CHECK(again.missing_bytes + pool.all / 4 <= again.seen_bytes);  // most of the pool was of use
+    CHECK(again.missing_bytes + pool.all / 4 <= again.seen_bytes);  // most of the pool was useful
     CHECK(again.streamed_bytes <= first.streamed_bytes - pool.all / 4);
   }
 }

@@ -1,5 +1,5 @@
-// The way from pages to a device, on a device of threads: everything arrives, nothing is overwritten too early, and bad
-// pages are told as the CPU's way of loading tells them.
+// Uploads to a simulated device with threads: everything arrives, nothing is overwritten too early, and bad pages give
+// the same errors as loading them for the CPU.
 #include "runtime/stream/upload.h"
 
 #include <zstd.h>
@@ -50,7 +50,8 @@ namespace {
 
 constexpr uint64_t kNever = std::numeric_limits<uint64_t>::max();
 
-/// A device that copies on a thread of its own, late and in order, and spoils a slot when it is done with it.
+/// A device that copies on its own thread, late and in order, and overwrites a slot with garbage when it is done with
+/// it.
 class SlowDevice final : public scree::runtime::UploadTarget {
  public:
   SlowDevice(uint64_t arena_bytes, const StagingSizes& sizes, uint64_t failing_copy = kNever)
@@ -93,14 +94,14 @@ class SlowDevice final : public scree::runtime::UploadTarget {
     return {};
   }
 
-  /// What was wrong with how it was used; empty if nothing.
+  /// The first misuse of the device; empty if there was none.
   std::string complaint() {
     const std::lock_guard<std::mutex> lock(mutex_);
     if (!queue_.empty()) return "copies are still under way";
     return complaint_;
   }
   const std::vector<std::byte>& arena() const { return arena_; }
-  /// The most often that a byte of [from, from + bytes) was written.
+  /// The largest number of writes to any byte of [from, from + bytes).
   int writes(uint64_t from, uint64_t bytes) const {
     const auto first = writes_.begin() + static_cast<ptrdiff_t>(from);
     return *std::max_element(first, first + static_cast<ptrdiff_t>(bytes));
@@ -153,14 +154,14 @@ class SlowDevice final : public scree::runtime::UploadTarget {
   std::thread worker_;
 };
 
-/// Two meshes on a lattice and one of floats, of small chunks.
+/// Two meshes on a lattice and one of floats, in small chunks.
 std::vector<std::pair<Soup, Encoding>> some_meshes() {
   Encoding floats;
   floats.float32 = true;
   return {{scree::tests::grid(60, 0.2), {}}, {scree::tests::sphere(30, 0.1), floats}, {scree::tests::grid(25, 0), {}}};
 }
 
-/// Loads what there is of a scene without its pages.
+/// Loads a scene without its pages.
 Scene open_scene(const std::string& path) {
   return must_load(path, {.textures = false, .pages = false});
 }
@@ -170,7 +171,7 @@ struct Attempt {
   std::string complaint;
 };
 
-/// Uploads the pages of `scene` and `table`, and compares what arrived with what the file holds.
+/// Uploads the pages of `scene` and `table`, and compares the uploaded bytes with the file.
 Attempt upload(const Scene& scene, const StagingSizes& sizes, Reading reading, uint32_t threads,
                uint64_t failing_copy = kNever) {
   std::vector<std::byte> table(50000);
@@ -201,7 +202,7 @@ Attempt upload(const Scene& scene, const StagingSizes& sizes, Reading reading, u
   return {done, complaint};
 }
 
-/// Every way to cut the work: pages above and below a slot, more and fewer slots than threads.
+/// All ways to divide the work: pages larger and smaller than a slot, more and fewer slots than threads.
 template <class Body>
 void for_all_ways(const Body& body) {
   for (const uint64_t slot_bytes : {uint64_t{4096}, uint64_t{16384}, uint64_t{65536}, uint64_t{1} << 20}) {
@@ -219,7 +220,7 @@ void for_all_ways(const Body& body) {
   }
 }
 
-/// An upload fails as loading the pages for the CPU does, with the words `expected` somewhere.
+/// Checks that an upload fails like loading the pages for the CPU, with `expected` in the message.
 void check_error(const std::string& path, const std::string& expected) {
   Scene scene = open_scene(path);
   const Result<void> loaded = scene.load_pages(2);
@@ -287,7 +288,7 @@ TEST_CASE("a chunk larger than a megabyte is uploaded in parts", "[upload]") {
     Encoding floats;
     floats.float32 = true;
     floats.chunk_triangles = 1u << 20;
-    // The first page is compressed in both.
+    // The first page is compressed in both files.
     large.write(path, {{scree::tests::grid(2, 0), {}}, {scree::tests::grid(300, 0.2), floats}});
     const Scene scene = open_scene(path);
     REQUIRE(scene.drawn_pages().size() == 2);
@@ -468,7 +469,7 @@ TEST_CASE("large files out of the page cache are read past it", "[upload]") {
   const Scene scene = open_scene(path);
   UploadPlan plan;
   plan.add_pages(scene.drawn_pages());
-  // A small file is not, whatever lies in the cache; what is asked for is done.
+  // A small file is not read directly, whatever the cache holds; an explicit choice is followed.
   CHECK(choose_reading(plan, scene.file().map(), Reading::kAuto) == Reading::kBuffered);
   CHECK(choose_reading(plan, scene.file().map(), Reading::kDirect) == Reading::kDirect);
   CHECK(choose_reading(plan, scene.file().map(), Reading::kMapped) == Reading::kMapped);
@@ -476,7 +477,7 @@ TEST_CASE("large files out of the page cache are read past it", "[upload]") {
 }
 
 TEST_CASE("what is in the page cache decides how a file is read", "[upload]") {
-  // Some megabytes: of a small file all would come in with its tables, which the system reads ahead of.
+  // Some megabytes. A small file would be cached completely with its tables, because the system reads ahead.
   Soup soup;
   std::mt19937 random(7);
   std::uniform_real_distribution<double> unit(0, 1);
@@ -497,7 +498,7 @@ TEST_CASE("what is in the page cache decides how a file is read", "[upload]") {
   uint64_t stored = 0;
   for (uint64_t i = 0; i < plan.pages()->size(); ++i) stored += plan.pages()->record(i).stored_bytes;
   const scree::runtime::MappedFile& map = scene.file().map();
-  // What opening touched stays, being mapped.
+  // Pages that opening read stay, since they are mapped.
   const Result<double> left = scree::bench::drop_from_cache(path);
   REQUIRE(left);
   if (*left > 0.4) {

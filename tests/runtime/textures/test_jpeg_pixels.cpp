@@ -1,4 +1,4 @@
-// The samples and colours of indexed JPEGs against libjpeg's.
+// The samples and colours of indexed JPEGs compared with libjpeg's.
 #include "format/jpeg/picture.h"
 
 #include <algorithm>
@@ -29,7 +29,7 @@ JpegIndex must_index(const Bytes& bytes) {
   return std::move(*index);
 }
 
-/// libjpeg upsamples by whole factors alone.
+/// libjpeg upsamples only by whole factors.
 bool libjpeg_can_upsample(const JpegIndex& index) {
   uint32_t h = 1;
   uint32_t v = 1;
@@ -55,7 +55,7 @@ std::vector<uint8_t> decode_rgb(const JpegIndex& index) {
   return rgb;
 }
 
-/// Decodes group by group, each into a buffer that ends at a guard page, and counts samples that are not `planes`'.
+/// Decodes group by group, each into a buffer that ends at a guard page, and counts samples that differ from `planes`.
 uint64_t wrong_samples(const JpegIndex& index, const std::vector<JpegSamples>& planes) {
   const auto factors = jpeg_factors(index);
   const JpegPicture picture = jpeg_picture(index, factors.data());
@@ -86,7 +86,7 @@ uint64_t wrong_samples(const JpegIndex& index, const std::vector<JpegSamples>& p
   return wrong;
 }
 
-/// A pixel's colour is the same by its group as by rows.
+/// Counts pixels whose colour by its group differs from the one by rows.
 uint64_t wrong_places(const JpegIndex& index, const std::vector<uint8_t>& rgb) {
   const auto factors = jpeg_factors(index);
   const JpegPicture picture = jpeg_picture(index, factors.data());
@@ -187,7 +187,7 @@ TEST_CASE("samples and colours of real files are libjpeg's", "[jpeg_pixels]") {
       continue;
     }
     const JpegIndex index = must_index(indexed->bytes);
-    if (indexed->note.find("coded anew") != std::string::npos || !libjpeg_can_upsample(index)) {
+    if (indexed->note.find("encoded again") != std::string::npos || !libjpeg_can_upsample(index)) {
       UNSCOPED_INFO("not compared");
       (void)decode_rgb(index);
       continue;

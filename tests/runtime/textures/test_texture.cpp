@@ -50,7 +50,8 @@ TEST_CASE("sRGB codes go to light and back, and light takes the nearest code", "
   for (int i = 0; i <= 200000; ++i) {
     const float linear = static_cast<float>(i) / 200000.0f;
     const double exact = curve(linear) * 255.0;
-    if (std::abs(exact - srgb_of_linear(linear)) > 0.5 + 1e-3) ++wrong;  // the two published constants differ by this
+    // The two published constants differ by 1e-3.
+    if (std::abs(exact - srgb_of_linear(linear)) > 0.5 + 1e-3) ++wrong;
   }
   CHECK(wrong == 0);
   CHECK(srgb_of_linear(-1.0f) == 0);

@@ -1,4 +1,4 @@
-// Threads that share loops one after another do each item of each loop once, and outlive what a loop throws.
+// Workers that share one loop after another run each item of each loop once, and survive exceptions of a loop.
 #include "runtime/threads/workers.h"
 
 #include <atomic>
@@ -18,7 +18,7 @@ TEST_CASE("workers do each item of each loop once") {
     const uint64_t count = loop % 7 == 0 ? 0 : loop % 5 == 0 ? 1 : loop;
     std::vector<std::atomic<uint32_t>> done(count);
     workers.for_each(count, [&](uint64_t i) { ++done[i]; });
-    // All of them are done, by all threads, when it returns.
+    // When it returns, all threads have finished all items.
     uint64_t once = 0;
     for (const std::atomic<uint32_t>& times : done) once += times == 1;
     REQUIRE(once == count);
@@ -31,7 +31,7 @@ TEST_CASE("workers share a loop, also after one of a single item") {
   std::set<std::thread::id> ids;
   const std::thread::id caller = std::this_thread::get_id();
   workers.for_each(1, [&](uint64_t) { CHECK(std::this_thread::get_id() == caller); });
-  // Each waits until all have begun: no thread can do the work of another.
+  // Each item waits until all have begun, so no thread can do the work of another.
   std::atomic<uint32_t> begun{0};
   workers.for_each(3, [&](uint64_t) {
     ++begun;

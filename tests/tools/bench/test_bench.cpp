@@ -1,4 +1,4 @@
-// scree bench: how much of a file is cached, and what is said of a file's loads and frames.
+// scree bench: the cached share of a file, and the report of a file's loads and frames.
 #include <filesystem>
 #include <span>
 #include <string>
@@ -184,7 +184,7 @@ TEST_CASE("bench: the program prints tables or JSON and appends rows", "[bench_t
   CHECK(std::stod(rows[0].at("draw_ms")) > 0);
   CHECK(std::stod(rows[0].at("cache_load_ms")) > 0);
 
-  // A damaged file is reported as by render; what was measured before it is printed.
+  // A damaged file gives render's error; earlier results are printed.
   words = {"bench",
            "--backend",
            "cpu",

@@ -1,4 +1,4 @@
-// The order for vertex caches: that of meshoptimizer's optimiser, whatever the list.
+// The order for vertex caches equals that of meshoptimizer's optimiser, for any list.
 #include <meshoptimizer.h>
 
 #include <algorithm>
@@ -34,7 +34,7 @@ List grid(uint32_t side) {
   return list;
 }
 
-/// The triangles in a random order, their corners turned, the vertices with random numbers.
+/// The triangles in a random order, with rotated corners and random vertex numbers.
 List shuffled(const List& list, std::mt19937& random) {
   List out{"shuffled " + list.name, {}, list.vertices};
   std::vector<uint32_t> triangles(list.indices.size() / 3), numbers(list.vertices);
@@ -68,7 +68,7 @@ TEST_CASE("triangles are in the order of meshoptimizer's FIFO optimiser", "[fifo
   std::mt19937 random(1);
   std::vector<List> lists{grid(60), shuffled(grid(90), random), fan(1000), grid(1), {"nothing", {}, 0}, grid(30)};
   for (const uint32_t vertices : {1u, 2u, 5u, 40u, 3000u}) lists.push_back(random_list(1500, vertices, random));
-  tools::FifoOrder fifo;  // one for all: nothing may be left of the list before
+  tools::FifoOrder fifo;  // one for all lists: nothing may remain of the previous list
   for (const List& list : lists) {
     INFO(list.name);
     std::vector<uint32_t> expected(list.indices.size());
@@ -76,7 +76,7 @@ TEST_CASE("triangles are in the order of meshoptimizer's FIFO optimiser", "[fifo
     const std::span<const uint32_t> order = fifo.run(list.indices, list.vertices);
     REQUIRE(order.size() == list.indices.size() / 3);
     std::vector<uint32_t> corners;
-    std::map<std::vector<uint32_t>, uint32_t> last;  // of equal triangles
+    std::map<std::vector<uint32_t>, uint32_t> last;  // by equal triangles
     bool is_each_after_its_equals = true;
     for (const uint32_t triangle : order) {
       REQUIRE(triangle < order.size());

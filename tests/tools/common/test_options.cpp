@@ -1,4 +1,4 @@
-// Sizes, lengths and whole numbers as they are typed.
+// Parsing of sizes, lengths and integers.
 #include "tools/common/options.h"
 
 #include "tests/catch.h"

@@ -1,4 +1,4 @@
-// Results come in order, the first error in that order wins, nothing hangs.
+// Results come in order, the first error in that order is reported, and nothing hangs.
 #include "tools/common/ordered_pool.h"
 
 #include <chrono>

@@ -1,4 +1,4 @@
-// Which stage of a conversion is said to limit the others.
+// The stage of a conversion that is reported as the limit.
 #include "tools/common/stage_rates.h"
 
 #include <atomic>
@@ -9,7 +9,7 @@
 namespace scree::convert {
 namespace {
 
-/// Made up: two threads, all stages at work for as long, each second of a thread worth twice what is done in it.
+/// Made-up rates: two threads; all stages work for the same time, and each second of a thread does two units of work.
 StageRates even_rates() {
   StageRates rates;
   rates.read_bytes = uint64_t{4} << 30;
@@ -48,12 +48,12 @@ TEST_CASE("the stage that takes longest limits, by the threads' share of it", "[
   CHECK(limit(rates) == "measuring limits");
   rates.encode_seconds = 5.5;
   CHECK(limit(rates) == "encoding limits");
-  // One thread writes, beside all that the others do one after another: 15 s of two threads.
+  // One thread writes, in parallel to all that the others do one after another: 15 s of two threads.
   rates.write_seconds = 7.4;
   CHECK(limit(rates) == "encoding limits");
   rates.write_seconds = 7.6;
   CHECK(limit(rates) == "writing limits");
-  // Of more threads the others have less to do.
+  // With more threads, each of the others has less to do.
   rates.threads = 4;
   rates.write_seconds = 3.8;
   CHECK(limit(rates) == "writing limits");

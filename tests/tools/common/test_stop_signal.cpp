@@ -1,4 +1,4 @@
-// Commands that a signal stops: what they leave, what they print, how soon they end.
+// Commands stopped by a signal: the files they leave, their output, and how soon they end.
 #include <sys/wait.h>
 
 #include <chrono>
@@ -26,7 +26,7 @@ bool has_entry(const std::string& folder, const std::string& begin) {
   return false;
 }
 
-/// Stops the program once `is_ready`, and checks that it ends soon, by the signal. Returns what it printed.
+/// Stops the program once `is_ready` returns true, and checks that it ends soon, by the signal. Returns its output.
 template <class IsReady>
 std::string stop(const std::vector<std::string>& words, const std::string& log, int signal, const IsReady& is_ready,
                  const char* program = kProgram) {
@@ -39,7 +39,7 @@ std::string stop(const std::vector<std::string>& words, const std::string& log, 
   const auto stopped = Clock::now();
   const int status = wait_for(child);
   CAPTURE(words, read_whole(log));
-  CHECK(Clock::now() - stopped < std::chrono::seconds(10));  // about one, where the machine has nothing else to do
+  CHECK(Clock::now() - stopped < std::chrono::seconds(10));  // about one second on an idle machine
   REQUIRE(WIFSIGNALED(status));
   CHECK(WTERMSIG(status) == signal);
   return read_whole(log);
@@ -49,7 +49,7 @@ TEST_CASE("a signal stops synth, which removes its files", "[stop]") {
   for (const std::string name : {"city.gltf", "city.glb"}) {
     const TempFolder folder;
     const TempFolder outside;
-    // 7 GB or 2 GB, if it went on.
+    // 7 GB or 2 GB, if it were not stopped.
     const std::string scale = name == "city.glb" ? "0.1" : "1";
     const auto has_part = [&] { return has_entry(folder.path().string(), "city."); };
     const std::string printed = stop({"synth", "A", "--scale", scale, "--threads", "2", "-o", folder.file(name)},

@@ -4,7 +4,7 @@
 
 namespace {
 
-/// What is said of one wrong word after `scree draw`.
+/// The error for one wrong argument of `scree draw`.
 std::string complaint(const char* word) {
   CLI::App app("test", "scree");
   CLI::App* draw = app.add_subcommand("draw", "");

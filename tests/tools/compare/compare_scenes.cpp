@@ -18,12 +18,12 @@ using convert::Primitive;
 using convert::SourceScene;
 using format::kNone;
 
-// Beyond the stated errors: what float arithmetic on the way adds.
+// Float arithmetic on the way adds this to the stated errors.
 constexpr double kColorError = 0.5 / 255 + 1e-6;
-constexpr double kNormalDegrees = 0.06;  // 12 bits an axis of the octahedral map: below 0.05
+constexpr double kNormalDegrees = 0.06;  // 12 bits per axis of the octahedral map: below 0.05
 constexpr size_t kMaxLines = 12;
 
-/// The same coefficients, quantisation and colours; segments and Huffman tables may differ.
+/// Whether coefficients, quantisation and colours are the same. Segments and Huffman tables may differ.
 bool is_same_jpeg(std::span<const std::byte> a, std::span<const std::byte> b) {
   const auto before = read_coefficients(a);
   const auto after = read_coefficients(b);
@@ -97,8 +97,8 @@ class Comparison {
     return corners;
   }
 
-  /// Which source triangles are kept: not degenerate ones of strips and fans, nor those with a position that is no
-  /// number.
+  /// By source triangle, whether it is kept: not degenerate ones of strips and fans, nor triangles with a non-finite
+  /// position.
   static std::vector<bool> kept(const Primitive& primitive, const std::vector<uint32_t>& corners,
                                 const std::vector<float>& positions) {
     std::vector<bool> keep(corners.size() / 3, true);
@@ -112,7 +112,7 @@ class Comparison {
   }
 
   void compare_meshes() {
-    // The group of the file that nodes draw for each of the source's: itself, or an equal one.
+    // By group of the source: the group of the file that its nodes draw, which is itself or an equal one.
     std::vector<uint32_t> stored_as(source_.groups.size(), kNone);
     for (size_t i = 0; i < source_.nodes.size() && i < packed_.nodes().size(); ++i)
       if (source_.nodes[i].group != kNone) stored_as[source_.nodes[i].group] = packed_.nodes()[i].group;
@@ -176,17 +176,17 @@ class Comparison {
         differ(place + ": source triangle " + std::to_string(ids[t]) + " comes twice or should not come");
         return;
       }
-      keep[ids[t]] = false;  // each one once
+      keep[ids[t]] = false;  // each triangle once
       compare_triangle(place + ", triangle " + std::to_string(ids[t]), &corners[3 * ids[t]], &back_corners[3 * t], was,
                        is, record);
     }
   }
 
-  /// Corners may be turned. Of a triangle that is smaller than the error several turns fit: one must in all.
+  /// Corners may be rotated. For a triangle smaller than the error several rotations fit; one must fit in everything.
   void compare_triangle(const std::string& place, const uint32_t* from, const uint32_t* to, const Vertices& was,
                         const Vertices& is, const format::MeshRecord& record) {
     const size_t before = lines_.size();
-    std::vector<std::string> first;  // what the first turn that fits says
+    std::vector<std::string> first;  // the differences of the first rotation whose positions fit
     for (uint32_t turn = 0; turn < 3; ++turn) {
       bool fits = true;
       for (uint32_t corner = 0; corner < 3; ++corner) {
@@ -241,7 +241,7 @@ class Comparison {
       length += static_cast<double>(was[i]) * static_cast<double>(was[i]);
       back_length += static_cast<double>(is[i]) * static_cast<double>(is[i]);
     }
-    if (!(length > 1e-12) || !std::isfinite(length)) return true;  // the source says nothing
+    if (!(length > 1e-12) || !std::isfinite(length)) return true;  // the source's normal has no direction
     const double cosine = std::clamp(dot / std::sqrt(length * back_length), -1.0, 1.0);
     return close(place + ": angle of the normal", 0, std::acos(cosine) * 180 / std::numbers::pi, kNormalDegrees);
   }
@@ -264,7 +264,7 @@ class Comparison {
       close(place + ": alpha cutoff", static_cast<double>(was.record.alpha_cutoff),
             static_cast<double>(is.record.alpha_cutoff), 0);
     }
-    if (!source.uv) {  // nothing to look a texture up with
+    if (!source.uv) {  // without texture coordinates no texture is read
       same_number(place + ": texture", kNone, is.record.texture);
       return;
     }

@@ -1,4 +1,4 @@
-// A glTF before and after the way through a .scree file and export, compared piece by piece.
+// Compares a glTF with its export from a .scree file, item by item.
 #pragma once
 
 #include <string>
@@ -9,15 +9,15 @@
 
 namespace scree::tests {
 
-/// Everything by which `back` (the export of `packed`, imported) differs from `source` (imported), beyond the errors
-/// that `packed` states, one line each; empty where they agree. `packed` was converted from `source` with source ids
-/// and drop_nonfinite. Compared: every triangle of every primitive by its source number, its three positions, texture
+/// All differences between `back` (the export of `packed`, imported) and `source` (imported), beyond the errors that
+/// `packed` states, one line each; empty if they agree. `packed` was converted from `source` with source ids and
+/// drop_nonfinite. Compared: every triangle of every primitive by its source number, with its three positions, texture
 /// coordinates, colours and normals; nodes, names, hierarchy and world matrices; node instances; materials, textures
 /// and the bytes of images; cameras; scenes.
 std::vector<std::string> compare_scenes(const convert::SourceScene& source, const format::Container& packed,
                                         const convert::SourceScene& back);
 
-/// All instances of a node; none where it has none or where they cannot be read.
+/// All instances of a node; empty if it has none or they cannot be read.
 std::vector<format::NodeInstanceRecord> all_instances(const convert::SourceNode& node);
 
 }  // namespace scree::tests

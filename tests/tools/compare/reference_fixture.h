@@ -1,4 +1,4 @@
-// Small scenes for the reference rasteriser, in which a unit is a pixel.
+// Small scenes for the reference rasteriser, with one pixel per unit.
 #pragma once
 
 #include <algorithm>
@@ -11,7 +11,7 @@
 
 namespace scree::tests {
 
-/// A camera at (0, 0, 8) that looks along -z: a unit is a pixel, the picture's middle is the origin.
+/// A camera at (0, 0, 8) that looks along -z, with one pixel per unit and the origin in the picture's middle.
 inline kernels::View pixel_view(uint32_t width, uint32_t height) {
   kernels::View view{};
   view.eye[2] = 8;
@@ -27,7 +27,7 @@ inline kernels::View pixel_view(uint32_t width, uint32_t height) {
   return view;
 }
 
-/// The same with perspective: a unit is a pixel at z = 0.
+/// The same with perspective: one pixel per unit at z = 0.
 inline kernels::View deep_view(uint32_t width, uint32_t height) {
   kernels::View view = pixel_view(width, height);
   view.orthographic = false;
@@ -58,7 +58,7 @@ inline uint64_t covered(std::span<const compare::ReferencePixel> pixels) {
       pixels.begin(), pixels.end(), [](const compare::ReferencePixel& pixel) { return !pixel.is_background(); }));
 }
 
-/// Of a square whose points go round counter-clockwise.
+/// Indices of a square whose points are in counter-clockwise order.
 inline const std::vector<uint32_t> kSquareCorners{0, 1, 2, 0, 2, 3};
 
 }  // namespace scree::tests

@@ -1,5 +1,4 @@
-// Compares a .scree file with the glTF it was made from, triangle by triangle, for the tests of convert and of the
-// models.
+// Compares a .scree file with its source glTF, triangle by triangle, for the tests of convert and of the models.
 #pragma once
 
 #include <algorithm>
@@ -31,19 +30,18 @@ struct OpenFile {
 };
 
 struct Comparison {
-  std::string difference;  // empty: the file is the source within its stated errors
+  std::string difference;  // empty: the file equals the source within its stated errors
   uint64_t triangles = 0;
   double position_error = 0;  // largest found, model units, per axis
 };
 
 struct SourceTriangles {
-  std::vector<uint32_t> corners;  // 3 a triangle of the source
+  std::vector<uint32_t> corners;  // 3 per triangle of the source
   std::vector<bool> kept;
   uint64_t kept_count = 0;
 };
 
-/// Triangles of a primitive that convert keeps: no strip triangle with two equal indices, no position that is not
-/// finite.
+/// Triangles of a primitive that convert keeps: no strip triangle with two equal indices, no non-finite position.
 inline Result<SourceTriangles> source_triangles(const convert::Primitive& primitive,
                                                 const std::vector<float>& positions) {
   SourceTriangles out;
@@ -69,8 +67,8 @@ inline Result<std::vector<float>> all_floats(const convert::Accessor& accessor) 
 }
 
 /// Checks one mesh of a file made with --source-ids against its primitive: every kept source triangle is there once,
-/// its corners in the same order (of clusters: turned), each position within the mesh's stated error, each attribute
-/// within its own.
+/// with its corners in the same order (in clusters: rotated), each position within the mesh's stated error, each
+/// attribute within its own.
 inline std::string compare_mesh(const convert::Primitive& primitive, const SourceTriangles& source,
                                 const std::vector<float>& positions, const format::Container& file,
                                 uint64_t mesh_number, tools::ChunkReader& reader, Comparison& out) {
@@ -103,7 +101,7 @@ inline std::string compare_mesh(const convert::Primitive& primitive, const Sourc
       if (seen[id]) return triangle + " is there twice";
       seen[id] = true;
       double largest = 0;  // position error
-      // Empty where corner + turn is this one of the source.
+      // Compares with the source's corners rotated by `turn`. Returns the difference; empty if there is none.
       const auto compare_turned = [&](size_t turn) -> std::string {
         largest = 0;
         for (size_t corner = 0; corner < 3; ++corner) {
@@ -142,7 +140,7 @@ inline std::string compare_mesh(const convert::Primitive& primitive, const Sourc
         }
         return {};
       };
-      // Clusters turn triangles.
+      // Clusters may rotate a triangle's corners.
       std::string difference = compare_turned(0);
       if (file.chunks()[c].encoding == format::ChunkEncoding::kClustered) {
         for (size_t turn = 1; turn < 3 && !difference.empty(); ++turn)
@@ -158,7 +156,7 @@ inline std::string compare_mesh(const convert::Primitive& primitive, const Sourc
   return {};
 }
 
-/// Compares all meshes. `exclude`: as given to convert.
+/// Compares all meshes. `exclude`: the value given to convert.
 inline Comparison compare_with_source(const std::string& gltf, const std::string& scree,
                                       const std::string& exclude = {}) {
   Comparison out;
@@ -169,7 +167,7 @@ inline Comparison compare_with_source(const std::string& gltf, const std::string
   const Result<OpenFile> opened = OpenFile::open(scree);
   if (!opened) return {opened.error().message, 0, 0};
   const format::Container& file = opened->file;
-  // Which glTF mesh each one is stored as: itself, or an equal one, with which it is compared all the same.
+  // By glTF mesh: the mesh that it is stored as, which is itself or an equal one. It is compared in either case.
   std::map<uint32_t, uint32_t> stored_as;
   if (file.nodes().size() != scene->nodes.size()) return {"another number of nodes", 0, 0};
   for (size_t i = 0; i < scene->nodes.size(); ++i) {
@@ -179,7 +177,7 @@ inline Comparison compare_with_source(const std::string& gltf, const std::string
       return {"nodes of one mesh draw several", 0, 0};
   }
   tools::ChunkReader reader(file);
-  std::map<uint32_t, uint32_t> kept;  // primitives of a group so far
+  std::map<uint32_t, uint32_t> kept;  // by group: primitives so far
   uint64_t meshes = 0;
   for (const convert::Primitive& primitive : scene->primitives) {
     if (!stored_as.contains(primitive.group)) continue;

@@ -1,4 +1,4 @@
-// scree compare: hand-made differences with known counts, and real drawings that must agree.
+// scree compare: constructed differences with known counts, and real drawings that must agree.
 #include <cmath>
 #include <filesystem>
 #include <nlohmann/json.hpp>
@@ -31,7 +31,7 @@ namespace {
 
 using Points = std::vector<float>;
 
-/// Corners of a square of 8 units, counter-clockwise from below left.
+/// Corners of a square of 8 units, counter-clockwise from the lower left.
 Points square(float x, float y, float z = 0) {
   return {x, y, z, x + 8, y, z, x + 8, y + 8, z, x, y + 8, z};
 }
@@ -50,7 +50,7 @@ struct Part {
   std::array<double, 3> place{0, 0, 0};
 };
 
-/// A node and a mesh for each part.
+/// A node and a mesh per part.
 void make(const std::string& path, const std::vector<Part>& parts) {
   tests::ModelMaker maker(path);
   for (const Part& part : parts)
@@ -58,7 +58,7 @@ void make(const std::string& path, const std::vector<Part>& parts) {
   maker.finish();
 }
 
-/// 32 x 16 pixels of one unit each, the middle of the picture at the origin, seen from z = 10.
+/// 32 x 16 pixels of one unit each, with the origin in the middle of the picture, seen from z = 10.
 kernels::View pixel_view() {
   kernels::View view{};
   view.eye[2] = 10;
@@ -77,7 +77,7 @@ kernels::View pixel_view() {
 struct Case {
   tests::TempFolder folder;
 
-  /// Converts `drawn` and opens it beside the glTF `source`.
+  /// Converts `drawn`, opens it and compares it with the glTF `source`.
   Result<PixelReport> pixels(const std::vector<Part>& drawn, const std::vector<Part>& source) {
     make(folder.file("drawn.gltf"), drawn);
     make(folder.file("source.gltf"), source);
@@ -99,7 +99,7 @@ struct Case {
     if (!opened) return opened.error();
     const auto number = opened->find_scene("");
     if (!number) return number.error();
-    const auto scene = runtime::Scene::load(std::move(*opened), *number, {true, 2});  // textures must not show
+    const auto scene = runtime::Scene::load(std::move(*opened), *number, {true, 2});  // textures must not matter
     if (!scene) return scene.error();
     const auto model = compare::load_source_model(*gltf, scene->container(), *number);
     if (!model) return model.error();
@@ -132,7 +132,7 @@ TEST_CASE("a square shifted by two pixels: its rims against the background, its 
   const auto report = test.pixels({{square(-4, -4), kOneSquare, {}}}, {{square(-2, -4), kOneSquare, {}}});
   REQUIRE(report);
   CHECK(count(*report, PixelKind::kBackground) == 2 * 2 * 8);
-  // Between the two diagonals lie two pixels a row; of the six columns that both squares cover that leaves 12.
+  // Two pixels per row lie between the two diagonals; of these, the six columns that both squares cover have 12.
   CHECK(count(*report, PixelKind::kNeighbour) == 12);
   CHECK(count(*report, PixelKind::kSame) == 6 * 8 - 12);
   CHECK(report->wrong() == 32 + 12);
@@ -165,7 +165,7 @@ TEST_CASE("swapped meshes are other meshes, swapped squares of one mesh share no
 
 TEST_CASE("a missing triangle is background, and another number of triangles another source", "[compare]") {
   Case test;
-  // The second triangle of the source has no area: the file's 28 pixels of it are too many.
+  // The second triangle of the source has no area, so the file's 28 pixels of it are too many.
   const auto report = test.pixels({{square(-4, -4), kOneSquare, {}}}, {{square(-4, -4), {0, 1, 2, 0, 3, 3}, {}}});
   REQUIRE(report);
   CHECK(count(*report, PixelKind::kBackground) == 28);
@@ -183,7 +183,7 @@ TEST_CASE("a missing triangle is background, and another number of triangles ano
 
 TEST_CASE("of triangles in one place either is right", "[compare]") {
   Case test;
-  // In the source two squares coincide, of which the reference names the first; in the file that one lies behind.
+  // In the source two squares coincide, and the reference shows the first; in the file that one lies behind the other.
   const auto report = test.pixels({{joined(square(-4, -4, -2), square(-4, -4)), kTwoSquares, {}}},
                                   {{joined(square(-4, -4), square(-4, -4)), kTwoSquares, {}}});
   REQUIRE(report);
@@ -305,7 +305,7 @@ TEST_CASE("the small models are drawn as the reference draws them", "[compare]")
     options.source_ids = true;
     options.drop_nonfinite = true;
     const auto packed = tests::pack(path.string(), file, options);
-    if (!packed) continue;  // test_models.cpp says which may be refused
+    if (!packed) continue;  // test_models.cpp lists the models that may be refused
     auto opened = runtime::SceneFile::open(file);
     REQUIRE(opened);
     const auto number = opened->find_scene("");
@@ -319,11 +319,11 @@ TEST_CASE("the small models are drawn as the reference draws them", "[compare]")
     REQUIRE(view);
     const auto report = Case::against(file, path.string(), &*view);
     if (!report) FAIL(report.error().message);
-    // Snapping to 1/256 pixel moves an edge over the centre of one pixel in 256 at most along it.
+    // Snapping to 1/256 pixel moves an edge over the centre of at most one pixel in 256 along it.
     const PixelReport& pixels = report->pixels;
     CHECK(pixels.wrong() <= 320 * 240 / 200);
     CHECK(pixels.same_depth.rms() < 1e-3);
-    // Where the triangle is right, so is the colour; none may come from a texture, which the reference has not.
+    // If the triangle is right, so is the colour. No difference may come from a texture, which the reference lacks.
     CHECK(report->pictures.differing <= pixels.wrong() + 320 * 240 / 500);
     compared += pixels.same_depth.count() > 0 ? 1 : 0;
   }
@@ -356,7 +356,7 @@ TEST_CASE("lit pictures against the source: identical ones say so", "[compare]")
   CHECK(read["textures_left_out"] == true);
   CHECK_FALSE(read.contains("psnr_db"));
 
-  // Two rims of 2 x 8 pixels, black against a white that is seen head on.
+  // Two rims of 2 x 8 pixels, black against white seen head-on.
   const auto moved = Case::against(file, test.folder.file("shifted.gltf"), nullptr);
   REQUIRE(moved);
   CHECK(moved->pictures.differing == 32);
@@ -384,7 +384,7 @@ TEST_CASE("fewer bits of positions show in the lit picture", "[compare][cli]") {
     CHECK(pictures["flip_mean"].get<double>() < flip / 2);
     psnr = pictures["psnr_db"].get<double>();
     flip = pictures["flip_mean"].get<double>();
-    // The picture of the error is that of the numbers.
+    // The picture of the error agrees with the numbers.
     const auto map = runtime::MappedFile::open(folder.file("flip.png"));
     REQUIRE(map);
     const auto image = runtime::decode_image(map->bytes());
@@ -437,8 +437,8 @@ TEST_CASE("inspect --source fails where a file is farther from its source than i
 
 namespace {
 
-/// Packs every model at hand with `widths(number)` bits an axis and measures it against its source, `least` times in
-/// all or more.
+/// Packs every available model with `widths(number)` bits per axis and measures it against its source, at least `least`
+/// measurements in all.
 template <class Widths>
 void check_stated_errors(const Widths& widths, uint64_t least) {
   const std::filesystem::path models = tests::models_path();
@@ -451,7 +451,7 @@ void check_stated_errors(const Widths& widths, uint64_t least) {
   uint64_t checked = 0, number = 0;
   for (const std::filesystem::path& path : tests::gltf_files(models / "scenes")) {
     const auto source = convert::import_gltf(path.string(), {});
-    if (!source) continue;  // test_models.cpp says which may be refused
+    if (!source) continue;  // test_models.cpp lists the models that may be refused
     for (const uint32_t bits : widths(number++)) {
       INFO(path.string() << ", " << bits << " bits");
       convert::ConvertOptions options;
@@ -465,7 +465,7 @@ void check_stated_errors(const Widths& widths, uint64_t least) {
       CHECK(report->missing_triangles == 0);
       CHECK(report->unknown_triangles == 0);
       CHECK(report->axis_error <= report->axis_bound);
-      // No distance is longer than three errors of a coordinate allow.
+      // Three coordinate errors bound every distance.
       CHECK(report->stored.max() <= std::sqrt(3.0) * report->axis_error * (1 + 1e-12));
       CHECK(report->source.max() == report->stored.max());
       ++checked;
@@ -478,7 +478,7 @@ void check_stated_errors(const Widths& widths, uint64_t least) {
 }  // namespace
 
 TEST_CASE("the stated position error holds for every model, the widths in turn", "[compare][models]") {
-  // Every model with the narrowest, the default and the widest code, and with one of the others in turn.
+  // Every model with the narrowest, the default and the widest code, and with one of the other widths in turn.
   const auto widths = [](uint64_t number) {
     return std::vector<uint32_t>{8, 9 + static_cast<uint32_t>(number % 15), 16, 24};
   };

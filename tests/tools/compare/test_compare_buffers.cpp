@@ -1,4 +1,4 @@
-// Visibility buffers of files of one source that are encoded differently.
+// Visibility buffers of differently encoded files of the same source.
 #include <algorithm>
 #include <cmath>
 #include <functional>
@@ -28,7 +28,7 @@ using Options = convert::ConvertOptions;
 
 constexpr uint32_t kWidth = 160, kHeight = 120;
 
-/// A glTF, and what convert makes of it.
+/// A glTF, and convert's file of it.
 struct Source {
   tests::TempFolder folder;
   std::string gltf;
@@ -54,8 +54,8 @@ struct Source {
   }
 };
 
-/// Two equal meshes, which --no-share keeps apart, between them one whose triangles share no vertex until it is welded,
-/// two primitives each.
+/// Two equal meshes, which --no-share keeps apart. Between them lies a mesh whose triangles share no vertex until it is
+/// welded. Two primitives each.
 void fill_with_grids(tests::ModelMaker& maker) {
   tests::GridSpec grid;
   grid.columns = 40;
@@ -106,7 +106,7 @@ uint64_t count(const PixelReport& report, PixelKind kind) {
   return report.counts()[static_cast<size_t>(kind)];
 }
 
-/// Why two scenes, or these samples of theirs, do not go together.
+/// The error that two scenes, or these samples of theirs, cannot be compared.
 Error refused(const runtime::Scene& a, const runtime::Scene& b, const std::vector<uint64_t>& samples_a = {},
               const std::vector<uint64_t>& samples_b = {}) {
   const auto match = SceneMatch::match(a, b);
@@ -144,7 +144,7 @@ uint64_t id_of(const runtime::Scene& scene, uint32_t node, uint64_t source) {
 
 using Points = std::vector<float>;
 
-/// Squares of side 1 from below left, side by side with a gap, two triangles each.
+/// Squares of side 1 from the lower left, side by side with gaps, two triangles each.
 tests::ModelMaker& add_squares(tests::ModelMaker& maker, uint32_t squares, std::array<double, 3> place = {0, 0, 0},
                                float height = 1) {
   Points points;
@@ -200,7 +200,7 @@ TEST_CASE("source numbers match triangles whose ids an encoding changes", "[comp
       CHECK(count(report, PixelKind::kCoincident) == 0);
       CHECK(count(report, PixelKind::kSame) > 3500);
       CHECK(report.same_depth.count() == count(report, PixelKind::kSame));
-      CHECK(report.same_depth.max() <= 0x1p-21);  // a code or two: clusters turn triangles
+      CHECK(report.same_depth.max() <= 0x1p-21);  // one or two codes, because clusters rotate triangles
     }
   }
 }
@@ -224,10 +224,10 @@ TEST_CASE("a width leaves ids as they are, and that is seen without source numbe
     CHECK(place.kinds == number.kinds);
     CHECK(place.same_depth.rms() == number.same_depth.rms());
     CHECK((place.wrong() > 100) == (bits == 8));
-    // One of the two has none: places it is.
+    // One of the two has no source numbers, so positions are compared.
     CHECK(compared(by_number, wide).kinds == number.kinds);
   }
-  // What changes them is refused, and says what helps.
+  // Changes to the numbering are refused, with advice.
   const std::function<void(Options&)> changes[] = {clustered, [](Options& o) { o.weld = false; },
                                                    [](Options& o) { o.chunk_triangles = 100; }};
   for (const auto& change : changes) {
@@ -242,7 +242,8 @@ TEST_CASE("a width leaves ids as they are, and that is seen without source numbe
 }
 
 TEST_CASE("buffers of two encodings: each kind of pixel", "[compare]") {
-  // Node 0: triangles 0 and 1 of one square, 2 and 3 of another. Node 1: the same places again, node 2: elsewhere.
+  // Node 0: triangles 0 and 1 of one square, 2 and 3 of another. Node 1: the same positions again; node 2: other
+  // positions.
   const Source source([](tests::ModelMaker& maker) {
     add_squares(maker, 2);
     add_squares(maker, 2);
@@ -305,7 +306,7 @@ TEST_CASE("files of different sources are not matched", "[compare]") {
     check_refused(error, ErrorCode::kFormat, other.second);
   }
 
-  // A node of two primitives, and two of one.
+  // A node with two primitives, and two nodes with one.
   const Source together([](tests::ModelMaker& maker) {
     const tests::GridSpec grid;
     maker.node("both", maker.mesh("both", {maker.grid(grid), maker.grid(grid)}));
@@ -318,7 +319,7 @@ TEST_CASE("files of different sources are not matched", "[compare]") {
   check_refused(refused(together.scene("scene"), apart.scene("scene")), ErrorCode::kFormat,
                 "node 0 draws other meshes");
 
-  // As many triangles in the same box, but other ones: the first of one source is left out, the last of the other.
+  // The same number of triangles in the same box, but different ones: one source lacks the first, the other the last.
   const auto with_hole = [](size_t hole) {
     return [hole](tests::ModelMaker& maker) {
       Points points{0, 0, 0, 1, 0, 0, 0, 1, 0, 1, 1, 0, 0, 2, 0, 0, 0, 0};

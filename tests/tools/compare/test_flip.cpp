@@ -1,4 +1,4 @@
-// FLIP and PSNR. No value of the authors' program is at hand: what is held here follows from the paper's formulas.
+// FLIP and PSNR. No values of the authors' program are available; the expected values follow from the paper's formulas.
 #include <array>
 #include <cmath>
 #include <cstdint>
@@ -42,13 +42,14 @@ TEST_CASE("flip of plain colours is what the paper's colour formulas give", "[fl
   const auto one = [](const Colour& a, const Colour& b) {
     const auto map = flip({9, 5, a}, {9, 5, b});
     REQUIRE(map.size() == 45);
-    for (const float error : map) CHECK(std::abs(error - map[0]) < 1e-4f);  // no features: the same everywhere
+    // Without features it is the same everywhere.
+    for (const float error : map) CHECK(std::abs(error - map[0]) < 1e-4f);
     return static_cast<double>(map[0]);
   };
   CHECK(one(kGrey, kGrey) == 0);
-  CHECK(one(kGreen, kBlue) == Approx(1).margin(1e-4));  // the largest difference there is, by definition
-  // HyAB is 100 between black and white, 203.3 between green and blue after the Hunt adjustment; both to the 0.7 are
-  // 25.12 and 41.27, and 0.95 + 0.05 (25.12 - 0.4 41.27) / (0.6 41.27) is 0.9674.
+  CHECK(one(kGreen, kBlue) == Approx(1).margin(1e-4));  // the largest possible difference, by definition
+  // HyAB is 100 between black and white, and 203.3 between green and blue after the Hunt adjustment. To the power of
+  // 0.7 these are 25.12 and 41.27, and 0.95 + 0.05 (25.12 - 0.4 41.27) / (0.6 41.27) is 0.9674.
   CHECK(one(kBlack, kWhite) == Approx(0.9674).margin(2e-4));
 }
 
@@ -63,12 +64,12 @@ TEST_CASE("flip sees a line where it is, the same both ways and for any number o
   CHECK(at(20) >= at(24));
   CHECK(at(24) >= at(30));
   CHECK(at(60) == 0);
-  // Columns are treated as rows are.
+  // Columns are treated like rows.
   Picture plain_turned(40, 64, kGrey), turned = plain_turned;
   for (uint32_t x = 0; x < 40; ++x) turned.set(x, 20, kWhite);
   const auto map = flip(plain_turned, turned);
   for (uint32_t i = 0; i < 64; ++i) CHECK(map[uint64_t{40} * i + 17] == Approx(at(i)).margin(1e-4));
-  // From far away (many pixels a degree) a single line is seen less.
+  // From far away (many pixels per degree) a single line is less visible.
   CHECK(flip(plain, line, 300)[uint64_t{64} * 20 + 20] < at(20));
 }
 

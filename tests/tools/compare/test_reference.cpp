@@ -1,4 +1,4 @@
-// The reference rasteriser against counts made by hand.
+// The reference rasteriser compared with counts made by hand.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -42,7 +42,7 @@ TEST_CASE("a square's pixel centres on its diagonal belong to one triangle, by t
   for (const bool deep : {false, true}) {
     const kernels::View view = deep ? deep_view(16, 12) : pixel_view(16, 12);
     const auto pixels = draw({kSquare, kSquareCorners, nullptr, false}, view);
-    // The eight centres on the diagonal lie on a left edge of the lower triangle and on a right one of the upper.
+    // The eight centres on the diagonal lie on a left edge of the lower triangle and on a right edge of the upper one.
     CHECK(count(pixels, 0) == 36);
     CHECK(count(pixels, 1) == 28);
     for (uint32_t y = 0; y < 12; ++y)
@@ -55,7 +55,7 @@ TEST_CASE("a square's pixel centres on its diagonal belong to one triangle, by t
 }
 
 TEST_CASE("edges through pixel centres take the top and left ones and leave the others", "[reference]") {
-  // All four sides go through centres: 8 + 1 of them each way, of which one row and one column are not the square's.
+  // All four sides go through centres: 8 + 1 in each direction. One row and one column of them are outside the square.
   Points points = kSquare;
   for (size_t i = 0; i < points.size(); i += 3) {
     points[i] += 0.5f;
@@ -83,7 +83,7 @@ TEST_CASE("back faces are left out unless the mesh is double-sided, mirrors turn
 }
 
 TEST_CASE("a floor that runs from behind the eye to far away fills what lies below the horizon", "[reference]") {
-  // 5 below the eye, from 1000 behind to 10^6 before: the horizon is the middle row's top.
+  // A floor 5 below the eye, from 1000 behind to 10^6 in front: the horizon is the top of the middle row.
   const Points floor{-1e7f, -5, 1e3f, 1e7f, -5, 1e3f, 1e7f, -5, -1e6f, -1e7f, -5, -1e6f};
   const kernels::View view = deep_view(16, 16);
   const auto pixels = draw({floor, kSquareCorners, nullptr, false}, view);
@@ -92,12 +92,12 @@ TEST_CASE("a floor that runs from behind the eye to far away fills what lies bel
       const ReferencePixel& pixel = pixels[16 * y + x];
       CHECK(pixel.is_background() == (y < 8));
       if (y < 8) continue;
-      const double below = (y - 7.5) / 8;  // the ray's, at distance 1
+      const double below = (y - 7.5) / 8;  // slope of the ray, at distance 1
       CHECK(std::abs(pixel.depth - 5 / below) <= 1e-12 * pixel.depth);
     }
   }
   kernels::View late = view;
-  late.z_near = 5 / ((11.0 - 7.5) / 8) * (1 + 1e-9);  // a little beyond what row 11 sees
+  late.z_near = 5 / ((11.0 - 7.5) / 8) * (1 + 1e-9);  // slightly beyond the floor seen in row 11
   CHECK(covered(draw({floor, kSquareCorners, nullptr, false}, late)) == 16 * 3);
 }
 
@@ -124,7 +124,7 @@ TEST_CASE("the nearest wins, of equal depths the first, for any number of thread
 }
 
 TEST_CASE("a fan of thin triangles covers every pixel of its square once", "[reference]") {
-  // 4000 triangles around a pixel's centre, their rims on the square's sides: shared edges cross every pixel.
+  // 4000 triangles around a pixel's centre, with their rims on the square's sides: shared edges cross every pixel.
   constexpr uint32_t kSpokes = 4000;
   Points points{0.5f, 0.5f, 0};
   Corners corners;

@@ -1,4 +1,4 @@
-// The reference rasteriser's roundings and colours, and that it shares nothing with what it judges.
+// The reference rasteriser's roundings and colours, and its independence from the code that it judges.
 #include <bit>
 #include <cmath>
 #include <cstdlib>
@@ -46,12 +46,12 @@ std::vector<float> square(float x, float y) {
 
 TEST_CASE("snapping: corners go to the nearest step, and coverage is exact there", "[reference]") {
   const kernels::View view = deep_view(32, 32);
-  // Its left edge is 0.04 pixel left of centres and its right one too: with 1/8 pixel they go through the centres, of
-  // which the left ones stay covered (a left edge owns them) and the right ones stay free.
+  // Its left and right edges are 0.04 pixel left of centres. With 1/8 pixel they go through the centres; the left ones
+  // stay covered (a left edge owns them) and the right ones stay free.
   const std::vector<float> left = square(-3.54f, -4);
   CHECK(covered(draw(left, kSquareCorners, view, {})) == 64);
   CHECK(covered(draw(left, kSquareCorners, view, {.snap = 8, .depth_bits = 0})) == 64);
-  // 0.04 pixel to the right the left column is lost and the right one won; 1/8 pixel turns both around.
+  // 0.04 pixel to the right, the left column is lost and the right one is gained; 1/8 pixel reverses both.
   const std::vector<float> right = square(-3.46f, -4);
   const auto exact = draw(right, kSquareCorners, view, {});
   const auto coarse = draw(right, kSquareCorners, view, {.snap = 8, .depth_bits = 0});
@@ -66,7 +66,7 @@ TEST_CASE("snapping: corners go to the nearest step, and coverage is exact there
 }
 
 TEST_CASE("snapping: a fine step draws what none draws, also across the near plane", "[reference]") {
-  // A floor from behind the eye to far away, cut into a fan of strips that meet on pixels.
+  // A floor from behind the eye to far away, cut into a fan of strips whose borders lie on pixels.
   std::vector<float> points;
   std::vector<uint32_t> corners;
   constexpr uint32_t kStrips = 200;
@@ -88,7 +88,7 @@ TEST_CASE("snapping: a fine step draws what none draws, also across the near pla
   }
   CHECK(differing == 0);
   const auto coarse = draw(points, corners, view, {.snap = 4, .depth_bits = 0});
-  CHECK(covered(coarse) > 600);  // no cracks to speak of: strips share their corners
+  CHECK(covered(coarse) > 600);  // no significant cracks: strips share their corners
 }
 
 TEST_CASE("snapping: every pixel of a closed fan has one owner at any step", "[reference]") {
@@ -141,7 +141,7 @@ TEST_CASE("depth codes of the reference are those of spec/rasterization.md", "[r
 }
 
 TEST_CASE("of two depths that share a code the first triangle is drawn", "[reference]") {
-  // The second square is nearer by a little less than a step of 28 bits, and by more than one of 32.
+  // The second square is nearer by slightly less than a step of 28 bits, and by more than a step of 32 bits.
   const auto nearer = static_cast<float>(8 * 0x1p-23);
   std::vector<float> points = square(-4, -4), second = square(-4, -4);
   for (size_t i = 2; i < second.size(); i += 3) second[i] = nearer;
@@ -208,7 +208,7 @@ TEST_CASE("the reference's colours are those that kernels/ draws", "[reference]"
 }
 
 TEST_CASE("averages of 8 x 8 samples are in linear light", "[reference]") {
-  // Half of a pixel white (lit from the front), half background: 188 of 255, where coded values would give 128.
+  // Half of a pixel is white (lit from the front), half is background: 188 of 255, while encoded values would give 128.
   compare::SourceModel model;
   model.meshes.resize(1);
   model.meshes[0].positions = {-4, -4, 0, 0.5f, -4, 0, 0.5f, 4, 0, -4, 4, 0};

@@ -1,4 +1,4 @@
-// Converting, and comparing with the source, in the tests of convert().
+// Converts, and compares with the source, in the tests of convert().
 #pragma once
 
 #include <cstdint>
@@ -28,9 +28,9 @@ inline convert::ConvertReport must_convert(const convert::ConvertOptions& option
   return *report;
 }
 
-/// Converts with options.memory = `memory`, or the least that is enough where that is not: what is refused says it. The
-/// test program's own memory counts too, with what sanitizers keep of it (256 MiB of what earlier tests gave back), and
-/// may have grown when that much is tried.
+/// Converts with options.memory = `memory`, or with the minimum from the error message if that is refused. The test
+/// program's own memory counts too, including what sanitizers keep (256 MiB of freed memory of earlier tests), and may
+/// grow between the attempts.
 inline convert::ConvertReport must_convert_within(convert::ConvertOptions& options, uint64_t memory) {
   for (int attempt = 0;; ++attempt) {
     options.memory = memory;
@@ -65,7 +65,7 @@ inline OpenFile must_open(const std::string& path) {
   return std::move(*file);
 }
 
-/// An error of `code` whose message holds `words`, and nothing at the output.
+/// Requires an error of `code` whose message contains `words`, and no output file.
 inline void must_fail(const convert::ConvertOptions& options, ErrorCode code, const std::string& words) {
   const Result<convert::ConvertReport> report = convert::convert(options);
   REQUIRE_FALSE(report);

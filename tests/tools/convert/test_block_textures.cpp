@@ -1,5 +1,5 @@
-// KTX2 and DDS textures from glTF to picture and back: their blocks and levels are in the file as they came, drawn as
-// their decoded pixels are, on the CPU and the GPU.
+// KTX2 and DDS textures from glTF to picture and back: the file has their blocks and levels unchanged, and they are
+// drawn like their decoded pixels, on the CPU and the GPU.
 #include <algorithm>
 #include <array>
 #include <cstring>
@@ -94,7 +94,7 @@ TEST_CASE("blocks and levels are in the file as they came", "[block_textures]") 
   const auto packed = tests::open_packed(options.output);
   REQUIRE(packed);
   const auto images = packed->file.images();
-  REQUIRE(images.size() == 4);  // equal ones once
+  REQUIRE(images.size() == 4);  // equal images once
   for (uint32_t i = 0; i < 4; ++i) {
     const BlockRecipe& recipe = i == 3 ? of_dds : recipes[i];
     CHECK(images[i].codec == ImageCodec::kBlocks);
@@ -163,7 +163,7 @@ TEST_CASE("stored levels are looked at as blocks, the others are made from the l
 
 TEST_CASE("a block-compressed texture is drawn as its pixels are, and exported as them", "[block_textures]") {
   const TempFolder folder;
-  // Without levels of their own, so that those of the PNGs are the same.
+  // Without their own levels, so that they have the same levels as the PNGs.
   const std::vector<FileBytes> files = {
       make_ktx2({.width = 100, .height = 60, .swizzle = "gbr1"}),
       make_dds({.format = BlockFormat::kBc5, .width = 31, .height = 31}, 83),
@@ -184,7 +184,7 @@ TEST_CASE("a block-compressed texture is drawn as its pixels are, and exported a
   REQUIRE(pngs.container().images()[0].codec == ImageCodec::kPng);
   for (const uint32_t width : {40u, 300u}) CHECK(draw(blocks, width) == draw(pngs, width));
 
-  // As JPEGs they are near.
+  // As JPEGs they are similar.
   options.images.textures = convert::Textures::kJpeg;
   options.output = folder.file("jpeg.scree");
   tests::must_convert(options);

@@ -1,5 +1,5 @@
-// convert(): what it writes is the source within the stated error, whatever the options and the number of threads. What
-// it refuses is in test_convert_errors.cpp.
+// convert(): its output is the source within the stated error, for all options and numbers of threads.
+// test_convert_errors.cpp has the refused inputs.
 #include "tools/convert/convert.h"
 
 #include <array>
@@ -106,7 +106,7 @@ TEST_CASE("every option keeps the triangles and the stated error", "[convert]") 
   const uint32_t attributes = opened.file.meshes()[0].attributes;
   CHECK((attributes & format::kHasColor) != 0);
   CHECK(((attributes & format::kHasNormal) != 0) == options.normals);
-  CHECK((attributes & format::kHasUv) == 0);  // no texture: nobody needs them
+  CHECK((attributes & format::kHasUv) == 0);  // not needed without a texture
 }
 
 TEST_CASE("source ids change nothing but themselves", "[convert]") {
@@ -144,7 +144,7 @@ TEST_CASE("neither the number of threads nor the memory shows in the bytes", "[c
     large.rows = 400;
     large.color = true;
     maker.node("large", maker.mesh("large", {maker.grid(large)}));
-    for (int i = 0; i < 300; ++i) {  // more than a batch of small ones
+    for (int i = 0; i < 300; ++i) {  // more than a batch of small meshes
       GridSpec small;
       small.columns = 1 + static_cast<uint32_t>(i) % 7;
       small.size = 1 + static_cast<float>(i);
@@ -166,7 +166,7 @@ TEST_CASE("neither the number of threads nor the memory shows in the bytes", "[c
   }
   for (const bool is_least : {true, false}) {
     const convert::ConvertReport bounded = must_convert_within(options, is_least ? 1 : 2 * options.memory);
-    CHECK(options.memory > 1);  // it was refused
+    CHECK(options.memory > 1);  // the memory was refused first
     CHECK(bounded.threads >= 1);
     CHECK(bounded.threads_asked == 9);
     CHECK((tests::read_whole(options.output) == one));
@@ -178,7 +178,7 @@ TEST_CASE("pages and chunks keep to their limits", "[convert]") {
   GridSpec spec;
   spec.columns = 300;
   spec.rows = 500;
-  spec.indexed = false;  // three vertices a triangle
+  spec.indexed = false;  // three vertices per triangle
   spec.color = spec.normal = true;
   tests::make_model(folder.file("in.glb"), spec);
   convert::ConvertOptions options = options_of(folder);
@@ -197,7 +197,7 @@ TEST_CASE("pages and chunks keep to their limits", "[convert]") {
     CHECK(chunk.bytes == format::chunk_streams(opened.file.meshes()[chunk.mesh], chunk).bytes);
     if (i + 1 < opened.file.chunks().size()) smallest_end = std::min(smallest_end, chunk.bytes);
   }
-  CHECK(smallest_end > format::kPageTargetBytes / 4);  // but a window's last: cut no finer than needed
+  CHECK(smallest_end > format::kPageTargetBytes / 4);  // except a window's last chunk
 }
 
 TEST_CASE("neighbours under --grid scene share their border points", "[convert]") {
@@ -242,11 +242,11 @@ TEST_CASE("neighbours under --grid scene share their border points", "[convert]"
 
 TEST_CASE("positions that are not finite", "[convert]") {
   const TempFolder folder;
-  // Of the values themselves Catch2 2.13 loses the last one when gcc optimises.
+  // By index, because Catch2 2.13 loses the last value when gcc optimises.
   const float bad = std::array{kNan, kInf, -kInf}[GENERATE(size_t{0}, size_t{1}, size_t{2})];
   {
     ModelMaker maker(folder.file("in.glb"));
-    // Vertex 4 is bad and used by one triangle of three, vertex 5 is bad and used by none.
+    // Vertex 4 is bad and used by one of three triangles; vertex 5 is bad and unused.
     const std::vector<float> points{0, 0, 0, 1, 0, 0, 0, 1, 0, 1, 1, 0, 2, bad, 0, bad, bad, bad};
     maker.node("good", maker.mesh("good", {maker.primitive({0, 0, 0, 1, 0, 0, 0, 1, 0}, {})}));
     maker.node("bad", maker.mesh("bad", {maker.primitive(points, {0, 1, 2, 1, 3, 4, 2, 1, 3})}));
@@ -268,7 +268,7 @@ TEST_CASE("positions that are not finite", "[convert]") {
 
 TEST_CASE("strips lose the triangles that join them and nothing else", "[convert]") {
   const TempFolder folder;
-  // The writer writes triangle lists only: a strip is written by hand.
+  // The writer writes only triangle lists, so a strip is written by hand.
   const float points[] = {0, 0, 0, 0, 1, 0, 1, 0, 0, 1, 1, 0, 5, 0, 0, 5, 1, 0, 6, 0, 0, 6, 1, 0};
   const uint16_t strip[] = {0, 1, 2, 3, 3, 4, 4, 5, 6, 7};
   std::ofstream bin(folder.file("in.bin"), std::ios::binary);
@@ -294,7 +294,7 @@ TEST_CASE("a list keeps its degenerate and its double triangles", "[convert]") {
     ModelMaker maker(folder.file("in.glb"));
     maker.node("a", maker.mesh("a", {maker.primitive({0, 0, 0, 1, 0, 0, 0, 1, 0},
                                                      {0, 1, 2, 0, 1, 2, 2, 2, 2, 0, 1, 2, 1, 2, 0, 0, 0, 1})}));
-    // One point only: every stream of the chunk has 0 bytes.
+    // A single point: every stream of the chunk has 0 bytes.
     maker.node("b", maker.mesh("b", {maker.primitive({7, 8, 9}, {0, 0, 0})}));
     maker.node("c", maker.mesh("c", {maker.primitive({7, 8, 9, 1, 1, 1, 2, 2, 2}, {0, 1, 2})}));
     maker.finish();
@@ -380,7 +380,7 @@ TEST_CASE("attributes are kept only where they are needed", "[convert]") {
   CHECK(file.meshes()[0].attributes == format::kHasSourceIds);
   CHECK(file.meshes()[1].attributes == (format::kHasUv | format::kHasSourceIds));
   CHECK(file.materials().size() == 3);
-  CHECK(file.textures().size() == 1);  // of equal files one
+  CHECK(file.textures().size() == 1);  // one of several equal files
   REQUIRE(file.images().size() == 1);
   CHECK(file.images()[0].width == 4);
   CHECK(file.images()[0].channels == 3);
@@ -527,7 +527,7 @@ TEST_CASE("the report says what was made", "[convert]") {
   CHECK(report.output_bytes == std::filesystem::file_size(options.output));
   CHECK(report.peak_bytes > 1000000);
   CHECK(report.relative_position_error > 0);
-  CHECK(report.relative_position_error < 2e-5);  // half of 1 / 65536 an axis, at worst twice that
+  CHECK(report.relative_position_error < 2e-5);  // half of 1 / 65536 per axis, at worst twice that
   const std::string text = convert::describe(options, report, false);
   INFO(text);
   CHECK(std::count(text.begin(), text.end(), '\n') == 2);  // nothing is left out

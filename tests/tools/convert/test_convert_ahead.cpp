@@ -1,5 +1,5 @@
-// Meshes are encoded while later ones are measured: the same bytes and the same errors as when all are measured first,
-// which --resume does.
+// Meshes are encoded while later ones are measured: the bytes and errors equal those of measuring all meshes first, as
+// --resume does.
 #include <cinttypes>
 #include <cstdio>
 #include <filesystem>
@@ -50,8 +50,8 @@ tools::GltfPrimitive triangles_apart(ModelMaker& maker, uint32_t triangles) {
   return maker.primitive(points, corners);
 }
 
-/// Enough triangles for one thread to be made to encode before it has measured all; meshes that repeat, of several
-/// primitives, of more than one window, with white colours and with nothing in them.
+/// Enough triangles for one thread to start encoding before all are measured. Meshes that repeat, with several
+/// primitives, with more than one window, with white colours and without content.
 void make_scene(const std::string& path, Kind kind) {
   ModelMaker maker(path);
   const std::string png = tests::read_whole(tests::data_path("checker.png").string());
@@ -68,14 +68,14 @@ void make_scene(const std::string& path, Kind kind) {
   if (kind == kShuffled) maker.node("shuffled", maker.mesh("shuffled", {shuffled_squares(maker, 400)}));
   if (kind == kApart) maker.node("apart", maker.mesh("apart", {triangles_apart(maker, 250000)}));
   maker.node("two windows", maker.mesh("two windows", {maker.grid(grid_of(400, 2))}));
-  if (kind == kWide) {  // no lattice of 24 bits an axis holds it within a bound of 1e-5
+  if (kind == kWide) {  // no lattice of 24 bits per axis keeps a bound of 1e-5
     maker.node("wide", maker.mesh("wide", {maker.grid(grid_of(3, 1e6f))}));
     maker.node("last", maker.mesh("last", {maker.grid(grid_of(30, 1))}));
   }
   maker.finish();
 }
 
-/// Enough good triangles too, and a position of the last mesh that is none.
+/// The same number of good triangles, and an invalid position in the last mesh.
 void make_bad_scene(const std::string& path) {
   ModelMaker maker(path);
   for (uint32_t i = 0; i < 12; ++i)
@@ -87,7 +87,7 @@ void make_bad_scene(const std::string& path) {
   maker.finish();
 }
 
-/// The bytes without and with measuring all first, and whether they are the same.
+/// Converts with and without measuring all meshes first, and requires equal bytes.
 ConvertReport must_be_same(ConvertOptions options) {
   const ConvertReport ahead = must_convert(options);
   const std::string bytes = tests::read_whole(options.output);
@@ -102,7 +102,7 @@ ConvertReport must_be_same(ConvertOptions options) {
   return ahead;
 }
 
-/// As the last line of `convert --stats` says.
+/// The number in the last line of `convert --stats`.
 uint64_t windows_ahead(const tests::ProgramRun& run) {
   INFO(run.output);
   REQUIRE(run.exit_code == 0);
@@ -115,19 +115,19 @@ uint64_t windows_ahead(const tests::ProgramRun& run) {
   return ahead;
 }
 
-/// Conversions of a scene by one thread, so that it does not matter who comes first, in processes of their own, which
-/// have as much memory when they begin every time.
+/// Conversions of a scene by one thread, so that no order is random, in separate processes, which start with the same
+/// memory every time.
 class TightMemory {
  public:
   explicit TightMemory(Kind kind) { make_scene(folder_.file("in.glb"), kind); }
 
   tests::ProgramRun convert_within(uint64_t mib) const {
-    return tests::run_program({"convert", folder_.file("in.glb"), "-o", folder_.file("out.scree"), "--force",
-                               "--stats", "--threads", "1", "--memory", std::to_string(mib) + "MiB"},
+    return tests::run_program({"convert", folder_.file("in.glb"), "-o", folder_.file("out.scree"), "--force", "--stats",
+                               "--threads", "1", "--memory", std::to_string(mib) + "MiB"},
                               folder_.file("log"));
   }
 
-  /// In MiB, as the refusal of less says.
+  /// In MiB, from the error for a smaller value.
   uint64_t least() const {
     const std::string refused = convert_within(1).output;
     INFO(refused);
@@ -155,7 +155,7 @@ TEST_CASE("convert: encodes while it measures, the same bytes", "[convert][ahead
   for (const uint32_t threads : {1u, 3u}) {
     options.threads = threads;
     const ConvertReport report = must_be_same(options);
-    // With one thread at most 400,000 triangles wait, of which there are 780,000.
+    // With one thread at most 400,000 of the 780,000 triangles wait.
     if (threads == 1) CHECK(report.windows_ahead > 4);
     CHECK(report.rates.measured_triangles >= report.triangles);
     CHECK(report.windows_ahead <= report.windows);
@@ -169,13 +169,13 @@ TEST_CASE("convert: windows that are measured are not read again", "[convert][ah
   ConvertOptions options = options_of(folder);
   options.weld = options.share = false;
   const ConvertReport report = must_convert(options);
-  // Positions, indices and texture coordinates once; colours, which measuring looks at, twice.
+  // Positions, indices and texture coordinates are read once; colours, which measuring reads, twice.
   CHECK(report.rates.read_bytes < 3 * report.input_bytes / 2);
   options.resume = true;
   CHECK(must_convert(options).rates.read_bytes > 3 * report.input_bytes / 2);
 }
 
-// From the least memory on, in steps, to the first that lets it encode ahead.
+// From the minimum memory on, in steps, up to the first value that allows encoding ahead.
 TEST_CASE("convert: under a tight --memory nothing is encoded ahead, and the bytes are the same",
           "[convert][ahead][memory]") {
   const TightMemory tight(kPlain);
@@ -198,7 +198,7 @@ TEST_CASE("convert: under a tight --memory a window with more vertices than most
   const uint64_t plenty = windows_ahead(tight.convert_within(kPlentyMiB));
   const std::string bytes = tight.bytes();
   const uint64_t least = tight.least();
-  // Enough to measure any window, and to measure and encode one of a vertex a triangle.
+  // Enough to measure any window, and to measure and encode windows with one vertex per triangle.
   const tests::ProgramRun run = tight.convert_within(least + 8);
   const uint64_t few = windows_ahead(run);
   CHECK(few > 0);
@@ -243,7 +243,7 @@ TEST_CASE("convert: the .part of an earlier run outlives a run whose source is b
   REQUIRE_FALSE(convert::convert(options));
   CHECK(tests::read_whole(part) == "what a run that was killed left");
 
-  // Where the source is good it makes room, once all is measured.
+  // When the source is good, memory becomes free once everything is measured.
   make_scene(folder.file("in.glb"), kWide);
   CHECK(must_convert(options).windows_ahead == 0);
   CHECK((folder.names() == std::vector<std::string>{"in.glb", "out.scree"}));

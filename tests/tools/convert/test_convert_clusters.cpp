@@ -34,7 +34,7 @@ void must_verify(const tests::OpenFile& opened) {
   CHECK(report.failure_count == 0);
 }
 
-/// The stored corners of all triangles, each turned to begin with its smallest one, sorted.
+/// The stored corners of all triangles, each rotated to begin with its smallest corner, sorted.
 std::vector<std::array<std::array<float, 3>, 3>> corners_of(const tests::OpenFile& opened) {
   std::vector<std::array<std::array<float, 3>, 3>> out;
   tools::ChunkReader reader(opened.file);
@@ -66,7 +66,7 @@ convert::ConvertReport must_cluster(const convert::ConvertOptions& options, cons
     CHECK(chunk.cluster_count >= (chunk.triangle_count + 127) / 128);
   }
 
-  // What is stored is what indexed chunks store.
+  // The stored content equals that of indexed chunks.
   convert::ConvertOptions indexed = options;
   indexed.encoding = convert::Encoding::kIndexed;
   indexed.output = folder.file("indexed.scree");
@@ -201,7 +201,7 @@ TEST_CASE("inspect shares out the bytes of clusters", "[convert][inspect][cluste
   CHECK(stats.clusters.vertices == stats.vertices);
   CHECK(stats.clusters.bytes[inspect::kClusterRecords] == 16 * clusters);
   CHECK(stats.clusters.bytes[inspect::kClusterBounds] >= 16 * clusters);
-  // Steps of one or two bits and distances of up to seven, and up to four words of rounding each.
+  // Steps of one or two bits, distances of up to seven bits, and up to four words of rounding each.
   CHECK(8 * stats.clusters.bytes[inspect::kIndices] >= stats.triangles);
   CHECK(8 * stats.clusters.bytes[inspect::kIndices] <= 16 * stats.triangles + 4 * 32 * clusters);
   uint64_t file = stats.images.stored + stats.container_bytes();

@@ -1,4 +1,4 @@
-// scree convert, the program: exit codes, messages, signals.
+// scree convert as a program: exit codes, messages, signals.
 #include <fcntl.h>
 #include <unistd.h>
 
@@ -65,7 +65,7 @@ TEST_CASE("a signal ends the command and removes what it wrote", "[convert]") {
   spec.columns = 700;
   spec.rows = 400;
   tests::make_model(folder.file("in.glb"), spec);
-  // Level 22 takes seconds: the signal finds it at work.
+  // Level 22 takes seconds, so the signal arrives during the work.
   const pid_t child = start_program(
       {"convert", folder.file("in.glb"), "-o", folder.file("out.scree"), "--zstd", "22", "--threads", "1"},
       folder.file("log"));
@@ -86,7 +86,8 @@ TEST_CASE("convert: an input that gets shorter or goes away meanwhile", "[conver
   spec.rows = shrinks ? 2000 : 400;
   tests::make_model(folder.file("in.gltf"), spec);
   folder.write("out.scree", "earlier");
-  // Measured, and at work on the first of several windows: such a level takes half a second each.
+  // Everything is measured, and the first of several windows is being encoded: this level takes half a second per
+  // window.
   const pid_t child = start_program(
       {"convert", folder.file("in.gltf"), "-o", folder.file("out.scree"), "--force", "--zstd", "16", "--threads", "1"},
       folder.file("log"));
@@ -103,7 +104,7 @@ TEST_CASE("convert: an input that gets shorter or goes away meanwhile", "[conver
   REQUIRE(WIFEXITED(status));
   if (shrinks) {
     CHECK(WEXITSTATUS(status) == 3);
-    CHECK(log.find("in.bin: ends at byte ") != std::string::npos);  // where it was being read, past its end
+    CHECK(log.find("in.bin: ends at byte ") != std::string::npos);  // the position past its end where it was read
     CHECK(log.find(" when it was opened") != std::string::npos);
     CHECK(std::count(log.begin(), log.end(), '\n') == 1);
     CHECK(tests::read_whole(folder.file("out.scree")) == "earlier");
@@ -117,8 +118,8 @@ TEST_CASE("convert: an input that gets shorter or goes away meanwhile", "[conver
 TEST_CASE("convert: a buffer file that is opened anew goes away or is replaced meanwhile", "[convert]") {
   const TempFolder folder;
   const bool is_replaced = GENERATE(true, false);
-  // Windows of the first come before the rest, and take a second: the file is changed meanwhile, once the .part says
-  // that all were measured. The last file is past those that stay open.
+  // Windows of the first file come before the others and take a second. The file is changed meanwhile, once the .part
+  // shows that all windows were measured. The last file is beyond the ones that stay open.
   constexpr size_t kFiles = 600;
   std::mt19937 random(7);
   std::uniform_real_distribution<float> unit(0, 1);
@@ -166,7 +167,8 @@ TEST_CASE("convert: progress on a terminal, with what limits", "[convert]") {
   REQUIRE(grantpt(terminal) == 0);
   REQUIRE(unlockpt(terminal) == 0);
   const pid_t child = start_program(
-      {"convert", folder.file("in.glb"), "--zstd", "19", "--threads", "1", "--encoding", "indexed", "--stats"}, ptsname(terminal));
+      {"convert", folder.file("in.glb"), "--zstd", "19", "--threads", "1", "--encoding", "indexed", "--stats"},
+      ptsname(terminal));
   std::string shown;
   siginfo_t ended{};
   for (int i = 0; i < 60000 && ended.si_pid == 0; ++i) {

@@ -1,4 +1,4 @@
-// convert() refuses what it cannot convert, and an error leaves nothing behind.
+// convert() refuses unsupported input, and an error leaves no files behind.
 #include <sys/resource.h>
 
 #include <atomic>
@@ -136,7 +136,7 @@ TEST_CASE("a full disk and an interruption leave nothing behind", "[convert]") {
   tests::make_model(folder.file("in.glb"), spec);
   convert::ConvertOptions options = options_of(folder);
   SECTION("disk") {
-    // Past the limit write() fails as on a full disk, where SIGXFSZ is ignored.
+    // If SIGXFSZ is ignored, write() fails past the limit as on a full disk.
     const auto before = std::signal(SIGXFSZ, SIG_IGN);
     rlimit limit{};
     REQUIRE(getrlimit(RLIMIT_FSIZE, &limit) == 0);

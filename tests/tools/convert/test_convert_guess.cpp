@@ -1,5 +1,5 @@
-// A primitive of many windows is encoded while it is measured, as what its document states: the same bytes and errors
-// as when all is measured first, whatever is stated.
+// A primitive of many windows is encoded while it is measured, trusting its document. The bytes and errors equal those
+// of measuring everything first, whatever the document states.
 #include <fcntl.h>
 #include <unistd.h>
 
@@ -47,7 +47,7 @@ constexpr uint64_t kGiantWindows = 5;
 /// Two windows.
 const GridSpec kLarge = grid_of(370, 370);
 
-/// in.gltf, whose stated boxes of positions can be changed: its length stays, so that what is made of it does as well.
+/// in.gltf, whose stated boxes of positions can be changed. Its length stays the same, and so do the options.
 class Model {
  public:
   explicit Model(const TempFolder& folder) : folder_(folder), maker_(std::in_place, folder.file("in.gltf")) {}
@@ -73,10 +73,10 @@ class Model {
     }
   }
 
-  /// Of the positions of each primitive.
+  /// Boxes of the positions, by primitive.
   const std::vector<Box>& boxes() const { return boxes_; }
 
-  /// Writes a box for each primitive, or none; numbers in the format of printf.
+  /// Writes a box per primitive, or none. `format`: printf format of the numbers.
   void state(const std::vector<Box>& boxes, const char* format = "%.9g") {
     static const std::string kLie = "\"min\":[0,0,0],\"max\":[0,0,0]";
     std::string text = text_;
@@ -114,7 +114,7 @@ class Model {
   std::vector<Box> boxes_;
 };
 
-/// For what takes its time: as little as may be done with a window.
+/// Options with as little work per window as possible, for slow tests.
 ConvertOptions fast_options_of(const TempFolder& folder) {
   ConvertOptions options = options_of(folder, "in.gltf");
   options.order = Order::kNone;
@@ -122,14 +122,14 @@ ConvertOptions fast_options_of(const TempFolder& folder) {
   return options;
 }
 
-/// What measuring all first makes.
+/// The file made by measuring everything first.
 std::string reference_of(ConvertOptions options) {
   options.resume = true;
   CHECK(must_convert(options).windows_ahead == 0);
   return tests::read_whole(options.output);
 }
 
-/// Measuring all first and not say the same.
+/// Requires the same error with and without measuring everything first.
 void must_fail_alike(ConvertOptions options, const std::string& words) {
   options.resume = true;
   const Result<ConvertReport> first = convert::convert(options);
@@ -146,7 +146,7 @@ void overwrite(const std::string& path, uint64_t offset, uint32_t value) {
   ::close(file);
 }
 
-/// Cannot be read from a byte on, but only says so when that is tried.
+/// A source that cannot be read from some byte on, which shows only when that is tried.
 class ShortSource : public ByteSource {
  public:
   ShortSource(std::shared_ptr<const ByteSource> source, uint64_t end) : source_(std::move(source)), end_(end) {}
@@ -163,7 +163,7 @@ class ShortSource : public ByteSource {
 
 constexpr WindowNeeds kAnyWindow{kWindowTriangles, 3 * kWindowTriangles, uint64_t{1} << 32, 0};
 
-/// A conversion up to where all is measured.
+/// A conversion up to the point where everything is measured.
 struct Start {
   Start(const ConvertOptions& options, SourceScene& scene, format::ContainerWriter& writer,
         const WindowNeeds& largest = kAnyWindow)
@@ -188,7 +188,7 @@ TEST_CASE("convert: a giant primitive is encoded as its document states it, or a
   model.add("giant", model.maker().grid(kGiant));
   model.finish();
   ConvertOptions options = fast_options_of(folder);
-  constexpr uint64_t kEarly = kGiantWindows - 1;  // the last one comes when all is measured
+  constexpr uint64_t kEarly = kGiantWindows - 1;  // the last one comes when everything is measured
   const std::string reference = reference_of(options);
   const auto check = [&](const char* what, const std::vector<Box>& boxes, uint64_t guessed, uint64_t discarded,
                          const char* format = "%.9g") {
@@ -215,7 +215,7 @@ TEST_CASE("convert: a giant primitive is encoded as its document states it, or a
   options.threads = 3;
   check("right", {right}, kEarly, 0);
   check("loose", {loose}, 0, kEarly);
-  options.threads = 16;  // for which this is too little
+  options.threads = 16;  // too little for this number
   options.memory = uint64_t{1} << 30;
   model.state({loose});
   must_convert(options);
@@ -276,7 +276,7 @@ TEST_CASE("guessed mesh: boxes that are none, or have no lattice, are not guesse
   CHECK(guess(right));
   CHECK_FALSE(guess(huge));
 
-  // A box of what two primitives use is that of neither.
+  // The box of all vertices that two primitives use fits neither of them.
   ModelMaker maker(folder.file("in.gltf"));
   const tools::GltfPrimitive half = maker.grid(kLarge);
   maker.node("halves", maker.mesh("halves", {half, half}));
@@ -286,7 +286,7 @@ TEST_CASE("guessed mesh: boxes that are none, or have no lattice, are not guesse
   REQUIRE(scene->primitives.size() == 2);
   for (const Primitive& primitive : scene->primitives) CHECK_FALSE(primitive.stated_box);
 
-  // Integers are stated as they are stored.
+  // Boxes of integers are given as stored.
   Accessor accessor;
   accessor.type = ComponentType::kInt16;
   CHECK(float_of(accessor, -300) == -300);
@@ -350,7 +350,7 @@ TEST_CASE("convert: colours that are white at first, and meshes that repeat", "[
   const ConvertReport report = must_convert(options);
   CHECK((tests::read_whole(options.output) == reference));
   CHECK(report.meshes == 4);
-  CHECK(report.windows_guessed == 2);  // a window of each but the last, and of none that may repeat another
+  CHECK(report.windows_guessed == 2);  // one window of each except the last, and of none that may repeat another
   CHECK(report.windows_discarded == 1);
 }
 
@@ -388,7 +388,7 @@ TEST_CASE("encode ahead: nothing is left of a giant primitive that fails while i
   Result<SourceScene> scene = import_gltf(options.input, {});
   REQUIRE(scene);
   Accessor& normals = *scene->primitives[0].normal;
-  // Within the first window or the second, which are waited for before the last is measured.
+  // Within the first or second window, which are awaited before the last is measured.
   const uint64_t vertex = GENERATE(60000, 200000);
   normals.source = std::make_shared<ShortSource>(normals.source, normals.offset + 12 * vertex);
   Result<format::ContainerWriter> writer = format::ContainerWriter::create(options.output);
@@ -435,7 +435,7 @@ TEST_CASE("convert --resume: goes on with what a guess left, right or wrong", "[
   const bool is_right = GENERATE(true, false);
   if (!is_right) stated[0].hi[1] += 3;
   model.state(stated);
-  {  // as if it were killed
+  {  // as if the process were killed
     Result<SourceScene> scene = import_gltf(options.input, {});
     REQUIRE(scene);
     Result<format::ContainerWriter> writer = format::ContainerWriter::create(options.output);

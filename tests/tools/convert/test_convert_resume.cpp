@@ -1,4 +1,4 @@
-// convert --resume: killed anywhere, gone on with, the same bytes; whatever does not fit is noticed.
+// convert --resume: killed at any point and continued, it gives the same bytes; anything that does not fit is detected.
 #include <fcntl.h>
 #include <sys/stat.h>
 #include <unistd.h>
@@ -65,8 +65,8 @@ class Conversion {
   std::string part() const { return out_ + ".part"; }
   const std::string& reference() const { return reference_; }
 
-  /// Whether the .part has its header already: it was killed between the two short calls that end it, and there is
-  /// nothing to go on from any more.
+  /// Whether the .part already has its header: the process was killed between the two short calls at the end, and the
+  /// .part can no longer be continued.
   bool has_header() const {
     if (!std::filesystem::exists(part())) return false;
     const std::string begin = tests::read_whole(part()).substr(0, sizeof format::kMagic);
@@ -79,10 +79,10 @@ class Conversion {
     return more;
   }
 
-  /// Of runs from now on.
+  /// For later runs.
   void use_threads(uint32_t threads) { threads_ = threads; }
 
-  /// Runs it to its end and returns what it says.
+  /// Runs it to its end and returns its output.
   std::string run(std::vector<std::string> more, int expected = 0) {
     const tests::ProgramRun run = tests::run_program(words(std::move(more)), folder_.file("log"));
     INFO(run.output);
@@ -90,7 +90,7 @@ class Conversion {
     return run.output;
   }
 
-  /// Starts it, and sends it `signal` as soon as the .part takes `bytes` on the disk; it may have come to its end then.
+  /// Starts it, and sends `signal` as soon as the .part takes `bytes` on the disk. It may have finished by then.
   void stop_at(uint64_t bytes, int signal, const std::string& option) {
     std::vector<std::string> more{"-o", out_};
     if (!option.empty()) more.push_back(option);
@@ -107,7 +107,7 @@ class Conversion {
     tests::wait_for(child);
   }
 
-  /// Goes on, checks the bytes, and returns what is said.
+  /// Continues, checks the bytes, and returns the output.
   std::string resume() {
     const std::string said = run({"-o", out_, "--resume", "--force"});
     CHECK((tests::read_whole(out_) == reference_));
@@ -131,7 +131,7 @@ bool says(const std::string& text, const char* words) {
   return text.find(words) != std::string::npos;
 }
 
-/// Changes a byte, or cuts the file off there.
+/// Changes a byte, or truncates the file there.
 void damage(const std::string& path, uint64_t offset, bool cut) {
   if (cut) {
     REQUIRE(::truncate(path.c_str(), static_cast<off_t>(offset)) == 0);
@@ -153,7 +153,7 @@ TEST_CASE("convert --resume: killed at many points, the same bytes", "[convert][
   Conversion conversion(encoding);
   int resumed = 0;
   constexpr int kKills = tests::kIsSanitized ? 6 : 13;
-  // Gone on with by another number of threads than was killed; the reference is of two.
+  // Continued with another number of threads than the killed run. The reference uses two.
   uint32_t threads = 0;
   const uint64_t size = conversion.reference().size();
   for (uint64_t bytes = 4096; bytes < size; bytes += size / kKills) {
@@ -164,11 +164,11 @@ TEST_CASE("convert --resume: killed at many points, the same bytes", "[convert][
     conversion.use_threads(1 + ++threads % 3);
     const std::string said = conversion.resume();
     INFO(bytes << ": " << said);
-    if (bytes > 100000) CHECK(says(said, "starts afresh") == has_header);  // else there may be no page yet
+    if (bytes > 100000) CHECK(says(said, "starts afresh") == has_header);  // otherwise there may be no page yet
     if (is_left) resumed += says(said, "resumed after") ? 1 : 0;
   }
   CHECK(resumed >= kKills / 2 - 1);
-  // Killed again and again, it still comes to its end.
+  // Killed repeatedly, it still finishes.
   for (uint64_t i = 1; i < 6; ++i) {
     conversion.use_threads(static_cast<uint32_t>(i));
     conversion.stop_at(i * size / 9, SIGKILL, "--resume");
@@ -184,7 +184,7 @@ TEST_CASE("convert --resume: a signal leaves the .part, and without the option i
   conversion.stop_at(2000000, SIGINT, "--resume");
   REQUIRE(std::filesystem::exists(conversion.part()));
   CHECK(says(conversion.resume(), "resumed after"));
-  CHECK_FALSE(says(conversion.resume(), "resume"));  // there is nothing to go on with
+  CHECK_FALSE(says(conversion.resume(), "resume"));  // nothing can be continued
 }
 
 TEST_CASE("convert --resume: a damaged .part is noticed", "[convert][resume]") {
@@ -202,7 +202,7 @@ TEST_CASE("convert --resume: a damaged .part is noticed", "[convert][resume]") {
     CHECK(says(said, expected));
   };
   check(8, false, "starts afresh");    // the mark
-  check(100, false, "resumed after");  // what becomes padding behind the header
+  check(100, false, "resumed after");  // becomes padding behind the header
   check(4096, false, "");              // the first page
   check(1000000, false, "resumed after");
   check(2500000, false, "resumed after");
@@ -236,7 +236,7 @@ TEST_CASE("convert --resume: another input or other options start afresh", "[con
 }
 
 TEST_CASE("resume: an entry whose lists differ in length is not taken", "[convert][resume]") {
-  // A made-up log: the amounts saved are fewer than the chunks, which are read side by side.
+  // A made-up log with fewer saved amounts than chunks, which are read in parallel.
   const TempFolder folder;
   const std::string path = folder.file("out.scree");
   const format::PartId id{1, 2};

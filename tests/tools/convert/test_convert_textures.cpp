@@ -1,4 +1,4 @@
-// convert --textures: what images become, and that they come back.
+// convert --textures: the stored form of images, and their export.
 #include <algorithm>
 #include <fstream>
 #include <map>
@@ -48,7 +48,7 @@ Bytes png_of(const TempFolder& folder, uint32_t channels) {
   return {bytes.begin(), bytes.end()};
 }
 
-/// A grid for every image, each with a material that shows it.
+/// A grid per image, each with a material that shows it.
 void make_model(const std::string& path, const std::vector<std::pair<format::ImageCodec, Bytes>>& images) {
   ModelMaker maker(path);
   std::vector<uint32_t> primitives;
@@ -113,7 +113,7 @@ TEST_CASE("JPEGs are indexed and come back with their coefficients", "[convert][
   CHECK(tests::read_whole(options.output).size() == once.size());
   CHECK(std::memcmp(tests::read_whole(options.output).data(), once.data(), once.size()) == 0);
 
-  // Out to glTF and in again: the same coefficients, and so the same file a second time.
+  // Exported to glTF and imported again: the coefficients are the same, and so is the file made from it.
   const auto packed = tests::open_packed(options.output);
   REQUIRE(packed);
   tools::ExportOptions export_options;

@@ -1,4 +1,4 @@
-// Equal meshes, textures and materials are stored once, and nothing that differs is taken for equal.
+// Equal meshes, textures and materials are stored once, and different ones are never merged.
 #include <cstdint>
 #include <functional>
 #include <limits>
@@ -27,7 +27,7 @@ namespace {
 const std::vector<float> kQuad{0, 0, 0, 1, 0, 0, 0, 1, 0, 1, 1, 0};
 const std::vector<uint32_t> kQuadCorners{0, 1, 2, 1, 3, 2};
 
-/// Meshes in the file of a model of two glTF meshes, drawn once each, that `make` fills.
+/// Number of stored meshes for a model with two glTF meshes, drawn once each, which `make` fills.
 uint64_t stored_meshes(const std::function<void(tests::ModelMaker&)>& make, bool normals = false) {
   const TempFolder folder;
   tests::ModelMaker maker(folder.file("in.glb"));
@@ -91,7 +91,7 @@ TEST_CASE("duplicates: equal meshes become instances of the first", "[duplicates
   CHECK(repeat.node == 2);
   CHECK(packed.file.matrices()[repeat.matrix].rows[0][3] == 100);
 
-  // The judge reads the repeat's own vertices, and export gives three nodes of two meshes.
+  // The comparison reads the repeated mesh's own vertices, and the export has three nodes of two meshes.
   const Result<SourceScene> source = import_gltf(options.input, {});
   REQUIRE(source);
   const auto geometry = compare::compare_geometry(*source, packed.file);
@@ -160,7 +160,7 @@ TEST_CASE("duplicates: what differs in anything that is stored stays apart", "[d
           }) == 2);
   }
   SECTION("which triangles of the source are left out") {
-    // Both keep the same two triangles, but under other numbers.
+    // Both keep the same two triangles, but with different numbers.
     CHECK(stored_meshes([&](tests::ModelMaker& maker) {
             std::vector<float> points = kQuad;
             points.insert(points.end(), {std::numeric_limits<float>::infinity(), 0, 0});

@@ -1,4 +1,4 @@
-// convert with an error bound: nothing takes more bytes than with float32 positions, and the table says what is saved.
+// convert with an error bound: nothing takes more bytes than with float32 positions, and the table shows the savings.
 #include <algorithm>
 #include <filesystem>
 #include <random>
@@ -30,7 +30,7 @@ struct Bound {
   double distance;
 };
 
-// Of models of about a unit: 1 to 24 bits an axis, and none that 24 bits serve.
+// For models of about one unit: 1 to 24 bits per axis, and one bound that 24 bits cannot keep.
 constexpr Bound kBounds[] = {{0.1, 0, 0},   {1e-3, 0, 0}, {1e-5, 0, 0}, {1e-7, 0, 0},
                              {1e-12, 0, 0}, {0, 4, 10},   {0, 0.5, 2},  {0, 0.01, 0.1}};
 
@@ -53,7 +53,7 @@ struct Counts {
   uint64_t saved = 0;
 };
 
-/// Holds a conversion with each bound against `floats`, the same with float32 positions, chunk by chunk.
+/// Compares a conversion with each bound with `floats`, the same with float32 positions, chunk by chunk.
 void must_not_take_more(ConvertOptions options, std::span<const Bound> bounds, Counts& counts) {
   ConvertOptions floats = options;
   floats.float32 = true;
@@ -84,7 +84,7 @@ void must_not_take_more(ConvertOptions options, std::span<const Bound> bounds, C
     counts.chunks += chunks.size();
     counts.saved += float_bytes - bytes;
 
-    // The table says just that.
+    // The table gives the same numbers.
     uint64_t table_bytes = 0, meshes = 0, triangles = 0;
     int64_t saved = 0;
     for (const auto& [bits, row] : report.positions.rows()) {
@@ -100,7 +100,7 @@ void must_not_take_more(ConvertOptions options, std::span<const Bound> bounds, C
     CHECK(meshes == opened.file.meshes().size());
     CHECK(triangles == report.triangles);
 
-    // Of the file all that may grow is the text of the options, in a table that is padded.
+    // Only the text of the options may make the file larger, in a padded table.
     CHECK(end_of_pages(opened.file) <= end_of_pages(as_floats.file));
     const uint64_t text = convert::describe_options(options).size(),
                    float_text = convert::describe_options(floats).size();
@@ -110,8 +110,8 @@ void must_not_take_more(ConvertOptions options, std::span<const Bound> bounds, C
   fs::remove(floats.output);
 }
 
-/// Grids, a mesh whose every cluster has nearly all of its vertices (with and without texture coordinates), one that
-/// is larger than a page as floats without shared vertices, points of both zeros, and the tiniest there are.
+/// Grids; a mesh whose every cluster has nearly all of its vertices (with and without texture coordinates); one without
+/// shared vertices that exceeds a page as floats; points with both zeros; and the smallest possible meshes.
 void make_scene(const std::string& path) {
   tests::ModelMaker maker(path);
   const auto add = [&](const std::string& name, tools::GltfPrimitive primitive) {
@@ -165,7 +165,7 @@ TEST_CASE("with an error bound no chunk takes more than as floats, whatever the 
   if (variant == 4) options.chunk_triangles = 0;
   if (variant == 5) options.chunk_triangles = 2;
   Counts counts;
-  // The chunks of two triangles are many.
+  // There are many chunks of two triangles.
   must_not_take_more(options, variant == 5 ? std::span(kBounds).subspan(2, 2) : std::span(kBounds), counts);
   CHECK(counts.saved > 0);
   CHECK(counts.indexed > 0);  // some clusters take more
@@ -216,7 +216,7 @@ TEST_CASE("with an error bound the small models take no more than as floats", "[
   CHECK(counts.saved > 0);
 }
 
-/// `every`: of the models, bounds and encodings, one after the other.
+/// `every`: use every n-th combination of models, bounds and encodings.
 static void check_models(size_t every) {
   const std::vector<fs::path> files = tests::model_files(tests::models_path() / "scenes");
   if (files.empty()) {
@@ -232,7 +232,7 @@ static void check_models(size_t every) {
     options.input = path.string();
     options.output = folder.file("out.scree");
     options.threads = 2;
-    if (const auto probe = convert::convert(options); !probe) {  // test_models.cpp says what may be
+    if (const auto probe = convert::convert(options); !probe) {  // test_models.cpp lists the models that may be refused
       ++refused;
       continue;
     }

@@ -1,4 +1,4 @@
-// EXT_mesh_gpu_instancing on the way into a file: instances that are held and compared, and those that are streamed.
+// Conversion of EXT_mesh_gpu_instancing: instances that are held and compared, and instances that are streamed.
 #include <array>
 #include <string>
 #include <string_view>
@@ -19,7 +19,7 @@ using tests::TempFolder;
 
 namespace {
 
-/// Places along a line, the first `equal` of them the same.
+/// Positions along a line, of which the first `equal` are the same.
 std::vector<float> places(uint64_t count, uint64_t equal) {
   std::vector<float> values;
   for (uint64_t i = 0; i < count; ++i) {
@@ -29,7 +29,7 @@ std::vector<float> places(uint64_t count, uint64_t equal) {
   return values;
 }
 
-/// Two nodes in the same place with the same instances, one whose world matrix is another, and a small one.
+/// Two nodes at the same position with the same instances, one node with another world matrix, and a small one.
 void make_many(const std::string& path, uint64_t count, uint64_t equal) {
   ModelMaker maker(path);
   const uint32_t trunk = maker.mesh("trunk", {maker.grid({})});
@@ -62,7 +62,7 @@ tests::OpenFile converted(const TempFolder& folder, uint64_t count, uint64_t equ
   return std::move(*opened);
 }
 
-/// Every instance must lie where its node and its place among the node's instances put it.
+/// Every instance must lie where its node and its index among the node's instances put it.
 void check_instances(const format::Container& file, uint64_t count, uint64_t equal) {
   REQUIRE(file.node_instances().size() == 3 * count + 3);
   REQUIRE(file.instances().size() == count * 4 + 3 + 1);
@@ -100,7 +100,7 @@ TEST_CASE("more instances than are held are written as they come", "[convert]") 
   const uint64_t count = convert::kMaxHeldInstances + 1;
   const tests::OpenFile opened = converted(folder, count, 100);
   check_instances(opened.file, count, 100);
-  // Those of the first two nodes are written once for both; "few" and "once" are held.
+  // The instances of the first two nodes are written once for both; "few" and "once" are held.
   CHECK(opened.file.matrices().size() == 2 * count + 3 + 1);
 }
 

@@ -1,4 +1,4 @@
-// Mip levels of indexed JPEGs: the right pictures, and small ones.
+// Mip levels of indexed JPEGs: the right pictures, and small files.
 #include "tools/convert/images/jpeg_levels.h"
 
 #include <algorithm>
@@ -90,7 +90,7 @@ TEST_CASE("levels are the box filter of the base level, for every sampling", "[j
       INFO(factors.size() << " components, " << factors[0].first << " x " << factors[0].second << ", RGB " << is_rgb);
       const Levels levels = must_make(scree::tests::make_jpeg(recipe));
       REQUIRE(levels.others.size() == 3);
-      for (const double quality : level_quality(levels)) CHECK(quality > 20);  // noise in chroma shrinks worst
+      for (const double quality : level_quality(levels)) CHECK(quality > 20);  // noise in chroma is reduced worst
       CHECK(must_make(scree::tests::make_jpeg(recipe)).others == levels.others);
     }
   }
@@ -105,7 +105,7 @@ TEST_CASE("levels of real files take at most 0.4 of their base levels", "[jpeg_l
     return;
   }
   double ratios = 0;
-  double large_ratios = 0;  // of files of 65,536 pixels or more
+  double large_ratios = 0;  // for files of 65,536 pixels or more
   double bytes = 0;
   double base_bytes = 0;
   double quality = 0;  // of level 1

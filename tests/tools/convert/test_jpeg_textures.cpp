@@ -1,4 +1,4 @@
-// Drawing JPEG textures, decoded as they are looked at: the picture is that of textures decoded whole, whatever the
+// Drawing JPEG textures that are decoded on demand: the picture equals that of completely decoded textures, for any
 // size of the cache.
 #include <array>
 #include <atomic>
@@ -54,7 +54,7 @@ TEST_CASE("a picture does not depend on the size of the texture cache", "[jpeg_t
     REQUIRE(scene.block_cache() != nullptr);
     CHECK(scene.block_cache()->bytes() <= std::max<uint64_t>(bytes, 64 * format::kJpegMaxGroupBlocks));
     CHECK(scene.block_cache()->decoded() == 0);
-    for (const uint32_t width : {60u, 240u, 700u}) {  // coarse levels, between, and magnified
+    for (const uint32_t width : {60u, 240u, 700u}) {  // coarse levels, middle levels, and magnified
       INFO(bytes << " bytes, " << width << " pixels");
       const auto expected = draw(whole, width, 1, 1);
       CHECK(draw(scene, width, 1, 1) == expected);
@@ -62,7 +62,7 @@ TEST_CASE("a picture does not depend on the size of the texture cache", "[jpeg_t
       if (width == 60) CHECK(draw(scene, width, 4, 2) == draw(whole, width, 4, 2));
     }
     if (bytes < 40001) continue;
-    // The cache lives on: what was seen is not decoded again.
+    // The cache persists: blocks used before are not decoded again.
     const uint64_t decoded = scene.block_cache()->decoded();
     CHECK(decoded > 0);
     (void)draw(scene, 700, 1, 2);
@@ -111,7 +111,7 @@ TEST_CASE("a block cache gives every group's samples to every thread", "[jpeg_te
         const uint32_t group = i * step % static_cast<uint32_t>(expected.size());
         uint64_t place;
         const uint8_t* const samples = cache.hold(levels[i / 3 % 2], group, place);
-        // MCUs behind the last one of the picture are nobody's.
+        // MCUs behind the picture's last one belong to no picture.
         const uint32_t mcus = std::min(levels[0].picture.view.group_mcus,
                                        levels[0].picture.view.mcu_count - group * levels[0].picture.view.group_mcus);
         wrong +=

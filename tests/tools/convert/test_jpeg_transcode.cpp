@@ -22,7 +22,7 @@ using scree::tests::jpeg::read_file;
 
 namespace {
 
-/// Whether the file can be indexed, and opened then.
+/// Checks that the file can be indexed, and the index opened.
 void check_indexable(const Bytes& file) {
   const auto header = format::parse_jpeg(file);
   if (!header) FAIL(header.error().message);
@@ -118,7 +118,7 @@ TEST_CASE("what cannot be transcoded is refused before memory is taken", "[jpeg_
     changed[frame + at] = static_cast<std::byte>(value);
     return changed;
   };
-  CHECK(message(set(4, 12)) == "JPEG: 12 bits a sample");
+  CHECK(message(set(4, 12)) == "JPEG: 12 bits per sample");
   CHECK(message(set(1, 0xc3)) == "JPEG: lossless");
   Bytes huge = file;
   for (size_t i = 5; i < 9; ++i) huge[frame + i] = std::byte{0xff};
@@ -126,16 +126,16 @@ TEST_CASE("what cannot be transcoded is refused before memory is taken", "[jpeg_
   huge[frame + 5] = huge[frame + 7] = std::byte{0x3f};
   CHECK(message(huge).find("expected a bit a block or more") != std::string::npos);
   Bytes wide = set(11, 0x33);
-  CHECK(runtime::transcode_jpeg(wide).error().code == ErrorCode::kUnsupported);  // 11 blocks an MCU
+  CHECK(runtime::transcode_jpeg(wide).error().code == ErrorCode::kUnsupported);  // 11 blocks per MCU
   CHECK(message(make_jpeg(colour_recipe({{1, 1}, {1, 1}, {1, 1}, {1, 1}}))) == "JPEG: 4 components (CMYK)");
 }
 
-TEST_CASE("CMYK is decoded and coded anew", "[jpeg_transcode]") {
+TEST_CASE("CMYK is decoded and encoded again", "[jpeg_transcode]") {
   JpegRecipe recipe = colour_recipe({{1, 1}, {1, 1}, {1, 1}, {1, 1}});
   const Bytes file = make_jpeg(recipe);
   const auto coded = runtime::reencode_jpeg(file, 95);
   REQUIRE(coded);
-  CHECK(coded->note == "4 components (CMYK), decoded and coded anew with quality 95");
+  CHECK(coded->note == "4 components (CMYK), decoded and encoded again with quality 95");
   check_indexable(coded->file);
   const auto before = runtime::decode_image(file);
   const auto after = runtime::decode_image(coded->file);
@@ -146,7 +146,7 @@ TEST_CASE("CMYK is decoded and coded anew", "[jpeg_transcode]") {
   CHECK(sum / static_cast<double>(before->rgba.size()) < 3);
 }
 
-TEST_CASE("real JPEG files are indexed as they are, transcoded, coded anew or refused", "[jpeg_transcode]") {
+TEST_CASE("real JPEG files are indexed as they are, transcoded, encoded again or refused", "[jpeg_transcode]") {
   if (scree::tests::models_path().empty()) {
     WARN("no models: skipped");
     return;

@@ -1,5 +1,4 @@
-// Only what a scene needs: a scene of positions pays for nothing else, down to the overheads that spec/container.md 7
-// states.
+// Only needed data are stored: a scene of positions costs nothing else, down to the overheads in spec/container.md 7.
 #include <bit>
 #include <cstdint>
 #include <filesystem>
@@ -28,14 +27,14 @@ namespace {
 
 // spec/container.md 7.
 constexpr uint64_t kFileOverhead = 5632;  // and the strings
-constexpr uint64_t kMeshOverhead = 420;   // with a root node of its own
+constexpr uint64_t kMeshOverhead = 420;   // including its own root node
 constexpr uint64_t kIndexedChunkOverhead = 150;
 constexpr uint64_t kClusteredChunkOverhead = 127;
 constexpr uint64_t kGroupOverhead = 16;
 constexpr uint64_t kClusterOverhead = 56;
 constexpr uint64_t kPageOverhead = 40 + 4095;
 
-/// 301 meshes: small ones, and one of many chunks. `with_ballast`: with everything that nobody needs.
+/// 301 meshes: small ones, and one of many chunks. `with_ballast`: with all kinds of data that nothing needs.
 void make_scene(const std::string& path, bool with_ballast) {
   tests::ModelMaker maker(path);
   uint32_t material = format::kNone;
@@ -83,8 +82,8 @@ std::map<format::TableKind, std::string> tables_of(const OpenFile& packed) {
   return tables;
 }
 
-/// The bits that a file's triangles and positions take, and the bytes its chunks take beyond them: at most, as is
-/// stated, and at least, with nothing for slack and rounding.
+/// The bits of a file's triangles and positions, and the bytes that its chunks take beyond them: the stated upper
+/// bound, and a lower bound without slack and rounding.
 struct Geometry {
   uint64_t content_bits = 0;
   uint64_t most_overhead = 0;
@@ -101,7 +100,7 @@ void add_indexed(const format::ChunkRecord& chunk, Geometry& sum) {
   sum.least_overhead += sizeof(format::ChunkRecord);
 }
 
-/// `records`: the chunk's stream of them.
+/// `records`: the chunk's stream of cluster records.
 void add_clustered(const format::ChunkRecord& chunk, const std::byte* records, Geometry& sum) {
   for (uint64_t i = 0; i < chunk.cluster_count; ++i) {
     const auto record = format::load<format::ClusterRecord>(records + i * sizeof(format::ClusterRecord));
@@ -118,7 +117,7 @@ void add_clustered(const format::ChunkRecord& chunk, const std::byte* records, G
                         (sizeof(format::ClusterBounds) + sizeof(format::ClusterRecord)) * chunk.cluster_count;
 }
 
-/// The sum over all chunks, of which each keeps to what is stated.
+/// The sum over all chunks. Checks that each chunk keeps the stated bounds.
 Geometry geometry_of(const OpenFile& packed) {
   const format::Container& file = packed.file;
   Geometry sum;
@@ -143,7 +142,7 @@ Geometry geometry_of(const OpenFile& packed) {
   return sum;
 }
 
-/// Converts the scene with and without ballast to chunks of one encoding and holds it against what is stated.
+/// Converts the scene with and without ballast to chunks of one encoding and compares it with the stated bounds.
 void check_overheads(convert::Encoding encoding) {
   const TempFolder folder;
   convert::ConvertOptions options = options_of(folder);
@@ -159,7 +158,7 @@ void check_overheads(convert::Encoding encoding) {
       encoding == convert::Encoding::kIndexed ? format::ChunkEncoding::kIndexed : format::ChunkEncoding::kClustered;
   for (uint64_t i = 0; i < file.chunks().size(); ++i) REQUIRE(file.chunks()[i].encoding == stored);
 
-  // The bits that triangles and positions take, and not one byte more but for what is stated.
+  // The bits of triangles and positions, and no byte more except the stated overhead.
   const Geometry geometry = geometry_of(packed);
   const std::map<format::TableKind, std::string> tables = tables_of(packed);
   const uint64_t strings = tables.at(format::TableKind::kStrings).size();
@@ -168,7 +167,7 @@ void check_overheads(convert::Encoding encoding) {
                           kPageOverhead * file.pages().size();
   CAPTURE(file_bytes, geometry.content_bits / 8, stated, strings, file.pages().size());
   CHECK(file_bytes <= geometry.content_bits / 8 + stated);
-  // Nor is more stated than is taken: padding of pages, streams and clusters apart, it is all there.
+  // The statement is not too large either: except for padding of pages, streams and clusters, everything is used.
   CHECK(file_bytes >= geometry.content_bits / 8 + geometry.least_overhead + kMeshOverhead * file.meshes().size());
   for (const format::TableKind kind :
        {format::TableKind::kMaterials, format::TableKind::kTextures, format::TableKind::kImages,
@@ -177,7 +176,7 @@ void check_overheads(convert::Encoding encoding) {
     CHECK(tables.count(kind) == 0);
 
   // The same scene with normals, texture coordinates, tangents, white colours, materials, a texture and a mesh that
-  // nobody needs: the same pages and tables, but for what names the source.
+  // nothing needs. Pages and tables are the same, except for the description of the source.
   make_scene(folder.file("in.glb"), true);
   options.output = folder.file("ballast.scree");
   options.exclude = "excluded";
@@ -233,7 +232,7 @@ TEST_CASE("lean: what is left out is named with what it takes there and would ta
     CHECK(left_out[what].source_bytes == source_bytes);
     CHECK(left_out[what].cost == cost);
   };
-  check("TANGENT", 301, 16 * vertices, 0);  // nothing that this version has
+  check("TANGENT", 301, 16 * vertices, 0);  // not supported by this version
   check("TEXCOORD_0", 301, 8 * vertices, 4 * vertices);
   check("unused meshes", 1, 12 * 25 + 4 * 96, 0);
   check("unused materials", 1, 0, 56);
@@ -243,7 +242,7 @@ TEST_CASE("lean: what is left out is named with what it takes there and would ta
   const uint64_t checker = std::filesystem::file_size(tests::data_path("checker.png"));
   check("images not used for base colour", 1, checker, checker + 32);
 
-  // What normals would have cost is what they cost where they are stored.
+  // The reported cost of normals equals their cost when they are stored.
   options.normals = true;
   options.output = folder.file("normals.scree");
   must_convert(options);
@@ -255,7 +254,7 @@ TEST_CASE("lean: what is left out is named with what it takes there and would ta
   };
   REQUIRE(with_normals.file.chunks().size() == lean.file.chunks().size());
   check("NORMAL", 301, 12 * vertices, payload(with_normals.file) - payload(lean.file));
-  // Four bytes a stored vertex, in streams of whole 16 bytes.
+  // Four bytes per stored vertex, in streams of whole 16 bytes.
   uint64_t colors = 0;
   for (uint64_t i = 0; i < lean.file.chunks().size(); ++i)
     colors += (4 * uint64_t{lean.file.chunks()[i].vertex_count} + 15) / 16 * 16;
@@ -297,7 +296,7 @@ TEST_CASE("lean: duplicates are named with what storing them would take", "[lean
   REQUIRE(apart.file.chunks().size() == 3);
   CHECK(entry("duplicate meshes", false) == 2);
   CHECK(entry("duplicate meshes", true) == 2 * (120 + 104 + merged.file.chunks()[0].bytes));
-  CHECK(entry("duplicate images", false) == 2);  // which are one in any case
+  CHECK(entry("duplicate images", false) == 2);  // stored once in any case
   CHECK(entry("duplicate images", true) == 2 * (png.size() + 32));
   CHECK(entry("duplicate textures", true) == 2 * 16);
   CHECK(entry("duplicate materials", true) == 2 * 56);
@@ -306,6 +305,6 @@ TEST_CASE("lean: duplicates are named with what storing them would take", "[lean
   uint64_t vertex_bits = one.uv_bits[0] + one.uv_bits[1];
   for (const uint8_t bits : one.position_bits) vertex_bits += bits;
   CHECK(entry("duplicate vertices", true) == 71 * vertex_bits / 8);
-  // Of vertices kept apart the streams are larger by that, indices aside.
+  // Without welding, the vertices' streams are larger by that much, not counting indices.
   CHECK(apart.file.chunks()[0].bytes - one.bytes >= entry("duplicate vertices", true) - 32);
 }

@@ -1,4 +1,4 @@
-// The memory convert takes, on the inputs that ask for the most. Sanitizers multiply memory: not built with them.
+// The memory of convert for the most demanding inputs. Sanitizers multiply memory, so this is not built with them.
 #include <algorithm>
 #include <cmath>
 #include <cstring>
@@ -21,7 +21,7 @@ using tests::TempFolder;
 
 namespace {
 
-/// A triangle a picture, drawn with it.
+/// One triangle per picture, drawn with it.
 std::string textured_gltf(const std::vector<std::string>& images) {
   std::string primitives, materials, textures, list;
   for (size_t i = 0; i < images.size(); ++i) {
@@ -44,8 +44,8 @@ std::string float_bytes(const std::vector<float>& values) {
   return {reinterpret_cast<const char*>(values.data()), 4 * values.size()};
 }
 
-/// Triangles of random corners, no two alike, in one accessor: nothing asks for more memory. `input`: a .gltf; its .bin
-/// is written beside it, 36 bytes a triangle.
+/// Random triangles, all different, in one accessor: nothing needs more memory. `input`: a .gltf; its .bin is written
+/// beside it, 36 bytes per triangle.
 void write_soup(const TempFolder& folder, uint64_t triangles) {
   std::ofstream out(folder.file("soup.bin"), std::ios::binary);
   std::vector<float> block;
@@ -68,9 +68,8 @@ void write_soup(const TempFolder& folder, uint64_t triangles) {
                    R"(,"type":"VEC3","min":[0,0,0],"max":[1,1,1]}]})");
 }
 
-/// A wavy sheet of 2^18 vertices that lie in no order under small triangles that overlap, eight for a vertex, in no
-/// order either: all of it is sorted, and a thread that sorts has as much in memory as it ever has. Its .bin is written
-/// beside it.
+/// A wavy sheet of 2^18 vertices in random order under small overlapping triangles, eight per vertex, also in random
+/// order. All of it is sorted, and a sorting thread needs its maximum of memory. The .bin is written beside it.
 void write_scattered_sheet(const TempFolder& folder) {
   constexpr uint32_t kSide = 512;
   std::mt19937 random(7);
@@ -87,7 +86,7 @@ void write_scattered_sheet(const TempFolder& folder) {
   std::shuffle(squares.begin(), squares.end(), random);
   std::vector<uint32_t> corners;
   for (const uint32_t i : squares) {
-    // Three of the four corners of a square, of one or two steps a side; at the border it ends there.
+    // Three of the four corners of a square with sides of one or two steps, clipped at the border.
     const uint32_t step = 1 + i / 4 % 2, x = i / 8 % kSide, z = i / 8 / kSide;
     const uint32_t to_x = std::min(x + step, kSide - 1), to_z = std::min(z + step, kSide - 1);
     const uint32_t square[4] = {z * kSide + x, to_z * kSide + x, to_z * kSide + to_x, z * kSide + to_x};
@@ -107,7 +106,7 @@ void write_scattered_sheet(const TempFolder& folder) {
 {"bufferView":1,"componentType":5125,"count":6291456,"type":"SCALAR"}]})");
 }
 
-/// A sheet of `side` x `side` squares, compressed. Its positions lie in elements of 252 bytes, the most there may be.
+/// A sheet of `side` x `side` squares, compressed. Its positions lie in elements of 252 bytes, the largest allowed.
 void write_packed_sheet(const TempFolder& folder, uint32_t side) {
   constexpr size_t kStride = 252;
   const std::vector<float> positions = tests::grid_positions(side);
@@ -129,14 +128,15 @@ void check_bound(const tests::ProgramRun& run, uint64_t threads, uint64_t json_b
   CHECK(peak <= tests::convert_memory_bound(threads, json_bytes) + more);
 }
 
-/// Converts by as many as 8 threads in a process that gets so much data, which is more than what it uses of it: stacks,
-/// and vectors that are not full. --memory `memory` must hold it, and leave the bytes as they are without; a larger one
-/// must not, else nothing was held. Both in bytes. Returns what the program said.
+/// Converts with up to 8 threads in a process limited to `data` bytes, which is more than its used memory: stacks, and
+/// vectors that are not full. --memory `memory` must be kept, and must not change the bytes. A larger value must fail,
+/// otherwise nothing was limited. Both in bytes. Returns the program's output.
 std::string check_kept_within(const TempFolder& folder, const std::string& input, uint64_t memory, uint64_t data) {
   const auto convert = [&](uint64_t limit, const std::string& output) {
     const std::string command = "cd '" + folder.path().string() + "' && ulimit -d " + std::to_string(data >> 10) +
                                 " && '" + tests::kProgram + "' convert " + input + " -o " + output +
-                                " --source-ids --stats --threads 8 --memory " + std::to_string(limit >> 20) + "MiB >log 2>&1";
+                                " --source-ids --stats --threads 8 --memory " + std::to_string(limit >> 20) +
+                                "MiB >log 2>&1";
     const int status = std::system(command.c_str());
     REQUIRE(WIFEXITED(status));
     return WEXITSTATUS(status);
@@ -179,7 +179,7 @@ TEST_CASE("convert keeps its memory where pictures are of 16384 x 16384", "[conv
   check_bound(convert(input, "raw"), 1, json.size());
   const std::string sequential = textured_gltf({"a.jpg", "a.png", "b.png"});
   check_bound(convert(folder.write("sequential.gltf", sequential), "keep"), 1, sequential.size());
-  // To make a progressive picture sequential libjpeg holds its coefficients: three components of 2 bytes each.
+  // To make a progressive picture sequential, libjpeg holds its coefficients: three components of 2 bytes each.
   check_bound(convert(input, "keep"), 1, json.size(), uint64_t{6} * side * side);
 }
 
@@ -243,12 +243,12 @@ TEST_CASE("convert refuses a document that takes more than --memory while it rea
     CHECK(folder.names() == std::vector<std::string>{"log", "scene.gltf"});
     return std::stoull(said.substr(said.find_first_of("0123456789", at)));
   };
-  // The text alone is more than that; then what is made of it. So much data holds neither all of it nor a half more
-  // than what is allowed.
+  // The text alone is larger, and so is its parsed form. The data limit neither holds all of it nor half more than the
+  // allowed memory.
   CHECK(convert("32.0MiB", 64) >= bytes >> 20);
   const uint64_t needed = convert("96.0MiB", 240);
   CHECK(needed > 200);
-  // What is said is about what it takes.
+  // The reported memory must agree with the used memory.
   const tests::ProgramRun whole =
       tests::run_program({"convert", folder.file("scene.gltf"), "--threads", "1"}, folder.file("log"));
   INFO(whole.output);
@@ -268,7 +268,7 @@ TEST_CASE("convert keeps within --memory, however many threads it may have", "[c
 TEST_CASE("convert keeps within --memory while it sorts", "[convert][memory][sort]") {
   const TempFolder folder;
   write_scattered_sheet(folder);
-  // 140 MiB of data suffice; sorting by all 8 threads would take 180, the rest by all of them 240.
+  // 140 MiB of data suffice. Sorting with all 8 threads would take 180, everything else with all threads 240.
   const std::string said = check_kept_within(folder, "sheet.gltf", uint64_t{112} << 20, uint64_t{160} << 20);
   CHECK(said.find("sorted 2.10 M triangles that lay in no order") != std::string::npos);
 }

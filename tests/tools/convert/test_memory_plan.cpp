@@ -1,4 +1,4 @@
-// What a conversion is reckoned to take, of scenes too large to be converted here.
+// The computed memory of conversions of scenes too large to be converted here.
 #include <cstdint>
 #include <optional>
 #include <vector>
@@ -12,9 +12,9 @@ using namespace scree::convert;
 namespace {
 
 constexpr uint64_t kPrimitives = 200;
-constexpr uint64_t kTriangles = uint64_t{1} << 31;  // of each
+constexpr uint64_t kTriangles = uint64_t{1} << 31;  // of each primitive
 
-/// Primitives of one glTF mesh, or each of its own; nobody reads what their accessors name.
+/// Primitives of one glTF mesh, or each in its own. Their accessors are never read.
 SourceScene make_scene(bool in_one_mesh) {
   SourceScene scene;
   scene.file_name = "huge.gltf";
@@ -28,7 +28,7 @@ SourceScene make_scene(bool in_one_mesh) {
   return scene;
 }
 
-/// The least --memory, to a MiB, with which one thread may encode while it measures.
+/// The smallest --memory, rounded to MiB, with which one thread may encode while it measures.
 uint64_t least_ahead(const SourceScene& scene) {
   ConvertOptions options;
   const std::vector<bool> wanted(scene.primitives.size(), true);
@@ -46,7 +46,7 @@ uint64_t least_ahead(const SourceScene& scene) {
 TEST_CASE("memory plan: windows of one glTF mesh wait for each other", "[convert][memory]") {
   const uint64_t apart = least_ahead(make_scene(false)), together = least_ahead(make_scene(true));
   CHECK(apart < uint64_t{1} << 40);
-  // Each is listed three times, in vectors that may be half empty; process memory comes and goes by some MiB.
+  // Each window is listed three times, in vectors that may be half empty. Process memory varies by some MiB.
   const uint64_t windows = kPrimitives * (kTriangles / kWindowTriangles);
   CHECK(together - apart > windows * 2 * sizeof(WindowPlan));
   CHECK(together - apart < windows * 1024);
@@ -65,14 +65,14 @@ TEST_CASE("memory plan: windows of indexed triangles count with a vertex a trian
     REQUIRE(limits);
     return limits->window;
   };
-  constexpr uint64_t kSlack = uint64_t{16} << 20;  // process memory comes and goes
+  constexpr uint64_t kSlack = uint64_t{16} << 20;  // process memory varies
   const uint64_t least = least_ahead(scene);
   CHECK(largest(least + kSlack).vertices == kWindowTriangles + 2);
   CHECK(largest(least + kSlack).span == 4 * kWindowTriangles);
   CHECK(largest(2 * least).vertices == 3 * kWindowTriangles);
   CHECK(largest(2 * least).span == uint64_t{1} << 30);
 
-  // Of triangles without indices each has three of its own.
+  // Without indices, each triangle has its own three vertices.
   for (Primitive& primitive : scene.primitives) primitive.indices.reset();
   CHECK(largest(least_ahead(scene) + kSlack).vertices == 3 * kWindowTriangles);
 }
@@ -82,7 +82,7 @@ TEST_CASE("memory plan: compressed views take what their places, their readers a
   SourceScene scene = make_scene(false);
   const uint64_t plain = least_ahead(scene);
   constexpr uint64_t kGiB = uint64_t{1} << 30;
-  constexpr uint64_t kSlack = uint64_t{16} << 20;  // process memory comes and goes
+  constexpr uint64_t kSlack = uint64_t{16} << 20;  // process memory varies
   const auto more = [&](const PackedViewMemory& views) {
     scene.view_memory = views;
     return least_ahead(scene) - plain;

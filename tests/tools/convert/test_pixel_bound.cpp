@@ -1,4 +1,4 @@
-// convert --max-error-pixels: the bound in pixels holds, with as few bits as it needs.
+// convert --max-error-pixels: the bound in pixels is kept with as few bits as possible.
 #include <algorithm>
 #include <cmath>
 #include <numbers>
@@ -22,7 +22,7 @@ namespace {
 
 using Vector = std::array<double, 3>;
 
-/// Where a point at the eye's own coordinates (z along the view) is drawn, pixels.
+/// The pixel position of a point in the eye's coordinates (z along the view).
 std::array<double, 2> drawn(const PixelBound& bound, const Vector& p) {
   const double focal = bound.height / (2 * std::tan(bound.fov_degrees * std::numbers::pi / 360));
   return {focal * p[0] / p[2], focal * p[1] / p[2]};
@@ -39,7 +39,7 @@ Vector corner(const PixelBound& bound) {
   return {bound.distance * half * bound.width / bound.height, bound.distance * half, bound.distance};
 }
 
-/// Three meshes: plain, under a node that makes it 100 times as large, and of single floats far from the origin.
+/// Three meshes: a plain one, one under a node that scales it by 100, and one of single floats far from the origin.
 void make_scene(const std::string& path) {
   tests::ModelMaker maker(path);
   tests::GridSpec grid;
@@ -55,8 +55,8 @@ void make_scene(const std::string& path) {
   maker.finish();
 }
 
-/// Nothing is missing or beyond its mesh's bound; and the table has each of the three meshes once, and none that takes
-/// more than as floats.
+/// Checks that nothing is missing or beyond its mesh's bound, and that the table has each of the three meshes once, and
+/// none that takes more than as floats.
 void check_bounds_and_table(const convert::ConvertOptions& options, const convert::ConvertReport& report,
                             const tests::OpenFile& file) {
   const auto source = convert::import_gltf(options.input, {});
@@ -86,7 +86,7 @@ TEST_CASE("pixel bound: no move within the world error passes the pixels, and li
     const Vector at = corner(bound);
     double worst = 0;
     for (int i = 0; i < 200000; ++i) {
-      // Anywhere on the picture (often in its corner), at the distance or beyond, in any direction.
+      // Anywhere in the picture (often in its corner), at the distance or beyond, in any direction.
       Vector from = at;
       if (i % 2 == 0) {
         const double further = 1 + std::abs(unit(random));
@@ -147,15 +147,15 @@ TEST_CASE("pixel bound: meshes get the bits their instances need, and their meas
         if (mesh.position_encoding == format::PositionEncoding::kFloat32) continue;
         const double error = allowed / gains[i];
         CHECK(mesh.max_position_error <= error * (1 + 1e-12));
-        // A bit less would not do: half of twice the step, and half an ulp of rounding.
+        // One bit less would not suffice: half of twice the step, and half an ulp of rounding.
         const double step = std::ldexp(1.0, mesh.lattice_exponent);
         CHECK((mesh.max_position_error + step / 2 > error || mesh.max_position_error == 0));
         for (const uint8_t bits : mesh.lattice_bits) CHECK(bits <= format::kMaxPositionBits);
       }
-      // Of the plain mesh and the one 100 times as large: 6 or 7 bits apart.
+      // The plain mesh and the one scaled by 100 differ by 6 or 7 bits.
       const int apart = int{meshes[1].lattice_bits[0]} - int{meshes[0].lattice_bits[0]};
-      if (pixels >= 0.5) CHECK((apart == 6 || apart == 7));  // below, half an ulp counts too
-      // Half an ulp at 4e6 is 0.25 units: floats are kept, or the lattice of the floats themselves, which is exact.
+      if (pixels >= 0.5) CHECK((apart == 6 || apart == 7));  // for smaller bounds, half an ulp counts too
+      // Half an ulp at 4e6 is 0.25 units, so floats are kept, or the exact lattice of the floats.
       if (meshes[2].position_encoding == format::PositionEncoding::kLattice && pixels < 1)
         CHECK(meshes[2].max_position_error == 0);
       check_bounds_and_table(options, report, file);
@@ -201,8 +201,7 @@ TEST_CASE("pixel bound: what is drawn keeps it, measured from the vertices' own 
   REQUIRE(source);
   const auto geometry = compare::compare_geometry(*source, file.file);
   REQUIRE(geometry);
-  // The largest distance of a stored vertex from its own, of the mesh that is drawn as it is: at most 1 pixel at 3
-  // units.
+  // The largest distance between a stored vertex and its source, in the mesh without scale: at most 1 pixel at 3 units.
   const double error = geometry->axis_error;
   CHECK(error > 0);
   Vector at = corner(options.pixel_bound), to = at;

@@ -1,5 +1,5 @@
-// Primitives whose triangles lie in no order are sorted: the copy is the primitive whatever memory there is, what
-// convert makes of it is as small as of one in order, and nothing is left of the temporary file.
+// Primitives with triangles in random order are sorted. The copy equals the primitive for any amount of memory, the
+// output is as small as for an ordered primitive, and the temporary file is removed.
 #include <sys/stat.h>
 
 #include <algorithm>
@@ -51,8 +51,8 @@ Accessor accessor_of(const std::vector<T>& values, uint32_t components, Componen
   return out;
 }
 
-/// A wavy grid of side x side vertices in no order, `first` unused ones before them, with every kind of attribute;
-/// its triangles, as `mode` has them, in no order.
+/// A wavy grid of side x side vertices in random order, with `first` unused vertices before them and every kind of
+/// attribute. Its triangles, of `mode`, are in random order.
 Primitive shuffled(uint32_t side, uint32_t first, PrimitiveMode mode, uint64_t joined = 0) {
   std::mt19937 random(5);
   std::vector<uint32_t> number(size_t{side} * side);
@@ -91,7 +91,7 @@ Primitive shuffled(uint32_t side, uint32_t first, PrimitiveMode mode, uint64_t j
   out.uv->normalized = true;
   out.color = accessor_of(colors, 3, ComponentType::kUint8, 4);
   out.normal = accessor_of(normals, 3, ComponentType::kFloat32);
-  // Vertex number[3] lies elsewhere than its element says.
+  // The sparse accessor moves vertex number[3] away from its element's position.
   Accessor::Sparse sparse;
   sparse.count = 1;
   sparse.index_source = accessor_of(std::vector<uint32_t>{number[3]}, 1, ComponentType::kUint32).source;
@@ -140,8 +140,8 @@ Primitive must_sort(const TempFolder& folder, const Primitive& primitive, uint32
   return *copy;
 }
 
-/// Whether `copy` has all triangles of the source, each once and with its vertices' values, its degenerate ones if
-/// `degenerate`.
+/// Checks that `copy` has all triangles of the source, each once and with its vertices' values. `degenerate`: including
+/// the degenerate ones.
 void check_copy(const Primitive& source, const Primitive& copy, bool degenerate) {
   const std::vector<uint32_t> from = all_corners(source), to = all_corners(copy);
   const std::vector<uint32_t> triangles = all_numbers(copy.numbers->triangles);
@@ -179,7 +179,7 @@ void check_copy(const Primitive& source, const Primitive& copy, bool degenerate)
   check_values(*source.normal, *copy.normal);
 }
 
-/// Vertices that runs of 4096 triangles use, summed, for each vertex there is.
+/// For runs of 4096 triangles: the sum of used vertices, divided by all vertices.
 double repeats(const Primitive& primitive) {
   const std::vector<uint32_t> corners = all_corners(primitive);
   uint64_t distinct = 0;
@@ -193,8 +193,8 @@ double repeats(const Primitive& primitive) {
   return static_cast<double>(distinct) / static_cast<double>(primitive.vertex_count());
 }
 
-/// Meshes of a grid of 532,480 triangles (three windows), in order or not; with `broken`, a vertex that is not finite.
-/// Returns that one's number.
+/// Meshes of a grid of 532,480 triangles (three windows), in order or not. With `broken`, one vertex is not finite.
+/// Returns that vertex's number.
 uint32_t make_grid_file(const std::string& path, bool in_order, size_t meshes = 1, bool broken = false) {
   constexpr uint32_t kColumns = 520, kRows = 512, kWidth = kColumns + 1;
   std::mt19937 random(3);
@@ -249,7 +249,7 @@ TEST_CASE("sort: what has locality and what has none", "[sort]") {
   CHECK_FALSE(used(1000, 500, 500, 499).has_no_locality());
   CHECK(used(1000, 501, 500, 499).has_no_locality());
   CHECK(used(1000, 1000, 3000, 3999).has_no_locality());
-  CHECK_FALSE(used(1000, 1000, 3000, 4000).has_no_locality());  // most vertices are another primitive's
+  CHECK_FALSE(used(1000, 1000, 3000, 4000).has_no_locality());  // most vertices belong to another primitive
 }
 
 TEST_CASE("sort: the copy is the primitive, in order, for any memory and threads", "[sort]") {
@@ -302,7 +302,7 @@ TEST_CASE("sort: points that are not finite, or all one, do no harm", "[sort]") 
   primitive.positions = accessor_of(positions, 3, ComponentType::kFloat32);
   const Primitive copy = must_sort(folder, primitive, 0, {2, 100});
   CHECK((all_numbers(copy.numbers->triangles).size() == primitive.triangle_count()));
-  // Far ones leave the others their places.
+  // Far vertices must not compress the others' range.
   Primitive large = shuffled(300, 50, PrimitiveMode::kTriangles);
   std::vector<float> with_far = all_values(large.positions);
   for (const size_t v : {20, 4000, 70000}) std::fill_n(&with_far[3 * v], 3, 1e30f);
@@ -316,7 +316,7 @@ TEST_CASE("sort: samples that say nothing of the vertices do no harm", "[sort]")
   const TempFolder folder;
   Primitive primitive = shuffled(400, 0, PrimitiveMode::kTriangles);
   std::vector<float> positions = all_values(primitive.positions);
-  for (size_t v = 0; v < positions.size() / 3; ++v)  // all but those that are looked at lie in one point
+  for (size_t v = 0; v < positions.size() / 3; ++v)  // all except the sampled ones lie at one point
     if (v % (160000 / (64 * 5)) != 0) std::fill_n(&positions[3 * v], 3, 5.5f);
   primitive.positions = accessor_of(positions, 3, ComponentType::kFloat32);
   check_copy(primitive, must_sort(folder, primitive, 0, {2, UINT64_MAX}), true);
@@ -355,7 +355,7 @@ TEST_CASE("sort: a mesh in no order becomes as small as one in order", "[sort][c
   must_convert_within(options, 1);
   CHECK((tests::read_whole(options.output) == reference));
   options.memory = ConvertOptions().memory;
-  options.order = Order::kNone;  // asks for the source's order
+  options.order = Order::kNone;  // keeps the source's order
   CHECK(must_convert(options).sorted_triangles == 0);
   CHECK((names_in(folder) == std::vector<std::string>{"in.glb", "ordered.glb", "out.scree"}));
 }
@@ -385,7 +385,7 @@ TEST_CASE("sort: whatever ends the program, nothing is left of the temporary fil
   const TempFolder folder;
   make_grid_file(folder.file("in.glb"), false);
   const std::string program = "cd \"" + folder.path().string() + "\" && ";
-  // A file that may not grow: as a full disk.
+  // A file that may not grow acts like a full disk.
   const std::string limited =
       "trap '' XFSZ; ulimit -f 4000; \"" + std::string(tests::kProgram) + "\" convert in.glb -o out.scree >log 2>&1";
   const int status = std::system((program + limited).c_str());
@@ -405,7 +405,7 @@ TEST_CASE("sort: whatever ends the program, nothing is left of the temporary fil
       tests::wait_for(child);
       for (const std::string& name : names_in(folder)) {
         CAPTURE(name);
-        // A kill may come between making the temporary file and taking its name away.
+        // A kill may come between creating the temporary file and unlinking it.
         const bool may_be_left = name == "out.scree.part" || name == "out.scree.sorted.part";
         CHECK((name == "in.glb" || name == "log" || name == "out.scree" || (end == SIGKILL && may_be_left)));
       }

@@ -12,8 +12,8 @@
 using namespace scree;
 
 TEST_CASE("speed: convert takes 8 M triangles a second and core, in bounded memory", "[speed]") {
-  // The program as it is called, start and end included, on the measured terrain at a hundredth of its triangles. It
-  // was written just before, so it is read from the page cache.
+  // The program as users call it, including start and end, on the measured terrain at a hundredth of its triangles. The
+  // input was just written, so it is read from the page cache.
   const tests::TempFolder folder;
   const std::string input = folder.file("scene.gltf");
   const tests::ProgramRun made = tests::run_program({"synth", "A", "--scale", "0.01", "-o", input}, folder.file("log"));

@@ -1,4 +1,4 @@
-// Equal vertices are stored once: the classes against brute force, and what convert makes of them.
+// Equal vertices are stored once: the classes compared with brute force, and convert's output.
 #include <bit>
 #include <cstdint>
 #include <cstring>
@@ -123,11 +123,12 @@ TEST_CASE("weld: a mesh without indices takes the bytes of the same mesh with th
     const tests::OpenFile packed = must_open(options.output);
     bytes[indexed] = payload_bytes(packed.file);
     vertices[indexed] = stored_vertices(packed.file);
-    // Of the six corners of a square all but one vertex are another square's: the windows' shared row counts twice.
+    // All but one vertex of a square's six corners belong to other squares, too. The row that two windows share counts
+    // twice.
     CHECK(left_out_count(packed.file, "duplicate vertices") == (indexed ? 0u : 3u * 307200 - (513u * 301 + 513)));
   }
   INFO(bytes[1] << " bytes with indices, " << bytes[0] << " without");
-  // In the same order the bytes are as many; meshoptimizer's order depends on how vertices are numbered.
+  // In the same order the number of bytes is the same; meshoptimizer's order depends on the vertex numbers.
   if (order == Order::kNone && encoding == Encoding::kIndexed) {
     CHECK(bytes[0] == bytes[1]);
     CHECK(vertices[0] == vertices[1]);
@@ -202,7 +203,7 @@ TEST_CASE("weld: minus zero is zero on a lattice and itself as a float", "[weld]
   const TempFolder folder;
   tests::ModelMaker maker(folder.file("in.glb"));
   std::vector<float> points = quad();
-  points[11] = -0.0f;  // z of the second triangle's first corner, which is the first's second one
+  points[11] = -0.0f;  // z of the second triangle's first corner, which is also the first triangle's second corner
   maker.node("node", maker.mesh("mesh", {maker.primitive(points, {})}));
   maker.finish();
   ConvertOptions options = options_of(folder);

@@ -22,7 +22,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// The variants take turns, so that every encoding meets the real models.
+/// Encodings take turns, so that each is used on real models.
 convert::ConvertOptions variant(size_t number) {
   convert::ConvertOptions options;
   options.source_ids = true;
@@ -45,14 +45,14 @@ tools::ExportOptions with_threads(uint32_t threads) {
   return options;
 }
 
-/// Converts, verifies, exports, imports again and compares. False where the source does not convert.
+/// Converts, verifies, exports, imports again and compares. Returns false if the source does not convert.
 bool round_trip(const fs::path& source_path, size_t number, const std::string& exported,
                 const tests::TempFolder& folder) {
   INFO(source_path.string());
   const auto packed = tests::pack(source_path.string(), folder.file("packed.scree"), variant(number));
   if (!packed) {
     INFO(packed.error().message);
-    // Refused input is refused with a reason; a reason of ours would be a bug.
+    // Refused input must have a reason, and not one of a bug.
     CHECK(packed.error().code != ErrorCode::kMemory);
     CHECK(packed.error().message.find("unexpected") == std::string::npos);
     return false;
@@ -88,7 +88,7 @@ void round_trip_all(const std::vector<fs::path>& sources, double share) {
   const tests::TempFolder folder, exports;
   size_t converted = 0;
   for (size_t i = 0; i < sources.size(); ++i) {
-    // The number keeps exports of models of one name apart; .gltf files get a folder for their images.
+    // The number separates exports of models with the same name. A .gltf gets a folder for its images.
     const std::string name = std::to_string(i) + "-" + sources[i].stem().string();
     fs::create_directories(exports.path() / name);
     const std::string exported = exports.file(name + "/" + sources[i].stem().string() + (i % 2 ? ".gltf" : ".glb"));
@@ -119,12 +119,12 @@ TEST_CASE("export: real models come back as they were and the validator accepts 
     WARN("the real models are not there");
     return;
   }
-  // The others are compressed with Draco or meshoptimizer, or not valid.
+  // The others are compressed with Draco or meshoptimizer, or invalid.
   round_trip_all(tests::gltf_files(tests::models_path() / "scenes"), 0.85);
 }
 
 TEST_CASE("export: a textured material on a primitive without texture coordinates", "[export]") {
-  // Not valid itself, but common; what is exported must be.
+  // Invalid itself, but common; its export must be valid.
   const tests::TempFolder folder, exports;
   const float positions[9] = {0, 0, 0, 1, 0, 0, 0, 1, 0};
   const float uvs[6] = {0, 0, 1, 0, 0, 1};

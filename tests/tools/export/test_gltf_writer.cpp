@@ -1,4 +1,4 @@
-// The glTF writer: what it writes is valid JSON and says what it was told, nothing is left of a write that failed.
+// The glTF writer: its output is valid JSON with the given content, and a failed write leaves no files.
 #include "tools/gltf/writer.h"
 
 #include <sys/resource.h>
@@ -32,7 +32,7 @@ void fill(GltfWriter& writer) {
   const float positions[9] = {0, 0, 0, 0.1f, 0, 0, 0, 1e-7f, -0.0f};
   const Result<uint64_t> offset = writer.append(std::as_bytes(std::span(positions)), 16);
   REQUIRE(offset);
-  REQUIRE(writer.append(bytes_of("abc"), 1));  // leaves an odd end
+  REQUIRE(writer.append(bytes_of("abc"), 1));  // leaves an unaligned end
   const uint32_t view = writer.add_buffer_view({*offset, sizeof positions, 0, GltfTarget::kVertices});
   GltfAccessor accessor;
   accessor.buffer_view = view;
@@ -156,7 +156,7 @@ TEST_CASE("what the writer refuses", "[gltf_writer]") {
     writer->add_node(node);
     CHECK(writer->finish().error().code == ErrorCode::kRange);
   }
-  // The document cannot take its name any more: the buffer, renamed before it, goes again.
+  // The document can no longer take its name, so the buffer, which was already renamed, is removed.
   {
     Result<GltfWriter> writer = GltfWriter::create(folder.file("dir.gltf"));
     REQUIRE(writer);
@@ -169,7 +169,7 @@ TEST_CASE("what the writer refuses", "[gltf_writer]") {
 }
 
 TEST_CASE("a full disk leaves nothing behind", "[gltf_writer]") {
-  // A file-size limit makes writes fail as a full disk does.
+  // A file-size limit makes writes fail like a full disk.
   const TempFolder folder;
   rlimit before{};
   REQUIRE(getrlimit(RLIMIT_FSIZE, &before) == 0);
@@ -182,7 +182,7 @@ TEST_CASE("a full disk leaves nothing behind", "[gltf_writer]") {
   {
     Result<GltfWriter> writer = GltfWriter::create(folder.file("x.gltf"));
     if (writer) offset = writer->append(std::vector<std::byte>(65 << 10));
-    Result<GltfWriter> glb = GltfWriter::create(folder.file("y.glb"));  // its two parts fit apart, not together
+    Result<GltfWriter> glb = GltfWriter::create(folder.file("y.glb"));  // each part fits, but not both
     if (glb && glb->append(std::vector<std::byte>(64 << 10))) finished = glb->finish();
   }
   setrlimit(RLIMIT_FSIZE, &before);

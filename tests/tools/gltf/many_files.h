@@ -1,4 +1,4 @@
-// A scene of more buffer files than are kept open.
+// A scene with more buffer files than are kept open.
 #pragma once
 
 #include <cstdint>
@@ -10,8 +10,8 @@
 
 namespace scree::tests {
 
-/// scene.gltf, one mesh with a primitive for each of `points` (3 floats a corner, 3 corners a triangle), each in a file
-/// 0.bin, 1.bin, ... of its own. Returns the path.
+/// Writes scene.gltf: one mesh with a primitive per entry of `points` (3 floats per corner, 3 corners per triangle),
+/// each in its own file 0.bin, 1.bin, ... Returns the path.
 inline std::string write_many_files(const TempFolder& folder, const std::vector<std::vector<float>>& points) {
   std::string buffers, views, accessors, primitives;
   for (size_t i = 0; i < points.size(); ++i) {
@@ -32,7 +32,7 @@ inline std::string write_many_files(const TempFolder& folder, const std::vector<
                                         primitives + R"(]}],"nodes":[{"mesh":0}]})");
 }
 
-/// So many files of a triangle each, whose first corner's x is the file's number.
+/// `count` triangles; the first corner's x is the index.
 inline std::vector<std::vector<float>> many_triangles(size_t count) {
   std::vector<std::vector<float>> points;
   for (size_t i = 0; i < count; ++i) points.push_back({static_cast<float>(i), 0, 0, 1, 0, 0, 0, 1, 0});

@@ -1,4 +1,4 @@
-// Streams of EXT_meshopt_compression as the library writes them, and documents of them.
+// Streams of EXT_meshopt_compression written by the library, and documents with them.
 #pragma once
 
 #include <meshoptimizer.h>
@@ -28,7 +28,7 @@ Bytes bytes_of(const std::vector<T>& values) {
   return bytes;
 }
 
-/// A stream and what it unpacks to.
+/// A stream and its unpacked content.
 struct Packed {
   DocMeshopt stated;
   Bytes stream;
@@ -54,7 +54,7 @@ inline Packed pack_attributes(const Bytes& raw, size_t stride) {
   return packed(Mode::kAttributes, count, stride, stream.data(), bytes, raw);
 }
 
-/// Triangles may be turned by the codec, so what they unpack to is asked of the library.
+/// The codec may rotate triangles, so the unpacked content comes from the library.
 inline Packed pack_triangles(const std::vector<uint32_t>& indices, size_t vertices) {
   std::vector<unsigned char> stream(meshopt_encodeIndexBufferBound(indices.size(), vertices));
   const size_t bytes = meshopt_encodeIndexBuffer(stream.data(), stream.size(), indices.data(), indices.size());
@@ -97,7 +97,7 @@ inline std::string view_json(const char* extension, const Packed& packed, uint64
          modes[static_cast<size_t>(packed.stated.mode)] + R"("}}})";
 }
 
-/// A document of one mesh, its indices and positions compressed in mesh.bin, beside an absent fallback buffer.
+/// A document of one mesh, with its indices and positions compressed in mesh.bin, and an absent fallback buffer.
 inline std::string meshopt_document(const TempFolder& folder, const Packed& indices, const Packed& positions,
                                     const char* extension = "EXT_meshopt_compression") {
   Bytes bin = indices.stream;

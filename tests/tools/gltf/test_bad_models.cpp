@@ -1,5 +1,4 @@
-// Hostile and broken documents: each must end in a clear error or a clean import, never in a crash, under ASan and
-// UBSan.
+// Hostile and broken documents. Each must give a clear error or a clean import, and never crash, under ASan and UBSan.
 #include <algorithm>
 #include <chrono>
 #include <filesystem>
@@ -18,7 +17,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// Reads every triangle and every attribute an import offers.
+// Reads every triangle and every attribute of an import.
 Result<void> read_everything(const SourceScene& scene) {
   constexpr uint64_t kBlock = 20000;
   for (const Primitive& primitive : scene.primitives) {
@@ -43,7 +42,7 @@ Result<void> read_everything(const SourceScene& scene) {
   return {};
 }
 
-// Checks what every import promises: indices in range and errors of one line that start with the file's name.
+// Checks the promises of every import: indices in range, and one-line errors that start with the file's name.
 void check_outcome(const std::string& path, const Result<SourceScene>& scene) {
   INFO(path);
   if (!scene) {
@@ -96,7 +95,7 @@ struct Change {
   const char* message;
 };
 
-// The document of tests/data/data_uri.gltf with one thing wrong.
+// The document of tests/data/data_uri.gltf with one error.
 const Change kChanges[] = {
     {R"("mesh":0})", R"("mesh":4294967296})", ErrorCode::kRange, "node 0: mesh is 4294967296, expected an index"},
     {R"("mesh":0})", R"("mesh":2147483648})", ErrorCode::kRange, "node 0: mesh is 2147483648, expected an index"},
@@ -290,7 +289,7 @@ TEST_CASE("textures with broken images are refused or left out", "[import][bad]"
   expect(with_image(R"({"uri":"a.png","bufferView":0})", source), ErrorCode::kFormat, "image 0: has both");
   expect(with_image("", R"("source":0)"), ErrorCode::kRange, "texture 0: image 0 is not there");
 
-  // Formats that are known and not drawn cost the texture, not the scene.
+  // Formats that are known but not supported lose the texture, not the scene.
   folder.write("a.webp", std::string("RIFF\0\0\0\0WEBPVP8 ", 16));
   folder.write("a.ktx", "\xabKTX 11\xbb\r\n\x1a\n");
   folder.write("b.png", tests::read_whole(tests::data_path("checker.png").string()));
@@ -306,7 +305,7 @@ TEST_CASE("textures with broken images are refused or left out", "[import][bad]"
     CHECK(scene.materials.at(0).record.texture == format::kNone);
     CHECK(scene.warnings.size() == 1);
   }
-  // With a fallback of a known format the fallback is drawn, whichever comes first.
+  // With a fallback in a supported format the fallback is drawn, in either order.
   const std::string both = R"({"uri":"a.webp"},{"uri":"b.png","mimeType":"image/jpeg"})";
   const SourceScene fallback =
       import_image(with_image(both, R"("source":1,"extensions":{"EXT_texture_webp":{"source":0}})"));
@@ -344,21 +343,21 @@ TEST_CASE("deep nesting is refused before any parser sees it", "[import][bad]") 
     CHECK(import_error(folder.write("deep.gltf", start + closed + "}")).code == ErrorCode::kFormat);
     CHECK(import_error(folder.write("deep.gltf", deep)).code == ErrorCode::kFormat);
   }
-  // 120 levels are fine, and cost nothing where nobody reads them.
+  // 120 levels of nesting are allowed, and cost nothing if they are not read.
   std::string nested = "1";
   for (int i = 0; i < 120; ++i) nested = "[" + nested + "]";
   CHECK(import_gltf(folder.write("nested.gltf", R"({"asset":{"version":"2.0","extras":)" + nested + "}}"), {}));
 }
 
 TEST_CASE("long documents keep their numbers over batches", "[import]") {
-  // Batches are cut at 256 KiB: some 20,000 nodes and meshes fill a dozen.
+  // Batches are cut at 256 KiB: about 20,000 nodes and meshes fill a dozen.
   constexpr uint32_t kCount = 20000;
   std::string meshes;
   std::string nodes;
   std::string roots;
   for (uint32_t i = 0; i < kCount; ++i) {
     const std::string comma = i == 0 ? "" : ",";
-    // Every third has no indices, so that one lost would shift all that follow.
+    // Every third has no indices, so that a lost one would shift all that follow.
     meshes += comma + R"({"name":"m)" + std::to_string(i) + R"(","primitives":[{"attributes":{"POSITION":0})" +
               (i % 3 == 0 ? "" : R"(,"indices":1)") + R"(,"extras":{"indices":[1,2,{"indices":"x"}]}}]})";
     nodes += comma + R"({"mesh":)" + std::to_string(i) + R"(,"name":"indices"})";
@@ -468,7 +467,7 @@ TEST_CASE("the malformed real files end in an error or a clean import", "[import
   CHECK(refused > 100);
 }
 
-// Why scenes of the folder of real models are refused; all others must import.
+// Why scenes of the folder of real models are refused. All others must import.
 const std::map<std::string, std::string> kRefusedScenes = {
     {"2CylinderEngine-draco/2CylinderEngine.gltf", "KHR_draco_mesh_compression"},
     {"BoxDraco-fallback/BoxDraco.gltf", "only Draco-compressed data"},

@@ -1,4 +1,4 @@
-// Files around a document: GLB chunks, relative paths, buffers far larger than memory.
+// The files of a document: GLB chunks, relative paths, buffers far larger than memory.
 #include <sys/stat.h>
 #include <unistd.h>
 
@@ -124,7 +124,7 @@ TEST_CASE("GLB chunks are found, unknown ones skipped, padding tolerated", "[imp
   }
 }
 
-// A file of any size that takes no room: `parts` at their offsets, holes between them.
+// A file of any size that takes no disk space: `parts` at their offsets, with holes between them.
 std::string sparse_file(const tests::TempFolder& folder, const std::string& name, uint64_t size,
                         const std::vector<std::pair<uint64_t, std::string>>& parts) {
   const std::string path = folder.write(name, "");
@@ -159,14 +159,14 @@ TEST_CASE("a GLB past 4 GiB has its lengths modulo 2^32", "[import][glb]") {
   CHECK((*positions)[3] == 1.0f);
   CHECK((*positions)[7] == 1.0f);
 
-  // A length that does not agree with the file's is a length of this file, which then ends too late.
+  // If the header's length differs from the file's, it is taken as the length, and the file then ends early.
   const auto longer = positions_of(sparse_file(folder, "longer.glb", size + 8, {{0, head}}));
   REQUIRE_FALSE(longer);
   CHECK(longer.error().code == ErrorCode::kTrailing);
 }
 
-/// The most bytes that were resident since tools::forget_peak(), beside those that were `before`; nothing where the
-/// system does not say.
+/// The most bytes resident since tools::reset_peak(), without the bytes of `before`; nullopt if the system does not
+/// report it.
 std::optional<uint64_t> most_resident_since(const tools::MemoryUse& before) {
   const uint64_t peak = tools::memory_use().peak, resident = before.anonymous + before.file;
   if (resident == 0 || peak < resident) return std::nullopt;
@@ -200,7 +200,7 @@ TEST_CASE("a 40 GB buffer is opened and read without being held", "[import]") {
   json = tests::replaced(json, R"("count":3)", R"("count":3000000000)");
   const std::string path = folder.write("large.gltf", json);
 
-  tools::forget_peak();
+  tools::reset_peak();
   const tools::MemoryUse before = tools::memory_use();
   const auto scene = import_gltf(path, {});
   if (!scene) FAIL(scene.error().message);
@@ -228,7 +228,7 @@ TEST_CASE("a 40 GB buffer is opened and read without being held", "[import]") {
 }
 
 TEST_CASE("a document's own size bounds the memory it takes", "[import]") {
-  // 8 MB of nodes: at most 15 times as much, while tinygltf alone would take more than that.
+  // 8 MB of nodes take at most 15 times as much memory, while tinygltf alone would take more.
   std::string json = R"({"asset":{"version":"2.0"},"nodes":[)";
   for (int i = 0; i < 120000; ++i)
     json += R"({"name":"node )" + std::to_string(i) + R"(","translation":[1.5,2.5,-3.25],"scale":[2,2,2]},)";
@@ -236,7 +236,7 @@ TEST_CASE("a document's own size bounds the memory it takes", "[import]") {
   json += "}";
   const tests::TempFolder folder;
   const std::string path = folder.write("nodes.gltf", json);
-  tools::forget_peak();
+  tools::reset_peak();
   const tools::MemoryUse before = tools::memory_use();
   const auto scene = import_gltf(path, {});
   const std::optional<uint64_t> most = most_resident_since(before);
@@ -245,7 +245,7 @@ TEST_CASE("a document's own size bounds the memory it takes", "[import]") {
   REQUIRE(scene->scenes.size() == 1);
   CHECK(scene->scenes[0].roots.size() == 120000);
   CHECK(scene->warnings.size() == 1);
-  // Freed memory that the sanitizer holds back.
+  // Freed memory that the sanitizer keeps.
   constexpr uint64_t kQuarantine = tests::kIsSanitized ? uint64_t{256} << 20 : 0;
   if (most) CHECK(*most < 15 * json.size() + (uint64_t{64} << 20) + kQuarantine);
 }
@@ -277,7 +277,7 @@ TEST_CASE("paths stay inside the scene's folder", "[import][uri]") {
     if (!positions) FAIL(positions.error().message);
     CHECK((*positions)[3] == 1.0f);
   }
-  // The folder itself may be reached by a link.
+  // The folder itself may be reached through a link.
   CHECK(import_uri("here.bin", "same/again.gltf"));
 
   struct Bad {
@@ -316,7 +316,7 @@ TEST_CASE("paths stay inside the scene's folder", "[import][uri]") {
     CHECK(positions.error().message.find(bad.message) != std::string::npos);
     CHECK(positions.error().message.find("buffer 0: ") != std::string::npos);
   }
-  // Those that leave the folder are read on request, and the refusal names it.
+  // Files outside the folder are read on request, and the refusal gives the option.
   for (const char* outside :
        {"../outside.bin", "..%2Foutside.bin", "../scene/here.bin", "escape.bin", "up/outside.bin"}) {
     INFO(outside);
@@ -403,7 +403,7 @@ TEST_CASE("a buffer file that is opened anew must be the same", "[import]") {
   const auto path = [&](size_t number) { return folder.file(std::to_string(number) + ".bin"); };
   fs::remove(path(590));
   must_fail(590, "No such file or directory");
-  // The same bytes, size and time, but another file; and one that is not even a file.
+  // The same bytes, size and time, but another file; and one that is not a file.
   fs::copy_file(path(591), folder.file("copy"));
   fs::last_write_time(folder.file("copy"), fs::last_write_time(path(591)));
   fs::rename(folder.file("copy"), path(591));
@@ -411,7 +411,7 @@ TEST_CASE("a buffer file that is opened anew must be the same", "[import]") {
   REQUIRE(::mkfifo(folder.file("pipe").c_str(), 0600) == 0);
   fs::rename(folder.file("pipe"), path(592));
   must_fail(592, "was replaced by another file while it was being read");
-  // The same file, of another size, or written to since.
+  // The same file with another size, or modified since.
   fs::resize_file(path(593), 35);
   must_fail(593, "was changed while it was being read");
   fs::resize_file(path(594), 37);
@@ -421,7 +421,7 @@ TEST_CASE("a buffer file that is opened anew must be the same", "[import]") {
   must_fail(596, "was changed while it was being read");
   fs::last_write_time(path(597), fs::last_write_time(path(597)) - std::chrono::seconds(1));
   must_fail(597, "was changed while it was being read");
-  // Those that stay open are the files that they were.
+  // Files that stay open keep their content.
   fs::remove(path(0));
   CHECK(read(0));
   fs::rename(path(1), path(2));

@@ -1,5 +1,5 @@
-// Hard cases on the way from glTF to the picture: shared borders, coordinates far from the origin, texture coordinates
-// in the thousands. tests/kernels/raster/test_hard_cases.cpp has those of the rasteriser.
+// Hard cases between glTF and the picture: shared borders, coordinates far from the origin, texture coordinates in the
+// thousands. tests/kernels/raster/test_hard_cases.cpp has the rasteriser's hard cases.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -31,9 +31,9 @@ using tests::TempFolder;
 namespace {
 
 constexpr int kSide = 48;                                 // squares along an edge of the room
-constexpr std::array<int, 5> kCuts{0, 5, 18, 27, kSide};  // its walls in tiles of unlike sizes
+constexpr std::array<int, 5> kCuts{0, 5, 18, 27, kSide};  // its walls consist of tiles of different sizes
 
-/// A point of the room's surface: bumpy, and one function of the three numbers, so that tiles share their borders.
+/// A point of the room's bumpy surface. It depends on the three numbers only, so that tiles share their borders.
 std::array<float, 3> room_point(const std::array<int, 3>& at) {
   std::array<double, 3> p;
   for (size_t i = 0; i < 3; ++i) p[i] = 10.0 * at[i] / kSide - 5;
@@ -80,8 +80,8 @@ void make_room(const std::string& path) {
   maker.finish();
 }
 
-/// Background seen by 100 cameras in the room that look in random directions: every such pixel is a crack. `on_gpu`:
-/// one draws them.
+/// Background pixels seen by 100 cameras in the room that look in random directions. Every such pixel is a crack.
+/// `on_gpu`: draws on a GPU.
 uint64_t crack_pixels(const std::string& path, bool on_gpu = false) {
   const auto scene = runtime::Scene::open(path, {false, 2});
   REQUIRE(scene);
@@ -129,7 +129,7 @@ TEST_CASE("hard: no crack between meshes on the scene grid, and how many on grid
   options.encoding = encoding;
   for (const uint32_t bits : {8u, 10u, 12u, 16u}) {
     CAPTURE(bits);
-    if (encoding == convert::Encoding::kClustered && bits != 8) continue;  // the same points
+    if (encoding == convert::Encoding::kClustered && bits != 8) continue;  // the same points as with 8 bits
     options.position_bits = bits;
     options.grid = convert::Grid::kScene;
     must_match(options);
@@ -143,7 +143,7 @@ TEST_CASE("hard: no crack between meshes on the scene grid, and how many on grid
         std::to_string(scene) + " background pixels of 7,680,000 on the scene grid, " + std::to_string(mesh) +
             " on mesh grids");
     CHECK(scene == 0);
-    if (bits == 8) CHECK(mesh > 0);  // there is something to see
+    if (bits == 8) CHECK(mesh > 0);  // the mesh is visible
     if (bits == 16) CHECK(mesh < 1000);
   }
   if (encoding == convert::Encoding::kClustered) return;
@@ -184,7 +184,7 @@ TEST_CASE("hard: georeferenced detail survives in the node's translation, not in
     maker.node("node", maker.mesh("mesh", {maker.primitive(points, ball.indices)}), node);
     maker.finish();
     convert::ConvertOptions options = options_of(folder);
-    options.order = convert::Order::kNone;  // and one chunk: vertices as in the source
+    options.order = convert::Order::kNone;  // and one chunk, so vertices are as in the source
     options.encoding = convert::Encoding::kIndexed;
     options.weld = false;
     must_match(options);
@@ -207,7 +207,7 @@ TEST_CASE("hard: georeferenced detail survives in the node's translation, not in
                 by_vertex);
   tests::note("georeferenced, 1e7 m", text);
   CHECK(by_node < 3.1e-5);  // half a step of 2^-14 m
-  CHECK(by_vertex > 0.1);   // the source has lost it
+  CHECK(by_vertex > 0.1);   // the source has already lost it
   CHECK(by_vertex < 1.01);
 }
 

@@ -1,6 +1,6 @@
-// Small files that claim to be huge take little memory: each is read by the program with 512 MiB of address space, and
-// has to be an error that says more than that memory ran out. Sanitizers take terabytes of address space: not built
-// with them (there the fuzz targets look, with a limit on single allocations).
+// Small files that claim huge sizes take little memory. Each is read by the program with 512 MiB of address space, and
+// has to give an error that says more than that memory ran out. Sanitizers take terabytes of address space, so this is
+// not built with them; there the fuzz targets limit single allocations.
 #include <sys/wait.h>
 
 #include <cstdlib>
@@ -24,7 +24,7 @@ namespace {
 
 using namespace scree::format;
 
-/// Runs the program in `folder` within the limit; an exit code that is not 3 fails the test.
+/// Runs the program in `folder` within the limit. An exit code other than 3 fails the test.
 void must_refuse(const TempFolder& folder, const std::string& words) {
   const std::string log = folder.file("log");
   const std::string command = "cd '" + folder.path().string() + "' && ulimit -v 524288 && '" + tests::kProgram + "' " +
@@ -37,7 +37,7 @@ void must_refuse(const TempFolder& folder, const std::string& words) {
   CHECK(said.find("memory") == std::string::npos);
 }
 
-/// A picture that says it has 16383 x 16383 pixels.
+/// A picture whose header claims 16383 x 16383 pixels.
 Bytes huge_jpeg(bool is_progressive, bool is_arithmetic) {
   JpegRecipe recipe;
   recipe.width = recipe.height = 8;

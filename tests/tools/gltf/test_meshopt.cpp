@@ -1,5 +1,5 @@
-// Buffer views compressed by EXT_meshopt_compression: all modes and filters against what was compressed, real files
-// against their unpacked twins, and everything that can be wrong with one.
+// Buffer views compressed by EXT_meshopt_compression: all modes and filters compared with the compressed values, real
+// files compared with their unpacked twins, and every possible error.
 #include <meshoptimizer.h>
 
 #include <algorithm>
@@ -51,8 +51,8 @@ Result<Bytes> unpacked(const Packed& packed) {
 }
 
 /// All triangles of a scene with the positions and texture coordinates of their corners, in the order of the
-/// primitives. Normals are left out: decoders of the octahedral filter round differently. Each triangle starts at its
-/// smallest corner, since compression may turn it.
+/// primitives. Normals are left out, because decoders of the octahedral filter round differently. Each triangle starts
+/// at its smallest corner, because compression may rotate it.
 std::vector<std::vector<float>> all_triangles(const SourceScene& scene) {
   std::vector<std::vector<float>> out;
   for (const Primitive& primitive : scene.primitives) {
@@ -100,7 +100,7 @@ TEST_CASE("every mode unpacks to what was packed", "[meshopt]") {
     REQUIRE(bytes);
     CHECK(*bytes == packed.raw);
   }
-  // 16-bit indices, which the codecs write as well.
+  // 16-bit indices, which the codecs also write.
   Packed small = pack_triangles(grid_indices(20), 441);
   std::vector<uint16_t> narrow(small.stated.count);
   for (size_t i = 0; i < narrow.size(); ++i) {
@@ -126,7 +126,7 @@ TEST_CASE("filters are undone after unpacking", "[meshopt]") {
     for (float c : v) units.push_back(c / length);
     for (float c : v) wide.push_back(c * 1000);
   }
-  // A quaternion of one sign: the filter keeps rotations.
+  // Quaternions with one sign, because the filter keeps rotations only.
   SECTION("quaternions") {
     Bytes filtered(8 * count);
     meshopt_encodeFilterQuat(filtered.data(), count, 8, 16, units.data());
@@ -217,7 +217,7 @@ TEST_CASE("streams that are cut, longer, of another kind or version are errors",
     CHECK(version.error().code == ErrorCode::kUnsupported);
     CHECK(version.error().message.find("of version 7, but at most") != std::string::npos);
 
-    // Any bytes: unpacked or refused, nothing else.
+    // Random bytes are unpacked or refused, and nothing else.
     std::mt19937 random(5);
     for (int round = 0; round < 300; ++round) {
       Packed damaged = whole;
@@ -320,7 +320,7 @@ TEST_CASE("what a document may not say of a compressed view", "[meshopt][bad]") 
     CHECK(error.code == change.code);
     CHECK(error.message.find(change.message) != std::string::npos);
   }
-  // A small stream that says it holds much.
+  // A small stream that claims much content.
   const Error bomb = error_of(folder.write(
       "bomb.gltf",
       tests::replaced(tests::replaced(tests::replaced(good, R"("count":1681,"mode")", R"("count":300000000,"mode")"),
@@ -329,7 +329,7 @@ TEST_CASE("what a document may not say of a compressed view", "[meshopt][bad]") 
   INFO(bomb.message);
   CHECK(bomb.code == ErrorCode::kTruncated);
   CHECK(bomb.message.find("300000000 elements do not fit into") != std::string::npos);
-  // A view of the fallback buffer that is not compressed.
+  // An uncompressed view of the fallback buffer.
   const std::string plain = tests::replaced(good, R"("EXT_meshopt_compression":{"buffer":0,"byteOffset":0)",
                                             R"("OTHER":{"buffer":0,"byteOffset":0)");
   const Error absent = error_of(folder.write("plain.gltf", plain));
@@ -377,7 +377,7 @@ TEST_CASE("a fallback buffer has what its views unpack to", "[meshopt][models]")
   for (const char* name : {"meshopt-fallback.bin", "meshopt-fallback.fallback.bin"})
     copy.write(name, tests::read_whole((folder / name).string()));
   const auto packed = import_gltf(copy.write("packed.gltf", text), {});
-  // Without the extension only the fallback is left.
+  // Without the extension only the fallback remains.
   for (size_t at = 0; (at = text.find("EXT_meshopt", at)) != std::string::npos; ++at) text.replace(at, 3, "NOT");
   const auto plain = import_gltf(copy.write("plain.gltf", text), {});
   REQUIRE(packed);

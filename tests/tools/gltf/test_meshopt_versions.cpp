@@ -1,5 +1,5 @@
-// Streams of ATTRIBUTES of both versions and all filters as the current meshoptimizer writes and decodes them
-// (tests/data/meshopt/make_streams.mjs), and real files beside the bytes that it makes of them.
+// Streams of ATTRIBUTES of both versions and all filters, as written and decoded by the current meshoptimizer
+// (tests/data/meshopt/make_streams.mjs), and real files compared with its decoded bytes.
 #include <zlib.h>
 
 #include <algorithm>
@@ -27,7 +27,7 @@ using Filter = DocMeshopt::Filter;
 struct StoredStream {
   DocMeshopt stated;
   Bytes stream;
-  uint32_t crc;  // of what it decodes to
+  uint32_t crc;  // of the decoded bytes
 };
 
 std::vector<StoredStream> stored_streams() {
@@ -68,7 +68,7 @@ uint32_t crc_of(const Bytes& bytes) {
       crc32(0, reinterpret_cast<const unsigned char*>(bytes.data()), static_cast<unsigned>(bytes.size())));
 }
 
-/// The bytes of every accessor of a scene's primitives, by what it is, in the order of the primitives.
+/// The bytes of every accessor of a scene's primitives, by kind, in the order of the primitives.
 std::vector<std::vector<float>> all_values(const SourceScene& scene) {
   std::vector<std::vector<float>> out;
   for (const Primitive& primitive : scene.primitives) {
@@ -171,8 +171,8 @@ TEST_CASE("real files of both extensions and versions have the values of their d
     ++files;
     std::string twin = path.substr(0, path.size() - 4) + "-decoded.glb";
     const std::string stem = entry.path().parent_path().filename().string();
-    if (!stem.starts_with("matrix-")) continue;  // gltfpack's quantise first: no twin
-    if (!std::filesystem::exists(twin)) {        // decodes to what another one does
+    if (!stem.starts_with("matrix-")) continue;  // gltfpack's variants are quantised first, so they have no twin
+    if (!std::filesystem::exists(twin)) {        // decodes to the same as another one
       const bool is_lossy = path.find("-indices-oct8-exp") != std::string::npos;
       twin = stem.substr(7) + (is_lossy ? "-ext-v0-indices-oct8-exp-decoded.glb" : "-ext-v0-tri-decoded.glb");
       twin = (entry.path().parent_path() / twin).string();

@@ -1,5 +1,5 @@
-// Compressed buffer views that are read in windows: whatever the windows, the order and the thread, they are what the
-// library makes of the whole stream, and what it refuses is refused.
+// Compressed buffer views read in windows. For any windows, order and thread they equal the library's result for the
+// whole stream, and streams that the library refuses are refused.
 #include <meshoptimizer.h>
 
 #include <algorithm>
@@ -26,7 +26,7 @@ namespace {
 using namespace tests;
 using Filter = DocMeshopt::Filter;
 
-/// What the library says of a whole stream, 0 where it unpacks, and what it unpacks to.
+/// The library's code for a whole stream, 0 for success, and its unpacked bytes.
 int library_unpacks(const Packed& packed, Bytes& out) {
   const DocMeshopt& stated = packed.stated;
   out.assign(stated.count * stated.stride, std::byte{0});
@@ -51,7 +51,7 @@ Result<Bytes> read_all(const ByteSource& source) {
   return bytes;
 }
 
-/// The windows of a stream, read in several ways, against the library's whole.
+/// Compares the windows of a stream, read in several ways, with the library's whole result.
 void check_windows(const Packed& packed, uint64_t window_bytes, uint64_t kept_bytes, uint32_t seed) {
   INFO("mode " << static_cast<int>(packed.stated.mode) << ", " << packed.stated.count << " elements of "
                << packed.stated.stride << " bytes, windows of " << window_bytes << ", kept " << kept_bytes);
@@ -76,8 +76,8 @@ void check_windows(const Packed& packed, uint64_t window_bytes, uint64_t kept_by
   CHECK(all_equal);
 }
 
-/// Bytes of elements that go on from one another in some of their bytes, jump in others and stay in others, so that
-/// groups of all bit-widths come up.
+/// Elements in which some bytes continue from one element to the next, some jump and some stay equal, so that groups of
+/// all bit widths occur.
 Bytes mixed_elements(size_t count, size_t stride, uint32_t seed) {
   std::mt19937 random(seed);
   Bytes bytes(count * stride);
@@ -91,7 +91,7 @@ Bytes mixed_elements(size_t count, size_t stride, uint32_t seed) {
   return bytes;
 }
 
-/// Triangles of a grid in an order that is partly lost, and some of any corners.
+/// Triangles of a grid in a partly lost order, and some with random corners.
 std::vector<uint32_t> mixed_triangles(size_t triangles, uint32_t vertices, uint32_t seed) {
   std::mt19937 random(seed);
   const std::vector<uint32_t> grid = grid_indices(60);
@@ -139,7 +139,7 @@ std::vector<Packed> all_streams(size_t count, uint32_t seed) {
   return all;
 }
 
-/// That a view of the stream is what the library says of it: the same bytes, or an error of the same kind.
+/// Checks that a view of the stream gives the library's result: the same bytes, or an error of the same kind.
 void check_as_library(const Packed& packed, uint64_t window_bytes) {
   Bytes expected;
   const int status = library_unpacks(packed, expected);
@@ -159,11 +159,11 @@ void check_as_library(const Packed& packed, uint64_t window_bytes) {
 
 TEST_CASE("windows of any stream are what the library unpacks", "[meshopt]") {
   uint32_t seed = 0;
-  // Around groups and blocks; windows from the least that there may be on.
+  // Sizes around groups and blocks, and windows from the smallest allowed size on.
   for (const size_t count : {1, 2, 3, 15, 16, 17, 31, 32, 33, 255, 256, 257, 511, 513, 3000})
     for (const Packed& packed : all_streams(count, ++seed))
       for (const uint64_t window : {1, 4096}) check_windows(packed, window, 0, seed);
-  // Longer than a piece of the stream, and windows that end where blocks do.
+  // Longer than a piece of the stream, with windows that end where blocks do.
   for (const Packed& packed : all_streams(40000, ++seed))
     for (const uint64_t window : {5000, 8192, 100000, 1 << 30})
       for (const uint64_t kept : {0, 200000}) check_windows(packed, window, kept, seed);
@@ -242,9 +242,9 @@ TEST_CASE("streams of any bytes are what the library makes of them", "[meshopt][
     packed.stream.resize(1 + codes + (is_triangles ? random() % (4 * codes) + 16 : 4));
     for (std::byte& byte : packed.stream) byte = static_cast<std::byte>(random());
     packed.stream[0] = static_cast<std::byte>((is_triangles ? 0xe0u : 0xd0u) | random() % 2);
-    // Indices of one byte each, so that all of them last.
+    // Indices of one byte each, so that all of them remain.
     for (size_t i = 1; i < packed.stream.size() && !is_triangles; ++i) packed.stream[i] &= std::byte{0x7f};
-    // As long as what it takes, which only decoding tells: each length until one is taken.
+    // The length that it needs, which only decoding shows: tries each length until one is accepted.
     const size_t most = packed.stream.size();
     for (size_t size = 1 + codes + (is_triangles ? 16 : 4); size <= most; ++size) {
       Packed cut = packed;
@@ -267,7 +267,7 @@ TEST_CASE("a scene whose views are many windows converts to the same bytes", "[m
   const Packed positions = pack_attributes(bytes_of(grid_positions(400)), 12);
   const Packed indices = pack_triangles(grid_indices(400), 401 * 401);
   REQUIRE(indices.raw.size() > 4 * MeshoptCache::kWindowBytes);
-  // The plain bytes lie in the same file; only the name of the extension decides which of them are read.
+  // The plain bytes lie in the same file; only the name of the extension decides which ones are read.
   std::string text = meshopt_document(folder, indices, positions);
   Bytes all = indices.stream;
   for (const Bytes* const part : {&positions.stream, &indices.raw, &positions.raw})
@@ -299,22 +299,22 @@ TEST_CASE("windows are kept up to the bytes that they may take", "[meshopt]") {
   const auto first = take(&owner, 0, 400);
   CHECK(take(&owner, 0, 400) == first);
   CHECK(take(&other, 0, 400) != first);
-  CHECK(take(&owner, 0, 400) == first);  // used later than the other now
+  CHECK(take(&owner, 0, 400) == first);  // now used more recently than the other
   const std::byte* const second = take(&owner, 1, 400)->bytes.get();
   CHECK(take(&owner, 0, 400) == first);
   const auto third = take(&owner, 2, 400);  // in the memory of number 1
   CHECK(third->bytes.get() == second);
   CHECK_FALSE(third->is_unpacked);
-  CHECK(take(&other, 1, 400)->bytes.get() != first->bytes.get());  // which is still held
+  CHECK(take(&other, 1, 400)->bytes.get() != first->bytes.get());  // which is still in use
   CHECK(take(&owner, 0, 400) != first);
   kept.forget(&owner, 3);
   CHECK(take(&owner, 2, 400) != third);
   CHECK(take(&owner, 3, 5000)->size == 5000);
-  // A smaller window of the same capacity takes the memory as well.
+  // A smaller window of the same capacity also reuses the memory.
   const std::byte* const memory = take(&owner, 4, 400)->bytes.get();
   take(&owner, 5, 400);
   CHECK(take(&owner, 6, 399)->bytes.get() == memory);
-  // What was let go of is room again.
+  // Released memory is available again.
   kept.forget(&owner, 7);
   const auto fourth = take(&owner, 0, 400);
   take(&owner, 1, 400);

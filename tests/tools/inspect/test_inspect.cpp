@@ -30,7 +30,7 @@ std::filesystem::path small_model() {
   return tests::data_path("textured_cube.glb");
 }
 
-/// Bytes where Container::open wants them.
+/// Bytes with the alignment that Container::open needs.
 class AlignedBytes {
  public:
   explicit AlignedBytes(const std::string& bytes)
@@ -48,7 +48,7 @@ class AlignedBytes {
   std::byte* data_;
 };
 
-/// What inspect_file prints, and its result.
+/// The output of inspect_file, and its result.
 std::pair<std::string, Result<void>> inspect_text(const std::string& path, const inspect::InspectOptions& options) {
   std::FILE* out = std::tmpfile();
   REQUIRE(out != nullptr);
@@ -61,7 +61,7 @@ std::pair<std::string, Result<void>> inspect_text(const std::string& path, const
   return {text, result};
 }
 
-/// All tables of a file, to be written again with something changed.
+/// All tables of a file, to be changed and written again.
 format::TableSet tables_of(const format::Container& file) {
   format::TableSet tables;
   const auto copy = [](const auto& from, auto& to) {
@@ -101,7 +101,7 @@ format::TableSet tables_of(const format::Container& file) {
 
 using Change = std::function<void(format::TableSet&, std::vector<std::vector<std::byte>>& pages)>;
 
-/// Writes `file` to `path` again, every checksum right, after `change` has had its way with the tables and raw pages.
+/// Writes `file` to `path` again with correct checksums, after `change` has modified the tables and raw pages.
 void rewrite(const format::Container& file, const std::string& path, const Change& change) {
   format::TableSet tables = tables_of(file);
   std::vector<std::vector<std::byte>> pages;
@@ -119,7 +119,7 @@ void rewrite(const format::Container& file, const std::string& path, const Chang
   REQUIRE(writer->finish(tables));
 }
 
-/// The failures of a file whose tables are in order.
+/// The failures of a file whose tables are valid.
 std::vector<std::string> failures_of(const std::string& path) {
   const auto packed = tests::open_packed(path);
   if (!packed) FAIL(packed.error().message);
@@ -141,7 +141,7 @@ uint64_t sum_of(const json& list, const char* member) {
   return sum;
 }
 
-/// Every byte of the file is in exactly one row, and the parts of every table add up to its whole.
+/// Checks that every byte of the file is in exactly one row, and that the parts of every table add up to its total.
 void check_totals(const std::string& path, const json& report) {
   const uint64_t file_bytes = std::filesystem::file_size(path);
   CHECK(report.at("file").at("bytes") == file_bytes);
@@ -239,7 +239,7 @@ TEST_CASE("inspect: what duplicate vertices would take in clusters is not known"
     }
     CHECK(is_listed);
   }
-  // A sum is known where all of it is.
+  // A sum is known if all of its terms are.
   convert::Welded sum{1, 12, 48};
   sum.add({1, 12, 40});
   CHECK(sum.cost_bits == 88);
@@ -299,7 +299,7 @@ TEST_CASE("inspect: --verify finds what checksums cannot", "[inspect][verify]") 
   });
   CHECK(mentions(failures_of(path), "in no chunk: found 7"));
 
-  // Bytes of an index stream: an index past the vertices, or slack that is not zero.
+  // Errors in an index stream: an index past the vertices, or slack that is not zero.
   rewrite(file, path, [&](format::TableSet& tables, auto& pages) {
     for (size_t i = 0; i < 16; ++i) pages[page][tables.chunks[0].offset + i] = std::byte{0xff};
   });

@@ -16,7 +16,7 @@ struct ImageSize {
   uint32_t height;
 };
 
-/// Camera `number` from between a scene's first view and its last, somewhere about what those look at. Every fifth is
+/// Camera `number`, from somewhere between a scene's first and last view, looking near their targets. Every fifth is
 /// orthographic, every ninth has the size `tall`.
 inline kernels::View random_view(const synth::Scene& scene, std::mt19937& random, int number, ImageSize wide,
                                  ImageSize tall) {

@@ -1,4 +1,4 @@
-// A .scree file that gets shorter while it is drawn: one line, exit code 2, and nothing written.
+// A .scree file that is truncated while it is drawn: one line, exit code 2, and no output.
 #include <fcntl.h>
 #include <sys/wait.h>
 #include <unistd.h>
@@ -37,7 +37,7 @@ namespace {
 
 using Clock = std::chrono::steady_clock;
 
-// Of what takes seconds on a quiet machine.
+// For work that takes seconds on an idle machine.
 constexpr std::chrono::seconds kDeadline{120};
 
 std::string line_of(const std::string& file, const std::string& command = "render") {
@@ -45,7 +45,7 @@ std::string line_of(const std::string& file, const std::string& command = "rende
          ": cannot read: the file was cut short while it was read, or its disk failed (SIGBUS)\n";
 }
 
-/// A square of triangles with corners in places that nothing compresses.
+/// A square of triangles with incompressible corner positions.
 void write_noise(const std::string& path) {
   constexpr uint32_t kSide = 500;
   std::mt19937 random(7);
@@ -66,13 +66,13 @@ void write_noise(const std::string& path) {
   maker.finish();
 }
 
-/// Cuts the last byte, of the table of contents, which is not needed any more once a file is open: no read meets the
-/// file's end.
+/// Cuts the last byte, which belongs to the table of contents. That is not needed once a file is open, so no read
+/// reaches the file's end.
 void cut_last_byte(const std::string& path) {
   std::filesystem::resize_file(path, std::filesystem::file_size(path) - 1);
 }
 
-/// Some megabytes, in chunks that are streamed one by one, and the program drawing them until something ends it.
+/// Some megabytes, in chunks that are streamed one by one, and the program drawing them until it ends.
 class CutFile {
  public:
   explicit CutFile(int zstd_level, convert::Encoding encoding = convert::Encoding::kClustered) {
@@ -92,19 +92,20 @@ class CutFile {
 
   uint64_t bytes_but_the_last() const { return std::filesystem::file_size(path()) - 1; }
 
-  /// All but the last page, and that page's first byte.
+  /// Offset of the last page, plus one byte.
   uint64_t bytes_to_the_last_page() const {
     constexpr uint64_t kPageBytes = 4096;
     return bytes_but_the_last() / kPageBytes * kPageBytes + 1;
   }
 
-  /// `words`: of a command that writes outputs of its own to the folder. Cuts to so many bytes when half of the work is
-  /// done that the command takes.
+  /// `words`: a command that writes its own outputs to the folder. Truncates the file to that many bytes when half of
+  /// the command's work is done.
   void cut_halfway(const std::vector<std::string>& words, double seconds_of_all, uint64_t to_bytes) const {
     must_end(words, seconds_of_all / 2, to_bytes);
   }
 
-  /// `words`: of render, beside the file and its picture. Cuts once frames follow each other, to nothing and to a half.
+  /// `words`: of render, in addition to the file and its picture. Truncates the file once frames are drawn one after
+  /// another, to nothing and to half.
   void cut_while_drawn(const std::vector<std::string>& words) const {
     const auto command = [&](const char* frames, const std::string& picture) {
       std::vector<std::string> all{"render",  path(),   "-o",      picture,    "--force",
@@ -112,7 +113,7 @@ class CutFile {
       all.insert(all.end(), words.begin(), words.end());
       return all;
     };
-    // What comes before the second frame takes less than the whole of a run that draws one.
+    // The time before the second frame is less than that of a complete run with one frame.
     const std::string once = folder_.file("once.png");
     const ProgramRun one = run_program(command("1", once), folder_.file("log"));
     INFO(one.output);
@@ -127,7 +128,7 @@ class CutFile {
   }
 
  private:
-  /// Cuts to so many bytes after so many seconds of processor time.
+  /// Truncates the file to that many bytes after that many seconds of processor time.
   void must_end(const std::vector<std::string>& command, double seconds, uint64_t to_bytes) const {
     const pid_t child = start_program(command, folder_.file("log"));
     const auto deadline = Clock::now() + kDeadline;
@@ -153,7 +154,7 @@ class CutFile {
     return read_whole("/proc/" + std::to_string(process) + "/maps").find(path()) != std::string::npos;
   }
 
-  /// Of processor time, user and system.
+  /// Processor time, user and system.
   static double seconds_of(pid_t process) {
     const std::string text = read_whole("/proc/" + std::to_string(process) + "/stat");
     unsigned long user = 0, system = 0;
@@ -174,14 +175,14 @@ class CutFile {
   TempFolder folder_;
 };
 
-/// What a child process wrote to stderr until it ended, and how it ended.
+/// A child process's output on stderr until it ended, and how it ended.
 struct ChildEnd {
   int status = 0;
   std::string errors;
 };
 
-/// Runs `body` in a child, which its alarm ends where nothing else does. `meanwhile` runs here once the child has
-/// called the function that its body is given; `child`: its number.
+/// Runs `body` in a child process, with an alarm as the last resort to end it. `meanwhile` runs here once the child has
+/// called the function that its body gets; `child`: its process id.
 template <class Body, class Meanwhile>
 ChildEnd run_child(pid_t& child, const Body& body, const Meanwhile& meanwhile) {
   int errors[2], ready[2];
@@ -211,7 +212,7 @@ ChildEnd run_child(pid_t& child, const Body& body, const Meanwhile& meanwhile) {
   return end;
 }
 
-/// Writes to a pipe until it takes no more; whoever writes then waits.
+/// Writes to a pipe until it is full; further writers then wait.
 void fill(int pipe_end) {
   const int flags = ::fcntl(pipe_end, F_GETFL);
   ::fcntl(pipe_end, F_SETFL, flags | O_NONBLOCK);
@@ -230,7 +231,7 @@ uint64_t sleeping_threads(pid_t process) {
   return count;
 }
 
-/// Frames from a pool that holds a third of the chunks, until something ends the process.
+/// Draws frames from a pool that holds a third of the chunks, until something ends the process.
 template <class Ready>
 void stream_frames(const std::string& path, const Ready& ready) {
   const Result<runtime::Scene> scene = runtime::Scene::open(path, {.threads = 2, .pages = false});
@@ -261,8 +262,8 @@ TEST_CASE("a file cut short while it is drawn ends in one line and exit code 2",
       .cut_while_drawn({"--backend", "cpu", "--threads", "4"});
 }
 
-// Frames go on, of what is in memory: unpacked copies of compressed pages and copies of tables, or zeros behind the end
-// within the last page. What ends them is a look at the file's size before a picture is written.
+// Frames continue from memory: unpacked copies of compressed pages and copies of tables, or zeros behind the end within
+// the last page. The check of the file's size before a picture is written ends them.
 TEST_CASE("a file cut short where no frame reads it any more ends in the same line", "[render][cut]") {
   enum class Left { kAllButAByte, kToTheLastPage, kNothing };
   const auto [zstd_level, left] =
@@ -329,7 +330,7 @@ TEST_CASE("a file cut within its last page while a report of it is printed is an
   cookie_io_functions_t cuts{};
   cuts.write = [](void* cookie, const char*, size_t size) {
     auto& once = *static_cast<Cut*>(cookie);
-    if (!std::exchange(once.is_done, true)) cut_last_byte(once.path);  // as the first words come
+    if (!std::exchange(once.is_done, true)) cut_last_byte(once.path);  // when the first bytes arrive
     return static_cast<ssize_t>(size);
   };
   std::FILE* const out = fopencookie(&cut, "w", cuts);
@@ -366,7 +367,7 @@ TEST_CASE("a file cut short while a GPU is streamed to ends in one line and exit
   const ProgramRun refused = run_program(
       {"render", file.path(), "--backend", "cuda", "--device-memory", "1", "-o", file.folder().file("refused.png")},
       file.folder().file("log"));
-  // A third of the chunks has room then.
+  // Leaves room for a third of the chunks.
   const uint64_t budget = least_device_memory(refused.output) + std::filesystem::file_size(file.path()) / 3;
   file.cut_while_drawn({"--backend", "cuda", "--device-memory", std::to_string(budget), "--host-memory", "0"});
 }
@@ -376,7 +377,7 @@ TEST_CASE("threads that meet a file's new end at once say it once", "[render][cu
   const TempFolder folder;
   const std::string path = folder.write("cut.bin", std::string(kThreads << 16, 'x'));
   pid_t process = -1;
-  // stderr is a full pipe, so that the first cannot say it before the last is there.
+  // stderr is a full pipe, so the first thread cannot print before the last one arrives.
   const ChildEnd end = run_child(
       process,
       [&](const auto& ready) {

@@ -1,5 +1,5 @@
-// What the CPU leaves out of the measured scenes never shows: A to D as convert packs them, at a share of their
-// triangles.
+// Culling on the CPU never removes anything visible from the measured scenes: A to D as packed by convert, with a share
+// of their triangles.
 #include <cstdint>
 #include <random>
 

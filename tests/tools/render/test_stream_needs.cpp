@@ -1,5 +1,5 @@
-// What a frame that is streamed loads beside what its picture needs, where most of a scene hides: C, as convert packs
-// it, at a share of its triangles but in as many chunks as the whole has.
+// The bytes that a streamed frame loads, compared with the bytes that its picture needs, in a scene that is mostly
+// hidden: C as packed by convert, with a share of its triangles but as many chunks as the whole scene.
 #include <cstdint>
 #include <vector>
 
@@ -41,8 +41,8 @@ TEST_CASE("a streamed frame loads little beside what its picture needs, a still 
       REQUIRE(stats);
       INFO("frame " << frame << ": " << stats->needed_bytes << " of " << stats->streamed_bytes << " bytes were needed, "
                     << stats->seen_bytes << " in the view, " << bytes << " in all");
-      // Of all of C in 3840 x 2160 a first frame loads 1.05 of what it needs; here 1.08 and 1.18, and 2.2 and 3.8 were
-      // it to load whatever is in the view.
+      // For the whole of C in 3840 x 2160, a first frame loads 1.05 times the bytes that it needs; here 1.08 and 1.18
+      // times. Loading everything in the view would give 2.2 and 3.8.
       CHECK(stats->streamed_bytes <= stats->needed_bytes / 4 * 5);
       if (frame > 0) CHECK(stats->streamed_bytes == stats->needed_bytes);
       CHECK(stats->streamed_bytes > 0);

@@ -1,5 +1,5 @@
-// The rounds in which a GPU decodes JPEG textures: tried on the CPU with caches of every size, and then on the GPU. The
-// picture is that of textures decoded whole, pixel for pixel.
+// The rounds in which a GPU decodes JPEG textures: first on the CPU with caches of every size, then on the GPU. The
+// picture equals that of completely decoded textures, pixel for pixel.
 #include <algorithm>
 #include <array>
 #include <set>
@@ -32,7 +32,7 @@ using tests::TempFolder;
 
 namespace {
 
-/// As pixels are shaded on a CPU.
+/// Shades pixels as on a CPU.
 struct OneLane {
   static constexpr bool kMakesTransforms = true;
 
@@ -50,7 +50,7 @@ std::vector<JpegLevel> levels_of(const runtime::Scene& scene) {
   return levels;
 }
 
-/// A texture cache in host memory, and what kernels/cuda/texture_cache.cu does with one.
+/// A texture cache in host memory, used as in kernels/cuda/texture_cache.cu.
 class HostCache {
  public:
   HostCache(std::vector<JpegLevel> levels, uint64_t bytes, uint32_t slot_bytes) : levels_(std::move(levels)) {
@@ -104,12 +104,12 @@ class HostCache {
   }
 
  private:
-  /// Between rounds nothing is asked for, and the samples under every key are its group's.
+  /// Between rounds there are no requests, and the samples under every key belong to its group.
   void check() const {
     CHECK(std::all_of(wanted_.begin(), wanted_.end(), [](uint64_t key) { return key == TextureCache::kNoKey; }));
     std::vector<uint8_t> expected(cache_.slot_bytes);
     uint64_t wrong = 0;
-    // A prime step: some of a large cache, all of a small one.
+    // A prime step: checks some slots of a large cache, all slots of a small one.
     const size_t step = keys_.size() > 64 ? 37 : 1;
     for (size_t slot = 0; slot < keys_.size(); slot += step) {
       if (keys_[slot] == TextureCache::kNoKey) continue;
@@ -141,7 +141,7 @@ runtime::CameraOptions camera_of(uint32_t width) {
   return camera;
 }
 
-/// From afar, near, and a jump to close above one corner and back.
+/// From far away, near, and a jump to close above one corner and back.
 std::vector<kernels::View> views_of(const runtime::Scene& scene) {
   std::vector<kernels::View> views;
   const auto add = [&](const runtime::CameraOptions& camera) {
@@ -171,7 +171,7 @@ std::vector<uint64_t> draw(const runtime::Scene& scene, const kernels::View& vie
   return samples;
 }
 
-/// With textures decoded whole.
+/// The picture with completely decoded textures.
 std::vector<uint8_t> resolve_whole(const kernels::ShadeInputs& in, uint32_t side,
                                    const std::vector<uint64_t>& samples) {
   const kernels::PixelTiles tiles{static_cast<uint32_t>(in.view.width) / side, 0,
@@ -210,14 +210,14 @@ TEST_CASE("rounds of decoding give the picture of whole textures, in caches of a
       HostCache cache(levels_of(scene), slots * slot_bytes, slot_bytes);
       CHECK(cache.view().slot_count <= slots);
       CHECK(cache.view().slot_count + TextureCache::kWays > slots);
-      uint64_t left = 0;  // tiles whose pixels decoded for themselves
+      uint64_t left = 0;  // tiles whose pixels decoded by themselves
       for (size_t i = 0; i < views.size(); ++i) {
         INFO(slots << " slots, " << threads << " threads, view " << i);
         const kernels::ShadeInputs in = make_shade_inputs(scene.view(), views[i], {}, nullptr, &srgb, nullptr);
         CHECK(cache.resolve(in, 1, samples[i], threads) == expected[i]);
         left += cache.counters().back().tiles;
         if (slots < 100000) continue;
-        // All of it fits: one round of decoding, and none when it was seen before.
+        // Everything fits: one round of decoding, and none if it was used before.
         CHECK(cache.counters()[1].tiles == 0);
         CHECK(cache.counters()[0].decoded == cache.counters()[0].requests);
         CHECK(cache.resolve(in, 1, samples[i], threads) == expected[i]);
@@ -225,7 +225,7 @@ TEST_CASE("rounds of decoding give the picture of whole textures, in caches of a
       }
       if (slots < 10) CHECK(left > 0);
       if (slots == 100000) CHECK(left == 0);
-      if (views[0].width % 2 == 0 && threads == 4) {  // four samples a pixel
+      if (views[0].width % 2 == 0 && threads == 4) {  // four samples per pixel
         const kernels::ShadeInputs in = make_shade_inputs(scene.view(), views[0], {}, nullptr, &srgb, nullptr);
         const kernels::ShadeInputs of_whole = make_shade_inputs(whole.view(), views[0], {}, nullptr, &srgb, nullptr);
         CHECK(cache.resolve(in, 2, samples[0], threads) == resolve_whole(of_whole, 2, samples[0]));
@@ -253,7 +253,7 @@ TEST_CASE("a texture cache keeps what was seen, and gives up what was seen longe
                            TextureCache::wanted_for(kSlots)};
   const auto allocate_slot = [&](uint64_t key, uint32_t now) { return cache.allocate_slot({key, 0, 0}, now); };
   uint32_t placed = 0;
-  // Level numbers and groups of more than 20 bits stay apart.
+  // Level numbers and groups of more than 20 bits stay distinct.
   const auto key_of = [](uint32_t i) { return TextureCache::key_of(0xfff00000u + i % 3, 0xffffff00u - i / 3); };
   for (uint32_t i = 0; i < kSlots; ++i) {
     const uint32_t slot = allocate_slot(key_of(i), 1);
@@ -261,16 +261,16 @@ TEST_CASE("a texture cache keeps what was seen, and gives up what was seen longe
     ++placed;
     CHECK(cache.find(key_of(i)) == slot);
   }
-  CHECK(placed > kSlots * 3 / 4);  // of two sets of eight each
+  CHECK(placed > kSlots * 3 / 4);  // two sets of eight slots per key
   std::set<uint64_t> kept;
   for (uint32_t i = 0; i < kSlots; i += 2)
     if (cache.lookup(key_of(i), 2) != nullptr) kept.insert(key_of(i));
-  // Round 2 asks for twice as much as there is room: what it saw stays.
+  // Round 2 requests twice as much as there is room for; what the round used stays.
   for (uint32_t i = 1000; i < 1000 + 2 * kSlots; ++i) (void)allocate_slot(key_of(i), 2);
   for (const uint64_t key : kept) CHECK(cache.find(key) != TextureCache::kNoSlot);
   CHECK(allocate_slot(key_of(5000), 2) == TextureCache::kNoSlot);
   for (uint32_t i = 1; i < kSlots; i += 2) CHECK(cache.find(key_of(i)) == TextureCache::kNoSlot);
-  // Of two stamps in a set the older one goes.
+  // The older one of two stamps in a set is evicted.
   const uint64_t key = key_of(6000);
   const uint64_t spread_key = TextureCache::spread(key);
   for (uint32_t slot = 0; slot < kSlots; ++slot) stamps[slot] = 7;
@@ -344,7 +344,7 @@ TEST_CASE("the GPU draws JPEG textures as if they were decoded whole, with cache
       if (tests::kEmulatesGpu && bytes != 8 * slot_bytes && bytes != runtime::kDeviceTextureCache) continue;
       auto device = runtime::DeviceScene::upload(scene, 0, 2, runtime::Reading::kAuto, bytes);
       if (!device) FAIL(device.error().message);
-      uint64_t most_left = 0;  // tiles that decoded for themselves
+      uint64_t most_left = 0;  // tiles that decoded by themselves
       for (uint32_t frame = 0; frame < 2 * views.size(); ++frame) {
         INFO(input << ", " << bytes << " bytes, frame " << frame);
         const kernels::View& view = views[frame % views.size()];
@@ -366,12 +366,12 @@ TEST_CASE("the GPU draws JPEG textures as if they were decoded whole, with cache
           if (bytes == runtime::kDeviceTextureCache) CHECK((*counts)->tiles == 0);
         }
         if (bytes != runtime::kDeviceTextureCache) continue;
-        // What was looked at twice is there: nothing is decoded.
+        // Blocks used twice are in the cache: nothing is decoded.
         const auto again = runtime::Frame::draw(scene, view, 1, 2, &*device);
         REQUIRE(again);
         REQUIRE(again->shade({}, 2));
         CHECK((*device->texture_counts())->asked == 0);
-        // And it is the CPU's picture, to a level.
+        // It equals the CPU's picture to one level.
         const auto on_cpu = runtime::Frame::draw(scene, view, 1, 2);
         REQUIRE(on_cpu);
         const auto cpu_pixels = on_cpu->shade({}, 2)->pixels;

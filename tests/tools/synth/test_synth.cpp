@@ -1,4 +1,4 @@
-// The measured scenes are their definition bit for bit; the files say so, for any number of threads, or are not there.
+// The measured scenes equal their definition bit for bit, and the files equal them for any number of threads.
 #include "tools/synth/synth.h"
 
 #include <sys/resource.h>
@@ -35,7 +35,7 @@ SynthOptions scene_options(const char* scene, MeshOrder order = MeshOrder::kRow)
   return options;
 }
 
-/// The sums of the definition: scene, order, positions, indices.
+/// The sums of the definition, by scene and order: positions, indices.
 struct Expected {
   const char* scene;
   MeshOrder order;
@@ -163,7 +163,7 @@ TEST_CASE("a written scene holds the definition's vertices, indices, instances a
     const bool zorahlike = name[0] == 'C', hall = name[0] == 'D';
     const MeshOrder order = hall ? MeshOrder::kRow : MeshOrder::kBlock;
     SynthOptions options = scene_options(name, order);
-    options.scale = zorahlike ? 1e-9 : 0.0001;  // C: 8 quads a side
+    options.scale = zorahlike ? 1e-9 : 0.0001;  // C: 8 quads per side
     if (hall) options.scale = 1;
     options.checks = true;
     options.output = folder.file(std::string(name) + ".gltf");
@@ -176,7 +176,7 @@ TEST_CASE("a written scene holds the definition's vertices, indices, instances a
     const Document document(options.output);
     CHECK(report->file_bytes == document.buffer.size() + std::filesystem::file_size(options.output));
 
-    // The sums over what lies in the file.
+    // The sums over the file's content.
     uint64_t position_sum = 0, index_sum = 0;
     bool bounds_right = true, indices_right = true;
     for (size_t m = 0; m < scene.meshes.size(); ++m) {
@@ -211,7 +211,7 @@ TEST_CASE("a written scene holds the definition's vertices, indices, instances a
     CHECK(position_sum == report->position_sum);
     CHECK(index_sum == report->index_sum);
 
-    // The nodes: one root that turns z up to y up, then instances and cameras.
+    // The nodes: one root that converts z up to y up, then instances and cameras.
     const json& nodes = document.root["nodes"];
     REQUIRE(document.root["scenes"][0]["nodes"] == json{0});
     const Matrix root = node_matrix(nodes[0]);
@@ -257,12 +257,12 @@ TEST_CASE("smaller versions keep the instances and the view", "[synth]") {
   CHECK(quarter.unique_triangles() == 399513600 / 4);
   const Scene tiny = terrain_scene(MeshOrder::kRow, 0.0001);
   CHECK(tiny.meshes[0].n == 40);  // 40.8
-  // The last corner lies where it lies at full scale, within the grid's jitter.
+  // The last corner lies where it does at full scale, within the grid's jitter.
   const MeshRecipe& tile = tiny.meshes.back();
   const Float3 corner = vertex_position(tile, static_cast<uint32_t>(vertex_count(tile) - 1));
   CHECK(corner.x * tiny.instances.back().matrix[0] == Approx(1020).margin(2));
   CHECK(corner.y * tiny.instances.back().matrix[5] == Approx(765).margin(2));
-  // The close-up eye stays above the ground of its own terrain.
+  // The close-up camera stays above the ground of its own terrain.
   const double stretch = 4080.0 / 40;
   const Double3 ground =
       terrain_position(static_cast<int>(std::lround(4800 / stretch)), static_cast<int>(std::lround(3200 / stretch)));
@@ -389,7 +389,7 @@ TEST_CASE("the slope", "[synth]") {
     }
     CHECK(largest == vertices - 1);
   }
-  // Rocks turn their front outwards: the signed volume is positive.
+  // Rocks have their front faces outside: the signed volume is positive.
   for (const size_t m : {size_t{0}, size_t{5}}) {
     const json& primitive = document.root["meshes"][m]["primitives"][0];
     const std::vector<float> p = document.values<float>(primitive["attributes"]["POSITION"], 3);
@@ -433,7 +433,7 @@ TEST_CASE("textures tile", "[synth]") {
        {TextureKind::kGranite, TextureKind::kSandstone, TextureKind::kSlate, TextureKind::kGround}) {
     constexpr uint32_t kSize = 256;
     const std::vector<uint8_t> rgb = make_texture(kind, kSize, 2);
-    // Neighbours across the border differ no more than neighbours inside do.
+    // Neighbours across the border differ no more than neighbours inside.
     const auto step = [&](uint32_t x0, uint32_t x1, bool transposed) {
       double sum = 0;
       for (uint32_t i = 0; i < kSize; ++i)
@@ -448,7 +448,7 @@ TEST_CASE("textures tile", "[synth]") {
       double inside = 0;
       for (uint32_t x = 0; x + 1 < kSize; ++x) inside += step(x, x + 1, transposed) / (kSize - 1);
       CHECK(step(kSize - 1, 0, transposed) < inside * 1.4);
-      CHECK(step(kSize / 2, 0, transposed) > inside * 1.05);  // else the test could not fail
+      CHECK(step(kSize / 2, 0, transposed) > inside * 1.05);  // otherwise the test could not fail
     }
   }
 }

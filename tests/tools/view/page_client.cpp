@@ -87,7 +87,7 @@ PageClient::~PageClient() {
 void PageClient::send_raw(std::string_view bytes) {
   while (!bytes.empty()) {
     const ssize_t sent = ::send(socket_, bytes.data(), bytes.size(), MSG_NOSIGNAL);
-    if (sent <= 0) return;  // the other side has closed: what comes back says why
+    if (sent <= 0) return;  // the other side has closed; its answer gives the reason
     bytes.remove_prefix(static_cast<size_t>(sent));
   }
 }

@@ -1,5 +1,5 @@
-// scree view as a process, and what a page does, done without one: HTTP and WebSocket by hand, so that a test can also
-// do them wrong.
+// scree view as a process, and a client that does a page's HTTP and WebSocket by hand, so that a test can also do them
+// wrong.
 #pragma once
 
 #include <chrono>
@@ -16,7 +16,7 @@
 
 namespace scree::tests {
 
-/// A small scene, packed; `scree view` of it on a free port of 127.0.0.1. The test fails where it does not start.
+/// A small packed scene, and `scree view` of it on a free port of 127.0.0.1. The test fails if it does not start.
 class ViewProcess {
  public:
   explicit ViewProcess(const std::vector<std::string>& more_words = {});
@@ -34,7 +34,7 @@ class ViewProcess {
   uint64_t resident() const;
 
   struct End {
-    int exit_code = -1;  // -1: by a signal
+    int exit_code = -1;  // -1: ended by a signal
     double seconds = 0;  // from the signal on
   };
   End interrupt();
@@ -47,7 +47,7 @@ class ViewProcess {
   uint16_t port_ = 0;
 };
 
-/// A socket to 127.0.0.1 whose reads give up after `patience`.
+/// A socket to 127.0.0.1 whose reads time out after `patience`.
 class PageClient {
  public:
   explicit PageClient(uint16_t port, std::chrono::milliseconds patience = std::chrono::seconds(20));
@@ -56,26 +56,27 @@ class PageClient {
   ~PageClient();
 
   void send_raw(std::string_view bytes);
-  /// What comes until the other side closes or nothing comes any more.
+  /// All bytes until the other side closes or a read times out.
   std::string read_all();
 
-  /// Sends the upgrade; an empty origin or host: no such header. Returns the HTTP status, 0 where there was no answer.
+  /// Sends the upgrade request. An empty origin or host omits that header. Returns the HTTP status, or 0 without an
+  /// answer.
   int upgrade(const std::string& host, const std::string& origin, const std::string& path = "/ws");
-  /// upgrade() with the right names, and the token.
+  /// upgrade() with the right host, origin and token.
   void join(const ViewProcess& server);
 
   struct Received {
     bool is_text = false;
-    uint16_t close_code = 0;  // of a close frame, else 0
+    uint16_t close_code = 0;  // of a close frame; else 0
     std::string bytes;
   };
-  /// Masked, as pages send it. `opcode`: 1 text, 2 binary.
+  /// Sends a masked frame, as pages do. `opcode`: 1 text, 2 binary.
   void send(std::string_view message, uint8_t opcode = 1);
-  /// Nothing: the connection broke, or `patience` is over. Pings are answered.
+  /// The next message; nullopt if the connection broke or `patience` is over. Pings are answered.
   std::optional<Received> receive();
-  /// The next text whose type is `type`; the test fails where none comes.
+  /// The next text of that type. The test fails if none comes.
   std::string receive_text(std::string_view type);
-  /// The next picture, its JSON head and its file.
+  /// The next picture: its JSON header and its file.
   struct Picture {
     std::string head;
     std::string file;
@@ -90,11 +91,11 @@ class PageClient {
   int socket_ = -1;
 };
 
-/// The "view" message of a camera in front of the scene.
+/// The "view" message for a camera in front of the scene.
 std::string view_text(uint64_t sequence, uint32_t width, uint32_t height, double eye_x = 0.5, bool moving = false,
                       uint32_t samples = 1);
 
-/// An HTTP request on a connection of its own, whole as it comes back.
+/// Makes an HTTP request on its own connection. Returns the complete response.
 std::string http(uint16_t port, std::string_view request);
 
 }  // namespace scree::tests

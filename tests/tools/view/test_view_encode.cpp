@@ -19,7 +19,7 @@ struct TestPicture {
   PixelView view;
 };
 
-/// Smooth, so that JPEG changes little, with a step from strip to strip that a wrong place would show.
+/// A smooth picture, which JPEG hardly changes, with a step between strips that would reveal a wrong position.
 TestPicture make_picture(uint32_t width, uint32_t height, uint32_t channels) {
   TestPicture out;
   for (uint32_t y = 0; y < height; ++y)
@@ -70,7 +70,7 @@ TEST_CASE("a JPEG in strips is the JPEG of one strip", "[view][view-encode]") {
       REQUIRE(b);
       const Image left = decoded(*a), right = decoded(*b);
       REQUIRE(left.height == height);
-      if (is_sharp) CHECK(left.rgba == right.rgba);  // 4:2:0 is smoothed across what were strips by the decoder alone
+      if (is_sharp) CHECK(left.rgba == right.rgba);  // for 4:2:0 the decoder smooths across the borders of strips
       double squares = 0;
       for (size_t i = 0; i < size_t{width} * height; ++i)
         for (size_t c = 0; c < 3; ++c) squares += std::pow(right.rgba[4 * i + c] - picture.bytes[3 * i + c], 2);
@@ -88,7 +88,7 @@ TEST_CASE("an encoder stops where its picture is no longer wanted", "[view][view
 }
 
 TEST_CASE("quality follows what a link and a renderer take", "[view][view-encode]") {
-  // A picture takes fixed_ms, and more by its pixels and its bytes, which go with its quality.
+  // A picture takes fixed_ms, plus time for its pixels and its bytes; the bytes depend on its quality.
   const auto settle = [](double fixed_ms, double pixel_ms, double byte_ms) {
     Adaptation adaptation;
     double now = 1000;
@@ -101,9 +101,9 @@ TEST_CASE("quality follows what a link and a renderer take", "[view][view-encode
     }
     return adaptation.level();
   };
-  CHECK(settle(5, 5, 5) == 0);     // fast everywhere: the best
+  CHECK(settle(5, 5, 5) == 0);     // fast everywhere: the best quality
   CHECK(settle(10, 200, 0) >= 2);  // a slow renderer: fewer pixels
   CHECK(settle(10, 200, 0) <= 4);
-  CHECK(settle(10, 10, 1500) == 5);  // a slow link: the least
-  CHECK(settle(200, 1, 1) <= 1);     // neither pixels nor bytes: a good picture comes no later
+  CHECK(settle(10, 10, 1500) == 5);  // a slow link: the lowest quality
+  CHECK(settle(200, 1, 1) <= 1);     // neither pixels nor bytes matter: a good picture is as fast
 }

@@ -19,7 +19,7 @@ using scree::tests::SmallScene;
 
 namespace {
 
-/// A page that keeps what it is told.
+/// A page that records its messages.
 class Page : public ViewerLink {
  public:
   void send_text(std::string text) override {
@@ -34,7 +34,7 @@ class Page : public ViewerLink {
     pictures_.emplace_back(bytes + 4, head);
     changed_.notify_all();
   }
-  /// The head of picture number `index`; empty where it does not come in time.
+  /// The header of picture number `index`; empty if it does not arrive in time.
   std::string picture(size_t index, std::chrono::milliseconds patience = 20s) {
     std::unique_lock lock(mutex_);
     changed_.wait_for(lock, patience, [&] { return pictures_.size() > index; });
@@ -94,14 +94,14 @@ TEST_CASE("a hub draws the newest camera, then the picture at rest, then more sa
   REQUIRE(page->picture(0).find("\"seq\":1,") != std::string::npos);
   for (uint64_t i = 2; i <= 30; ++i) hub.receive(number, request(i, 0.01 * static_cast<double>(i)));
   REQUIRE(!page->picture(1).empty());
-  CHECK(page->picture(2, 300ms).empty());  // two are on their way
+  CHECK(page->picture(2, 300ms).empty());  // two are in flight
   size_t count = 2;
   for (size_t i = 0; i < count; ++i) {
     hub.receive(number, Ack{frame_of(page->picture(i))});
-    if (!page->picture(count, 600ms).empty()) ++count;  // longer than a picture at rest waits
+    if (!page->picture(count, 600ms).empty()) ++count;  // longer than the delay of a picture at rest
   }
   REQUIRE(count >= 4);
-  CHECK(count <= 5);  // between the first and the last camera at most one was drawn
+  CHECK(count <= 5);  // at most one was drawn between the first and the last camera
   const std::string exact = page->picture(count - 2), finer = page->picture(count - 1);
   for (const std::string& head : {exact, finer}) {
     CHECK(head.find("\"seq\":30,") != std::string::npos);
@@ -110,7 +110,7 @@ TEST_CASE("a hub draws the newest camera, then the picture at rest, then more sa
   CHECK(exact.find("\"samples\":1,") != std::string::npos);
   CHECK(finer.find("\"samples\":2,") != std::string::npos);
   hub.leave(number);
-  hub.receive(number, request(99, 0));  // nobody's
+  hub.receive(number, request(99, 0));  // the request of no page
   CHECK(hub.stop(5s));
 }
 

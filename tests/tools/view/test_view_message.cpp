@@ -28,7 +28,7 @@ std::string error_of(const std::string& text) {
 }  // namespace
 
 TEST_CASE("a view message is read whole", "[view][view-message]") {
-  const double eye_x = 0.1 + 0.2;  // a double that no short text stands for
+  const double eye_x = 0.1 + 0.2;  // a double without a short decimal form
   const PictureRequest view = must_be_view(view_text(77, 1280, 720, eye_x, true, 4));
   CHECK(view.sequence == 77);
   CHECK(view.camera.eye == scree::runtime::Vec3{eye_x, 0.25, 2.5});

@@ -1,4 +1,4 @@
-// The page in a browser: tests/view/page.mjs, where Node.js, playwright-core and a Chromium are there.
+// The page in a browser: tests/view/page.mjs, if Node.js, playwright-core and a Chromium are available.
 #include <cstdlib>
 #include <string>
 #include <string_view>

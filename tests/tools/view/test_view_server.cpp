@@ -1,4 +1,4 @@
-// scree view over loopback: who is let in, what is answered, and what a bad or slow page may cost.
+// scree view over loopback: access, responses, and the cost of bad or slow pages.
 #include <chrono>
 #include <memory>
 #include <string>
@@ -165,7 +165,7 @@ TEST_CASE("scree view draws what render draws", "[view][view-server]") {
     client.acknowledge(*picture);
   } while (!picture->is_exact());
   const std::vector<uint8_t> empty = rgba_of(picture->file);
-  CHECK(std::equal(empty.begin() + 4, empty.end(), empty.begin()));  // nothing but background
+  CHECK(std::equal(empty.begin() + 4, empty.end(), empty.begin()));  // only background
   client.send("{\"type\":\"pick\",\"id\":4,\"x\":80,\"y\":45}");
   CHECK(holds(client.receive_text("pick"), "\"hit\":false"));
 }
@@ -191,7 +191,7 @@ TEST_CASE("a page that never acknowledges costs the others nothing", "[view][vie
     shown = picture->number("seq");
   }
   CHECK(shown >= 55);
-  // ASan keeps what was freed, up to 256 MiB.
+  // ASan keeps up to 256 MiB of freed memory.
   CHECK(server.resident() < before + (uint64_t{kIsSanitized ? 288 : 32} << 20));
 }
 
@@ -210,7 +210,7 @@ TEST_CASE("scree view ends connections that break its limits, and goes on", "[vi
   CHECK(ended_by([](PageClient& client) {
           for (int i = 0; i < 400; ++i) client.send("{\"type\":\"ack\",\"frame\":1}");
         }) == 4005);
-  // A camera without a direction is answered, not fatal; so are nodes that are not there.
+  // A camera without a direction gets an error and is not fatal; so do nodes that do not exist.
   PageClient client(server.port());
   client.join(server);
   std::string nowhere = view_text(1, 64, 64);
@@ -222,7 +222,7 @@ TEST_CASE("scree view ends connections that break its limits, and goes on", "[vi
   client.send("{\"type\":\"hide\",\"hidden\":[4000000000],\"only\":[]}");
   CHECK(client.receive_picture());
 
-  // More sockets than there may be: the ones too many are closed at once, and room comes back.
+  // More sockets than allowed: the surplus ones are closed at once, and later there is room again.
   {
     std::vector<std::unique_ptr<PageClient>> crowd;
     for (uint32_t i = 0; i < scree::tools::view::kMaxSockets + 6; ++i)
@@ -241,7 +241,7 @@ TEST_CASE("viewers follow each other and Ctrl-C ends scree view within a second"
   CHECK(status_of(get(server, "/scree")) == 308);
   CHECK(status_of(get(server, "/scree/")) == 200);
   CHECK(status_of(get(server, "/scree/main.js")) == 200);
-  CHECK(status_of(get(server, "/main.js")) == 200);  // where the proxy takes the path away
+  CHECK(status_of(get(server, "/main.js")) == 200);  // for a proxy that strips the path
   CHECK(status_of(get(server, "/screen/main.js")) == 404);
   PageClient leader(server.port()), follower(server.port());
   leader.join(server);

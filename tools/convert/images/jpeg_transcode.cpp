@@ -148,7 +148,7 @@ Result<TranscodedJpeg> reencode_jpeg(std::span<const std::byte> file, int qualit
   auto coded = encode_jpeg(*image, quality);
   if (!coded) return coded.error();
   TranscodedJpeg result{std::move(*coded), (verdict.reason.empty() ? "JPEG" : verdict.reason) +
-                                               ", decoded and coded anew with quality " + std::to_string(quality)};
+                                               ", decoded and encoded again with quality " + std::to_string(quality)};
   if (!image->warning.empty()) result.note += "; " + image->warning;
   return result;
 }

@@ -72,7 +72,7 @@ Result<void> EncodeAhead::take_window(const std::vector<Measured>& primitives, c
   const Measured& measured = primitives[window.primitive];
   if (window.first == 0) begin_guess(window, measured);
   if (!guess_) return {};
-  if (!may_be_of(meshes_.back(), window, measured.white)) return drop_guess();
+  if (!fits_guess(meshes_.back(), window, measured.white)) return drop_guess();
   add(window, std::move(held));
   ++guess_->windows;
   return make_room();
@@ -83,7 +83,7 @@ Result<void> EncodeAhead::take_measured(const std::vector<Measured>& primitives,
   if (is_stopped_ || windows.empty()) return {};
   if (!std::ranges::all_of(windows, [&](const WindowPlan& window) { return fits(window); })) return stop();
   const bool is_again = is_repeat(primitives, windows.front().primitive);
-  const Result<uint64_t> first = settle_guess(primitives, windows, is_again);
+  const Result<uint64_t> first = confirm_or_roll_back(primitives, windows, is_again);
   if (!first) return first.error();
   if (is_stopped_) return {};
   if (is_again) {
@@ -131,7 +131,7 @@ void EncodeAhead::begin_guess(const WindowPlan& window, const Measured& measured
   if (measured.content && (!is_group_alone(window.primitive) || !first_windows_.insert(*measured.content).second))
     return;
   std::optional<PlannedMesh> mesh = guess_mesh(options_, scene_, window.primitive, measured.white);
-  if (!mesh || !may_be_of(*mesh, window, measured.white)) return;  // rolling back would wait for everything before it
+  if (!mesh || !fits_guess(*mesh, window, measured.white)) return;  // rolling back would wait for everything before it
   close_batch();
   submit();
   meshes_.push_back(std::move(*mesh));
@@ -146,13 +146,13 @@ void EncodeAhead::mark_guess() {
 }
 
 /// The number of measured windows that are already encoded, if the guess was right.
-Result<uint64_t> EncodeAhead::settle_guess(const std::vector<Measured>& primitives, std::span<const WindowPlan> windows,
-                                           bool is_again) {
+Result<uint64_t> EncodeAhead::confirm_or_roll_back(const std::vector<Measured>& primitives,
+                                                   std::span<const WindowPlan> windows, bool is_again) {
   if (!guess_) return uint64_t{0};
   const uint32_t primitive = windows.front().primitive;
   PlannedMesh mesh = plan_mesh(options_, scene_, primitive, primitives[primitive], false);
-  if (!is_again && may_be_of(meshes_.back(), windows.back(), primitives[primitive].white) &&
-      choose_lattice(options_, scene_, mesh.plan, mesh.record) && is_same(meshes_.back(), mesh)) {
+  if (!is_again && fits_guess(meshes_.back(), windows.back(), primitives[primitive].white) &&
+      choose_lattice(options_, scene_, mesh.plan, mesh.record) && matches_measured(meshes_.back(), mesh)) {
     guessed_windows_ += guess_->windows;
     return std::exchange(guess_, std::nullopt)->windows;
   }

@@ -71,8 +71,8 @@ class EncodeAhead final : public MeasureListener {
   void begin_guess(const WindowPlan& window, const Measured& measured);
   void mark_guess();
   Result<void> drop_guess();
-  Result<uint64_t> settle_guess(const std::vector<Measured>& primitives, std::span<const WindowPlan> windows,
-                                bool is_again);
+  Result<uint64_t> confirm_or_roll_back(const std::vector<Measured>& primitives, std::span<const WindowPlan> windows,
+                                        bool is_again);
   bool fits(const WindowPlan& window) const;
   bool is_group_alone(uint32_t primitive) const;
   bool is_repeat(const std::vector<Measured>& primitives, uint32_t primitive);

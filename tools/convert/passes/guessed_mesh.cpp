@@ -41,16 +41,16 @@ std::optional<PlannedMesh> guess_mesh(const ConvertOptions& options, const Sourc
   // Documents often give boxes with fewer digits than floats have, so accept boxes that are equally good.
   PlannedMesh wide = mesh;
   wide.plan.box = all_of_codes(mesh.plan);
-  if (choose_lattice(options, scene, wide.plan, wide.record) && is_same(mesh, wide)) return wide;
+  if (choose_lattice(options, scene, wide.plan, wide.record) && matches_measured(mesh, wide)) return wide;
   return mesh;
 }
 
-bool may_be_of(const PlannedMesh& guess, const WindowPlan& window, bool white) {
+bool fits_guess(const PlannedMesh& guess, const WindowPlan& window, bool white) {
   const bool has_color = (guess.record.attributes & format::kHasColor) != 0;
   return window.kept == window.count && white != has_color && inside(window.box, guess.plan.box);
 }
 
-bool is_same(const PlannedMesh& guess, const PlannedMesh& measured) {
+bool matches_measured(const PlannedMesh& guess, const PlannedMesh& measured) {
   return std::memcmp(&guess.record, &measured.record, sizeof guess.record) == 0;
 }
 

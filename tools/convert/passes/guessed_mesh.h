@@ -17,9 +17,9 @@ std::optional<PlannedMesh> guess_mesh(const ConvertOptions& options, const Sourc
 
 /// Whether a window of the primitive can be encoded as a window of `guess`. `white`: whether all colours so far are
 /// white. False means that the guess is wrong.
-bool may_be_of(const PlannedMesh& guess, const WindowPlan& window, bool white);
+bool fits_guess(const PlannedMesh& guess, const WindowPlan& window, bool white);
 
 /// Whether windows encoded for `guess` equal windows for `measured` byte for byte, including their log entries.
-bool is_same(const PlannedMesh& guess, const PlannedMesh& measured);
+bool matches_measured(const PlannedMesh& guess, const PlannedMesh& measured);
 
 }  // namespace scree::convert

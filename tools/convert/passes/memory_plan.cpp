@@ -188,7 +188,7 @@ StageLimits MemoryPlan::encode(const std::vector<WindowPlan>& windows) const {
 }
 
 uint64_t MemoryPlan::free_bytes(uint64_t beside) const {
-  tools::give_back_free_memory();  // memory left over from earlier stages would count twice
+  tools::trim_heap();  // memory left over from earlier stages would count twice
   const uint64_t kept = std::max(views_.reader_bytes, std::min(views_.kept_bytes, kept_view_bytes(memory_)));
   const uint64_t taken = tools::memory_use().anonymous + kOtherBytes + kept + views_.place_bytes;
   return memory_ - std::min(memory_, taken + beside);

@@ -179,7 +179,7 @@ void read_entry(uint32_t kind, std::span<const std::byte> entry, Resumed& resume
   }
 }
 
-void settle(Resumed& resumed, uint32_t pages, size_t image_count, size_t window_count) {
+void drop_incomplete_tail(Resumed& resumed, uint32_t pages, size_t image_count, size_t window_count) {
   resumed.pages = 0;
   resumed.whole_windows = resumed.chunks_of_next = 0;
   size_t images = 0;

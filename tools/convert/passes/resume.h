@@ -56,6 +56,6 @@ void read_entry(uint32_t kind, std::span<const std::byte> entry, Resumed& resume
 
 /// Removes everything from `resumed` that is not in the first `pages` pages, which are intact, of a scene of
 /// `image_count` images and `window_count` windows. Sets the point from which to continue.
-void settle(Resumed& resumed, uint32_t pages, size_t image_count, size_t window_count);
+void drop_incomplete_tail(Resumed& resumed, uint32_t pages, size_t image_count, size_t window_count);
 
 }  // namespace scree::convert

@@ -124,6 +124,7 @@ void add_left_out(const LeftOutFacts& facts, format::TableSet& tables) {
   add("NORMAL", normals.count(), normals.bytes(), normal_cost);
   add("COLOR_0 (all white)", white.count(), white.bytes(), white_cost);
   add("primitives no node draws", facts.undrawn, 0, 0);
+  add("primitives their alpha masks hide", facts.clear, 0, 0);
   add("duplicate meshes", repeat_count, repeats.bytes(), repeat_cost);
   add("duplicate images", image_count, image_bytes, image_bytes + sizeof(format::ImageRecord) * image_count);
   add("duplicate textures", facts.merged.textures, 0, sizeof(format::TextureRecord) * facts.merged.textures);

@@ -56,6 +56,7 @@ struct LeftOutFacts {
   uint64_t repaired_uvs = 0;
   uint64_t repaired_colors = 0;
   uint64_t repaired_normals = 0;
+  uint64_t clear = 0;  // primitives that their alpha masks hide entirely
 };
 
 /// Fills left_out and left_out_costs of `tables`, whose meshes and chunks are complete.

@@ -10,6 +10,7 @@
 #include <span>
 #include <string>
 #include <utility>
+#include <variant>
 #include <vector>
 
 #include "format/bytes.h"
@@ -97,8 +98,6 @@ struct Scratch {
   Grouping grouping;
 };
 
-struct Nothing {};
-
 class Sorter {
  public:
   Sorter(const Primitive& primitive, const ScatteredPrimitive& scattered, bool normals, const SortLimits& limits,
@@ -148,9 +147,9 @@ class Sorter {
       const uint64_t first = block * kBlock;
       return work(first, std::min(kBlock, count - first), scratch_[worker]);
     };
-    const auto no_cost = [](uint64_t) { return uint64_t{0}; };
+    const auto zero_cost = [](uint64_t) { return uint64_t{0}; };
     return run_ordered<T>(pool_, (count + kBlock - 1) / kBlock, {kJobsPerThread * pool_.threads(), UINT64_MAX}, run,
-                          no_cost, [&](uint64_t, T result) { return take(std::move(result)); });
+                          zero_cost, [&](uint64_t, T result) { return take(std::move(result)); });
   }
 
   Result<void> read_positions(uint64_t first, uint64_t count, Scratch& s) const {
@@ -280,8 +279,8 @@ class Sorter {
 
   template <class Work>
   Result<void> run_pieces(uint64_t count, Work work) {
-    const auto no_cost = [](uint64_t) { return uint64_t{0}; };
-    return run_ordered<uint64_t>(pool_, count, {kJobsPerThread * pool_.threads(), UINT64_MAX}, work, no_cost,
+    const auto zero_cost = [](uint64_t) { return uint64_t{0}; };
+    return run_ordered<uint64_t>(pool_, count, {kJobsPerThread * pool_.threads(), UINT64_MAX}, work, zero_cost,
                                  [&](uint64_t, uint64_t records) -> Result<void> {
                                    note(records);
                                    return {};
@@ -337,7 +336,7 @@ class Sorter {
   /// the copy's triangles, which keep the source's order until they are sorted.
   Result<void> renumber(uint64_t first, uint64_t count) {
     std::vector<uint32_t> map(count);
-    const auto fill = [&](uint64_t number, uint64_t n, Scratch& s) -> Result<Nothing> {
+    const auto fill = [&](uint64_t number, uint64_t n, Scratch& s) -> Result<std::monostate> {
       s.numbers.resize(n);
       if (const Result<void> read =
               file_->read_at(numbers_offset_ + 4 * number, std::as_writable_bytes(std::span(s.numbers)));
@@ -345,11 +344,11 @@ class Sorter {
         return read.error();
       for (uint64_t i = 0; i < n; ++i)
         if (s.numbers[i] - first < count) map[s.numbers[i] - first] = static_cast<uint32_t>(number + i);
-      return Nothing{};
+      return std::monostate{};
     };
-    const auto nothing = [](Nothing) -> Result<void> { return {}; };
-    if (const Result<void> done = run_blocks<Nothing>(vertices_, fill, nothing); !done) return done;
-    const auto apply = [&](uint64_t triangle, uint64_t n, Scratch& s) -> Result<Nothing> {
+    const auto nothing = [](std::monostate) -> Result<void> { return {}; };
+    if (const Result<void> done = run_blocks<std::monostate>(vertices_, fill, nothing); !done) return done;
+    const auto apply = [&](uint64_t triangle, uint64_t n, Scratch& s) -> Result<std::monostate> {
       if (const Result<void> read = read_corners(triangle, n, s); !read) return read.error();
       s.numbers.resize(3 * n);
       const auto bytes = std::as_writable_bytes(std::span(s.numbers));
@@ -359,9 +358,9 @@ class Sorter {
       for (uint64_t i = 0; i < 3 * n; ++i)
         if (s.corners[i] - first < count) s.numbers[i] = map[s.corners[i] - first];
       if (const Result<void> done = file_->write_at(corners_offset_ + 12 * triangle, bytes); !done) return done.error();
-      return Nothing{};
+      return std::monostate{};
     };
-    return run_blocks<Nothing>(triangles_, apply, nothing);
+    return run_blocks<std::monostate>(triangles_, apply, nothing);
   }
 
   Result<Grouped> group_triangles(uint64_t first, uint64_t count, Scratch& s) {

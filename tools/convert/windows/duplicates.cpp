@@ -38,7 +38,7 @@ std::vector<bool> may_repeat(const SourceScene& scene, const std::vector<bool>& 
     }
     hashes.push_back(hasher.value());
   }
-  std::map<ContentHash, uint32_t> groups;  // how many have these
+  std::map<ContentHash, uint32_t> groups;  // number of groups with these counts
   uint32_t last = kNone;
   for (size_t i = 0; i < wanted.size(); ++i) {
     const uint32_t group = scene.primitives[i].group;
@@ -89,7 +89,7 @@ uint32_t EqualGroups::find_first(const SourceScene& scene, const std::vector<Mea
   bool is_hashed = false;
   ContentHasher hasher;
   for (size_t i = first_primitive; i < scene.primitives.size() && scene.primitives[i].group == group; ++i) {
-    // Either all or none of a group are hashed, as may_repeat() says.
+    // Either all or none of a group are hashed (may_repeat()).
     if (measured[i].triangles == 0 || !measured[i].content) continue;
     is_hashed = true;
     add_value(hasher, measured[i].triangles);

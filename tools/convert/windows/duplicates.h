@@ -1,5 +1,5 @@
-// What a source has more than once is stored once: materials and textures become references to the first equal one,
-// glTF meshes instances of it.
+// Stores repeated parts of a source once: materials and textures become references to the first equal one, glTF meshes
+// become instances of it.
 #pragma once
 
 #include <cstdint>
@@ -12,8 +12,8 @@
 
 namespace scree::convert {
 
-/// Flags for SourceScene::primitives: those of `wanted` whose glTF mesh has as many primitives, triangles and
-/// attributes as another one. Only their content need be hashed to find equal meshes.
+/// Flags for SourceScene::primitives: the ones of `wanted` whose glTF mesh has the same numbers of primitives,
+/// triangles and attributes as another mesh. Only their content must be hashed to find equal meshes.
 std::vector<bool> may_repeat(const SourceScene& scene, const std::vector<bool>& wanted);
 
 struct MergedMaterials {
@@ -21,18 +21,19 @@ struct MergedMaterials {
   uint64_t materials = 0;
 };
 
-/// Makes whatever refers to a material or texture refer to the first one that is equal: in name, all values, and the
-/// image's record (`image_places`, as ImagePlan::places), so that equal images count as one. Counted are those of
+/// Redirects all references to a material or texture to the first equal one. Equal means: the name, all values, and the
+/// image's record (`image_places`, as ImagePlan::places), so that equal images count as one. The counts are over
 /// `materials_used`.
 MergedMaterials merge_materials(SourceScene& scene, const std::vector<bool>& materials_used,
                                 const std::vector<uint32_t>& image_places);
 
-/// Finds equal groups one after the other.
+/// Finds equal groups, one after another.
 class EqualGroups {
  public:
-  /// The first of `group` and the groups asked for before whose measured primitives are the same, one by one:
-  /// triangles, vertices, attributes, materials (merged before). Itself where there is none, or where nothing of it is
-  /// kept. `first_primitive`: of the group; `measured`: as SourceScene::primitives, those of the group known.
+  /// The first group, among `group` and the groups of earlier calls, whose measured primitives are all the same:
+  /// triangles, vertices, attributes, materials (merged before). `group` itself if there is none, or none of its
+  /// triangles are kept. `first_primitive`: of the group. `measured`: as SourceScene::primitives, complete for the
+  /// group.
   uint32_t find_first(const SourceScene& scene, const std::vector<Measured>& measured, uint32_t group,
                       size_t first_primitive);
 
@@ -40,7 +41,7 @@ class EqualGroups {
   std::map<ContentHash, uint32_t> known_;
 };
 
-/// EqualGroups for each of SourceScene::groups.
+/// The first equal group of each of SourceScene::groups.
 std::vector<uint32_t> find_equal_groups(const SourceScene& scene, const Measurement& measurement);
 
 }  // namespace scree::convert

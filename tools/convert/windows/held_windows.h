@@ -10,15 +10,15 @@
 
 namespace scree::convert {
 
-/// How much of them there may be. Thread-safe.
+/// Upper limit of the memory of held windows. Thread-safe.
 class HeldBudget {
  public:
   explicit HeldBudget(uint64_t most_bytes) : most_(most_bytes) {}
 
-  /// From now on there is nothing to be taken.
+  /// Ends the budget: from now on take() returns false.
   void close() { most_.store(0, std::memory_order_relaxed); }
 
-  /// Takes `bytes` where they are left.
+  /// Takes `bytes` if that much is left.
   bool take(uint64_t bytes) {
     if (taken_.fetch_add(bytes, std::memory_order_relaxed) + bytes <= most_.load(std::memory_order_relaxed))
       return true;
@@ -32,16 +32,16 @@ class HeldBudget {
   std::atomic<uint64_t> taken_{0};
 };
 
-/// A place for a window that is loaded with Window::Find::kTriangles.
+/// Memory for a window that is loaded with Window::Find::kTriangles.
 class HeldWindow {
  public:
-  /// `bytes`: at least what the window will take; taken from `budget`, which outlives it.
+  /// `bytes`: at least the window's size; already taken from `budget`, which must outlive this.
   HeldWindow(HeldBudget& budget, uint64_t bytes) : budget_(budget), bytes_(bytes) {}
   ~HeldWindow() { budget_.give_back(bytes_); }
   HeldWindow(const HeldWindow&) = delete;
   HeldWindow& operator=(const HeldWindow&) = delete;
 
-  /// Takes the window in, and gives back what it does not need.
+  /// Moves the window's content here, and gives back unneeded bytes.
   void keep(Window& window) {
     content = window.release();
     const uint64_t needed = std::min(bytes_, sizeof *this + content.bytes());

@@ -1,6 +1,6 @@
-// Whether triangles that lie together in the source use vertices that lie together there. Where they do not, windows in
-// the source's order share no vertices, and each reads all of them: time grows with the square of the primitive, and
-// every vertex is stored in many chunks. Such a primitive is sorted first (sort_primitive.h).
+// Detects whether neighbouring triangles of the source use neighbouring vertices. If they do not, windows in the
+// source's order share no vertices, and each reads all of them. Then the time is quadratic in the size of the
+// primitive, and every vertex is stored in many chunks. Such a primitive is sorted first (sort_primitive.h).
 #pragma once
 
 #include <algorithm>
@@ -9,8 +9,8 @@
 
 namespace scree::convert {
 
-/// Vertices that reading those of an ascending list takes: gaps of up to a page of positions are read with them,
-/// however the accessor lies.
+/// Number of vertices that are read for an ascending list: gaps of up to a page of positions are read too, for any
+/// layout of the accessor.
 inline uint64_t vertices_read(std::span<const uint32_t> ascending) {
   constexpr uint32_t kGap = 4096 / 12;
   uint64_t count = ascending.size();
@@ -21,20 +21,20 @@ inline uint64_t vertices_read(std::span<const uint32_t> ascending) {
   return count;
 }
 
-/// Vertices read per triangle from which on sorting takes less time than reading: 100 MB of positions a window, twice.
-/// In order it is 0.5 to 1, and 3 where no vertex is shared.
+/// Vertices read per triangle from which on sorting takes less time than reading: 100 MB of positions per window,
+/// twice. In an ordered primitive it is 0.5 to 1, and 3 if no vertex is shared.
 inline constexpr uint64_t kMostVerticesRead = 32;
 
-/// The same from which on a window that shares no vertices is not read before it is known whether it will be sorted.
+/// The same, from which on a window without shared vertices is not read until it is decided whether to sort.
 inline constexpr uint64_t kManyVerticesRead = 4;
 
-/// Vertices per triangle from which on no other primitive's are sorted with them.
+/// Vertices per triangle from which on a primitive is not sorted, because most vertices belong to others.
 inline constexpr uint64_t kMostVertices = 4;
 
-/// What the windows of a primitive use of its vertices.
+/// The windows' use of a primitive's vertices.
 struct VertexUse {
   uint64_t triangles = 0;
-  uint64_t far_triangles = 0;  // of windows that read more than kMostVerticesRead vertices a triangle
+  uint64_t far_triangles = 0;  // of windows that read more than kMostVerticesRead vertices per triangle
   uint64_t distinct = 0;       // vertices of each window, summed
   uint32_t first = UINT32_MAX;
   uint32_t last = 0;
@@ -59,9 +59,9 @@ struct VertexUse {
   /// Vertices from the first to the last.
   uint64_t span() const { return last < first ? 0 : uint64_t{last} - first + 1; }
 
-  /// Whether windows use the vertices more than 1.5 times over (1.0 to 1.1 in order, 2 to 6 in a random one), or most
-  /// of them would read too many. Not where the vertices are much more than the triangles: then most are another
-  /// primitive's.
+  /// Whether windows use the vertices more than 1.5 times (1.0 to 1.1 in order, 2 to 6 in random order), or most
+  /// windows would read too many. False if there are many more vertices than triangles: then most belong to another
+  /// primitive.
   bool has_no_locality() const {
     if (span() > kMostVertices * triangles) return false;
     return 2 * distinct > 3 * span() || 2 * far_triangles > triangles;

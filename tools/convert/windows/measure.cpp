@@ -46,7 +46,8 @@ void add_values(ContentHasher& hasher, std::span<const T> values) {
   hasher.add(std::as_bytes(values));
 }
 
-/// The triangles, whatever number their first vertex has in the source, and the vertices they use.
+/// A hash of the triangles, independent of the number of their first vertex in the source, and of the vertices they
+/// use.
 Result<ContentHash> hash_window(const Primitive& primitive, bool normals, Scratch& scratch) {
   const Window& window = scratch.window;
   ContentHasher hasher;
@@ -66,12 +67,13 @@ Result<ContentHash> hash_window(const Primitive& primitive, bool normals, Scratc
       const Result<void> read = read_vertices(**accessor, window.vertices(), scratch.floats);
       if (!read) return read.error();
     }
-    add_values(hasher, std::span<const float>(scratch.floats));  // of none 0: its count is hashed too
+    add_values(hasher, std::span<const float>(scratch.floats));  // without values nothing is added; their count is
+                                                                 // hashed too
   }
   return hasher.value();
 }
 
-/// What of all windows of a primitive in their order.
+/// Combines the hashes of a primitive's windows, in order.
 ContentHash joined(const ContentHash& before, const ContentHash& window) {
   ContentHasher hasher;
   hasher.add(std::as_bytes(std::span(before)));
@@ -79,15 +81,15 @@ ContentHash joined(const ContentHash& before, const ContentHash& window) {
   return hasher.value();
 }
 
-/// Memory for a window, or null where the budget has no more.
+/// Memory for a window, or null if the budget has no more.
 std::unique_ptr<HeldWindow> reserve(HeldBudget* budget, const Primitive& primitive, const WindowPlan& plan) {
-  constexpr uint64_t kOverhead = 512;  // of a window of few triangles
+  constexpr uint64_t kOverhead = 512;  // for windows of few triangles
   const uint64_t bytes = kOverhead + 20 * plan.count + 16 * std::min(3 * plan.count, primitive.vertex_count());
   if (budget == nullptr || !budget->take(bytes)) return nullptr;
   return std::make_unique<HeldWindow>(*budget, bytes);
 }
 
-/// `may_wait`: vertices that lie too far apart are left unread. `budget`: for windows that are held; may be null.
+/// `may_wait`: vertices that lie too far apart are not read. `budget`: for held windows; may be null.
 Result<WindowFacts> measure_window(const Primitive& primitive, const WindowPlan& plan, const MeasureOptions& options,
                                    bool may_wait, HeldBudget* budget, Scratch& scratch) {
   Window& window = scratch.window;
@@ -150,7 +152,7 @@ class Measurer {
  private:
   Result<void> add_windows(uint32_t primitive) {
     const uint64_t triangles = scene_.primitives[primitive].triangle_count();
-    // meshoptimizer and ChunkRecord count the corners of a chunk in 32 bits.
+    // meshoptimizer and ChunkRecord count a chunk's corners in 32 bits.
     if (options_.whole_meshes && triangles > UINT32_MAX / 3)
       return Error{ErrorCode::kUnsupported, primitive_place(scene_, primitive) + ": " + std::to_string(triangles) +
                                                 " triangles, but one chunk holds at most " +
@@ -163,7 +165,7 @@ class Measurer {
       window.count = std::min(step, triangles - first);
       out_.windows.push_back(window);
     }
-    // A window is put in order whatever it is; and chunks number source triangles in 32 bits.
+    // A single window is ordered in any case, and chunks number source triangles in 32 bits.
     if (options_.may_sort && triangles > step && triangles <= uint64_t{1} << 32) uses_[primitive] = {};
     return {};
   }
@@ -207,8 +209,8 @@ class Measurer {
                                                  take, run_.listener);
   }
 
-  /// Hands on what is measured up to window `end`: the window, or where they are whole with it all that belong
-  /// together.
+  /// Passes on the results up to window `end`: the window itself, or, if it completes a primitive or group, all windows
+  /// of that.
   Result<void> give(const std::vector<WindowPlan>& windows, uint64_t end) {
     if (waiting_.contains(windows[end - 1].primitive)) return stop_giving();
     if (!is_whole(windows, end)) return listener_->take_window(out_.primitives, windows[end - 1], held_.back());
@@ -226,7 +228,7 @@ class Measurer {
     return listener_->take_measured(out_.primitives, kept, held);
   }
 
-  /// Whether with window `end` - 1 a primitive ends, and a group where they are hashed.
+  /// Whether window `end` - 1 completes a primitive, or a group if it is hashed.
   bool is_whole(const std::vector<WindowPlan>& windows, uint64_t end) const {
     if (end == windows.size()) return true;
     const uint32_t primitive = windows[end - 1].primitive, next = windows[end].primitive;
@@ -256,7 +258,7 @@ class Measurer {
     if (facts.waits) waiting_.insert(plan.primitive);
   }
 
-  /// Primitives without locality are taken out; of the others, those with windows that waited are measured again.
+  /// Removes primitives without locality. Of the others, the ones with windows that waited are measured again.
   Result<void> settle_scattered() {
     std::vector<bool> again(scene_.primitives.size());
     for (const auto& [primitive, use] : uses_) {
@@ -290,12 +292,12 @@ class Measurer {
   const SourceScene& scene_;
   const MeasureOptions& options_;
   const MeasureRun& run_;
-  MeasureListener* listener_;  // null once it was stopped
+  MeasureListener* listener_;  // null after it was stopped
   Measurement out_;
   std::map<uint32_t, VertexUse> uses_;  // of primitives that may be scattered
   std::set<uint32_t> waiting_;          // primitives of windows that waited
   uint64_t done_ = 0;
-  std::vector<std::unique_ptr<HeldWindow>> held_;  // of the windows that the listener has not got
+  std::vector<std::unique_ptr<HeldWindow>> held_;  // windows that the listener has not taken
   std::vector<Scratch> scratch_;
 };
 

@@ -1,5 +1,5 @@
-// The first pass over the source: checks every triangle and position before anything is written, and finds what the
-// lattice and the attributes of each mesh must hold.
+// The first pass over the source: checks every triangle and position before anything is written, and finds the ranges
+// that the lattice and the attributes of each mesh need.
 #pragma once
 
 #include <cstdint>
@@ -20,10 +20,10 @@
 
 namespace scree::convert {
 
-/// Where a window lies, and after measure what it holds.
+/// The location of a window, and after measuring the facts about it.
 struct WindowPlan {
   uint32_t primitive = 0;  // in SourceScene::primitives
-  uint32_t vertices = 0;   // distinct ones used
+  uint32_t vertices = 0;   // number of distinct used vertices
   uint32_t span = 0;       // from the smallest of their numbers to the largest
   uint64_t first = 0;      // source triangle
   uint64_t count = 0;      // source triangles
@@ -31,41 +31,42 @@ struct WindowPlan {
   Box box = empty_box();
 };
 
-/// A primitive after measure.
+/// The facts about a primitive after measuring.
 struct Measured {
   uint64_t triangles = 0;  // kept
   uint64_t dropped_degenerate = 0;
   uint64_t dropped_nonfinite = 0;
-  Box box = empty_box();               // of the vertices its kept triangles use
+  Box box = empty_box();               // of the vertices that its kept triangles use
   bool white = true;                   // every used COLOR_0 is exactly (1, 1, 1, 1)
-  std::optional<ContentHash> content;  // where MeasureOptions::hashed asks: of its triangles and their vertices
+  std::optional<ContentHash> content;  // hash of its triangles and their vertices, if MeasureOptions::hashed requests
+                                       // it
 };
 
-/// A primitive without locality (locality.h): it was not measured, but for dropped_degenerate.
+/// A primitive without locality (locality.h). It was not measured, except for dropped_degenerate.
 struct ScatteredPrimitive {
   uint32_t primitive = 0;
-  uint32_t first_vertex = 0;  // of those it uses
+  uint32_t first_vertex = 0;  // the first that it uses
   uint64_t vertex_count = 0;  // from there to the last one
 };
 
 struct MeasureOptions {
   bool may_sort = false;  // primitives without locality become Measurement::scattered
   bool drop_nonfinite = false;
-  bool whole_meshes = false;  // one window a primitive
-  bool normals = false;       // are content
-  std::vector<bool> hashed;   // a flag a primitive, or empty: none
+  bool whole_meshes = false;  // one window per primitive
+  bool normals = false;       // normals are part of the content
+  std::vector<bool> hashed;   // one flag per primitive; empty: none
 };
 
 struct Measurement {
   std::vector<WindowPlan> windows;   // ordered by primitive, then first; windows that keep no triangle are left out
-  std::vector<Measured> primitives;  // as SourceScene::primitives
+  std::vector<Measured> primitives;  // in the order of SourceScene::primitives
   std::vector<ScatteredPrimitive> scattered;
 };
 
-/// Puts windows in their order.
+/// Sorts windows by primitive, then first triangle.
 void sort_windows(std::vector<WindowPlan>& windows);
 
-/// Consecutive windows that are worked on as one job, so that a scene of a million small meshes is not a million jobs.
+/// Consecutive windows that form one job, so that a scene of a million small meshes is not a million jobs.
 struct Batch {
   uint64_t first = 0;
   uint64_t count = 0;
@@ -73,31 +74,31 @@ struct Batch {
 };
 /// Whether a window may join the windows of a batch.
 bool may_join(const Batch& batch, const WindowPlan& window);
-/// Of the windows from number `first` on.
+/// The batches of the windows from number `first` on.
 std::vector<Batch> make_batches(const std::vector<WindowPlan>& windows, uint64_t first = 0);
 
-/// "city.gltf: mesh 12 primitive 1", in glTF's numbers.
+/// "city.gltf: mesh 12 primitive 1", with glTF's numbers.
 std::string primitive_place(const SourceScene& scene, uint32_t primitive);
 
-/// Takes what is measured while more is being measured, on the same pool.
-class MeasureListener : public Meanwhile {
+/// Receives results while more is being measured, on the same pool.
+class MeasureListener : public OtherResults {
  public:
-  /// Windows are held while it has something left.
+  /// Windows are held as long as it has bytes left.
   virtual HeldBudget& budget() = 0;
 
-  /// A window of a primitive that is not measured whole, or not all of its group is; in order. `primitives`: up to this
-  /// window. What is taken of `held` is not given to take_measured() again. Waits and errors as take_measured().
+  /// Receives a window of a primitive, or of a group, that is not completely measured yet; in order. `primitives`: up
+  /// to this window. A window taken from `held` is not given to take_measured() again. Waits and errors as
+  /// take_measured().
   virtual Result<void> take_window(const std::vector<Measured>& primitives, const WindowPlan& window,
                                    std::unique_ptr<HeldWindow>& held) = 0;
 
-  /// Whole primitives in source order, all of a group at once where they are hashed: `windows` of all of them that keep
-  /// triangles, with what is held of them (or null). `primitives`: as SourceScene::primitives, up to these measured.
-  /// May wait until it has room. An error ends measuring.
+  /// Receives complete primitives in source order; if they are hashed, all of a group at once. `windows`: all of their
+  /// windows that keep triangles. `held`: the held content of each, or null. `primitives`: as SourceScene::primitives,
+  /// measured up to these. May wait until it has room. An error ends measuring.
   virtual Result<void> take_measured(const std::vector<Measured>& primitives, std::span<const WindowPlan> windows,
                                      std::span<std::unique_ptr<HeldWindow>> held) = 0;
 
-  /// The primitive that is being measured will be measured again, so that nothing more is taken. Errors as
-  /// take_measured().
+  /// The current primitive will be measured again, so nothing more may be taken. Errors as take_measured().
   virtual Result<void> stop() = 0;
 };
 
@@ -105,12 +106,12 @@ struct MeasureRun {
   WorkerPool& pool;
   StageTimes& times;
   std::function<void(uint64_t)> progress;  // triangles done so far
-  uint64_t ahead_bytes = 0;                // of the source, that are asked for before they are read
+  uint64_t ahead_bytes = 0;                // of the source, prefetched before they are read
   MeasureListener* listener = nullptr;
 };
 
-/// Measures all `wanted` primitives (others keep 0 triangles). Errors as Window::load with the primitive named, the
-/// first in source order; those of the listener; kUnsupported: a primitive past 2^32 / 3 triangles with whole_meshes.
+/// Measures all `wanted` primitives (others keep 0 triangles). Errors as Window::load with the primitive, for the first
+/// one in source order; errors of the listener; kUnsupported: a primitive past 2^32 / 3 triangles with whole_meshes.
 Result<Measurement> measure(const SourceScene& scene, const std::vector<bool>& wanted, const MeasureOptions& options,
                             const MeasureRun& run);
 

@@ -1,4 +1,4 @@
-// Sorting many small keys without comparing them.
+// Sorts many small keys without comparisons.
 #pragma once
 
 #include <array>
@@ -7,7 +7,7 @@
 
 namespace scree::convert {
 
-/// Sorts by the upper 32 bits, stable, 11 bits a pass. `other`: room for as many, kept for the next call.
+/// Sorts by the upper 32 bits, stable, 11 bits per pass. `other`: a buffer of the same size, kept for the next call.
 inline void sort_by_upper_half(std::vector<uint64_t>& pairs, std::vector<uint64_t>& other) {
   other.resize(pairs.size());
   for (const uint32_t shift : {32u, 43u, 54u}) {

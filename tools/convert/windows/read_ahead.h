@@ -1,4 +1,5 @@
-// Asks the kernel for what will be measured next, so that the disk is busy while all threads compute.
+// Starts the kernel's read-ahead of the data that will be measured next, so that the disk is busy while all threads
+// compute.
 #pragma once
 
 #include <condition_variable>
@@ -12,20 +13,20 @@
 
 namespace scree::convert {
 
-/// A thread that asks for windows in their order, up to a number of bytes ahead of those that were measured. What is
-/// asked for comes into the page cache; nobody need wait for it, and where it does not come nothing changes. A window's
-/// vertices are taken to lie among all as its triangles do.
+/// A thread that requests windows in order, up to a number of bytes ahead of the measured ones. The data go to the page
+/// cache. Nothing waits for them, and nothing changes if they do not arrive. A window's vertices are assumed to have
+/// the same relative position among all vertices as its triangles among all triangles.
 class ReadAhead {
  public:
-  /// `windows` (primitive, first, count are read) and `scene` outlive it. `attributes`: they will be read as well;
-  /// `normals`: these too.
+  /// `windows` (primitive, first and count are used) and `scene` must outlive this. `attributes`: attributes will be
+  /// read too; `normals`: including normals.
   ReadAhead(const SourceScene& scene, const std::vector<WindowPlan>& windows, uint64_t most_bytes, bool attributes,
             bool normals);
   ~ReadAhead();
   ReadAhead(const ReadAhead&) = delete;
   ReadAhead& operator=(const ReadAhead&) = delete;
 
-  /// All windows before number `window` are measured.
+  /// Reports that all windows before number `window` are measured.
   void reached(uint64_t window);
 
  private:

@@ -11,9 +11,9 @@
 namespace scree::convert {
 namespace {
 
-/// A table with a place for every vertex number between the smallest and the largest is used up to this many numbers a
-/// corner. Windows whose vertices are scattered wider have a bit a number, up to a span of kBitmapSpan (12 MiB with the
-/// ranks), and are sorted beyond that: 3 times as slow.
+/// A table with an entry per vertex number, from the smallest to the largest, is used up to this many numbers per
+/// corner. Windows with more scattered vertices use a bitmap, up to a span of kBitmapSpan (12 MiB with the ranks).
+/// Beyond that vertices are sorted, which is 3 times as slow.
 constexpr uint64_t kTableSpanPerCorner = 4;
 constexpr uint64_t kBitmapSpan = uint64_t{1} << 26;
 
@@ -72,7 +72,8 @@ uint64_t WindowContent::bytes() const {
 }
 
 WindowContent Window::release() {
-  // Vertices had a place for every one between the first and the last; and any may have been of a larger window.
+  // The vectors had room for every vertex number between the first and the last, and may have been used for a larger
+  // window.
   const auto shrink = [](auto& values) {
     if (values.capacity() > values.size() + values.size() / 8) values.shrink_to_fit();
   };
@@ -89,7 +90,7 @@ void Window::merge(std::span<const uint32_t> firsts) {
   uint32_t count = 0;
   for (size_t i = 0; i < firsts.size(); ++i) {
     if (firsts[i] != i) {
-      places_[i] = places_[firsts[i]];  // it comes before
+      places_[i] = places_[firsts[i]];  // it precedes i, so its place is known
       continue;
     }
     vertices_[count] = vertices_[i];
@@ -135,7 +136,7 @@ void Window::find_by_bitmap(uint32_t lo, uint64_t span, bool renumber) {
   used_.assign((span + 63) / 64, 0);
   ranks_.resize(used_.size());
   for (const uint32_t index : indices_) used_[(index - lo) / 64] |= uint64_t{1} << ((index - lo) % 64);
-  vertices_.resize(std::min<uint64_t>(span, indices_.size()));  // at most
+  vertices_.resize(std::min<uint64_t>(span, indices_.size()));  // upper bound
   uint32_t count = 0;
   for (size_t word = 0; word < used_.size(); ++word) {
     ranks_[word] = count;
@@ -195,7 +196,7 @@ void Window::find_vertices(bool renumber) {
 }
 
 Result<void> Window::check_positions(const Primitive& primitive, bool drop_nonfinite) {
-  // NaN and infinity have all exponent bits set; a loop without branches, since there is mostly nothing to find.
+  // NaN and infinity have all exponent bits set. The loop has no branches, because there is rarely one to find.
   constexpr uint32_t kExponent = 0x7f800000u;
   uint32_t found = 0;
   for (const float value : positions_) found |= (std::bit_cast<uint32_t>(value) & kExponent) == kExponent ? 1u : 0u;

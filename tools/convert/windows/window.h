@@ -1,5 +1,5 @@
 // A run of a primitive's triangles with the vertices they use, read from the source: the unit of work of measure and
-// encode. The window size is a constant, so that neither threads nor memory show in the bytes of the output.
+// encode. The window size is a constant, so that the output does not depend on threads or memory.
 #pragma once
 
 #include <array>
@@ -15,48 +15,48 @@
 
 namespace scree::convert {
 
-/// Triangles a window: large enough that meshoptimizer sees whole neighbourhoods and a window fills several pages,
-/// small enough that a thread's scratch memory stays below 64 MiB where no vertex is shared.
+/// Triangles per window: large enough that meshoptimizer sees whole neighbourhoods and a window fills several pages,
+/// and small enough that a thread's scratch memory stays below 64 MiB if no vertex is shared.
 inline constexpr uint64_t kWindowTriangles = 262144;
 
-/// What load() found of a window.
+/// The content of a window after load().
 class WindowContent {
  public:
   uint64_t triangle_count() const { return indices_.size() / 3; }
 
-  /// From the smallest vertex number that was read to the largest, both counted; below 2^32.
+  /// From the smallest read vertex number to the largest, both included; below 2^32.
   uint64_t span() const { return span_; }
   uint64_t dropped_degenerate() const { return dropped_degenerate_; }
   uint64_t dropped_nonfinite() const { return dropped_nonfinite_; }
 
-  /// 3 a triangle.
+  /// 3 per triangle.
   std::span<const uint32_t> indices() const { return indices_; }
 
-  /// Whether indices() are places in vertices().
+  /// Whether indices() refer to vertices().
   bool is_renumbered() const { return renumber_; }
 
-  /// Numbers of the used vertices in the source, ascending; all used by the triangles that are kept.
+  /// Source numbers of the used vertices, ascending; the kept triangles use all of them.
   std::span<const uint32_t> vertices() const { return vertices_; }
 
-  /// Whether the vertices lie far from each other in the source, so that their order says nothing of neighbourhood.
+  /// Whether the vertices lie far apart in the source, so that their order does not show neighbourhood.
   bool is_scattered() const { return is_scattered_; }
 
-  /// 3 a vertex, finite.
+  /// 3 per vertex, finite.
   std::span<const float> positions() const { return positions_; }
 
-  /// Places of the kept triangles, 0 the window's first; empty where all are kept.
+  /// Indices of the kept triangles in the window; empty if all are kept.
   std::span<const uint32_t> kept() const { return kept_; }
 
-  /// The number of kept triangle `place` in the source primitive.
+  /// The number in the source primitive of kept triangle `place`.
   uint64_t source_id(uint64_t place) const {
     const uint64_t read = kept_.empty() ? place : kept_[place];
     return numbers_.empty() ? first_ + read : numbers_[read];
   }
 
-  /// The source's numbers of all triangles that were read, of a sorted copy; else empty.
+  /// For a sorted copy: the source's numbers of all triangles that were read; else empty.
   std::span<const uint32_t> numbers() const { return numbers_; }
 
-  /// Memory that it takes.
+  /// Memory of the content, bytes.
   uint64_t bytes() const;
 
  protected:
@@ -67,37 +67,38 @@ class WindowContent {
   bool renumber_ = false;
   bool is_scattered_ = false;
   std::vector<uint32_t> indices_;
-  std::vector<uint32_t> kept_;     // places of the kept triangles; empty where all are
-  std::vector<uint32_t> numbers_;  // of a sorted copy
+  std::vector<uint32_t> kept_;     // indices of the kept triangles; empty if all are kept
+  std::vector<uint32_t> numbers_;  // for a sorted copy
   std::vector<uint32_t> vertices_;
   std::vector<float> positions_;
 };
 
-/// A window and, once it is loaded, its triangles. Reused for one window after the other by one thread; load() keeps
-/// the memory of its vectors.
+/// A window and, once it is loaded, its triangles. A thread reuses it for one window after another; load() keeps the
+/// memory of its vectors.
 class Window : public WindowContent {
  public:
   enum class Find {
-    kVertices,   // the vertices only: indices() are left as in the source
-    kTriangles,  // indices() are places in vertices()
+    kVertices,   // the vertices only: indices() are the source's
+    kTriangles,  // indices() refer to vertices()
   };
 
-  /// Reads triangles [first, first + count) of `primitive` with the positions they use. Dropped and counted: triangles
-  /// with two equal indices of strips and fans (they are how strips are joined and cover nothing), and with
-  /// `drop_nonfinite` those that use a position which is not finite. Errors: those of read_triangles and gather_floats;
-  /// kRange for a position that is not finite ("mesh 3 primitive 0: vertex 5: position (nan, 0, 1) is not finite").
+  /// Reads triangles [first, first + count) of `primitive` with the positions they use. Two kinds of triangles are
+  /// dropped and counted: triangles of strips and fans with two equal indices (they join strips and cover nothing), and
+  /// with `drop_nonfinite` triangles with a non-finite position. Errors of read_triangles and gather_floats; kRange for
+  /// a non-finite position ("mesh 3 primitive 0: vertex 5: position (nan, 0, 1) is not finite").
   Result<void> load(const Primitive& primitive, uint64_t first, uint64_t count, bool drop_nonfinite, Find find);
 
-  /// The two halves of load(): between them vertices(), span() and dropped_degenerate() are known, and nothing of the
-  /// vertices has been read.
+  /// The two halves of load(). Between them vertices(), span() and dropped_degenerate() are known, and no vertex has
+  /// been read.
   Result<void> load_triangles(const Primitive& primitive, uint64_t first, uint64_t count, Find find);
   Result<void> load_positions(const Primitive& primitive, bool drop_nonfinite);
 
-  /// Keeps of every class of equal vertices the first: `firsts` has, for each of vertices(), the place of the first
-  /// equal one, which may be its own. Triangles stay as many and in their order. After load() with kTriangles.
+  /// Keeps the first vertex of every class of equal ones. `firsts`: for each of vertices(), the index of the first
+  /// equal one, which may be its own. The number and order of triangles stay the same. Called after load() with
+  /// kTriangles.
   void merge(std::span<const uint32_t> firsts);
 
-  /// Gives what was loaded away, without memory that it does not need; takes what another window gave.
+  /// release() gives the content away, without unneeded memory. restore() takes the content of another window.
   WindowContent release();
   void restore(WindowContent content) { static_cast<WindowContent&>(*this) = std::move(content); }
 
@@ -109,14 +110,15 @@ class Window : public WindowContent {
   void keep_triangles(const std::vector<bool>& keep);
   Result<void> check_positions(const Primitive& primitive, bool drop_nonfinite);
 
-  std::vector<uint32_t> places_;  // of a vertex number in vertices_
-  std::vector<uint64_t> used_;    // a bit a vertex number
-  std::vector<uint32_t> ranks_;   // vertices before each word of used_
-  std::vector<uint64_t> pairs_;   // (vertex number, corner) of wide windows
+  std::vector<uint32_t> places_;  // by vertex number: index in vertices_
+  std::vector<uint64_t> used_;    // a bit per vertex number
+  std::vector<uint32_t> ranks_;   // number of vertices before each word of used_
+  std::vector<uint64_t> pairs_;   // (vertex number, corner) for wide windows
   std::vector<uint64_t> sorted_;
 };
 
-/// Reads `accessor` at ascending vertex numbers into `out` (components a vertex): one read where they are neighbours.
+/// Reads `accessor` at ascending vertex numbers into `out` (`components` floats per vertex); one read for adjacent
+/// numbers.
 Result<void> read_vertices(const Accessor& accessor, std::span<const uint32_t> ascending, std::vector<float>& out);
 
 }  // namespace scree::convert

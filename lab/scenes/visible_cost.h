@@ -9,7 +9,7 @@
 
 namespace scree::lab {
 
-struct Touched {
+struct VisibleCost {
   uint64_t draws = 0;  // (instance, chunk) pairs that pass the frustum test
   uint64_t bytes = 0;  // indices and positions of their chunks, each chunk once
 };
@@ -17,6 +17,6 @@ struct Touched {
 /// Culls on the host as a frame does (kernels/cull/cull.h). Reads only the records of `scene`. `boxes`: one per chunk,
 /// by which chunks of float32 positions are culled as well, as in a GPU's frame. If empty, chunks of float32 positions
 /// are culled by their mesh, as on a CPU.
-Touched count_touched(const kernels::SceneView& scene, std::span<const ChunkBox> boxes, const kernels::View& view);
+VisibleCost visible_cost(const kernels::SceneView& scene, std::span<const ChunkBox> boxes, const kernels::View& view);
 
 }  // namespace scree::lab

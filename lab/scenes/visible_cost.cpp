@@ -1,4 +1,4 @@
-#include "lab/scenes/touched.h"
+#include "lab/scenes/visible_cost.h"
 
 #include <cmath>
 #include <vector>
@@ -23,10 +23,10 @@ kernels::RelativeBox float_box(const ChunkBox& box, const kernels::Transform& tr
 
 }  // namespace
 
-Touched count_touched(const kernels::SceneView& scene, std::span<const ChunkBox> boxes, const kernels::View& view) {
+VisibleCost visible_cost(const kernels::SceneView& scene, std::span<const ChunkBox> boxes, const kernels::View& view) {
   const kernels::FrameView frame = kernels::make_frame_view(view);
   std::vector<bool> seen(scene.chunk_count);
-  Touched touched;
+  VisibleCost cost;
   for (uint64_t i = 0; i < scene.instance_count; ++i) {
     const format::InstanceRecord& instance = scene.instances[i];
     const format::MeshRecord& mesh = scene.meshes[instance.mesh];
@@ -42,13 +42,13 @@ Touched count_touched(const kernels::SceneView& scene, std::span<const ChunkBox>
           !kernels::may_be_seen(transform, frame,
                                 float32 ? float_box(boxes[c], transform) : kernels::chunk_box(mesh, chunk, transform)))
         continue;
-      ++touched.draws;
+      ++cost.draws;
       if (seen[c]) continue;
       seen[c] = true;
-      touched.bytes += geometry_bytes(mesh, chunk);
+      cost.bytes += geometry_bytes(mesh, chunk);
     }
   }
-  return touched;
+  return cost;
 }
 
 }  // namespace scree::lab

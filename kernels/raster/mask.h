@@ -1,0 +1,213 @@
+// Alpha masks: which samples of a masked triangle are there. A function of triangle and sample alone, the same for
+// every stage and every piece that clipping leaves. Source: spec/rasterization.md, alpha masks.
+#pragma once
+
+#include <cmath>
+
+#include "kernels/shade/locate.h"
+
+namespace scree::kernels {
+inline namespace SCREE_ISA {
+
+/// Tests nothing: of opaque triangles.
+struct NoMask {
+  static constexpr bool kTests = false;
+  SCREE_HD static bool passes(int32_t, int32_t) { return true; }
+};
+
+/// Where a sample lies on a texture along one axis: of a level of `size` texels the two around it, and the weight of
+/// the second, of 256. `value`: finite.
+struct MaskTexels {
+  uint32_t first;
+  uint32_t second;
+  uint32_t weight;
+};
+
+SCREE_HD inline MaskTexels mask_texels(double value, uint32_t size, format::Wrap wrap, bool nearest) {
+  double wrapped = value - std::floor(value);
+  if (wrap == format::Wrap::kMirror) {
+    const double period = value - 2.0 * std::floor(value * 0.5);
+    wrapped = period > 1.0 ? 2.0 - period : period;
+  } else if (wrap == format::Wrap::kClamp) {
+    wrapped = value;
+  }
+  wrapped = min_of(max_of(wrapped, 0.0), 1.0);
+  const int32_t last = static_cast<int32_t>(size) - 1;
+  const int32_t place = static_cast<int32_t>(std::floor(wrapped * (256.0 * static_cast<double>(size))));  // <= 2^24
+  if (nearest) {
+    const auto texel = static_cast<uint32_t>(min_of(place >> 8, last));
+    return {texel, texel, 0};
+  }
+  const int32_t first = (place - 128) >> 8;
+  const int32_t second = first + 1;
+  const bool repeats = wrap == format::Wrap::kRepeat;
+  return {static_cast<uint32_t>(first < 0 ? (repeats ? last : 0) : first),
+          static_cast<uint32_t>(second > last ? (repeats ? 0 : last) : second),
+          static_cast<uint32_t>(place - 128) & 255u};
+}
+
+/// The level of a squared footprint, in texels of level 0: the one whose texels are nearest to it in size, by the
+/// exponent alone. NaN and infinity take the last.
+SCREE_HD inline uint32_t mask_level(float footprint, uint32_t level_count) {
+  const int32_t exponent = static_cast<int32_t>(float_bits(footprint) >> 23 & 255u) - 127;
+  return min_of(exponent <= 0 ? 0u : static_cast<uint32_t>(exponent + 1) >> 1, level_count - 1);
+}
+
+/// Whether the alpha at texture coordinates (u, v), finite ones, reaches the mask's threshold.
+SCREE_HD inline bool mask_passes(const MaskView& mask, double u, double v, float footprint) {
+  const uint32_t level = mask_level(footprint, mask.level_count);
+  const uint8_t* alpha = mask.alpha;
+  uint32_t width = mask.width;
+  uint32_t height = mask.height;
+  for (uint32_t l = 0; l < level; ++l) {
+    alpha += uint64_t{width} * height;
+    width = max_of(width >> 1, 1u);
+    height = max_of(height >> 1, 1u);
+  }
+  const bool nearest = mask.nearest && footprint <= 1.0f;
+  const MaskTexels column = mask_texels(u, width, mask.wrap_s, nearest);
+  const MaskTexels row = mask_texels(v, height, mask.wrap_t, nearest);
+  const uint8_t* const above = alpha + uint64_t{row.first} * width;
+  const uint8_t* const below = alpha + uint64_t{row.second} * width;
+  const uint32_t upper = above[column.first] * (256 - column.weight) + above[column.second] * column.weight;
+  const uint32_t lower = below[column.first] * (256 - column.weight) + below[column.second] * column.weight;
+  return upper * (256 - row.weight) + lower * row.weight >= mask.threshold;
+}
+
+/// A triangle on its mask: what each sample is tested by. `weight` and `moved[c]` are linear in the sample (x, y, 1);
+/// moved[c] / weight is how far coordinate c is from corner 0's, `first[c]`.
+struct MaskPlane {
+  static constexpr bool kTests = true;
+
+  const MaskView* mask;  // null: the triangle is opaque
+  double weight[3];
+  double moved[2][3];
+  double first[2];
+  float least[2];  // of moved / weight at the corners
+  float most[2];
+
+  SCREE_HD bool passes(int32_t sample_x, int32_t sample_y) const {
+    const auto x = static_cast<double>(sample_x);
+    const auto y = static_cast<double>(sample_y);
+    const double inverse = 1.0 / (weight[0] * x + weight[1] * y + weight[2]);
+    const double size[2] = {static_cast<double>(mask->width), static_cast<double>(mask->height)};
+    double place[2];
+    double right = 0;  // squares of how far a step of one sample goes, in texels of level 0
+    double down = 0;
+    for (int c = 0; c < 2; ++c) {
+      const double at = (moved[c][0] * x + moved[c][1] * y + moved[c][2]) * inverse;
+      const double to_right = (moved[c][0] - at * weight[0]) * inverse * size[c];
+      const double to_down = (moved[c][1] - at * weight[1]) * inverse * size[c];
+      right = right + to_right * to_right;
+      down = down + to_down * to_down;
+      // Snapping lets a sample lie outside, of triangles seen edge-on far outside; NaN becomes the least.
+      place[c] = first[c] + min_of(max_of(at, static_cast<double>(least[c])), static_cast<double>(most[c]));
+    }
+    return mask_passes(*mask, place[0], place[1], static_cast<float>(max_of(right, down)));
+  }
+};
+
+/// The mask of a mesh's triangles; null where they are opaque.
+SCREE_HD inline const MaskView* mask_of(const SceneView& scene, const format::MeshRecord& mesh) {
+  if (scene.masks == nullptr || mesh.material == format::kNone || (mesh.attributes & format::kHasUv) == 0)
+    return nullptr;
+  const MaskView* const mask = scene.masks + mesh.material;
+  return mask->alpha != nullptr ? mask : nullptr;
+}
+
+/// The plane of triangle `number` of the chunk that `reader` reads, in double: corners and texture coordinates are
+/// exact in it. Out of line, for it takes many registers.
+template <bool kOrthographic>
+[[gnu::noinline]] SCREE_HD void make_mask_plane(const MaskView* mask, const FrameView& view, const Transform& transform,
+                                                const format::MeshRecord& mesh, const format::ChunkRecord& chunk,
+                                                const std::byte* page, const ChunkReader& reader, uint32_t number,
+                                                MaskPlane& out) {
+  uint32_t vertex[3];
+  reader.triangle(number, vertex);
+  // Homogeneous, in sub-pixels from the centre of the image's first sample.
+  const double origin_x = static_cast<double>(view.width * (kSubpixels / 2) - kSubpixels / 2);
+  const double origin_y = static_cast<double>(view.height * (kSubpixels / 2) - kSubpixels / 2);
+  double x[3];
+  double y[3];
+  double w[3];
+  double uv[3][2];
+  const std::byte* const stream = page + chunk.offset + streams_of(mesh, chunk).uvs.offset;
+  const uint32_t stride = uint32_t{chunk.uv_bits[0]} + chunk.uv_bits[1];
+  const double step = format::exp2i(chunk.uv_exponent);
+  for (int n = 0; n < 3; ++n) {
+    double d[3];
+    reader.exact_relative(vertex[n], d);
+    const auto row = [&](const double* m) { return m[0] * d[0] + m[1] * d[1] + m[2] * d[2] + m[3]; };
+    w[n] = kOrthographic ? 1.0 : row(transform.exact_w);
+    x[n] = row(transform.exact_x) + origin_x * w[n];
+    y[n] = row(transform.exact_y) + origin_y * w[n];
+    double stored[2];
+    uint64_t bit = uint64_t{vertex[n]} * stride;
+    for (int c = 0; c < 2; ++c) {
+      const uint32_t code = chunk.uv_bits[c] == 0 ? 0u : unpack_bits(stream, bit, chunk.uv_bits[c]);
+      bit += chunk.uv_bits[c];
+      stored[c] = static_cast<double>(wrapping_add(chunk.uv_min[c], int64_t{code})) * step;
+    }
+    for (int c = 0; c < 2; ++c)
+      uv[n][c] = mask->place[c][0] * stored[0] + mask->place[c][1] * stored[1] + mask->place[c][2];
+  }
+  out.mask = mask;
+  for (int c = 0; c < 2; ++c) {
+    const double to1 = uv[1][c] - uv[0][c];
+    const double to2 = uv[2][c] - uv[0][c];
+    out.first[c] = uv[0][c];
+    out.least[c] = static_cast<float>(min_of(min_of(to1, to2), 0.0));
+    out.most[c] = static_cast<float>(max_of(max_of(to1, to2), 0.0));
+  }
+  for (int i = 0; i < 3; ++i) out.weight[i] = out.moved[0][i] = out.moved[1][i] = 0;
+  for (int n = 0; n < 3; ++n) {
+    const int a = n == 2 ? 0 : n + 1;
+    const int b = a == 2 ? 0 : a + 1;
+    // The edge function opposite corner n, over samples.
+    const double edge[3] = {(y[a] * w[b] - w[a] * y[b]) * kSubpixels, (w[a] * x[b] - x[a] * w[b]) * kSubpixels,
+                            x[a] * y[b] - y[a] * x[b]};
+    for (int i = 0; i < 3; ++i) {
+      out.weight[i] = out.weight[i] + edge[i];
+      for (int c = 0; c < 2; ++c) out.moved[c][i] = out.moved[c][i] + (uv[n][c] - uv[0][c]) * edge[i];
+    }
+  }
+}
+
+/// As above, of triangle `number` of a chunk of the scene that has a mask.
+template <bool kOrthographic>
+[[gnu::noinline]] SCREE_HD void make_mask_plane(const SceneView& scene, const FrameView& view,
+                                                const Transform& transform, uint64_t chunk_number, uint32_t number,
+                                                MaskPlane& out) {
+  const format::ChunkRecord& chunk = scene.chunks[chunk_number];
+  const format::MeshRecord& mesh = scene.meshes[chunk.mesh];
+  const std::byte* const page = scene.pages[chunk.page];
+  const ChunkReader reader = make_reader(mesh, chunk, page, transform, number);
+  make_mask_plane<kOrthographic>(mask_of(scene, mesh), view, transform, mesh, chunk, page, reader, number, out);
+}
+
+/// What stages 2 and 3 find the masks of their triangles by: nothing where none is masked.
+template <bool kMasked>
+struct MaskSource {};
+template <>
+struct MaskSource<true> {
+  SceneView scene;
+  const Transform* transforms;  // by instance; null where a team makes its own (Team::kMakesTransforms)
+
+  /// Of a triangle whose place in the scene is known by its id alone.
+  template <bool kOrthographic, class Team>
+  SCREE_HD void make_plane(Team, const FrameView& view, uint64_t id, MaskPlane& out) const {
+    const Hit hit = locate_triangle(scene, id);
+    if constexpr (Team::kMakesTransforms) {
+      const format::InstanceRecord& instance = scene.instances[hit.instance];
+      const format::MeshRecord& mesh = scene.meshes[instance.mesh];
+      const Transform own = make_transform(view, scene.matrices[instance.matrix], mesh.lattice_exponent,
+                                           mesh.position_encoding == format::PositionEncoding::kFloat32);
+      make_mask_plane<kOrthographic>(scene, view, own, hit.chunk, hit.triangle, out);
+    } else {
+      make_mask_plane<kOrthographic>(scene, view, transforms[hit.instance], hit.chunk, hit.triangle, out);
+    }
+  }
+};
+
+}  // namespace SCREE_ISA
+}  // namespace scree::kernels

@@ -1,0 +1,98 @@
+// Scenes with alpha masks, for the tests of the CPU and the GPU.
+#pragma once
+
+#include <random>
+
+#include "format/container/mip_levels.h"
+#include "kernels/raster/mask.h"
+#include "tests/kernels/scene_builder.h"
+
+namespace scree::tests {
+
+/// Levels of 8-bit noise with some runs of equal values.
+inline std::vector<uint8_t> noisy_levels(uint32_t width, uint32_t height, uint32_t levels, uint32_t seed) {
+  std::mt19937 random(seed);
+  std::vector<uint8_t> alpha(format::mask_bytes(width, height, levels));
+  for (size_t i = 0; i < alpha.size(); ++i)
+    alpha[i] = i % 7 < 3 && i > 0 ? alpha[i - 1] : static_cast<uint8_t>(random() % 256);
+  return alpha;
+}
+
+inline kernels::MaskView mask_view(uint32_t width, uint32_t height, uint32_t levels, uint32_t threshold) {
+  kernels::MaskView mask{};
+  mask.width = width;
+  mask.height = height;
+  mask.level_count = levels;
+  mask.threshold = threshold;
+  mask.place[0][0] = mask.place[1][1] = 1;
+  return mask;
+}
+
+/// Adds texture coordinates to a soup: the texture along x and z, rotated a little, `repeats` times as often.
+inline Soup with_uvs(Soup soup, double repeats) {
+  for (size_t v = 0; v < soup.positions.size() / 3; ++v) {
+    const double x = soup.positions[3 * v];
+    const double z = soup.positions[3 * v + 2];
+    soup.uvs.push_back(static_cast<float>(repeats * (0.4 * x + 0.1 * z) + 0.3));
+    soup.uvs.push_back(static_cast<float>(repeats * (0.5 * z - 0.07 * x) - 1.7));
+  }
+  return soup;
+}
+
+/// Adds masked and opaque meshes with small and large triangles and every wrap mode. They hide each other in part, and
+/// some instances are mirrored. `clustered_alone`: all encodings are clustered.
+inline void add_masked_meshes(SceneBuilder& builder, bool clustered_alone) {
+  using format::Wrap;
+  kernels::MaskView wraps[3];
+  for (uint32_t i = 0; i < 3; ++i) {
+    wraps[i] = mask_view(61 + 40 * i, 37, i == 2 ? 1 : 4, 110 * 65536);
+    wraps[i].wrap_s = static_cast<Wrap>(i);
+    wraps[i].wrap_t = static_cast<Wrap>((i + 1) % 3);
+    wraps[i].nearest = i == 1;
+  }
+  // KHR_texture_transform: a rotation by 180 degrees, a scale of 1.25 and an offset.
+  wraps[0].place[0][0] = wraps[0].place[1][1] = -1.25;
+  wraps[0].place[0][2] = 0.3;
+  uint32_t materials[3];
+  for (uint32_t i = 0; i < 3; ++i)
+    materials[i] = builder.masked_material(i == 1 ? 0 : uint32_t{format::kMaterialDoubleSided}, wraps[i],
+                                           noisy_levels(wraps[i].width, 37, wraps[i].level_count, i));
+  Encoding lattice;
+  lattice.chunk_triangles = 700;
+  Encoding clustered = lattice;
+  clustered.clusters = Clusters::kClustered;
+  Encoding floats = float32();
+  floats.chunk_triangles = 333;
+  const auto with = [](Encoding encoding, uint32_t material) {
+    encoding.material = material;
+    return encoding;
+  };
+  const Encoding second = clustered_alone ? clustered : lattice;
+  const Encoding third = clustered_alone ? clustered : floats;
+  const uint32_t meshes[] = {builder.mesh(with_uvs(grid(40, 0.2), 3), with(clustered, materials[0])),
+                             builder.mesh(with_uvs(grid(31, 0.3), 40), with(second, materials[1])),
+                             builder.mesh(with_uvs(grid(1, 0), 2), with(third, materials[2])),
+                             builder.mesh(with_uvs(grid(2, 0.1), 5), with(clustered, materials[0])),
+                             builder.mesh(grid(12, 0.1), with(second, materials[0])),  // no texture coordinates: opaque
+                             builder.mesh(with_uvs(grid(9, 0.1), 1), clustered)};      // no material
+  const uint32_t matrices[] = {builder.identity(), builder.matrix({0.5, 0, 0.1, 0.6, 0, 0.5, 0, 0.3, 0, 0, 0.5, -0.2}),
+                               builder.matrix({-0.3, 0, 0, -0.6, 0, 0.3, 0, 0.1, 0, 0, 0.3, 0.4}),  // mirrored
+                               builder.matrix({1, 0, 0, 0.2, 0, 1, 0, -0.7, 0, 0, 1, 0.3})};        // behind others
+  for (const uint32_t mesh : meshes)
+    for (const uint32_t matrix : matrices) builder.instance(mesh, matrix);
+}
+
+/// Views from far, near (the near plane cuts triangles), inside and above, and two orthographic ones.
+inline std::vector<kernels::View> masked_views() {
+  const kernels::View far = look_at({2.5, 2, 3}, {0, 0, 0}, 321, 203);
+  const kernels::View near = look_at({0.4, 0.25, 0.5}, {0, 0.1, 0}, 200, 333, 0.3);
+  const kernels::View above = look_at({0, 3, 0}, {0, 0, 0}, 256, 256);
+  return {far,
+          near,
+          look_at({0.1, 0.35, 0.9}, {0, 0.2, -1}, 150, 90, 0.001),
+          above,
+          orthographic(far, 1.6, 0.1, 20),
+          orthographic(near, 0.3, 0.01, 9)};
+}
+
+}  // namespace scree::tests

@@ -1,0 +1,221 @@
+// Alpha masks in convert: thresholds, levels that keep the share of passing texels, masks that hide nothing or all, and
+// the way to a picture and back to glTF.
+#include <algorithm>
+#include <cmath>
+
+#include "format/container/mip_levels.h"
+#include "runtime/images/image.h"
+#include "runtime/scene/camera.h"
+#include "runtime/scene/scene.h"
+#include "tests/catch.h"
+#include "tests/tools/convert/convert_fixture.h"
+#include "tests/tools/model_maker.h"
+#include "tests/tools/packed_file.h"
+#include "tests/tools/temp_folder.h"
+#include "tools/convert/convert.h"
+#include "tools/convert/images/masks.h"
+#include "tools/export/export.h"
+#include "tools/inspect/verify.h"
+
+using namespace scree;
+using tests::ModelMaker;
+using tests::must_convert;
+using tests::must_open;
+using tests::options_of;
+using tests::TempFolder;
+
+namespace {
+
+/// A picture of 64 x 48 pixels whose alpha is `low` outside of a disc and `high` within.
+std::vector<std::byte> disc_png(uint8_t low, uint8_t high) {
+  std::vector<uint8_t> pixels;
+  for (int y = 0; y < 48; ++y)
+    for (int x = 0; x < 64; ++x) {
+      const bool inside = std::hypot(x - 31.5, y - 23.5) < 15;
+      pixels.insert(pixels.end(), {uint8_t{200}, static_cast<uint8_t>(3 * x), uint8_t{90}, inside ? high : low});
+    }
+  auto png = runtime::encode_png(64, 48, 4, pixels);
+  REQUIRE(png);
+  return *png;
+}
+
+/// Adds a grid whose masked material has `png` as its texture.
+void add_masked(ModelMaker& maker, const std::string& name, const std::vector<std::byte>& png, double cutoff,
+                double factor, bool uv = true, tools::GltfAlpha kind = tools::GltfAlpha::kMask) {
+  tools::GltfMaterial material;
+  material.name = name;
+  material.texture = maker.writer().add_texture(maker.texture(name, format::ImageCodec::kPng, png));
+  material.alpha = kind;
+  material.alpha_cutoff = cutoff;
+  material.base_color[3] = factor;
+  material.double_sided = true;
+  tests::GridSpec spec;
+  spec.uv = uv;
+  spec.flat = true;
+  maker.node(name, maker.mesh(name, {maker.grid(spec, maker.writer().add_material(material))}));
+}
+
+std::vector<uint64_t> picture_of(const std::string& path) {
+  const Result<runtime::Scene> scene = runtime::Scene::open(path, {});
+  REQUIRE(scene);
+  runtime::CameraOptions camera;
+  camera.width = 200;
+  camera.height = 150;
+  const Result<kernels::View> view = runtime::make_view(*scene, camera);
+  REQUIRE(view);
+  std::vector<uint64_t> samples(size_t{view->width} * view->height);
+  REQUIRE(kernels::draw_cpu(scene->view(), *view, samples, 2));
+  return samples;
+}
+
+uint64_t covered(const std::vector<uint64_t>& samples) {
+  return static_cast<uint64_t>(
+      std::count_if(samples.begin(), samples.end(), [](uint64_t sample) { return sample != kernels::kBackground; }));
+}
+
+}  // namespace
+
+TEST_CASE("a mask's threshold is the least alpha that passes", "[convert][mask]") {
+  CHECK(convert::mask_threshold(1, 0.5f) == 255 * 32768);
+  CHECK(convert::mask_threshold(0.5f, 0.5f) == format::kMaxMaskThreshold);
+  CHECK(convert::mask_threshold(0.49f, 0.5f) > format::kMaxMaskThreshold);
+  CHECK(convert::mask_threshold(0, 0.5f) > format::kMaxMaskThreshold);
+  CHECK(convert::mask_threshold(0, 1e-30f) > format::kMaxMaskThreshold);
+  CHECK(convert::mask_threshold(1, 0) == 0);
+  CHECK(convert::mask_threshold(0, 0) == 0);
+  CHECK(convert::mask_threshold(1, 1e-30f) == 1);
+  CHECK(convert::mask_threshold(1, 1) == format::kMaxMaskThreshold);
+  CHECK(convert::mask_threshold(1, 2) > format::kMaxMaskThreshold);
+}
+
+TEST_CASE("levels of a mask keep the share that passes", "[convert][mask]") {
+  // Thin lines on a sixth of the texels. A box filter alone would lose them.
+  const uint32_t width = 192, height = 131;
+  std::vector<uint8_t> alpha(size_t{width} * height);
+  for (uint32_t y = 0; y < height; ++y)
+    for (uint32_t x = 0; x < width; ++x)
+      alpha[y * width + x] = static_cast<uint8_t>((x + y / 3) % 6 == 0 ? 255 : x * y % 40);
+  for (const uint32_t threshold : {128u * 65536, 128u * 65536 - 1000, 60u * 65536, 250u * 65536}) {
+    const std::vector<std::byte> levels = convert::make_mask_levels(alpha, width, height, threshold);
+    const uint32_t count = convert::mask_level_count(width, height);
+    CHECK(count == 4);  // 192, 96, 48 and 24 wide
+    REQUIRE(levels.size() == format::mask_bytes(width, height, count));
+    CHECK(std::equal(alpha.begin(), alpha.end(), reinterpret_cast<const uint8_t*>(levels.data())));
+    const std::byte* at = levels.data();
+    double first = 0;
+    for (uint32_t l = 0; l < count; ++l) {
+      const size_t texels = size_t{width >> l} * (height >> l);
+      const auto passing = std::count_if(
+          at, at + texels, [&](std::byte code) { return static_cast<uint32_t>(code) * 65536 >= threshold; });
+      const double share = static_cast<double>(passing) / static_cast<double>(texels);
+      if (l == 0) first = share;
+      INFO("level " << l << ", threshold " << threshold);
+      // Texels of equal value pass together, so the share cannot be exact.
+      CHECK(std::fabs(share - first) < 0.05);
+      at += texels;
+    }
+  }
+  const std::vector<uint8_t> clear(size_t{40} * 40, uint8_t{3});
+  for (const std::byte code : convert::make_mask_levels(clear, 40, 40, 65536 * 4)) REQUIRE(code == std::byte{3});
+  CHECK(convert::mask_level_count(1, 1) == 1);
+  CHECK(convert::mask_level_count(1, 16) == 1);
+  CHECK(convert::mask_level_count(32, 16) == 2);
+}
+
+TEST_CASE("blended materials are drawn as masks of one half", "[convert][mask]") {
+  const TempFolder folder;
+  {
+    ModelMaker maker(folder.file("in.glb"));
+    add_masked(maker, "leaf", disc_png(20, 240), 0.9, 1, true, tools::GltfAlpha::kBlend);
+    add_masked(maker, "wood", disc_png(140, 240), 0.9, 1, true, tools::GltfAlpha::kBlend);
+    maker.finish();
+  }
+  const convert::ConvertReport report = must_convert(options_of(folder));
+  CHECK(report.masks == 1);
+  CHECK(report.opaque_masks == 1);
+  CHECK(std::any_of(report.warnings.begin(), report.warnings.end(), [](const std::string& warning) {
+    return warning == "in.glb: alpha blending of 2 materials is left out: drawn where alpha is at least 0.5";
+  }));
+  const tests::OpenFile opened = must_open(options_of(folder).output);
+  REQUIRE(opened.file.masks().size() == 1);
+  CHECK(opened.file.masks()[0].threshold == convert::mask_threshold(1, 0.5f));
+  CHECK(opened.file.materials()[opened.file.masks()[0].material].flags ==
+        (format::kMaterialAlphaBlend | format::kMaterialDoubleSided));
+}
+
+TEST_CASE("masks are stored where they hide something, and drawn", "[convert][mask]") {
+  const TempFolder folder;
+  {
+    ModelMaker maker(folder.file("in.glb"));
+    add_masked(maker, "disc", disc_png(20, 240), 0.5, 1);
+    add_masked(maker, "disc again", disc_png(20, 240), 0.5, 1);
+    add_masked(maker, "less of it", disc_png(20, 240), 0.5, 0.8);
+    add_masked(maker, "opaque", disc_png(140, 240), 0.5, 1);
+    add_masked(maker, "clear", disc_png(20, 100), 0.5, 1);
+    add_masked(maker, "clear by its factor", disc_png(20, 240), 0.5, 0.3);
+    add_masked(maker, "no coordinates", disc_png(20, 240), 0.5, 1, false);
+    maker.finish();
+  }
+  for (const convert::Textures textures : {convert::Textures::kKeep, convert::Textures::kJpeg}) {
+    convert::ConvertOptions options = options_of(folder);
+    options.images.textures = textures;
+    options.images.zstd_level = options.zstd_level = textures == convert::Textures::kJpeg ? 3 : 0;
+    const convert::ConvertReport report = must_convert(options);
+    CHECK(report.masks == 3);
+    CHECK(report.opaque_masks == 2);
+    CHECK(std::any_of(report.warnings.begin(), report.warnings.end(), [](const std::string& warning) {
+      return warning == "in.glb: 2 primitives that their alpha masks hide everywhere are left out";
+    }));
+    const tests::OpenFile opened = must_open(options.output);
+    const format::Container& file = opened.file;
+    CHECK(file.header().version_minor == 1);
+    CHECK(file.meshes().size() == 5);
+    REQUIRE(file.masks().size() == 3);
+    CHECK(file.masks()[0].page == file.masks()[1].page);
+    CHECK(file.masks()[0].page != file.masks()[2].page);
+    for (uint64_t i = 0; i < 3; ++i) {
+      CHECK(file.masks()[i].width == 64);
+      CHECK(file.masks()[i].height == 48);
+      CHECK(file.masks()[i].level_count == 3);
+      CHECK((file.materials()[file.masks()[i].material].flags & format::kMaterialAlphaMask) != 0);
+    }
+    const auto verified = inspect::verify(file, opened.map.bytes(), 2, {});
+    for (const auto& failure : verified.failures) FAIL_CHECK(failure.error.message);
+  }
+}
+
+TEST_CASE("a masked picture shows a mask's share, whatever holds its colours", "[convert][mask]") {
+  const TempFolder folder;
+  const auto picture = [&](double cutoff, convert::Textures textures, const char* name) {
+    ModelMaker maker(folder.file("in.glb"));
+    add_masked(maker, "disc", disc_png(20, 240), cutoff, 1);
+    maker.finish();
+    convert::ConvertOptions options = options_of(folder);
+    options.output = folder.file(name);
+    options.images.textures = textures;
+    must_convert(options);
+    return picture_of(options.output);
+  };
+  const std::vector<uint64_t> whole = picture(0.01, convert::Textures::kKeep, "whole.scree");
+  const std::vector<uint64_t> masked = picture(0.5, convert::Textures::kKeep, "masked.scree");
+  CHECK((masked == picture(0.5, convert::Textures::kJpeg, "jpeg.scree")));
+  // An export restores the alpha, though the JPEG has none.
+  {
+    const tests::OpenFile opened = must_open(folder.file("jpeg.scree"));
+    REQUIRE(tools::export_gltf(opened.file, folder.file("back.glb"), {}));
+    convert::ConvertOptions options = options_of(folder, "back.glb");
+    options.output = folder.file("back.scree");
+    CHECK(must_convert(options).masks == 1);
+    const std::vector<uint64_t> back = picture_of(options.output);  // triangles in another order
+    uint64_t other = 0;
+    for (size_t i = 0; i < back.size(); ++i)
+      other += (back[i] == kernels::kBackground) != (masked[i] == kernels::kBackground);
+    CHECK(other < 10);
+  }
+  const double share = static_cast<double>(covered(masked)) / static_cast<double>(covered(whole));
+  CHECK(covered(whole) > 2000);
+  CHECK(share == Approx(3.14159 * 15 * 15 / (64 * 48)).margin(0.05));
+  uint64_t foreign = 0;
+  for (size_t i = 0; i < masked.size(); ++i) foreign += masked[i] != whole[i] && masked[i] != kernels::kBackground;
+  CHECK(foreign == 0);
+}

@@ -1,0 +1,149 @@
+#include "tools/render/camera_path.h"
+
+#include <string>
+
+#include "tests/catch.h"
+#include "tools/render/path_frames.h"
+
+using scree::ErrorCode;
+using scree::Result;
+using namespace scree::tools;
+
+namespace {
+
+std::string path_of(const std::string& keys, const std::string& more = "") {
+  return R"({"format": "scree camera path", "version": 1, )" + more + "\"keys\": [" + keys + "]}";
+}
+
+CameraPath must_parse(const std::string& text, std::optional<double> fps = {}) {
+  const Result<CameraPath> path = CameraPath::parse(text, fps);
+  if (!path) FAIL(path.error().message);
+  return *path;
+}
+
+std::string refusal(const std::string& text) {
+  const Result<CameraPath> path = CameraPath::parse(text);
+  REQUIRE_FALSE(path);
+  return path.error().message;
+}
+
+const std::string kEye = R"("eye": [4, 2, 6], "target": [0, 1, 0])";
+
+}  // namespace
+
+TEST_CASE("a path goes through its keys, by the curve of scree view", "[path]") {
+  const CameraPath path = must_parse(path_of("{\"t\": 0, " + kEye + R"(}, {"t": 1, "eye": [6, 2, 0], "target": [0, 1, 0],
+    "fov": 60, "up": [0, 0, 1]}, {"t": 3, "eye": [0, 2, -6], "target": [1, 1, 0], "fov": 50})"));
+  CHECK(path.frames_per_second() == 30);
+  CHECK(path.frame_count() == 91);
+  CHECK(path.at(0).eye == scree::runtime::Vec3{4, 2, 6});
+  CHECK(path.at(0).fov_degrees == 45);
+  CHECK(path.at(30).eye == scree::runtime::Vec3{6, 2, 0});
+  CHECK(path.at(30).up == scree::runtime::Vec3{0, 0, 1});
+  CHECK(path.at(90).eye == scree::runtime::Vec3{0, 2, -6});
+  CHECK(path.at(90).target == scree::runtime::Vec3{1, 1, 0});
+  // Half way from the second key to the third: (-p + 9 q + 9 r - s) / 16, the last key twice.
+  CHECK(path.at(60).eye[0] == Approx((-4.0 + 9 * 6 + 9 * 0 - 0) / 16));
+  CHECK(path.at(60).eye[2] == Approx((-6.0 + 9 * 0 + 9 * -6 - -6) / 16));
+  for (uint64_t frame = 0; frame < path.frame_count(); ++frame) {
+    CHECK(path.at(frame).fov_degrees >= 45);
+    CHECK(path.at(frame).fov_degrees <= 60);
+  }
+}
+
+TEST_CASE("keys without times are frames, and matrices are cameras", "[path]") {
+  const std::string keys = "{" + kEye + R"(}, {"matrix": [0,0,-1,0, 0,1,0,0, 3,0,0,0, 5,2,0,1], "fov": 30}, {)" + kEye + "}";
+  for (const double fps : {30.0, 23.976, 7.0}) {
+    const CameraPath path = must_parse(path_of(keys), fps);
+    REQUIRE(path.frame_count() == 3);
+    CHECK(path.at(0).eye == scree::runtime::Vec3{4, 2, 6});
+    CHECK(path.at(1).eye == scree::runtime::Vec3{5, 2, 0});
+    CHECK(path.at(1).target == scree::runtime::Vec3{4, 2, 0});
+    CHECK(path.at(1).up == scree::runtime::Vec3{0, 1, 0});
+    CHECK(path.at(1).fov_degrees == 30);
+  }
+  CHECK(must_parse(path_of(keys, "\"fps\": 24, ")).frames_per_second() == 24);
+  // 2.1 s at 30 a second are 63.000000000000007 or 62.999999999999993 frames, as it is rounded.
+  CHECK(must_parse(path_of("{\"t\": 0, " + kEye + "}, {\"t\": 2.1, " + kEye + "}")).frame_count() == 64);
+  CHECK(must_parse(path_of("{\"t\": 2, " + kEye + "}")).frame_count() == 61);  // a camera that stands still
+}
+
+TEST_CASE("a mistake in a path is named with its place", "[path]") {
+  CHECK(refusal("{\n\"format\": oh") == "line 2: is not JSON (byte 13)");
+  CHECK(refusal("") == "line 1: is not JSON (byte 0)");
+  CHECK(refusal("[1]") == "is no camera path: its \"format\" is not \"scree camera path\"");
+  CHECK(refusal(R"({"format": "scree camera path", "version": 2, "keys": []})") ==
+        "\"version\" is not 1, the one that this program reads");
+  CHECK(refusal(path_of("")) == "\"keys\" is not a list of at least one key");
+  CHECK(refusal(path_of("{" + kEye + "}", "\"fps\": 0, ")) ==
+        "\"fps\" is not frames per second, above 0 and below 1e6");
+  CHECK(refusal(path_of("{" + kEye + "}", "\"speed\": 0, ")) ==
+        "has an unknown member \"speed\"; a path has format, version, fps, keys, name");
+  CHECK(refusal(path_of("7")) == "key 0: is not an object");
+  CHECK(refusal(path_of(R"({"eye": [1, 2, 3]})")) == "key 0: has no \"target\"");
+  CHECK(refusal(path_of(R"({"eye": [1, 2], "target": [1, 2, 3]})")) == "key 0: \"eye\" is not 3 numbers of at most 1e15");
+  CHECK(refusal(path_of(R"({"eye": [1, 2, "3"], "target": [1, 2, 3]})")) ==
+        "key 0: \"eye\" is not 3 numbers of at most 1e15");
+  CHECK(refusal(path_of(R"({"eye": [1, 2, 1e16], "target": [1, 2, 3]})")) ==
+        "key 0: \"eye\" is not 3 numbers of at most 1e15");
+  CHECK(refusal(path_of(R"({"eye": [1, 2, 1e999], "target": [1, 2, 3]})")) == "has a number that is too large");
+  CHECK(refusal(path_of("{" + kEye + ", \"fow\": 3}")) ==
+        "key 0: has an unknown member \"fow\"; a key has t, eye, target, up, fov, matrix, name");
+  CHECK(refusal(path_of("{" + kEye + ", \"fov\": 180}")) == "key 0: \"fov\" is not an angle above 0 and below 180 degrees");
+  CHECK(refusal(path_of("{\"t\": 1, " + kEye + "}, {\"t\": 1, " + kEye + "}")) ==
+        "key 1: its \"t\" is not later than that of the key before");
+  CHECK(refusal(path_of("{\"t\": 1, " + kEye + "}, {" + kEye + "}")) == "key 1: has no \"t\", but key 0 has one");
+  CHECK(refusal(path_of("{\"t\": -1, " + kEye + "}")) ==
+        "key 0: \"t\" is not a time in seconds, 0 or more and below 1e9");
+  CHECK(refusal(path_of("{\"t\": 9e8, " + kEye + "}")) == "has more than 10000000 frames");
+  CHECK(refusal(path_of(R"({"matrix": [1,0,0,5, 0,1,0,2, 0,0,1,3, 0,0,0,1]})")).find("column by column") !=
+        std::string::npos);
+  CHECK(refusal(path_of(R"({"matrix": [1,0,0,0, 0,1,0,0, 0,0,0,0, 0,0,0,1]})")).find("no direction") !=
+        std::string::npos);
+  CHECK(refusal(path_of("{" + kEye + R"(, "matrix": [1,0,0,0, 0,1,0,0, 0,0,1,0, 0,0,0,1]})")) ==
+        "key 0: has a \"matrix\" and another word for the same; one of them is enough");
+  CHECK(refusal(std::string(100000, '[')).find("is not JSON") != std::string::npos);
+}
+
+TEST_CASE("every frame falls to one share", "[path]") {
+  const Result<FrameRange> all = parse_frame_range("5:17");
+  REQUIRE(all);
+  CHECK(all->count() == 12);
+  CHECK(all->frame(11) == 16);
+  for (const uint64_t parts : {1, 2, 5, 12, 20}) {
+    std::vector<int> drawn(17);
+    for (uint64_t part = 1; part <= parts; ++part) {
+      const Result<FrameRange> share = parse_frame_range("5:17," + std::to_string(part) + "/" + std::to_string(parts));
+      REQUIRE(share);
+      for (uint64_t rank = 0; rank < 3; ++rank) {
+        const FrameRange mine = share->share(rank, 3);
+        for (uint64_t i = 0; i < mine.count(); ++i) ++drawn[mine.frame(i)];
+      }
+    }
+    CHECK(drawn == std::vector<int>{0, 0, 0, 0, 0, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1});
+  }
+  CHECK(parse_frame_range("2/3")->part == 1);
+  for (const char* text : {"", "600", "1:", ":5", "5:5", "6:5", "-1:5", "0:99999999999999999999", "0/3", "4/3", "1/0",
+                           "0:5,", "0:5,1", "1/3,0:5", "0:5/1", "0 :5", "a:b"}) {
+    INFO(text);
+    const Result<FrameRange> range = parse_frame_range(text);
+    REQUIRE_FALSE(range);
+    CHECK(range.error().code == ErrorCode::kUsage);
+  }
+}
+
+TEST_CASE("a frame's number is written into its name once", "[path]") {
+  const auto name = [](const std::string& text, uint64_t frame) {
+    const Result<FramePattern> pattern = FramePattern::parse("-o", text);
+    return pattern ? pattern->name(frame) : std::string("refused");
+  };
+  CHECK(name("frame_%05d.png", 42) == "frame_00042.png");
+  CHECK(name("frame_%05d.png", 1234567) == "frame_1234567.png");
+  CHECK(name("%d", 0) == "0");
+  CHECK(name("100%%/%03d%%.png", 7) == "100%/007%.png");
+  for (const char* text : {"frame.png", "%", "%%d.png", "%d%d", "%s.png", "%n.png", "%5d", "%-5d", "%+d", "%05", "%020d",
+                           "%00d", "%99999999999d", "%0x5d", "%ld", "%.3d", "%*d", "%1$d", "%d%s", "%d%"}) {
+    INFO(text);
+    CHECK(name(text, 1) == "refused");
+  }
+}

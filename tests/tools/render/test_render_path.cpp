@@ -1,0 +1,156 @@
+// scree render --path: each frame is the picture of its camera, and what is there is not drawn again.
+#include <filesystem>
+#include <fstream>
+#include <string>
+#include <vector>
+
+#include "tests/catch.h"
+#include "tests/runtime/small_scene.h"
+#include "tools/common/command.h"
+
+using scree::ErrorCode;
+using scree::Result;
+using scree::tests::file_bytes;
+using scree::tests::ScratchPath;
+using scree::tests::SmallScene;
+namespace fs = std::filesystem;
+
+namespace {
+
+class PathRun {
+ public:
+  PathRun() : folder_("path_run") {
+    fs::create_directory(folder_.path());
+    SmallScene().write(name("quad.scree"));
+    write_path("0, 0, 3");
+  }
+  std::string name(const std::string& file) const { return (folder_.path() / file).string(); }
+
+  void write_path(const std::string& first_eye) const {
+    std::ofstream(name("path.json"))
+        << R"({"format": "scree camera path", "version": 1, "fps": 4, "keys": [{"t": 0, "eye": [)" << first_eye
+        << R"(], "target": [0, 0, 0]}, {"t": 1, "eye": [2, 1, 3], "target": [0.2, 0, 0], "fov": 60}]})";
+  }
+
+  static Result<void> run(std::vector<std::string> arguments) {
+    CLI::App app("test", "scree");
+    const scree::tools::Command command = scree::tools::add_render(app);
+    arguments.insert(arguments.begin(), {"scree", "render"});
+    std::vector<const char*> words;
+    for (const std::string& argument : arguments) words.push_back(argument.c_str());
+    app.parse(static_cast<int>(words.size()), words.data());
+    return command.run();
+  }
+
+  Result<void> draw(const std::vector<std::string>& more, const std::string& pattern = "f_%02d",
+                    const std::string& size = "40x30") const {
+    std::vector<std::string> all{name("quad.scree"), "--path", name("path.json"), "--size", size, "-q", "--backend",
+                                 "cpu", "-o", name(pattern + ".png"), "--depth", name(pattern + ".pfm"), "--visbuffer",
+                                 name(pattern + ".bin")};
+    all.insert(all.end(), more.begin(), more.end());
+    return run(all);
+  }
+
+  size_t files() const {
+    return static_cast<size_t>(std::distance(fs::directory_iterator(folder_.path()), fs::directory_iterator()));
+  }
+
+ private:
+  ScratchPath folder_;
+};
+
+std::string message(const Result<void>& done, ErrorCode code) {
+  REQUIRE_FALSE(done);
+  CHECK(done.error().code == code);
+  return done.error().message;
+}
+
+}  // namespace
+
+TEST_CASE("each frame of a path has the bytes of a picture of its camera", "[render][path]") {
+  const PathRun path;
+  for (const std::string samples : {"1", "2"}) {
+    REQUIRE(path.draw({"--samples", samples, "--background", samples == "1" ? "black" : "transparent", "--force"}));
+    const std::vector<std::vector<std::string>> cameras{{"--eye", "0,0,3", "--target", "0,0,0"},
+                                                        {"--eye", "2,1,3", "--target", "0.2,0,0", "--fov", "60"}};
+    for (size_t i = 0; i < 2; ++i) {
+      std::vector<std::string> words{path.name("quad.scree"), "--size", "40x30", "-q", "-f", "--backend", "cpu",
+                                     "--samples", samples, "--background", samples == "1" ? "black" : "transparent",
+                                     "-o", path.name("one.png"), "--depth", path.name("one.pfm"), "--visbuffer",
+                                     path.name("one.bin")};
+      words.insert(words.end(), cameras[i].begin(), cameras[i].end());
+      REQUIRE(PathRun::run(words));
+      const std::string frame = i == 0 ? "f_00" : "f_04";
+      for (const std::string extension : {".png", ".pfm", ".bin"}) {
+        INFO(extension << " of frame " << frame);
+        CHECK(file_bytes(path.name(frame + extension)) == file_bytes(path.name("one" + extension)));
+      }
+    }
+  }
+}
+
+TEST_CASE("shares of a path make the frames of one run", "[render][path]") {
+  const PathRun path;
+  REQUIRE(path.draw({}));
+  for (const char* share : {"1/3", "2/3", "3/3"}) REQUIRE(path.draw({"--frames", std::string("0:5,") + share}, "g_%d"));
+  CHECK(path.files() == 2 + 2 * 15);
+  for (int frame = 0; frame < 5; ++frame)
+    for (const std::string extension : {".png", ".pfm", ".bin"})
+      CHECK(file_bytes(path.name("f_0" + std::to_string(frame) + extension)) ==
+            file_bytes(path.name("g_" + std::to_string(frame) + extension)));
+  REQUIRE(path.draw({"--frames", "7/9"}, "h_%d"));  // a share of nothing
+  CHECK(path.files() == 2 + 2 * 15);
+}
+
+TEST_CASE("a resumed path draws what is not there or not whole", "[render][path]") {
+  const PathRun path;
+  REQUIRE(path.draw({}));
+  const auto before = file_bytes(path.name("f_03.png"));
+  CHECK(message(path.draw({}), ErrorCode::kFile).find("f_00.png: exists already; --force replaces it, --resume") !=
+        std::string::npos);
+  fs::remove(path.name("f_01.bin"));
+  fs::resize_file(path.name("f_02.pfm"), 100);
+  fs::resize_file(path.name("f_03.png"), fs::file_size(path.name("f_03.png")) - 1);
+  std::ofstream(path.name("f_05.png.part")) << "half";
+  const auto old = fs::last_write_time(path.name("f_00.png"));
+  const auto drawn_again = fs::last_write_time(path.name("f_01.png"));
+  REQUIRE(path.draw({"--resume"}));
+  CHECK(fs::last_write_time(path.name("f_00.png")) == old);
+  CHECK(fs::last_write_time(path.name("f_01.png")) != drawn_again);
+  CHECK(file_bytes(path.name("f_03.png")) == before);
+  CHECK(fs::file_size(path.name("f_02.pfm")) == 40 * 30 * 4 + std::string("Pf\n40 30\n-1.0\n").size());
+  CHECK(fs::exists(path.name("f_01.bin")));
+  // Frames of another size are not those that are asked for.
+  REQUIRE(path.draw({"--resume"}, "f_%02d", "20x10"));
+  CHECK(file_bytes(path.name("f_00.bin")).size() == 20 * 10 * 8);
+}
+
+TEST_CASE("mistakes with a path are told before anything is drawn", "[render][path]") {
+  const PathRun path;
+  CHECK(message(path.draw({"--frames", "0:6"}), ErrorCode::kUsage).find("path.json has 5 frames, from 0 on, at 4 per") !=
+        std::string::npos);
+  CHECK(message(path.draw({"--frames", "5/5", "--fps", "0.5", "--fov", "5"}), ErrorCode::kUsage) ==
+        "--path and --fov exclude each other");
+  CHECK(message(path.draw({"--resume", "--force"}), ErrorCode::kUsage).find("exclude each other") != std::string::npos);
+  CHECK(message(PathRun::run({path.name("quad.scree"), "--resume"}), ErrorCode::kUsage) == "--resume needs --path");
+  CHECK(message(PathRun::run({path.name("quad.scree"), "--frames", "0:5"}), ErrorCode::kUsage).find("--path") !=
+        std::string::npos);
+  CHECK(message(PathRun::run({path.name("quad.scree"), "--path", path.name("path.json")}), ErrorCode::kUsage) ==
+        "--path needs the names of the frames' files, such as -o frame_%05d.png");
+  // Frame 0 looks from where it looks to.
+  path.write_path("0, 0, 0");
+  CHECK(message(path.draw({}), ErrorCode::kUsage).find("path.json: frame 0, at 0 s: the eye and the target are the") !=
+        std::string::npos);
+  path.write_path("0, 3, 0");  // along up
+  CHECK(message(path.draw({}), ErrorCode::kUsage).find("frame 0, at 0 s: up lies along") != std::string::npos);
+  fs::remove(path.name("path.json"));
+  CHECK(message(path.draw({}), ErrorCode::kFile).find("path.json: cannot be opened") != std::string::npos);
+  CHECK(path.files() == 1);
+  // A pattern that comes to the scene itself.
+  fs::rename(path.name("quad.scree"), path.name("f_02.scree"));
+  path.write_path("0, 0, 3");
+  CHECK(message(PathRun::run({path.name("f_02.scree"), "--path", path.name("path.json"), "--visbuffer",
+                              path.name("f_%02d.scree"), "-q", "--force"}),
+                ErrorCode::kUsage)
+            .find("frame 2 would replace") != std::string::npos);
+}

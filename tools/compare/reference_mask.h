@@ -1,0 +1,15 @@
+// Alpha masks of the reference rasteriser: not for others.
+#pragma once
+
+#include <array>
+#include <cstdint>
+
+#include "tools/compare/reference_geometry.h"
+
+namespace scree::compare {
+
+/// Whether a triangle of a mesh with a mask is there at the centre of a pixel that it covers.
+bool mask_passes(const kernels::View& view, const ReferenceMesh& mesh, uint64_t triangle,
+                 const std::array<SeenPoint, 3>& corners, uint32_t x, uint32_t y);
+
+}  // namespace scree::compare
