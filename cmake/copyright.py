@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
 """Writes the licences of a built scree: its own, and those of the libraries in it, out of the distribution's packages.
 
-copyright.py --debian FILE [--cuda]         the copyright file of a .deb, in the machine-readable form (DEP-5)
-copyright.py --third-party FILE [--cuda]    the same of the libraries alone, with the shared ones, for the tarball
+copyright.py --debian FILE [--cuda] [--with LIBRARY]...       the copyright file of a .deb, in the machine-readable form (DEP-5)
+copyright.py --third-party FILE [--cuda] [--with LIBRARY]...  the same of the libraries alone, with the shared ones, for the tarball
 
 A package's own /usr/share/doc/PACKAGE/copyright gives holders and licence texts. A package that is not installed, or whose
 copyright file cannot be read, is an error: a licence is never left out.
@@ -17,6 +17,9 @@ import sys
 LIBRARIES = [("zstd", ["libzstd-dev"]), ("xxhash", ["libxxhash-dev"]), ("zlib", ["zlib1g-dev"]), ("libpng", ["libpng-dev"]),
              ("libjpeg-turbo", ["libjpeg62-turbo-dev", "libjpeg-turbo8-dev"]), ("tinygltf", ["libtinygltf-dev"]),
              ("nlohmann-json", ["nlohmann-json3-dev"]), ("cli11", ["libcli11-dev"])]
+OPTIONAL = {"webp": ("libwebp", ["libwebp-dev"]), "draco": ("draco", ["libdraco-dev"])}
+# Packages whose copyright file is of the old form, "Copyright:" and "License:" with a text each, and that licence's name.
+OLD_FORM = {"libwebp": "BSD-3-clause"}
 # Shared libraries that lie beside the program in the tarball.
 BESIDE = [("meshoptimizer", ["libmeshoptimizer-dev"]), ("openexr", ["libopenexr-dev"]), ("imath", ["libimath-dev"])]
 FORMAT = "https://www.debian.org/doc/packaging-manuals/copyright-format/1.0/"
@@ -24,7 +27,7 @@ CUDA = """The CUDA runtime (cudart), linked statically: object code of the CUDA 
 of a program under "Attachment A" of the CUDA Toolkit End User License Agreement,
 https://docs.nvidia.com/cuda/eula/. All rights in it remain with NVIDIA."""
 # Files of a library's sources of which nothing is in the program: packaging, tests, examples, programs, documentation.
-NOT_LINKED = re.compile(r"^(debian|tests?|examples?|tools|fuzz|contrib|doc|docs|cmake|amiga|java|build|release|programs)/|"
+NOT_LINKED = re.compile(r"^(debian|tests?|testdata|examples?|tools|fuzz|contrib|doc|docs|cmake|amiga|java|build|release|programs)/|"
                         r"^(xxhsum\.c|zlibWrapper/examples)|/fuzz/|\.(md|txt|yml|cmake|in)$")
 
 
@@ -66,8 +69,20 @@ def folded(text):
     return "\n".join((" " + line.strip()) if line.strip() else " ." for line in text.splitlines() if line.strip())
 
 
+def old_stanzas(library, package, path, text):
+    found = re.search(r"^Copyright:\n(.*?)^License:\n(.*?)^(?=\S)", text, re.MULTILINE | re.DOTALL)
+    if not found:
+        fail(f"{path}: expected Copyright: and License: with a text each")
+    name = f"{OLD_FORM[library]}~{library}"
+    body = "\n".join(f" {line.strip()}" if line.strip() else " ." for line in found[2].strip("\n").splitlines())
+    return [f"Files: {library}/*\nCopyright:\n{folded(found[1])}\nLicense: {name}\nComment: In the program, from {package}.",
+            f"License: {name}\n{body}"]
+
+
 def library_stanzas(library, names):
     package, path, text = read_package(names)
+    if library in OLD_FORM and not text.startswith("Format:"):
+        return old_stanzas(library, package, path, text)
     out = []
     stanzas = stanzas_of(text)
     if "Format" not in stanzas[0]:
@@ -109,6 +124,7 @@ def main():
     parser.add_argument("--debian", metavar="FILE")
     parser.add_argument("--third-party", metavar="FILE")
     parser.add_argument("--cuda", action="store_true")
+    parser.add_argument("--with", dest="optional", metavar="LIBRARY", action="append", choices=sorted(OPTIONAL), default=[])
     asked = parser.parse_args()
     with open(os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "LICENSE"), encoding="utf-8") as file:
         own = file.read()
@@ -122,7 +138,7 @@ def main():
             parts[0] += "\nComment:\n" + "\n".join(f" {line}" for line in CUDA.splitlines())
         parts.append(f"Files: *\nCopyright: {found[1]}\nLicense: Expat")
         parts.append("License: Expat\n" + "\n".join(f" {line}" if line.strip() else " ." for line in body.splitlines()))
-    libraries = LIBRARIES + (BESIDE if asked.third_party else [])
+    libraries = LIBRARIES + [OPTIONAL[name] for name in asked.optional] + (BESIDE if asked.third_party else [])
     for library, names in libraries:
         parts += library_stanzas(library, names)
     if asked.debian:

@@ -51,6 +51,29 @@ if(NOT TARGET OpenEXR::OpenEXR)
   message(STATUS "OpenEXR (libopenexr-dev) is not found: scree render writes no .exr")
 endif()
 
+# Codecs of some files only: without one, such a file is refused by a line that names it.
+function(scree_optional_library target archive header what)
+  string(TOUPPER "SCREE_${target}" option)
+  option(${option} "Read ${what}, where the library is found" ON)
+  find_library(${target}_archive NAMES ${archive})
+  find_path(${target}_include NAMES ${header})
+  if(NOT ${option} OR NOT ${target}_archive OR NOT ${target}_include)
+    message(STATUS "${what} will not be read: ${archive} is not found or ${option} is off")
+    return()
+  endif()
+  scree_static_library(${target} ${archive} ${header})
+endfunction()
+
+scree_optional_library(webp libwebp.a webp/decode.h "WebP textures (EXT_texture_webp)")
+if(TARGET scree::webp)
+  find_library(sharpyuv_archive NAMES libsharpyuv.a)  # of its own from libwebp 1.3 on, for the encoder in the tests
+  set_property(TARGET scree::webp PROPERTY INTERFACE_LINK_LIBRARIES
+    $<$<BOOL:${sharpyuv_archive}>:${sharpyuv_archive}> Threads::Threads m)
+endif()
+
+scree_optional_library(draco libdraco.a draco/compression/mesh/mesh_edgebreaker_decoder.h
+  "Draco geometry (KHR_draco_mesh_compression)")
+
 # scree view alone needs it, headers and nothing to link; without it the command says what is missing.
 find_path(beast_include NAMES boost/beast.hpp)
 if(beast_include)

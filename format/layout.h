@@ -9,7 +9,7 @@ namespace scree::format {
 
 inline constexpr uint8_t kMagic[8] = {0x89, 'S', 'C', 'R', 'E', 'E', '\r', '\n'};
 inline constexpr uint16_t kVersionMajor = 1;  // a reader refuses a newer one
-inline constexpr uint16_t kVersionMinor = 1;  // a reader skips additions of a newer one; files without masks have 0
+inline constexpr uint16_t kVersionMinor = 1;  // a reader skips additions of a newer one; see TableKind for those of 1
 
 inline constexpr uint64_t kPageAlignment = 4096;        // so that O_DIRECT can read pages
 inline constexpr uint64_t kPageTargetBytes = 1u << 20;  // a chunk that would take a page past this starts a new page
@@ -63,7 +63,9 @@ enum class TableKind : uint32_t {
   kLeftOut = 17,
   kMipLevels = 18,
   kLeftOutCosts = 19,
-  kMasks = 22,  // of minor version 1; 20 and 21 are not known
+  kSurfaces = 20,  // of minor version 1, as all below
+  kLights = 21,
+  kMasks = 22,
 };
 
 /// One table. A reader skips unknown kinds. Records of a known kind may be larger (a newer minor version); they are
@@ -227,6 +229,59 @@ struct MaterialRecord {
   uint32_t reserved;
 };
 static_assert(sizeof(MaterialRecord) == 56);
+
+/// What a surface's textures are for, in the order of SurfaceRecord::textures. Emission and the specular colour are
+/// sRGB-coded; the others hold numbers: of metallic-roughness green is roughness and blue metalness, of the normal map
+/// x, y, z, of occlusion red, of specular alpha.
+enum class SurfaceUse : uint32_t { kMetallicRoughness, kNormalMap, kOcclusion, kEmission, kSpecular, kSpecularColor };
+inline constexpr uint32_t kSurfaceUses = 6;
+
+/// Whether a texture of this use is sRGB-coded colour.
+constexpr bool is_color(SurfaceUse use) {
+  return use == SurfaceUse::kEmission || use == SurfaceUse::kSpecularColor;
+}
+
+struct SurfaceTexture {
+  uint32_t texture;    // or kNone
+  float uv_offset[2];  // KHR_texture_transform
+  float uv_scale[2];
+  float uv_rotation;  // radians, counter-clockwise
+};
+static_assert(sizeof(SurfaceTexture) == 24);
+
+/// What a material has beyond its base colour, where it has anything: glTF's metallic-roughness model. Ascending by
+/// material, each at most once.
+struct SurfaceRecord {
+  uint32_t material;
+  float metallic;   // 0 to 1
+  float roughness;  // 0 to 1, perceptual
+  float normal_scale;
+  float occlusion_strength;  // 0 to 1
+  float emission[3];         // linear, KHR_materials_emissive_strength multiplied in
+  float ior;                 // KHR_materials_ior: 1 or more, or 0: reflects all
+  float specular;            // KHR_materials_specular, 0 to 1
+  float specular_color[3];
+  uint32_t reserved;
+  SurfaceTexture textures[kSurfaceUses];
+};
+static_assert(sizeof(SurfaceRecord) == 200);
+
+enum class LightKind : uint32_t { kDirectional = 1, kPoint = 2, kSpot = 3 };
+
+/// A light of KHR_lights_punctual at a node, whose -z it shines along. Of the scenes that have the node.
+struct LightRecord {
+  uint32_t name;
+  uint32_t node;
+  LightKind kind;
+  uint32_t reserved;
+  float color[3];    // linear
+  float intensity;   // candela; directional: lux
+  float range;       // units, or 0: no end
+  float inner_cone;  // spot: radians from the axis, where it begins to fall off
+  float outer_cone;  // spot: where it ends, above inner_cone, at most pi / 2
+  uint32_t reserved2;
+};
+static_assert(sizeof(LightRecord) == 48);
 
 enum class Wrap : uint16_t { kRepeat = 0, kMirror = 1, kClamp = 2 };
 

@@ -28,11 +28,32 @@ struct View {
   uint32_t height;
 };
 
-enum class Show : uint32_t { kTexture, kColor, kUv, kNormal, kTriangle, kCluster, kMesh, kStage, kDepth };
+enum class Show : uint32_t {
+  kTexture,
+  kColor,
+  kUv,
+  kNormal,
+  kTriangle,
+  kCluster,
+  kMesh,
+  kStage,
+  kDepth,
+  kSurface,  // kTexture where lighting_of() says so: nobody asks for it
+};
+
+/// Where the light of a textured picture comes from.
+enum class Lighting : uint32_t {
+  kAuto,         // kEnvironment where the drawn scene has surfaces and an environment, else kCamera
+  kCamera,       // from the camera, on matt surfaces: base colours, normal maps, occlusion and emission
+  kEnvironment,  // from all around (SceneView::environment; where there is none, kCamera)
+  kScene,        // the file's lights alone
+};
 
 struct ShadeOptions {
   Show show = Show::kTexture;
-  bool light = true;                   // diffuse light from the camera (kTexture and kColor)
+  bool light = true;                   // false: base colours as they are (kTexture and kColor)
+  Lighting lighting = Lighting::kAuto;
+  float exposure = 1;    // a factor for the light of kEnvironment and kScene
   float background[4] = {0, 0, 0, 0};  // linear RGBA
   // Factors a pixel, from the picture's depths, for the light of its surfaces, whatever is shown.
   bool ssao = false;              // ambient occlusion
@@ -41,6 +62,21 @@ struct ShadeOptions {
   float edl_strength = 1;         // 0: none
   uint32_t edl_radius = 1;        // pixels
 };
+
+/// The light that a picture has.
+inline Lighting lighting_of(const SceneView& scene, const ShadeOptions& options) {
+  if (!options.light) return Lighting::kCamera;
+  const bool has_environment = scene.environment != nullptr;
+  if (options.lighting == Lighting::kAuto)
+    return has_environment && scene.surface_count != 0 ? Lighting::kEnvironment : Lighting::kCamera;
+  return options.lighting == Lighting::kEnvironment && !has_environment ? Lighting::kCamera : options.lighting;
+}
+
+/// Whether samples are shaded as Show::kSurface. Scenes of base colours under the camera's light are not.
+inline bool shades_surfaces(const SceneView& scene, const ShadeOptions& options) {
+  if (options.show != Show::kTexture || !options.light) return false;
+  return scene.surface_count != 0 || lighting_of(scene, options) != Lighting::kCamera;
+}
 
 /// Times of one resolve by the GPU's clock.
 struct ResolveTimes {

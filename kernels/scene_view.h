@@ -74,6 +74,17 @@ struct TextureView {
   bool nearest;  // magnification filter
 };
 
+/// A light of the drawn scene, in world space.
+struct PlacedLight {
+  double position[3];
+  float direction[3];  // unit length, the way it shines
+  float color[3];      // times its intensity
+  float range;         // 0: no end
+  float cone_scale;    // spot: KHR_lights_punctual's lightAngleScale and lightAngleOffset
+  float cone_offset;
+  format::LightKind kind;
+};
+
 /// One scene of a file.
 struct SceneView {
   const format::MeshRecord* meshes;
@@ -82,6 +93,10 @@ struct SceneView {
   const uint64_t* instance_base;  // instance_count + 1: exclusive prefix sum of triangles, the first global id
   const format::MatrixRecord* matrices;
   const format::MaterialRecord* materials;
+  const format::SurfaceRecord* surfaces;
+  const uint32_t* surface_of;     // by material: its surface, or kNone; null where there are no surfaces
+  const PlacedLight* lights;      // of the drawn scene
+  const float* environment;       // shade/environment.h; null where none was made
   const TextureView* textures;    // by texture record
   const std::byte* const* pages;  // raw bytes by page number, 16-byte aligned; null: not a geometry page
   uint64_t mesh_count;
@@ -90,6 +105,8 @@ struct SceneView {
   uint64_t matrix_count;
   uint64_t material_count;
   uint64_t texture_count;
+  uint64_t surface_count;  // 0: base colours alone
+  uint32_t light_count;
   ChunkKinds chunk_kinds;  // kMixed is right for every scene
   BlockCache* blocks;      // of the textures' JPEG levels; null where there are none, and on a GPU
   const MaskView* masks;   // by material; null: nothing is masked

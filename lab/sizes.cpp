@@ -200,7 +200,7 @@ class ModelSizes {
     options.input = model_;
     options.output = folder_.file("out.scree");
     options.position_bits = kPositionBits;
-    options.normals = normals_;
+    options.normals = normals_ ? convert::Normals::kAlways : convert::Normals::kNever;
     options.threads = 1;
     return options;
   }

@@ -31,7 +31,7 @@ scree_status translate(const scree_convert_options& in, convert::ConvertOptions&
   out.encoding = has(SCREE_CONVERT_INDEXED) ? convert::Encoding::kIndexed : convert::Encoding::kClustered;
   out.clusters = has(SCREE_CONVERT_BEST) ? tools::ClusterEffort::kBest : tools::ClusterEffort::kFast;
   out.zstd_level = in.zstd_level;
-  out.normals = has(SCREE_CONVERT_NORMALS);
+  out.normals = has(SCREE_CONVERT_NORMALS) ? convert::Normals::kAlways : convert::Normals::kAuto;
   out.source_ids = has(SCREE_CONVERT_SOURCE_IDS);
   out.drop_nonfinite = has(SCREE_CONVERT_DROP_NONFINITE);
   out.weld = !has(SCREE_CONVERT_NO_WELD);

@@ -29,6 +29,10 @@ struct DrawnView {
   std::unique_ptr<runtime::ViewRenderer> renderer;
 };
 
+struct HeldMemory {
+  std::shared_ptr<const void> memory;
+};
+
 /// All handles of one kind, whose low bits are kTag. Thread-safe.
 template <class Handle, class Object, uint64_t kTag>
 class Handles {
@@ -73,6 +77,7 @@ class Handles {
 using Files = Handles<scree_file, File, 1>;
 using Scenes = Handles<scree_scene, LoadedFile, 2>;
 using Views = Handles<scree_view, DrawnView, 3>;
+using Memories = Handles<scree_memory, HeldMemory, 4>;
 
 /// Calls body(object) with what `handle` stands for; nothing is thrown past it. `name`: "scree_view" and the like.
 template <class Kind, class Handle, class Body>

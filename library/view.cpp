@@ -55,6 +55,7 @@ scree_status make_view(const runtime::LoadedScene& scene, const scree_camera& ca
       if (camera.look_at_box == 0) options.target = vector_of(camera.target);
       break;
     case SCREE_CAMERA_MATRICES: {
+      if (!std::isfinite(camera.z_near)) return fail(SCREE_ERROR_ARGUMENT, "scree_camera::z_near is not finite");
       runtime::CameraMatrices matrices;
       std::copy_n(camera.view, 16, matrices.view.begin());
       std::copy_n(camera.projection, 16, matrices.projection.begin());
@@ -269,6 +270,24 @@ scree_status scree_device_layer(scree_view* view, scree_layer layer, void* strea
     give(array, describe(renderer, kind, *data, renderer.scene().gpu()->index));
     return SCREE_OK;
   });
+}
+
+scree_status scree_hold(scree_view* view, const scree_array* array, scree_memory** memory) {
+  return with<Views>(view, "scree_view", [&](DrawnView& drawn) {
+    scree_array taken;
+    if (array == nullptr || memory == nullptr)
+      return fail(SCREE_ERROR_ARGUMENT, "scree_hold: array or memory is null");
+    if (const scree_status checked = take(array, taken, "scree_array"); checked != SCREE_OK) return checked;
+    const std::lock_guard<std::mutex> lock(drawn.mutex);
+    scree::Result<std::shared_ptr<const void>> held = drawn.renderer->hold(static_cast<const std::byte*>(taken.data));
+    if (!held) return fail(held.error(), Subject::kArguments);
+    *memory = Memories::all().add(std::make_shared<HeldMemory>(HeldMemory{std::move(*held)}));
+    return SCREE_OK;
+  });
+}
+
+scree_status scree_release(scree_memory* memory) {
+  return end<Memories>(memory, "scree_memory");
 }
 
 scree_status scree_read(scree_view* view, scree_layer layer, void* buffer, uint64_t bytes) {

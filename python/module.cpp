@@ -49,6 +49,21 @@ struct DlManagedTensor {
   void (*deleter)(DlManagedTensor*);
 };
 
+/// Calls what may wait for a view or a GPU that another thread uses, which may want the GIL meanwhile.
+template <class Call>
+auto without_gil(const Call& call) {
+  const py::gil_scoped_release release;
+  return call();
+}
+
+/// Ends likewise, on whichever thread has the last reference.
+template <class T>
+void end(T* object) {
+  std::optional<py::gil_scoped_release> release;
+  if (Py_IsInitialized() != 0 && PyGILState_Check() != 0) release.emplace();
+  delete object;
+}
+
 DlDataType dl_type(scree_type type) {
   switch (type) {
     case SCREE_UINT8:
@@ -85,7 +100,7 @@ std::vector<py::ssize_t> shape_of(const scree_array& array) {
 
 /// What a layer of a view has, without making it: the frame's sizes say it.
 scree_array describe(const scree::View& view, scree_layer layer) {
-  const scree_frame_stats stats = view.stats();
+  const scree_frame_stats stats = without_gil([&] { return view.stats(); });
   const uint32_t side = layer == SCREE_SAMPLES ? stats.samples : 1;
   constexpr std::array<scree_type, 7> kTypes{SCREE_UINT8,  SCREE_FLOAT32, SCREE_INT64,  SCREE_INT32,
                                              SCREE_UINT64, SCREE_FLOAT32, SCREE_FLOAT32};
@@ -123,25 +138,33 @@ struct SharedLayer {
 
   /// `stream`: as the array API has it: none and 1 are the default stream, 2 each thread's own, -1 no stream at all,
   /// and others a cudaStream_t.
-  py::capsule dlpack(const py::object& stream, const py::kwargs&) const {
+  py::capsule dlpack(const py::object& stream, const py::object& version, const py::object& wanted,
+                     const py::object& copy) const {
+    (void)version;  // of the newest capsules that the consumer takes; it takes these as well
+    if (!copy.is_none() && copy.cast<bool>()) throw py::buffer_error("a shared layer is no copy: View.read() makes one");
+    if (!wanted.is_none() && wanted.cast<std::pair<int, int>>() != device())
+      throw py::buffer_error("the layer lies on another device than dl_device");
     scree_array array;
+    std::shared_ptr<scree_memory> memory;
     if (gpu < 0) {
       const py::gil_scoped_release release;
       array = view->host_layer(layer);
+      memory = view->hold(array);
     } else {
       const int64_t number = stream.is_none() ? 1 : stream.cast<int64_t>();
       if (number == 0 || number < -1) throw py::value_error("stream: expected None, -1, 1, 2 or a cudaStream_t");
       void* const waits = number <= 1 ? nullptr : reinterpret_cast<void*>(number);
       const py::gil_scoped_release release;
       array = view->device_layer(layer, waits);
+      memory = view->hold(array);
     }
     struct Shared {
       DlManagedTensor managed;
-      std::shared_ptr<scree::View> view;
+      std::shared_ptr<scree_memory> memory;
       std::array<int64_t, 4> shape;
     };
     auto shared = std::make_unique<Shared>();
-    shared->view = view;
+    shared->memory = std::move(memory);
     std::copy(array.shape, array.shape + 4, shared->shape.begin());
     DlTensor& tensor = shared->managed.tensor;
     tensor.data = const_cast<void*>(array.data);
@@ -152,7 +175,7 @@ struct SharedLayer {
     tensor.strides = nullptr;
     tensor.byte_offset = 0;
     shared->managed.context = shared.get();
-    shared->managed.deleter = [](DlManagedTensor* managed) { delete static_cast<Shared*>(managed->context); };
+    shared->managed.deleter = [](DlManagedTensor* managed) { end(static_cast<Shared*>(managed->context)); };
     PyObject* const capsule = PyCapsule_New(&shared.get()->managed, "dltensor", [](PyObject* object) {
       if (PyCapsule_IsValid(object, "dltensor") == 0) return;  // a consumer took it
       auto* const managed = static_cast<DlManagedTensor*>(PyCapsule_GetPointer(object, "dltensor"));
@@ -291,7 +314,7 @@ py::dict instances_of(const scree::Scene& scene) {
 }
 
 py::object pick_of(const scree::View& view, uint32_t x, uint32_t y) {
-  const scree_pick_info info = view.pick(x, y);
+  const scree_pick_info info = without_gil([&] { return view.pick(x, y); });
   if (info.hit == 0) return py::none();
   return py::dict("mesh"_a = info.mesh, "node"_a = info.node, "node_instance"_a = info.node_instance,
                   "instance"_a = info.instance, "triangle"_a = info.triangle, "mesh_triangle"_a = info.mesh_triangle,
@@ -300,7 +323,7 @@ py::object pick_of(const scree::View& view, uint32_t x, uint32_t y) {
 }
 
 py::dict stats_of(const scree::View& view) {
-  const scree_frame_stats stats = view.stats();
+  const scree_frame_stats stats = without_gil([&] { return view.stats(); });
   return py::dict("width"_a = stats.width, "height"_a = stats.height, "samples"_a = stats.samples,
                   "instances"_a = stats.instances, "triangles"_a = stats.triangles, "clusters"_a = stats.clusters,
                   "draw_ms"_a = stats.draw_ms, "gpu_ms"_a = stats.gpu_ms, "streamed_bytes"_a = stats.streamed_bytes,
@@ -383,7 +406,7 @@ std::shared_ptr<scree::Scene> load(const scree::File& file, const std::optional<
   {
     const py::gil_scoped_release release;
     try {
-      loaded = std::make_shared<scree::Scene>(file.handle(), options);
+      loaded = std::shared_ptr<scree::Scene>(new scree::Scene(file.handle(), options), &end<scree::Scene>);
     } catch (const scree::Error& failed) {
       error = failed;
     }
@@ -470,7 +493,8 @@ PYBIND11_MODULE(_scree, module) {
   module.def("matrices", &matrices, "view"_a, "projection"_a, "z_near"_a = 0.0);
 
   py::class_<SharedLayer>(module, "SharedLayer")
-      .def("__dlpack__", &SharedLayer::dlpack, "stream"_a = py::none())
+      .def("__dlpack__", &SharedLayer::dlpack, py::kw_only(), "stream"_a = py::none(), "max_version"_a = py::none(),
+           "dl_device"_a = py::none(), "copy"_a = py::none())
       .def("__dlpack_device__", &SharedLayer::device)
       .def_property_readonly(
           "shape",
@@ -525,7 +549,7 @@ PYBIND11_MODULE(_scree, module) {
       .def(
           "share",
           [](const std::shared_ptr<scree::View>& view, const std::string& layer, int gpu) {
-            (void)view->stats();  // or there is no frame
+            (void)without_gil([&] { return view->stats(); });  // or there is no frame
             return SharedLayer{view, layer_of(layer), gpu};
           },
           "layer"_a, "gpu"_a)
@@ -536,7 +560,7 @@ PYBIND11_MODULE(_scree, module) {
       .def("view",
            [](const scree::Scene& scene) {
              const py::gil_scoped_release release;
-             return std::make_shared<scree::View>(scene.handle());
+             return std::shared_ptr<scree::View>(new scree::View(scene.handle()), &end<scree::View>);
            })
       .def_property_readonly("stats", [](const scree::Scene& scene) { return stats_of(scene); })
       .def("instances", &instances_of);

@@ -37,6 +37,16 @@ void ask_for_help(const CLI::App& app, std::vector<std::string>& words) {
   if (words.empty() || std::any_of(commands.begin(), commands.end(), is_word)) words.emplace_back("--help");
 }
 
+/// `--normals` was a flag of convert before it got values.
+void give_normals_a_value(std::vector<std::string>& words) {
+  if (words.empty() || words.front() != "convert") return;
+  for (size_t i = 1; i < words.size(); ++i) {
+    if (words[i] != "--normals") continue;
+    const std::string& value = i + 1 < words.size() ? words[i + 1] : "";
+    if (value != "auto" && value != "always" && value != "never") words[i] = "--normals=always";
+  }
+}
+
 int run(int argc, char** argv) {
   CLI::App app("Packs huge glTF scenes, checks them, draws them exactly.", "scree");
   app.set_version_flag("--version", scree::tools::version_text());
@@ -47,6 +57,7 @@ int run(int argc, char** argv) {
       scree::tools::add_bench(app),   scree::tools::add_devices(app), scree::tools::add_view(app)};
   std::vector<std::string> words(argv + 1, argv + argc);
   ask_for_help(app, words);
+  give_normals_a_value(words);
   std::reverse(words.begin(), words.end());  // as CLI11 takes them
   try {
     app.parse(std::move(words));

@@ -29,6 +29,8 @@ Result<void> check_in_parts(const TableViews& tables, TableReader& reader, uint6
   }
   if (auto checked = checker.scene_roots(); !checked) return checked;
   if (auto checked = checker.materials(); !checked) return checked;
+  if (auto checked = checker.surfaces(); !checked) return checked;
+  if (auto checked = checker.lights(); !checked) return checked;
   if (auto checked = checker.textures(); !checked) return checked;
   if (auto checked = checker.images(); !checked) return checked;
   if (auto checked = checker.masks(); !checked) return checked;

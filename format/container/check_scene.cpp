@@ -184,6 +184,65 @@ Result<void> Checker::materials() const {
   return {};
 }
 
+Result<void> Checker::surfaces() const {
+  uint64_t next = 0;  // the least material that the next surface may be of
+  for (uint64_t i = 0; i < surfaces_.size(); ++i) {
+    const SurfaceRecord& surface = surfaces_[i];
+    if (surface.material >= materials_.size()) {
+      return fail_index("surface", i, "material", surface.material, materials_.size(), "materials");
+    }
+    if (surface.material < next) {
+      return fail(kRange, "surface ", i, ": material ", surface.material, ", expected ", next, " or more");
+    }
+    next = uint64_t{surface.material} + 1;
+    if (surface.reserved) return fail(kReserved, "surface ", i, ": a reserved field is set");
+    if (!all_finite(&surface.metallic, 12)) return fail(kRange, "surface ", i, ": a factor that is not finite");
+    for (const float share : {surface.metallic, surface.roughness, surface.occlusion_strength, surface.specular}) {
+      if (!(share >= 0 && share <= 1)) return fail(kRange, "surface ", i, ": a factor of ", share, ", expected 0 to 1");
+    }
+    for (int c = 0; c < 3; ++c) {
+      if (!(surface.emission[c] >= 0 && surface.specular_color[c] >= 0)) {
+        return fail(kRange, "surface ", i, ": a colour below 0");
+      }
+    }
+    if (!(surface.ior == 0 || surface.ior >= 1)) {
+      return fail(kRange, "surface ", i, ": index of refraction ", surface.ior, ", expected 0, or 1 or more");
+    }
+    for (const SurfaceTexture& use : surface.textures) {
+      if (use.texture >= textures_.size() && use.texture != kNone) {
+        return fail_index("surface", i, "texture", use.texture, textures_.size(), "textures");
+      }
+      if (!all_finite(use.uv_offset, 5)) {
+        return fail(kRange, "surface ", i, ": a texture transform that is not finite");
+      }
+    }
+  }
+  return {};
+}
+
+Result<void> Checker::lights() const {
+  for (uint64_t i = 0; i < lights_.size(); ++i) {
+    const LightRecord& light = lights_[i];
+    if (name_is_bad(light.name)) return fail_name("light", i, light.name);
+    if (light.node >= nodes_.size()) return fail_index("light", i, "node", light.node, nodes_.size(), "nodes");
+    if (light.kind < LightKind::kDirectional || light.kind > LightKind::kSpot) {
+      return fail(kRange, "light ", i, ": kind ", static_cast<uint32_t>(light.kind));
+    }
+    if (light.reserved || light.reserved2) return fail(kReserved, "light ", i, ": a reserved field is set");
+    if (!all_finite(light.color, 7)) return fail(kRange, "light ", i, ": a number that is not finite");
+    for (const float value : {light.color[0], light.color[1], light.color[2], light.intensity, light.range}) {
+      if (!(value >= 0)) return fail(kRange, "light ", i, ": ", value, ", expected 0 or more");
+    }
+    const bool is_spot = light.kind == LightKind::kSpot;
+    const bool has_cone = light.inner_cone >= 0 && light.outer_cone > light.inner_cone &&
+                          light.outer_cone <= static_cast<float>(std::numbers::pi / 2);
+    if (is_spot ? !has_cone : light.inner_cone != 0 || light.outer_cone != 0) {
+      return fail(kRange, "light ", i, ": a cone from ", light.inner_cone, " to ", light.outer_cone);
+    }
+  }
+  return {};
+}
+
 Result<void> Checker::textures() const {
   for (uint64_t i = 0; i < textures_.size(); ++i) {
     const TextureRecord& texture = textures_[i];

@@ -58,6 +58,8 @@ class Checker {
         materials_(tables.table<MaterialRecord>(TableKind::kMaterials)),
         textures_(tables.table<TextureRecord>(TableKind::kTextures)),
         images_(tables.table<ImageRecord>(TableKind::kImages)),
+        surfaces_(tables.table<SurfaceRecord>(TableKind::kSurfaces)),
+        lights_(tables.table<LightRecord>(TableKind::kLights)),
         mip_levels_(tables.table<MipLevelRecord>(TableKind::kMipLevels)),
         masks_(tables.table<MaskRecord>(TableKind::kMasks)),
         cameras_(tables.table<CameraRecord>(TableKind::kCameras)),
@@ -76,6 +78,8 @@ class Checker {
   Result<void> scenes(Part part);
   Result<void> scene_roots() const;
   Result<void> materials() const;
+  Result<void> surfaces() const;
+  Result<void> lights() const;
   Result<void> textures() const;
   Result<void> images() const;
   Result<void> masks() const;
@@ -145,6 +149,8 @@ class Checker {
   Table<MaterialRecord> materials_;
   Table<TextureRecord> textures_;
   Table<ImageRecord> images_;
+  Table<SurfaceRecord> surfaces_;
+  Table<LightRecord> lights_;
   Table<MipLevelRecord> mip_levels_;
   Table<MaskRecord> masks_;
   Table<CameraRecord> cameras_;

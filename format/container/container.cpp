@@ -52,8 +52,8 @@ constexpr std::array<KnownTable, kKnownTableKinds> kKnownTables = {{
     known<LeftOutRecord>("left-out"),
     known<MipLevelRecord>("mip level"),
     known<uint64_t>("left-out cost"),
-    {nullptr, 0, 1},
-    {nullptr, 0, 1},
+    known<SurfaceRecord>("surface"),
+    known<LightRecord>("light"),
     known<MaskRecord>("mask"),
 }};
 static_assert(kKnownTables[static_cast<uint32_t>(TableKind::kMasks)].record_bytes == sizeof(MaskRecord));
@@ -388,6 +388,12 @@ Table<TextureRecord> Container::textures() const {
 }
 Table<ImageRecord> Container::images() const {
   return views_->table<ImageRecord>(TableKind::kImages);
+}
+Table<SurfaceRecord> Container::surfaces() const {
+  return views_->table<SurfaceRecord>(TableKind::kSurfaces);
+}
+Table<LightRecord> Container::lights() const {
+  return views_->table<LightRecord>(TableKind::kLights);
 }
 Table<MipLevelRecord> Container::mip_levels() const {
   return views_->table<MipLevelRecord>(TableKind::kMipLevels);

@@ -60,6 +60,8 @@ class Container {
   Table<TextureRecord> textures() const;
   Table<ImageRecord> images() const;
   Table<MipLevelRecord> mip_levels() const;
+  Table<SurfaceRecord> surfaces() const;
+  Table<LightRecord> lights() const;
   Table<MaskRecord> masks() const;
   Table<CameraRecord> cameras() const;
   Table<SceneRecord> scenes() const;
@@ -136,6 +138,8 @@ struct TableSet {
   std::vector<TextureRecord> textures;
   std::vector<ImageRecord> images;
   std::vector<MipLevelRecord> mip_levels;
+  std::vector<SurfaceRecord> surfaces;
+  std::vector<LightRecord> lights;
   std::vector<MaskRecord> masks;
   std::vector<CameraRecord> cameras;
   std::vector<SceneRecord> scenes;

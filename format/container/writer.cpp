@@ -399,6 +399,8 @@ Result<uint64_t> ContainerWriter::finish(const TableSet& tables) {
   table(TableKind::kSource, std::span<const SourceRecord>(&tables.source, 1));
   table(TableKind::kLeftOut, tables.left_out);
   table(TableKind::kLeftOutCosts, tables.left_out_costs);
+  table(TableKind::kSurfaces, tables.surfaces);
+  table(TableKind::kLights, tables.lights);
   table(TableKind::kMasks, tables.masks);
   if (!written) return written.error();
 
@@ -406,7 +408,8 @@ Result<uint64_t> ContainerWriter::finish(const TableSet& tables) {
   FileHeader header{};
   std::memcpy(header.magic, kMagic, sizeof kMagic);
   header.version_major = kVersionMajor;
-  header.version_minor = tables.masks.empty() ? 0 : 1;  // masks are all that version 1.1 added
+  const bool is_older = tables.surfaces.empty() && tables.lights.empty() && tables.masks.empty();
+  header.version_minor = is_older ? 0 : 1;  // surfaces, lights and masks are what version 1.1 added
   header.header_bytes = sizeof header;
   header.toc_offset = align_up(impl_->end, kTableAlignment);
   header.toc_count = static_cast<uint32_t>(toc.size());

@@ -41,6 +41,7 @@ extern "C" {
 typedef struct scree_file scree_file;   /* an open .scree file */
 typedef struct scree_scene scree_scene; /* one scene of it, loaded to be drawn */
 typedef struct scree_view scree_view;   /* what draws a scene, frame after frame */
+typedef struct scree_memory scree_memory; /* a layer's memory, held beyond the next draw */
 
 typedef enum scree_status {
   SCREE_OK = 0,
@@ -307,12 +308,18 @@ typedef struct scree_array {
 } scree_array;
 
 /* A layer of the last frame, made when it is first asked for, in memory of the view's: it stays until the next
- * scree_draw(), scree_shade() (colours alone) or the end of the view. */
+ * scree_draw(), scree_shade() (colours alone) or the end of the view. scree_hold() keeps the memory. */
 SCREE_API scree_status scree_host_layer(scree_view* view, scree_layer layer, scree_array* array);
 
 /* The same in the GPU's memory, where it was written, without a copy. `stream`: a cudaStream_t of that GPU, which waits
  * until the layer is there; null: the default stream. SCREE_ERROR_DEVICE where the CPU draws. */
 SCREE_API scree_status scree_device_layer(scree_view* view, scree_layer layer, void* stream, scree_array* array);
+
+/* Holds the memory of a layer, `array` as scree_host_layer() or scree_device_layer() gave it, until scree_release(), also
+ * beyond the end of the view: later draws write over it while their frames fit, and larger ones take other memory.
+ * SCREE_ERROR_ARGUMENT where the view has drawn to other memory since. */
+SCREE_API scree_status scree_hold(scree_view* view, const scree_array* array, scree_memory** memory);
+SCREE_API scree_status scree_release(scree_memory* memory);
 
 /* Copies a layer to host memory of the caller's; `bytes`: of `buffer`, as many as the layer has. */
 SCREE_API scree_status scree_read(scree_view* view, scree_layer layer, void* buffer, uint64_t bytes);
@@ -362,7 +369,7 @@ typedef enum scree_textures {
 enum {
   SCREE_CONVERT_INDEXED = 1,         /* chunks of vertices and indices instead of clusters */
   SCREE_CONVERT_FLOAT32 = 2,         /* positions as they are */
-  SCREE_CONVERT_NORMALS = 4,         /* stores normals */
+  SCREE_CONVERT_NORMALS = 4,         /* stores all normals; else those that are not the faces' */
   SCREE_CONVERT_SOURCE_IDS = 8,      /* stores every triangle's number in the source */
   SCREE_CONVERT_REPLACE = 16,        /* replaces an output that is there */
   SCREE_CONVERT_KEEP_GOING = 32,     /* a damaged image becomes grey */

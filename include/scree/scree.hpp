@@ -101,6 +101,12 @@ class View {
     check(scree_device_layer(handle(), layer, stream, &array));
     return array;
   }
+  /// scree_hold(); its last owner releases the memory.
+  std::shared_ptr<scree_memory> hold(const scree_array& array) const {
+    scree_memory* memory = nullptr;
+    check(scree_hold(handle(), &array, &memory));
+    return {memory, [](scree_memory* held) { (void)scree_release(held); }};
+  }
   void read(scree_layer layer, void* buffer, std::uint64_t bytes) const {
     check(scree_read(handle(), layer, buffer, bytes));
   }

@@ -23,6 +23,9 @@ inline constexpr uint32_t kResidentBlocks<Resolve<Shader<kOrthographic, Show::kT
 template <bool kOrthographic>
 inline constexpr uint32_t kResidentBlocks<Resolve<Shader<kOrthographic, Show::kStage>>> = 4;  // 128, for the clipper
 
+template <bool kOrthographic>
+inline constexpr uint32_t kResidentBlocks<Resolve<Shader<kOrthographic, Show::kSurface>>> = 4;  // 128
+
 template <class Shader>
 inline constexpr uint32_t kResidentBlocks<ShadePart<Shader>> = 4;
 

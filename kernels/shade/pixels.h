@@ -2,7 +2,7 @@
 // 8-bit sRGB. Source: spec/rasterization.md, pixels.
 #pragma once
 
-#include "kernels/shade/shade.h"
+#include "kernels/shade/surface.h"
 
 namespace scree::kernels {
 inline namespace SCREE_ISA {

@@ -55,6 +55,11 @@ struct ShadeRound {
 /// visit_kinds() has it.
 template <bool kApart, class Texels, class Visit>
 inline void visit_textured(const ShadeInputs& in, const Texels& texels, const Visit& visit) {
+  if (shades_surfaces(in.scene, in.options)) {
+    in.view.orthographic ? visit(Shader<true, Show::kSurface, ChunkKinds::kMixed, Texels>{in, texels})
+                         : visit(Shader<false, Show::kSurface, ChunkKinds::kMixed, Texels>{in, texels});
+    return;
+  }
   in.view.orthographic ? visit_kinds<kApart, true, Show::kTexture>(in, texels, visit)
                        : visit_kinds<kApart, false, Show::kTexture>(in, texels, visit);
 }

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cmath>
+#include <cstddef>
 
 #include "format/geometry/attribute_codec.h"
 #include "kernels/shade/locate.h"
@@ -61,6 +62,14 @@ struct DepthRange {
   uint32_t farthest = 0;
 };
 
+/// From view space to the world, for light.
+struct LightFrame {
+  float axes[3][3];  // world directions of view space: x right, y down, z away
+  float unit;        // view space's units (ShadeInputs) per world unit
+  float far_plane;   // orthographic: its distance in them
+  Lighting lighting;
+};
+
 /// What every sample of a picture is shaded from, whatever is shown.
 struct ShadeInputs {
   SceneView scene;
@@ -72,16 +81,25 @@ struct ShadeInputs {
   // View space in sub-pixels: x as it is, y times `aspect`, the depth row times `focal`.
   float aspect;
   float focal;
+  LightFrame light;  // Show::kSurface alone
 };
 
 inline ShadeInputs make_shade_inputs(const SceneView& scene, const View& view, const ShadeOptions& options,
                                      const Transform* transforms, const SrgbTables* srgb,
                                      const DepthRange* depth_range) {
-  ShadeInputs out{scene, make_frame_view(view), options, transforms, srgb, depth_range, 1.0f, 1.0f};
+  ShadeInputs out{scene, make_frame_view(view), options, transforms, srgb, depth_range, 1.0f, 1.0f, {}};
   const double per_x = static_cast<double>(out.view.half_width) / view.half_width;
   const double per_y = static_cast<double>(out.view.half_height) / view.half_height;
   out.aspect = static_cast<float>(per_x / per_y);
   out.focal = static_cast<float>(view.orthographic ? per_x * (view.z_far - view.z_near) : per_x);
+  for (int i = 0; i < 3; ++i) {
+    out.light.axes[0][i] = static_cast<float>(view.right[i]);
+    out.light.axes[1][i] = static_cast<float>(-view.up[i]);
+    out.light.axes[2][i] = static_cast<float>(view.forward[i]);
+  }
+  out.light.unit = static_cast<float>(view.orthographic ? per_x : per_x / view.z_near);
+  out.light.far_plane = static_cast<float>(per_x * view.z_far);
+  out.light.lighting = lighting_of(scene, options);
   return out;
 }
 
@@ -167,35 +185,44 @@ SCREE_HD inline float face_cosine(const ShadeInputs& in, const PlaneHit<float>& 
   return product * inverse_root(squared);
 }
 
-/// |n . l| of vertex normals; not a number where they have no direction.
-template <bool kOrthographic>
-SCREE_HD inline float vertex_cosine(const ShadeInputs& in, const PlacedChunk& at, const float object[3], float x,
-                                    float y) {
+/// A normal of object space in view space, any length; inwards under mirroring matrices. `focal`: as in.focal.
+SCREE_HD inline void view_normal(const ShadeInputs& in, const PlacedChunk& at, const float object[3], float focal,
+                                 float normal[3]) {
   // The rows of the transform in view space; their cofactors are the inverse transpose but for a factor.
   float rows[3][3];
   float largest = 0;
   for (int j = 0; j < 3; ++j) {
     rows[0][j] = at.transform.x[j];
     rows[1][j] = at.transform.y[j] * in.aspect;
-    rows[2][j] = at.transform.w[j] * in.focal;
+    rows[2][j] = at.transform.w[j] * focal;
     for (int i = 0; i < 3; ++i) largest = max_of(largest, abs_of(rows[i][j]));
   }
   const float scale = reciprocal(largest);
   for (int i = 0; i < 3; ++i) {
     for (int j = 0; j < 3; ++j) rows[i][j] = rows[i][j] * scale;
   }
+  for (int i = 0; i < 3; ++i) {
+    const float* a = rows[(i + 1) % 3];
+    const float* b = rows[(i + 2) % 3];
+    normal[i] = (a[1] * b[2] - a[2] * b[1]) * object[0] + (a[2] * b[0] - a[0] * b[2]) * object[1] +
+                (a[0] * b[1] - a[1] * b[0]) * object[2];
+  }
+}
+
+/// |n . l| of vertex normals; not a number where they have no direction.
+template <bool kOrthographic>
+SCREE_HD inline float vertex_cosine(const ShadeInputs& in, const PlacedChunk& at, const float object[3], float x,
+                                    float y) {
+  float normal[3];
+  view_normal(in, at, object, in.focal, normal);
   const float ray[3] = {kOrthographic ? 0.0f : x, kOrthographic ? 0.0f : y * in.aspect,
                         kOrthographic ? 1.0f : in.focal};
   float product = 0;
   float normal_squared = 0;
   float ray_squared = 0;
   for (int i = 0; i < 3; ++i) {
-    const float* a = rows[(i + 1) % 3];
-    const float* b = rows[(i + 2) % 3];
-    const float n = (a[1] * b[2] - a[2] * b[1]) * object[0] + (a[2] * b[0] - a[0] * b[2]) * object[1] +
-                    (a[0] * b[1] - a[1] * b[0]) * object[2];
-    product = multiply_add(n, ray[i], product);
-    normal_squared = multiply_add(n, n, normal_squared);
+    product = multiply_add(normal[i], ray[i], product);
+    normal_squared = multiply_add(normal[i], normal[i], normal_squared);
     ray_squared = multiply_add(ray[i], ray[i], ray_squared);
   }
   return abs_of(product) * inverse_root(normal_squared) * inverse_root(ray_squared);
@@ -219,19 +246,32 @@ struct TexturePlace {
   bool exact;       // single precision was enough
 };
 
-/// Where the ray meets the triangle's plane in texture coordinates, and how far the rays of the samples to the right
-/// and below are from there. `material`: for KHR_texture_transform; null for plain coordinates.
-template <bool kOrthographic, class Real>
-SCREE_HD inline TexturePlace texture_place(const ShadeInputs& in, const PlacedChunk& at, const uint32_t vertex[3],
-                                           const format::MaterialRecord* material, float width, float height,
-                                           const PlaneHit<Real>& m, const Real weights[3]) {
+/// A triangle's texture coordinates: corner 0, and from it to corners 1 and 2, u and v.
+template <class Real>
+struct TextureCorners {
+  double first[2];
+  Real edge[2][2];
+};
+
+/// Offset, scale and rotation of KHR_texture_transform: five floats of a MaterialRecord or SurfaceTexture.
+template <class Record>
+SCREE_HD inline const float* uv_transform(const Record& record) {
+  static_assert(offsetof(Record, uv_scale) == offsetof(Record, uv_offset) + 8 &&
+                offsetof(Record, uv_rotation) == offsetof(Record, uv_offset) + 16);
+  return reinterpret_cast<const float*>(&record) + offsetof(Record, uv_offset) / sizeof(float);
+}
+
+/// `transform`: uv_transform() of the record, or null for plain coordinates.
+template <class Real>
+SCREE_HD inline TextureCorners<Real> texture_corners(const PlacedChunk& at, const uint32_t vertex[3],
+                                                     const float* transform) {
   const format::ChunkRecord& chunk = at.chunk;
   const std::byte* stream = at.page + chunk.offset + streams_of(at.mesh, chunk).uvs.offset;
   const uint32_t stride = uint32_t{chunk.uv_bits[0]} + chunk.uv_bits[1];
   const double step = format::exp2i(chunk.uv_exponent);
-  TexturePlace place{};
-  Real edge[2][2];  // corner 0 to 1 and 2, u and v
-  double first[2];
+  TextureCorners<Real> corners;
+  double* const first = corners.first;
+  Real(*const edge)[2] = corners.edge;
   uint32_t codes[2];
   for (int n = 0; n < 3; ++n) {
     // Two codes take at most 48 bits.
@@ -248,17 +288,19 @@ SCREE_HD inline TexturePlace texture_place(const ShadeInputs& in, const PlacedCh
       }
     }
   }
-  if (material != nullptr) {
+  if (transform != nullptr) {
     // Scale, then rotation, then offset: affine, so that corner and edges can take it.
-    const float* scale = material->uv_scale;
+    const float* offset = transform;
+    const float* scale = transform + 2;
+    const float rotation = transform[4];
     for (int c = 0; c < 2; ++c) {
       first[c] = first[c] * static_cast<double>(scale[c]);
       for (int n = 0; n < 2; ++n) edge[n][c] = edge[n][c] * static_cast<Real>(scale[c]);
     }
-    if (material->uv_rotation != 0) {
+    if (rotation != 0) {
       double cosine;
       double sine;
-      cosine_sine(static_cast<double>(material->uv_rotation), cosine, sine);
+      cosine_sine(static_cast<double>(rotation), cosine, sine);
       const double turned[2] = {cosine * first[0] + sine * first[1], cosine * first[1] - sine * first[0]};
       first[0] = turned[0];
       first[1] = turned[1];
@@ -269,8 +311,21 @@ SCREE_HD inline TexturePlace texture_place(const ShadeInputs& in, const PlacedCh
         edge[n][1] = static_cast<Real>(cosine) * v - static_cast<Real>(sine) * u;
       }
     }
-    for (int c = 0; c < 2; ++c) first[c] = first[c] + static_cast<double>(material->uv_offset[c]);
+    for (int c = 0; c < 2; ++c) first[c] = first[c] + static_cast<double>(offset[c]);
   }
+  return corners;
+}
+
+/// Where the ray meets the triangle's plane in texture coordinates, and how far the rays of the samples to the right
+/// and below are from there. `transform`: as in texture_corners().
+template <bool kOrthographic, class Real>
+SCREE_HD inline TexturePlace texture_place(const ShadeInputs& in, const PlacedChunk& at, const uint32_t vertex[3],
+                                           const float* transform, float width, float height, const PlaneHit<Real>& m,
+                                           const Real weights[3]) {
+  const TextureCorners<Real> corners = texture_corners<Real>(at, vertex, transform);
+  const double* const first = corners.first;
+  const Real(*const edge)[2] = corners.edge;
+  TexturePlace place{};
   place.u = first[0] + static_cast<double>(weights[1] * edge[0][0] + weights[2] * edge[1][0]);
   place.v = first[1] + static_cast<double>(weights[1] * edge[0][1] + weights[2] * edge[1][1]);
 
@@ -346,6 +401,12 @@ struct ShadeState {
   typename Shader::Texels::Lane texels;
 };
 
+/// Show::kSurface: lights the base colour in `rgb` (shade/surface.h).
+template <bool kOrthographic, class Shader>
+SCREE_HD void light_surface(const Shader& shader, const PlacedChunk& at, uint32_t material, const uint32_t vertex[3],
+                            const PlaneHit<float>& m, const Corners<float>& corners, const float weights[3], float x,
+                            float y, typename Shader::Texels::Lane& lane, float rgb[3]);
+
 /// The colour of a sample: one kind of picture, of camera, of scene and of textures, so that no kind pays for another's
 /// registers.
 template <bool kOrthographic, Show kShow, ChunkKinds kKinds = ChunkKinds::kMixed, class TexelSource = SceneTexels>
@@ -393,13 +454,40 @@ struct Shader {
     }
   }
 
+  /// `transform`: as in texture_corners().
+  SCREE_HD TexturePlace find_place(const PlacedChunk& at, const uint32_t vertex[3],
+                                   const float* transform, float width, float height, const PlaneHit<float>& m,
+                                   const float weights[3], float x, float y) const {
+    const TexturePlace place = texture_place<kOrthographic>(in, at, vertex, transform, width, height, m, weights);
+    if (place.exact) return place;
+    const uint64_t chunk = static_cast<uint64_t>(&at.chunk - in.scene.chunks);
+    return exact_place(in, chunk, at.triangle, &at.transform, vertex[0], vertex[1], vertex[2], transform, width,
+                       height, x, y);
+  }
+
+  /// Rare and wide: a call that takes values alone, so that on a GPU the others keep what they have in registers.
+  [[gnu::noinline]] SCREE_HD static TexturePlace exact_place(const ShadeInputs& in, uint64_t chunk, uint32_t triangle,
+                                                             const Transform* transform, uint32_t vertex0,
+                                                             uint32_t vertex1, uint32_t vertex2,
+                                                             const float* transform_uv, float width, float height,
+                                                             float x, float y) {
+    const PlacedChunk at = place_chunk<kKinds>(in.scene, chunk, triangle, *transform);
+    const uint32_t vertex[3] = {vertex0, vertex1, vertex2};
+    const PlaneHit<double> m = intersect_plane<kOrthographic>(at.transform, fetch_corners<double>(at.reader, vertex),
+                                                              static_cast<double>(x), static_cast<double>(y));
+    double weights[3];
+    hit_weights(m, weights);
+    return texture_place<kOrthographic>(in, at, vertex, transform_uv, width, height, m, weights);
+  }
+
  private:
-  static constexpr bool kLight = kShow == Show::kTexture || kShow == Show::kColor;
+  static constexpr bool kTextured = kShow == Show::kTexture || kShow == Show::kSurface;
+  static constexpr bool kLight = kTextured || kShow == Show::kColor;
 
   SCREE_HD void shade(const PlacedChunk& at, uint64_t instance, const uint32_t vertex[3], float x, float y,
                       [[maybe_unused]] typename Texels::Lane& lane, float rgb[3]) const {
-    const PlaneHit<float> m =
-        intersect_plane<kOrthographic>(at.transform, fetch_corners<float>(at.reader, vertex), x, y);
+    const Corners<float> corners = fetch_corners<float>(at.reader, vertex);
+    const PlaneHit<float> m = intersect_plane<kOrthographic>(at.transform, corners, x, y);
     float weights[3];
     hit_weights(m, weights);
     if constexpr (kShow == Show::kNormal) {
@@ -417,15 +505,18 @@ struct Shader {
       const format::MaterialRecord* material =
           at.mesh.material != format::kNone ? in.scene.materials + at.mesh.material : nullptr;
       const bool unlit = material != nullptr && (material->flags & format::kMaterialUnlit) != 0;
-      const float light = in.options.light && !unlit ? diffuse_light(at, vertex, m, weights, x, y) : 1.0f;
+      [[maybe_unused]] float light = 1.0f;
+      if constexpr (kShow != Show::kSurface)
+        light = in.options.light && !unlit ? diffuse_light(at, vertex, m, weights, x, y) : 1.0f;
       rgb[0] = rgb[1] = rgb[2] = 1.0f;
       if (material != nullptr) {
-        if constexpr (kShow == Show::kTexture) {
+        if constexpr (kTextured) {
           if ((at.mesh.attributes & format::kHasUv) != 0 && material->texture != format::kNone) {
             const TextureView& texture = in.scene.textures[material->texture];
             if (texture.level_count != 0) {
-              const TexturePlace place = find_place(at, vertex, material, static_cast<float>(texture.width),
-                                                    static_cast<float>(texture.height), m, weights, x, y);
+              const TexturePlace place =
+                  find_place(at, vertex, uv_transform(*material), static_cast<float>(texture.width),
+                             static_cast<float>(texture.height), m, weights, x, y);
               sample_texture(texels, lane, texture, in.srgb->linear, place.u, place.v, place.footprint, rgb);
             }
           }
@@ -433,7 +524,12 @@ struct Shader {
         for (int c = 0; c < 3; ++c) rgb[c] = rgb[c] * material->base_color[c];
       }
       if ((at.mesh.attributes & format::kHasColor) != 0) vertex_color(at, vertex, weights, rgb);
-      for (int c = 0; c < 3; ++c) rgb[c] = rgb[c] * light;
+      if constexpr (kShow == Show::kSurface) {
+        if (!unlit)
+          light_surface<kOrthographic>(*this, at, at.mesh.material, vertex, m, corners, weights, x, y, lane, rgb);
+      } else {
+        for (int c = 0; c < 3; ++c) rgb[c] = rgb[c] * light;
+      }
     }
   }
 
@@ -447,31 +543,6 @@ struct Shader {
     }
     if (!(cosine >= 0)) cosine = face_cosine<kOrthographic>(in, m, x, y);
     return kAmbient + (1.0f - kAmbient) * (cosine >= 0 ? min_of(cosine, 1.0f) : 0.0f);
-  }
-
-  SCREE_HD TexturePlace find_place(const PlacedChunk& at, const uint32_t vertex[3],
-                                   const format::MaterialRecord* material, float width, float height,
-                                   const PlaneHit<float>& m, const float weights[3], float x, float y) const {
-    const TexturePlace place = texture_place<kOrthographic>(in, at, vertex, material, width, height, m, weights);
-    if (place.exact) return place;
-    const uint64_t chunk = static_cast<uint64_t>(&at.chunk - in.scene.chunks);
-    return exact_place(in, chunk, at.triangle, &at.transform, vertex[0], vertex[1], vertex[2], material, width, height,
-                       x, y);
-  }
-
-  /// Rare and wide: a call that takes values alone, so that on a GPU the others keep what they have in registers.
-  [[gnu::noinline]] SCREE_HD static TexturePlace exact_place(const ShadeInputs& in, uint64_t chunk, uint32_t triangle,
-                                                             const Transform* transform, uint32_t vertex0,
-                                                             uint32_t vertex1, uint32_t vertex2,
-                                                             const format::MaterialRecord* material, float width,
-                                                             float height, float x, float y) {
-    const PlacedChunk at = place_chunk<kKinds>(in.scene, chunk, triangle, *transform);
-    const uint32_t vertex[3] = {vertex0, vertex1, vertex2};
-    const PlaneHit<double> m = intersect_plane<kOrthographic>(at.transform, fetch_corners<double>(at.reader, vertex),
-                                                              static_cast<double>(x), static_cast<double>(y));
-    double weights[3];
-    hit_weights(m, weights);
-    return texture_place<kOrthographic>(in, at, vertex, material, width, height, m, weights);
   }
 
   SCREE_HD static void vertex_color(const PlacedChunk& at, const uint32_t vertex[3], const float weights[3],
@@ -527,9 +598,14 @@ inline void visit_shader(const ShadeInputs& in, const Visit& visit) {
   const auto with_kinds = [&]<bool kOrthographic, Show kShow>() {
     visit_kinds<kApart, kOrthographic, kShow>(in, texels, visit);
   };
+  // Much of it is light, whatever the kind of chunks.
+  const auto with_surfaces = [&]<bool kOrthographic>() { visit(Shader<kOrthographic, Show::kSurface>{in, texels}); };
   const auto with_camera = [&]<bool kOrthographic>() {
     switch (in.options.show) {
+      case Show::kSurface:
+        return with_surfaces.template operator()<kOrthographic>();
       case Show::kTexture:
+        if (shades_surfaces(in.scene, in.options)) return with_surfaces.template operator()<kOrthographic>();
         if (in.scene.texture_count == 0) return with_kinds.template operator()<kOrthographic, Show::kColor>();
         return with_kinds.template operator()<kOrthographic, Show::kTexture>();
       case Show::kColor:

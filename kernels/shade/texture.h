@@ -47,8 +47,8 @@ SCREE_HD inline TexelPair texel_pair(double wrapped, uint32_t size, format::Wrap
   return pair;
 }
 
-/// The four texels of two columns and two rows, row by row, as coded, red in the low byte; the high byte is anything.
-/// Of a level that is no JPEG.
+/// The four texels of two columns and two rows, row by row, as coded, red in the low byte, alpha in the high one. Of a
+/// level that is no JPEG.
 SCREE_HD inline void decoded_texels(const TextureView& texture, uint32_t level, const TexelPair& column,
                                     const TexelPair& row, uint32_t texels[4]) {
   const uint32_t width = max_of(texture.width >> level, 1u);
@@ -67,7 +67,7 @@ SCREE_HD inline void decoded_texels(const TextureView& texture, uint32_t level, 
     const uint64_t x = i % 2 == 0 ? column.first : column.second;
     const uint64_t y = i < 2 ? row.first : row.second;
     const uint8_t* texel = first + 4 * (y * width + x);
-    texels[i] = texel[0] | uint32_t{texel[1]} << 8 | uint32_t{texel[2]} << 16;
+    texels[i] = texel[0] | uint32_t{texel[1]} << 8 | uint32_t{texel[2]} << 16 | uint32_t{texel[3]} << 24;
   }
 }
 
@@ -92,10 +92,18 @@ struct SceneTexels {
   }
 };
 
-/// `table`: linear light of the 256 sRGB codes.
-template <class Texels>
+/// Channels [kFirst, kFirst + kCount) of a level. `table`: the values of the 256 codes, such as linear light. The alpha
+/// of a JPEG is 1.
+template <uint32_t kFirst, uint32_t kCount, class Texels, class Table>
 SCREE_HD inline void sample_level(const Texels& source, typename Texels::Lane& lane, const TextureView& texture,
-                                  const float* table, uint32_t level, double u, double v, bool nearest, float rgb[3]) {
+                                  const Table& table, uint32_t level, double u, double v, bool nearest,
+                                  float out[kCount]) {
+  if constexpr (kFirst == 3) {
+    if (level < texture.jpeg_level_count) {
+      out[0] = 1.0f;
+      return;
+    }
+  }
   const uint32_t width = max_of(texture.width >> level, 1u);
   const uint32_t height = max_of(texture.height >> level, 1u);
   TexelPair column = texel_pair(u, width, texture.wrap_s);
@@ -106,23 +114,24 @@ SCREE_HD inline void sample_level(const Texels& source, typename Texels::Lane& l
   }
   uint32_t texels[4];
   source.fetch(lane, texture, level, column, row, texels);
-  for (uint32_t c = 0; c < 3; ++c) {
+  for (uint32_t i = 0; i < kCount; ++i) {
+    const uint32_t c = kFirst + i;
     const float a = table[texels[0] >> (8 * c) & 255u];
     const float b = table[texels[1] >> (8 * c) & 255u];
     const float e = table[texels[2] >> (8 * c) & 255u];
     const float f = table[texels[3] >> (8 * c) & 255u];
     const float above = a + (b - a) * column.weight;
     const float below = e + (f - e) * column.weight;
-    rgb[c] = above + (below - above) * row.weight;
+    out[i] = above + (below - above) * row.weight;
   }
 }
 
-/// The colour at (u, v), any finite numbers. `footprint`: the square of the larger side of a pixel in texels of
-/// level 0; picks the mip levels.
-template <class Texels>
-SCREE_HD inline void sample_texture(const Texels& source, typename Texels::Lane& lane, const TextureView& texture,
-                                    const float* table, double u, double v, float footprint, float rgb[3]) {
-  rgb[0] = rgb[1] = rgb[2] = 1.0f;
+/// Channels at (u, v), any finite numbers; 1 where there is no picture. `footprint`: the square of the larger side of a
+/// pixel in texels of level 0; picks the mip levels.
+template <uint32_t kFirst, uint32_t kCount, class Texels, class Table>
+SCREE_HD inline void sample_channels(const Texels& source, typename Texels::Lane& lane, const TextureView& texture,
+                                     const Table& table, double u, double v, float footprint, float out[kCount]) {
+  for (uint32_t c = 0; c < kCount; ++c) out[c] = 1.0f;
   if (texture.level_count == 0) return;
   const double wrapped_u = wrap_coordinate(u, texture.wrap_s);
   const double wrapped_v = wrap_coordinate(v, texture.wrap_t);
@@ -130,13 +139,21 @@ SCREE_HD inline void sample_texture(const Texels& source, typename Texels::Lane&
   // NaN and infinite footprints (a plane seen edge-on) take the last level.
   const float level = footprint <= 1.0f ? 0.0f : footprint < 1e18f ? min_of(0.5f * std::log2(footprint), last) : last;
   const uint32_t fine = static_cast<uint32_t>(level);
-  sample_level(source, lane, texture, table, fine, wrapped_u, wrapped_v, texture.nearest && footprint <= 1.0f, rgb);
+  sample_level<kFirst, kCount>(source, lane, texture, table, fine, wrapped_u, wrapped_v,
+                               texture.nearest && footprint <= 1.0f, out);
   const float between = level - static_cast<float>(fine);
   if (between > 0) {
-    float coarse[3];
-    sample_level(source, lane, texture, table, fine + 1, wrapped_u, wrapped_v, false, coarse);
-    for (int c = 0; c < 3; ++c) rgb[c] = rgb[c] + (coarse[c] - rgb[c]) * between;
+    float coarse[kCount];
+    sample_level<kFirst, kCount>(source, lane, texture, table, fine + 1, wrapped_u, wrapped_v, false, coarse);
+    for (uint32_t c = 0; c < kCount; ++c) out[c] = out[c] + (coarse[c] - out[c]) * between;
   }
+}
+
+/// The colour there. `table`: linear light of the 256 sRGB codes.
+template <class Texels>
+SCREE_HD inline void sample_texture(const Texels& source, typename Texels::Lane& lane, const TextureView& texture,
+                                    const float* table, double u, double v, float footprint, float rgb[3]) {
+  sample_channels<0, 3>(source, lane, texture, table, u, v, footprint, rgb);
 }
 
 }  // namespace SCREE_ISA

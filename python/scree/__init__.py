@@ -183,7 +183,8 @@ class View:
     def share(self, layer="color") -> SharedLayer:
         """A layer where it was made, without a copy, for from_dlpack() of numpy, torch, cupy or jax.
 
-        On a GPU it lies in its memory. What it shows changes with the next draw().
+        On a GPU it lies in its memory. What it shows changes with the next draw(); its memory stays, and a draw() that
+        needs more takes other memory.
         """
         return self._view.share(layer, self._gpu)
 

@@ -8,6 +8,8 @@
 #include <utility>
 #include <vector>
 
+#include "kernels/shade/environment.h"
+
 namespace scree::runtime {
 
 using kernels::cuda_check;
@@ -154,6 +156,10 @@ struct ArenaLayout {
     instance_base = plan.add_array(host.instance_base, host.instance_count + 1);
     matrices = plan.add_array(host.matrices, host.matrix_count);
     materials = plan.add_array(host.materials, host.material_count);
+    surfaces = plan.add_array(host.surfaces, host.surface_count);
+    surface_of = plan.add_array(host.surface_of, host.surface_count != 0 ? host.material_count : 0);
+    lights = plan.add_array(host.lights, host.light_count);
+    environment = plan.add_array(host.environment, host.environment != nullptr ? kernels::kEnvironmentFloats : 0);
     texture_views = plan.add_array(textures.data(), textures.size());
     page_table = plan.add_array(pages.data(), pages.size());
     for (const kernels::TextureView& texture : textures) {
@@ -194,6 +200,10 @@ struct ArenaLayout {
   uint64_t instance_base;
   uint64_t matrices;
   uint64_t materials;
+  uint64_t surfaces;
+  uint64_t surface_of;
+  uint64_t lights;
+  uint64_t environment;
   uint64_t texture_views;
   uint64_t mask_views;
   uint64_t page_table;
@@ -280,6 +290,11 @@ Result<CudaScene> CudaScene::upload(const Scene& scene, uint64_t budget_bytes, u
   copy.view_.instance_base = reinterpret_cast<const uint64_t*>(base + layout.instance_base);
   copy.view_.matrices = reinterpret_cast<const format::MatrixRecord*>(base + layout.matrices);
   copy.view_.materials = reinterpret_cast<const format::MaterialRecord*>(base + layout.materials);
+  copy.view_.surfaces = reinterpret_cast<const format::SurfaceRecord*>(base + layout.surfaces);
+  copy.view_.surface_of = reinterpret_cast<const uint32_t*>(base + layout.surface_of);
+  copy.view_.lights = reinterpret_cast<const kernels::PlacedLight*>(base + layout.lights);
+  if (scene.view().environment != nullptr)
+    copy.view_.environment = reinterpret_cast<const float*>(base + layout.environment);
   copy.view_.textures = reinterpret_cast<const kernels::TextureView*>(base + layout.texture_views);
   if (copy.view_.masks != nullptr)
     copy.view_.masks = reinterpret_cast<const kernels::MaskView*>(base + layout.mask_views);

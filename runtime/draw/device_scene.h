@@ -105,6 +105,10 @@ class DeviceView {
   const uint32_t* pixels() const;
   const uint64_t* samples() const;
 
+  /// Keeps the memory of a picture, a layer or the samples, where it is while the result lives, which is to end with
+  /// the device current; null where `data` is none of these any more.
+  std::shared_ptr<const void> hold(const std::byte* data) const;
+
   /// Waits for what is queued and copies from device memory. Error kDevice.
   Result<void> read(const void* device, std::span<std::byte> host);
   /// Lets a stream of the caller's, a cudaStream_t, wait for what is queued. Error kDevice.

@@ -21,13 +21,14 @@
 #include "runtime/draw/cuda_upload.h"
 #include "runtime/draw/device_list.h"
 #include "runtime/draw/device_scene.h"
+#include "runtime/draw/shared_device_buffer.h"
 #include "runtime/draw/stream_cuda.h"
 #include "runtime/images/jpeg_head.h"
 
 namespace scree::runtime {
 
 using kernels::cuda_check;
-using kernels::DeviceBuffer;
+using DeviceBuffer = SharedDeviceBuffer;
 
 namespace {
 
@@ -527,6 +528,15 @@ const uint32_t* DeviceView::pixels() const {
 
 const uint64_t* DeviceView::samples() const {
   return impl_->sample_data();
+}
+
+std::shared_ptr<const void> DeviceView::hold(const std::byte* data) const {
+  for (const std::span<const DeviceBuffer> buffers :
+       {std::span<const DeviceBuffer>(&impl_->samples, 1), std::span<const DeviceBuffer>(&impl_->pixels, 1),
+        std::span<const DeviceBuffer>(impl_->layers), std::span<const DeviceBuffer>(impl_->blocks)})
+    for (const DeviceBuffer& buffer : buffers)
+      if (buffer.data() == data) return buffer.hold();
+  return nullptr;
 }
 
 Result<void> DeviceView::read(const void* device, std::span<std::byte> host) {

@@ -130,6 +130,10 @@ const uint64_t* DeviceView::samples() const {
   return nullptr;
 }
 
+std::shared_ptr<const void> DeviceView::hold(const std::byte*) const {
+  return nullptr;
+}
+
 Result<void> DeviceView::read(const void*, std::span<std::byte>) {
   return current_gpu().error();
 }

@@ -36,6 +36,8 @@ Result<std::shared_ptr<LoadedScene>> LoadedScene::load(SceneFile file, const Loa
     SceneOptions scene_options;
     scene_options.textures = options.textures;
     scene_options.threads = options.threads;
+    scene_options.lighting = options.lighting;
+    scene_options.environment = options.environment;
     scene_options.texture_cache = options.texture_cache != 0 ? options.texture_cache : kHostTextureCache;
     scene_options.pages = !loaded->gpu_;
     scene_options.progress = options.progress;

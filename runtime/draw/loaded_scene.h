@@ -30,6 +30,8 @@ struct LoadOptions {
   uint64_t host_memory = 0;         // likewise
   PictureNeeds pictures;            // likewise
   Reading reading = Reading::kAuto;  // likewise
+  kernels::Lighting lighting = kernels::Lighting::kAuto;  // as SceneOptions has it
+  std::string environment;                                // likewise
   JobProgress* progress = nullptr;  // hears of loading, and may stop it (kFile)
 };
 

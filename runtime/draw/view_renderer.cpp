@@ -361,6 +361,28 @@ Result<const std::byte*> ViewRenderer::device_layer(Layer layer, void* stream) {
   return made;
 }
 
+Result<std::shared_ptr<const void>> ViewRenderer::hold(const std::byte* data) const {
+  const Error gone{ErrorCode::kRange, "the view has drawn to other memory since"};
+  if (data == nullptr) return gone;
+  for (const HostLayer& layer : host_)
+    if (layer.bytes.data() == data) return layer.bytes.hold();
+  if (reinterpret_cast<const std::byte*>(samples_.data()) == data) return samples_.hold();
+  if (!device_) return gone;
+  try {
+    const LoadedScene::GpuLock lock = LoadedScene::gpu_lock();
+    std::shared_ptr<const void> memory = device_->hold(data);
+    if (!memory) return gone;
+    // Device memory is freed as all else is done on a GPU: with the lock, and the memory's device current.
+    return std::shared_ptr<const void>(data, [memory, gpu = scene_->gpu()->index](const void*) mutable {
+      const LoadedScene::GpuLock freeing = LoadedScene::gpu_lock();
+      (void)set_current_gpu(gpu);
+      memory.reset();
+    });
+  } catch (const std::bad_alloc&) {
+    return out_of_memory(sizeof(std::shared_ptr<const void>));
+  }
+}
+
 Result<std::optional<Pick>> ViewRenderer::pick(uint32_t x, uint32_t y) {
   if (Result<void> checked = check_single(); !checked) return checked.error();
   if (x >= width() || y >= height())

@@ -12,6 +12,7 @@
 #include "kernels/frame.h"
 #include "runtime/draw/loaded_scene.h"
 #include "runtime/draw/renderer.h"
+#include "runtime/draw/shared_buffer.h"
 #include "runtime/threads/stopwatch.h"
 
 namespace scree::runtime {
@@ -73,6 +74,11 @@ class ViewRenderer {
   /// next draw(), set_shade() or end. Errors as layer(); kDevice: the CPU draws.
   Result<const std::byte*> device_layer(Layer layer, void* stream);
 
+  /// Keeps a layer's memory, `data` of layer() or device_layer(), where it is for as long as the result lives, also
+  /// beyond the view. Later draws write to it while their frames fit; larger frames get other memory. Errors kRange: the
+  /// view has no such memory any more; kMemory, kDevice.
+  Result<std::shared_ptr<const void>> hold(const std::byte* data) const;
+
   /// As Frame::pick(); reads one sample. Errors kRange: no frame, no such pixel.
   Result<std::optional<Pick>> pick(uint32_t x, uint32_t y);
 
@@ -121,9 +127,9 @@ class ViewRenderer {
   kernels::ShadeOptions shade_;
   bool has_frame_ = false;
   uint32_t batch_ = 0;
-  std::vector<uint64_t> samples_;  // where the CPU draws; may be longer than the frame
+  SharedBuffer<uint64_t> samples_;  // where the CPU draws; may be longer than the frame
   struct HostLayer {
-    std::vector<std::byte> bytes;  // may be longer than the frame's
+    SharedBuffer<std::byte> bytes;  // may be longer than the frame's
     bool is_made = false;
   };
   HostLayer host_[kLayerCount];

@@ -14,20 +14,6 @@
 namespace scree::runtime {
 namespace {
 
-/// Fills `out` with the bytes at `offset`. Errors kTruncated, and errors of reading.
-Result<void> read_bytes(ImageFile& file, uint64_t offset, std::span<std::byte> out) {
-  while (!out.empty()) {
-    const std::span<const std::byte> bytes = file.from(offset);
-    if (file.error()) return *file.error();
-    if (bytes.empty()) return Error{ErrorCode::kTruncated, "ends before its data do"};
-    const size_t part = std::min(out.size(), bytes.size());
-    std::memcpy(out.data(), bytes.data(), part);
-    out = out.subspan(part);
-    offset += part;
-  }
-  return {};
-}
-
 /// Unpacks `packed` to `out`. Returns whether it gave exactly as many bytes as `out` has.
 bool unpack(BlockFile::Packing packing, std::span<const std::byte> packed, std::span<std::byte> out) {
   if (packing == BlockFile::Packing::kZstd)
@@ -63,7 +49,7 @@ Result<std::vector<std::byte>> read_block_level(ImageFile& file, const BlockFile
   const BlockFile::Level& place = head.levels[level];
   const std::string name = std::string(head.kind) + ": level " + std::to_string(level);
   std::vector<std::byte> packed(place.bytes);
-  if (auto read = read_bytes(file, place.offset, packed); !read) return at(name, read.error());
+  if (auto read = file.copy(place.offset, packed); !read) return at(name, read.error());
   if (head.packing != BlockFile::Packing::kNone) {
     std::vector<std::byte> raw(head.is_widened ? 3 * pixels : bytes);
     if (!unpack(head.packing, packed, raw))

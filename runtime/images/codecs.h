@@ -1,5 +1,5 @@
-// The two libraries behind decode_image, check_image and write_png. Both report errors by longjmp, so a stack frame
-// that a jump may leave must hold nothing with a destructor.
+// The libraries behind decode_image, check_image and write_png. Those for PNG and JPEG report errors by longjmp, so a
+// stack frame that a jump may leave must hold nothing with a destructor.
 #pragma once
 
 #include <string>
@@ -17,10 +17,13 @@ inline constexpr int kMaxJpegScans = 500;
 /// invalid, so the caller checks ImageFile::error().
 Result<ImageInfo> probe_png(ImageFile& file);
 Result<ImageInfo> probe_jpeg(ImageFile& file);
+Result<ImageInfo> probe_webp(ImageFile& file);
 
 /// `info`: the result of the probe, within the limits of decode_image.
 Result<Image> decode_png(ImageFile& file, const ImageInfo& info);
 Result<Image> decode_jpeg(ImageFile& file, const ImageInfo& info);
+/// libwebp has the whole file in memory, and up to 5 bytes a pixel beside the picture.
+Result<Image> decode_webp(ImageFile& file, const ImageInfo& info);
 
 /// The same checks without a picture. They return Image::warning.
 Result<std::string> check_png(ImageFile& file, const ImageInfo& info);

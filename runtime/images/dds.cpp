@@ -6,6 +6,7 @@
 #include "format/blocks/format.h"
 #include "format/bytes.h"
 #include "runtime/images/block_file.h"
+#include "runtime/images/block_head.h"
 
 namespace scree::runtime {
 namespace dds {
@@ -20,8 +21,6 @@ constexpr uint32_t kHasLevels = 0x20000;
 constexpr uint32_t kIsCube = 0x200, kIsVolume = 0x200000;
 constexpr uint32_t kHasAlpha = 1, kIsAlpha = 2, kHasFourCc = 4, kIsRgb = 0x40, kIsLuminance = 0x20000;
 
-constexpr uint16_t kReversed =
-    format::make_swizzle(ChannelSource::kBlue, ChannelSource::kGreen, ChannelSource::kRed, ChannelSource::kAlpha);
 constexpr uint16_t kReversedOpaque =
     format::make_swizzle(ChannelSource::kBlue, ChannelSource::kGreen, ChannelSource::kRed, ChannelSource::kOne);
 constexpr uint16_t kGrey =
@@ -74,7 +73,7 @@ std::optional<Format> by_dxgi(uint32_t number) {
       return Format{BlockFormat::kBc5, format::kPlainSwizzle};
     case 87:
     case 91:
-      return Format{BlockFormat::kRgba8, kReversed};
+      return Format{BlockFormat::kRgba8, kReversedSwizzle};
     case 88:
     case 93:
       return Format{BlockFormat::kRgba8, kReversedOpaque};
@@ -101,37 +100,29 @@ std::optional<Format> by_masks(uint32_t flags, uint32_t bits, const std::array<u
   const bool is_forward = is(0xff, 0xff00, 0xff0000), is_reversed = is(0xff0000, 0xff00, 0xff);
   if (bits == 32 && is_forward)
     return Format{BlockFormat::kRgba8, has_alpha ? format::kPlainSwizzle : format::kOpaqueSwizzle};
-  if (bits == 32 && is_reversed) return Format{BlockFormat::kRgba8, has_alpha ? kReversed : kReversedOpaque};
+  if (bits == 32 && is_reversed) return Format{BlockFormat::kRgba8, has_alpha ? kReversedSwizzle : kReversedOpaque};
   if (bits == 24 && is_forward && !has_alpha) return Format{BlockFormat::kRgba8, format::kPlainSwizzle, true};
-  if (bits == 24 && is_reversed && !has_alpha) return Format{BlockFormat::kRgba8, kReversed, true};
+  if (bits == 24 && is_reversed && !has_alpha) return Format{BlockFormat::kRgba8, kReversedSwizzle, true};
   if (bits == 16 && is(0xff, 0xff00, 0) && !has_alpha) return Format{BlockFormat::kRg8, format::kPlainSwizzle};
   if (bits == 8 && is(0xff, 0, 0) && !has_alpha) return Format{BlockFormat::kR8, format::kPlainSwizzle};
   return std::nullopt;
 }
 
-Error fail(ErrorCode code, const std::string& what) {
-  return {code, "DDS: " + what};
-}
-
-Error not_read(const std::string& what) {
-  return fail(ErrorCode::kUnsupported, what + ", expected BC1 to BC5, BC7 or 8 bits a channel: convert it first");
-}
+constexpr BlockHeadErrors kErrors{"DDS", "expected BC1 to BC5, BC7 or 8 bits a channel: convert it first"};
 
 }  // namespace
 }  // namespace dds
 
 Result<BlockFile> open_dds(ImageFile& file) {
   using namespace dds;
-  const auto word = [&](uint64_t offset) {
-    uint32_t value = 0;
-    for (uint32_t i = 0; i < 4; ++i) value |= file.byte(offset + i) << 8 * i;
-    return value;
-  };
+  const auto word = [&](uint64_t offset) { return word_of(file, offset); };
+  const auto fail = [](ErrorCode code, const std::string& what) { return kErrors.fail(code, what); };
+  const auto not_read = [](const std::string& what) { return kErrors.not_read(what); };
   if (file.size() < kHeaderBytes)
     return fail(ErrorCode::kTruncated, std::to_string(file.size()) + " bytes, but its header takes 128");
   if (word(4) != 124 || word(76) != 32) return fail(ErrorCode::kFormat, "its header's sizes are not 124 and 32");
   BlockFile head;
-  head.kind = "DDS";
+  head.kind = kErrors.kind;
   head.height = word(12);
   head.width = word(16);
   if ((word(112) & kIsCube) != 0) return fail(ErrorCode::kUnsupported, "a cube map, but glTF has single pictures");

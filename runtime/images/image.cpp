@@ -3,8 +3,10 @@
 #include <algorithm>
 #include <cassert>
 #include <cstdio>
+#include <cstring>
 #include <new>
 #include <string>
+#include <string_view>
 
 #include "format/blocks/format.h"
 #include "format/container/part_file.h"
@@ -15,6 +17,7 @@ namespace scree::runtime {
 namespace {
 
 constexpr uint64_t kWindowBytes = 64 << 10;  // of a file that is read on demand
+constexpr uint64_t kWebpPixelBytes = 10;     // the picture, libwebp's copy, and its alpha
 
 std::string size_text(const ImageInfo& info) {
   return std::to_string(info.width) + " x " + std::to_string(info.height) + " pixels";
@@ -53,14 +56,22 @@ Result<std::string> check_blocks(ImageFile& file) {
   return std::string();
 }
 
+bool is_webp_file(ImageFile& file) {
+  constexpr std::string_view kSignature = "RIFF....WEBP";  // four bytes of size
+  for (uint64_t i = 0; i < kSignature.size(); ++i)
+    if (kSignature[i] != '.' && file.byte(i) != static_cast<unsigned char>(kSignature[i])) return false;
+  return true;
+}
+
 Result<ImageInfo> probe_by_signature(ImageFile& file) {
   const auto byte = [&](uint64_t i) { return file.byte(i); };
   if (byte(0) == 0xff && byte(1) == 0xd8) return probe_jpeg(file);
   if (byte(0) == 0x89 && byte(1) == 'P' && byte(2) == 'N' && byte(3) == 'G') return probe_png(file);
+  if (is_webp_file(file)) return probe_webp(file);
   if (is_block_file(file)) return probe_blocks(file);
-  if (file.size() == 0) return Error{ErrorCode::kTruncated, "image is empty, expected PNG, JPEG, KTX2 or DDS"};
+  if (file.size() == 0) return Error{ErrorCode::kTruncated, "image is empty, expected PNG, JPEG, WebP, KTX2 or DDS"};
   char text[80];
-  std::snprintf(text, sizeof text, "no PNG, JPEG, KTX2 or DDS: begins with %02x %02x %02x %02x", byte(0), byte(1),
+  std::snprintf(text, sizeof text, "no PNG, JPEG, WebP, KTX2 or DDS: begins with %02x %02x %02x %02x", byte(0), byte(1),
                 byte(2), byte(3));
   return Error{ErrorCode::kFormat, text};
 }
@@ -99,6 +110,19 @@ std::span<const std::byte> ImageFile::from(uint64_t offset) {
   return window_.subspan(static_cast<size_t>(offset - first_));
 }
 
+Result<void> ImageFile::copy(uint64_t offset, std::span<std::byte> out) {
+  while (!out.empty()) {
+    const std::span<const std::byte> bytes = from(offset);
+    if (error_) return *error_;
+    if (bytes.empty()) return Error{ErrorCode::kTruncated, "ends before its data do"};
+    const size_t part = std::min(out.size(), bytes.size());
+    std::memcpy(out.data(), bytes.data(), part);
+    out = out.subspan(part);
+    offset += part;
+  }
+  return {};
+}
+
 Result<ImageInfo> probe_image(ImageFile file) {
   return probe(file);
 }
@@ -112,6 +136,7 @@ Result<Image> decode_image(ImageFile file) {
   if (!info) return info.error();
   try {
     if (info->codec == format::ImageCodec::kBlocks) return decode_blocks(file);
+    if (info->is_webp) return decode_webp(file, *info);
     return info->codec == format::ImageCodec::kPng ? decode_png(file, *info) : decode_jpeg(file, *info);
   } catch (const std::bad_alloc&) {
     return out_of_memory(*info);
@@ -123,13 +148,19 @@ Result<std::string> check_image(ImageFile file) {
   if (!info) return info.error();
   try {
     if (info->codec == format::ImageCodec::kBlocks) return check_blocks(file);
+    if (info->is_webp) {
+      const Result<Image> image = decode_webp(file, *info);
+      if (!image) return image.error();
+      return std::string();
+    }
     return info->codec == format::ImageCodec::kPng ? check_png(file, *info) : check_jpeg(file, *info);
   } catch (const std::bad_alloc&) {
     return out_of_memory(*info);
   }
 }
 
-uint64_t image_check_bytes(const ImageInfo& info) {
+uint64_t image_check_bytes(const ImageInfo& info, uint64_t file_bytes) {
+  if (info.is_webp) return file_bytes + kWebpPixelBytes * info.width * info.height;
   if (info.codec == format::ImageCodec::kBlocks) return kWindowBytes + 2 * info.block_bytes;
   // A row of blocks takes 16 bytes per sample. Up to 12 block rows are held, and as many rows of samples and of pixels.
   const uint64_t rows = uint64_t{256} * info.width * info.channels;

@@ -1,4 +1,4 @@
-// Reads and writes pictures: PNG, JPEG, KTX2 and DDS decoding; PNG, PFM and raw writing. Every writer writes
+// Reads and writes pictures: PNG, JPEG, WebP, KTX2 and DDS decoding; PNG, PFM and raw writing. Every writer writes
 // `path`.part and renames it, so that an incomplete picture never has the name.
 #pragma once
 
@@ -20,11 +20,12 @@ namespace scree::runtime {
 
 /// Facts from the header of an image file.
 struct ImageInfo {
-  format::ImageCodec codec;
+  format::ImageCodec codec;  // in a .scree file; there a WebP becomes a PNG
+  bool is_webp;
   uint32_t width;  // pixels, at least 1
   uint32_t height;
-  uint32_t channels;     // 1 grey, 2 grey and alpha, 3 colour, 4 colour and alpha (PNG) or CMYK (JPEG); for blocks:
-                         // their channels
+  uint32_t channels;     // 1 grey, 2 grey and alpha, 3 colour, 4 colour and alpha (PNG, WebP) or CMYK (JPEG); for
+                         // blocks: their channels
   bool needs_transcode;  // JPEG: progressive or arithmetic; making it sequential holds 2 bytes per sample
   uint64_t block_bytes;  // KTX2 and DDS: of level 0, unpacked; else 0
 };
@@ -51,6 +52,9 @@ class ImageFile {
   /// The available bytes from `offset` on: none at the end of the file or after an error. Valid until the next call.
   std::span<const std::byte> from(uint64_t offset);
 
+  /// Fills `out` with the bytes at `offset`. Errors kTruncated, those of reading.
+  Result<void> copy(uint64_t offset, std::span<std::byte> out);
+
   /// Byte `offset`, 0 past the end of the file or after an error.
   uint32_t byte(uint64_t offset) {
     const std::span<const std::byte> bytes = from(offset);
@@ -69,8 +73,8 @@ class ImageFile {
   std::optional<Error> error_;
 };
 
-/// Reads the size of a PNG, JPEG, KTX2 or DDS file from its header; decodes nothing. The codec follows from the first
-/// bytes. Errors kFormat (none of these, or malformed), kTruncated, and errors of reading the file.
+/// Reads the size of a PNG, JPEG, WebP, KTX2 or DDS file from its header; decodes nothing. The codec follows from the
+/// first bytes. Errors kFormat (none of these, or malformed), kTruncated, kUnsupported, and errors of reading the file.
 Result<ImageInfo> probe_image(ImageFile file);
 
 /// The same for pictures that decode_image() would accept: also returns its errors if the header exceeds its limits.
@@ -97,20 +101,24 @@ constexpr bool may_hold_pixels(uint64_t pixels, uint64_t bytes) {
 }
 
 /// Decodes a PNG (any colour type, depth and interlace; 16 bits are rounded to 8), a JPEG (grey, YCbCr, RGB, CMYK,
-/// YCCK; baseline and progressive), or level 0 of a file for open_block_file(). Sizes are checked before anything is
-/// allocated. Corrupt entropy-coded JPEG data are tolerated, as in other decoders, and reported in Image::warning.
-/// Everything else is an error: kFormat (with the library's message), kTruncated (also if the file is too small for
-/// that many pixels), kRange (more than kMaxImagePixels or kMaxDecodedSide), kUnsupported, kMemory, and errors of
-/// reading the file. Reentrant.
+/// YCCK; baseline and progressive), a WebP (lossy or lossless, not animated), or level 0 of a file for
+/// open_block_file(). Sizes are checked before anything is allocated. Corrupt entropy-coded JPEG data are tolerated, as
+/// in other decoders, and reported in Image::warning. Everything else is an error: kFormat (with the library's
+/// message), kTruncated (also if the file is too small for that many pixels), kRange (more than kMaxImagePixels or
+/// kMaxDecodedSide), kUnsupported, kMemory, and errors of reading the file. Reentrant.
 Result<Image> decode_image(ImageFile file);
 
 /// The error of decode_image, if it would have one, else its warning, which is empty for a good file. Decodes the whole
-/// file without holding the picture; see image_check_bytes.
+/// file without holding the picture, except that of a WebP; see image_check_bytes.
 Result<std::string> check_image(ImageFile file);
 
-/// Upper bound of the memory of check_image for a picture of this size, bytes: some rows, and for a JPEG a bit per
-/// coefficient, since the scans of a progressive JPEG build upon each other (96 MiB for 16384 x 16384 in colour).
-uint64_t image_check_bytes(const ImageInfo& info);
+/// Upper bound of the memory of check_image for a picture of this size in a file of this size, bytes. A WebP takes the
+/// file and the picture. Others take some rows, and a JPEG a bit per coefficient, since the scans of a progressive JPEG
+/// build upon each other (96 MiB for 16384 x 16384 in colour).
+uint64_t image_check_bytes(const ImageInfo& info, uint64_t file_bytes);
+
+/// The version of libwebp, such as "1.2.4". Empty if scree is built without it; WebP files are then kUnsupported.
+std::string webp_version();
 
 /// Writes 8-bit sRGB pixels. `channels`: 3 (RGB) or 4 (RGBA, not premultiplied); `pixels`: width * height * channels
 /// bytes, rows top to bottom, no padding. Errors kFile.

@@ -7,22 +7,19 @@
 #include "format/blocks/format.h"
 #include "format/bytes.h"
 #include "runtime/images/block_file.h"
+#include "runtime/images/block_head.h"
 
 namespace scree::runtime {
 namespace ktx2 {
 namespace {
 
 using format::BlockFormat;
-using format::ChannelSource;
 
 constexpr uint64_t kHeaderBytes = 80;
 constexpr uint64_t kLevelBytes = 24;
 constexpr std::array<unsigned char, 12> kIdentifier = {0xab, 'K',  'T',  'X',  ' ',  '2',
                                                        '0',  0xbb, '\r', '\n', 0x1a, '\n'};
 constexpr uint32_t kMaxKeyValueBytes = 1 << 20;  // only two keys are used
-
-constexpr uint16_t kReversed =
-    format::make_swizzle(ChannelSource::kBlue, ChannelSource::kGreen, ChannelSource::kRed, ChannelSource::kAlpha);
 
 /// Colour models of the data format descriptor.
 enum Model : uint32_t {
@@ -50,9 +47,9 @@ constexpr Format kFormats[] = {
     {9, 15, BlockFormat::kR8, format::kPlainSwizzle, kRgb, false},
     {16, 22, BlockFormat::kRg8, format::kPlainSwizzle, kRgb, false},
     {23, 29, BlockFormat::kRgba8, format::kPlainSwizzle, kRgb, true},
-    {30, 36, BlockFormat::kRgba8, kReversed, kRgb, true},
+    {30, 36, BlockFormat::kRgba8, kReversedSwizzle, kRgb, true},
     {37, 43, BlockFormat::kRgba8, format::kPlainSwizzle, kRgb, false},
-    {44, 50, BlockFormat::kRgba8, kReversed, kRgb, false},
+    {44, 50, BlockFormat::kRgba8, kReversedSwizzle, kRgb, false},
     {131, 132, BlockFormat::kBc1, format::kOpaqueSwizzle, kBc1Model, false},
     {133, 134, BlockFormat::kBc1, format::kPlainSwizzle, kBc1Model, false},
     {135, 136, BlockFormat::kBc2, format::kPlainSwizzle, kBc2Model, false},
@@ -62,13 +59,15 @@ constexpr Format kFormats[] = {
     {145, 146, BlockFormat::kBc7, format::kPlainSwizzle, kBc7Model, false},
 };
 
+constexpr BlockHeadErrors kErrors{
+    "KTX2", "which scree does not read: transcode it, for example with \"ktx transcode --target bc7\""};
+
 Error fail(ErrorCode code, const std::string& what) {
-  return {code, "KTX2: " + what};
+  return kErrors.fail(code, what);
 }
 
 Error not_read(const std::string& what) {
-  return fail(ErrorCode::kUnsupported,
-              what + ", which scree does not read: transcode it, for example with \"ktx transcode --target bc7\"");
+  return kErrors.not_read(what);
 }
 
 class Reader {
@@ -84,11 +83,7 @@ class Reader {
   }
 
  private:
-  uint32_t word(uint64_t offset) {
-    uint32_t value = 0;
-    for (uint32_t i = 0; i < 4; ++i) value |= file_.byte(offset + i) << 8 * i;
-    return value;
-  }
+  uint32_t word(uint64_t offset) { return word_of(file_, offset); }
   uint64_t long_word(uint64_t offset) { return word(offset) | uint64_t{word(offset + 4)} << 32; }
 
   uint64_t index_end() const { return kHeaderBytes + kLevelBytes * level_count_; }
@@ -99,7 +94,7 @@ class Reader {
     for (uint64_t i = 0; i < kIdentifier.size(); ++i)
       if (file_.byte(i) != kIdentifier[i])
         return fail(ErrorCode::kFormat, i == 5 ? "of another version, expected 2" : "its identifier was changed");
-    head_.kind = "KTX2";
+    head_.kind = kErrors.kind;
     head_.width = word(20);
     head_.height = word(24);
     const uint32_t depth = word(28), layers = word(32), faces = word(36), level_count = word(40);
@@ -174,7 +169,9 @@ class Reader {
     return not_read("of Vulkan format " + std::to_string(number));
   }
 
-  /// Checks that the data format descriptor is present and belongs to the format.
+  /// Checks that the data format descriptor is present, consists of blocks that fill it, and belongs to the format.
+  /// Colour spaces are not checked, because glTF defines them. Samples of compressed blocks are not checked either,
+  /// because the format already defines the blocks.
   Result<void> descriptor() {
     const uint64_t offset = word(48), bytes = word(52);
     if (offset != index_end() || bytes < 28 || !format::range_within(offset, bytes, file_.size()))
@@ -190,7 +187,32 @@ class Reader {
       return fail(ErrorCode::kFormat, "data format descriptor is of colour model " + std::to_string(model) + ", but " +
                                           format::block_format_name(head_.format) + " has model " +
                                           std::to_string(format_->model));
-    return {};
+    for (uint64_t at = 4; at < bytes;) {
+      const uint64_t size = bytes - at < 8 ? 0 : word(offset + at + 4) >> 16;
+      if (size < 8 || size > bytes - at)
+        return fail(ErrorCode::kFormat, "data format descriptor has " + std::to_string(bytes - at) +
+                                            " bytes left, but its next block takes " + std::to_string(size));
+      at += size;
+    }
+    if (word(offset + 20) >> 8 != 0 || word(offset + 24) != 0)
+      return fail(ErrorCode::kUnsupported, "pixels of several planes");
+    return model == kRgb ? samples(offset + 28, (block_bytes - 24) / 16) : Result<void>();
+  }
+
+  /// That pixels without compression are what the format says: its channels in its order, a byte each, no sign.
+  Result<void> samples(uint64_t begin, uint32_t count) {
+    const uint32_t channels = head_.is_widened ? 3 : format::block_channels(head_.format);
+    bool fits = count == channels;
+    for (uint32_t i = 0; fits && i < count; ++i) {
+      constexpr uint32_t kLinear = 0x10, kBitsLessOne = 7, kAlphaChannel = 15;
+      const uint32_t channel = i == 3 ? kAlphaChannel : format_->swizzle == kReversedSwizzle ? 2 - i : i;
+      const uint32_t stated = word(begin + 16 * i) & ~(kLinear << 24);
+      fits = stated == (8 * i | kBitsLessOne << 16 | channel << 24) && word(begin + 16 * i + 4) == 0;
+    }
+    if (fits) return {};
+    return fail(ErrorCode::kFormat, "data format descriptor has other samples than Vulkan format " +
+                                        std::to_string(format_->number) + ", " + std::to_string(channels) +
+                                        " unsigned bytes");
   }
 
   /// Reads the keys and values: applies KTXswizzle, and requires glTF's KTXorientation.
@@ -224,6 +246,8 @@ class Reader {
     if (key == "KTXorientation" && value != "rd")
       return fail(ErrorCode::kUnsupported,
                   "KTXorientation is \"" + printable(value) + "\", but glTF has pictures of \"rd\", right and down");
+    if (key == "KTXcubemapIncomplete")
+      return fail(ErrorCode::kUnsupported, "a part of a cube map, but glTF has pictures of two dimensions");
     if (key != "KTXswizzle") return {};
     constexpr std::string_view kLetters = "rgba01";
     uint32_t swizzle = 0;

@@ -295,7 +295,7 @@ Result<void> put_png(PngSink& out, uint32_t width, uint32_t height, uint32_t cha
     for (uint32_t y = 0; y < height; ++y) png_write_row(png, first + y * row_bytes);
     png_write_end(png, info);
   });
-  if (!written) return Error{ErrorCode::kFile, std::string("PNG: ") + writer.message.text};
+  if (!written) return Error{ErrorCode::kMemory, std::string("PNG: ") + writer.message.text};
   out.flush();
   return out.done;
 }
@@ -307,16 +307,14 @@ Result<void> write_png(const std::string& path, uint32_t width, uint32_t height,
   Result<format::PartFile> file = format::PartFile::create(path, format::PartFile::Content::kEmpty, existing);
   if (!file) return file.error();
   uint64_t end = 0;
-  bool is_file_error = false;  // its message has the file's name
   PngSink out{[&](std::span<const std::byte> bytes) {
     const Result<void> done = file->write_at(end, bytes);
-    is_file_error = !done;
     end += bytes.size();
     return done;
   }};
   const Result<void> put = put_png(out, width, height, channels, pixels);
-  if (!put) return is_file_error ? put.error() : at(path, put.error());
-  return file->commit();
+  if (put) return file->commit();
+  return put.error().code == ErrorCode::kFile ? put.error() : at(path, put.error());  // which names the file itself
 }
 
 Result<std::vector<std::byte>> encode_png(uint32_t width, uint32_t height, uint32_t channels,

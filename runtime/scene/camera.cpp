@@ -20,7 +20,6 @@ namespace scree::runtime {
 namespace {
 
 using kernels::View;
-using Rows = std::array<std::array<double, 4>, 3>;
 
 constexpr double kDegree = 3.14159265358979323846 / 180.0;
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
@@ -417,21 +416,30 @@ WorldBox scene_box(const kernels::SceneView& scene) {
   return box;
 }
 
-std::vector<PlacedCamera> placed_cameras(const format::Container& container, uint32_t scene) {
-  std::vector<PlacedCamera> found;
-  if (container.cameras().empty()) return found;
+std::vector<std::optional<Rows>> world_matrices(const format::Container& container, uint32_t scene) {
   const auto nodes = container.nodes();
   std::vector<bool> in_scene(nodes.size(), false);
   const format::SceneRecord& record = container.scenes()[scene];
   for (uint64_t i = 0; i < record.root_count; ++i) in_scene[container.scene_roots()[record.first_root + i]] = true;
   std::vector<Rows> world(nodes.size());
+  std::vector<std::optional<Rows>> found(nodes.size());
   for (uint64_t n = 0; n < nodes.size(); ++n) {  // parents come before their children
     const format::NodeRecord& node = nodes[n];
     const bool is_root = node.parent == format::kNone;
     world[n] = is_root ? local_matrix(node) : compose(world[node.parent], local_matrix(node));
     if (!is_root && in_scene[node.parent]) in_scene[n] = true;
-    if (in_scene[n] && node.camera != format::kNone) found.push_back({node.camera, static_cast<uint32_t>(n), world[n]});
+    if (in_scene[n]) found[n] = world[n];
   }
+  return found;
+}
+
+std::vector<PlacedCamera> placed_cameras(const format::Container& container, uint32_t scene) {
+  std::vector<PlacedCamera> found;
+  if (container.cameras().empty()) return found;
+  const std::vector<std::optional<Rows>> world = world_matrices(container, scene);
+  for (uint32_t n = 0; n < world.size(); ++n)
+    if (const uint32_t camera = container.nodes()[n].camera; world[n] && camera != format::kNone)
+      found.push_back({camera, n, *world[n]});
   return found;
 }
 

@@ -79,6 +79,10 @@ struct CameraMatrices {
 /// middle of the picture, no near plane.
 Result<kernels::View> view_of_matrices(const CameraMatrices& camera, uint32_t width, uint32_t height);
 
+/// What the roots of a scene show: the world matrix of each of the file's nodes, rows first, where the scene has it.
+using Rows = std::array<std::array<double, 4>, 3>;
+std::vector<std::optional<Rows>> world_matrices(const format::Container& container, uint32_t scene);
+
 class Scene;
 
 /// Whether make_view() reads vertices, so that `drawn` must have its pages: for the default view of at most 2^20

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <charconv>
+#include <cmath>
 #include <map>
 #include <new>
 #include <span>
@@ -10,6 +11,7 @@
 #include "format/bytes.h"
 #include "kernels/visbuffer.h"
 #include "runtime/images/image.h"
+#include "runtime/light/environment.h"
 #include "runtime/textures/jpeg_image.h"
 #include "runtime/threads/parallel.h"
 
@@ -28,16 +30,21 @@ std::string quoted_list(const format::Container& container) {
 }
 
 /// Decodes an image page and checks it against its record.
-Result<MipChain> load_image(const format::Container& container, uint32_t index, std::string& warning) {
+Result<MipChain> load_image(const format::Container& container, uint32_t index, TexelCoding coding,
+                            std::string& warning) {
   const format::ImageRecord& record = container.images()[index];
   if (record.codec == format::ImageCodec::kIndexedJpeg) {
     const Result<JpegImage> image = JpegImage::open(container, index);
     if (!image) return image.error();
-    return image->decode();
+    return image->decode(coding);
   }
   std::vector<std::byte> scratch;
   const Result<std::span<const std::byte>> file = container.load_page(record.page, scratch);
   if (!file) return file.error();
+  const Result<ImageInfo> info = probe_image(*file);
+  if (!info) return info.error();
+  if (info->codec != record.codec || info->is_webp)
+    return Error{ErrorCode::kFormat, "the image is of another kind than its record says"};
   Result<Image> image = decode_image(*file);
   if (!image) return image.error();
   if (image->width != record.width || image->height != record.height)
@@ -45,13 +52,13 @@ Result<MipChain> load_image(const format::Container& container, uint32_t index, 
                                          std::to_string(image->height) + ", but its record says " +
                                          std::to_string(record.width) + " x " + std::to_string(record.height)};
   warning = std::move(image->warning);
-  return make_mips(std::move(*image));
+  return make_mips(std::move(*image), coding);
 }
 
-Result<JpegTexture> load_jpeg(const format::Container& container, uint32_t index) {
+Result<JpegTexture> load_jpeg(const format::Container& container, uint32_t index, TexelCoding coding) {
   Result<JpegImage> image = JpegImage::open(container, index);
   if (!image) return image.error();
-  return JpegTexture::make(std::move(*image));
+  return JpegTexture::make(std::move(*image), coding);
 }
 
 std::string image_place(const format::Container& container, uint32_t index) {
@@ -130,6 +137,7 @@ Result<Scene> Scene::load(SceneFile file, uint32_t scene_index, const SceneOptio
     view.matrix_count = container.matrices().size();
     view.materials = dense(container.materials(), scene.materials_);
     view.material_count = container.materials().size();
+    view.surfaces = dense(container.surfaces(), scene.surfaces_);
     const format::SceneRecord& record = container.scenes()[scene_index];
     const format::InstanceRecord* const instances = dense(container.instances(), scene.instances_);
     view.instances = record.instance_count == 0 ? nullptr : instances + record.first_instance;
@@ -142,10 +150,13 @@ Result<Scene> Scene::load(SceneFile file, uint32_t scene_index, const SceneOptio
     if (options.pages)
       if (const Result<void> loaded = scene.load_pages(options.threads, options.progress); !loaded)
         return loaded.error();
+    scene.find_surfaces();
+    scene.place_lights();
     const Stopwatch texture_watch;
     if (const Result<void> loaded = scene.load_masks(); !loaded) return at(path, loaded.error());
     if (const Result<void> loaded = scene.load_textures(options); !loaded) return at(path, loaded.error());
     scene.stats_.textures = texture_watch.elapsed();
+    if (const Result<void> loaded = scene.load_light(options); !loaded) return loaded.error();
   } catch (const std::bad_alloc&) {
     return Error{ErrorCode::kMemory, path + ": no memory left to load it"};
   }
@@ -248,14 +259,12 @@ Result<void> Scene::load_textures(const SceneOptions& options) {
 
   std::vector<bool> texture_drawn(textures.size(), false);
   std::vector<bool> image_drawn(images.size(), false);
-  for (uint64_t m = 0; m < view_.mesh_count; ++m) {
-    const uint32_t material = view_.meshes[m].material;
-    if (!mesh_drawn_[m] || material == format::kNone) continue;
-    const uint32_t texture = view_.materials[material].texture;
-    if (texture == format::kNone || !(view_.meshes[m].attributes & format::kHasUv)) continue;
+  std::vector<bool> is_color(images.size(), false);  // else numbers: normals, roughness...
+  visit_drawn_textures([&](uint32_t texture, bool shows_color) {
     texture_drawn[texture] = true;
     image_drawn[textures[texture].image] = true;
-  }
+    if (shows_color) is_color[textures[texture].image] = true;
+  });
   std::vector<uint32_t> wanted;
   for (uint32_t i = 0; i < images.size(); ++i)
     if (image_drawn[i]) wanted.push_back(i);
@@ -268,12 +277,13 @@ Result<void> Scene::load_textures(const SceneOptions& options) {
   if (options.progress != nullptr) options.progress->begin("textures", wanted.size());
   parallel_for(wanted.size(), options.threads, [&](uint64_t i) {
     const uint32_t image = wanted[i];
+    const TexelCoding coding = is_color[image] ? TexelCoding::kColor : TexelCoding::kNumbers;
     if (const Result<void> going = JobProgress::advance(options.progress, 1); !going) {
       results[i] = going;
       return;
     }
     if (options.texture_cache != 0 && images[image].codec == format::ImageCodec::kIndexedJpeg) {
-      Result<JpegTexture> jpeg = load_jpeg(container(), image);
+      Result<JpegTexture> jpeg = load_jpeg(container(), image, coding);
       if (jpeg) {
         jpegs_[image] = std::move(*jpeg);
       } else {
@@ -282,7 +292,7 @@ Result<void> Scene::load_textures(const SceneOptions& options) {
       return;
     }
     if (images[image].codec == format::ImageCodec::kBlocks) {
-      Result<BlockTexture> blocks = BlockTexture::load(container(), image);
+      Result<BlockTexture> blocks = BlockTexture::load(container(), image, coding);
       if (blocks) {
         block_images_[image] = std::move(*blocks);
       } else {
@@ -290,7 +300,7 @@ Result<void> Scene::load_textures(const SceneOptions& options) {
       }
       return;
     }
-    Result<MipChain> mips = load_image(container(), image, warnings[i]);
+    Result<MipChain> mips = load_image(container(), image, coding, warnings[i]);
     if (mips) {
       mips_[wanted[i]] = std::move(*mips);
     } else {
@@ -311,6 +321,86 @@ Result<void> Scene::load_textures(const SceneOptions& options) {
   stats_.images = wanted.size();
   for (uint64_t t = 0; t < textures.size(); ++t)
     if (texture_drawn[t]) textures_[t] = view_of(textures[t]);
+  return {};
+}
+
+/// Calls visit(texture, whether it shows colour) for every texture of the materials that drawn meshes have.
+template <class Visit>
+void Scene::visit_drawn_textures(const Visit& visit) const {
+  for (uint64_t m = 0; m < view_.mesh_count; ++m) {
+    const uint32_t material = view_.meshes[m].material;
+    if (!mesh_drawn_[m] || material == format::kNone || !(view_.meshes[m].attributes & format::kHasUv)) continue;
+    if (const uint32_t texture = view_.materials[material].texture; texture != format::kNone) visit(texture, true);
+    if (surface_of_.empty() || surface_of_[material] == format::kNone) continue;
+    const format::SurfaceRecord& surface = view_.surfaces[surface_of_[material]];
+    for (uint32_t use = 0; use < format::kSurfaceUses; ++use)
+      if (const uint32_t texture = surface.textures[use].texture; texture != format::kNone)
+        visit(texture, format::is_color(static_cast<format::SurfaceUse>(use)));
+  }
+}
+
+/// Those of drawn meshes: where there are none the scene is shaded as one of base colours.
+void Scene::find_surfaces() {
+  const auto surfaces = container().surfaces();
+  std::vector<uint32_t> of(surfaces.empty() ? 0 : view_.material_count, format::kNone);
+  for (uint32_t i = 0; i < surfaces.size(); ++i) of[surfaces[i].material] = i;
+  bool is_drawn = false;
+  for (uint64_t m = 0; m < view_.mesh_count && !of.empty(); ++m) {
+    const uint32_t material = view_.meshes[m].material;
+    if (mesh_drawn_[m] && material != format::kNone && of[material] != format::kNone) is_drawn = true;
+  }
+  if (!is_drawn) return;
+  surface_of_ = std::move(of);
+  view_.surface_of = surface_of_.data();
+  view_.surface_count = surfaces.size();
+}
+
+void Scene::place_lights() {
+  constexpr size_t kMost = 1024;
+  const auto lights = container().lights();
+  if (lights.empty()) return;
+  const auto world = world_matrices(container(), scene_);
+  for (uint64_t i = 0; i < lights.size(); ++i) {
+    const format::LightRecord& record = lights[i];
+    const std::optional<Rows>& rows = world[record.node];
+    if (!rows) continue;
+    if (lights_.size() == kMost) {
+      warnings_.push_back("more than " + std::to_string(kMost) + " lights: the first are drawn");
+      break;
+    }
+    kernels::PlacedLight light{};
+    double length = 0;
+    for (size_t axis = 0; axis < 3; ++axis) length = std::hypot(length, (*rows)[axis][2]);
+    for (size_t axis = 0; axis < 3; ++axis) {
+      light.position[axis] = (*rows)[axis][3];
+      light.direction[axis] = length > 0 ? static_cast<float>(-(*rows)[axis][2] / length) : 0.0f;
+      light.color[axis] = record.color[axis] * record.intensity;
+    }
+    light.range = record.range;
+    if (record.kind == format::LightKind::kSpot) {
+      const float outer = std::cos(record.outer_cone);
+      light.cone_scale = 1.0f / std::max(0.001f, std::cos(record.inner_cone) - outer);
+      light.cone_offset = -outer * light.cone_scale;
+    }
+    light.kind = record.kind;
+    lights_.push_back(light);
+  }
+  view_.lights = lights_.data();
+  view_.light_count = static_cast<uint32_t>(lights_.size());
+}
+
+Result<void> Scene::load_light(const SceneOptions& options) {
+  const bool is_wanted = options.lighting == kernels::Lighting::kEnvironment ||
+                         (options.lighting == kernels::Lighting::kAuto && options.textures && view_.surface_count != 0);
+  if (!is_wanted) return {};
+  if (options.environment.empty()) {
+    view_.environment = sky(options.threads).data();
+  } else {
+    Result<std::vector<float>> made = load_environment(options.environment, options.threads);
+    if (!made) return made.error();
+    environment_ = std::move(*made);
+    view_.environment = environment_.data();
+  }
   return {};
 }
 

@@ -11,6 +11,7 @@
 
 #include "format/container/container.h"
 #include "format/result.h"
+#include "kernels/frame.h"
 #include "kernels/scene_view.h"
 #include "kernels/shade/block_cache.h"
 #include "runtime/files/mapped_file.h"
@@ -53,6 +54,8 @@ struct SceneOptions {
   // Upper limit of the CPU's cache of decoded JPEG texture blocks, bytes; memory is allocated as the cache fills. Finer
   // levels are then decoded on demand. 0: all levels are decoded when the scene is loaded.
   uint64_t texture_cache = 0;
+  kernels::Lighting lighting = kernels::Lighting::kAuto;  // what pictures will ask for: what that takes is made
+  std::string environment;  // a Radiance picture for kEnvironment; empty: make_sky()
   bool pages = true;                // false: view().pages are null until load_pages(), for scenes that a GPU draws
   JobProgress* progress = nullptr;  // reports every page and image, and may stop the loading
 };
@@ -133,6 +136,11 @@ class Scene {
   Result<void> number_instances();
   Result<void> load_masks();
   Result<void> load_textures(const SceneOptions& options);
+  Result<void> load_light(const SceneOptions& options);
+  void find_surfaces();
+  void place_lights();
+  template <class Visit>
+  void visit_drawn_textures(const Visit& visit) const;
   kernels::TextureView view_of(const format::TextureRecord& record) const;
   void number_jpeg_levels();
 
@@ -144,6 +152,10 @@ class Scene {
   std::vector<format::InstanceRecord> instances_;
   std::vector<format::MatrixRecord> matrices_;
   std::vector<format::MaterialRecord> materials_;
+  std::vector<format::SurfaceRecord> surfaces_;
+  std::vector<uint32_t> surface_of_;
+  std::vector<kernels::PlacedLight> lights_;
+  std::vector<float> environment_;
   std::vector<uint64_t> instance_base_;
   std::vector<bool> mesh_drawn_;
   DrawnPages drawn_pages_;

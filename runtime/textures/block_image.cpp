@@ -53,7 +53,7 @@ Result<Image> decode_block_image(const format::Container& container, uint32_t im
   return decode_level(container.images()[image], 0, blocks->data());
 }
 
-Result<BlockTexture> BlockTexture::load(const format::Container& container, uint32_t image) {
+Result<BlockTexture> BlockTexture::load(const format::Container& container, uint32_t image, TexelCoding coding) {
   BlockTexture texture;
   const format::ImageRecord& record = texture.record_ = container.images()[image];
   std::vector<std::byte> scratch;
@@ -68,8 +68,8 @@ Result<BlockTexture> BlockTexture::load(const format::Container& container, uint
   if (last.width == 1 && last.height == 1) return texture;
   Result<Image> picture = decode_level(record, record.level_count, texture.blocks_.data() + texture.offsets_.back());
   if (!picture) return at("level " + std::to_string(record.level_count), picture.error());
-  MipChain chain = make_mips(std::move(*picture));
-  // Level 0 is present as blocks, so only the levels below it are taken.
+  MipChain chain = make_mips(std::move(*picture), coding);
+  // The picture itself is there as blocks.
   MipChain& made = texture.made_;
   const uint64_t before = chain.level_offset[1];
   made.level_count = chain.level_count - 1;

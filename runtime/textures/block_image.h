@@ -16,10 +16,11 @@ namespace scree::runtime {
 
 class BlockTexture {
  public:
-  /// Loads image `image` of `container`, whose codec is kBlocks, and checks its pages' checksums. Levels below the last
-  /// stored one are computed from it as by make_mips(). Errors of Container::load_page, with the level; kRange (the
-  /// last stored level has more than kMaxImagePixels, and levels are missing below it). Throws std::bad_alloc.
-  static Result<BlockTexture> load(const format::Container& container, uint32_t image);
+  /// Image `image` of `container`, whose codec is kBlocks. Checks its pages' checksums. Levels below the last stored
+  /// one are made from it as make_mips() makes them. Errors those of Container::load_page, with the level; kRange (the
+  /// last stored level has more than kMaxImagePixels, and levels below). Throws std::bad_alloc.
+  static Result<BlockTexture> load(const format::Container& container, uint32_t image,
+                                   TexelCoding coding = TexelCoding::kColor);
 
   /// Valid as long as this, which may be moved.
   kernels::TextureView view(const format::TextureRecord& record) const;

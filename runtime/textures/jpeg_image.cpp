@@ -70,14 +70,14 @@ Result<JpegImage> JpegImage::open(const format::Container& container, uint32_t i
   return opened;
 }
 
-Result<MipChain> JpegImage::decode_tail() const {
+Result<MipChain> JpegImage::decode_tail(TexelCoding coding) const {
   Result<Image> last = decode_jpeg_level(levels_.back());
   if (!last) return at("level " + std::to_string(levels_.size() - 1), last.error());
-  return make_mips(std::move(*last));
+  return make_mips(std::move(*last), coding);
 }
 
-Result<MipChain> JpegImage::decode() const {
-  const Result<MipChain> tail = decode_tail();
+Result<MipChain> JpegImage::decode(TexelCoding coding) const {
+  const Result<MipChain> tail = decode_tail(coding);
   if (!tail) return tail.error();
   MipChain chain;
   chain.width = levels_.front().width;
@@ -96,10 +96,10 @@ Result<MipChain> JpegImage::decode() const {
   return chain;
 }
 
-Result<JpegTexture> JpegTexture::make(JpegImage image) {
+Result<JpegTexture> JpegTexture::make(JpegImage image, TexelCoding coding) {
   JpegTexture texture;
   texture.image_ = std::move(image);
-  Result<MipChain> tail = texture.image_.decode_tail();
+  Result<MipChain> tail = texture.image_.decode_tail(coding);
   if (!tail) return tail.error();
   texture.tail_ = std::move(*tail);
   const std::vector<format::JpegIndex>& levels = texture.image_.levels();

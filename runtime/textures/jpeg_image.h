@@ -28,12 +28,11 @@ class JpegImage {
   /// Level 0 and the stored levels below it.
   const std::vector<format::JpegIndex>& levels() const { return levels_; }
 
-  /// Decodes all levels; levels below the stored ones are computed from the last of them. Errors kFormat. Throws
-  /// std::bad_alloc.
-  Result<MipChain> decode() const;
+  /// All levels decoded, those below the stored ones made from the last of them. Errors kFormat. Throws std::bad_alloc.
+  Result<MipChain> decode(TexelCoding coding = TexelCoding::kColor) const;
 
-  /// Only the last stored level, as level 0 of the result, and the levels below it. Errors and exceptions as decode().
-  Result<MipChain> decode_tail() const;
+  /// The levels below the stored ones alone: level 0 of the result is the last stored one. Errors and throws so.
+  Result<MipChain> decode_tail(TexelCoding coding = TexelCoding::kColor) const;
 
  private:
   struct Page {
@@ -49,7 +48,7 @@ class JpegImage {
 class JpegTexture {
  public:
   /// Errors and throws as JpegImage::decode_tail.
-  static Result<JpegTexture> make(JpegImage image);
+  static Result<JpegTexture> make(JpegImage image, TexelCoding coding = TexelCoding::kColor);
 
   /// The bytes of a level: data, anchor blocks and anchors, contiguous as in the file, from JpegView::data on.
   std::span<const std::byte> level_bytes(size_t level) const;

@@ -1,6 +1,7 @@
 // sRGB coding of 8-bit colour. Source: IEC 61966-2-1.
 #pragma once
 
+#include <algorithm>
 #include <cstdint>
 
 #include "kernels/shade/srgb.h"
@@ -24,6 +25,11 @@ class Srgb {
 
   kernels::SrgbTables tables_;
 };
+
+/// The code of a number from 0 to 1.
+inline uint8_t code_of_number(float number) {
+  return static_cast<uint8_t>(std::clamp(number, 0.0f, 1.0f) * 255.0f + 0.5f);
+}
 
 /// Srgb::linear() and Srgb::code() with the shared tables.
 inline float linear_of_srgb(uint8_t code) {

@@ -13,25 +13,31 @@ namespace {
 
 constexpr uint16_t kGlNearest = 9728;
 
-void decode_row(const uint8_t* rgba, std::vector<Texel>& out) {
+void decode_row(const uint8_t* rgba, TexelCoding coding, std::vector<Texel>& out) {
   const Srgb& srgb = Srgb::tables();
+  if (coding == TexelCoding::kNumbers) {
+    for (size_t x = 0; x < out.size(); ++x, rgba += 4)
+      for (size_t c = 0; c < 4; ++c) out[x][c] = static_cast<float>(rgba[c]) * (1.0f / 255.0f);
+    return;
+  }
   for (size_t x = 0; x < out.size(); ++x, rgba += 4)
     out[x] = {srgb.linear(rgba[0]), srgb.linear(rgba[1]), srgb.linear(rgba[2]),
               static_cast<float>(rgba[3]) * (1.0f / 255.0f)};
 }
 
-void encode_texels(std::span<const Texel> texels, uint8_t* rgba) {
+void encode_texels(std::span<const Texel> texels, TexelCoding coding, uint8_t* rgba) {
   const Srgb& srgb = Srgb::tables();
   for (const Texel& texel : texels) {
-    for (size_t c = 0; c < 3; ++c) rgba[c] = srgb.code(texel[c]);
-    rgba[3] = static_cast<uint8_t>(std::clamp(texel[3], 0.0f, 1.0f) * 255.0f + 0.5f);
+    for (size_t c = 0; c < 3; ++c)
+      rgba[c] = coding == TexelCoding::kColor ? srgb.code(texel[c]) : code_of_number(texel[c]);
+    rgba[3] = code_of_number(texel[3]);
     rgba += 4;
   }
 }
 
 }  // namespace
 
-MipChain make_mips(Image image) {
+MipChain make_mips(Image image, TexelCoding coding) {
   assert(image.width >= 1 && image.height >= 1 && image.width <= kMaxDecodedSide && image.height <= kMaxDecodedSide);
   MipChain chain;
   chain.width = image.width;
@@ -47,11 +53,11 @@ MipChain make_mips(Image image) {
 
   MipRows levels(chain.width, chain.height, chain.level_count - 1,
                  [&](uint32_t level, uint32_t y, std::span<const Texel> row) {
-                   encode_texels(row, chain.texels.data() + 4 * (chain.level_offset[level] + row.size() * y));
+                   encode_texels(row, coding, chain.texels.data() + 4 * (chain.level_offset[level] + row.size() * y));
                  });
   std::vector<Texel> row(chain.width);
   for (uint32_t y = 0; y < chain.height; ++y) {
-    decode_row(chain.texels.data() + uint64_t{4} * chain.width * y, row);
+    decode_row(chain.texels.data() + uint64_t{4} * chain.width * y, coding, row);
     levels.push(row);
   }
   return chain;

@@ -7,6 +7,7 @@
 #include "format/layout.h"
 #include "kernels/scene_view.h"
 #include "runtime/images/image.h"
+#include "runtime/textures/mip_rows.h"
 
 namespace scree::runtime {
 
@@ -19,11 +20,11 @@ struct MipChain {
   std::vector<uint8_t> texels;                                   // RGBA8
 };
 
-/// Computes the levels of a picture of at most kMaxDecodedSide per side. Each texel is the mean of the area that it
-/// covers in the level above: colour in linear light, alpha unchanged. A level has half the size of the one above,
-/// rounded down. For an odd size a texel covers two texels and a fraction, weighted, so that no column or row is lost
-/// and the picture's mean stays the same. Levels are averaged in float, each rounded once. Throws std::bad_alloc.
-MipChain make_mips(Image image);
+/// Makes the levels of a picture, at most kMaxDecodedSide a side. Each texel is the mean of the area it covers of the
+/// level above: colour in linear light, numbers and alpha as they are. A level is half the size, rounded down, of the one above; where
+/// that was odd, a texel covers two texels and a fraction, weighted, so that no column or row is lost and the picture's
+/// mean stays. Levels are averaged in float, each rounded once. Throws std::bad_alloc.
+MipChain make_mips(Image image, TexelCoding coding = TexelCoding::kColor);
 
 /// The view of a chain for kernels, with a texture record's wrapping and filters.
 kernels::TextureView texture_view(const MipChain& chain, const format::TextureRecord& record);

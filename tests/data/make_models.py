@@ -205,6 +205,23 @@ def textured_cube():
     m.save_glb()
 
 
+def masked():
+    """A square whose alpha is a disc, and one that an alpha mask hides nowhere."""
+    m = Model("masked")
+    corners = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)]
+    places = [(0, 2), (1.5, 2), (1.5, 0), (0, 0)]
+    attributes = {"POSITION": m.positions(corners), "TEXCOORD_0": m.accessor(places)}
+    indices = m.accessor([0, 1, 2, 0, 2, 3], USHORT)
+    for number, low in enumerate((10, 200)):
+        disc = [value for y in range(20) for x in range(20)
+                for value in (200, 12 * x, 90, 240 if (x - 9.5) ** 2 + (y - 9.5) ** 2 < 60 else low)]
+        image = {"bufferView": m.view(png(20, 20, disc, 4)), "mimeType": "image/png", "name": "disc"}
+        material = m.material("disc", m.texture(image, wrapS=33648), alphaMode="MASK", doubleSided=True)
+        m.node(name="Square", translation=[0, 0, number], mesh=m.mesh({"attributes": attributes, "indices": indices,
+                                                                        "material": material}, name="square"))
+    m.save_glb()
+
+
 def two_instances():
     m = Model("two_instances")
     mesh = m.mesh({"attributes": {"POSITION": m.positions(TETRAHEDRON)},
@@ -486,8 +503,8 @@ def grid():
     m.save_glb()
 
 
-for make in (textured_cube, two_instances, index_types, modes, interleaved, sparse, quantized, materials, colors,
-             gpu_instancing, nodes, multi_primitive, left_out, data_uri, grid):
+for make in (textured_cube, masked, two_instances, index_types, modes, interleaved, sparse, quantized, materials,
+             colors, gpu_instancing, nodes, multi_primitive, left_out, data_uri, grid):
     make()
 
 

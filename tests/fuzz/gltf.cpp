@@ -38,7 +38,7 @@ void gltf(Bytes bytes) {
   options.input = Folder::write(is_glb ? "in.glb" : "in.gltf", bytes);
   options.output = Folder::file("out.scree");
   options.threads = 1;
-  options.normals = choice & 1;
+  options.normals = choice & 1 ? convert::Normals::kAlways : convert::Normals::kAuto;
   options.encoding = choice & 2 ? convert::Encoding::kClustered : convert::Encoding::kIndexed;
   options.float32 = choice & 4;
   options.drop_nonfinite = choice & 8;

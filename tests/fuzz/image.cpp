@@ -1,4 +1,4 @@
-// A PNG, JPEG, KTX2 or DDS as a texture.
+// A PNG, JPEG, WebP, KTX2 or DDS as a texture.
 #include "runtime/images/image.h"
 
 #include "runtime/textures/texture.h"

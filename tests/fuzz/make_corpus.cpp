@@ -24,6 +24,12 @@
 #include "tests/paths.h"
 #include "tests/runtime/images/block_files.h"
 #include "tests/tools/model_maker.h"
+#ifdef SCREE_TESTS_DRACO
+#include "tests/tools/gltf/draco_streams.h"
+#endif
+#ifdef SCREE_TESTS_WEBP
+#include "tests/runtime/images/webp_files.h"
+#endif
 #include "tests/tools/packed_file.h"
 #include "tests/tools/temp_folder.h"
 #include "tools/clusters/cluster_builder.h"
@@ -223,6 +229,42 @@ void make_png_seeds(const TempFolder& folder) {
   Seed::save(tests::read_file(data_path("checker.png").string()), "image", "checker");
 }
 
+void make_webp_seeds() {
+#ifdef SCREE_TESTS_WEBP
+  for (const bool has_alpha : {false, true})
+    for (const float quality : {0.0f, 60.0f})
+      Seed::save(make_webp(smooth_pixels(21, 13, has_alpha), 21, 13, quality), "image",
+                 std::string("webp_") + (quality == 0 ? "lossless" : "lossy") + (has_alpha ? "_alpha" : ""));
+#endif
+}
+
+void make_draco_seeds() {
+#ifdef SCREE_TESTS_DRACO
+  const DracoGrid grid(4);
+  for (const bool is_sequential : {false, true})
+    for (const int bits : {0, 8}) {
+      const DracoRecipe recipe{.is_sequential = is_sequential, .position_bits = bits};
+      const Bytes stream = make_draco(grid, recipe);
+      std::string json = draco_document({stream}, grid.triangles(), grid.vertices(), recipe);
+      // The stream lies in the file, where it can be changed byte by byte.
+      const size_t uri = json.find(R"(,"uri":"data:)");
+      json.erase(uri, json.find('"', uri + 8) + 1 - uri);
+      json = replaced(json, R"("textures":[{"source":0}],"images":[{"uri":"t.png"}],)", R"("textures":[{}],)");
+      json.append((4 - json.size() % 4) % 4, ' ');
+      Seed glb;
+      const auto padded = static_cast<uint32_t>((stream.size() + 3) / 4 * 4);
+      Bytes binary = stream;
+      binary.resize(padded);
+      glb.add(uint32_t{0x46546c67}).add(uint32_t{2}).add(static_cast<uint32_t>(28 + json.size() + padded));
+      glb.add(static_cast<uint32_t>(json.size())).add(uint32_t{0x4e4f534a});
+      for (const char c : json) glb.add(c);
+      glb.add(padded).add(uint32_t{0x004e4942}).stream(binary);
+      glb.save("gltf", std::string("draco_") + (is_sequential ? "sequential" : "edgebreaker") +
+                           (bits == 0 ? ".glb" : "_8bits.glb"));
+    }
+#endif
+}
+
 void make_block_seeds() {
   for (const auto& [name, bytes] : block_files()) {
     Seed::save(bytes, "block_file", name);
@@ -400,13 +442,15 @@ void make_scene_seeds(const TempFolder& folder) {
     o.source_ids = true;
   });
   pack_as(data_path("materials.gltf").string(), "materials", indexed);
+  pack_as(data_path("masked.glb").string(), "masked", clustered);
   pack_as(data_path("nodes.gltf").string(), "nodes",
           [](convert::ConvertOptions& o) { o.encoding = convert::Encoding::kIndexed, o.float32 = true; });
   const std::string grid = folder.file("grid.glb");
   make_model(grid, {.columns = 12, .rows = 9, .color = true, .normal = true});
   pack_as(grid, "grid_clustered", [](convert::ConvertOptions& o) {
     o.encoding = convert::Encoding::kClustered;
-    o.normals = o.source_ids = true;
+    o.normals = convert::Normals::kAlways;
+    o.source_ids = true;
   });
   pack_as(grid, "grid_split", [](convert::ConvertOptions& o) {
     o.encoding = convert::Encoding::kClustered;
@@ -435,6 +479,8 @@ TEST_CASE("fuzz corpus: the seeds are made anew", "[.][make-corpus]") {
   make_cluster_seed(40, tools::ClusterEffort::kFast, "groups");
   make_jpeg_seeds();
   make_png_seeds(folder);
+  make_webp_seeds();
+  make_draco_seeds();
   make_block_seeds();
   make_scene_seeds(folder);
 }

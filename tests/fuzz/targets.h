@@ -17,6 +17,7 @@ void cluster_page(Bytes bytes);
 void jpeg_index(Bytes bytes);    // an indexed JPEG, as it lies in a container
 void jpeg_file(Bytes bytes);     // a JPEG file on its way into one, with mip levels
 void block_file(Bytes bytes);    // a KTX2 or DDS file, level by level
+void hdr(Bytes bytes);           // a Radiance picture, row by row
 void image(Bytes bytes);         // a file of any of these as a texture
 void container(Bytes bytes);     // inspect --verify, and export
 void scene(Bytes bytes);         // render
@@ -39,6 +40,7 @@ inline constexpr Target kTargets[] = {
     {"jpeg_index", jpeg_index, false},
     {"jpeg_file", jpeg_file, false},
     {"block_file", block_file, false},
+    {"hdr", hdr, false},
     {"image", image, false},
     {"container", container, true},
     {"scene", scene, true},

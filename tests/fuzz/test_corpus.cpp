@@ -62,6 +62,10 @@ TEST_CASE("fuzz corpus: jpeg_index", "[fuzz]") {
 TEST_CASE("fuzz corpus: jpeg_file", "[fuzz]") {
   replay("jpeg_file", "jpeg_file");
 }
+TEST_CASE("fuzz corpus: hdr", "[fuzz]") {
+  replay("hdr", "hdr");
+}
+
 TEST_CASE("fuzz corpus: block_file", "[fuzz]") {
   replay("block_file", "block_file");
 }

@@ -1,5 +1,8 @@
 // scree-lab without a GPU: its options, its statistics, its files, and its comparison of pictures.
+#include <sys/resource.h>
+
 #include <cmath>
+#include <csignal>
 #include <fstream>
 #include <limits>
 #include <sstream>
@@ -200,6 +203,21 @@ TEST_CASE("lab: rows are not put under other columns", "[lab]") {
   CHECK(done.error().code == ErrorCode::kFormat);
   CHECK(done.error().message.find("other.csv: line 1") != std::string::npos);
   CHECK(tests::read_whole(path) == "a,b\n1,2\n");
+  // A row that the disk has no room for leaves nothing.
+  const std::string full = folder.file("full.csv");
+  REQUIRE(bench::append_csv(full, {{"a", "1"}}));
+  rlimit limit{};
+  REQUIRE(::getrlimit(RLIMIT_FSIZE, &limit) == 0);
+  rlimit least = limit;
+  least.rlim_cur = 6;
+  const auto handler = std::signal(SIGXFSZ, SIG_IGN);
+  REQUIRE(::setrlimit(RLIMIT_FSIZE, &least) == 0);
+  const Result<void> half = bench::append_csv(full, {{"a", "12345"}});
+  REQUIRE(::setrlimit(RLIMIT_FSIZE, &limit) == 0);
+  std::signal(SIGXFSZ, handler);
+  CHECK_FALSE(half);
+  CHECK(tests::read_whole(full) == "a\n1\n");
+
   const Result<void> nowhere = bench::append_csv(folder.file("none/rows.csv"), {{"a", "1"}});
   REQUIRE_FALSE(nowhere);
   CHECK(nowhere.error().code == ErrorCode::kFile);

@@ -123,6 +123,9 @@ TEST_CASE("numbers and options out of range", "[library][misuse]") {
   load = sized<scree_load_options>();
   load.threads = 5000;
   failed(scree_load(opened.file, &load, &scene), SCREE_ERROR_ARGUMENT, "5000");
+  load.threads = 1;
+  load.max_samples = 3;
+  failed(scree_load(opened.file, &load, &scene), SCREE_ERROR_ARGUMENT, "max_samples is 3");
 
   const auto draws = [&](const scree_draw_options& options, const std::string& part) {
     failed(scree_draw(opened.view, nullptr, &options), SCREE_ERROR_ARGUMENT, part);
@@ -176,6 +179,11 @@ TEST_CASE("numbers and options out of range", "[library][misuse]") {
   sees(camera, "near plane");
   camera.z_near = 0.1;
   must(scree_draw(opened.view, &camera, &options));
+  for (const double bad : {std::numeric_limits<double>::quiet_NaN(), std::numeric_limits<double>::infinity()}) {
+    camera.z_near = bad;
+    sees(camera, "z_near");
+  }
+  camera.z_near = 0.1;
   camera.projection[2] = 0.1;
   sees(camera, "middle of the picture");
   camera.projection[2] = 0;

@@ -263,6 +263,49 @@ TEST_CASE("two views of one scene are drawn by two threads at once", "[library]"
   for (scree_view* const view : views) must(scree_view_destroy(view));
 }
 
+TEST_CASE("a layer that is held stays when the view draws larger frames", "[library]") {
+  const TempFolder folder;
+  const Opened opened(packed(folder));
+  scree_view* view = nullptr;
+  must(scree_view_create(opened.scene, &view));
+  scree_draw_options options = draw_options(16, 9);
+  must(scree_draw(view, nullptr, &options));
+  const std::vector<scree_layer> layers(std::begin(kAllLayers), std::end(kAllLayers));
+  std::vector<scree_array> arrays(layers.size(), sized<scree_array>());
+  std::vector<scree_memory*> held(layers.size(), nullptr);
+  std::vector<std::string> expected;
+  const auto bytes_of = [&](size_t i) {
+    return std::string(static_cast<const char*>(arrays[i].data), arrays[i].bytes);
+  };
+  for (size_t i = 0; i < layers.size(); ++i) {
+    must(scree_host_layer(view, layers[i], &arrays[i]));
+    must(scree_hold(view, &arrays[i], &held[i]));
+    expected.push_back(bytes_of(i));
+  }
+  must(scree_draw(view, nullptr, &options));  // fits: the memory is the view's still
+  auto same = sized<scree_array>();
+  must(scree_host_layer(view, SCREE_DEPTH, &same));
+  CHECK(same.data == arrays[1].data);
+  options = draw_options(640, 480);
+  must(scree_draw(view, nullptr, &options));
+  for (size_t i = 0; i < layers.size(); ++i) {
+    auto larger = sized<scree_array>();
+    must(scree_host_layer(view, layers[i], &larger));
+    CHECK(larger.data != arrays[i].data);
+    CHECK(bytes_of(i) == expected[i]);
+    scree_memory* none = nullptr;
+    CHECK(scree_hold(view, &arrays[i], &none) == SCREE_ERROR_ARGUMENT);
+    CHECK(none == nullptr);
+  }
+  must(scree_view_destroy(view));
+  for (size_t i = 0; i < layers.size(); ++i) {
+    CHECK(bytes_of(i) == expected[i]);
+    must(scree_release(held[i]));
+    CHECK(scree_release(held[i]) == SCREE_ERROR_HANDLE);
+  }
+  must(scree_release(nullptr));
+}
+
 TEST_CASE("a file is closed while other threads read what it has", "[library]") {
   const TempFolder folder;
   const std::string path = packed(folder);

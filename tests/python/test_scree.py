@@ -86,8 +86,28 @@ class Package(unittest.TestCase):
         del view, shared, other
         gc.collect()
         self.assertTrue(np.isfinite(array).any())  # the array keeps the view
+        view = self.scene.view().draw(8, 8)
+        small = [np.from_dlpack(view.share(layer)) for layer in scree.LAYERS]
+        before = [array.copy() for array in small]
+        view.draw(900, 700, samples=2)  # which needs more memory than they have
+        for layer, array, expected in zip(scree.LAYERS, small, before):
+            np.from_dlpack(view.share(layer))
+            self.assertTrue((array == expected).all(), layer)
+        view.draw_batch([None] * 3, 900, 700, layers=["color"])
+        del view
+        gc.collect()
+        self.assertTrue(all((array == expected).all() for array, expected in zip(small, before)))
         capsule = self.scene.view().draw(8, 8).share("color").__dlpack__()
         del capsule  # no consumer took it
+
+    def test_share_takes_the_words_of_the_protocol(self):
+        shared = self.scene.view().draw(8, 8).share("color")
+        self.assertTrue(shared.__dlpack__(stream=None, max_version=(1, 0), dl_device=(1, 0), copy=False))
+        for words in ({"copy": True}, {"dl_device": (2, 0)}):
+            with self.assertRaises(BufferError):
+                shared.__dlpack__(**words)
+        with self.assertRaises(TypeError):
+            shared.__dlpack__(colour=True)
 
     def test_cameras(self):
         view = self.scene.view()

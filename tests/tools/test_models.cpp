@@ -29,7 +29,7 @@ TEST_CASE("the small models convert to what they were within the stated error", 
       options.output = output;
       options.source_ids = true;
       options.drop_nonfinite = true;
-      options.normals = variant % 2 == 1;
+      options.normals = variant % 2 == 1 ? convert::Normals::kAlways : convert::Normals::kAuto;
       options.order = variant == 2 ? convert::Order::kNone : convert::Order::kFifo;
       options.float32 = variant == 3;
       options.chunk_triangles = variant == 4 ? 0 : variant == 5 ? 3 : format::kMaxChunkTriangles;
@@ -66,7 +66,7 @@ TEST_CASE("every model converts to what it was within the stated error", "[model
     options.input = path.string();
     options.output = output;
     options.source_ids = true;
-    options.normals = converted % 2 == 0;
+    options.normals = converted % 2 == 0 ? convert::Normals::kAlways : convert::Normals::kAuto;
     options.threads = 2;
     if (converted % 3 == 1) options.grid = convert::Grid::kScene;
     if (converted % 5 == 1) options.zstd_level = 1;

@@ -86,11 +86,17 @@ Result<void> append_csv(const std::string& path, const CsvCells& cells) {
         return Error{ErrorCode::kFormat, path + ": line 1 is not this version's list of columns; name another file"};
     }
   }
+  const off_t before = ::lseek(file, 0, SEEK_END);
+  if (before < 0) return file_error(path);
   const std::string text = (is_new ? header + '\n' : std::string()) + csv_values(cells) + '\n';
   for (size_t done = 0; done < text.size();) {
     const ssize_t written = ::write(file, text.data() + done, text.size() - done);
     if (written < 0 && errno == EINTR) continue;
-    if (written <= 0) return file_error(path);
+    if (written <= 0) {
+      const Error error = file_error(path);
+      [[maybe_unused]] const int cut = ::ftruncate(file, before);  // half a row would spoil the next one
+      return error;
+    }
     done += static_cast<size_t>(written);
   }
   tools::note_written(path);

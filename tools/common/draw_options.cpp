@@ -1,6 +1,9 @@
 #include "tools/common/draw_options.h"
 
 #include <algorithm>
+#include <cmath>
+#include <cstdlib>
+#include <utility>
 
 #include "kernels/visbuffer.h"
 
@@ -34,6 +37,48 @@ void add_device_options(CLI::App& app, DrawWords& words) {
                  "How the GPU's pages come from the file: mapped, buffered: read through the page cache, direct: past "
                  "it, or auto: direct where much is to be read that is not cached, else buffered (default)")
       ->type_name("NAME");
+}
+
+void add_light_options(CLI::App& app, LightWords& words) {
+  app.add_option("--light", words.light,
+                 "Where light comes from: camera: from the eye, on matt surfaces; environment: from all around; scene: "
+                 "the file's own lights (default: environment where materials have more than a base colour, else camera)")
+      ->type_name("NAME");
+  app.add_option("--environment", words.environment,
+                 "The surroundings for --light environment, which it implies: a Radiance picture (.hdr) of all "
+                 "directions (default: a clear sky)")
+      ->type_name("FILE");
+  app.add_option("--exposure", words.exposure,
+                 "Brighter or darker by so many stops, -20 to 20 (default: 0), but for the camera's light")
+      ->type_name("STOPS");
+}
+
+Result<LightOptions> parse_light_options(const LightWords& words) {
+  const auto usage = [](std::string message) { return Error{ErrorCode::kUsage, std::move(message)}; };
+  LightOptions options;
+  options.environment = words.environment;
+  if (words.light == "camera") {
+    options.lighting = kernels::Lighting::kCamera;
+  } else if (words.light == "environment" || (words.light.empty() && !words.environment.empty())) {
+    options.lighting = kernels::Lighting::kEnvironment;
+  } else if (words.light == "scene") {
+    options.lighting = kernels::Lighting::kScene;
+  } else if (!words.light.empty()) {
+    return usage("--light: '" + words.light + "' is none of 'camera', 'environment' and 'scene'");
+  }
+  if (!words.environment.empty() && options.lighting != kernels::Lighting::kEnvironment)
+    return usage("--environment is for --light environment, not " + words.light);
+  char* end = nullptr;
+  const double stops = std::strtod(words.exposure.c_str(), &end);
+  if (words.exposure.empty() || end != words.exposure.c_str() + words.exposure.size() || !(std::abs(stops) <= 20))
+    return usage("--exposure: '" + words.exposure + "' is not a number from -20 to 20");
+  options.exposure = static_cast<float>(std::exp2(stops));
+  return options;
+}
+
+Result<void> check_lights(const LightOptions& options, const kernels::SceneView& scene) {
+  if (options.lighting != kernels::Lighting::kScene || scene.light_count != 0) return {};
+  return Error{ErrorCode::kUsage, "--light scene: the scene has no lights"};
 }
 
 Result<DrawOptions> parse_draw_options(const DrawWords& words) {

@@ -7,6 +7,7 @@
 #include <CLI/CLI.hpp>
 
 #include "format/result.h"
+#include "kernels/frame.h"
 #include "runtime/stream/upload.h"
 #include "tools/common/backend.h"
 #include "tools/common/options.h"
@@ -35,8 +36,30 @@ struct DrawOptions {
   runtime::Reading reading = runtime::Reading::kAuto;  // how a GPU's pages are read
 };
 
-/// The first adds --size and --samples. The second adds the options for the drawing device and its limits: --threads,
-/// --backend, --device, --device-memory, --host-memory, --read.
+/// Where the light of pictures comes from, as render and view take it.
+struct LightWords {
+  std::string light;
+  std::string environment;
+  std::string exposure = "0";
+};
+
+struct LightOptions {
+  kernels::Lighting lighting = kernels::Lighting::kAuto;
+  std::string environment;  // file; empty: a sky of our own
+  float exposure = 1;       // factor
+};
+
+/// --light, --environment, --exposure.
+void add_light_options(CLI::App& app, LightWords& words);
+
+/// Errors kUsage: the option, what was typed, what is allowed.
+Result<LightOptions> parse_light_options(const LightWords& words);
+
+/// Errors kUsage: --light scene, but the scene has no lights.
+Result<void> check_lights(const LightOptions& options, const kernels::SceneView& scene);
+
+/// --size and --samples; and those that choose what draws and what it may take: --threads, --backend, --device,
+/// --device-memory, --host-memory, --read.
 void add_picture_options(CLI::App& app, DrawWords& words);
 void add_device_options(CLI::App& app, DrawWords& words);
 

@@ -35,7 +35,7 @@ struct ReferenceMesh {
   const std::vector<bool>* kept = nullptr;  // by triangle; null: all are drawn
   bool double_sided = false;
   const ReferenceMask* mask = nullptr;  // null: all of every triangle is there
-  std::span<const float> uvs;           // u v a vertex, where there is a mask
+  std::span<const float> uvs{};         // u v a vertex, where there is a mask
 };
 
 struct ReferenceInstance {

@@ -39,7 +39,7 @@ struct ConvertArguments {
   std::string exclude;
   std::string textures = "keep";
   bool keep_going = false;
-  bool normals = false;
+  std::string normals = "auto";
   bool source_ids = false;
   bool drop_nonfinite = false;
   bool no_weld = false;
@@ -162,7 +162,11 @@ Result<convert::ConvertOptions> parse(const ConvertArguments& words, bool positi
   if (!images) return images.error();
   options.images = *images;
   options.images.keep_going = words.keep_going;
-  options.normals = words.normals;
+  if (words.normals != "auto" && words.normals != "always" && words.normals != "never")
+    return Error{ErrorCode::kUsage, "--normals: '" + words.normals + "' is none of 'auto', 'always' and 'never'"};
+  options.normals = words.normals == "auto"     ? convert::Normals::kAuto
+                    : words.normals == "always" ? convert::Normals::kAlways
+                                                : convert::Normals::kNever;
   options.source_ids = words.source_ids;
   options.drop_nonfinite = words.drop_nonfinite;
   options.weld = !words.no_weld;
@@ -241,11 +245,14 @@ Command add_convert(CLI::App& parent) {
   app->add_option(
       "--textures", words->textures,
       "keep (default): JPEGs are indexed without loss, KTX2 and DDS keep their blocks and levels, PNGs stay as "
-      "they are; jpeg:QUALITY (jpeg: 90): others become JPEGs, 4:4:4, without alpha; raw: as keep, but JPEGs "
-      "stay as they are too");
+      "they are, WebPs become PNGs; jpeg:QUALITY (jpeg: 90): others become JPEGs, 4:4:4, without alpha; raw: as "
+      "keep, but JPEGs stay as they are too");
   app->add_flag("--keep-going", words->keep_going,
                 "An image that is damaged or of an unsupported kind becomes grey instead of an error");
-  app->add_flag("--normals", words->normals, "Store normals, 12 bits an axis of the octahedral map");
+  app->add_option("--normals", words->normals,
+                  "Which normals are stored, 12 bits an axis of the octahedral map: auto: those of meshes on which they "
+                  "show, for they are not their faces' (default); always, which --normals alone means; never")
+      ->type_name("WHICH");
   app->add_flag("--source-ids", words->source_ids, "Store every triangle's number in the source");
   app->add_option("--exclude", words->exclude,
                   "Leave out nodes whose name has a match of this regular expression, and those below them");

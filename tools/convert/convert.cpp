@@ -533,8 +533,8 @@ class Converter {
 
   void list_left_out() {
     convert::add_left_out({scene_, plans_, mesh_of_, measurement_.primitives, first_equal_, images_, merged_, welded_,
-                           undrawn_, report_.dropped_degenerate, report_.dropped_nonfinite, repaired_uvs_,
-                           repaired_colors_, repaired_normals_, clear_},
+                           options_.normals, undrawn_, report_.dropped_degenerate, report_.dropped_nonfinite,
+                           repaired_uvs_, repaired_colors_, repaired_normals_, clear_},
                           tables_);
     const auto warn = [&](uint64_t count, const char* text) {
       if (count > 0) report_.warnings.push_back(scene_.file_name + ": " + std::to_string(count) + " " + text);
@@ -567,7 +567,9 @@ class Converter {
     for (const format::LeftOutRecord& record : tables_.left_out) {
       const std::string_view what = tables_.strings.bytes().data() + record.what;
       // What is stored once, or is implied, is not lost.
-      if (what.starts_with("duplicate ") || what.starts_with("unused ") || what == "COLOR_0 (all white)") continue;
+      if (what.starts_with("duplicate ") || what.starts_with("unused ") || what == "COLOR_0 (all white)" ||
+          what == kFaceNormals || what == kUnlitNormals)
+        continue;
       report_.left_out.push_back({std::string(what), record.count, record.source_bytes, 0});
     }
   }

@@ -15,7 +15,7 @@ uint64_t left_out_bytes(const ConvertReport& report) {
   return bytes;
 }
 
-/// "images not used for base colour (3, 1.10 MiB), NORMAL (170 KiB; --normals keeps them)".
+/// "unused images (3, 1.10 MiB), NORMAL (170 KiB; --normals never)".
 std::string list_left_out(const ConvertReport& report) {
   std::string text;
   for (const LeftOut& entry : report.left_out) {
@@ -23,7 +23,7 @@ std::string list_left_out(const ConvertReport& report) {
         entry.what.find_first_not_of("ABCDEFGHIJKLMNOPQRSTUVWXYZ_0123456789") == std::string::npos;
     std::string more = is_attribute ? "" : std::to_string(entry.count);
     if (entry.source_bytes > 0) more += (more.empty() ? "" : ", ") + tools::format_bytes(entry.source_bytes);
-    if (entry.what == "NORMAL") more += "; --normals keeps them";
+    if (entry.what == "NORMAL") more += "; --normals never";
     text += (text.empty() ? "" : ", ") + entry.what + (more.empty() ? "" : " (" + more + ")");
   }
   return text;

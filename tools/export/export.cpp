@@ -39,19 +39,24 @@ constexpr uint64_t kMaxPrimitiveVertices = 0xffffffffu;
 class Materials {
  public:
   Materials(const format::Container& file, GltfWriter& writer) : file_(file), writer_(writer) {
+    for (uint32_t i = 0; i < file.surfaces().size(); ++i) surface_of_[file.surfaces()[i].material] = i;
     for (uint32_t i = 0; i < file.materials().size(); ++i) writer.add_material(material(i));
   }
 
   /// The material of a mesh, in the document.
   uint32_t of(uint32_t number, bool has_uv) {
-    if (number == kNone || has_uv || file_.materials()[number].texture == kNone) return number;
-    const auto [found, is_new] = untextured_.try_emplace(number, 0);
-    if (is_new) {
-      GltfMaterial copy = material(number);
-      copy.texture = kNone;
-      copy.transform = {};
-      found->second = writer_.add_material(std::move(copy));
+    if (number == kNone || has_uv) return number;
+    GltfMaterial copy = material(number);
+    bool is_textured = copy.texture != kNone;
+    copy.texture = kNone;
+    copy.transform = {};
+    for (size_t use = 0; copy.surface && use < format::kSurfaceUses; ++use) {
+      is_textured = is_textured || copy.surface->textures[use].texture != kNone;
+      copy.surface->textures[use].texture = kNone;
     }
+    if (!is_textured) return number;
+    const auto [found, is_new] = untextured_.try_emplace(number, 0);
+    if (is_new) found->second = writer_.add_material(std::move(copy));
     return found->second;
   }
 
@@ -77,10 +82,13 @@ class Materials {
     }
     material.double_sided = record.flags & format::kMaterialDoubleSided;
     material.unlit = record.flags & format::kMaterialUnlit;
+    if (const auto found = surface_of_.find(number); found != surface_of_.end())
+      material.surface = file_.surfaces()[found->second];
     return material;
   }
 
   const format::Container& file_;
+  std::map<uint32_t, uint32_t> surface_of_;  // of materials that have one
   GltfWriter& writer_;
   std::map<uint32_t, uint32_t> untextured_;
 };
@@ -369,6 +377,8 @@ Result<void> run_export(const Arguments& arguments) {
     return names_output ? error : at(arguments.input, error);
   }
   note_written(arguments.output);
+  if (summary->is_version_3)
+    std::fprintf(stderr, "scree export: warning: %s%s\n", arguments.output.c_str(), kVersion3Note);
   const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   if (arguments.json) {
     std::string text;
@@ -431,6 +441,7 @@ Result<ExportSummary> export_gltf(const format::Container& file, const std::stri
   const auto finished = writer.finish();
   if (!finished) return finished.error();
   summary.bytes = writer.total_bytes();
+  summary.is_version_3 = writer.is_version_3();
   return summary;
 }
 

@@ -29,7 +29,8 @@ struct ExportSummary {
   uint64_t vertices = 0;   // over the primitives; vertices on chunk borders count once a chunk
   uint64_t triangles = 0;  // over the primitives, not the instances
   uint64_t images = 0;
-  uint64_t bytes = 0;  // of all files written
+  bool is_version_3 = false;  // a .glb with lengths of 64 bits
+  uint64_t bytes = 0;         // of all files written
 };
 
 /// Writes `file` to `path`, which ends in .glb or .gltf (then with its .bin and images beside it). Each mesh is one

@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "format/bytes.h"
+#include "tools/common/options.h"
 #include "tools/gltf/byte_source.h"
 #include "tools/gltf/check.h"
 #include "tools/gltf/uri.h"
@@ -42,12 +43,12 @@ Result<void> check_ascending(const Accessor::Sparse& sparse, uint64_t count) {
 
 }  // namespace
 
-GltfBuffers::GltfBuffers(const GltfDocument& document, std::string folder, std::shared_ptr<const ByteSource> bin,
-                         uint64_t kept_bytes, bool allow_outside)
+GltfBuffers::GltfBuffers(const GltfDocument& document, std::string folder,
+                         std::vector<std::shared_ptr<const ByteSource>> chunks, uint64_t kept_bytes, bool allow_outside)
     : document_(document),
       folder_(std::move(folder)),
       allow_outside_(allow_outside),
-      bin_(std::move(bin)),
+      chunks_(std::move(chunks)),
       buffers_(document.buffers.size()),
       meshopt_(kept_bytes),
       unpacked_(document.meshopt.size()),
@@ -68,9 +69,16 @@ Result<std::shared_ptr<const ByteSource>> GltfBuffers::open_buffer(int32_t index
   if (buffer.meshopt_fallback) {
     return Error{ErrorCode::kUnsupported, "a fallback buffer without data, but a buffer view of it is not compressed"};
   }
-  if (index == 0 && bin_ != nullptr) return bin_;
-  return Error{ErrorCode::kFormat, bin_ == nullptr ? "uri is missing, and the file has no binary chunk"
-                                                   : "uri is missing, only buffer 0 is the binary chunk"};
+  if (buffer.chunk != kAbsent) {
+    const auto number = static_cast<size_t>(buffer.chunk);
+    if (number < chunks_.size() && chunks_[number] != nullptr) return chunks_[number];
+    return Error{ErrorCode::kFormat, "chunk " + std::to_string(number) + " is no binary chunk of the file"};
+  }
+  constexpr size_t kImplied = 1;  // chunk of buffer 0
+  const bool has_implied = kImplied < chunks_.size() && chunks_[kImplied] != nullptr;
+  if (index == 0 && has_implied) return chunks_[kImplied];
+  return Error{ErrorCode::kFormat, has_implied ? "uri is missing, only buffer 0 is the binary chunk"
+                                               : "uri is missing, and the file has no binary chunk"};
 }
 
 Result<std::shared_ptr<const ByteSource>> GltfBuffers::buffer(int32_t index) {
@@ -103,10 +111,7 @@ Result<GltfBuffers::View> GltfBuffers::view(int32_t index) {
       auto stream = buffer(meshopt.buffer);
       if (!stream) return stream.error();
       const auto made = meshopt_.view(meshopt, *stream);
-      const PackedViewMemory memory = made->memory();
-      view_memory_.reader_bytes = std::max(view_memory_.reader_bytes, memory.reader_bytes);
-      view_memory_.place_bytes += memory.place_bytes;
-      view_memory_.kept_bytes += memory.kept_bytes;
+      count(made->memory());
       unpacked = made;
     }
     return View{unpacked, 0, stated.bytes};
@@ -114,6 +119,30 @@ Result<GltfBuffers::View> GltfBuffers::view(int32_t index) {
   auto source = buffer(stated.buffer);
   if (!source) return source.error();
   return View{*source, stated.offset, stated.bytes};
+}
+
+void GltfBuffers::count(const PackedViewMemory& memory) {
+  view_memory_.reader_bytes = std::max(view_memory_.reader_bytes, memory.reader_bytes);
+  view_memory_.place_bytes += memory.place_bytes;
+  view_memory_.kept_bytes += memory.kept_bytes;
+}
+
+Result<std::shared_ptr<const ByteSource>> GltfBuffers::draco(int32_t index, const DracoPrimitive& primitive,
+                                                             uint64_t memory) {
+  const auto [first, last] = draco_.equal_range(index);
+  for (auto known = first; known != last; ++known)
+    if (known->second.first == primitive) return known->second.second;
+  auto stream = view(index);
+  if (!stream) return stream.error();
+  const PackedViewMemory taken = draco_memory(primitive, stream->bytes);
+  if (taken.reader_bytes > memory)
+    return Error{ErrorCode::kUsage, "--memory: " + tools::format_bytes(memory) + ", but unpacking its " +
+                                        std::to_string(primitive.triangles) + " triangles (Draco) takes " +
+                                        std::to_string((taken.reader_bytes >> 20) + 1) + " MiB"};
+  auto made = draco_source(primitive, stream->source, stream->offset, stream->bytes, meshopt_.kept());
+  count(taken);
+  draco_.emplace(index, std::pair(primitive, made));
+  return made;
 }
 
 Result<Accessor> GltfBuffers::accessor(int32_t index) {

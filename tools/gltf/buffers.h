@@ -3,12 +3,15 @@
 #pragma once
 
 #include <cstdint>
+#include <map>
 #include <memory>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "format/result.h"
 #include "tools/gltf/document.h"
+#include "tools/gltf/draco_source.h"
 #include "tools/gltf/meshopt_source.h"
 #include "tools/gltf/source.h"
 
@@ -16,10 +19,10 @@ namespace scree::convert {
 
 class GltfBuffers {
  public:
-  /// `folder`: of the scene. `bin`: the binary chunk of a .glb, or null. `document` has passed check_document() and
-  /// outlives this. Indices given to the functions below are in range.
-  /// `kept_bytes`: of unpacked buffer views that are kept, see MeshoptCache. `allow_outside`: resolve_uri's.
-  GltfBuffers(const GltfDocument& document, std::string folder, std::shared_ptr<const ByteSource> bin,
+  /// `folder`: of the scene. `chunks`: of a .glb, by index, null for those that are not binary. `document` has passed
+  /// check_document() and outlives this. Indices given to the functions below are in range. `kept_bytes`: of unpacked
+  /// buffer views that are kept, see MeshoptCache. `allow_outside`: resolve_uri's.
+  GltfBuffers(const GltfDocument& document, std::string folder, std::vector<std::shared_ptr<const ByteSource>> chunks,
               uint64_t kept_bytes, bool allow_outside);
 
   /// Of the compressed buffer views that were asked for.
@@ -38,6 +41,10 @@ class GltfBuffers {
   /// An accessor of scalars or vectors, its sparse indices read and checked. Errors as view(), and kRange.
   Result<Accessor> accessor(int32_t index);
 
+  /// A primitive out of the Draco stream in a buffer view: for equal ones one source. Errors as view(), and kUsage
+  /// where unpacking it takes more than `memory` bytes.
+  Result<std::shared_ptr<const ByteSource>> draco(int32_t view, const DracoPrimitive& primitive, uint64_t memory);
+
   /// The bytes of an image: its view, file or data: URI. Errors as view().
   Result<View> image(const DocImage& image);
 
@@ -50,16 +57,18 @@ class GltfBuffers {
 
  private:
   Result<std::shared_ptr<const ByteSource>> buffer(int32_t index);
+  void count(const PackedViewMemory& memory);
   Result<std::shared_ptr<const ByteSource>> open_buffer(int32_t index);
   Result<void> read_sparse(size_t slot, Accessor& accessor);
 
   const GltfDocument& document_;
   std::string folder_;
   bool allow_outside_;
-  std::shared_ptr<const ByteSource> bin_;
+  std::vector<std::shared_ptr<const ByteSource>> chunks_;
   std::vector<std::shared_ptr<const ByteSource>> buffers_;
   MeshoptCache meshopt_;
   std::vector<std::shared_ptr<const ByteSource>> unpacked_;  // by number in GltfDocument::meshopt
+  std::multimap<int32_t, std::pair<DracoPrimitive, std::shared_ptr<const ByteSource>>> draco_;  // by view
   std::vector<bool> sparse_checked_;
   PackedViewMemory view_memory_;
 };

@@ -13,10 +13,6 @@ using format::checked_add;
 using format::checked_mul;
 using format::range_within;
 
-// An accessor without a buffer view is all zeros and costs a file nothing, so its count could say anything. Real ones
-// are bases of sparse accessors.
-constexpr uint64_t kMaxZeroElements = uint64_t{1} << 24;
-
 Result<void> check_present(const char* what, int32_t index, size_t count) {
   if (index == kAbsent || (index >= 0 && static_cast<size_t>(index) < count)) return {};
   return Error{ErrorCode::kRange, std::string(what) + " " + std::to_string(index) + " is not there, the document has " +
@@ -77,10 +73,8 @@ Result<void> check_accessor(const GltfDocument& document, const DocAccessor& acc
   if (accessor.components == 0 || accessor.components > 4) return {};
   const uint64_t element = uint64_t{component_bytes(accessor.type)} * accessor.components;
   if (accessor.view == kAbsent) {
-    if (accessor.count > kMaxZeroElements) {
-      return Error{ErrorCode::kRange, std::to_string(accessor.count) + " elements without a buffer view, at most " +
-                                          std::to_string(kMaxZeroElements) + " are read"};
-    }
+    const bool is_elsewhere = accessor.is_draco && accessor.sparse == kAbsent;  // the importer looks at it
+    if (auto checked = check_zeros(is_elsewhere ? 0 : accessor.count); !checked) return checked;
   } else {
     const DocBufferView& view = document.views[static_cast<size_t>(accessor.view)];
     const uint64_t stride = view.stride == 0 ? element : view.stride;
@@ -113,6 +107,11 @@ Result<void> check_primitive(const GltfDocument& document, const DocPrimitive& p
     if (auto present = check_present("accessor", accessor, document.accessors.size()); !present)
       return at(name.substr(0, 40), present.error());
   }
+  if (primitive.draco != kAbsent) {
+    const int32_t view = document.draco[static_cast<size_t>(primitive.draco)].view;
+    if (auto present = check_present("buffer view", view, document.views.size()); !present)
+      return at("KHR_draco_mesh_compression", present.error());
+  }
   for (const int32_t accessor : primitive.target_accessors) {
     if (auto present = check_present("accessor", accessor, document.accessors.size()); !present)
       return at("morph target", present.error());
@@ -122,8 +121,9 @@ Result<void> check_primitive(const GltfDocument& document, const DocPrimitive& p
 
 Result<void> check_texture(const GltfDocument& document, const DocTexture& texture) {
   if (auto present = check_present("sampler", texture.sampler, document.samplers.size()); !present) return present;
-  if (auto present = check_present("image", texture.source, document.images.size()); !present) return present;
-  return check_present("image", texture.other_source, document.images.size());
+  for (const int32_t image : texture.sources)
+    if (auto present = check_present("image", image, document.images.size()); !present) return present;
+  return {};
 }
 
 Result<void> check_image(const GltfDocument& document, const DocImage& image) {
@@ -133,6 +133,7 @@ Result<void> check_image(const GltfDocument& document, const DocImage& image) {
 }
 
 Result<void> check_node(const GltfDocument& document, const DocNode& node) {
+  if (auto present = check_present("light", node.light, document.lights.size()); !present) return present;
   for (const auto& [name, accessor] : node.instancing) {
     if (auto present = check_present("accessor", accessor, document.accessors.size()); !present)
       return at("EXT_mesh_gpu_instancing: " + name.substr(0, 40), present.error());
@@ -169,6 +170,12 @@ uint32_t component_bytes(int32_t type) {
   }
 }
 
+Result<void> check_zeros(uint64_t count) {
+  if (count <= kMaxZeroElements) return {};
+  return Error{ErrorCode::kRange, std::to_string(count) + " elements without a buffer view, at most " +
+                                      std::to_string(kMaxZeroElements) + " are read"};
+}
+
 Result<void> check_document(const GltfDocument& document) {
   if (auto checked = check_all("buffer view", document, document.views, check_view); !checked) return checked;
   if (auto checked = check_all("accessor", document, document.accessors, check_accessor); !checked) return checked;
@@ -178,9 +185,14 @@ Result<void> check_document(const GltfDocument& document) {
       return checked;
   }
   for (size_t i = 0; i < document.materials.size(); ++i) {
-    const int32_t texture = document.materials[i].base_texture.texture;
-    if (auto present = check_present("texture", texture, document.textures.size()); !present)
-      return at("material " + std::to_string(i), present.error());
+    const DocMaterial& material = document.materials[i];
+    const auto check_use = [&](const DocTextureUse& use) {
+      return check_present("texture", use.texture, document.textures.size());
+    };
+    Result<void> present = check_use(material.base_texture);
+    for (const DocTextureUse& use : material.textures)
+      if (present) present = check_use(use);
+    if (!present) return at("material " + std::to_string(i), present.error());
   }
   if (auto checked = check_all("texture", document, document.textures, check_texture); !checked) return checked;
   if (auto checked = check_all("image", document, document.images, check_image); !checked) return checked;

@@ -110,6 +110,53 @@ DocTextureUse texture_use(int index, int uv_set, const tinygltf::Value* transfor
   return use;
 }
 
+const tinygltf::Value* transform_of(const tinygltf::Value* info) {
+  const tinygltf::Value* extensions = info == nullptr ? nullptr : member(*info, "extensions");
+  return extensions == nullptr ? nullptr : member(*extensions, "KHR_texture_transform");
+}
+
+/// A texture of an extension.
+DocTextureUse texture_use(const tinygltf::Value* info) {
+  return texture_use(index_member(info, "index"), index_member(info, "texCoord"), transform_of(info));
+}
+
+/// A texture that tinygltf reads.
+template <class Info>
+DocTextureUse texture_use(const Info& info) {
+  return texture_use(info.index, info.texCoord, member(info.extensions, "KHR_texture_transform"));
+}
+
+double number_member(const tinygltf::Value* value, const char* key, double otherwise) {
+  const tinygltf::Value* found = value == nullptr ? nullptr : member(*value, key);
+  return found == nullptr || !found->IsNumber() ? otherwise : found->GetNumberAsDouble();
+}
+
+void read_surface(const tinygltf::Material& source, DocMaterial& material) {
+  const auto use = [&](format::SurfaceUse which) -> DocTextureUse& {
+    return material.textures[static_cast<size_t>(which)];
+  };
+  const tinygltf::PbrMetallicRoughness& pbr = source.pbrMetallicRoughness;
+  material.metallic = pbr.metallicFactor;
+  material.roughness = pbr.roughnessFactor;
+  material.normal_scale = source.normalTexture.scale;
+  material.occlusion_strength = source.occlusionTexture.strength;
+  use(format::SurfaceUse::kMetallicRoughness) = texture_use(pbr.metallicRoughnessTexture);
+  use(format::SurfaceUse::kNormalMap) = texture_use(source.normalTexture);
+  use(format::SurfaceUse::kOcclusion) = texture_use(source.occlusionTexture);
+  use(format::SurfaceUse::kEmission) = texture_use(source.emissiveTexture);
+  const double strength =
+      number_member(member(source.extensions, "KHR_materials_emissive_strength"), "emissiveStrength", 1);
+  for (size_t c = 0; c < 3 && source.emissiveFactor.size() == 3; ++c)
+    material.emission[c] = source.emissiveFactor[c] * strength;
+  material.ior = number_member(member(source.extensions, "KHR_materials_ior"), "ior", 1.5);
+  if (const tinygltf::Value* specular = member(source.extensions, "KHR_materials_specular")) {
+    material.specular = number_member(specular, "specularFactor", 1);
+    read_numbers(specular, "specularColorFactor", material.specular_color);
+    use(format::SurfaceUse::kSpecular) = texture_use(member(*specular, "specularTexture"));
+    use(format::SurfaceUse::kSpecularColor) = texture_use(member(*specular, "specularColorTexture"));
+  }
+}
+
 DocMaterial read_material(const tinygltf::Material& source) {
   DocMaterial material;
   material.name = source.name;
@@ -117,14 +164,18 @@ DocMaterial read_material(const tinygltf::Material& source) {
   if (pbr.baseColorFactor.size() == 4) std::copy_n(pbr.baseColorFactor.begin(), 4, material.base_color.begin());
   material.base_texture = texture_use(pbr.baseColorTexture.index, pbr.baseColorTexture.texCoord,
                                       member(pbr.baseColorTexture.extensions, "KHR_texture_transform"));
+  read_surface(source, material);
   // The older workflow keeps its base colour as the diffuse colour.
   if (const tinygltf::Value* older = member(source.extensions, "KHR_materials_pbrSpecularGlossiness")) {
     material.base_color = {1, 1, 1, 1};
     read_numbers(older, "diffuseFactor", material.base_color);
-    const tinygltf::Value* texture = member(*older, "diffuseTexture");
-    const tinygltf::Value* extensions = texture == nullptr ? nullptr : member(*texture, "extensions");
-    material.base_texture = texture_use(index_member(texture, "index"), index_member(texture, "texCoord"),
-                                        extensions == nullptr ? nullptr : member(*extensions, "KHR_texture_transform"));
+    material.base_texture = texture_use(member(*older, "diffuseTexture"));
+    // Its reflectance at normal incidence is the specular factor; KHR_materials_specular's is 0.04 times the colour.
+    material.metallic = 0;
+    material.roughness = 1 - number_member(older, "glossinessFactor", 1);
+    std::array<double, 3> reflectance{1, 1, 1};
+    read_numbers(older, "specularFactor", reflectance);
+    for (size_t c = 0; c < 3; ++c) material.specular_color[c] = reflectance[c] / 0.04;
   }
   material.alpha_cutoff = source.alphaCutoff;
   material.alpha_mask = source.alphaMode == "MASK";
@@ -138,13 +189,8 @@ DocTexture read_texture(const tinygltf::Texture& source) {
   DocTexture texture;
   texture.name = source.name;
   texture.sampler = source.sampler;
-  texture.source = source.source;
-  for (const char* extension : {"EXT_texture_webp", "KHR_texture_basisu", "MSFT_texture_dds"}) {
-    const int32_t other = index_member(member(source.extensions, extension), "source");
-    if (other == kAbsent) continue;
-    texture.other_source = other;
-    texture.other_format = extension;
-  }
+  const auto of = [&](const char* extension) { return index_member(member(source.extensions, extension), "source"); };
+  texture.sources = {of("KHR_texture_basisu"), of("MSFT_texture_dds"), source.source, of("EXT_texture_webp")};
   return texture;
 }
 
@@ -168,6 +214,7 @@ DocNode read_node(const tinygltf::Node& source) {
     node.local = LocalTransform(local);
   }
   node.children.assign(source.children.begin(), source.children.end());
+  node.light = index_member(member(source.extensions, "KHR_lights_punctual"), "light");
   if (const tinygltf::Value* instancing = member(source.extensions, "EXT_mesh_gpu_instancing")) {
     node.has_instancing = true;
     if (const tinygltf::Value* attributes = member(*instancing, "attributes")) {
@@ -178,7 +225,7 @@ DocNode read_node(const tinygltf::Node& source) {
   return node;
 }
 
-DocMesh read_mesh(const tinygltf::Mesh& source, std::span<const int32_t> indices) {
+DocMesh read_mesh(const tinygltf::Mesh& source, std::span<const int32_t> indices, GltfDocument& document) {
   DocMesh mesh;
   mesh.name = source.name;
   for (size_t i = 0; i < source.primitives.size(); ++i) {
@@ -187,7 +234,14 @@ DocMesh read_mesh(const tinygltf::Mesh& source, std::span<const int32_t> indices
     primitive.mode = from.mode;
     primitive.indices = indices[i];
     primitive.material = from.material;
-    primitive.draco = from.extensions.count("KHR_draco_mesh_compression") != 0;
+    if (const tinygltf::Value* packed = member(from.extensions, "KHR_draco_mesh_compression")) {
+      primitive.draco = static_cast<int32_t>(document.draco.size());
+      DocDraco& draco = document.draco.emplace_back();
+      draco.view = index_member(packed, "bufferView");
+      if (const tinygltf::Value* attributes = member(*packed, "attributes"))
+        for (const std::string& key : attributes->Keys())  // in their order
+          draco.attributes.emplace_back(key, index_member(attributes, key.c_str()));
+    }
     primitive.attributes.assign(from.attributes.begin(), from.attributes.end());
     primitive.targets = static_cast<uint32_t>(from.targets.size());
     for (const auto& target : from.targets) {
@@ -256,7 +310,7 @@ void take_model(const tinygltf::Model& model, std::span<const int32_t> primitive
     document.views.push_back({view.buffer, kAbsent, view.byteOffset, view.byteLength, view.byteStride});
   for (const auto& accessor : model.accessors) read_accessor(accessor, document);
   for (const auto& mesh : model.meshes) {
-    document.meshes.push_back(read_mesh(mesh, primitive_indices));
+    document.meshes.push_back(read_mesh(mesh, primitive_indices, document));
     primitive_indices = primitive_indices.subspan(mesh.primitives.size());
   }
   for (const auto& node : model.nodes) document.nodes.push_back(read_node(node));
@@ -441,6 +495,7 @@ Result<void> read_uris(GltfDocument& document, const std::string& section, JsonR
       buffer.uri = std::move(uri);
       buffer.is_data = is_data;
       buffer.bytes = json.at("byteLength").get<uint64_t>();
+      if (has_member(json, "chunk")) buffer.chunk = json.at("chunk").get<int32_t>();
       buffer.json = batch->elements;
       if (const auto extensions = json.find("extensions"); extensions != json.end() && extensions->is_object())
         buffer.meshopt_fallback =
@@ -448,6 +503,35 @@ Result<void> read_uris(GltfDocument& document, const std::string& section, JsonR
       document.buffers.push_back(std::move(buffer));
     }
   }
+}
+
+/// The lights of KHR_lights_punctual in the document's own "extensions".
+Result<void> read_lights(GltfDocument& document, JsonRange range) {
+  const std::span<const char> text = document.text;
+  const std::string_view value(text.data() + range.begin, static_cast<size_t>(range.end - range.begin));
+  if (value.find("KHR_lights_punctual") == std::string_view::npos) return check_json(value, range.begin);
+  const std::string json = "{\"extensions\":" + std::string(value) + "}";
+  if (auto checked = check_schema("extensions", json, 0, range.begin); !checked) return checked.error();
+  const auto root = nlohmann::json::parse(json, nullptr, false).at("extensions");
+  if (!has_member(root, "KHR_lights_punctual") || !has_member(root.at("KHR_lights_punctual"), "lights")) return {};
+  for (const nlohmann::json& source : root.at("KHR_lights_punctual").at("lights")) {
+    const auto number = [](const nlohmann::json& object, const char* key, double otherwise) {
+      return has_member(object, key) ? object.at(key).get<double>() : otherwise;
+    };
+    DocLight light;
+    if (has_member(source, "name")) light.name = source.at("name").get<std::string>();
+    light.type = one_line(source.at("type").get<std::string>().substr(0, 20));
+    if (has_member(source, "color"))
+      for (size_t c = 0; c < 3; ++c) light.color[c] = source.at("color").at(c).get<double>();
+    light.intensity = number(source, "intensity", 1);
+    light.range = number(source, "range", 0);
+    if (has_member(source, "spot")) {
+      light.inner_cone = number(source.at("spot"), "innerConeAngle", light.inner_cone);
+      light.outer_cone = number(source.at("spot"), "outerConeAngle", light.outer_cone);
+    }
+    document.lights.push_back(std::move(light));
+  }
+  return {};
 }
 
 Result<void> read_asset(GltfDocument& document, JsonRange range) {
@@ -475,6 +559,19 @@ Result<void> read_default_scene(GltfDocument& document, std::string_view value, 
                                         std::string(value.substr(0, 40)) + ", expected an index"};
   document.scene = static_cast<int32_t>(json.get<uint64_t>());
   return {};
+}
+
+void mark_draco_accessors(GltfDocument& document) {
+  const auto mark = [&](int32_t accessor) {
+    if (accessor >= 0 && static_cast<size_t>(accessor) < document.accessors.size())
+      document.accessors[static_cast<size_t>(accessor)].is_draco = true;
+  };
+  for (const DocMesh& mesh : document.meshes)
+    for (const DocPrimitive& primitive : mesh.primitives) {
+      if (primitive.draco == kAbsent) continue;
+      mark(primitive.indices);
+      for (const auto& [name, accessor] : primitive.attributes) mark(accessor);
+    }
 }
 
 }  // namespace
@@ -520,6 +617,8 @@ Result<GltfDocument> read_document(std::vector<char> json, uint64_t memory) {
     Result<void> read;
     if (member.key == "scene") {
       read = read_default_scene(document, value, member.value.begin);
+    } else if (member.key == "extensions" && value.front() == '{') {
+      read = read_lights(document, member.value);
     } else if (std::find(std::begin(kRead), std::end(kRead), member.key) == std::end(kRead) || value == "null") {
       read = check_json(value, member.value.begin);
     } else if (value.front() != '[') {
@@ -533,6 +632,7 @@ Result<GltfDocument> read_document(std::vector<char> json, uint64_t memory) {
   }
   sort_unique(document.skin_accessors);
   sort_unique(document.animation_accessors);
+  mark_draco_accessors(document);
   return document;
 }
 

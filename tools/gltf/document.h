@@ -21,6 +21,7 @@ struct DocBuffer {
   std::string uri;       // empty: none, or a data: URI, which stays in the text
   bool is_data = false;  // the URI is data:; data_uri() decodes it
   bool meshopt_fallback = false;
+  int32_t chunk = kAbsent;  // of the .glb (glTF 2.1)
   uint64_t bytes = 0;
   JsonRange json;
 };
@@ -69,6 +70,7 @@ struct DocAccessor {
   uint32_t components = 0;   // 1 to 4; 9 and 16 (and 0 for MAT2, 4 being taken) for matrices
   int32_t sparse = kAbsent;  // in GltfDocument::sparse
   bool normalized = false;
+  bool is_draco = false;  // of a primitive that is compressed by Draco, too
   uint64_t offset = 0;
   uint64_t count = 0;
 };
@@ -85,11 +87,17 @@ inline constexpr uint64_t kLeastBounded = 65536;
 
 using DocAttribute = std::pair<std::string, int32_t>;  // name, accessor
 
+/// KHR_draco_mesh_compression of a primitive.
+struct DocDraco {
+  int32_t view = kAbsent;
+  std::vector<DocAttribute> attributes;  // name, the stream's number of it; sorted by name
+};
+
 struct DocPrimitive {
   int32_t mode = 4;
   int32_t indices = kAbsent;
   int32_t material = kAbsent;
-  bool draco = false;
+  int32_t draco = kAbsent;                // in GltfDocument::draco
   std::vector<DocAttribute> attributes;   // sorted by name
   std::vector<int32_t> target_accessors;  // of morph targets
   uint32_t targets = 0;
@@ -100,11 +108,23 @@ struct DocMesh {
   std::vector<DocPrimitive> primitives;
 };
 
+/// KHR_lights_punctual.
+struct DocLight {
+  std::string name;
+  std::string type;
+  std::array<double, 3> color{1, 1, 1};
+  double intensity = 1;
+  double range = 0;  // 0: no end
+  double inner_cone = 0;
+  double outer_cone = 0.78539816339744831;  // pi / 4
+};
+
 struct DocNode {
   std::string name;
   int32_t mesh = kAbsent;
   int32_t camera = kAbsent;
   int32_t skin = kAbsent;
+  int32_t light = kAbsent;  // KHR_lights_punctual
   bool has_matrix = false;
   bool has_instancing = false;
   LocalTransform local;
@@ -120,10 +140,20 @@ struct DocTextureUse {
   double rotation = 0;
 };
 
+/// As the document has it, with glTF's defaults.
 struct DocMaterial {
   std::string name;
   std::array<double, 4> base_color{1, 1, 1, 1};
   DocTextureUse base_texture;
+  double metallic = 1;
+  double roughness = 1;
+  double normal_scale = 1;
+  double occlusion_strength = 1;
+  std::array<double, 3> emission{0, 0, 0};  // KHR_materials_emissive_strength multiplied in
+  double ior = 1.5;
+  double specular = 1;
+  std::array<double, 3> specular_color{1, 1, 1};
+  std::array<DocTextureUse, format::kSurfaceUses> textures;  // by format::SurfaceUse
   double alpha_cutoff = 0.5;
   bool alpha_mask = false;
   bool alpha_blend = false;
@@ -134,9 +164,9 @@ struct DocMaterial {
 struct DocTexture {
   std::string name;
   int32_t sampler = kAbsent;
-  int32_t source = kAbsent;
-  int32_t other_source = kAbsent;  // of an extension for another image format
-  std::string other_format;        // that extension
+  /// Images that stand for each other: of KHR_texture_basisu, of MSFT_texture_dds, its plain source, of
+  /// EXT_texture_webp.
+  std::array<int32_t, 4> sources{kAbsent, kAbsent, kAbsent, kAbsent};
 };
 
 struct DocSampler {
@@ -177,6 +207,7 @@ struct GltfDocument {
   std::vector<DocBuffer> buffers;
   std::vector<DocBufferView> views;
   std::vector<DocMeshopt> meshopt;
+  std::vector<DocDraco> draco;
   std::vector<DocAccessor> accessors;
   std::vector<DocSparse> sparse;
   std::vector<DocBounds> bounds;  // by accessor, ascending
@@ -187,6 +218,7 @@ struct GltfDocument {
   std::vector<DocSampler> samplers;
   std::vector<DocImage> images;
   std::vector<DocCamera> cameras;
+  std::vector<DocLight> lights;
   std::vector<DocScene> scenes;
   uint64_t skins = 0;
   uint64_t animations = 0;

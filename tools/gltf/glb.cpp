@@ -15,10 +15,13 @@ constexpr uint32_t kJsonChunk = 0x4e4f534a;  // "JSON"
 constexpr uint32_t kBinChunk = 0x004e4942;   // "BIN\0"
 constexpr uint64_t kHeaderBytes = 12;
 constexpr uint64_t kChunkHeaderBytes = 8;
+constexpr uint64_t kWideHeaderBytes = 16;  // of version 3, its header and those of its chunks
+constexpr uint64_t kWideAlignment = 8;     // of its chunks
 constexpr uint64_t kWrap = uint64_t{1} << 32;
 // glTF has two chunks and extensions may add a few; 4 GiB of zeros would read as half a billion empty ones.
 constexpr uint32_t kMaxChunks = 64;
-constexpr uint64_t kMaxPadding = 4096;  // of bytes after the end, all zero or blank: writers that pad to a sector
+constexpr uint32_t kMaxWideChunks = 4096;  // version 3 has any number of binary chunks
+constexpr uint64_t kMaxPadding = 4096;     // of bytes after the end, all zero or blank: writers that pad to a sector
 
 struct ChunkHeader {
   uint64_t bytes;
@@ -42,6 +45,50 @@ Result<void> check_padding(const ByteSource& file, uint64_t from) {
                                          std::to_string(file.size()) + " bytes"};
 }
 
+/// Version 3: its chunks may come in any order, and the first JSON chunk is the document.
+Result<GlbLayout> read_wide_layout(const ByteSource& file) {
+  GlbLayout layout;
+  layout.is_glb = true;
+  std::array<std::byte, kWideHeaderBytes> header;
+  if (file.size() < kWideHeaderBytes)
+    return Error{ErrorCode::kTruncated, "GLB header: the file ends after " + std::to_string(file.size()) + " bytes"};
+  if (auto read = file.read(0, header); !read) return read.error();
+  const uint64_t length = format::load<uint64_t>(header.data() + 8);
+  if (length > file.size())
+    return Error{ErrorCode::kTruncated, "GLB header: length is " + std::to_string(length) + ", but the file has " +
+                                            std::to_string(file.size()) + " bytes"};
+  if (length < 2 * kWideHeaderBytes)
+    return Error{ErrorCode::kFormat, "GLB header: length is " + std::to_string(length) + ", too short for a chunk"};
+  if (length < file.size())
+    if (auto padding = check_padding(file, length); !padding) return padding.error();
+  for (uint64_t at = kWideHeaderBytes; at < length; at = format::align_up(at, kWideAlignment)) {
+    const std::string place = "GLB chunk " + std::to_string(layout.chunks.size());
+    if (layout.chunks.size() == kMaxWideChunks)
+      return Error{ErrorCode::kFormat, place + ": at most " + std::to_string(kMaxWideChunks) + " are read"};
+    if (length - at < kWideHeaderBytes)
+      return Error{ErrorCode::kTruncated, place + ": " + std::to_string(length - at) + " bytes left for its header"};
+    if (auto read = file.read(at, header); !read) return scree::at(place, read.error());
+    at += kWideHeaderBytes;
+    const uint32_t type = format::load<uint32_t>(header.data()), encoding = format::load<uint32_t>(header.data() + 4);
+    const uint64_t bytes = format::load<uint64_t>(header.data() + 8);
+    if (bytes > length - at)
+      return Error{ErrorCode::kTruncated, place + ": length is " + std::to_string(bytes) + ", but " +
+                                              std::to_string(length - at) + " bytes are left"};
+    if (encoding != 0 && (type == kJsonChunk || type == kBinChunk))
+      return Error{ErrorCode::kUnsupported,
+                   place + ": encoded by method " + std::to_string(encoding) + ", expected 0, not encoded"};
+    if (type == kJsonChunk && layout.json_bytes == 0) {
+      if (bytes == 0) return Error{ErrorCode::kFormat, place + ": the JSON chunk is empty"};
+      layout.json_offset = at;
+      layout.json_bytes = bytes;
+    }
+    layout.chunks.push_back({type == kBinChunk, at, bytes});
+    at += bytes;
+  }
+  if (layout.json_bytes == 0) return Error{ErrorCode::kFormat, "GLB: there is no JSON chunk"};
+  return layout;
+}
+
 }  // namespace
 
 Result<GlbLayout> read_glb_layout(const ByteSource& file) {
@@ -57,8 +104,9 @@ Result<GlbLayout> read_glb_layout(const ByteSource& file) {
   if (head < kHeaderBytes)
     return Error{ErrorCode::kTruncated, "GLB header: the file ends after " + std::to_string(head) + " bytes"};
   const uint32_t version = format::load<uint32_t>(header.data() + 4);
+  if (version == 3) return read_wide_layout(file);
   if (version != 2)
-    return Error{ErrorCode::kVersion, "GLB header: version is " + std::to_string(version) + ", expected 2"};
+    return Error{ErrorCode::kVersion, "GLB header: version is " + std::to_string(version) + ", expected 2 or 3"};
 
   // Past 4 GiB the length is modulo 2^32; then it runs to the end of the file or it means nothing.
   uint64_t length = format::load<uint32_t>(header.data() + 8);
@@ -100,10 +148,8 @@ Result<GlbLayout> read_glb_layout(const ByteSource& file) {
       return Error{ErrorCode::kFormat, place + ": a second JSON chunk"};
     } else if (chunk->type == kBinChunk) {
       if (number != 1) return Error{ErrorCode::kFormat, place + ": the BIN chunk, expected as chunk 1"};
-      layout.has_bin = true;
-      layout.bin_offset = at;
-      layout.bin_bytes = chunk->bytes;
     }
+    layout.chunks.push_back({chunk->type == kBinChunk, at, chunk->bytes});
     at += chunk->bytes;
   }
   return layout;

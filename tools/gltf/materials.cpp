@@ -7,6 +7,7 @@
 #include <string_view>
 
 #include "format/bytes.h"
+#include "runtime/images/image.h"
 
 namespace scree::convert {
 namespace {
@@ -17,6 +18,7 @@ using format::kNone;
 struct ImageKind {
   std::string_view name;  // empty: none known
   std::optional<format::ImageCodec> codec;
+  bool is_webp = false;
 };
 
 ImageKind sniff(std::string_view head) {
@@ -26,7 +28,7 @@ ImageKind sniff(std::string_view head) {
   using namespace std::string_view_literals;
   if (starts("\x89PNG\r\n\x1a\n"sv)) return {"PNG", format::ImageCodec::kPng};
   if (starts("\xff\xd8\xff"sv)) return {"JPEG", format::ImageCodec::kJpeg};
-  if (starts("RIFF"sv) && starts("WEBP"sv, 8)) return {"WebP", {}};
+  if (starts("RIFF"sv) && starts("WEBP"sv, 8)) return {"WebP", format::ImageCodec::kPng, true};
   if (starts("\xabKTX 20\xbb"sv)) return {"KTX2", format::ImageCodec::kBlocks};
   if (starts("\xabKTX 11\xbb"sv)) return {"KTX", {}};
   if (starts("DDS "sv)) return {"DDS", format::ImageCodec::kBlocks};
@@ -66,7 +68,8 @@ class MaterialMaker {
         image_places_(document.images.size(), kUnknown),
         texture_places_(document.textures.size(), kUnknown) {}
 
-  Result<format::MaterialRecord> record(const DocMaterial& from, bool& textured) {
+  /// `uv_set`: of the texture coordinates that its textures use, or kNone; the first texture decides.
+  Result<format::MaterialRecord> record(const DocMaterial& from, uint32_t& uv_set) {
     format::MaterialRecord to{};
     to.texture = kNone;
     for (size_t i = 0; i < 4; ++i) to.base_color[i] = static_cast<float>(from.base_color[i]);
@@ -76,19 +79,13 @@ class MaterialMaker {
     to.flags = (from.double_sided ? format::kMaterialDoubleSided : 0u) | (from.unlit ? format::kMaterialUnlit : 0u) |
                (from.alpha_mask ? format::kMaterialAlphaMask : 0u) |
                (from.alpha_blend ? format::kMaterialAlphaBlend : 0u);
-    textured = false;
-    if (from.base_texture.texture != kAbsent) {
-      auto place = texture(from.base_texture.texture);
-      if (!place) return place.error();
-      textured = *place != kNone;
-      if (textured) {
-        to.texture = *place;
-        for (size_t i = 0; i < 2; ++i) {
-          to.uv_offset[i] = static_cast<float>(from.base_texture.offset[i]);
-          to.uv_scale[i] = static_cast<float>(from.base_texture.scale[i]);
-        }
-        to.uv_rotation = static_cast<float>(from.base_texture.rotation);
-      }
+    auto base = placed(from.base_texture, uv_set);
+    if (!base) return base.error();
+    if (base->texture != kNone) {
+      to.texture = base->texture;
+      std::copy_n(base->uv_offset, 2, to.uv_offset);
+      std::copy_n(base->uv_scale, 2, to.uv_scale);
+      to.uv_rotation = base->uv_rotation;
     }
     for (const float value : {to.base_color[0], to.base_color[1], to.base_color[2], to.base_color[3], to.uv_offset[0],
                               to.uv_offset[1], to.uv_scale[0], to.uv_scale[1], to.uv_rotation, to.alpha_cutoff}) {
@@ -99,21 +96,82 @@ class MaterialMaker {
     return to;
   }
 
+  /// What a material has beyond its base colour; nothing where it is matt, says nothing of metal and roughness (which
+  /// glTF takes for a rough metal, and writers mean to be matt), or is unlit. After record(), whose `uv_set` it goes on with.
+  Result<std::optional<format::SurfaceRecord>> surface(const DocMaterial& from, uint32_t& uv_set) {
+    if (from.unlit) return std::optional<format::SurfaceRecord>();
+    format::SurfaceRecord to{};
+    const auto share = [](double value) { return static_cast<float>(std::clamp(value, 0.0, 1.0)); };
+    to.metallic = share(from.metallic);
+    to.roughness = share(from.roughness);
+    to.normal_scale = static_cast<float>(from.normal_scale);
+    to.occlusion_strength = share(from.occlusion_strength);
+    to.ior = static_cast<float>(from.ior == 0 ? 0 : std::max(from.ior, 1.0));
+    to.specular = share(from.specular);
+    for (size_t c = 0; c < 3; ++c) {
+      to.emission[c] = static_cast<float>(std::max(from.emission[c], 0.0));
+      to.specular_color[c] = static_cast<float>(std::max(from.specular_color[c], 0.0));
+    }
+    bool is_plain = (to.metallic == 0 || to.metallic == 1) && to.roughness == 1 && to.ior == 1.5f && to.specular == 1;
+    for (size_t c = 0; c < 3; ++c) is_plain = is_plain && to.emission[c] == 0 && to.specular_color[c] == 1;
+    for (size_t use = 0; use < format::kSurfaceUses; ++use) {
+      auto made = placed(from.textures[use], uv_set);
+      if (!made) return made.error();
+      to.textures[use] = *made;
+      is_plain = is_plain && made->texture == kNone;
+    }
+    for (const double value :
+         {from.metallic, from.roughness, from.normal_scale, from.occlusion_strength, from.ior, from.specular,
+          from.emission[0], from.emission[1], from.emission[2], from.specular_color[0], from.specular_color[1],
+          from.specular_color[2]})
+      if (!std::isfinite(static_cast<float>(value))) return Error{ErrorCode::kRange, "a factor that no float holds"};
+    if (is_plain) return std::optional<format::SurfaceRecord>();
+    return std::optional(to);
+  }
+
   // One line a kind: the same format is often used by every texture of a scene.
   void warn() {
     for (const auto& [what, count] : dropped_) {
       scene_.warnings.push_back(std::to_string(count) + (count == 1 ? " texture is " : " textures are ") + what +
-                                " and left out: its material keeps the colour factor only");
+                                " and left out: its material keeps the factors only");
     }
+    if (other_sets_ > 0)
+      scene_.warnings.push_back(std::to_string(other_sets_) + (other_sets_ == 1 ? " texture uses" : " textures use") +
+                                " texture coordinates other than the material's first texture, and " +
+                                (other_sets_ == 1 ? "is" : "are") + " left out");
     uint64_t unused = 0;
     for (const uint32_t place : image_places_) unused += place == kUnknown ? 1 : 0;
-    if (unused > 0) scene_.left_out.push_back({"images not used for base colour", unused, unused_bytes(), 0});
+    if (unused > 0) scene_.left_out.push_back({"unused images", unused, unused_bytes(), 0});
     const auto textures = std::count(texture_places_.begin(), texture_places_.end(), kUnknown);
     if (textures > 0) scene_.left_out.push_back({"unused textures", static_cast<uint64_t>(textures), 0, 0});
   }
 
  private:
   static constexpr uint32_t kUnknown = kNone - 1;  // not looked at yet
+
+  /// A texture as a material uses it; of kNone where there is none, it cannot be drawn, or it is of another set of
+  /// texture coordinates than `uv_set`.
+  Result<format::SurfaceTexture> placed(const DocTextureUse& from, uint32_t& uv_set) {
+    format::SurfaceTexture to{kNone, {0, 0}, {1, 1}, 0};
+    if (from.texture == kAbsent) return to;
+    if (uv_set != kNone && from.uv_set != uv_set) {
+      ++other_sets_;
+      return to;
+    }
+    auto place = texture(from.texture);
+    if (!place) return place.error();
+    if (*place == kNone) return to;
+    uv_set = from.uv_set;
+    to.texture = *place;
+    for (size_t i = 0; i < 2; ++i) {
+      to.uv_offset[i] = static_cast<float>(from.offset[i]);
+      to.uv_scale[i] = static_cast<float>(from.scale[i]);
+    }
+    to.uv_rotation = static_cast<float>(from.rotation);
+    for (const float value : {to.uv_offset[0], to.uv_offset[1], to.uv_scale[0], to.uv_scale[1], to.uv_rotation})
+      if (!std::isfinite(value)) return Error{ErrorCode::kRange, "a texture transform that no float holds"};
+    return to;
+  }
 
   // Place in SourceScene::textures, or kNone where its image cannot be drawn.
   Result<uint32_t> texture(int32_t index) {
@@ -141,22 +199,48 @@ class MaterialMaker {
     to.record.mag_filter = static_cast<uint16_t>(sampler.mag_filter);
     to.record.min_filter = static_cast<uint16_t>(sampler.min_filter);
 
-    // The source is also the fallback of an extension's image; the latter is tried where there is no fallback.
-    uint32_t place = kNone;
     std::string why = "without an image";
-    for (const int32_t source : {from.source, from.other_source}) {
-      if (source == kAbsent || place != kNone) continue;
-      auto found = image(source, why);
-      if (!found) return found.error();
-      place = *found;
-    }
-    if (place == kNone) {
+    const int32_t source = best_source(from);
+    const auto place = source == kAbsent ? kNone : image(source, why);
+    if (!place) return place.error();
+    if (*place == kNone) {
       drop(why);
       return kNone;
     }
-    to.record.image = place;
+    to.record.image = *place;
     scene_.textures.push_back(std::move(to));
     return static_cast<uint32_t>(scene_.textures.size() - 1);
+  }
+
+  // Of images that stand for each other the best that can be read: blocks, which stay as they are and have levels; a
+  // PNG or JPEG; a WebP, which has to be coded anew. Of equal ones the first of DocTexture::sources. Where none can be
+  // read it is the first, for its error.
+  int32_t best_source(const DocTexture& from) {
+    std::array<int32_t, 4> sources = from.sources;
+    const auto end = std::remove(sources.begin(), sources.end(), kAbsent);
+    if (end - sources.begin() < 2) return sources[0];
+    int32_t best = sources[0];
+    uint32_t best_rank = kUnreadable;
+    for (auto source = sources.begin(); source != end && best_rank > kBlockRank; ++source) {
+      const uint32_t rank = rank_of(document_.images[static_cast<size_t>(*source)]);
+      if (rank < best_rank) best = *source, best_rank = rank;
+    }
+    return best;
+  }
+
+  static constexpr uint32_t kBlockRank = 0, kPlainRank = 1, kWebpRank = 2, kUnreadable = 3;
+
+  uint32_t rank_of(const DocImage& from) {
+    std::string ignored;
+    const auto made = describe_image(from, ignored);
+    if (!made || !*made) return kUnreadable;
+    const SourceImage& found = **made;
+    const auto read = [&](uint64_t offset, std::span<std::byte> out) {
+      return found.source->read(found.offset + offset, out);
+    };
+    if (!runtime::probe_decodable({found.bytes, read})) return kUnreadable;
+    if (found.codec == format::ImageCodec::kBlocks) return kBlockRank;
+    return found.is_webp ? kWebpRank : kPlainRank;
   }
 
   // Place in SourceScene::images, or kNone with the reason in `why`.
@@ -174,10 +258,19 @@ class MaterialMaker {
   }
 
   Result<uint32_t> make_image(const DocImage& from, std::string& reason) {
+    auto described = describe_image(from, reason);
+    if (!described) return described.error();
+    if (!*described) return kNone;
+    scene_.images.push_back(std::move(**described));
+    return static_cast<uint32_t>(scene_.images.size() - 1);
+  }
+
+  // What its first bytes say, or nothing, with the reason in `reason`, of a kind that is not read.
+  Result<std::optional<SourceImage>> describe_image(const DocImage& from, std::string& reason) {
     auto bytes = buffers_.image(from);
     if (!bytes && keep_going_ && bytes.error().code == ErrorCode::kFile) {
       reason = "missing (" + bytes.error().message + ")";
-      return kNone;
+      return std::optional<SourceImage>();
     }
     if (!bytes) return bytes.error();
     std::array<char, 12> head{};
@@ -189,20 +282,20 @@ class MaterialMaker {
     if (kind.name.empty()) {
       return Error{ErrorCode::kFormat, bytes->bytes == 0
                                            ? "is empty"
-                                           : "is no image file of a known kind, expected PNG, JPEG, KTX2 or DDS"};
+                                           : "is no image file of a known kind, expected PNG, JPEG, WebP, KTX2 or DDS"};
     }
     if (!kind.codec) {
       reason = std::string(kind.name);
-      return kNone;
+      return std::optional<SourceImage>();
     }
     SourceImage image;
     image.name = from.name.empty() && !from.is_data ? from.uri : from.name;
     image.codec = *kind.codec;
+    image.is_webp = kind.is_webp;
     image.source = bytes->source;
     image.offset = bytes->offset;
     image.bytes = bytes->bytes;
-    scene_.images.push_back(std::move(image));
-    return static_cast<uint32_t>(scene_.images.size() - 1);
+    return std::optional(std::move(image));
   }
 
   void drop(const std::string& why) {
@@ -234,6 +327,7 @@ class MaterialMaker {
   std::vector<uint32_t> image_places_;
   std::vector<uint32_t> texture_places_;
   std::vector<std::string> reasons_;
+  uint64_t other_sets_ = 0;  // textures
   std::vector<std::pair<std::string, uint64_t>> dropped_;
 };
 
@@ -253,7 +347,7 @@ Result<MaterialPlan> make_materials(const GltfDocument& document, const std::vec
                                     bool keep_going, SourceScene& scene) {
   MaterialPlan plan;
   plan.place.assign(document.materials.size(), kNone);
-  plan.textured.assign(document.materials.size(), false);
+  plan.uv_set.assign(document.materials.size(), kNone);
   MaterialMaker maker(document, buffers, keep_going, scene);
   uint64_t unused = 0;
   for (size_t i = 0; i < document.materials.size(); ++i) {
@@ -261,12 +355,19 @@ Result<MaterialPlan> make_materials(const GltfDocument& document, const std::vec
       ++unused;
       continue;
     }
-    bool textured = false;
-    auto record = maker.record(document.materials[i], textured);
+    auto record = maker.record(document.materials[i], plan.uv_set[i]);
     if (!record) return at("material " + std::to_string(i), record.error());
+    auto surface = maker.surface(document.materials[i], plan.uv_set[i]);
+    if (!surface) return at("material " + std::to_string(i), surface.error());
     plan.place[i] = static_cast<uint32_t>(scene.materials.size());
-    plan.textured[i] = textured;
-    scene.materials.push_back({document.materials[i].name, *record});
+    scene.materials.push_back({document.materials[i].name, *record, *surface});
+  }
+  for (const NamedMaterial& material : scene.materials) {
+    const auto mark = [&](uint32_t texture) { scene.images[scene.textures[texture].record.image].is_color = true; };
+    if (material.record.texture != kNone) mark(material.record.texture);
+    for (uint32_t use = 0; material.surface && use < format::kSurfaceUses; ++use)
+      if (const uint32_t texture = material.surface->textures[use].texture; texture != kNone)
+        if (format::is_color(static_cast<format::SurfaceUse>(use))) mark(texture);
   }
   if (unused > 0) scene.left_out.push_back({"unused materials", unused, 0, 0});
   maker.warn();

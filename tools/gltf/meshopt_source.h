@@ -40,6 +40,9 @@ class MeshoptCache {
 
   explicit MeshoptCache(uint64_t kept_bytes = kKeptBytes, uint64_t window_bytes = kWindowBytes);
 
+  /// Where the windows are kept, for other sources.
+  const std::shared_ptr<KeptWindows>& kept() const { return kept_; }
+
   /// A view whose stream is [stated.offset, stated.offset + stated.bytes) of `stream`. `stated` has passed
   /// check_meshopt().
   std::shared_ptr<const MeshoptView> view(const DocMeshopt& stated, std::shared_ptr<const ByteSource> stream) const;

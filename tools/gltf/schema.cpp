@@ -56,6 +56,16 @@ constexpr Member kTextureInfoMembers[] = {{"index", Kind::kIndex, nullptr, 0, kR
                                           {"texCoord", Kind::kIndex},
                                           {"extensions", Kind::kObject, &kTextureInfoExtensions}};
 constexpr ObjectRule kTextureInfo{kTextureInfoMembers};
+constexpr Member kNormalTextureMembers[] = {{"index", Kind::kIndex, nullptr, 0, kRequired},
+                                            {"texCoord", Kind::kIndex},
+                                            {"scale", Kind::kNumber},
+                                            {"extensions", Kind::kObject, &kTextureInfoExtensions}};
+constexpr ObjectRule kNormalTexture{kNormalTextureMembers};
+constexpr Member kOcclusionTextureMembers[] = {{"index", Kind::kIndex, nullptr, 0, kRequired},
+                                               {"texCoord", Kind::kIndex},
+                                               {"strength", Kind::kNumber},
+                                               {"extensions", Kind::kObject, &kTextureInfoExtensions}};
+constexpr ObjectRule kOcclusionTexture{kOcclusionTextureMembers};
 constexpr Member kPbrMembers[] = {{"baseColorFactor", Kind::kNumbers, nullptr, 4},
                                   {"baseColorTexture", Kind::kObject, &kTextureInfo},
                                   {"metallicRoughnessTexture", Kind::kObject, &kTextureInfo},
@@ -63,15 +73,30 @@ constexpr Member kPbrMembers[] = {{"baseColorFactor", Kind::kNumbers, nullptr, 4
                                   {"roughnessFactor", Kind::kNumber}};
 constexpr ObjectRule kPbr{kPbrMembers};
 constexpr Member kSpecularGlossinessMembers[] = {{"diffuseFactor", Kind::kNumbers, nullptr, 4},
-                                                 {"diffuseTexture", Kind::kObject, &kTextureInfo}};
+                                                 {"diffuseTexture", Kind::kObject, &kTextureInfo},
+                                                 {"specularFactor", Kind::kNumbers, nullptr, 3},
+                                                 {"glossinessFactor", Kind::kNumber}};
 constexpr ObjectRule kSpecularGlossiness{kSpecularGlossinessMembers};
+constexpr Member kEmissiveStrengthMembers[] = {{"emissiveStrength", Kind::kNumber}};
+constexpr ObjectRule kEmissiveStrength{kEmissiveStrengthMembers};
+constexpr Member kIorMembers[] = {{"ior", Kind::kNumber}};
+constexpr ObjectRule kIor{kIorMembers};
+constexpr Member kSpecularMembers[] = {{"specularFactor", Kind::kNumber},
+                                       {"specularTexture", Kind::kObject, &kTextureInfo},
+                                       {"specularColorFactor", Kind::kNumbers, nullptr, 3},
+                                       {"specularColorTexture", Kind::kObject, &kTextureInfo}};
+constexpr ObjectRule kSpecular{kSpecularMembers};
 constexpr Member kMaterialExtensionMembers[] = {
-    {"KHR_materials_unlit", Kind::kAny}, {"KHR_materials_pbrSpecularGlossiness", Kind::kObject, &kSpecularGlossiness}};
+    {"KHR_materials_unlit", Kind::kAny},
+    {"KHR_materials_emissive_strength", Kind::kObject, &kEmissiveStrength},
+    {"KHR_materials_ior", Kind::kObject, &kIor},
+    {"KHR_materials_specular", Kind::kObject, &kSpecular},
+    {"KHR_materials_pbrSpecularGlossiness", Kind::kObject, &kSpecularGlossiness}};
 constexpr ObjectRule kMaterialExtensions{kMaterialExtensionMembers};
 constexpr Member kMaterialMembers[] = {{"name", Kind::kString},
                                        {"pbrMetallicRoughness", Kind::kObject, &kPbr},
-                                       {"normalTexture", Kind::kObject, &kTextureInfo},
-                                       {"occlusionTexture", Kind::kObject, &kTextureInfo},
+                                       {"normalTexture", Kind::kObject, &kNormalTexture},
+                                       {"occlusionTexture", Kind::kObject, &kOcclusionTexture},
                                        {"emissiveTexture", Kind::kObject, &kTextureInfo},
                                        {"emissiveFactor", Kind::kNumbers, nullptr, 3},
                                        {"alphaMode", Kind::kString},
@@ -106,6 +131,7 @@ constexpr ObjectRule kBufferExtensions{kBufferExtensionMembers};
 constexpr Member kBufferMembers[] = {{"name", Kind::kString},
                                      {"uri", Kind::kString},
                                      {"byteLength", Kind::kSize, nullptr, 0, kRequired},
+                                     {"chunk", Kind::kIndex},
                                      {"extensions", Kind::kObject, &kBufferExtensions}};
 constexpr Member kMeshoptMembers[] = {{"buffer", Kind::kIndex, nullptr, 0, kRequired},
                                       {"byteOffset", Kind::kSize},
@@ -146,12 +172,17 @@ constexpr Member kAccessorMembers[] = {{"name", Kind::kString},
                                        {"min", Kind::kNumbers},
                                        {"max", Kind::kNumbers},
                                        {"sparse", Kind::kObject, &kSparse}};
+constexpr Member kDracoMembers[] = {{"bufferView", Kind::kIndex, nullptr, 0, kRequired},
+                                    {"attributes", Kind::kIndexMap}};
+constexpr ObjectRule kDraco{kDracoMembers};
+constexpr Member kPrimitiveExtensionMembers[] = {{"KHR_draco_mesh_compression", Kind::kObject, &kDraco}};
+constexpr ObjectRule kPrimitiveExtensions{kPrimitiveExtensionMembers};
 constexpr Member kPrimitiveMembers[] = {{"attributes", Kind::kIndexMap, nullptr, 0, kRequired},
                                         {"indices", Kind::kIndex},
                                         {"material", Kind::kIndex},
                                         {"mode", Kind::kIndex},
                                         {"targets", Kind::kIndexMaps},
-                                        {"extensions", Kind::kObject, nullptr}};
+                                        {"extensions", Kind::kObject, &kPrimitiveExtensions}};
 constexpr ObjectRule kPrimitive{kPrimitiveMembers};
 constexpr Member kMeshMembers[] = {
     {"name", Kind::kString}, {"primitives", Kind::kObjects, &kPrimitive, 0, kRequired}, {"weights", Kind::kNumbers}};
@@ -159,7 +190,10 @@ constexpr Member kMeshMembers[] = {
 // Scenes.
 constexpr Member kInstancingMembers[] = {{"attributes", Kind::kIndexMap, nullptr, 0, kRequired}};
 constexpr ObjectRule kInstancing{kInstancingMembers};
-constexpr Member kNodeExtensionMembers[] = {{"EXT_mesh_gpu_instancing", Kind::kObject, &kInstancing}};
+constexpr Member kNodeLightMembers[] = {{"light", Kind::kIndex, nullptr, 0, kRequired}};
+constexpr ObjectRule kNodeLight{kNodeLightMembers};
+constexpr Member kNodeExtensionMembers[] = {{"EXT_mesh_gpu_instancing", Kind::kObject, &kInstancing},
+                                            {"KHR_lights_punctual", Kind::kObject, &kNodeLight}};
 constexpr ObjectRule kNodeExtensions{kNodeExtensionMembers};
 constexpr Member kNodeMembers[] = {{"name", Kind::kString},
                                    {"children", Kind::kIndices},
@@ -194,6 +228,19 @@ constexpr Member kAnimationSamplerMembers[] = {{"input", Kind::kIndex, nullptr, 
 constexpr ObjectRule kAnimationSampler{kAnimationSamplerMembers};
 constexpr Member kAnimationMembers[] = {{"name", Kind::kString},
                                         {"samplers", Kind::kObjects, &kAnimationSampler, 0, kRequired}};
+constexpr Member kSpotMembers[] = {{"innerConeAngle", Kind::kNumber}, {"outerConeAngle", Kind::kNumber}};
+constexpr ObjectRule kSpot{kSpotMembers};
+constexpr Member kLightMembers[] = {{"name", Kind::kString},
+                                    {"type", Kind::kString, nullptr, 0, kRequired},
+                                    {"color", Kind::kNumbers, nullptr, 3},
+                                    {"intensity", Kind::kNumber},
+                                    {"range", Kind::kNumber},
+                                    {"spot", Kind::kObject, &kSpot}};
+constexpr ObjectRule kLight{kLightMembers};
+constexpr Member kLightsMembers[] = {{"lights", Kind::kObjects, &kLight}};
+constexpr ObjectRule kLights{kLightsMembers};
+constexpr Member kDocumentExtensionMembers[] = {{"KHR_lights_punctual", Kind::kObject, &kLights}};
+constexpr ObjectRule kDocumentExtensions{kDocumentExtensionMembers};
 constexpr Member kAssetMembers[] = {{"version", Kind::kString, nullptr, 0, kRequired},
                                     {"minVersion", Kind::kString},
                                     {"copyright", Kind::kString},
@@ -236,6 +283,7 @@ constexpr Section kSections[] = {
     {{"extensionsUsed", Kind::kStrings}, "extensionsUsed"},
     {{"extensionsRequired", Kind::kStrings}, "extensionsRequired"},
     {{"asset", Kind::kObject, &kAsset}, "asset"},
+    {{"extensions", Kind::kObject, &kDocumentExtensions}, "extensions"},
 };
 
 const Section* find_section(std::string_view name) {

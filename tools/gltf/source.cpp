@@ -31,22 +31,23 @@ std::string counted(uint64_t count, const char* one, const char* many) {
   return std::to_string(count) + " " + (count == 1 ? one : many);
 }
 
-// Extensions a document may require. The first eight are read, the others change only how a surface is lit or what a
+// Extensions a document may require. The first are read, the others change only how a surface is lit or what a
 // file says about itself: without them every triangle keeps its place and its base colour.
-constexpr std::string_view kSupported[] = {
-    "KHR_mesh_quantization",   "KHR_texture_transform",   "KHR_materials_unlit", "EXT_mesh_gpu_instancing",
-    "EXT_meshopt_compression", "KHR_meshopt_compression", "KHR_texture_basisu",  "MSFT_texture_dds"};
-constexpr std::string_view kLookOnly[] = {"KHR_lights_punctual",
-                                          "KHR_materials_anisotropy",
+constexpr std::string_view kDraco = "KHR_draco_mesh_compression";
+constexpr std::string_view kSupported[] = {"KHR_mesh_quantization",   "KHR_texture_transform",
+                                           "KHR_materials_unlit",     "EXT_mesh_gpu_instancing",
+                                           "EXT_meshopt_compression", "KHR_meshopt_compression",
+                                           "KHR_texture_basisu",      "MSFT_texture_dds",
+                                           "EXT_texture_webp",        "KHR_lights_punctual",
+                                           "KHR_materials_ior",       "KHR_materials_specular",
+                                           "KHR_materials_emissive_strength", kDraco};
+constexpr std::string_view kLookOnly[] = {"KHR_materials_anisotropy",
                                           "KHR_materials_clearcoat",
                                           "KHR_materials_diffuse_transmission",
                                           "KHR_materials_dispersion",
-                                          "KHR_materials_emissive_strength",
-                                          "KHR_materials_ior",
                                           "KHR_materials_iridescence",
                                           "KHR_materials_pbrSpecularGlossiness",
                                           "KHR_materials_sheen",
-                                          "KHR_materials_specular",
                                           "KHR_materials_transmission",
                                           "KHR_materials_variants",
                                           "KHR_materials_volume",
@@ -54,20 +55,23 @@ constexpr std::string_view kLookOnly[] = {"KHR_lights_punctual",
                                           "EXT_lights_ies",
                                           "EXT_lights_image_based"};
 
-const char* hint(std::string_view extension) {
-  if (extension == "KHR_draco_mesh_compression") return ": decode it first, for example with gltf-transform";
-  if (extension == "EXT_texture_webp") return ": its textures must be PNG, JPEG, KTX2 or DDS";
-  return "";
+constexpr const char* kWithoutDraco =
+    "this scree is built without libdraco: decode it first, for example with gltf-transform";
+
+bool is_supported(std::string_view extension) {
+  if (extension == kDraco && draco_version().empty()) return false;
+  return std::find(std::begin(kSupported), std::end(kSupported), extension) != std::end(kSupported);
 }
 
 Result<void> check_extensions(const GltfDocument& document, SourceScene& scene) {
   std::string ignored;
   for (const std::string& name : document.extensions_required) {
-    if (std::find(std::begin(kSupported), std::end(kSupported), name) != std::end(kSupported)) continue;
+    if (is_supported(name)) continue;
     if (std::find(std::begin(kLookOnly), std::end(kLookOnly), name) == std::end(kLookOnly)) {
       std::string shown = name.substr(0, 80);
       for (char& c : shown) c = static_cast<unsigned char>(c) < 0x20 ? '?' : c;
-      return Error{ErrorCode::kUnsupported, "required extension " + shown + " is not read" + hint(name)};
+      return Error{ErrorCode::kUnsupported, "required extension " + shown + " is not read" +
+                                                (name == kDraco ? std::string(": ") + kWithoutDraco : "")};
     }
     ignored += (ignored.empty() ? "" : ", ") + name;
   }
@@ -151,11 +155,12 @@ std::string attribute_kind(const std::string& name) {
 
 class Importer {
  public:
-  Importer(const GltfDocument& document, std::string folder, std::shared_ptr<const ByteSource> bin,
+  Importer(const GltfDocument& document, std::string folder, std::vector<std::shared_ptr<const ByteSource>> chunks,
            const ImportOptions& options, SourceScene& scene)
       : document_(document),
-        buffers_(document, std::move(folder), std::move(bin), options.kept_view_bytes, options.allow_outside),
+        buffers_(document, std::move(folder), std::move(chunks), options.kept_view_bytes, options.allow_outside),
         keep_going_(options.keep_going),
+        memory_(options.memory),
         scene_(scene),
         left_out_(document, buffers_) {}
 
@@ -176,6 +181,7 @@ class Importer {
     scene_.scenes = plan->scenes;
 
     if (auto made = make_cameras(); !made) return made;
+    if (auto made = make_lights(*plan); !made) return made;
     if (auto made = make_primitives(*plan); !made) return made;
     if (auto made = finish_primitives(); !made) return made;
     count_left_out();
@@ -215,6 +221,41 @@ class Importer {
     return {};
   }
 
+  // A light for every kept node that has one.
+  Result<void> make_lights(const NodePlan& plan) {
+    for (uint32_t place = 0; place < plan.order.size(); ++place) {
+      const int32_t number = document_.nodes[plan.order[place]].light;
+      if (number == kAbsent) continue;
+      const DocLight& from = document_.lights[static_cast<size_t>(number)];
+      const auto fail = [&](const std::string& what) {
+        return Error{ErrorCode::kRange, "light " + std::to_string(number) + ": " + what};
+      };
+      NamedLight light;
+      light.name = from.name;
+      format::LightRecord& to = light.record;
+      to.node = place;
+      to.kind = from.type == "directional" ? format::LightKind::kDirectional
+                : from.type == "point"     ? format::LightKind::kPoint
+                                           : format::LightKind::kSpot;
+      if (to.kind == format::LightKind::kSpot && from.type != "spot")
+        return fail("type is \"" + from.type + "\", expected directional, point or spot");
+      for (size_t c = 0; c < 3; ++c) to.color[c] = static_cast<float>(from.color[c]);
+      to.intensity = static_cast<float>(from.intensity);
+      if (to.kind != format::LightKind::kDirectional) to.range = static_cast<float>(from.range);
+      for (const float value : {to.color[0], to.color[1], to.color[2], to.intensity, to.range})
+        if (!(value >= 0) || !std::isfinite(value)) return fail("a colour, intensity or range that is not 0 or more");
+      if (to.kind == format::LightKind::kSpot) {
+        // Writers round pi / 2 up, and write cones without a rim.
+        to.outer_cone = std::min(static_cast<float>(from.outer_cone), static_cast<float>(std::numbers::pi / 2));
+        to.inner_cone = static_cast<float>(from.inner_cone);
+        if (to.inner_cone >= to.outer_cone) to.inner_cone = std::nextafter(to.outer_cone, 0.0f);
+        if (!(to.inner_cone >= 0) || !(to.outer_cone > to.inner_cone)) return fail("a cone that has no inside");
+      }
+      scene_.lights.push_back(std::move(light));
+    }
+    return {};
+  }
+
   // The triangles of every mesh that a kept node names. Material and texture coordinates follow in finish_primitives().
   Result<void> make_primitives(const NodePlan& plan) {
     std::vector<bool> used(document_.meshes.size(), false);
@@ -243,7 +284,7 @@ class Importer {
   }
 
   Result<void> make_primitive(const DocPrimitive& from, uint32_t mesh, uint32_t place) {
-    const int32_t position = find(from, "POSITION");
+    const int32_t position = find(from.attributes, "POSITION");
     if (from.mode < 4) {
       dropped_.emplace_back(from.mode == 0 ? "points" : "lines", &from);
       return {};
@@ -258,7 +299,7 @@ class Importer {
     to.place = place;
     to.mesh = mesh;
     to.mode = static_cast<PrimitiveMode>(from.mode);
-    auto positions = attribute("POSITION", position, from.draco, kNone);
+    auto positions = attribute("POSITION", position, kNone);
     if (!positions) return positions.error();
     to.positions = std::move(positions).value();
     if (to.positions.count > std::numeric_limits<uint32_t>::max()) {
@@ -266,7 +307,7 @@ class Importer {
                    "POSITION has " + std::to_string(to.positions.count) + " vertices, at most 2^32 - 1 can be indexed"};
     }
     if (from.indices != kAbsent) {
-      auto indices = index_accessor(from.indices, from.draco);
+      auto indices = index_accessor(from.indices);
       if (!indices) return indices.error();
       to.indices = std::move(indices).value();
     }
@@ -275,9 +316,9 @@ class Importer {
       return {};
     }
     for (const auto& [name, slot] : {std::pair{"COLOR_0", &to.color}, std::pair{"NORMAL", &to.normal}}) {
-      const int32_t index = find(from, name);
+      const int32_t index = find(from.attributes, name);
       if (index == kAbsent) continue;
-      auto accessor = attribute(name, index, from.draco, to.positions.count);
+      auto accessor = attribute(name, index, to.positions.count);
       if (!accessor) return accessor.error();
       *slot = std::move(accessor).value();
     }
@@ -313,17 +354,18 @@ class Importer {
       if (from.material != kAbsent) {
         const size_t material = static_cast<size_t>(from.material);
         to.material = materials->place[material];
-        if (materials->textured[material])
-          uv_name = "TEXCOORD_" + std::to_string(document_.materials[material].base_texture.uv_set);
+        if (materials->uv_set[material] != kNone) uv_name = "TEXCOORD_" + std::to_string(materials->uv_set[material]);
       }
-      if (const int32_t index = uv_name.empty() ? kAbsent : find(from, uv_name); index != kAbsent) {
-        auto accessor = attribute(uv_name, index, from.draco, to.positions.count);
+      if (const int32_t index = uv_name.empty() ? kAbsent : find(from.attributes, uv_name); index != kAbsent) {
+        auto accessor = attribute(uv_name, index, to.positions.count);
         if (!accessor)
           return at("mesh " + std::to_string(to.mesh) + " primitive " + std::to_string(to.place), accessor.error());
         to.uv = std::move(accessor).value();
       } else if (!uv_name.empty()) {
         ++without_uv;
       }
+      if (auto packed = take_draco(from, uv_name, to); !packed)
+        return at("mesh " + std::to_string(to.mesh) + " primitive " + std::to_string(to.place), packed.error());
     }
     if (without_uv > 0) {
       scene_.warnings.push_back(counted(without_uv, "primitive has", "primitives have") +
@@ -332,10 +374,10 @@ class Importer {
     return {};
   }
 
-  int32_t find(const DocPrimitive& primitive, const std::string& name) const {
-    const auto found = std::lower_bound(primitive.attributes.begin(), primitive.attributes.end(), name,
+  static int32_t find(const std::vector<DocAttribute>& attributes, const std::string& name) {
+    const auto found = std::lower_bound(attributes.begin(), attributes.end(), name,
                                         [](const DocAttribute& a, const std::string& b) { return a.first < b; });
-    return found == primitive.attributes.end() || found->first != name ? kAbsent : found->second;
+    return found == attributes.end() || found->first != name ? kAbsent : found->second;
   }
 
   // Counts what kept primitives do not use and what primitives are dropped: after all that is kept is known, because
@@ -363,19 +405,73 @@ class Importer {
     }
   }
 
-  Result<void> check_draco(bool draco, const Accessor& accessor) const {
-    if (!draco || accessor.source != nullptr || accessor.sparse) return {};
-    return Error{ErrorCode::kUnsupported, "accessor " + std::to_string(accessor.index) +
-                                              " has only Draco-compressed data, which scree does not read" +
-                                              hint("KHR_draco_mesh_compression")};
+  // Accessors that have no data of their own take those of the primitive's Draco stream. One that has a plain copy is
+  // read from that: it is exact, and vertices are in another order in the stream.
+  Result<void> take_draco(const DocPrimitive& from, const std::string& uv_name, Primitive& to) {
+    std::vector<std::pair<const char*, Accessor*>> empty;
+    const auto add = [&](const char* name, Accessor& accessor) {
+      if (accessor.source == nullptr && !accessor.sparse) empty.emplace_back(name, &accessor);
+    };
+    add("POSITION", to.positions);
+    if (to.color) add("COLOR_0", *to.color);
+    if (to.normal) add("NORMAL", *to.normal);
+    if (to.uv) add(uv_name.c_str(), *to.uv);
+    const bool has_corners = !to.indices || to.indices->source != nullptr || to.indices->sparse;
+    const bool is_packed = from.draco != kAbsent && !empty.empty() && empty[0].second == &to.positions;
+    if (!is_packed) {
+      if (to.indices) add("indices", *to.indices);
+      for (const auto& [name, accessor] : empty) {
+        const auto fits =
+            from.draco != kAbsent
+                ? Result<void>(Error{ErrorCode::kFormat, "only Draco-compressed data, but POSITION has others"})
+                : check_zeros(accessor->count);
+        if (!fits) return at(std::string(name) + ": accessor " + std::to_string(accessor->index), fits.error());
+      }
+      return {};
+    }
+    if (draco_version().empty())
+      return Error{ErrorCode::kUnsupported, std::string("has only Draco-compressed data, and ") + kWithoutDraco};
+    if (has_corners || to.mode != PrimitiveMode::kTriangles)
+      return Error{ErrorCode::kFormat, std::string(kDraco) + ": a primitive without indices of triangles"};
+    if (to.indices->count % 3 != 0)
+      return Error{ErrorCode::kRange, "indices: accessor " + std::to_string(to.indices->index) + " has " +
+                                          std::to_string(to.indices->count) + " elements, no whole triangles (Draco)"};
+    const DocDraco& stated = document_.draco[static_cast<size_t>(from.draco)];
+    DracoPrimitive packed;
+    packed.triangles = to.indices->count / 3;
+    packed.vertices = to.positions.count;
+    for (const auto& [name, accessor] : empty) {
+      const int32_t id = find(stated.attributes, name);
+      if (id == kAbsent)
+        return Error{ErrorCode::kFormat,
+                     std::string(kDraco) + ": " + name + " has neither data of its own nor a number in the stream"};
+      packed.arrays.push_back({name, static_cast<uint32_t>(id), accessor->type, accessor->components});
+    }
+    for (const auto& [name, ignored] : stated.attributes) {
+      const int32_t index = find(from.attributes, name);
+      if (index != kAbsent) packed.other_components += document_.accessors[static_cast<size_t>(index)].components;
+    }
+    for (const DracoArray& array : packed.arrays) packed.other_components -= array.components;
+    if (!packed.offset_of(packed.arrays.size()) || packed.triangles > format::kNone)
+      return Error{ErrorCode::kRange, std::string(kDraco) + ": " + std::to_string(packed.triangles) + " triangles"};
+    auto source = buffers_.draco(stated.view, packed, memory_);
+    if (!source) return source.error();
+    for (size_t i = 0; i < empty.size(); ++i) {
+      Accessor& accessor = *empty[i].second;
+      accessor.source = *source;
+      accessor.offset = *packed.offset_of(i);
+    }
+    to.indices->source = *source;
+    to.indices->type = ComponentType::kUint32;
+    to.indices->stride = to.indices->element_bytes();
+    return {};
   }
 
   // A vertex attribute with the types glTF 2.0 (3.7.2.1) and KHR_mesh_quantization allow. `vertices`: of the primitive,
   // or kNone for POSITION itself.
-  Result<Accessor> attribute(const std::string& name, int32_t index, bool draco, uint64_t vertices) {
+  Result<Accessor> attribute(const std::string& name, int32_t index, uint64_t vertices) {
     auto accessor = buffers_.accessor(index);
     if (!accessor) return at(name, accessor.error());
-    if (auto checked = check_draco(draco, *accessor); !checked) return at(name, checked.error());
     const ComponentType type = accessor->type;
     const bool is_float = type == ComponentType::kFloat32;
     const bool is_byte = type == ComponentType::kInt8 || type == ComponentType::kUint8;
@@ -420,10 +516,9 @@ class Importer {
     return accessor;
   }
 
-  Result<Accessor> index_accessor(int32_t index, bool draco) {
+  Result<Accessor> index_accessor(int32_t index) {
     auto accessor = buffers_.accessor(index);
     if (!accessor) return at("indices", accessor.error());
-    if (auto checked = check_draco(draco, *accessor); !checked) return at("indices", checked.error());
     const bool right = accessor->components == 1 &&
                        (accessor->type == ComponentType::kUint8 || accessor->type == ComponentType::kUint16 ||
                         accessor->type == ComponentType::kUint32);
@@ -472,6 +567,7 @@ class Importer {
   const GltfDocument& document_;
   GltfBuffers buffers_;
   bool keep_going_;
+  uint64_t memory_;
   SourceScene& scene_;
   LeftOutList left_out_;
   std::vector<uint32_t> group_of_mesh_;
@@ -551,9 +647,10 @@ Result<SourceScene> import_checked(const std::string& path, const ImportOptions&
   scene.json_bytes = layout->json_bytes;
   auto document = read_document(std::move(text).value(), options.memory);
   if (!document) return document.error();
-  std::shared_ptr<const ByteSource> bin;
-  if (layout->has_bin) bin = window_source(*file, layout->bin_offset, layout->bin_bytes);
-  Importer importer(*document, folder_of(path), std::move(bin), options, scene);
+  std::vector<std::shared_ptr<const ByteSource>> chunks;
+  for (const GlbChunk& chunk : layout->chunks)
+    chunks.push_back(chunk.is_binary ? window_source(*file, chunk.offset, chunk.bytes) : nullptr);
+  Importer importer(*document, folder_of(path), std::move(chunks), options, scene);
   if (auto run = importer.run(options); !run) return run.error();
   return scene;
 }

@@ -88,7 +88,7 @@ struct Primitive {
   PrimitiveMode mode = PrimitiveMode::kTriangles;
   std::optional<Accessor> indices;  // 8, 16 or 32 bits, scalar
   Accessor positions;
-  std::optional<Accessor> uv;     // the set its base colour texture uses; present only where a texture needs it
+  std::optional<Accessor> uv;     // the set its material's textures use; present only where a texture needs it
   std::optional<Accessor> color;  // COLOR_0, 3 or 4 components
   std::optional<Accessor> normal;
   uint32_t material = format::kNone;
@@ -151,10 +151,12 @@ struct SourceNode {
 
 struct SourceImage {
   std::string name;
-  format::ImageCodec codec = format::ImageCodec::kPng;
+  format::ImageCodec codec = format::ImageCodec::kPng;  // of a WebP too
+  bool is_webp = false;
   std::shared_ptr<const ByteSource> source;
   uint64_t offset = 0;
   uint64_t bytes = 0;
+  bool is_color = false;  // some texture shows it as colour; else it has numbers
 };
 
 struct SourceGroup {
@@ -164,11 +166,27 @@ struct SourceGroup {
 struct NamedMaterial {
   std::string name;
   format::MaterialRecord record{};  // name unset; texture is an index into SourceScene::textures
+  std::optional<format::SurfaceRecord> surface;  // material unset; textures as in the record
 };
+
+/// Calls `take` for every texture of a material, which it may change.
+template <class Material, class Take>
+void visit_textures(Material& material, const Take& take) {
+  if (material.record.texture != format::kNone) take(material.record.texture);
+  if (!material.surface) return;
+  for (auto& use : material.surface->textures)
+    if (use.texture != format::kNone) take(use.texture);
+}
 
 struct NamedTexture {
   std::string name;
   format::TextureRecord record{};  // name unset; image is an index into SourceScene::images
+};
+
+/// KHR_lights_punctual; `record.node` is an index into SourceScene::nodes.
+struct NamedLight {
+  std::string name;
+  format::LightRecord record{};  // name unset
 };
 
 struct NamedCamera {
@@ -210,6 +228,7 @@ struct SourceScene {
   std::vector<NamedTexture> textures;
   std::vector<SourceImage> images;
   std::vector<NamedCamera> cameras;
+  std::vector<NamedLight> lights;
   std::vector<SourceSceneRoots> scenes;
   std::vector<LeftOut> left_out;
   std::vector<std::string> warnings;  // one line each, without the program's name

@@ -21,10 +21,11 @@ namespace {
 
 using format::PartFile;
 
-constexpr uint64_t kGlbMaxBytes = 0xffffffffu;  // its length field has 32 bits
+constexpr uint64_t kGlbMaxBytes = 0xffffffffu;  // of version 2, whose lengths have 32 bits
 constexpr uint64_t kGlbHeaderBytes = 12;
 constexpr uint64_t kGlbChunkHeaderBytes = 8;
-constexpr uint32_t kGlbMagic = 0x46546c67;  // "glTF"
+constexpr uint64_t kGlbWideHeaderBytes = 16;  // of version 3, its own and each chunk's
+constexpr uint32_t kGlbMagic = 0x46546c67;    // "glTF"
 constexpr uint32_t kGlbJson = 0x4e4f534a;
 constexpr uint32_t kGlbBinary = 0x004e4942;
 constexpr size_t kDrainBytes = size_t{1} << 20;
@@ -193,52 +194,127 @@ void write_camera(JsonWriter& json, const GltfCamera& camera) {
   json.end_object();
 }
 
+bool is_moved(const GltfTextureTransform& transform) {
+  return transform.offset[0] != 0 || transform.offset[1] != 0 || transform.scale[0] != 1 || transform.scale[1] != 1 ||
+         transform.rotation != 0;
+}
+
+GltfTextureTransform transform_of(const format::SurfaceTexture& use) {
+  return {{static_cast<double>(use.uv_offset[0]), static_cast<double>(use.uv_offset[1])},
+          {static_cast<double>(use.uv_scale[0]), static_cast<double>(use.uv_scale[1])},
+          static_cast<double>(use.uv_rotation)};
+}
+
 bool has_transform(const GltfMaterial& material) {
-  const GltfTextureTransform& transform = material.transform;
-  return material.texture != format::kNone &&
-         (transform.offset[0] != 0 || transform.offset[1] != 0 || transform.scale[0] != 1 || transform.scale[1] != 1 ||
-          transform.rotation != 0);
+  if (material.texture != format::kNone && is_moved(material.transform)) return true;
+  if (!material.surface) return false;
+  return std::any_of(std::begin(material.surface->textures), std::end(material.surface->textures),
+                     [](const format::SurfaceTexture& use) {
+                       return use.texture != format::kNone && is_moved(transform_of(use));
+                     });
+}
+
+/// A texture of a material, with what else its object has: `name` and `value`, where `value` is not 1.
+void write_texture_use(JsonWriter& json, const char* key, uint32_t texture, uint32_t tex_coord,
+                       const GltfTextureTransform& transform, const char* name = nullptr, float value = 1) {
+  if (texture == format::kNone) return;
+  json.key(key);
+  json.begin_object();
+  json.member("index", texture);
+  if (tex_coord != 0) json.member("texCoord", tex_coord);
+  if (name != nullptr && value != 1) json.member(name, static_cast<double>(value));
+  if (is_moved(transform)) {
+    json.key("extensions");
+    json.begin_object();
+    json.key("KHR_texture_transform");
+    json.begin_object();
+    write_numbers(json, "offset", transform.offset);
+    if (transform.rotation != 0) json.member("rotation", transform.rotation);
+    write_numbers(json, "scale", transform.scale);
+    json.end_object();
+    json.end_object();
+  }
+  json.end_object();
+}
+
+void write_color(JsonWriter& json, const char* key, const float color[3], float scale, float plain) {
+  if (color[0] == plain && color[1] == plain && color[2] == plain) return;
+  const double wide[3] = {static_cast<double>(color[0] / scale), static_cast<double>(color[1] / scale),
+                          static_cast<double>(color[2] / scale)};
+  write_numbers(json, key, wide);
+}
+
+/// Emission goes to 1; what is above that is KHR_materials_emissive_strength.
+float emissive_strength(const format::SurfaceRecord& surface) {
+  return std::max({surface.emission[0], surface.emission[1], surface.emission[2], 1.0f});
+}
+
+bool has_specular(const format::SurfaceRecord& surface) {
+  const auto* const color = surface.specular_color;
+  return surface.specular != 1 || color[0] != 1 || color[1] != 1 || color[2] != 1 ||
+         surface.textures[static_cast<size_t>(format::SurfaceUse::kSpecular)].texture != format::kNone ||
+         surface.textures[static_cast<size_t>(format::SurfaceUse::kSpecularColor)].texture != format::kNone;
+}
+
+/// The extensions that a material uses, by name.
+std::vector<const char*> material_extensions(const GltfMaterial& material) {
+  std::vector<const char*> names;
+  if (material.unlit) names.push_back("KHR_materials_unlit");
+  if (!material.surface) return names;
+  if (emissive_strength(*material.surface) != 1) names.push_back("KHR_materials_emissive_strength");
+  if (material.surface->ior != 1.5f) names.push_back("KHR_materials_ior");
+  if (has_specular(*material.surface)) names.push_back("KHR_materials_specular");
+  return names;
 }
 
 void write_material(JsonWriter& json, const GltfMaterial& material) {
+  const format::SurfaceRecord* const surface = material.surface ? &*material.surface : nullptr;
+  const auto write_use = [&](const char* key, format::SurfaceUse which, const char* name = nullptr, float value = 1) {
+    if (surface == nullptr) return;
+    const format::SurfaceTexture& use = surface->textures[static_cast<size_t>(which)];
+    write_texture_use(json, key, use.texture, material.tex_coord, transform_of(use), name, value);
+  };
   write_name(json, material.name);
   json.key("pbrMetallicRoughness");
   json.begin_object();
   const auto& color = material.base_color;
   if (color[0] != 1 || color[1] != 1 || color[2] != 1 || color[3] != 1) write_numbers(json, "baseColorFactor", color);
-  if (material.texture != format::kNone) {
-    json.key("baseColorTexture");
-    json.begin_object();
-    json.member("index", material.texture);
-    if (material.tex_coord != 0) json.member("texCoord", material.tex_coord);
-    if (has_transform(material)) {
-      json.key("extensions");
-      json.begin_object();
-      json.key("KHR_texture_transform");
-      json.begin_object();
-      write_numbers(json, "offset", material.transform.offset);
-      if (material.transform.rotation != 0) json.member("rotation", material.transform.rotation);
-      write_numbers(json, "scale", material.transform.scale);
-      json.end_object();
-      json.end_object();
-    }
-    json.end_object();
-  }
-  json.member("metallicFactor", 0.0);
+  write_texture_use(json, "baseColorTexture", material.texture, material.tex_coord, material.transform);
+  write_use("metallicRoughnessTexture", format::SurfaceUse::kMetallicRoughness);
+  json.member("metallicFactor", surface != nullptr ? static_cast<double>(surface->metallic) : 0.0);
+  if (surface != nullptr && surface->roughness != 1)
+    json.member("roughnessFactor", static_cast<double>(surface->roughness));
   json.end_object();
+  if (surface != nullptr) {
+    write_use("normalTexture", format::SurfaceUse::kNormalMap, "scale", surface->normal_scale);
+    write_use("occlusionTexture", format::SurfaceUse::kOcclusion, "strength", surface->occlusion_strength);
+    write_use("emissiveTexture", format::SurfaceUse::kEmission);
+    write_color(json, "emissiveFactor", surface->emission, emissive_strength(*surface), 0);
+  }
   if (material.alpha != GltfAlpha::kOpaque)
     json.member("alphaMode", material.alpha == GltfAlpha::kMask ? "MASK" : "BLEND");
   if (material.alpha == GltfAlpha::kMask && material.alpha_cutoff != 0.5)
     json.member("alphaCutoff", material.alpha_cutoff);
   if (material.double_sided) json.member("doubleSided", true);
-  if (material.unlit) {
-    json.key("extensions");
+  const std::vector<const char*> extensions = material_extensions(material);
+  if (extensions.empty()) return;
+  json.key("extensions");
+  json.begin_object();
+  for (const std::string_view name : extensions) {
+    json.key(name);
     json.begin_object();
-    json.key("KHR_materials_unlit");
-    json.begin_object();
-    json.end_object();
+    if (name == "KHR_materials_emissive_strength")
+      json.member("emissiveStrength", static_cast<double>(emissive_strength(*surface)));
+    if (name == "KHR_materials_ior") json.member("ior", static_cast<double>(surface->ior));
+    if (name == "KHR_materials_specular") {
+      if (surface->specular != 1) json.member("specularFactor", static_cast<double>(surface->specular));
+      write_use("specularTexture", format::SurfaceUse::kSpecular);
+      write_color(json, "specularColorFactor", surface->specular_color, 1, 1);
+      write_use("specularColorTexture", format::SurfaceUse::kSpecularColor);
+    }
     json.end_object();
   }
+  json.end_object();
 }
 
 void write_image(JsonWriter& json, const Image& image) {
@@ -265,6 +341,8 @@ struct GltfWriter::State {
   uint64_t buffer_bytes = 0;
   uint64_t image_bytes = 0;
   uint64_t total_bytes = 0;
+  uint64_t most_version_2_bytes = kGlbMaxBytes;
+  bool is_version_3 = false;
 
   std::vector<GltfBufferView> buffer_views;
   std::vector<GltfAccessor> accessors;
@@ -287,6 +365,20 @@ struct GltfWriter::State {
     if (stop != nullptr && stop->load()) return Error{ErrorCode::kFile, "interrupted"};
     return {};
   }
+  /// Where the document begins in the file.
+  uint64_t document_start() const {
+    return !glb ? 0 : is_version_3 ? 2 * kGlbWideHeaderBytes : kGlbHeaderBytes + kGlbChunkHeaderBytes;
+  }
+  uint64_t alignment() const { return is_version_3 ? 8 : 4; }  // of chunks
+  /// Of a .glb whose document ends at `document_end`, padded.
+  uint64_t file_bytes(uint64_t document_end) const {
+    const uint64_t head = is_version_3 ? kGlbWideHeaderBytes : kGlbChunkHeaderBytes;
+    return document_end + (buffer_bytes == 0 ? 0 : head + format::align_up(buffer_bytes, alignment()));
+  }
+  /// Writes the document and returns where it ends, padded.
+  Result<uint64_t> write_document();
+  /// Writes the header of a .glb, and its buffer behind the document.
+  Result<void> write_chunks(uint64_t document_end);
   /// Drops what was renamed before a later rename failed.
   Result<void> commit_all();
 };
@@ -382,9 +474,6 @@ Result<uint64_t> GltfWriter::reserve(uint64_t bytes, uint64_t alignment) {
   const auto end = format::checked_add(offset, bytes);
   if (!end || *end > uint64_t{1} << 62)
     return Error{ErrorCode::kRange, state_->path.string() + ": a buffer of more than 2^62 bytes"};
-  if (state_->glb && *end > kGlbMaxBytes)
-    return Error{ErrorCode::kRange, state_->path.string() + ": " + std::to_string(*end) +
-                                        " bytes or more, but a .glb holds at most 4294967295 (name the output .gltf)"};
   state_->buffer_bytes = *end;
   return offset;
 }
@@ -431,7 +520,7 @@ uint32_t GltfWriter::add_camera(GltfCamera camera) {
 
 uint32_t GltfWriter::add_material(GltfMaterial material) {
   if (has_transform(material)) use_extension("KHR_texture_transform", false);
-  if (material.unlit) use_extension("KHR_materials_unlit", false);
+  for (const char* const name : material_extensions(material)) use_extension(name, false);
   return add(state_->materials, std::move(material));
 }
 
@@ -515,12 +604,17 @@ Result<void> GltfWriter::State::commit_all() {
   return replacement.keep();
 }
 
-Result<void> GltfWriter::finish() {
-  State& state = *state_;
-  if (Result<void> sized = state.binary.resize(state.buffer_bytes); !sized) return sized;
+void GltfWriter::set_most_version_2_bytes(uint64_t bytes) {
+  state_->most_version_2_bytes = bytes;
+}
 
-  const uint64_t document_start = state.glb ? kGlbHeaderBytes + kGlbChunkHeaderBytes : 0;
-  DocumentText text(state.document, document_start);
+bool GltfWriter::is_version_3() const {
+  return state_->is_version_3;
+}
+
+Result<uint64_t> GltfWriter::State::write_document() {
+  State& state = *this;
+  DocumentText text(state.document, document_start());
   JsonWriter& json = text.json;
   json.begin_object();
   json.key("asset");
@@ -578,53 +672,76 @@ Result<void> GltfWriter::finish() {
   if (written) written = text.section("images", state.images, write_image);
   if (written) written = text.section("accessors", state.accessors, write_accessor);
   if (written) written = text.section("bufferViews", state.buffer_views, write_buffer_view);
-  if (!written) return written;
+  if (!written) return written.error();
   json.line();
   json.end_object();
   json.line();
   if (json.met_non_finite())
     return Error{ErrorCode::kRange, state.path.string() + ": a number of the document is not finite"};
 
-  if (state.glb) text.pad((4 - text.end() % 4) % 4);
-  if (written = text.drain(); !written) return written;
-  uint64_t file_bytes = text.end();
+  if (state.glb) text.pad(format::align_up(text.end(), alignment()) - text.end());
+  if (written = text.drain(); !written) return written.error();
+  return text.end();
+}
 
-  if (state.glb) {
-    const auto store_u32 = [](std::byte* at, uint64_t value) { format::store(at, static_cast<uint32_t>(value)); };
-    const uint64_t json_bytes = file_bytes - document_start;
-    const uint64_t binary_bytes = format::align_up(state.buffer_bytes, 4);
-    const uint64_t total = file_bytes + (binary_bytes == 0 ? 0 : kGlbChunkHeaderBytes + binary_bytes);
-    if (total > kGlbMaxBytes)
-      return Error{ErrorCode::kRange, state.path.string() + ": " + std::to_string(total) +
-                                          " bytes, but a .glb holds at most 4294967295 (name the output .gltf)"};
-    std::array<std::byte, kGlbHeaderBytes + kGlbChunkHeaderBytes> header{};
-    store_u32(&header[0], kGlbMagic);
-    store_u32(&header[4], 2);
-    store_u32(&header[8], total);
-    store_u32(&header[12], json_bytes);
-    store_u32(&header[16], kGlbJson);
-    if (written = state.document.write_at(0, header); !written) return written;
-    if (binary_bytes != 0) {
-      std::array<std::byte, kGlbChunkHeaderBytes> chunk{};
-      store_u32(&chunk[0], binary_bytes);
-      store_u32(&chunk[4], kGlbBinary);
-      if (written = state.document.write_at(file_bytes, chunk); !written) return written;
-      file_bytes += kGlbChunkHeaderBytes;
-      std::vector<std::byte> window(kDrainBytes);
-      for (uint64_t done = 0; done < state.buffer_bytes; done += window.size()) {
-        if (written = state.check_stop(); !written) return written;
-        window.resize(std::min<uint64_t>(kDrainBytes, state.buffer_bytes - done));
-        if (written = state.binary.read_at(done, window); !written) return written;
-        if (written = state.document.write_at(file_bytes + done, window); !written) return written;
-      }
-      file_bytes += binary_bytes;
-      if (written = state.document.resize(file_bytes); !written) return written;  // up to three zeros of padding
+Result<void> GltfWriter::State::write_chunks(uint64_t document_end) {
+  // Version 2: magic, version, length; each chunk's length and type. Version 3: the lengths have 64 bits, and a chunk's
+  // type comes first, then 0 for its encoding.
+  std::vector<std::byte> head;
+  const auto put = [&](auto value) {
+    head.resize(head.size() + sizeof value);
+    format::store(head.data() + head.size() - sizeof value, value);
+  };
+  const auto put_length = [&](uint64_t length) {
+    if (is_version_3) {
+      put(length);
+    } else {
+      put(static_cast<uint32_t>(length));
     }
+  };
+  const auto put_chunk = [&](uint32_t type, uint64_t length) {
+    if (!is_version_3) put_length(length);
+    put(type);
+    if (!is_version_3) return;
+    put(uint32_t{0});
+    put_length(length);
+  };
+  put(kGlbMagic);
+  put(uint32_t{is_version_3 ? 3u : 2u});
+  put_length(file_bytes(document_end));
+  put_chunk(kGlbJson, document_end - document_start());
+  if (const Result<void> written = document.write_at(0, head); !written) return written;
+  if (buffer_bytes == 0) return {};
+  head.clear();
+  put_chunk(kGlbBinary, format::align_up(buffer_bytes, alignment()));
+  if (const Result<void> written = document.write_at(document_end, head); !written) return written;
+  const uint64_t start = document_end + head.size();
+  std::vector<std::byte> window(kDrainBytes);
+  for (uint64_t done = 0; done < buffer_bytes; done += window.size()) {
+    if (const Result<void> goes_on = check_stop(); !goes_on) return goes_on;
+    window.resize(std::min<uint64_t>(kDrainBytes, buffer_bytes - done));
+    if (const Result<void> read = binary.read_at(done, window); !read) return read;
+    if (const Result<void> written = document.write_at(start + done, window); !written) return written;
   }
+  return document.resize(file_bytes(document_end));  // zeros of padding
+}
 
+Result<void> GltfWriter::finish() {
+  State& state = *state_;
+  if (Result<void> sized = state.binary.resize(state.buffer_bytes); !sized) return sized;
+  state.is_version_3 = state.glb && state.buffer_bytes > state.most_version_2_bytes;
+  Result<uint64_t> end = state.write_document();
+  if (!end) return end.error();
+  if (state.glb && !state.is_version_3 && state.file_bytes(*end) > state.most_version_2_bytes) {
+    state.is_version_3 = true;  // by its document alone, which is written once more, where it begins then
+    if (end = state.write_document(); !end) return end.error();
+  }
+  Result<void> written;
+  if (state.glb)
+    if (written = state.write_chunks(*end); !written) return written;
   if (written = state.check_stop(); !written) return written;
   if (written = state.commit_all(); !written) return written;
-  state.total_bytes = file_bytes + (state.glb ? 0 : state.buffer_bytes) + state.image_bytes;
+  state.total_bytes = (state.glb ? state.file_bytes(*end) : *end + state.buffer_bytes) + state.image_bytes;
   return {};
 }
 

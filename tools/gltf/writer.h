@@ -86,7 +86,6 @@ struct GltfTextureTransform {
 
 enum class GltfAlpha : uint8_t { kOpaque, kMask, kBlend };
 
-/// Not metallic, fully rough: scree keeps base colours only.
 struct GltfMaterial {
   std::string name;
   double base_color[4] = {1, 1, 1, 1};  // linear
@@ -97,6 +96,7 @@ struct GltfMaterial {
   double alpha_cutoff = 0.5;
   bool double_sided = false;
   bool unlit = false;  // KHR_materials_unlit
+  std::optional<format::SurfaceRecord> surface;  // its textures by number here; none: not metallic, fully rough
 };
 
 struct GltfTexture {
@@ -113,8 +113,13 @@ struct GltfScene {
   std::vector<uint32_t> nodes;
 };
 
+/// What to tell people of a .glb of version 3, behind its name.
+inline constexpr const char* kVersion3Note =
+    ": passes 4 GiB and is a GLB of version 3 (glTF 2.1, a draft), which few programs read; name it .gltf for others";
+
 /// Writes to files with ".part" after their names and renames them in finish(); without finish(), or when it fails,
-/// nothing is left behind. Every Result is kFile with the file and what the system said, kRange for a .glb past 4 GiB.
+/// nothing is left behind. Every Result is kFile with the file and what the system said. A .glb past 4 GiB is one of
+/// version 3 (the draft of glTF 2.1, with lengths of 64 bits).
 /// Only write_at() may be called from several threads at once.
 class GltfWriter {
  public:
@@ -167,6 +172,11 @@ class GltfWriter {
   /// Writes the document, closes and renames. The files appear data first, the named file last. Call once, and nothing
   /// after it.
   Result<void> finish();
+
+  /// The most bytes of a .glb of version 2, 2^32 - 1 unless a test wants fewer.
+  void set_most_version_2_bytes(uint64_t bytes);
+  /// Whether finish() wrote a .glb of version 3.
+  bool is_version_3() const;
 
   /// Sizes on disk after finish(): all files together.
   uint64_t total_bytes() const;

@@ -56,6 +56,10 @@ const char* table_name(format::TableKind kind) {
       return "mip_levels";
     case format::TableKind::kLeftOutCosts:
       return "left_out_costs";
+    case format::TableKind::kSurfaces:
+      return "surfaces";
+    case format::TableKind::kLights:
+      return "lights";
     case format::TableKind::kMasks:
       return "masks";
   }

@@ -287,6 +287,10 @@ class Verifier {
         fail(file_.pages()[number].offset, at(place, info.error()));
         continue;
       }
+      if (info->is_webp) {
+        fail(file_.pages()[number].offset, {ErrorCode::kFormat, place + ": is WebP, expected PNG"});
+        continue;
+      }
       if (info->codec != record.codec || info->width != record.width || info->height != record.height ||
           info->channels != record.channels) {
         const auto shape = [](format::ImageCodec codec, uint32_t width, uint32_t height, uint32_t channels) {

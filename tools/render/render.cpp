@@ -374,10 +374,14 @@ Result<void> render(const RenderOptions& options) {
   runtime::SceneOptions load;
   load.textures = !options.output.empty() && options.shade.show == kernels::Show::kTexture;
   load.threads = options.threads;
+  load.lighting = load.textures && options.shade.light ? options.light.lighting : kernels::Lighting::kCamera;
+  load.environment = options.light.environment;
   load.pages = !gpu->has_value();
   load.texture_cache = options.texture_cache.value_or(runtime::kHostTextureCache);
   Result<runtime::Scene> scene = runtime::Scene::load(std::move(*file), *scene_index, load);
   if (!scene) return scene.error();
+  if (const Result<void> checked = check_lights(options.light, scene->view()); !checked)
+    return at(options.file, checked.error());
   if (!options.quiet)
     for (const std::string& warning : scene->warnings())
       std::fprintf(stderr, "scree render: warning: %s: %s\n", options.file.c_str(), warning.c_str());
@@ -469,7 +473,8 @@ Command add_render(CLI::App& parent) {
       "--show", words->show,
       "texture (default), color: without textures, uv, normal, triangle, cluster, mesh, stage: of the rasteriser, or "
       "depth");
-  app->add_flag("--no-light", words->no_light, "Surfaces as they are, without the camera's light");
+  app->add_flag("--no-light", words->no_light, "Surfaces as they are, without light");
+  add_light_options(*app, words->light);
   app->add_flag("--ssao", words->ssao, "Ambient occlusion: corners and what lies close behind something get darker");
   app->add_flag("--edl", words->edl, "Eye-dome lighting: a pixel gets darker where its neighbours stand before it");
   app->add_option("--edl-strength", words->edl_strength, "How much darker, 0 to 100 (default: 1)");

@@ -351,6 +351,13 @@ Result<RenderOptions> parse_render_options(const RenderWords& words) {
   if (!show) return show.error();
   options.shade.show = *show;
   options.shade.light = !words.no_light;
+  const Result<LightOptions> light = parse_light_options(words.light);
+  if (!light) return light.error();
+  options.light = *light;
+  if (words.no_light && light->lighting != kernels::Lighting::kAuto)
+    return Error{ErrorCode::kUsage, "--no-light and --light exclude each other"};
+  options.shade.lighting = light->lighting;
+  options.shade.exposure = light->exposure;
   if (const Result<void> occlusion = parse_occlusion(words, options.shade); !occlusion) return occlusion.error();
   const Result<std::array<float, 4>> background = parse_color(words.background);
   if (!background) return background.error();

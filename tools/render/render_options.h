@@ -42,6 +42,7 @@ struct RenderWords : DrawWords {
   std::vector<std::string> picks;
   std::string edl_strength;
   std::string edl_radius;
+  LightWords light;
   bool no_light = false;
   bool ssao = false;
   bool edl = false;
@@ -89,6 +90,7 @@ struct RenderOptions : DrawOptions {
   std::string scene;
   runtime::CameraOptions camera;  // its size is the picture's, in pixels
   kernels::ShadeOptions shade;
+  LightOptions light;
   // Bytes of decoded blocks of JPEG textures; nothing: runtime::kHostTextureCache, on a GPU
   // runtime::kDeviceTextureCache.
   std::optional<uint64_t> texture_cache;

@@ -522,7 +522,7 @@ Result<SynthReport> write_slope(const SynthOptions& options) {
   Result<GltfWriter> writer = GltfWriter::create(options.output, {}, options.existing);
   if (!writer) return writer.error();
   writer->stop_on(options.stop);
-  if (Result<void> added = add_looks(*writer, options.texture_size, options.threads); !added) return added.error();
+  if (Result<void> added = add_looks(*writer, *options.texture_size, options.threads); !added) return added.error();
 
   const uint32_t count = std::max(16u, static_cast<uint32_t>(std::lround(kStones * options.scale)));
   const std::vector<Stone> stones = scatter(count, options.seed);

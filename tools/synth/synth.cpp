@@ -13,6 +13,7 @@
 #include "tools/common/output_file.h"
 #include "tools/common/standard_output.h"
 #include "tools/common/stop_signal.h"
+#include "tools/synth/forest.h"
 #include "tools/synth/slope.h"
 
 namespace scree::synth {
@@ -23,7 +24,7 @@ Error usage(const std::string& message) {
 }
 
 Result<void> check_options(const SynthOptions& options) {
-  const bool slope = options.scene == "slope";
+  const bool slope = options.scene == "slope" || options.scene == "forest";
   if (!(options.scale > 0 && options.scale <= 1)) return usage("--scale lies above 0 and is at most 1");
   if (options.output.empty() && !options.checks) return usage("where to? (-o FILE.gltf or FILE.glb)");
   if (slope && options.output.empty()) return usage("where to? (-o FILE.gltf or FILE.glb)");
@@ -31,9 +32,10 @@ Result<void> check_options(const SynthOptions& options) {
   if (slope && (options.normals || options.uvs)) return usage("--normals and --uvs are for the scenes A, B, C and D");
   if (slope && options.order != MeshOrder::kRow) return usage("--order is for the scenes A, B and C");
   if (options.scene == "D" && options.order != MeshOrder::kRow) return usage("scene D has row order only");
-  if (!std::has_single_bit(options.texture_size) || options.texture_size < 64 || options.texture_size > 8192)
+  const uint32_t size = options.texture_size.value_or(64);
+  if (!std::has_single_bit(size) || size < 64 || size > 8192)
     return usage("--texture-size is a power of two from 64 to 8192");
-  if (!slope && options.seed != 1) return usage("--seed is for the slope: the other scenes are fixed");
+  if (!slope && options.seed != 1) return usage("--seed is for the slope and the forest: the other scenes are fixed");
   return {};
 }
 
@@ -41,12 +43,15 @@ Result<void> check_options(const SynthOptions& options) {
 
 Result<SynthReport> synthesize(const SynthOptions& options) {
   if (Result<void> checked = check_options(options); !checked) return checked.error();
-  if (options.scene == "slope") return write_slope(options);
+  SynthOptions sized = options;
+  if (!sized.texture_size) sized.texture_size = options.scene == "forest" ? 4096 : 1024;
+  if (options.scene == "slope") return write_slope(sized);
+  if (options.scene == "forest") return write_forest(sized);
   if (options.scene == "A") return write_scene(terrain_scene(options.order, options.scale), options);
   if (options.scene == "B") return write_scene(lantern_scene(options.order, options.scale), options);
   if (options.scene == "C") return write_scene(zorahlike_scene(options.order, options.scale), options);
   if (options.scene == "D") return write_scene(sponzalike_scene(options.scale), options);
-  return usage("no scene \"" + options.scene + "\": A, B, C, D or slope");
+  return usage("no scene \"" + options.scene + "\": A, B, C, D, slope or forest");
 }
 
 }  // namespace scree::synth
@@ -115,13 +120,17 @@ Command add_synth(CLI::App& parent) {
   CLI::App* app = parent.add_subcommand(
       "synth",
       "Writes a generated scene as glTF, streaming: the measured scenes A (terrain), B (one mesh 3000 times), C (2000\n"
-      "meshes, 26,000 instances) and D (a small hall), or a slope of textured stones.");
-  app->add_option("scene", options->scene, "A, B, C, D or slope")->required()->type_name("SCENE");
-  app->add_option("-o,--output", options->output, "FILE.gltf (with FILE.bin beside it) or FILE.glb (up to 4 GiB)")
+      "meshes, 26,000 instances) and D (a small hall), a slope of textured stones, or a forest of leaf cards with "
+      "alpha\n"
+      "masks.");
+  app->add_option("scene", options->scene, "A, B, C, D, slope or forest")->required()->type_name("SCENE");
+  app->add_option("-o,--output", options->output,
+                  "FILE.gltf (with FILE.bin beside it) or FILE.glb (past 4 GiB of version 3, which few programs read)")
       ->type_name("FILE");
   app->add_option("--scale", options->scale,
                   "Share of the triangles to keep, above 0 to 1: A to D have coarser grids (n * sqrt(scale)) under\n"
-                  "the same cameras (A's tiles are stretched to cover the same ground), the slope fewer stones")
+                  "the same cameras (A's tiles are stretched to cover the same ground), the slope fewer stones, the "
+                  "forest fewer plants")
       ->capture_default_str()
       ->type_name("SHARE");
   const auto order = std::make_shared<std::string>("row");
@@ -138,11 +147,11 @@ Command add_synth(CLI::App& parent) {
   app->add_option("--threads", options->threads, "Threads; 0: one per processor")
       ->capture_default_str()
       ->type_name("N");
-  app->add_option("--seed", options->seed, "Slope: another scattering of the stones")
+  app->add_option("--seed", options->seed, "Slope, forest: another scattering of the stones or plants")
       ->capture_default_str()
       ->type_name("N");
-  app->add_option("--texture-size", options->texture_size, "Slope: texels per side, a power of two from 64 to 8192")
-      ->capture_default_str()
+  app->add_option("--texture-size", options->texture_size,
+                  "Slope, forest: texels per side, a power of two from 64 to 8192 (default: 1024, of the forest 4096)")
       ->type_name("N");
   const auto force = std::make_shared<bool>(false);
   app->add_flag("-f,--force", *force, kForceHelp);

@@ -1,8 +1,9 @@
-// Writes generated scenes as glTF: the measured scenes A, B, C and D, and the slope of stones.
+// Writes generated scenes as glTF: the measured scenes A, B, C and D, the slope of stones and the forest.
 #pragma once
 
 #include <atomic>
 #include <cstdint>
+#include <optional>
 #include <string>
 
 #include "format/container/part_file.h"
@@ -12,9 +13,9 @@
 namespace scree::synth {
 
 struct SynthOptions {
-  std::string scene;   // "A", "B", "C", "D" or "slope"
+  std::string scene;   // "A", "B", "C", "D", "slope" or "forest"
   std::string output;  // .gltf or .glb; empty with `checks`: nothing is written
-  double scale = 1;    // 0 < scale <= 1: scenes.h, slope.h
+  double scale = 1;    // 0 < scale <= 1: scenes.h, slope.h, forest.h
   MeshOrder order = MeshOrder::kRow;
   bool normals = false;  // A to D: NORMAL of the surface, from central differences (one-sided at a blob's face edges)
   bool uvs = false;      // A to D: TEXCOORD_0, with every grid as the unit square, and a texture
@@ -22,9 +23,10 @@ struct SynthOptions {
       false;            // EXT_mesh_gpu_instancing (float TRS; bit-exact matrices for A, B and D) instead of a node each
   bool checks = false;  // A to D: compute the sums
   bool json = false;    // scree synth prints its report so
-  uint32_t threads = 0;          // 0: as many as the machine runs at once; the bytes do not depend on it
-  uint32_t seed = 1;             // slope only
-  uint32_t texture_size = 1024;  // slope: texels per side, a power of two from 64 to 8192
+  uint32_t threads = 0;  // 0: as many as the machine runs at once; the bytes do not depend on it
+  uint32_t seed = 1;     // slope and forest only
+  // Slope, forest: texels per side, a power of two from 64 to 8192; without it 1024 and 4096.
+  std::optional<uint32_t> texture_size;
   format::Existing existing = format::Existing::kReplace;  // for all files of the output
   const std::atomic<bool>* stop = nullptr;                 // if set, writing ends with kFile "interrupted"
   bool progress = false;                                   // A to D: a line on stderr if that is a terminal
@@ -40,8 +42,9 @@ struct SynthReport {
   uint64_t index_sum = 0;     // the same over all indices
 };
 
-/// Makes the scene and writes it. Memory: about 2 MiB per thread, and 200 bytes per instance. Errors kUsage (options
-/// that contradict each other), kFile, kRange (a .glb past 4 GiB), after which nothing is left on disk.
+/// Makes the scene and writes it. Memory: about 2 MiB per thread, 200 bytes per instance, and 5 bytes per texel of the
+/// forest. Errors kUsage (options that contradict each other), kFile, kRange (a .glb past 4 GiB), after which nothing is
+/// left on disk.
 Result<SynthReport> synthesize(const SynthOptions& options);
 
 /// Writes scene A, B, C or D; a part of synthesize().

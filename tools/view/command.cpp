@@ -43,6 +43,7 @@ struct ViewWords {
   std::string device;
   std::string device_memory;
   std::string texture_cache;
+  LightWords light;
   bool open = false;
   bool quiet = false;
 };
@@ -67,6 +68,9 @@ Result<ViewOptions> parse_view_options(const ViewWords& words) {
   const Result<BackendOptions> backend = parse_backend(words.backend, words.device);
   if (!backend) return backend.error();
   options.session.backend = *backend;
+  const Result<LightOptions> light = parse_light_options(words.light);
+  if (!light) return light.error();
+  options.session.light = *light;
   const std::pair<const char*, const std::string*> names[] = {{"--device-memory", &words.device_memory},
                                                               {"--texture-cache", &words.texture_cache}};
   uint64_t* const sizes[] = {&options.session.device_memory, &options.session.texture_cache};
@@ -256,6 +260,7 @@ Command add_view(CLI::App& parent) {
                   "(default: what is free); chunks that it does not hold are streamed");
   app->add_option("--texture-cache", words->texture_cache,
                   "Memory for decoded blocks of JPEG textures, such as 1GiB (default: 64MiB, on a GPU 256MiB)");
+  add_light_options(*app, words->light);
   app->add_flag("-q,--quiet", words->quiet, "No warnings");
   return {app, [words]() -> Result<void> {
             Result<ViewOptions> options = parse_view_options(*words);

@@ -267,10 +267,14 @@ Result<ViewSession> ViewSession::open(const SessionOptions& options) {
   if (!gpu) return at(options.file, gpu.error());
   runtime::SceneOptions load;
   load.threads = options.threads;
+  load.lighting = options.light.lighting;
+  load.environment = options.light.environment;
   load.pages = !gpu->has_value();
   load.texture_cache = options.texture_cache != 0 ? options.texture_cache : runtime::kHostTextureCache;
   Result<runtime::Scene> scene = runtime::Scene::load(std::move(*file), *scene_index, load);
   if (!scene) return scene.error();
+  if (const Result<void> checked = check_lights(options.light, scene->view()); !checked)
+    return at(options.file, checked.error());
   if (!options.quiet)
     for (const std::string& warning : scene->warnings())
       std::fprintf(stderr, "scree view: warning: %s: %s\n", options.file.c_str(), warning.c_str());
@@ -296,12 +300,15 @@ Result<Drawn> ViewSession::draw(const PictureRequest& request, uint32_t width, u
   if (!visibility.is_all() && !can_hide())
     return Error{ErrorCode::kUnsupported, "nodes are hidden by the CPU's renderer alone (--backend cpu)"};
   BufferKey wanted{request.camera, width, height, samples, visibility};
-  Result<Drawn> drawn = impl_->draw(wanted, request.shade, jpeg);
+  kernels::ShadeOptions shade = request.shade;
+  shade.lighting = impl_->options.light.lighting;
+  shade.exposure = impl_->options.light.exposure;
+  Result<Drawn> drawn = impl_->draw(wanted, shade, jpeg);
   const bool may_fall_back = impl_->device && impl_->options.backend.choice == BackendChoice::kAuto;
   if (drawn || drawn.error().code != ErrorCode::kDevice || !may_fall_back) return drawn;
   if (!impl_->options.quiet) warn_of_cpu("view", impl_->drawn_on + ": " + drawn.error().message);
   if (const Result<void> ready = impl_->use_cpu(); !ready) return ready.error();
-  return impl_->draw(wanted, request.shade, jpeg);
+  return impl_->draw(wanted, shade, jpeg);
 } catch (const std::bad_alloc&) {
   impl_->key.reset();
   return Error{ErrorCode::kMemory,

@@ -15,6 +15,7 @@
 #include "runtime/scene/scene.h"
 #include "runtime/stream/upload.h"
 #include "tools/common/backend.h"
+#include "tools/common/draw_options.h"
 #include "tools/view/encode.h"
 #include "tools/view/message.h"
 
@@ -27,6 +28,7 @@ struct SessionOptions {
   BackendOptions backend;
   uint64_t device_memory = 0;  // bytes; 0: what is free
   uint64_t texture_cache = 0;  // bytes; 0: the runtime's default
+  LightOptions light;
   bool quiet = false;          // no warnings
 };
 

@@ -593,6 +593,67 @@ TEST_CASE("container rules: indexed JPEGs and their mip levels", "[container]") 
       "mip level 1: 18446744073709551615 bytes at byte 64 of page 3, which has 96");
 }
 
+TEST_CASE("container rules: surfaces and lights", "[container]") {
+  scree::tests::Parts parts = full_parts();
+  SurfaceRecord surface{};
+  surface.ior = 1.5f;
+  for (SurfaceTexture& use : surface.textures) use = {kNone, {0, 0}, {1, 1}, 0};
+  parts.tables.surfaces = {surface, surface};
+  parts.tables.surfaces[1].material = 1;
+  parts.tables.surfaces[1].textures[2].texture = 0;
+  LightRecord spot{};
+  spot.kind = LightKind::kSpot;
+  spot.outer_cone = 1;
+  parts.tables.lights = {spot};
+  const Breaker b(parts);
+
+  using S = SurfaceRecord;
+  constexpr TableKind s = TableKind::kSurfaces;
+  b.record<S>(
+      s, 0, [](S& r) { r.material = 2; }, "surface 0: material 2, but the file has 2 materials");
+  b.record<S>(
+      s, 1, [](S& r) { r.material = 0; }, "surface 1: material 0, expected 1 or more");
+  b.record<S>(
+      s, 0, [](S& r) { r.reserved = 1; }, "surface 0: a reserved field is set", ErrorCode::kReserved);
+  b.record<S>(
+      s, 0, [](S& r) { r.specular_color[2] = kInfinity; }, "surface 0: a factor that is not finite");
+  b.record<S>(
+      s, 0, [](S& r) { r.metallic = 1.5f; }, "surface 0: a factor of 1.5, expected 0 to 1");
+  b.record<S>(
+      s, 0, [](S& r) { r.occlusion_strength = -1; }, "surface 0: a factor of -1, expected 0 to 1");
+  b.record<S>(
+      s, 0, [](S& r) { r.emission[1] = -1; }, "surface 0: a colour below 0");
+  b.record<S>(
+      s, 0, [](S& r) { r.ior = 0.5f; }, "surface 0: index of refraction 0.5, expected 0, or 1 or more");
+  b.record<S>(
+      s, 1, [](S& r) { r.textures[2].texture = 1; }, "surface 1: texture 1, but the file has 1 textures");
+  b.record<S>(
+      s, 1, [](S& r) { r.textures[5].uv_rotation = float(kNan); },
+      "surface 1: a texture transform that is not finite");
+
+  using L = LightRecord;
+  constexpr TableKind l = TableKind::kLights;
+  b.record<L>(
+      l, 0, [](L& r) { r.name = kNone; },
+      ("light 0: string at 4294967295, but the strings take " + std::to_string(parts.tables.strings.bytes().size()) +
+       " bytes")
+          .c_str());
+  b.record<L>(
+      l, 0, [](L& r) { r.node = 4; }, "light 0: node 4, but the file has 4 nodes");
+  b.record<L>(
+      l, 0, [](L& r) { r.kind = LightKind{4}; }, "light 0: kind 4");
+  b.record<L>(
+      l, 0, [](L& r) { r.reserved2 = 1; }, "light 0: a reserved field is set", ErrorCode::kReserved);
+  b.record<L>(
+      l, 0, [](L& r) { r.range = kInfinity; }, "light 0: a number that is not finite");
+  b.record<L>(
+      l, 0, [](L& r) { r.intensity = -2; }, "light 0: -2, expected 0 or more");
+  b.record<L>(
+      l, 0, [](L& r) { r.inner_cone = 1; }, "light 0: a cone from 1 to 1");
+  b.record<L>(
+      l, 0, [](L& r) { r.kind = LightKind::kPoint; }, "light 0: a cone from 0 to 1");
+}
+
 TEST_CASE("container rules: masks", "[container][mask]") {
   scree::tests::Parts parts = full_parts();
   // 5 x 3, 2 x 1 and 1 x 1 texels.

@@ -77,7 +77,9 @@ inline FileBytes make_ktx2(const BlockRecipe& recipe) {
     keys.resize((keys.size() + 3) & ~size_t{3});
   }
   const uint32_t levels = std::max(1u, recipe.levels);
-  const uint32_t descriptor_at = 80 + 24 * levels, descriptor_bytes = 44;
+  constexpr uint32_t kRgbModel = 1;
+  const uint32_t samples = recipe.model == kRgbModel ? format::block_channels(recipe.format) : 1;
+  const uint32_t descriptor_at = 80 + 24 * levels, descriptor_bytes = 28 + 16 * samples;
   FileBytes file;
   put_text(file, std::string("\xabKTX 20\xbb\r\n\x1a\n", 12));
   for (const uint32_t word :
@@ -100,9 +102,14 @@ inline FileBytes make_ktx2(const BlockRecipe& recipe) {
   for (const uint64_t word : index) put(file, word);
   put(file, descriptor_bytes);
   put(file, 0u);
-  put(file, 2u | 40u << 16);
+  put(file, 2u | (24 + 16 * samples) << 16);
   put(file, recipe.model | 1u << 8 | 1u << 16);
-  file.resize(descriptor_at + descriptor_bytes);
+  file.resize(descriptor_at + 28);
+  for (uint32_t i = 0; i < samples; ++i) {
+    const bool is_reversed = recipe.vk_format == 44 || recipe.vk_format == 50;
+    put(file, 8 * i | 7u << 16 | (i == 3 ? 15 : is_reversed ? 2 - i : i) << 24);
+    file.resize(file.size() + 12);
+  }
   file.insert(file.end(), keys.begin(), keys.end());
   file.resize(begin);
   file.insert(file.end(), data.begin(), data.end());

@@ -247,7 +247,7 @@ Soup random_soup(uint32_t triangles, std::mt19937& random) {
 TEST_CASE("streamed pictures are those of the whole scene: indexed, clustered, float32, compressed", "[streamer]") {
   convert::ConvertOptions options;
   options.chunk_triangles = 150;
-  options.normals = true;
+  options.normals = convert::Normals::kAlways;
   uint32_t seed = 1;
   SECTION("indexed") {
     options.encoding = convert::Encoding::kIndexed;

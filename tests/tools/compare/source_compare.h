@@ -11,6 +11,7 @@
 #include "format/container/container.h"
 #include "runtime/files/mapped_file.h"
 #include "tools/common/chunk_decode.h"
+#include "tools/convert/images/masks.h"
 #include "tools/gltf/source.h"
 
 namespace scree::tests {
@@ -176,11 +177,18 @@ inline Comparison compare_with_source(const std::string& gltf, const std::string
     if (stored_as.try_emplace(group, file.nodes()[i].group).first->second != file.nodes()[i].group)
       return {"nodes of one mesh draw several", 0, 0};
   }
+  convert::WorkerPool pool(1, nullptr);
+  convert::ImageOptions images;
+  images.keep_going = true;
+  const std::vector<bool> all(scene->primitives.size(), true);
+  const Result<convert::MaskPlan> masks = convert::plan_masks(*scene, all, images, pool, [](uint64_t) {});
+  if (!masks) return {masks.error().message, 0, 0};
   tools::ChunkReader reader(file);
   std::map<uint32_t, uint32_t> kept;  // by group: primitives so far
   uint64_t meshes = 0;
   for (const convert::Primitive& primitive : scene->primitives) {
     if (!stored_as.contains(primitive.group)) continue;
+    if (masks->kind(primitive) == convert::MaskKind::kClear) continue;
     const Result<std::vector<float>> positions = all_floats(primitive.positions);
     if (!positions) return {positions.error().message, 0, 0};
     const Result<SourceTriangles> source = source_triangles(primitive, *positions);

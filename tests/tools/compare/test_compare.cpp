@@ -253,7 +253,7 @@ TEST_CASE("geometry: a mesh that was moved and normals that were turned", "[comp
   write(folder.file("source.gltf"), 0.5f, 30);
   convert::ConvertOptions options;
   options.source_ids = true;
-  options.normals = true;
+  options.normals = convert::Normals::kAlways;
   const auto packed = tests::pack(folder.file("file.gltf"), folder.file("file.scree"), options);
   REQUIRE(packed);
 

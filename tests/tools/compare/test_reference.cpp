@@ -54,6 +54,34 @@ TEST_CASE("a square's pixel centres on its diagonal belong to one triangle, by t
   }
 }
 
+TEST_CASE("a mask's texels hide what they cover", "[reference][mask]") {
+  const kernels::View view = pixel_view(16, 12);
+  const std::vector<float> uvs{0, 1, 1, 1, 1, 0, 0, 0};
+  compare::ReferenceMask mask;
+  mask.place = {{{1, 0, 0}, {0, 1, 0}}};
+  mask.wrap = {format::Wrap::kClamp, format::Wrap::kClamp};
+  mask.width = mask.height = 2;
+  mask.levels = {{255, 0, 0, 200}};
+  mask.cutoff = 127.5;
+  mask.nearest = true;
+  ReferenceMesh mesh{kSquare, kSquareCorners, nullptr, false, &mask, uvs};
+  const auto pixels = draw(mesh, view);
+  for (uint32_t y = 0; y < 12; ++y)
+    for (uint32_t x = 0; x < 16; ++x) {
+      const bool is_square = x >= 4 && x < 12 && y >= 2 && y < 10;
+      CHECK(pixels[16 * y + x].is_background() == !(is_square && (x < 8) == (y < 6)));
+    }
+  // Bilinear: the middle of a side is half of both.
+  mask.nearest = false;
+  mask.cutoff = 1;
+  CHECK(covered(draw(mesh, view)) > 50);
+  mask.cutoff = 201;
+  CHECK(covered(draw(mesh, view)) < 16);
+  // What is hidden hides nothing.
+  mask.cutoff = 256;
+  CHECK(covered(draw(mesh, view)) == 0);
+}
+
 TEST_CASE("edges through pixel centres take the top and left ones and leave the others", "[reference]") {
   // All four sides go through centres: 8 + 1 in each direction. One row and one column of them are outside the square.
   Points points = kSquare;

@@ -91,11 +91,11 @@ TEST_CASE("every option keeps the triangles and the stated error", "[convert]") 
     CHECK(must_match(options).output_bytes < raw);
   }
   SECTION("normals") {
-    options.normals = true;
+    options.normals = convert::Normals::kAlways;
     must_match(options);
   }
   SECTION("everything") {
-    options.normals = true;
+    options.normals = convert::Normals::kAlways;
     options.zstd_level = 3;
     options.position_bits = 20;
     options.chunk_triangles = 100;
@@ -105,7 +105,7 @@ TEST_CASE("every option keeps the triangles and the stated error", "[convert]") 
   CHECK(opened.file.meshes().size() == 3);
   const uint32_t attributes = opened.file.meshes()[0].attributes;
   CHECK((attributes & format::kHasColor) != 0);
-  CHECK(((attributes & format::kHasNormal) != 0) == options.normals);
+  CHECK(((attributes & format::kHasNormal) != 0) == (options.normals == convert::Normals::kAlways));
   CHECK((attributes & format::kHasUv) == 0);  // not needed without a texture
 }
 
@@ -183,7 +183,7 @@ TEST_CASE("pages and chunks keep to their limits", "[convert]") {
   tests::make_model(folder.file("in.glb"), spec);
   convert::ConvertOptions options = options_of(folder);
   options.float32 = true;
-  options.normals = true;
+  options.normals = convert::Normals::kAlways;
   options.weld = false;
   must_match(options);
   const tests::OpenFile opened = must_open(options.output);
@@ -417,7 +417,7 @@ TEST_CASE("attributes that are not finite are repaired and counted", "[convert]"
     maker.finish();
   }
   convert::ConvertOptions options = options_of(folder);
-  options.normals = true;
+  options.normals = convert::Normals::kAlways;
   const convert::ConvertReport report = must_match(options);
   std::string all;
   for (const std::string& warning : report.warnings) all += warning + "\n";

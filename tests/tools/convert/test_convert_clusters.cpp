@@ -107,7 +107,7 @@ TEST_CASE("clusters keep the triangles and the stated error under every option",
   }
   SECTION("whole meshes, everything") {
     options.chunk_triangles = 0;
-    options.normals = true;
+    options.normals = convert::Normals::kAlways;
     options.zstd_level = 3;
     CHECK(must_cluster(options, folder).chunks == 3);
   }
@@ -133,7 +133,7 @@ TEST_CASE("clustered pages keep to their limit, whatever the number of threads",
   spec.color = spec.normal = true;
   tests::make_model(folder.file("in.glb"), spec);
   convert::ConvertOptions options = clustered(folder);
-  options.normals = true;
+  options.normals = convert::Normals::kAlways;
   options.threads = 1;
   must_match(options);
   {
@@ -153,7 +153,7 @@ TEST_CASE("split pages unpack to the bytes of raw ones, whatever the number of t
   const TempFolder folder;
   make_grids(folder.file("in.glb"));
   convert::ConvertOptions options = clustered(folder);
-  options.normals = true;
+  options.normals = convert::Normals::kAlways;
   options.chunk_triangles = 3000;
   must_convert(options);
   const std::string raw_name = options.output;

@@ -258,7 +258,7 @@ TEST_CASE("guessed mesh: boxes that are none, or have no lattice, are not guesse
     model.state({box}, format);
     const Result<SourceScene> scene = import_gltf(options.input, {});
     REQUIRE(scene);
-    return guess_mesh(options, *scene, 0, true);
+    return guess_mesh(options, *scene, 0, convert::Measured{});
   };
   const Box right = model.boxes()[0];
   const std::optional<PlannedMesh> mesh = guess(right);
@@ -384,7 +384,7 @@ TEST_CASE("encode ahead: nothing is left of a giant primitive that fails while i
   model.finish();
   model.state(model.boxes());
   ConvertOptions options = fast_options_of(folder);
-  options.normals = true;
+  options.normals = convert::Normals::kAlways;
   Result<SourceScene> scene = import_gltf(options.input, {});
   REQUIRE(scene);
   Accessor& normals = *scene->primitives[0].normal;

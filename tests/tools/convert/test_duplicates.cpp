@@ -34,7 +34,7 @@ uint64_t stored_meshes(const std::function<void(tests::ModelMaker&)>& make, bool
   make(maker);
   maker.finish();
   ConvertOptions options = options_of(folder);
-  options.normals = normals;
+  options.normals = normals ? convert::Normals::kAlways : convert::Normals::kNever;
   options.drop_nonfinite = true;
   must_match(options);
   const tests::OpenFile packed = must_open(options.output);

@@ -158,7 +158,7 @@ TEST_CASE("with an error bound no chunk takes more than as floats, whatever the 
   ConvertOptions options = tests::options_of(folder);
   options.encoding = encoding;
   options.source_ids = variant != 1;
-  options.normals = variant == 1;
+  options.normals = variant == 1 ? convert::Normals::kAlways : convert::Normals::kNever;
   options.weld = variant != 1;
   if (variant == 2) options.order = convert::Order::kNone;
   if (variant == 3) options.clusters = tools::ClusterEffort::kBest;
@@ -207,7 +207,8 @@ TEST_CASE("with an error bound the small models take no more than as floats", "[
       options.input = path.string();
       options.drop_nonfinite = true;
       options.encoding = variant % 2 ? Encoding::kClustered : Encoding::kIndexed;
-      options.normals = options.source_ids = variant / 2 == 1;
+      options.source_ids = variant / 2 == 1;
+      options.normals = options.source_ids ? convert::Normals::kAlways : convert::Normals::kNever;
       must_not_take_more(options, kBounds, counts);
     }
   }

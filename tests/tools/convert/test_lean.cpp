@@ -240,10 +240,10 @@ TEST_CASE("lean: what is left out is named with what it takes there and would ta
   check("nodes outside every scene", 5, 0, 5 * 168);
   check("excluded nodes", 3, 0, 3 * 168);
   const uint64_t checker = std::filesystem::file_size(tests::data_path("checker.png"));
-  check("images not used for base colour", 1, checker, checker + 32);
+  check("unused images", 1, checker, checker + 32);
 
   // The reported cost of normals equals their cost when they are stored.
-  options.normals = true;
+  options.normals = convert::Normals::kAlways;
   options.output = folder.file("normals.scree");
   must_convert(options);
   const OpenFile with_normals = must_open(options.output);

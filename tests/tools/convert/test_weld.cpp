@@ -194,7 +194,7 @@ TEST_CASE("weld: vertices part where an attribute that is stored does", "[weld]"
   REQUIRE(without_normals.size() >= 4);
   CHECK(std::vector<uint64_t>(without_normals.begin(), without_normals.begin() + 4) ==
         std::vector<uint64_t>{4, 4, 5, 4});
-  options.normals = true;
+  options.normals = convert::Normals::kAlways;
   must_match(options);
   CHECK(counts().back() == 6);
 }

@@ -12,8 +12,10 @@
 
 #include "format/bytes.h"
 #include "tests/catch.h"
+#include "tests/tools/model_maker.h"
 #include "tests/tools/temp_folder.h"
 #include "tools/common/json_writer.h"
+#include "tools/gltf/source.h"
 
 using namespace scree;
 using namespace scree::tools;
@@ -99,6 +101,55 @@ TEST_CASE("a .gltf, its .bin and its images", "[gltf_writer]") {
   CHECK(std::filesystem::file_size(folder.file("a b%.bin")) == document["buffers"][0]["byteLength"]);
 }
 
+TEST_CASE("a .glb past the lengths of version 2 is one of version 3", "[gltf_writer]") {
+  const TempFolder folder;
+  const auto written = [&](uint64_t most) {
+    Result<GltfWriter> writer = GltfWriter::create(folder.file("x.glb"));
+    REQUIRE(writer);
+    fill(*writer);
+    writer->set_most_version_2_bytes(most);
+    REQUIRE(writer->finish());
+    const std::string file = read_whole(folder.file("x.glb"));
+    CHECK(file.size() == writer->total_bytes());
+    CHECK(folder.names() == std::vector<std::string>{"x.glb"});
+    CHECK(writer->is_version_3() == (static_cast<unsigned char>(file[4]) == 3));
+    return file;
+  };
+  const std::string narrow = written(uint64_t{1} << 32);
+  CHECK(written(narrow.size()) == narrow);
+  // By its buffer, and by its document alone.
+  for (const uint64_t most : {uint64_t{1}, uint64_t{narrow.size() - 1}}) {
+    const std::string wide = written(most);
+    const auto* const bytes = reinterpret_cast<const std::byte*>(wide.data());
+    REQUIRE(format::load<uint32_t>(bytes + 4) == 3);
+    CHECK(format::load<uint64_t>(bytes + 8) == wide.size());
+    CHECK(wide.substr(16, 4) == "JSON");
+    CHECK(format::load<uint32_t>(bytes + 20) == 0);
+    const uint64_t json_bytes = format::load<uint64_t>(bytes + 24);
+    CHECK(json_bytes % 8 == 0);
+    const json document = json::parse(wide.substr(32, json_bytes));
+    check_document(document);
+    const uint64_t chunk = 32 + json_bytes;
+    CHECK(wide.substr(chunk, 4) == std::string("BIN\0", 4));
+    const uint64_t binary_bytes = format::load<uint64_t>(bytes + chunk + 8);
+    CHECK(chunk + 16 + binary_bytes == wide.size());
+    CHECK(binary_bytes - document["buffers"][0]["byteLength"].get<uint64_t>() < 8);
+    const float x = format::load<float>(bytes + chunk + 16 + 12);
+    CHECK(x == 0.1f);
+  }
+  // And convert's reader finds what was written.
+  tests::ModelMaker maker(folder.file("y.glb"));
+  maker.writer().set_most_version_2_bytes(1);
+  maker.node("node", maker.mesh("mesh", {maker.primitive({0, 0, 0, 0.1f, 0, 0, 0, 1, 0}, {0, 1, 2})}));
+  maker.finish();
+  CHECK(maker.writer().is_version_3());
+  const auto scene = convert::import_gltf(folder.file("y.glb"), {});
+  if (!scene) FAIL(scene.error().message);
+  std::vector<float> positions(9);
+  REQUIRE(read_floats(scene->primitives.at(0).positions, 0, 3, positions));
+  CHECK(positions[3] == 0.1f);
+}
+
 TEST_CASE("a .glb", "[gltf_writer]") {
   const TempFolder folder;
   Result<GltfWriter> writer = GltfWriter::create(folder.file("x.glb"));
@@ -142,11 +193,11 @@ TEST_CASE("what the writer refuses", "[gltf_writer]") {
   {
     Result<GltfWriter> writer = GltfWriter::create(folder.file("x.glb"));
     REQUIRE(writer);
-    REQUIRE(writer->reserve(0xfffffff0u));
+    REQUIRE(writer->reserve(uint64_t{1} << 62));
     const Result<uint64_t> past = writer->reserve(100);
     REQUIRE(!past);
     CHECK(past.error().code == ErrorCode::kRange);
-    CHECK(past.error().message.find("name the output .gltf") != std::string::npos);
+    CHECK(past.error().message.find("a buffer of more than 2^62 bytes") != std::string::npos);
   }
   {
     Result<GltfWriter> writer = GltfWriter::create(folder.file("x.gltf"));

@@ -95,7 +95,8 @@ TEST_CASE("GLB chunks are found, unknown ones skipped, padding tolerated", "[imp
   long_length[8] = static_cast<char>(long_length[8] + 1);
   for (const Bad& bad : std::initializer_list<Bad>{
            {glb(json + bin, 1), ErrorCode::kVersion, "GLB header: version is 1"},
-           {glb(json + bin, 3), ErrorCode::kVersion, "GLB header: version is 3"},
+           {glb(json + bin, 4), ErrorCode::kVersion, "GLB header: version is 4, expected 2 or 3"},
+           {glb(json + bin, 3), ErrorCode::kTruncated, "GLB header: length is"},
            {long_length, ErrorCode::kTruncated, "GLB header: length is"},
            {glb(bin + json), ErrorCode::kFormat, "GLB chunk 0: expected the JSON chunk first"},
            {glb(json + json), ErrorCode::kFormat, "GLB chunk 1: a second JSON chunk"},
@@ -163,6 +164,90 @@ TEST_CASE("a GLB past 4 GiB has its lengths modulo 2^32", "[import][glb]") {
   const auto longer = positions_of(sparse_file(folder, "longer.glb", size + 8, {{0, head}}));
   REQUIRE_FALSE(longer);
   CHECK(longer.error().code == ErrorCode::kTrailing);
+}
+
+// Version 3, of the draft of glTF 2.1: lengths of 64 bits, a chunk's type before them, chunks at multiples of 8.
+std::string wide_chunk(std::string_view type, std::string_view data, uint32_t encoding = 0) {
+  std::string bytes(type);
+  append(bytes, encoding);
+  append(bytes, static_cast<uint32_t>(data.size()));
+  append(bytes, 0);
+  bytes.append(data);
+  return bytes.append((8 - bytes.size() % 8) % 8, '\0');
+}
+
+std::string wide_glb(const std::string& chunks) {
+  std::string bytes = "glTF";
+  append(bytes, 3);
+  append(bytes, static_cast<uint32_t>(16 + chunks.size()));
+  append(bytes, 0);
+  return bytes + chunks;
+}
+
+TEST_CASE("a GLB of version 3 has chunks of 64-bit lengths in any order", "[import][glb]") {
+  const tests::TempFolder folder;
+  const std::string json = wide_chunk("JSON", kDocument), bin = wide_chunk(kBin, kTriangle);
+  const std::string named =
+      wide_chunk("JSON", tests::replaced(kDocument, R"({"byteLength":36})", R"({"byteLength":36,"chunk":0})"));
+  for (const std::string& good :
+       {wide_glb(json + bin), wide_glb(json + bin + wide_chunk("XYZ ", "12345", 7)), wide_glb(bin + named),
+        wide_glb(bin + wide_chunk("XYZ ", "1") + named + bin + wide_chunk("JSON", "{}")),
+        wide_glb(json + bin) + std::string(100, '\0')}) {
+    const auto positions = positions_of(folder.write("good.glb", good));
+    if (!positions) FAIL(positions.error().message);
+    CHECK((*positions)[3] == 1.0f);
+  }
+  struct Bad {
+    std::string bytes;
+    ErrorCode code;
+    std::string words;
+  };
+  std::string long_chunk = json;
+  long_chunk[15] = 1;
+  std::string many = json;
+  for (int i = 0; i < 5000; ++i) many += wide_chunk("XYZ ", "");
+  for (const Bad& bad : std::initializer_list<Bad>{
+           {wide_glb(json + bin).substr(0, 12), ErrorCode::kTruncated, "GLB header: the file ends after 12 bytes"},
+           {wide_glb(""), ErrorCode::kFormat, "too short for a chunk"},
+           {wide_glb(bin + bin), ErrorCode::kFormat, "GLB: there is no JSON chunk"},
+           {wide_glb(wide_chunk("JSON", "")), ErrorCode::kFormat, "GLB chunk 0: the JSON chunk is empty"},
+           {wide_glb(wide_chunk("JSON", kDocument, 1) + bin), ErrorCode::kUnsupported,
+            "GLB chunk 0: encoded by method 1"},
+           {wide_glb(json + bin.substr(0, 8)), ErrorCode::kTruncated, "GLB chunk 1: 8 bytes left for its header"},
+           {wide_glb(json + bin.substr(0, 40)), ErrorCode::kTruncated, "GLB chunk 1: length is 36, but 24 bytes"},
+           {wide_glb(long_chunk), ErrorCode::kTruncated, "GLB chunk 0: length is 72057594"},
+           {wide_glb(json), ErrorCode::kFormat, "buffer 0: uri is missing, and the file has no binary chunk"},
+           {wide_glb(json + wide_chunk("XYZ ", kTriangle)), ErrorCode::kFormat, "the file has no binary chunk"},
+           {wide_glb(wide_chunk("XYZ ", kTriangle) + named), ErrorCode::kFormat,
+            "chunk 0 is no binary chunk of the file"},
+           {wide_glb(many), ErrorCode::kFormat, "GLB chunk 4096: at most 4096 are read"},
+       }) {
+    INFO(bad.words);
+    const auto scene = positions_of(folder.write("bad.glb", bad.bytes));
+    REQUIRE_FALSE(scene);
+    INFO(scene.error().message);
+    CHECK(scene.error().code == bad.code);
+    CHECK(scene.error().message.find(bad.words) != std::string::npos);
+  }
+}
+
+TEST_CASE("a GLB of version 3 past 4 GiB is read where its data are", "[import][glb]") {
+  const tests::TempFolder folder;
+  const uint64_t bin_bytes = (uint64_t{5} << 30) + 36, last = bin_bytes - 36;
+  const std::string document =
+      tests::replaced(tests::replaced(kDocument, R"("byteLength":36}],"bufferViews")",
+                                      R"("byteLength":)" + std::to_string(bin_bytes) + R"(}],"bufferViews")"),
+                      R"("buffer":0,)", R"("buffer":0,"byteOffset":)" + std::to_string(last) + ",");
+  std::string head = wide_glb(wide_chunk("JSON", document)).append(kBin);
+  append(head, 0);
+  append(head, static_cast<uint32_t>(bin_bytes));
+  append(head, static_cast<uint32_t>(bin_bytes >> 32));
+  const uint64_t size = head.size() + bin_bytes;
+  for (uint32_t i = 0; i < 8; ++i) head[8 + i] = static_cast<char>(size >> 8 * i);
+  const auto positions =
+      positions_of(sparse_file(folder, "large.glb", size, {{0, head}, {head.size() + last, kTriangle}}));
+  if (!positions) FAIL(positions.error().message);
+  CHECK((*positions)[7] == 1.0f);
 }
 
 /// The most bytes resident since tools::reset_peak(), without the bytes of `before`; nullopt if the system does not

@@ -201,7 +201,7 @@ TEST_CASE("inspect: the rows account for every byte of the file", "[inspect]") {
       convert::ConvertOptions options;
       options.zstd_level = zstd;
       options.encoding = zstd == 0 ? convert::Encoding::kIndexed : convert::Encoding::kClustered;
-      options.normals = true;
+      options.normals = convert::Normals::kAlways;
       options.source_ids = zstd != 0;
       options.chunk_triangles = 1000;
       const std::string path = folder.file("a.scree");
@@ -253,7 +253,7 @@ TEST_CASE("inspect: --verify finds a flipped bit in every byte", "[inspect][veri
   for (const int zstd : {0, 3}) {
     convert::ConvertOptions options;
     options.zstd_level = zstd;
-    options.normals = true;
+    options.normals = convert::Normals::kAlways;
     options.source_ids = true;
     const std::string path = folder.file("a.scree");
     REQUIRE(tests::pack(small_model().string(), path, options));

@@ -409,12 +409,42 @@ TEST_CASE("the slope", "[synth]") {
   CHECK(read_whole(folder.file("other.gltf")) != read_whole(folder.file("slope.gltf")));
 }
 
+TEST_CASE("the forest", "[synth][mask]") {
+  const TempFolder folder;
+  SynthOptions options = scene_options("forest");
+  options.scale = 0.002;
+  options.texture_size = 128;
+  options.output = folder.file("forest.gltf");
+  const Result<SynthReport> report = synthesize(options);
+  REQUIRE(report);
+  CHECK(report->instances == 101);
+  const Document document(options.output);
+  REQUIRE(document.root["meshes"].size() == 21);
+  uint64_t masked = 0;
+  for (size_t m = 0; m < 20; ++m) {
+    const json& primitive = document.root["meshes"][m]["primitives"][0];
+    const json& material = document.root["materials"][primitive["material"].get<size_t>()];
+    CHECK(material["alphaMode"] == "MASK");
+    CHECK(material["doubleSided"] == true);
+    masked += document.root["accessors"][primitive["indices"].get<size_t>()]["count"].get<uint64_t>() / 3;
+  }
+  CHECK(masked == 20 * 400);
+  CHECK(document.root["cameras"].size() == 3);
+  const std::string first = read_whole(options.output);
+  options.seed = 2;
+  options.threads = 1;
+  options.output = folder.file("other.gltf");
+  REQUIRE(synthesize(options));
+  CHECK(read_whole(folder.file("other.gltf")) != first);
+  CHECK(read_whole(folder.file("other_leaves.png")) == read_whole(folder.file("forest_leaves.png")));
+}
+
 TEST_CASE("the Khronos validator accepts what synth writes", "[synth]") {
   const TempFolder folder;
-  for (const char* name : {"A", "B", "C", "D", "slope"})
+  for (const char* name : {"A", "B", "C", "D", "slope", "forest"})
     for (const bool full : {false, true}) {
       SynthOptions options = scene_options(name);
-      const bool slope = name[0] == 's';
+      const bool slope = name[0] == 's' || name[0] == 'f';
       options.scale = name[0] == 'C' ? 1e-9 : (slope ? 0.01 : 0.0001);
       options.texture_size = 64;
       options.normals = options.uvs = full && !slope;

@@ -80,14 +80,15 @@ Result<CheckedImage> check_source(const SourceImage& image, const ImageOptions& 
 /// Memory for checking an image. For a file that is no image, the check itself reports the error.
 uint64_t check_cost(const SourceImage& image) {
   const Result<runtime::ImageInfo> info = runtime::probe_image(image_file(image));
-  return kBlockBytes + (info ? runtime::image_check_bytes(*info) : 0);
+  return kBlockBytes + (info ? runtime::image_check_bytes(*info, image.bytes) : 0);
 }
 
 /// The stored form of an image that is not kept as a file.
 struct StoredImage {
+  std::vector<std::byte> png;                  // of a WebP
   std::vector<std::byte> base;                 // an indexed JPEG,
   std::vector<std::vector<std::byte>> levels;  // and its mip levels
-  std::vector<format::SealedPage> pages;       // of a block image; without base and pages: the unchanged file
+  std::vector<format::SealedPage> pages;       // of a block image; without png, base and pages: the unchanged file
   format::BlockFormat block_format = format::BlockFormat::kNoBlocks;
   uint16_t swizzle = 0;
   std::vector<format::MipLevelRecord> places;  // of a block image's mip levels, with page and image unset
@@ -158,7 +159,8 @@ Result<std::vector<std::byte>> code_jpeg(std::span<const std::byte> file, uint32
   return runtime::encode_jpeg(*image, quality, channels <= 2);
 }
 
-Result<StoredImage> index_image(std::span<const std::byte> file, std::string warning) {
+Result<StoredImage> index_image(std::span<const std::byte> file, std::string warning,
+                                runtime::TexelCoding coding = runtime::TexelCoding::kColor) {
   Result<runtime::IndexedJpeg> indexed = runtime::index_jpeg(file);
   if (!indexed) return indexed.error();
   const Result<format::JpegIndex> index = format::open_jpeg_index(indexed->bytes);
@@ -169,7 +171,7 @@ Result<StoredImage> index_image(std::span<const std::byte> file, std::string war
   stored.channels = index->component_count;
   stored.warning = std::move(warning);
   if (!indexed->note.empty()) stored.warning += (stored.warning.empty() ? "" : "; ") + indexed->note;
-  Result<std::vector<std::vector<std::byte>>> levels = runtime::make_jpeg_levels(*index);
+  Result<std::vector<std::vector<std::byte>>> levels = runtime::make_jpeg_levels(*index, coding);
   if (!levels) return levels.error();
   stored.levels = std::move(*levels);
   stored.base = std::move(indexed->bytes);
@@ -182,22 +184,40 @@ Result<StoredImage> grey_image(const std::string& why) {
   return index_image(*file, why + "; grey in its place");
 }
 
+/// Converts a WebP to a PNG with the same pixels.
+Result<StoredImage> store_png(std::span<const std::byte> file, uint32_t channels) {
+  Result<runtime::Image> image = runtime::decode_image(file);
+  if (!image) return image.error();
+  std::vector<uint8_t>& pixels = image->rgba;
+  if (channels == 3) {
+    for (size_t i = 0; i < pixels.size() / 4; ++i) std::copy_n(pixels.begin() + 4 * i, 3, pixels.begin() + 3 * i);
+    pixels.resize(pixels.size() / 4 * 3);
+  }
+  auto png = runtime::encode_png(image->width, image->height, channels, pixels);
+  if (!png) return png.error();
+  StoredImage stored;
+  stored.png = std::move(*png);
+  return stored;
+}
+
 /// The form in which an image is stored.
 Result<StoredImage> store_image(const SourceImage& source, const format::ImageRecord& record, const ContentHash& hash,
-                                const ImageOptions& options) {
+                                const ImageOptions& options, runtime::TexelCoding coding) {
   if (record.codec == format::ImageCodec::kBlocks && options.textures != Textures::kJpeg)
     return store_blocks(source, hash, options.zstd_level);
   const auto file = read_file(source, hash);
   if (!file) return file.error();
   Result<StoredImage> stored = StoredImage{};
   if (record.codec == format::ImageCodec::kJpeg) {
-    stored = index_image(*file, {});
+    stored = index_image(*file, {}, coding);
+  } else if (source.is_webp && options.textures != Textures::kJpeg) {
+    stored = store_png(*file, record.channels);
   } else {
     std::string warning;
     // A swizzle may turn one-channel blocks into any colour.
     const uint32_t channels = record.codec == format::ImageCodec::kBlocks ? 3 : record.channels;
     const auto coded = code_jpeg(*file, channels, options.quality, warning);
-    stored = coded ? index_image(*coded, std::move(warning)) : coded.error();
+    stored = coded ? index_image(*coded, std::move(warning), coding) : coded.error();
   }
   if (stored || !options.keep_going || stored.error().code == ErrorCode::kMemory) return stored;
   return grey_image(stored.error().message);
@@ -215,8 +235,11 @@ uint64_t store_cost(const SourceImage& source, const runtime::ImageInfo& info, c
   // All levels together take a third more than level 0; the compressed ones are in memory at the same time.
   if (has_blocks && options.textures != Textures::kJpeg)
     return source.bytes + 3 * info.block_bytes + kBlockBytes + zstd_bytes(options.zstd_level, info.block_bytes);
-  if (!is_indexed(options, info.codec)) return kBlockBytes;
   const uint64_t pixels = uint64_t{info.width} * info.height;
+  if (!is_indexed(options, info.codec)) {
+    // The picture, and a PNG that grows to as much at most, by doubling.
+    return info.is_webp ? source.bytes + 16 * pixels : kBlockBytes;
+  }
   uint64_t bytes = 4 * source.bytes;
   if (info.codec != format::ImageCodec::kJpeg) bytes += 10 * pixels;
   if (has_blocks) bytes += 2 * info.block_bytes;
@@ -264,6 +287,14 @@ Result<void> append_blocks(StoredImage stored, uint32_t number, StoredImageRecor
   }
   for (format::MipLevelRecord& level : stored.places) level.image = number;
   written.levels = std::move(stored.places);
+  return {};
+}
+
+Result<void> append_png(StoredImage stored, StoredImageRecord& written, format::ContainerWriter& writer) {
+  const Result<uint32_t> page = writer.append(format::seal_page(format::PageKind::kImage, std::move(stored.png), 0));
+  if (!page) return page.error();
+  written.record.page = *page;
+  ++written.page_count;
   return {};
 }
 
@@ -338,7 +369,12 @@ Result<ImagePlan> check_images(const SourceScene& scene, const std::vector<bool>
     const auto [entry, is_new] =
         known.try_emplace({checked.hash[0], checked.hash[1], bytes}, static_cast<uint32_t>(plan.records.size()));
     plan.places[images[i]] = entry->second;
-    if (!is_new) return {};
+    const bool is_color = scene.images[images[i]].is_color;
+    if (!is_new) {
+      if (is_color) plan.is_color[entry->second] = true;
+      return {};
+    }
+    plan.is_color.push_back(is_color);
     format::ImageRecord record{};
     record.page = format::kNone;
     record.first_level = format::kNone;
@@ -368,11 +404,15 @@ Result<void> write_images(const SourceScene& scene, const ImageOptions& options,
   const auto source = [&](uint64_t i) -> const SourceImage& { return scene.images[plan.sources[i]]; };
   // take() changes the records that work() and cost() read.
   const std::vector<format::ImageRecord> records = plan.records;
+  const auto coding_of = [&](uint64_t i) {
+    return plan.is_color[i] ? runtime::TexelCoding::kColor : runtime::TexelCoding::kNumbers;
+  };
   const auto work = [&](uint64_t place, uint32_t) -> Result<StoredImage> {
     const uint64_t i = first + place;
     if (!plan.broken[i].empty()) return grey_image(plan.broken[i]);
-    if (!is_indexed(options, records[i].codec) && records[i].codec != format::ImageCodec::kBlocks) return StoredImage{};
-    Result<StoredImage> stored = store_image(source(i), records[i], plan.hashes[i], options);
+    const bool is_file = !source(i).is_webp && records[i].codec != format::ImageCodec::kBlocks;
+    if (is_file && !is_indexed(options, records[i].codec)) return StoredImage{};
+    Result<StoredImage> stored = store_image(source(i), records[i], plan.hashes[i], options, coding_of(i));
     if (!stored) return at(image_place(scene, plan.sources[i]), stored.error());
     return stored;
   };
@@ -384,6 +424,9 @@ Result<void> write_images(const SourceScene& scene, const ImageOptions& options,
     written.warning = stored.warning;
     if (!stored.base.empty()) {
       const Result<void> appended = append_indexed(std::move(stored), static_cast<uint32_t>(i), written, writer);
+      if (!appended) return appended;
+    } else if (!stored.png.empty()) {
+      const Result<void> appended = append_png(std::move(stored), written, writer);
       if (!appended) return appended;
     } else if (!stored.pages.empty()) {
       const Result<void> appended = append_blocks(std::move(stored), static_cast<uint32_t>(i), written, writer);

@@ -16,9 +16,10 @@ namespace scree::convert {
 
 /// How images are stored.
 enum class Textures {
-  kKeep,  // JPEGs are indexed, with the same coefficients; KTX2 and DDS keep their blocks; PNGs stay files
+  kKeep,  // JPEGs are indexed, with the same coefficients; KTX2 and DDS keep their blocks; PNGs stay files; WebPs
+          // become PNGs with the same pixels
   kJpeg,  // all become indexed JPEGs
-  kRaw,   // JPEGs and PNGs stay files, KTX2 and DDS keep their blocks
+  kRaw,   // like kKeep, but JPEGs stay files too
 };
 
 struct ImageOptions {
@@ -33,8 +34,9 @@ struct ImagePlan {
   std::vector<uint32_t> places;                // by image of SourceScene::images: its ImageRecord, or kNone
   std::vector<uint32_t> sources;               // by ImageRecord: its image in the source
   std::vector<format::ImageRecord> records;    // name, page and levels unset
-  std::vector<uint64_t> costs;                 // bytes needed to store a record
-  std::vector<std::string> broken;             // by record: why its file becomes grey; empty if it does not
+  std::vector<bool> is_color;                  // some texture shows it as colour; else it has numbers
+  std::vector<uint64_t> costs;                 // bytes that storing a record takes
+  std::vector<std::string> broken;             // why a record's file becomes grey; empty where it does not
   std::vector<format::MipLevelRecord> levels;  // of the records
   uint32_t page_count = 0;                     // number of written pages
   std::vector<ContentHash> hashes;             // by record: hash of its file

@@ -46,10 +46,11 @@ JpegCoding coding_of(const format::JpegIndex& base, uint32_t level) {
   return coding;
 }
 
-Result<std::vector<std::vector<std::byte>>> make_or_throw(const format::JpegIndex& base) {
+Result<std::vector<std::vector<std::byte>>> make_or_throw(const format::JpegIndex& base, TexelCoding coding) {
   const uint32_t count = format::stored_level_count(base.width, base.height);
   if (count == 0) return std::vector<std::vector<std::byte>>{};
   const Srgb& srgb = Srgb::tables();
+  const bool is_color = coding == TexelCoding::kColor;
   const bool is_grey = base.colour == format::JpegColour::kGrey;
   std::vector<JpegWriter> writers;
   for (uint32_t level = 1; level <= count; ++level) {
@@ -62,14 +63,14 @@ Result<std::vector<std::vector<std::byte>>> make_or_throw(const format::JpegInde
   MipRows levels(base.width, base.height, count, [&](uint32_t level, uint32_t, std::span<const Texel> row) {
     codes.clear();
     for (const Texel& texel : row)
-      for (size_t c = 0; c < (is_grey ? 1 : 3); ++c) codes.push_back(srgb.code(texel[c]));
+      for (size_t c = 0; c < (is_grey ? 1 : 3); ++c) codes.push_back(is_color ? srgb.code(texel[c]) : code_of_number(texel[c]));
     if (failure) return;
     if (const Result<void> written = writers[level - 1].row(codes); !written) failure = written.error();
   });
   std::vector<Texel> texels(base.width, Texel{0, 0, 0, 1});
   const auto decoded = format::decode_jpeg_rows(base, [&](uint32_t, std::span<const uint8_t> rgb) {
     for (size_t x = 0; x < texels.size(); ++x)
-      for (size_t c = 0; c < 3; ++c) texels[x][c] = srgb.linear(rgb[3 * x + c]);
+      for (size_t c = 0; c < 3; ++c) texels[x][c] = is_color ? srgb.linear(rgb[3 * x + c]) : static_cast<float>(rgb[3 * x + c]) * (1.0f / 255.0f);
     levels.push(texels);
   });
   if (!decoded) return decoded.error();
@@ -88,9 +89,9 @@ Result<std::vector<std::vector<std::byte>>> make_or_throw(const format::JpegInde
 
 }  // namespace
 
-Result<std::vector<std::vector<std::byte>>> make_jpeg_levels(const format::JpegIndex& base) {
+Result<std::vector<std::vector<std::byte>>> make_jpeg_levels(const format::JpegIndex& base, TexelCoding coding) {
   try {
-    return make_or_throw(base);
+    return make_or_throw(base, coding);
   } catch (const std::bad_alloc&) {
     return Error{ErrorCode::kMemory, "JPEG: out of memory"};
   }

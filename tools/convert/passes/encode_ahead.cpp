@@ -72,7 +72,7 @@ Result<void> EncodeAhead::take_window(const std::vector<Measured>& primitives, c
   const Measured& measured = primitives[window.primitive];
   if (window.first == 0) begin_guess(window, measured);
   if (!guess_) return {};
-  if (!fits_guess(meshes_.back(), window, measured.white)) return drop_guess();
+  if (!fits_guess(options_, scene_, meshes_.back(), window, measured)) return drop_guess();
   add(window, std::move(held));
   ++guess_->windows;
   return make_room();
@@ -130,8 +130,9 @@ void EncodeAhead::begin_guess(const WindowPlan& window, const Measured& measured
   if (window.count == triangles || discarded_triangles_ > triangles / kDiscardedShare) return;
   if (measured.content && (!is_group_alone(window.primitive) || !first_windows_.insert(*measured.content).second))
     return;
-  std::optional<PlannedMesh> mesh = guess_mesh(options_, scene_, window.primitive, measured.white);
-  if (!mesh || !fits_guess(*mesh, window, measured.white)) return;  // rolling back would wait for everything before it
+  std::optional<PlannedMesh> mesh = guess_mesh(options_, scene_, window.primitive, measured);
+  // Rolling back would wait for everything before it.
+  if (!mesh || !fits_guess(options_, scene_, *mesh, window, measured)) return;
   close_batch();
   submit();
   meshes_.push_back(std::move(*mesh));
@@ -151,7 +152,7 @@ Result<uint64_t> EncodeAhead::confirm_or_roll_back(const std::vector<Measured>& 
   if (!guess_) return uint64_t{0};
   const uint32_t primitive = windows.front().primitive;
   PlannedMesh mesh = plan_mesh(options_, scene_, primitive, primitives[primitive], false);
-  if (!is_again && fits_guess(meshes_.back(), windows.back(), primitives[primitive].white) &&
+  if (!is_again && fits_guess(options_, scene_, meshes_.back(), windows.back(), primitives[primitive]) &&
       choose_lattice(options_, scene_, mesh.plan, mesh.record) && matches_measured(meshes_.back(), mesh)) {
     guessed_windows_ += guess_->windows;
     return std::exchange(guess_, std::nullopt)->windows;

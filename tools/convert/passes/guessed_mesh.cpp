@@ -26,13 +26,14 @@ Box all_of_codes(const MeshPlan& plan) {
 }  // namespace
 
 std::optional<PlannedMesh> guess_mesh(const ConvertOptions& options, const SourceScene& scene, uint32_t primitive,
-                                      bool white) {
+                                      const Measured& so_far) {
   const Primitive& source = scene.primitives[primitive];
   if (!source.stated_box) return std::nullopt;
   Measured measured;
   measured.triangles = source.triangle_count();
   measured.box = *source.stated_box;
-  measured.white = white;
+  measured.white = so_far.white;
+  measured.shows_normals = so_far.shows_normals;
   for (size_t axis = 0; axis < 3; ++axis)
     if (measured.box.lo[axis] > measured.box.hi[axis]) return std::nullopt;
   PlannedMesh mesh = plan_mesh(options, scene, primitive, measured, false);
@@ -45,9 +46,11 @@ std::optional<PlannedMesh> guess_mesh(const ConvertOptions& options, const Sourc
   return mesh;
 }
 
-bool fits_guess(const PlannedMesh& guess, const WindowPlan& window, bool white) {
-  const bool has_color = (guess.record.attributes & format::kHasColor) != 0;
-  return window.kept == window.count && white != has_color && inside(window.box, guess.plan.box);
+bool fits_guess(const ConvertOptions& options, const SourceScene& scene, const PlannedMesh& guess,
+                const WindowPlan& window, const Measured& so_far) {
+  const Primitive& source = scene.primitives[window.primitive];
+  return window.kept == window.count && inside(window.box, guess.plan.box) &&
+         stored_attributes(options, source, so_far) == guess.record.attributes;
 }
 
 bool matches_measured(const PlannedMesh& guess, const PlannedMesh& measured) {

@@ -42,7 +42,7 @@ Result<SortedPrimitives> sort_scattered(const SourceScene& scene, const std::str
   uint64_t kept = 0, steps = 0;
   for (const ScatteredPrimitive& scattered : measurement.scattered) {
     const Primitive& primitive = scene.primitives[scattered.primitive];
-    const SortNeeds needs = sort_needs(primitive, scattered.vertex_count, options.normals);
+    const SortNeeds needs = sort_needs(primitive, scattered.vertex_count, options.normals != Normals::kNever);
     sorted.file_bytes = std::max(sorted.file_bytes, kept + needs.file_bytes);
     kept += needs.kept_file_bytes;
     sorted.triangles += primitive.triangle_count();
@@ -58,15 +58,16 @@ Result<SortedPrimitives> sort_scattered(const SourceScene& scene, const std::str
   progress.stage("sort", steps);
   SourceScene copies;
   copies.file_name = scene.file_name;
+  copies.materials = scene.materials;
   MeasureOptions copy_options = options;
   copy_options.may_sort = false;
   copy_options.hashed.clear();
   uint64_t offset = 0, done = 0;
   for (const ScatteredPrimitive& scattered : measurement.scattered) {
     const Primitive& primitive = scene.primitives[scattered.primitive];
-    const SortNeeds needs = sort_needs(primitive, scattered.vertex_count, options.normals);
-    Result<Primitive> copy = sort_primitive(primitive, scattered, options.normals, memory.sort(needs), file, offset,
-                                            stop, [&](uint64_t now) { progress.update(done + now, 0); });
+    const SortNeeds needs = sort_needs(primitive, scattered.vertex_count, options.normals != Normals::kNever);
+    Result<Primitive> copy = sort_primitive(primitive, scattered, options.normals != Normals::kNever, memory.sort(needs),
+                                            file, offset, stop, [&](uint64_t now) { progress.update(done + now, 0); });
     if (!copy) return at(scene.file_name, copy.error());
     offset += needs.kept_file_bytes;
     done += 2 * (primitive.triangle_count() + scattered.vertex_count);

@@ -75,7 +75,8 @@ std::string describe_options(const ConvertOptions& options) {
   text += " --chunk-triangles " + std::to_string(options.chunk_triangles);
   text += " --zstd " + std::to_string(options.zstd_level);
   text += " --textures " + describe_textures(options.images);
-  if (options.normals) text += " --normals";
+  if (options.normals != Normals::kAuto)
+    text += options.normals == Normals::kAlways ? " --normals always" : " --normals never";
   if (options.source_ids) text += " --source-ids";
   if (options.drop_nonfinite) text += " --drop-nonfinite";
   if (!options.weld) text += " --no-weld";

@@ -42,7 +42,7 @@ struct ConvertOptions {
   tools::ClusterEffort clusters = tools::ClusterEffort::kFast;  // for clustered meshes
   uint64_t chunk_triangles = format::kMaxChunkTriangles;        // at least 1; 0: every mesh is one chunk and one window
   int zstd_level = 0;                                           // 0 (raw pages) to 22
-  bool normals = false;
+  Normals normals = Normals::kAuto;
   bool source_ids = false;
   bool drop_nonfinite = false;
   bool weld = true;     // vertices that are equal in everything stored are stored once per chunk

@@ -18,7 +18,7 @@ constexpr uint64_t kSetBytes = 4;
 uint64_t cost_of(const LeftOut& entry) {
   const auto starts_with = [&](std::string_view prefix) { return entry.what.rfind(prefix, 0) == 0; };
   if (starts_with("TEXCOORD_") || starts_with("COLOR_")) return kSetBytes * entry.elements;
-  if (starts_with("images")) return entry.source_bytes + sizeof(format::ImageRecord) * entry.count;
+  if (entry.what == "unused images") return entry.source_bytes + sizeof(format::ImageRecord) * entry.count;
   if (entry.what == "unused materials") return sizeof(format::MaterialRecord) * entry.count;
   if (entry.what == "unused textures") return sizeof(format::TextureRecord) * entry.count;
   if (entry.what == "excluded nodes" || entry.what == "nodes outside every scene")
@@ -75,9 +75,15 @@ void add_left_out(const LeftOutFacts& facts, format::TableSet& tables) {
     tables.left_out_costs.push_back(cost);
   };
   const SourceScene& scene = facts.scene;
-  AccessorBytes kept, normals, white, repeats;
-  uint64_t normal_cost = 0, white_cost = 0, repeat_count = 0, repeat_cost = 0;
-  std::vector<uint32_t> place(scene.groups.size());  // by group: index of its next primitive that keeps a triangle
+  AccessorBytes kept, white, repeats;
+  struct Dropped {
+    const char* what;
+    AccessorBytes bytes;
+    uint64_t cost = 0;
+  };
+  Dropped normals[] = {{"NORMAL", {}}, {kFaceNormals, {}}, {kUnlitNormals, {}}};
+  uint64_t white_cost = 0, repeat_count = 0, repeat_cost = 0;
+  std::vector<uint32_t> place(scene.groups.size());  // of the next primitive that keeps a triangle
   for (size_t i = 0; i < scene.primitives.size(); ++i) {
     if (facts.mesh_of[i] == kNone) continue;
     kept.add(scene.primitives[i]);
@@ -99,8 +105,10 @@ void add_left_out(const LeftOutFacts& facts, format::TableSet& tables) {
     const uint32_t mesh = facts.mesh_of[i];
     const uint32_t stored = facts.plans[mesh].attributes;
     if (primitive.normal && !(stored & format::kHasNormal)) {
-      normals.add(*primitive.normal);
-      normal_cost += sum_of_chunks(tables, mesh, [](const format::ChunkRecord& chunk) {
+      const bool is_unlit = !may_keep_normals(scene, primitive, Normals::kAuto);
+      Dropped& dropped = normals[facts.normals == Normals::kNever ? 0 : is_unlit ? 2 : 1];
+      dropped.bytes.add(*primitive.normal);
+      dropped.cost += sum_of_chunks(tables, mesh, [](const format::ChunkRecord& chunk) {
         return format::normal_stream_bytes(chunk.vertex_count, kNormalBits);
       });
     }
@@ -121,7 +129,7 @@ void add_left_out(const LeftOutFacts& facts, format::TableSet& tables) {
 
   for (const LeftOut& entry : scene.left_out)
     if (entry.what != "NORMAL") add(entry.what, entry.count, entry.source_bytes, cost_of(entry));
-  add("NORMAL", normals.count(), normals.bytes(), normal_cost);
+  for (const Dropped& dropped : normals) add(dropped.what, dropped.bytes.count(), dropped.bytes.bytes(), dropped.cost);
   add("COLOR_0 (all white)", white.count(), white.bytes(), white_cost);
   add("primitives no node draws", facts.undrawn, 0, 0);
   add("primitives their alpha masks hide", facts.clear, 0, 0);

@@ -40,7 +40,11 @@ class AccessorBytes {
 /// SourceScene::primitives, its mesh or kNone.
 void add_source_bytes(const SourceScene& scene, const std::vector<uint32_t>& mesh_of, format::SourceRecord& source);
 
-/// The facts known once the geometry is written.
+/// Names of normals that Normals::kAuto leaves out, which show nothing.
+inline constexpr const char* kFaceNormals = "NORMAL (as of the faces)";
+inline constexpr const char* kUnlitNormals = "NORMAL (of unlit materials)";
+
+/// What a conversion knows when its geometry is written.
 struct LeftOutFacts {
   const SourceScene& scene;
   std::span<const MeshPlan> plans;         // in the order of the tables' meshes
@@ -50,7 +54,8 @@ struct LeftOutFacts {
   const ImagePlan& images;
   MergedMaterials merged;
   Welded welded;
-  uint64_t undrawn = 0;  // number of primitives
+  Normals normals = Normals::kAuto;
+  uint64_t undrawn = 0;  // primitives
   uint64_t dropped_degenerate = 0;
   uint64_t dropped_nonfinite = 0;
   uint64_t repaired_uvs = 0;

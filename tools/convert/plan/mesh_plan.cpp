@@ -6,6 +6,15 @@
 
 namespace scree::convert {
 
+uint32_t stored_attributes(const ConvertOptions& options, const Primitive& source, const Measured& measured) {
+  uint32_t attributes = 0;
+  if (source.uv) attributes |= format::kHasUv;
+  if (source.color && !measured.white) attributes |= format::kHasColor;
+  if (measured.shows_normals) attributes |= format::kHasNormal;
+  if (options.source_ids) attributes |= format::kHasSourceIds;
+  return attributes;
+}
+
 PlannedMesh plan_mesh(const ConvertOptions& options, const SourceScene& scene, uint32_t primitive,
                       const Measured& measured, bool is_sorted) {
   const Primitive& source = scene.primitives[primitive];
@@ -17,10 +26,7 @@ PlannedMesh plan_mesh(const ConvertOptions& options, const SourceScene& scene, u
   plan.chunks_as_float32 = bounds_error(options);
   plan.box = measured.box;
   if (is_sorted) plan.sorted_triangles = source.triangle_count();
-  if (source.uv) plan.attributes |= format::kHasUv;
-  if (source.color && !measured.white) plan.attributes |= format::kHasColor;
-  if (source.normal && options.normals) plan.attributes |= format::kHasNormal;
-  if (options.source_ids) plan.attributes |= format::kHasSourceIds;
+  plan.attributes = stored_attributes(options, source, measured);
 
   format::MeshRecord& record = mesh.record;
   record.triangle_count = measured.triangles;

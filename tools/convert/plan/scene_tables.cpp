@@ -268,6 +268,11 @@ Result<InstancePlan> plan_scenes(const SourceScene& scene, format::TableSet& tab
     record.name = tables.strings.add(camera.name);
     tables.cameras.push_back(record);
   }
+  for (const NamedLight& light : scene.lights) {
+    format::LightRecord record = light.record;
+    record.name = tables.strings.add(light.name);
+    tables.lights.push_back(record);
+  }
 
   InstancePlan plan;
   plan.scenes = scenes_of(scene);
@@ -381,8 +386,7 @@ MaterialUse find_material_use(const SourceScene& scene, const std::vector<bool>&
   std::vector<bool> textures(scene.textures.size());
   std::vector<bool> images(scene.images.size());
   for (size_t i = 0; i < scene.materials.size(); ++i)
-    if (materials_used[i] && scene.materials[i].record.texture != kNone)
-      textures[scene.materials[i].record.texture] = true;
+    if (materials_used[i]) visit_textures(scene.materials[i], [&](const uint32_t& used) { textures[used] = true; });
   for (size_t i = 0; i < textures.size(); ++i)
     if (textures[i]) images[scene.textures[i].record.image] = true;
   const auto number = [](const std::vector<bool>& used) {
@@ -402,10 +406,14 @@ void add_materials(const SourceScene& scene, const MaterialUse& use, const std::
                    format::TableSet& tables) {
   for (size_t i = 0; i < scene.materials.size(); ++i) {
     if (use.materials[i] == kNone) continue;
-    format::MaterialRecord record = scene.materials[i].record;
-    record.name = tables.strings.add(scene.materials[i].name);
-    if (record.texture != kNone) record.texture = use.textures[record.texture];
-    tables.materials.push_back(record);
+    NamedMaterial material = scene.materials[i];
+    visit_textures(material, [&](uint32_t& texture) { texture = use.textures[texture]; });
+    material.record.name = tables.strings.add(material.name);
+    if (material.surface) {
+      material.surface->material = static_cast<uint32_t>(tables.materials.size());
+      tables.surfaces.push_back(*material.surface);
+    }
+    tables.materials.push_back(material.record);
   }
   for (size_t i = 0; i < scene.textures.size(); ++i) {
     if (use.textures[i] == kNone) continue;

@@ -54,9 +54,10 @@ MergedMaterials merge_materials(SourceScene& scene, const std::vector<bool>& mat
                                 const std::vector<uint32_t>& image_places) {
   MergedMaterials merged;
   std::vector<bool> textures_used(scene.textures.size());
-  for (size_t i = 0; i < scene.materials.size(); ++i)
-    if (materials_used[i] && scene.materials[i].record.texture != kNone)
-      textures_used[scene.materials[i].record.texture] = true;
+  for (size_t i = 0; i < scene.materials.size(); ++i) {
+    if (!materials_used[i]) continue;
+    visit_textures(scene.materials[i], [&](const uint32_t& used) { textures_used[used] = true; });
+  }
 
   std::unordered_map<std::string, uint32_t> known;
   std::vector<uint32_t> texture(scene.textures.size());
@@ -74,9 +75,11 @@ MergedMaterials merge_materials(SourceScene& scene, const std::vector<bool>& mat
   std::iota(material.begin(), material.end(), 0u);
   for (uint32_t i = 0; i < material.size(); ++i) {
     if (!materials_used[i]) continue;
-    format::MaterialRecord& record = scene.materials[i].record;
-    if (record.texture != kNone) record.texture = texture[record.texture];
-    material[i] = known.try_emplace(key_of(scene.materials[i].name, record), i).first->second;
+    NamedMaterial& named = scene.materials[i];
+    visit_textures(named, [&](uint32_t& used) { used = texture[used]; });
+    std::string key = key_of(named.name, named.record);
+    if (named.surface) key += key_of("", *named.surface);
+    material[i] = known.try_emplace(std::move(key), i).first->second;
     merged.materials += material[i] != i ? 1 : 0;
   }
   for (Primitive& primitive : scene.primitives)
@@ -95,6 +98,7 @@ uint32_t EqualGroups::find_first(const SourceScene& scene, const std::vector<Mea
     add_value(hasher, measured[i].triangles);
     add_value(hasher, scene.primitives[i].material);
     hasher.add(std::as_bytes(std::span(*measured[i].content)));
+    if (measured[i].shows_normals) hasher.add(std::as_bytes(std::span(measured[i].normals)));
   }
   return is_hashed ? known_.try_emplace(hasher.value(), group).first->second : group;
 }

@@ -1,6 +1,7 @@
 #include "tools/convert/windows/measure.h"
 
 #include <algorithm>
+#include <atomic>
 #include <iterator>
 #include <map>
 #include <optional>
@@ -8,6 +9,7 @@
 #include <span>
 #include <utility>
 
+#include "tools/convert/windows/face_normals.h"
 #include "tools/convert/windows/locality.h"
 #include "tools/convert/windows/read_ahead.h"
 
@@ -26,7 +28,9 @@ struct WindowFacts {
   uint32_t span = 0;
   Box box = empty_box();
   bool white = true;
+  bool shows_normals = false;
   ContentHash content{};
+  ContentHash normals{};
   bool waits = false;  // not measured: its vertices lie too far apart
   VertexUse use;
   std::unique_ptr<HeldWindow> held;
@@ -47,8 +51,8 @@ void add_values(ContentHasher& hasher, std::span<const T> values) {
 }
 
 /// A hash of the triangles, independent of the number of their first vertex in the source, and of the vertices they
-/// use.
-Result<ContentHash> hash_window(const Primitive& primitive, bool normals, Scratch& scratch) {
+/// use, but for their normals.
+Result<ContentHash> hash_window(const Primitive& primitive, Scratch& scratch) {
   const Window& window = scratch.window;
   ContentHasher hasher;
   add_values(hasher, window.kept());
@@ -59,9 +63,7 @@ Result<ContentHash> hash_window(const Primitive& primitive, bool normals, Scratc
   for (uint32_t& number : scratch.numbers) number = (window.is_renumbered() ? vertices[number] : number) - first;
   add_values(hasher, std::span<const uint32_t>(scratch.numbers));
   add_values(hasher, window.positions());
-  const std::optional<Accessor> none;
-  for (const std::optional<Accessor>* accessor :
-       {&primitive.uv, &primitive.color, normals ? &primitive.normal : &none}) {
+  for (const std::optional<Accessor>* accessor : {&primitive.uv, &primitive.color}) {
     scratch.floats.clear();
     if (*accessor) {
       const Result<void> read = read_vertices(**accessor, window.vertices(), scratch.floats);
@@ -70,6 +72,12 @@ Result<ContentHash> hash_window(const Primitive& primitive, bool normals, Scratc
     add_values(hasher, std::span<const float>(scratch.floats));  // without values nothing is added; their count is
                                                                  // hashed too
   }
+  return hasher.value();
+}
+
+ContentHash hash_floats(std::span<const float> values) {
+  ContentHasher hasher;
+  add_values(hasher, values);
   return hasher.value();
 }
 
@@ -89,17 +97,26 @@ std::unique_ptr<HeldWindow> reserve(HeldBudget* budget, const Primitive& primiti
   return std::make_unique<HeldWindow>(*budget, bytes);
 }
 
-/// `may_wait`: vertices that lie too far apart are not read. `budget`: for held windows; may be null.
+/// What else a window is measured for.
+struct WindowTask {
+  bool may_wait;               // vertices that lie too far apart are left unread
+  bool has_normals;            // that may be kept
+  std::atomic<bool>* is_flat;  // of the primitive, with Normals::kAuto: once it is not, nobody looks again
+  HeldBudget* budget;          // for windows that are held; may be null
+};
+
 Result<WindowFacts> measure_window(const Primitive& primitive, const WindowPlan& plan, const MeasureOptions& options,
-                                   bool may_wait, HeldBudget* budget, Scratch& scratch) {
+                                   const WindowTask& task, Scratch& scratch) {
   Window& window = scratch.window;
-  std::unique_ptr<HeldWindow> held = reserve(budget, primitive, plan);
-  const Window::Find find = held ? Window::Find::kTriangles : Window::Find::kVertices;
+  std::unique_ptr<HeldWindow> held = reserve(task.budget, primitive, plan);
+  const bool is_hashed = !options.hashed.empty() && options.hashed[plan.primitive];
+  const bool looks = task.has_normals && options.normals == Normals::kAuto && *task.is_flat;
+  const Window::Find find = held || looks ? Window::Find::kTriangles : Window::Find::kVertices;
   if (const Result<void> loaded = window.load_triangles(primitive, plan.first, plan.count, find); !loaded)
     return loaded.error();
   WindowFacts facts;
   facts.dropped_degenerate = window.dropped_degenerate();
-  if (may_wait) {
+  if (task.may_wait) {
     const uint64_t read =
         window.span() > kManyVerticesRead * plan.count ? vertices_read(window.vertices()) : window.span();
     const bool is_far = read > kMostVerticesRead * plan.count;
@@ -119,8 +136,15 @@ Result<WindowFacts> measure_window(const Primitive& primitive, const WindowPlan&
       return read.error();
     facts.white = std::all_of(scratch.colors.begin(), scratch.colors.end(), [](float value) { return value == 1.0f; });
   }
-  if (!options.hashed.empty() && options.hashed[plan.primitive]) {
-    const Result<ContentHash> content = hash_window(primitive, options.normals, scratch);
+  if (looks || (is_hashed && task.has_normals)) {
+    if (const Result<void> read = read_vertices(*primitive.normal, window.vertices(), scratch.floats); !read)
+      return read.error();
+    if (looks && !are_face_normals(window, scratch.floats, *primitive.normal)) *task.is_flat = false;
+    if (is_hashed) facts.normals = hash_floats(scratch.floats);
+  }
+  facts.shows_normals = task.has_normals && (options.normals == Normals::kAlways || !*task.is_flat);
+  if (is_hashed) {
+    const Result<ContentHash> content = hash_window(primitive, scratch);
     if (!content) return content.error();
     facts.content = *content;
   }
@@ -134,8 +158,9 @@ Result<WindowFacts> measure_window(const Primitive& primitive, const WindowPlan&
 class Measurer {
  public:
   Measurer(const SourceScene& scene, const MeasureOptions& options, const MeasureRun& run)
-      : scene_(scene), options_(options), run_(run), listener_(run.listener), scratch_(run.pool.threads()) {
+      : scene_(scene), options_(options), run_(run), listener_(run.listener), scratch_(run.pool.threads()), is_flat_(scene.primitives.size()) {
     out_.primitives.resize(scene.primitives.size());
+    for (std::atomic<bool>& is_flat : is_flat_) is_flat = true;
   }
 
   Result<Measurement> run(const std::vector<bool>& wanted) {
@@ -176,7 +201,7 @@ class Measurer {
     const bool is_any_hashed = std::find(options_.hashed.begin(), options_.hashed.end(), true) != options_.hashed.end();
     std::optional<ReadAhead> ahead;
     if (run_.ahead_bytes > 0)
-      ahead.emplace(scene_, windows, run_.ahead_bytes, listener_ != nullptr || is_any_hashed, options_.normals);
+      ahead.emplace(scene_, windows, run_.ahead_bytes, listener_ != nullptr || is_any_hashed, options_.normals != Normals::kNever);
     HeldBudget* const budget = listener_ == nullptr ? nullptr : &listener_->budget();
     const auto work = [&](uint64_t batch, uint32_t worker) -> Result<std::vector<WindowFacts>> {
       const TimedWork timed(run_.times.measuring);
@@ -184,7 +209,11 @@ class Measurer {
       for (uint64_t i = batches[batch].first; i < batches[batch].first + batches[batch].count; ++i) {
         const uint32_t primitive = windows[i].primitive;
         Result<WindowFacts> measured = measure_window(scene_.primitives[primitive], windows[i], options_,
-                                                      uses_.contains(primitive), budget, scratch_[worker]);
+                                                      {uses_.contains(primitive),
+                                                       may_keep_normals(scene_, scene_.primitives[primitive],
+                                                                        options_.normals),
+                                                       &is_flat_[primitive], budget},
+                                                      scratch_[worker]);
         if (!measured) return at(scene_.file_name, measured.error());
         facts.push_back(std::move(*measured));
       }
@@ -251,8 +280,11 @@ class Measurer {
     total.dropped_degenerate += facts.dropped_degenerate;
     total.dropped_nonfinite += facts.dropped_nonfinite;
     total.white = total.white && facts.white;
-    if (!options_.hashed.empty() && options_.hashed[plan.primitive])
+    total.shows_normals = total.shows_normals || facts.shows_normals;
+    if (!options_.hashed.empty() && options_.hashed[plan.primitive]) {
       total.content = joined(total.content.value_or(ContentHash{}), facts.content);
+      total.normals = joined(total.normals, facts.normals);
+    }
     grow(total.box, facts.box);
     if (const auto use = uses_.find(plan.primitive); use != uses_.end()) use->second.add(facts.use);
     if (facts.waits) waiting_.insert(plan.primitive);
@@ -299,9 +331,17 @@ class Measurer {
   uint64_t done_ = 0;
   std::vector<std::unique_ptr<HeldWindow>> held_;  // windows that the listener has not taken
   std::vector<Scratch> scratch_;
+  std::vector<std::atomic<bool>> is_flat_;  // of each primitive, as far as its windows were looked at
 };
 
 }  // namespace
+
+bool may_keep_normals(const SourceScene& scene, const Primitive& primitive, Normals normals) {
+  if (!primitive.normal || normals == Normals::kNever) return false;
+  const bool is_unlit = primitive.material != format::kNone &&
+                        (scene.materials[primitive.material].record.flags & format::kMaterialUnlit) != 0;
+  return normals == Normals::kAlways || !is_unlit;
+}
 
 void sort_windows(std::vector<WindowPlan>& windows) {
   std::sort(windows.begin(), windows.end(), [](const WindowPlan& a, const WindowPlan& b) {

@@ -31,6 +31,16 @@ struct WindowPlan {
   Box box = empty_box();
 };
 
+/// Which normals of the source are stored.
+enum class Normals {
+  kAuto,    // of a mesh where they show: its material is lit, and some are not those of its faces (face_normals.h)
+  kAlways,  // all
+  kNever,
+};
+
+/// Whether normals of `primitive` are stored, or, with kAuto, are where they differ from the faces'.
+bool may_keep_normals(const SourceScene& scene, const Primitive& primitive, Normals normals);
+
 /// The facts about a primitive after measuring.
 struct Measured {
   uint64_t triangles = 0;  // kept
@@ -38,8 +48,10 @@ struct Measured {
   uint64_t dropped_nonfinite = 0;
   Box box = empty_box();               // of the vertices that its kept triangles use
   bool white = true;                   // every used COLOR_0 is exactly (1, 1, 1, 1)
+  bool shows_normals = false;          // they are stored: some differ from their faces', or Normals::kAlways
   std::optional<ContentHash> content;  // hash of its triangles and their vertices, if MeasureOptions::hashed requests
                                        // it
+  ContentHash normals{};               // the same of their normals, if they may be kept
 };
 
 /// A primitive without locality (locality.h). It was not measured, except for dropped_degenerate.
@@ -53,7 +65,7 @@ struct MeasureOptions {
   bool may_sort = false;  // primitives without locality become Measurement::scattered
   bool drop_nonfinite = false;
   bool whole_meshes = false;  // one window per primitive
-  bool normals = false;       // normals are part of the content
+  Normals normals = Normals::kAuto;
   std::vector<bool> hashed;   // one flag per primitive; empty: none
 };
 

@@ -1,0 +1,318 @@
+// Surfaces under light: glTF 2.0's metallic-roughness model (its appendix B: GGX, Smith, Schlick), with
+// KHR_materials_specular and KHR_materials_ior, under an environment, the file's lights, or the camera's.
+// All in view space: x right, y down, z away from the eye, in units of ShadeInputs::light.unit.
+#pragma once
+
+#include "kernels/shade/environment.h"
+#include "kernels/shade/shade.h"
+
+namespace scree::kernels {
+inline namespace SCREE_ISA {
+
+inline constexpr float kPi = 3.14159265f;
+inline constexpr float kLeastRoughness = 0.045f;  // smoother is a mirror, whose highlights no sample would meet
+
+struct Float3 {
+  float x;
+  float y;
+  float z;
+};
+SCREE_HD inline Float3 operator+(const Float3& a, const Float3& b) {
+  return {a.x + b.x, a.y + b.y, a.z + b.z};
+}
+SCREE_HD inline Float3 operator-(const Float3& a, const Float3& b) {
+  return {a.x - b.x, a.y - b.y, a.z - b.z};
+}
+SCREE_HD inline Float3 operator*(const Float3& a, const Float3& b) {
+  return {a.x * b.x, a.y * b.y, a.z * b.z};
+}
+SCREE_HD inline Float3 operator*(const Float3& a, float scale) {
+  return {a.x * scale, a.y * scale, a.z * scale};
+}
+SCREE_HD inline Float3 grey(float value) {
+  return {value, value, value};
+}
+SCREE_HD inline float dot(const Float3& a, const Float3& b) {
+  return a.x * b.x + a.y * b.y + a.z * b.z;
+}
+SCREE_HD inline Float3 cross(const Float3& a, const Float3& b) {
+  return {a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x};
+}
+SCREE_HD inline float largest_of(const Float3& a) {
+  return max_of(a.x, max_of(a.y, a.z));
+}
+/// Of unit length, or `otherwise` where there is no direction.
+SCREE_HD inline Float3 unit_or(const Float3& a, const Float3& otherwise) {
+  const float largest = max_of(abs_of(a.x), max_of(abs_of(a.y), abs_of(a.z)));
+  if (!(largest > 0) || !(largest < 3e38f)) return otherwise;
+  const Float3 scaled = a * (1.0f / largest);  // squares of tiny lengths would vanish
+  return scaled * inverse_root(dot(scaled, scaled));
+}
+SCREE_HD inline float unit_range(float value) {
+  return min_of(max_of(value, 0.0f), 1.0f);
+}
+SCREE_HD inline Float3 mix(const Float3& a, const Float3& b, float share) {
+  return a + (b - a) * share;
+}
+
+/// What light meets at a sample.
+struct SurfacePoint {
+  Float3 diffuse;    // albedo of what enters the surface
+  Float3 f0;         // reflectance at normal incidence
+  float f90;         // and at grazing incidence
+  float roughness;   // perceptual
+  float occlusion;   // share of the surroundings' light that comes there
+  Float3 normal;     // unit, towards the viewer
+  Float3 to_viewer;  // unit
+};
+
+/// Appendix B's BRDF times the cosine, for light from the unit direction `to_light`.
+SCREE_HD inline Float3 reflected_share(const SurfacePoint& at, const Float3& to_light) {
+  const float n_l = dot(at.normal, to_light);
+  if (!(n_l > 0)) return grey(0);
+  const float n_v = max_of(abs_of(dot(at.normal, at.to_viewer)), 1e-4f);
+  const Float3 half = unit_or(to_light + at.to_viewer, at.normal);
+  const float n_h = unit_range(dot(at.normal, half));
+  const float v_h = unit_range(dot(at.to_viewer, half));
+  const float alpha = at.roughness * at.roughness;
+  const float square = alpha * alpha;
+  const float spread = n_h * n_h * (square - 1.0f) + 1.0f;
+  const float distribution = square / (kPi * spread * spread);
+  const float masking = (n_l + std::sqrt(square + (1.0f - square) * n_l * n_l)) *
+                        (n_v + std::sqrt(square + (1.0f - square) * n_v * n_v));
+  const float grazing = 1.0f - v_h;
+  const float fifth = grazing * grazing * grazing * grazing * grazing;
+  const Float3 fresnel = mix(at.f0, grey(at.f90), fifth);
+  return (at.diffuse * ((1.0f - largest_of(fresnel)) / kPi) + fresnel * (distribution / masking)) * n_l;
+}
+
+/// Reflectance of a whole hemisphere of equal light: f0 * scale + f90 * bias. Source: B. Karis, Physically Based Shading
+/// on Mobile, 2014, a fit of D. Lazarov, Getting More Physical in Call of Duty: Black Ops II, 2013.
+SCREE_HD inline void split_sum(float roughness, float n_v, float& scale, float& bias) {
+  const float x = 1.0f - roughness;
+  const float y = 0.0425f - 0.0275f * roughness;
+  const float reach = min_of(x * x, std::exp2(-9.28f * n_v)) * x + y;
+  scale = -1.04f * reach + 1.04f - 0.572f * roughness;
+  bias = max_of(1.04f * reach - 0.04f + 0.022f * roughness, 0.0f);
+}
+
+SCREE_HD inline Float3 environment_light(const ShadeInputs& in, const SurfacePoint& at) {
+  const auto world = [&](const Float3& v, float out[3]) {
+    const float(*axes)[3] = in.light.axes;
+    for (int i = 0; i < 3; ++i) out[i] = axes[0][i] * v.x + axes[1][i] * v.y + axes[2][i] * v.z;
+  };
+  const float n_v = unit_range(dot(at.normal, at.to_viewer));
+  float scale;
+  float bias;
+  split_sum(at.roughness, n_v, scale, bias);
+  const Float3 specular = at.f0 * scale + grey(at.f90 * bias);
+  float direction[3];
+  float light[3];
+  world(at.normal, direction);
+  diffuse_environment(in.scene.environment, direction, light);
+  const Float3 diffuse = at.diffuse * (1.0f - unit_range(largest_of(specular))) * Float3{light[0], light[1], light[2]};
+  world(at.normal * (2.0f * dot(at.normal, at.to_viewer)) - at.to_viewer, direction);
+  reflected_light(in.scene.environment, direction, at.roughness, light);
+  return (diffuse + specular * Float3{light[0], light[1], light[2]}) * at.occlusion;
+}
+
+/// The light of the file's lights (KHR_lights_punctual). `place`: of the sample, from the eye.
+SCREE_HD inline Float3 punctual_light(const ShadeInputs& in, const SurfacePoint& at, const Float3& place) {
+  const float(*axes)[3] = in.light.axes;
+  const auto turned = [&](const float v[3]) {
+    float out[3];
+    for (int i = 0; i < 3; ++i) out[i] = axes[i][0] * v[0] + axes[i][1] * v[1] + axes[i][2] * v[2];
+    return Float3{out[0], out[1], out[2]};
+  };
+  Float3 sum = grey(0);
+  for (uint32_t i = 0; i < in.scene.light_count; ++i) {
+    const PlacedLight& light = in.scene.lights[i];
+    const Float3 along = turned(light.direction);
+    Float3 to_light = along * -1.0f;
+    float strength = 1.0f;
+    if (light.kind != format::LightKind::kDirectional) {
+      // Both are large where a scene lies far from the origin: the difference first.
+      const float offset[3] = {static_cast<float>(light.position[0] - in.view.eye[0]),
+                               static_cast<float>(light.position[1] - in.view.eye[1]),
+                               static_cast<float>(light.position[2] - in.view.eye[2])};
+      const Float3 way = turned(offset) - place * (1.0f / in.light.unit);
+      const float squared = max_of(dot(way, way), 1e-12f);
+      to_light = unit_or(way, to_light);
+      strength = 1.0f / squared;
+      if (light.range > 0) {
+        const float share = squared / (light.range * light.range);
+        strength *= unit_range(1.0f - share * share);
+      }
+      if (light.kind == format::LightKind::kSpot) {
+        const float cone = unit_range(light.cone_scale * (dot(along, to_light) * -1.0f) + light.cone_offset);
+        strength *= cone * cone;
+      }
+    }
+    if (!(strength > 0)) continue;
+    sum = sum + reflected_share(at, to_light) * Float3{light.color[0], light.color[1], light.color[2]} * strength;
+  }
+  return sum;
+}
+
+/// A surface's look-ups at one sample.
+template <class Shader>
+struct SurfaceReader {
+  const Shader& shader;
+  const PlacedChunk& at;
+  const uint32_t* vertex;
+  const PlaneHit<float>& m;
+  const float* weights;
+  float x;
+  float y;
+  typename Shader::Texels::Lane& lane;
+
+  SCREE_HD const TextureView* texture(const format::SurfaceTexture& use) const {
+    if (use.texture == format::kNone || (at.mesh.attributes & format::kHasUv) == 0) return nullptr;
+    const TextureView& view = shader.in.scene.textures[use.texture];
+    return view.level_count != 0 ? &view : nullptr;
+  }
+
+  /// Channels [first, first + count) of a texture, or false where there is none. `table`: what a code means.
+  template <uint32_t kFirst, uint32_t kCount, class Table>
+  SCREE_HD bool read(const format::SurfaceTexture& use, const Table& table, float out[kCount]) const {
+    const TextureView* const view = texture(use);
+    if (view == nullptr) return false;
+    const TexturePlace place = shader.find_place(at, vertex, uv_transform(use), static_cast<float>(view->width),
+                                                 static_cast<float>(view->height), m, weights, x, y);
+    sample_channels<kFirst, kCount>(shader.texels, lane, *view, table, place.u, place.v, place.footprint, out);
+    return true;
+  }
+};
+
+/// Codes that are numbers from 0 to 1.
+struct UnitCodes {
+  SCREE_HD float operator[](uint32_t code) const { return static_cast<float>(code) * (1.0f / 255.0f); }
+};
+
+/// The normal map's normal around `normal` (unit, of the front). The tangent is that of the triangle's texture
+/// coordinates, as they are after their transform: constant on a triangle, where MikkTSpace's is a mean at its corners.
+template <class Reader>
+SCREE_HD inline Float3 mapped_normal(const Reader& reader, const format::SurfaceRecord& surface, const Float3 edge[2],
+                                     const Float3& normal) {
+  const format::SurfaceTexture& use = surface.textures[static_cast<uint32_t>(format::SurfaceUse::kNormalMap)];
+  float code[3];
+  if (!reader.template read<0, 3>(use, UnitCodes{}, code)) return normal;
+  const TextureCorners<float> corners = texture_corners<float>(reader.at, reader.vertex, uv_transform(use));
+  const float(*d)[2] = corners.edge;
+  const float side = d[0][0] * d[1][1] - d[1][0] * d[0][1] >= 0 ? 1.0f : -1.0f;
+  const Float3 along_u = unit_or((edge[0] * d[1][1] - edge[1] * d[0][1]) * side, grey(0));
+  const Float3 along_v = (edge[1] * d[0][0] - edge[0] * d[1][0]) * side;
+  const Float3 tangent = unit_or(along_u - normal * dot(normal, along_u), grey(0));
+  Float3 bitangent = cross(normal, tangent);
+  if (dot(bitangent, along_v) > 0) bitangent = bitangent * -1.0f;  // green is up, v goes down
+  const float bump_x = (2.0f * code[0] - 1.0f) * surface.normal_scale;
+  const float bump_y = (2.0f * code[1] - 1.0f) * surface.normal_scale;
+  const float bump_z = 2.0f * code[2] - 1.0f;
+  if (dot(tangent, tangent) == 0) return normal;  // no area in the texture
+  return unit_or(tangent * bump_x + bitangent * bump_y + normal * bump_z, normal);
+}
+
+/// As shade.h declares it.
+template <bool kOrthographic, class Shader>
+SCREE_HD void light_surface(const Shader& shader, const PlacedChunk& at, uint32_t material, const uint32_t vertex[3],
+                            const PlaneHit<float>& m, const Corners<float>& corners, const float weights[3], float x,
+                            float y, typename Shader::Texels::Lane& lane, float rgb[3]) {
+  const ShadeInputs& in = shader.in;
+  const Lighting lighting = in.light.lighting;
+  const uint32_t number = material != format::kNone && in.scene.surface_of != nullptr ? in.scene.surface_of[material]
+                                                                                      : format::kNone;
+  const format::SurfaceRecord* const surface = number != format::kNone ? in.scene.surfaces + number : nullptr;
+  const SurfaceReader<Shader> reader{shader, at, vertex, m, weights, x, y, lane};
+  const auto use = [&](format::SurfaceUse which) -> const format::SurfaceTexture& {
+    return surface->textures[static_cast<uint32_t>(which)];
+  };
+
+  // The plane, and the ray that meets it.
+  const float focal = kOrthographic ? -in.focal : in.focal;  // the depth row of an orthographic camera falls
+  Float3 edge[2];
+  for (int n = 0; n < 2; ++n) {
+    edge[n] = kOrthographic ? Float3{m.edge_x[n], m.edge_y[n] * in.aspect, m.edge_w[n] * focal}
+                            : Float3{multiply_add(x, m.edge_w[n], m.edge_x[n]),
+                                     multiply_add(y, m.edge_w[n], m.edge_y[n]) * in.aspect, m.edge_w[n] * focal};
+  }
+  const Float3 ray = kOrthographic ? Float3{0, 0, 1} : Float3{x, y * in.aspect, focal};
+  SurfacePoint point;
+  point.to_viewer = unit_or(ray * -1.0f, {0, 0, -1});
+  const float hand = at.transform.mirrored ? -1.0f : 1.0f;
+  const Float3 face =
+      unit_or(cross(unit_or(edge[0], grey(0)), unit_or(edge[1], grey(0))) * hand, point.to_viewer);
+  Float3 normal = face;
+  if (has_vertex_normals(at)) {
+    float object[3];
+    float turned[3];
+    vertex_normal(at, vertex, weights, object);
+    view_normal(in, at, object, focal, turned);
+    normal = unit_or(Float3{turned[0], turned[1], turned[2]} * hand, face);
+  }
+  if (surface != nullptr) normal = mapped_normal(reader, *surface, edge, normal);
+  if (dot(face, point.to_viewer) < 0) normal = normal * -1.0f;
+  point.normal = normal;
+
+  float metallic = surface != nullptr ? surface->metallic : 0.0f;  // a base colour alone is matt
+  float roughness = surface != nullptr ? surface->roughness : 1.0f;
+  Float3 emission = grey(0);
+  point.occlusion = 1.0f;
+  if (surface != nullptr) {
+    float code[3];
+    emission = {surface->emission[0], surface->emission[1], surface->emission[2]};
+    if (largest_of(emission) > 0 &&
+        reader.template read<0, 3>(use(format::SurfaceUse::kEmission), in.srgb->linear, code))
+      emission = emission * Float3{code[0], code[1], code[2]};
+    if (reader.template read<0, 1>(use(format::SurfaceUse::kOcclusion), UnitCodes{}, code))
+      point.occlusion = 1.0f + surface->occlusion_strength * (code[0] - 1.0f);
+  }
+  const Float3 base{rgb[0], rgb[1], rgb[2]};
+  Float3 light;
+  if (lighting == Lighting::kCamera) {
+    const float cosine = unit_range(dot(point.normal, point.to_viewer));
+    light = base * (kAmbient * point.occlusion + (1.0f - kAmbient) * cosine) + emission;
+  } else {
+    float reflectance = 0.04f;
+    float specular = 1.0f;
+    Float3 specular_color = grey(1);
+    if (surface != nullptr) {
+      float code[3];
+      if (reader.template read<1, 2>(use(format::SurfaceUse::kMetallicRoughness), UnitCodes{}, code)) {
+        roughness *= code[0];
+        metallic *= code[1];
+      }
+      const float root = (surface->ior - 1.0f) / (surface->ior + 1.0f);
+      reflectance = root * root;  // of ior 0 it is 1
+      specular = surface->specular;
+      specular_color = {surface->specular_color[0], surface->specular_color[1], surface->specular_color[2]};
+      if (reader.template read<3, 1>(use(format::SurfaceUse::kSpecular), UnitCodes{}, code)) specular *= code[0];
+      if (reader.template read<0, 3>(use(format::SurfaceUse::kSpecularColor), in.srgb->linear, code))
+        specular_color = specular_color * Float3{code[0], code[1], code[2]};
+    }
+    const Float3 tinted = specular_color * reflectance;
+    const Float3 dielectric =
+        Float3{min_of(tinted.x, 1.0f), min_of(tinted.y, 1.0f), min_of(tinted.z, 1.0f)} * specular;
+    point.roughness = max_of(roughness, kLeastRoughness);
+    point.diffuse = base * (1.0f - metallic);
+    point.f0 = mix(dielectric, base, metallic);
+    point.f90 = specular + (1.0f - specular) * metallic;
+    if (lighting == Lighting::kEnvironment) {
+      light = environment_light(in, point);
+    } else {
+      const TransformRows<float> rows = rows_of(at.transform, 0.0f);
+      float depth = rows.w[3];
+      for (int i = 0; i < 3; ++i)
+        depth = multiply_add(rows.w[i],
+                             corners.first[i] + weights[1] * corners.edge[0][i] + weights[2] * corners.edge[1][i], depth);
+      const Float3 place = kOrthographic ? Float3{x, y * in.aspect, in.light.far_plane + depth * focal} : ray * depth;
+      light = punctual_light(in, point, place);
+    }
+    light = (light + emission) * in.options.exposure;
+  }
+  rgb[0] = light.x;
+  rgb[1] = light.y;
+  rgb[2] = light.z;
+}
+
+}  // namespace SCREE_ISA
+}  // namespace scree::kernels

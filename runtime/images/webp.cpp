@@ -1,0 +1,90 @@
+#include <webp/decode.h>
+
+#include <algorithm>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "runtime/images/codecs.h"
+#include "runtime/images/image.h"
+
+namespace scree::runtime {
+namespace {
+
+/// The head of a WebP file and of its first chunk; sizes, alpha and animation lie within, whatever stands behind.
+constexpr size_t kHeadBytes = 64;
+
+Error fail(VP8StatusCode status) {
+  switch (status) {
+    case VP8_STATUS_OUT_OF_MEMORY:
+      return {ErrorCode::kMemory, "WebP: out of memory"};
+    case VP8_STATUS_NOT_ENOUGH_DATA:
+    case VP8_STATUS_SUSPENDED:
+      return {ErrorCode::kTruncated, "WebP: ends before its data do"};
+    case VP8_STATUS_UNSUPPORTED_FEATURE:
+      return {ErrorCode::kUnsupported, "WebP: uses what libwebp " + webp_version() + " does not read"};
+    default:
+      return {ErrorCode::kFormat, "WebP: is malformed"};
+  }
+}
+
+const uint8_t* bytes_of(std::span<const std::byte> bytes) {
+  return reinterpret_cast<const uint8_t*>(bytes.data());
+}
+
+}  // namespace
+
+std::string webp_version() {
+  const int version = WebPGetDecoderVersion();
+  return std::to_string(version >> 16) + "." + std::to_string(version >> 8 & 255) + "." + std::to_string(version & 255);
+}
+
+Result<ImageInfo> probe_webp(ImageFile& file) {
+  std::vector<std::byte> head(static_cast<size_t>(std::min<uint64_t>(file.size(), kHeadBytes)));
+  if (const Result<void> read = file.copy(0, head); !read) return read.error();
+  WebPBitstreamFeatures features;
+  if (const VP8StatusCode status = WebPGetFeatures(bytes_of(head), head.size(), &features); status != VP8_STATUS_OK)
+    return fail(status);
+  if (features.has_animation != 0)
+    return Error{ErrorCode::kUnsupported, "WebP: an animation, but glTF has pictures that stand still"};
+  if (features.width <= 0 || features.height <= 0) return fail(VP8_STATUS_BITSTREAM_ERROR);
+  ImageInfo info{};
+  info.codec = format::ImageCodec::kPng;
+  info.is_webp = true;
+  info.width = static_cast<uint32_t>(features.width);
+  info.height = static_cast<uint32_t>(features.height);
+  info.channels = features.has_alpha != 0 ? 4 : 3;
+  return info;
+}
+
+Result<Image> decode_webp(ImageFile& file, const ImageInfo& info) {
+  std::vector<std::byte> copy;
+  std::span<const std::byte> bytes = file.from(0);
+  if (bytes.size() != file.size()) {
+    copy.resize(static_cast<size_t>(file.size()));
+    if (const Result<void> read = file.copy(0, copy); !read) return read.error();
+    bytes = copy;
+  }
+  WebPDecoderConfig config;
+  if (WebPInitDecoderConfig(&config) == 0) return fail(VP8_STATUS_UNSUPPORTED_FEATURE);
+  if (const VP8StatusCode status = WebPGetFeatures(bytes_of(bytes), bytes.size(), &config.input);
+      status != VP8_STATUS_OK)
+    return fail(status);
+  // The head was read alone before; libwebp looks further where the whole file is there.
+  if (config.input.width != static_cast<int>(info.width) || config.input.height != static_cast<int>(info.height))
+    return fail(VP8_STATUS_BITSTREAM_ERROR);
+  Image image;
+  image.width = info.width;
+  image.height = info.height;
+  image.rgba.resize(size_t{4} * info.width * info.height);
+  config.output.colorspace = MODE_RGBA;
+  config.output.is_external_memory = 1;
+  config.output.u.RGBA.rgba = image.rgba.data();
+  config.output.u.RGBA.stride = static_cast<int>(4 * info.width);
+  config.output.u.RGBA.size = image.rgba.size();
+  if (const VP8StatusCode status = WebPDecode(bytes_of(bytes), bytes.size(), &config); status != VP8_STATUS_OK)
+    return fail(status);
+  return image;
+}
+
+}  // namespace scree::runtime

@@ -1,0 +1,266 @@
+// Surfaces under light, against glTF 2.0's appendix B in double and cases that are known without it.
+#include "kernels/shade/surface.h"
+
+#include <cmath>
+#include <random>
+
+#include "kernels/cpu/backend.h"
+#include "tests/kernels/scene_builder.h"
+
+using namespace scree;
+using namespace scree::kernels;
+using namespace scree::tests;
+
+namespace {
+
+constexpr double kPiWide = 3.14159265358979323846;
+
+/// Appendix B.3, term by term.
+double expected_share(double diffuse, double f0, double f90, double roughness, const double n[3], const double v[3],
+                      const double l[3]) {
+  const auto product = [](const double a[3], const double b[3]) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; };
+  double h[3] = {v[0] + l[0], v[1] + l[1], v[2] + l[2]};
+  const double length = std::sqrt(product(h, h));
+  for (double& c : h) c /= length;
+  const double n_l = product(n, l), n_v = std::abs(product(n, v)), n_h = product(n, h), v_h = product(v, h);
+  if (n_l <= 0) return 0;
+  const double a2 = std::pow(roughness, 4);
+  const double d = a2 / (kPiWide * std::pow(n_h * n_h * (a2 - 1) + 1, 2));
+  const double g1 = 2 * n_l / (n_l + std::sqrt(a2 + (1 - a2) * n_l * n_l));
+  const double g2 = 2 * n_v / (n_v + std::sqrt(a2 + (1 - a2) * n_v * n_v));
+  const double f = f0 + (f90 - f0) * std::pow(1 - std::abs(v_h), 5);
+  return ((1 - f) * diffuse / kPiWide + f * d * g1 * g2 / (4 * n_l * n_v)) * n_l;
+}
+
+Soup square(bool is_mirrored = false) {
+  Soup soup;
+  soup.add(-1, -1, 0);
+  soup.add(1, -1, 0);
+  soup.add(1, 1, 0);
+  soup.add(-1, 1, 0);
+  soup.triangle(0, 1, 2);
+  soup.triangle(0, 2, 3);
+  const float left = is_mirrored ? 1.0f : 0.0f;
+  soup.uvs = {left, 1, 1 - left, 1, 1 - left, 0, left, 0};
+  return soup;
+}
+
+/// A white square from -1 to 1 that faces +z and the camera, with one surface.
+struct LitSquare {
+  explicit LitSquare(const Soup& soup = square()) {
+    encoding.material = builder.material(0);
+    builder.instance(builder.mesh(soup, encoding), builder.identity());
+    surface.roughness = 1;
+    surface.ior = 1.5f;
+    surface.normal_scale = surface.occlusion_strength = 1;
+    for (format::SurfaceTexture& use : surface.textures) use = {format::kNone, {0, 0}, {1, 1}, 0};
+  }
+
+  void set_texture(format::SurfaceUse use, const std::array<uint8_t, 4>& rgba) {
+    texel = rgba;
+    TextureView view{};
+    view.width = view.height = view.level_count = 1;
+    view.texels = texel.data();
+    builder.textures.push_back(view);
+    surface.textures[static_cast<size_t>(use)].texture = static_cast<uint32_t>(builder.textures.size() - 1);
+  }
+
+  /// The colour at the picture's middle.
+  std::array<float, 3> middle(const View& view, const ShadeOptions& options) {
+    SceneView scene = builder.view();
+    scene.surfaces = &surface;
+    scene.surface_of = &surface_of;
+    scene.surface_count = 1;
+    scene.lights = lights.data();
+    scene.light_count = static_cast<uint32_t>(lights.size());
+    scene.environment = environment.empty() ? nullptr : environment.data();
+    const std::vector<uint64_t> samples = draw(scene, view);
+    std::vector<float> rgba(4 * samples.size());
+    REQUIRE(shade_cpu(scene, view, samples, options, rgba, 1));
+    const size_t at = 4 * (size_t{view.height / 2} * view.width + view.width / 2);
+    return {rgba[at], rgba[at + 1], rgba[at + 2]};
+  }
+
+  SceneBuilder builder;
+  Encoding encoding;
+  format::SurfaceRecord surface{};
+  uint32_t surface_of = 0;
+  std::vector<PlacedLight> lights;
+  std::vector<float> environment;
+  std::array<uint8_t, 4> texel{};
+};
+
+/// The same light from everywhere.
+std::vector<float> even_light(float value) {
+  std::vector<float> out(kEnvironmentFloats, value);
+  std::fill_n(out.begin(), 27, 0.0f);
+  for (size_t c = 0; c < 3; ++c) out[c] = value / 0.282095f;
+  return out;
+}
+
+PlacedLight sun(float x, float y, float z, float lux) {
+  PlacedLight light{};
+  const float length = std::sqrt(x * x + y * y + z * z);
+  light.direction[0] = -x / length;  // from there
+  light.direction[1] = -y / length;
+  light.direction[2] = -z / length;
+  for (float& c : light.color) c = lux;
+  light.kind = format::LightKind::kDirectional;
+  return light;
+}
+
+std::vector<View> cameras() {
+  return {look_at({0, 0, 3}, {0, 0, 0}, 33, 33), orthographic(look_at({0, 0, 3}, {0, 0, 0}, 33, 33), 1.5, 0.5, 8)};
+}
+
+ShadeOptions lit_by(Lighting lighting) {
+  ShadeOptions options;
+  options.lighting = lighting;
+  return options;
+}
+
+}  // namespace
+
+TEST_CASE("surface: the BRDF is appendix B's", "[surface]") {
+  std::mt19937 random(5);
+  std::uniform_real_distribution<double> unit(0, 1);
+  const auto direction = [&](double out[3]) {
+    const double z = unit(random), angle = 2 * kPiWide * unit(random), r = std::sqrt(1 - z * z);
+    out[0] = r * std::cos(angle), out[1] = r * std::sin(angle), out[2] = z;
+  };
+  for (int i = 0; i < 20000; ++i) {
+    double v[3], l[3];
+    const double n[3] = {0, 0, 1};
+    direction(v);
+    direction(l);
+    if (v[2] < 0.01) continue;
+    const double roughness = 0.1 + 0.9 * unit(random), diffuse = unit(random), f0 = unit(random), f90 = unit(random);
+    const auto narrow = [](const double a[3]) {
+      return Float3{static_cast<float>(a[0]), static_cast<float>(a[1]), static_cast<float>(a[2])};
+    };
+    SurfacePoint at{};
+    at.diffuse = grey(static_cast<float>(diffuse));
+    at.f0 = grey(static_cast<float>(f0));
+    at.f90 = static_cast<float>(f90);
+    at.roughness = static_cast<float>(roughness);
+    at.normal = narrow(n);
+    at.to_viewer = narrow(v);
+    const double expected = expected_share(diffuse, f0, f90, roughness, n, v, l);
+    REQUIRE(static_cast<double>(reflected_share(at, narrow(l)).y) == Approx(expected).epsilon(2e-3).margin(1e-5));
+  }
+}
+
+TEST_CASE("surface: under even light white stays white, and metal takes no more than comes", "[surface]") {
+  for (const View& view : cameras()) {
+    LitSquare scene;
+    scene.environment = even_light(1);
+    for (const float roughness : {0.0f, 0.3f, 1.0f}) {
+      scene.surface.roughness = roughness;
+      scene.surface.metallic = 0;
+      for (const float c : scene.middle(view, lit_by(Lighting::kAuto))) CHECK(c == Approx(1).margin(2e-3));
+      scene.surface.metallic = 1;
+      const float metal = scene.middle(view, lit_by(Lighting::kEnvironment))[0];
+      CHECK(metal <= 1.0f);
+      CHECK(metal >= 0.4f);
+    }
+    scene.surface.metallic = 0;
+    ShadeOptions brighter = lit_by(Lighting::kAuto);
+    brighter.exposure = 2;
+    CHECK(scene.middle(view, brighter)[1] == Approx(2).margin(4e-3));
+    scene.set_texture(format::SurfaceUse::kOcclusion, {51, 255, 255, 255});
+    CHECK(scene.middle(view, lit_by(Lighting::kAuto))[0] == Approx(0.2).margin(1e-3));
+    scene.surface.occlusion_strength = 0.5f;
+    CHECK(scene.middle(view, lit_by(Lighting::kAuto))[0] == Approx(0.6).margin(1e-3));
+    scene.surface.emission[2] = 3;
+    CHECK(scene.middle(view, lit_by(Lighting::kAuto))[2] == Approx(3.6).margin(1e-3));
+    // Without an environment, or asked for, the camera's light; unlit as it is.
+    CHECK(scene.middle(view, lit_by(Lighting::kCamera))[0] == Approx(0.2 * 0.6 + 0.8).margin(1e-3));
+    scene.environment.clear();
+    CHECK(scene.middle(view, lit_by(Lighting::kAuto))[0] == Approx(0.2 * 0.6 + 0.8).margin(1e-3));
+    scene.builder.materials[0].flags = format::kMaterialUnlit;
+    CHECK(scene.middle(view, lit_by(Lighting::kAuto))[2] == 1.0f);
+  }
+}
+
+TEST_CASE("surface: textures of roughness, metalness and specular multiply their factors", "[surface]") {
+  const View view = cameras()[0];
+  const auto lit = [&](float metallic, float specular, const std::array<uint8_t, 4>* texel, format::SurfaceUse use) {
+    LitSquare scene;
+    scene.environment = even_light(1);
+    scene.builder.materials[0].base_color[0] = 0.25f;
+    scene.surface.metallic = metallic;
+    scene.surface.specular = specular;
+    if (texel != nullptr) scene.set_texture(use, *texel);
+    return scene.middle(view, lit_by(Lighting::kEnvironment))[0];
+  };
+  const std::array<uint8_t, 4> half{0, 255, 51, 255}, alpha{0, 0, 0, 51};
+  using Use = format::SurfaceUse;
+  CHECK(lit(1, 1, &half, Use::kMetallicRoughness) == Approx(lit(0.2f, 1, nullptr, Use::kMetallicRoughness)));
+  CHECK(lit(0, 1, &alpha, Use::kSpecular) == Approx(lit(0, 0.2f, nullptr, Use::kSpecular)));
+  CHECK(lit(0, 0, nullptr, Use::kSpecular) == Approx(0.25f));  // nothing but what is matt
+}
+
+TEST_CASE("surface: a normal map's red points along u, its green against v", "[surface]") {
+  for (const View& view : cameras()) {
+    for (const bool is_mirrored : {false, true}) {
+      const auto lit = [&](const std::array<uint8_t, 4>& normal, const PlacedLight& light) {
+        LitSquare scene(square(is_mirrored));
+        scene.surface.specular = 0;
+        scene.lights = {light};
+        scene.set_texture(format::SurfaceUse::kNormalMap, normal);
+        return scene.middle(view, lit_by(Lighting::kScene))[0];
+      };
+      const float along = is_mirrored ? -1.0f : 1.0f;
+      const std::array<uint8_t, 4> right{218, 128, 218, 255}, up{128, 218, 218, 255}, flat{128, 128, 255, 255};
+      CHECK(lit(right, sun(along, 0, 1, 1)) == Approx(1 / kPiWide).epsilon(0.01));
+      CHECK(lit(right, sun(-along, 0, 1, 1)) == Approx(0).margin(0.01));
+      CHECK(lit(up, sun(0, 1, 1, 1)) == Approx(1 / kPiWide).epsilon(0.01));
+      CHECK(lit(up, sun(0, -1, 1, 1)) == Approx(0).margin(0.01));
+      CHECK(lit(flat, sun(0, 0, 1, 1)) == Approx(1 / kPiWide).epsilon(0.01));
+    }
+  }
+}
+
+TEST_CASE("surface: lights of a scene fall off as KHR_lights_punctual says", "[surface]") {
+  for (const View& view : cameras()) {
+    LitSquare scene;
+    scene.surface.specular = 0;
+    PlacedLight light = sun(0, 0, 1, 5);
+    scene.lights = {light};
+    CHECK(scene.middle(view, lit_by(Lighting::kScene))[0] == Approx(5 / kPiWide).epsilon(1e-3));
+    light.kind = format::LightKind::kPoint;
+    light.position[2] = 2;
+    scene.lights = {light};
+    CHECK(scene.middle(view, lit_by(Lighting::kScene))[0] == Approx(5 / kPiWide / 4).epsilon(1e-2));
+    scene.lights[0].range = 4;
+    CHECK(scene.middle(view, lit_by(Lighting::kScene))[0] == Approx(5 / kPiWide / 4 * (1 - 1.0 / 16)).epsilon(1e-2));
+    scene.lights[0].range = 1.5f;
+    CHECK(scene.middle(view, lit_by(Lighting::kScene))[0] == 0.0f);
+    scene.lights[0].range = 0;
+    // A spot that looks past the middle by 30 degrees, between cones of 0 and 60.
+    scene.lights[0].kind = format::LightKind::kSpot;
+    scene.lights[0].direction[0] = 0.5f;
+    scene.lights[0].direction[2] = -std::sqrt(0.75f);
+    scene.lights[0].cone_scale = 2;
+    scene.lights[0].cone_offset = -1;
+    const double cone = std::sqrt(0.75) * 2 - 1;
+    CHECK(scene.middle(view, lit_by(Lighting::kScene))[0] == Approx(5 / kPiWide / 4 * cone * cone).epsilon(2e-2));
+    scene.lights[0].direction[2] = std::sqrt(0.75f);
+    CHECK(scene.middle(view, lit_by(Lighting::kScene))[0] == 0.0f);
+  }
+}
+
+TEST_CASE("surface: scenes of base colours are shaded as ever unless light is asked for", "[surface]") {
+  LitSquare scene;
+  const SceneView view = scene.builder.view();
+  CHECK(!shades_surfaces(view, {}));
+  CHECK(!shades_surfaces(view, lit_by(Lighting::kCamera)));
+  CHECK(!shades_surfaces(view, lit_by(Lighting::kEnvironment)));  // there is none
+  CHECK(shades_surfaces(view, lit_by(Lighting::kScene)));
+  ShadeOptions color;
+  color.show = Show::kColor;
+  SceneView with = view;
+  with.surface_count = 1;
+  CHECK(shades_surfaces(with, {}));
+  CHECK(!shades_surfaces(with, color));
+}

@@ -1,0 +1,198 @@
+// Which normals are stored: those that show.
+#include <cmath>
+#include <fstream>
+#include <map>
+
+#include "tests/catch.h"
+#include "tests/tools/convert/convert_fixture.h"
+#include "tests/tools/model_files.h"
+#include "tests/tools/model_maker.h"
+#include "tests/tools/packed_file.h"
+#include "tools/convert/windows/face_normals.h"
+#include "tools/gltf/source.h"
+
+using namespace scree;
+using namespace scree::convert;
+using tests::must_convert;
+using tests::must_open;
+using tests::options_of;
+using tests::TempFolder;
+
+namespace {
+
+/// A wavy ground of n x n squares whose triangles share no corner, all normals the faces', then each turned towards x
+/// by `degrees(triangle)`.
+template <class Degrees>
+tools::GltfPrimitive ground(tests::ModelMaker& maker, uint32_t n, const Degrees& degrees, float offset = 0) {
+  std::vector<float> points, normals;
+  const auto point = [&](uint32_t x, uint32_t z, float out[3]) {
+    out[0] = offset + static_cast<float>(x);
+    out[1] = std::sin(0.7f * static_cast<float>(x)) + std::cos(0.9f * static_cast<float>(z));
+    out[2] = static_cast<float>(z);
+  };
+  uint32_t triangle = 0;
+  for (uint32_t z = 0; z < n; ++z) {
+    for (uint32_t x = 0; x < n; ++x) {
+      const uint32_t corners[2][3][2] = {{{x, z}, {x, z + 1}, {x + 1, z}}, {{x + 1, z}, {x, z + 1}, {x + 1, z + 1}}};
+      for (const auto& corner : corners) {
+        float p[3][3];
+        for (int i = 0; i < 3; ++i) point(corner[i][0], corner[i][1], p[i]);
+        double e[2][3], face[3];
+        for (int i = 0; i < 2; ++i)
+          for (int c = 0; c < 3; ++c) e[i][c] = double{p[i + 1][c]} - double{p[0][c]};
+        for (int c = 0; c < 3; ++c)
+          face[c] = e[0][(c + 1) % 3] * e[1][(c + 2) % 3] - e[0][(c + 2) % 3] * e[1][(c + 1) % 3];
+        const double length = std::hypot(face[0], face[1], face[2]);
+        for (double& f : face) f /= length;
+        // The part of x that is at right angles with the face.
+        double side[3] = {1 - face[0] * face[0], -face[0] * face[1], -face[0] * face[2]};
+        const double side_length = std::hypot(side[0], side[1], side[2]);
+        const double angle = degrees(triangle) * 3.14159265358979323846 / 180;
+        for (int i = 0; i < 3; ++i) {
+          points.insert(points.end(), p[i], p[i] + 3);
+          for (int c = 0; c < 3; ++c)
+            normals.push_back(static_cast<float>(std::cos(angle) * face[c] + std::sin(angle) * side[c] / side_length));
+        }
+        ++triangle;
+      }
+    }
+  }
+  tools::GltfPrimitive out = maker.primitive(points, {});
+  out.attributes.emplace_back("NORMAL", maker.floats(normals, tools::GltfType::kVec3));
+  return out;
+}
+
+ConvertOptions auto_options(const TempFolder& folder) {
+  ConvertOptions options = options_of(folder);
+  options.normals = Normals::kAuto;
+  options.source_ids = false;
+  return options;
+}
+
+std::map<std::string, uint64_t> left_out(const format::Container& file) {
+  std::map<std::string, uint64_t> out;
+  for (uint64_t i = 0; i < file.left_out().size(); ++i)
+    out[std::string(file.string(file.left_out()[i].what))] = file.left_out()[i].count;
+  return out;
+}
+
+bool has_normals(const format::Container& file, uint64_t mesh) {
+  return (file.meshes()[mesh].attributes & format::kHasNormal) != 0;
+}
+
+}  // namespace
+
+TEST_CASE("normals: those of a mesh are stored where they are not its faces'", "[convert][normals]") {
+  const TempFolder folder;
+  {
+    tests::ModelMaker maker(folder.file("in.glb"));
+    const auto add = [&](const char* name, tools::GltfPrimitive primitive) {
+      maker.node(name, maker.mesh(name, {std::move(primitive)}));
+    };
+    add("faces", ground(maker, 6, [](uint32_t) { return 0.0; }));
+    add("nearly", ground(maker, 6, [](uint32_t) { return 0.09; }));
+    add("not quite", ground(maker, 6, [](uint32_t) { return 0.11; }));
+    add("one", ground(maker, 6, [](uint32_t triangle) { return triangle == 71 ? 5.0 : 0.0; }));
+    add("inwards", ground(maker, 6, [](uint32_t) { return 180.0; }));
+    // Floats of 2^21 and more have steps of a quarter: faces are as uncertain.
+    add("far away", ground(maker, 6, [](uint32_t) { return 10.0; }, 4e6f));
+    tools::GltfPrimitive unlit = ground(maker, 6, [](uint32_t) { return 30.0; });
+    tools::GltfMaterial material;
+    material.unlit = true;
+    unlit.material = maker.writer().add_material(material);
+    add("unlit", std::move(unlit));
+    maker.finish();
+  }
+  ConvertOptions options = auto_options(folder);
+  options.share = false;
+  must_convert(options);
+  const tests::OpenFile automatic = must_open(options.output);
+  const std::vector<bool> expected{false, false, true, true, true, false, false};
+  REQUIRE(automatic.file.meshes().size() == expected.size());
+  for (size_t i = 0; i < expected.size(); ++i) {
+    CAPTURE(i);
+    CHECK(has_normals(automatic.file, i) == expected[i]);
+  }
+  std::map<std::string, uint64_t> out = left_out(automatic.file);
+  CHECK(out["NORMAL (as of the faces)"] == 3);
+  CHECK(out["NORMAL (of unlit materials)"] == 1);
+  CHECK(out.count("NORMAL") == 0);
+
+  options.normals = Normals::kAlways;
+  must_convert(options);
+  const tests::OpenFile always = must_open(options.output);
+  for (size_t i = 0; i < expected.size(); ++i) CHECK(has_normals(always.file, i));
+  options.normals = Normals::kNever;
+  CHECK(must_convert(options).left_out.at(0).what == "NORMAL");
+  const tests::OpenFile never = must_open(options.output);
+  for (size_t i = 0; i < expected.size(); ++i) CHECK(!has_normals(never.file, i));
+}
+
+TEST_CASE("normals of bytes are the faces' within a degree", "[convert][normals]") {
+  const TempFolder folder;
+  for (const double degrees : {0.0, 0.9, 1.1}) {
+    {
+      tests::ModelMaker maker(folder.file("in.glb"));
+      maker.node("", maker.mesh("", {ground(maker, 3, [&](uint32_t) { return degrees; })}));
+      maker.finish();
+    }
+    const auto scene = import_gltf(folder.file("in.glb"), {});
+    REQUIRE(scene);
+    const Primitive& primitive = scene->primitives[0];
+    Window window;
+    REQUIRE(window.load(primitive, 0, primitive.triangle_count(), false, Window::Find::kTriangles));
+    std::vector<float> normals;
+    REQUIRE(read_vertices(*primitive.normal, window.vertices(), normals));
+    Accessor bytes = *primitive.normal;
+    bytes.type = ComponentType::kInt8;
+    CHECK(are_face_normals(window, normals, *primitive.normal) == (degrees == 0));
+    CHECK(are_face_normals(window, normals, bytes) == (degrees < 1));
+    // Without a direction they show nothing.
+    normals[0] = normals[1] = normals[2] = 0;
+    normals[3] = NAN;
+    CHECK(are_face_normals(window, normals, bytes) == (degrees < 1));
+  }
+}
+
+TEST_CASE("normals: what is stored depends neither on threads nor on the place of what shows", "[convert][normals]") {
+  const TempFolder folder;
+  constexpr uint32_t kSide = 400;  // 320,000 triangles: two windows
+  for (const uint32_t odd : {0u, 2 * kSide * kSide - 1, UINT32_MAX}) {
+    {
+      tests::ModelMaker maker(folder.file("in.glb"));
+      maker.node("", maker.mesh("", {ground(maker, kSide, [&](uint32_t triangle) { return triangle == odd ? 3.0 : 0.0; })}));
+      maker.finish();
+    }
+    std::string first;
+    for (const uint32_t threads : {1u, 4u}) {
+      for (const uint64_t memory : {uint64_t{2} << 30, uint64_t{96} << 20}) {
+        ConvertOptions options = auto_options(folder);
+        options.threads = threads;
+        tests::must_convert_within(options, memory);
+        CHECK(has_normals(must_open(options.output).file, 0) == (odd != UINT32_MAX));
+        const std::string bytes = tests::read_whole(options.output);
+        if (first.empty()) first = bytes;
+        CHECK(bytes == first);
+      }
+    }
+  }
+}
+
+TEST_CASE("normals: meshes that differ in them are one where they do not show", "[convert][normals][duplicates]") {
+  const TempFolder folder;
+  const auto stored = [&](double a, double b) {
+    {
+      tests::ModelMaker maker(folder.file("in.glb"));
+      maker.node("a", maker.mesh("a", {ground(maker, 4, [&](uint32_t) { return a; })}));
+      maker.node("b", maker.mesh("b", {ground(maker, 4, [&](uint32_t) { return b; })}));
+      maker.finish();
+    }
+    const ConvertOptions options = auto_options(folder);
+    must_convert(options);
+    return must_open(options.output).file.meshes().size();
+  };
+  CHECK(stored(0, 0.05) == 1);
+  CHECK(stored(5, 5) == 1);
+  CHECK(stored(0, 5) == 2);
+  CHECK(stored(5, 6) == 2);
+}

@@ -1,0 +1,252 @@
+// KHR_draco_mesh_compression: what is read is the twin that was encoded, and damaged streams are one line.
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <filesystem>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "tests/catch.h"
+#include "tests/models.h"
+#include "tests/tools/gltf/draco_streams.h"
+#include "tests/tools/model_files.h"
+#include "tests/tools/temp_folder.h"
+#include "tools/convert/convert.h"
+#include "tools/gltf/draco_source.h"
+#include "tools/gltf/source.h"
+
+namespace scree::convert {
+namespace {
+
+namespace fs = std::filesystem;
+using tests::DracoGrid;
+using tests::DracoRecipe;
+using tests::make_draco;
+using tests::TempFolder;
+
+using Corner = std::array<float, 5>;  // position and texture coordinate
+using Triangle = std::array<Corner, 3>;
+
+/// The triangles, each with its smallest corner first, in order.
+std::vector<Triangle> triangles_of(const std::vector<float>& positions, const std::vector<float>& uvs,
+                                   const std::vector<uint32_t>& corners) {
+  std::vector<Triangle> all(corners.size() / 3);
+  for (size_t i = 0; i < corners.size(); ++i) {
+    Corner& corner = all[i / 3][i % 3];
+    for (size_t k = 0; k < 3; ++k) corner[k] = positions[3 * corners[i] + k];
+    if (!uvs.empty())
+      for (size_t k = 0; k < 2; ++k) corner[3 + k] = uvs[2 * corners[i] + k];
+  }
+  for (Triangle& one : all) std::rotate(one.begin(), std::min_element(one.begin(), one.end()), one.end());
+  std::sort(all.begin(), all.end());
+  return all;
+}
+
+std::vector<Triangle> triangles_of(const Primitive& primitive) {
+  std::vector<float> positions(3 * primitive.vertex_count()), uvs;
+  std::vector<uint32_t> corners(3 * primitive.triangle_count());
+  REQUIRE(read_floats(primitive.positions, 0, primitive.vertex_count(), positions));
+  if (primitive.uv) {
+    uvs.resize(2 * primitive.vertex_count());
+    REQUIRE(read_floats(*primitive.uv, 0, primitive.vertex_count(), uvs));
+  }
+  REQUIRE(read_triangles(primitive, 0, primitive.triangle_count(), corners));
+  return triangles_of(positions, uvs, corners);
+}
+
+DracoPrimitive stated_of(const DracoGrid& grid, const DracoRecipe& recipe) {
+  DracoPrimitive stated;
+  stated.triangles = grid.triangles();
+  stated.vertices = grid.vertices();
+  stated.arrays.push_back({"POSITION", tests::kDracoPosition, ComponentType::kFloat32, 3});
+  if (recipe.has_uv) stated.arrays.push_back({"TEXCOORD_0", tests::kDracoUv, ComponentType::kFloat32, 2});
+  return stated;
+}
+
+Result<std::vector<std::byte>> decode(const DracoPrimitive& stated, std::span<const std::byte> stream) {
+  std::vector<std::byte> out(*stated.offset_of(stated.arrays.size()));
+  if (auto done = decode_draco(stated, std::vector<std::byte>(stream.begin(), stream.end()), out); !done)
+    return done.error();
+  return out;
+}
+
+Result<SourceScene> import_document(const TempFolder& folder, const std::string& text,
+                                    const ImportOptions& options = {}) {
+  folder.write("t.png", tests::read_whole(tests::data_path("checker.png").string()));
+  return import_gltf(folder.write("draco.gltf", text), options);
+}
+
+TEST_CASE("Draco geometry equals the twin that was encoded", "[draco]") {
+  const TempFolder folder;
+  const DracoGrid grid(GENERATE(1u, 9u, 60u));
+  for (const bool is_sequential : {true, false})
+    for (const int speed : {0, 5, 10})
+      for (const int bits : {0, 11})
+        for (const bool has_uv : {true, false}) {
+          const DracoRecipe recipe{is_sequential, speed, bits, has_uv, has_uv};
+          const auto stream = make_draco(grid, recipe);
+          const auto scene =
+              import_document(folder, tests::draco_document({stream}, grid.triangles(), grid.vertices(), recipe));
+          if (!scene) FAIL(scene.error().message);
+          REQUIRE(scene->primitives.size() == 1);
+          CHECK(scene->primitives[0].uv.has_value() == has_uv);
+          const auto found = triangles_of(scene->primitives[0]);
+          const auto expected = triangles_of(grid.positions, has_uv ? grid.uvs : std::vector<float>(), grid.corners);
+          REQUIRE(found.size() == expected.size());
+          if (bits == 0) {
+            CHECK((found == expected));
+            continue;
+          }
+          constexpr float kHalfStep = 0.51f / 2047;  // of 11 bits
+          // Quantised corners may change a triangle's place: each is near one, and as many as there were.
+          float off = 0;
+          for (const Triangle& one : found) {
+            float least = 9;
+            for (const Triangle& other : expected) {
+              for (size_t turn = 0; turn < 3; ++turn) {
+                float most = 0;
+                for (size_t c = 0; c < 3; ++c)
+                  for (size_t k = 0; k < 3; ++k) most = std::max(most, std::abs(one[c][k] - other[(c + turn) % 3][k]));
+                least = std::min(least, most);
+              }
+              if (least < kHalfStep) break;
+            }
+            off = std::max(off, least);
+          }
+          CHECK(off < kHalfStep);
+        }
+}
+
+TEST_CASE("threads read primitives of Draco streams at once, out of little memory", "[draco]") {
+  const TempFolder folder;
+  const DracoGrid grid(30);
+  const DracoRecipe recipe{.has_uv = false};
+  const auto stream = make_draco(grid, recipe);
+  ImportOptions options;
+  options.kept_view_bytes = GENERATE(uint64_t{0}, uint64_t{1} << 30);
+  const auto scene = import_document(
+      folder, tests::draco_document({stream, stream, stream}, grid.triangles(), grid.vertices(), recipe), options);
+  REQUIRE(scene);
+  CHECK(scene->view_memory.reader_bytes > 12u * grid.triangles());
+  CHECK(scene->view_memory.kept_bytes >= 3 * 12u * (grid.triangles() + grid.vertices()));
+  const auto expected = triangles_of(grid.positions, {}, grid.corners);
+  std::vector<std::thread> threads;
+  std::array<bool, 6> good{};
+  for (size_t i = 0; i < good.size(); ++i)
+    threads.emplace_back([&, i] {
+      const Primitive& primitive = scene->primitives[i % 3];
+      std::vector<float> positions(3 * primitive.vertex_count());
+      std::vector<uint32_t> corners(3 * primitive.triangle_count());
+      good[i] = read_floats(primitive.positions, 0, primitive.vertex_count(), positions) &&
+                read_triangles(primitive, 0, primitive.triangle_count(), corners) &&
+                triangles_of(positions, {}, corners) == expected;
+    });
+  for (std::thread& thread : threads) thread.join();
+  for (const bool is_good : good) CHECK(is_good);
+}
+
+TEST_CASE("a Draco primitive that does not fit into --memory is refused with what it needs", "[draco]") {
+  const TempFolder folder;
+  const DracoRecipe recipe{.has_uv = false};
+  const std::string text = tests::draco_document({make_draco(DracoGrid(4), recipe)}, 100'000'000, 50'000'000, recipe);
+  ImportOptions options;
+  options.memory = uint64_t{1} << 30;
+  const auto scene = import_document(folder, text, options);
+  REQUIRE_FALSE(scene);
+  INFO(scene.error().message);
+  CHECK(scene.error().code == ErrorCode::kUsage);
+  CHECK(
+      scene.error().message.find(
+          "draco.gltf: mesh 0 primitive 0: --memory: 1.00 GiB, but unpacking its 100000000 triangles (Draco) takes ") !=
+      std::string::npos);
+  // Without a bound it is opened, and its head is found out before anything of that size is allocated.
+  const auto unbound = import_document(folder, text);
+  REQUIRE(unbound);
+}
+
+TEST_CASE("Draco streams of other sizes than their accessors state are refused", "[draco][bad]") {
+  const DracoGrid grid(6);
+  for (const bool is_sequential : {true, false}) {
+    const DracoRecipe recipe{.is_sequential = is_sequential, .has_tangent = true};
+    const auto stream = make_draco(grid, recipe);
+    const DracoPrimitive stated = stated_of(grid, recipe);
+    REQUIRE(decode(stated, stream));
+    const auto refused = [&](const auto& change, ErrorCode code, const std::string& words) {
+      DracoPrimitive other = stated;
+      change(other);
+      const auto done = decode(other, stream);
+      REQUIRE_FALSE(done);
+      INFO(done.error().message);
+      CHECK(done.error().code == code);
+      CHECK(done.error().message.find(words) != std::string::npos);
+    };
+    refused([](DracoPrimitive& p) { ++p.triangles; }, ErrorCode::kRange,
+            "72 triangles, but the accessor of its indices has 73");
+    refused([](DracoPrimitive& p) { --p.vertices; }, ErrorCode::kRange,
+            "49 vertices, but the accessor of POSITION has 48");
+    refused([](DracoPrimitive& p) { ++p.vertices; }, ErrorCode::kRange,
+            "49 vertices, but the accessor of POSITION has 50");
+    refused([](DracoPrimitive& p) { p.arrays[1].id = 9; }, ErrorCode::kFormat, "TEXCOORD_0: no attribute 9");
+    refused([](DracoPrimitive& p) { p.arrays[1].components = 3; }, ErrorCode::kFormat,
+            "TEXCOORD_0: 2 components in the stream, but its accessor has 3");
+    const auto cloud = [&] {
+      auto bytes = stream;
+      bytes[7] = std::byte{0};
+      return decode(stated, bytes);
+    }();
+    CHECK(cloud.error().code == ErrorCode::kUnsupported);
+  }
+}
+
+TEST_CASE("damaged Draco streams are one line", "[draco][bad]") {
+  const DracoGrid grid(5);
+  for (const bool is_sequential : {true, false})
+    for (const int bits : {0, 8}) {
+      const DracoRecipe recipe{.is_sequential = is_sequential, .position_bits = bits};
+      const auto stream = make_draco(grid, recipe);
+      const DracoPrimitive stated = stated_of(grid, recipe);
+      for (size_t size = 0; size < stream.size(); ++size) {
+        const auto cut = decode(stated, std::span(stream).first(size));
+        if (!cut) CHECK(cut.error().message.find('\n') == std::string::npos);
+        if (size < stream.size() / 2) CHECK_FALSE(cut);
+      }
+      for (size_t i = 0; i < 8 * std::min<size_t>(stream.size(), 160); ++i) {
+        auto bad = stream;
+        bad[i / 8] ^= std::byte{1} << i % 8;
+        const auto done = decode(stated, bad);
+        if (!done) CHECK(done.error().message.find('\n') == std::string::npos);
+      }
+    }
+}
+
+TEST_CASE("real scenes of Draco convert", "[draco][models]") {
+  const fs::path folder = tests::models_path() / "scenes";
+  if (tests::models_path().empty() || !fs::exists(folder)) {
+    WARN("no folder of real models");
+    return;
+  }
+  const TempFolder out;
+  // With the triangles that the accessors of their indices have.
+  const std::pair<const char*, uint64_t> scenes[] = {
+      {"Box_Draco/Box_Draco.glb", 12},
+      {"heart_draco/heart_draco.glb", 0},
+      {"DracoSparseMesh/DracoSparseMesh.gltf", 0},
+      {"cave/cave.glb", 0},
+  };
+  for (const auto& [name, triangles] : scenes) {
+    INFO(name);
+    ConvertOptions options;
+    options.input = (folder / name).string();
+    options.output = out.file("out.scree");
+    options.existing = format::Existing::kReplace;
+    options.threads = 2;
+    const auto report = convert(options);
+    if (!report) FAIL(report.error().message);
+    CHECK(report->triangles > 0);
+    if (triangles != 0) CHECK(report->triangles == triangles);
+  }
+}
+
+}  // namespace
+}  // namespace scree::convert

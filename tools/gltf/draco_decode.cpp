@@ -1,0 +1,240 @@
+#include <draco/compression/mesh/mesh_edgebreaker_decoder.h>
+#include <draco/compression/mesh/mesh_sequential_decoder.h>
+#include <draco/core/draco_version.h>
+#include <draco/core/varint_decoding.h>
+#include <draco/mesh/mesh.h>
+
+#include <cstring>
+#include <exception>
+#include <new>
+#include <optional>
+#include <string>
+
+#include "tools/gltf/draco_source.h"
+
+// libdraco throws where memory is short and believes what streams say of their sizes: its decoders are entered through
+// classes that look at the sizes first, and no exception leaves this file.
+namespace scree::convert {
+namespace {
+
+Error malformed(const std::string& what) {
+  return {ErrorCode::kFormat, what};
+}
+
+/// Without the full stop that libdraco ends some messages with.
+std::string message_of(const draco::Status& status) {
+  std::string text = status.error_msg_string();
+  while (text.ends_with('.')) text.pop_back();
+  return text.empty() ? "the stream is malformed" : text;
+}
+
+/// What attributes that the primitive does not name may have, bytes a vertex, and how many there may be in all.
+constexpr uint64_t kUnnamedBytes = 64;
+constexpr int32_t kMaxAttributes = 64;
+
+draco::DataType data_type_of(ComponentType type) {
+  switch (type) {
+    case ComponentType::kInt8:
+      return draco::DT_INT8;
+    case ComponentType::kUint8:
+      return draco::DT_UINT8;
+    case ComponentType::kInt16:
+      return draco::DT_INT16;
+    case ComponentType::kUint16:
+      return draco::DT_UINT16;
+    case ComponentType::kUint32:
+      return draco::DT_UINT32;
+    case ComponentType::kFloat32:
+      break;
+  }
+  return draco::DT_FLOAT32;
+}
+
+/// One of libdraco's two decoders, stopped where sizes are not the primitive's.
+template <class Decoder>
+class CheckedDecoder final : public Decoder {
+ public:
+  explicit CheckedDecoder(const DracoPrimitive& primitive) : primitive_(primitive) {}
+
+  std::optional<Error> error;  // why it stopped
+
+ protected:
+  bool DecodeConnectivity() override {
+    constexpr bool kIsSequential = std::is_same_v<Decoder, draco::MeshSequentialDecoder>;
+    draco::DecoderBuffer head(*this->buffer());
+    // Edgebreaker: vertices that are split (until 2.1), vertices before seams part them, triangles. Sequential:
+    // triangles, vertices. Numbers were 32 bits until 1.9 (sequential ones until 2.1) and are of variable length since.
+    const bool is_old = this->bitstream_version() < DRACO_BITSTREAM_VERSION(2, 2);
+    const bool is_fixed = kIsSequential ? is_old : this->bitstream_version() < DRACO_BITSTREAM_VERSION(2, 0);
+    const auto number = [&](uint32_t& value) {
+      return is_fixed ? head.Decode(&value) : draco::DecodeVarint(&value, &head);
+    };
+    uint32_t split = 0, vertices = 0, triangles = 0;
+    const bool is_read = kIsSequential ? number(triangles) && number(vertices)
+                                       : (!is_old || number(split)) && number(vertices) && number(triangles);
+    if (!is_read) return stop({ErrorCode::kTruncated, "the stream ends in its head"});
+    if (triangles != primitive_.triangles)
+      return stop({ErrorCode::kRange, std::to_string(triangles) + " triangles, but the accessor of its indices has " +
+                                          std::to_string(primitive_.triangles)});
+    if (vertices > primitive_.vertices)
+      return stop({ErrorCode::kRange, std::to_string(vertices) + " vertices, but the accessor of POSITION has " +
+                                          std::to_string(primitive_.vertices)});
+    return Decoder::DecodeConnectivity();
+  }
+
+  bool DecodeAllAttributes() override {
+    const draco::PointCloud& points = *this->point_cloud();
+    if (points.num_points() != primitive_.vertices)
+      return stop({ErrorCode::kRange, std::to_string(points.num_points()) +
+                                          " vertices, but the accessor of POSITION has " +
+                                          std::to_string(primitive_.vertices)});
+    uint64_t bytes = 0, most = kUnnamedBytes + 4 * primitive_.other_components;
+    for (int32_t i = 0; i < points.num_attributes(); ++i)
+      bytes += uint64_t{points.attribute(i)->num_components()} *
+               static_cast<uint64_t>(draco::DataTypeLength(points.attribute(i)->data_type()));
+    for (const DracoArray& array : primitive_.arrays) most += uint64_t{4} * array.components;
+    if (bytes > most || points.num_attributes() > kMaxAttributes)
+      return stop({ErrorCode::kUnsupported, std::to_string(points.num_attributes()) + " attributes of " +
+                                                std::to_string(bytes) + " bytes a vertex, but the primitive has " +
+                                                std::to_string(most) + " at most"});
+    return Decoder::DecodeAllAttributes();
+  }
+
+ private:
+  bool stop(Error why) {
+    error = std::move(why);
+    return false;
+  }
+
+  const DracoPrimitive& primitive_;
+};
+
+template <class Decoder>
+Result<void> decode_mesh(const DracoPrimitive& primitive, std::span<const std::byte> stream, draco::Mesh& mesh) {
+  draco::DecoderBuffer buffer;
+  buffer.Init(reinterpret_cast<const char*>(stream.data()), stream.size());
+  CheckedDecoder<Decoder> decoder(primitive);
+  const draco::DecoderOptions options;
+  const draco::Status status = decoder.Decode(options, &buffer, &mesh);
+  if (decoder.error) return *decoder.error;
+  if (status.ok()) return {};
+  const bool is_version =
+      status.code() == draco::Status::UNKNOWN_VERSION || status.code() == draco::Status::UNSUPPORTED_VERSION;
+  return Error{is_version ? ErrorCode::kUnsupported : ErrorCode::kFormat, message_of(status)};
+}
+
+template <class T>
+bool convert_values(const draco::PointAttribute& from, uint32_t components, uint64_t count, std::byte* out) {
+  for (uint32_t i = 0; i < count; ++i, out += components * sizeof(T)) {
+    const draco::AttributeValueIndex value = from.mapped_index(draco::PointIndex(i));
+    T converted[4];
+    if (value.value() >= from.size() || !from.ConvertValue(value, static_cast<int8_t>(components), converted))
+      return false;
+    std::memcpy(out, converted, components * sizeof(T));
+  }
+  return true;
+}
+
+/// Values of the accessor's type lie there as they are.
+bool copy_values(const draco::PointAttribute& from, uint64_t bytes, uint64_t count, std::byte* out) {
+  for (uint32_t i = 0; i < count; ++i, out += bytes) {
+    const draco::AttributeValueIndex value = from.mapped_index(draco::PointIndex(i));
+    if (value.value() >= from.size()) return false;
+    const uint8_t* const place = from.GetAddress(value);
+    if (!from.IsAddressValid(place) || !from.IsAddressValid(place + bytes - 1)) return false;
+    std::memcpy(out, place, bytes);
+  }
+  return true;
+}
+
+Result<void> take_array(const draco::Mesh& mesh, const DracoArray& array, uint64_t count, std::byte* out) {
+  const draco::PointAttribute* const from = mesh.GetAttributeByUniqueId(array.id);
+  if (from == nullptr) return malformed(array.name + ": no attribute " + std::to_string(array.id) + " in the stream");
+  if (from->num_components() != array.components)
+    return malformed(array.name + ": " + std::to_string(from->num_components()) +
+                     " components in the stream, but its accessor has " + std::to_string(array.components));
+  const draco::DataType type = data_type_of(array.type);
+  bool is_done = false;
+  if (from->data_type() == type) {
+    is_done = copy_values(*from, static_cast<uint64_t>(draco::DataTypeLength(type)) * array.components, count, out);
+  } else if (from->data_type() != draco::DT_BOOL) {  // bytes of which may be no bool
+    switch (array.type) {
+      case ComponentType::kInt8:
+        is_done = convert_values<int8_t>(*from, array.components, count, out);
+        break;
+      case ComponentType::kUint8:
+        is_done = convert_values<uint8_t>(*from, array.components, count, out);
+        break;
+      case ComponentType::kInt16:
+        is_done = convert_values<int16_t>(*from, array.components, count, out);
+        break;
+      case ComponentType::kUint16:
+        is_done = convert_values<uint16_t>(*from, array.components, count, out);
+        break;
+      case ComponentType::kUint32:
+        is_done = convert_values<uint32_t>(*from, array.components, count, out);
+        break;
+      case ComponentType::kFloat32:
+        is_done = convert_values<float>(*from, array.components, count, out);
+        break;
+    }
+  }
+  if (!is_done) return malformed(array.name + ": values of another type than its accessor can hold");
+  return {};
+}
+
+Result<void> decode_or_throw(const DracoPrimitive& primitive, std::span<const std::byte> stream,
+                             std::span<std::byte> out) {
+  draco::DecoderBuffer buffer;
+  buffer.Init(reinterpret_cast<const char*>(stream.data()), stream.size());
+  draco::DracoHeader header{};
+  if (const draco::Status status = draco::PointCloudDecoder::DecodeHeader(&buffer, &header); !status.ok())
+    return malformed("no Draco stream: " + message_of(status));
+  if (header.encoder_type != draco::TRIANGULAR_MESH)
+    return Error{ErrorCode::kUnsupported, "a point cloud, but its primitive has triangles"};
+  draco::Mesh mesh;
+  Result<void> done;
+  if (header.encoder_method == draco::MESH_EDGEBREAKER_ENCODING) {
+    done = decode_mesh<draco::MeshEdgebreakerDecoder>(primitive, stream, mesh);
+  } else if (header.encoder_method == draco::MESH_SEQUENTIAL_ENCODING) {
+    done = decode_mesh<draco::MeshSequentialDecoder>(primitive, stream, mesh);
+  } else {
+    done = Error{ErrorCode::kUnsupported, "encoded by method " + std::to_string(header.encoder_method)};
+  }
+  if (!done) return done;
+  if (mesh.num_faces() != primitive.triangles || mesh.num_points() != primitive.vertices)
+    return malformed(std::to_string(mesh.num_faces()) + " triangles and " + std::to_string(mesh.num_points()) +
+                     " vertices came out, expected " + std::to_string(primitive.triangles) + " and " +
+                     std::to_string(primitive.vertices));
+  std::byte* corners = out.data();
+  for (uint32_t i = 0; i < mesh.num_faces(); ++i)
+    for (const draco::PointIndex& corner : mesh.face(draco::FaceIndex(i))) {
+      const uint32_t value = corner.value();
+      std::memcpy(corners, &value, sizeof value);
+      corners += sizeof value;
+    }
+  for (size_t i = 0; i < primitive.arrays.size(); ++i) {
+    std::byte* const place = out.data() + *primitive.offset_of(i);
+    if (auto taken = take_array(mesh, primitive.arrays[i], primitive.vertices, place); !taken) return taken;
+  }
+  return {};
+}
+
+}  // namespace
+
+std::string draco_version() {
+  return draco::kDracoVersion;
+}
+
+Result<void> decode_draco(const DracoPrimitive& primitive, std::span<const std::byte> stream,
+                          std::span<std::byte> out) {
+  try {
+    return decode_or_throw(primitive, stream, out);
+  } catch (const std::bad_alloc&) {
+    return Error{ErrorCode::kMemory, "no memory to unpack it"};
+  } catch (const std::exception& exception) {  // std::length_error and the like
+    return malformed(std::string("the stream is malformed: ") + exception.what());
+  }
+}
+
+}  // namespace scree::convert
