@@ -2,7 +2,7 @@
 """Writes the licences of a built scree: its own, and those of the libraries in it, out of the distribution's packages.
 
 copyright.py --debian FILE [--cuda] [--with LIBRARY]...       the copyright file of a .deb, in the machine-readable form (DEP-5)
-copyright.py --third-party FILE [--cuda] [--with LIBRARY]...  the same of the libraries alone, with meshoptimizer, for the tarball
+copyright.py --third-party FILE [--cuda] [--with LIBRARY]...  the same of the libraries alone, with the shared ones, for the tarball
 
 A package's own /usr/share/doc/PACKAGE/copyright gives holders and licence texts. A package that is not installed, or whose
 copyright file cannot be read, is an error: a licence is never left out.
@@ -20,7 +20,8 @@ LIBRARIES = [("zstd", ["libzstd-dev"]), ("xxhash", ["libxxhash-dev"]), ("zlib", 
 OPTIONAL = {"webp": ("libwebp", ["libwebp-dev"]), "draco": ("draco", ["libdraco-dev"])}
 # Packages whose copyright file is of the old form, "Copyright:" and "License:" with a text each, and that licence's name.
 OLD_FORM = {"libwebp": "BSD-3-clause"}
-MESHOPTIMIZER = ("meshoptimizer", ["libmeshoptimizer-dev"])
+# Shared libraries that lie beside the program in the tarball.
+BESIDE = [("meshoptimizer", ["libmeshoptimizer-dev"]), ("openexr", ["libopenexr-dev"]), ("imath", ["libimath-dev"])]
 FORMAT = "https://www.debian.org/doc/packaging-manuals/copyright-format/1.0/"
 CUDA = """The CUDA runtime (cudart), linked statically: object code of the CUDA Toolkit, which may be distributed as part
 of a program under "Attachment A" of the CUDA Toolkit End User License Agreement,
@@ -137,15 +138,15 @@ def main():
             parts[0] += "\nComment:\n" + "\n".join(f" {line}" for line in CUDA.splitlines())
         parts.append(f"Files: *\nCopyright: {found[1]}\nLicense: Expat")
         parts.append("License: Expat\n" + "\n".join(f" {line}" if line.strip() else " ." for line in body.splitlines()))
-    libraries = LIBRARIES + [OPTIONAL[name] for name in asked.optional] + ([MESHOPTIMIZER] if asked.third_party else [])
+    libraries = LIBRARIES + [OPTIONAL[name] for name in asked.optional] + (BESIDE if asked.third_party else [])
     for library, names in libraries:
         parts += library_stanzas(library, names)
     if asked.debian:
         with open(asked.debian, "w", encoding="utf-8") as file:
             file.write("\n\n".join(parts) + "\n")
     if asked.third_party:
-        parts[0] = ("Third-party software in this program. scree itself is under the MIT licence (LICENSE). meshoptimizer lies beside\n"
-                    "the program as a shared library; the others are part of it.")
+        parts[0] = ("Third-party software in this program. scree itself is under the MIT licence (LICENSE). meshoptimizer, OpenEXR\n"
+                    "and Imath lie beside the program as shared libraries; the others are part of it.")
         if asked.cuda:
             parts.insert(1, CUDA)
         with open(asked.third_party, "w", encoding="utf-8") as file:

@@ -45,6 +45,12 @@ scree_header_library(tinygltf tiny_gltf.h)
 scree_header_library(nlohmann_json nlohmann/json.hpp)
 scree_header_library(cli11 CLI/CLI.hpp)
 
+# Pictures in OpenEXR; without it the command says what is missing.
+find_package(OpenEXR CONFIG QUIET)
+if(NOT TARGET OpenEXR::OpenEXR)
+  message(STATUS "OpenEXR (libopenexr-dev) is not found: scree render writes no .exr")
+endif()
+
 # Codecs of some files only: without one, such a file is refused by a line that names it.
 function(scree_optional_library target archive header what)
   string(TOUPPER "SCREE_${target}" option)

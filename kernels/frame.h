@@ -115,6 +115,20 @@ struct FrameStats {
   uint64_t clusters_drawn;
 };
 
+inline FrameStats& operator+=(FrameStats& sum, const FrameStats& frame) {
+  sum.instances_drawn += frame.instances_drawn;
+  sum.draws += frame.draws;
+  sum.triangles += frame.triangles;
+  sum.triangles_small += frame.triangles_small;
+  sum.triangles_medium += frame.triangles_medium;
+  sum.triangles_large += frame.triangles_large;
+  sum.triangles_clipped += frame.triangles_clipped;
+  sum.groups_tested += frame.groups_tested;
+  sum.clusters_tested += frame.clusters_tested;
+  sum.clusters_drawn += frame.clusters_drawn;
+  return sum;
+}
+
 /// What every backend asks of a frame. Errors kRange: an image side of 0 or over kMaxImageSide, a camera that is not
 /// finite or sees nothing, more than 2^36 - 1 drawn triangles.
 Result<void> check_frame(const View& view, uint64_t triangle_count);
@@ -147,6 +161,20 @@ Result<void> resolve_cpu(const SceneView& scene, const View& view, uint32_t samp
 /// work on pixels, not on samples: a pixel's depth is that of its nearest sample. Errors kRange, kMemory.
 Result<void> occlusion_cpu(const View& view, uint32_t samples_per_side, std::span<const uint64_t> samples,
                            const ShadeOptions& options, std::span<float> visibility, uint32_t threads);
+
+/// What programs read of a picture beside its colours, row by row from the top. A pixel shows its nearest sample. Null
+/// pointers are not made. The CPU and every GPU give the same bits.
+struct LayerTargets {
+  float* depth;       // depth_of_code(), infinity on the background
+  int64_t* triangle;  // global id, -1 on the background
+  int32_t* instance;  // index in SceneView::instances (2^31 at most), -1 on the background
+  float* normal;      // 3: unit length, world space, of the front also where the back is seen; 0 on the background
+  float* uv;          // 2: as the mesh has them, no material's transform applied; 0 without any and on the background
+};
+
+/// Makes the layers of a picture; `view` and `samples` as for resolve_cpu(). Errors kRange, kMemory.
+Result<void> layers_cpu(const SceneView& scene, const View& view, uint32_t samples_per_side,
+                        std::span<const uint64_t> samples, const LayerTargets& out, uint32_t threads);
 
 /// The triangle of a global id below instance_base[instance_count]; binary search.
 Hit find_triangle(const SceneView& scene, uint64_t triangle_id);

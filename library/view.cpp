@@ -126,14 +126,16 @@ constexpr std::array<LayerKind, runtime::kLayerCount> kLayers{{{Layer::kColor, S
                                                                {Layer::kDepth, SCREE_FLOAT32, 0},
                                                                {Layer::kTriangle, SCREE_INT64, 0},
                                                                {Layer::kInstance, SCREE_INT32, 0},
-                                                               {Layer::kSamples, SCREE_UINT64, 0}}};
+                                                               {Layer::kSamples, SCREE_UINT64, 0},
+                                                               {Layer::kNormal, SCREE_FLOAT32, 3},
+                                                               {Layer::kUv, SCREE_FLOAT32, 2}}};
 
 /// Calls body(renderer, kind) with the view's frame, for functions that read a layer.
 template <class Body>
 scree_status with_layer(scree_view* view, scree_layer layer, const Body& body) {
   return with<Views>(view, "scree_view", [&](DrawnView& drawn) {
     if (static_cast<uint32_t>(layer) >= kLayers.size())
-      return fail(SCREE_ERROR_ARGUMENT, "no layer " + std::to_string(layer) + ", at most 4");
+      return fail(SCREE_ERROR_ARGUMENT, "no layer " + std::to_string(layer) + ", at most 6");
     const std::lock_guard<std::mutex> lock(drawn.mutex);
     ViewRenderer& renderer = *drawn.renderer;
     if (!renderer.has_frame())

@@ -102,14 +102,16 @@ std::vector<py::ssize_t> shape_of(const scree_array& array) {
 scree_array describe(const scree::View& view, scree_layer layer) {
   const scree_frame_stats stats = without_gil([&] { return view.stats(); });
   const uint32_t side = layer == SCREE_SAMPLES ? stats.samples : 1;
-  constexpr std::array<scree_type, 5> kTypes{SCREE_UINT8, SCREE_FLOAT32, SCREE_INT64, SCREE_INT32, SCREE_UINT64};
+  constexpr std::array<scree_type, 7> kTypes{SCREE_UINT8,  SCREE_FLOAT32, SCREE_INT64,  SCREE_INT32,
+                                             SCREE_UINT64, SCREE_FLOAT32, SCREE_FLOAT32};
   scree_array array{};
   array.type = kTypes[static_cast<size_t>(layer)];
   int64_t* shape = array.shape;
   if (stats.cameras != 0) *shape++ = stats.cameras;
   *shape++ = int64_t{stats.height} * side;
   *shape++ = int64_t{stats.width} * side;
-  if (layer == SCREE_COLOR) *shape++ = 4;
+  constexpr std::array<int64_t, 7> kChannels{4, 0, 0, 0, 0, 3, 2};
+  if (kChannels[static_cast<size_t>(layer)] != 0) *shape++ = kChannels[static_cast<size_t>(layer)];
   array.dimensions = static_cast<uint32_t>(shape - array.shape);
   return array;
 }
@@ -239,7 +241,7 @@ int number_of(const std::array<const char*, kCount>& words, const std::string& w
 
 constexpr std::array<const char*, 9> kShows{"texture", "color", "uv",    "normal", "triangle",
                                             "cluster", "mesh",  "stage", "depth"};
-constexpr std::array<const char*, 5> kLayers{"color", "depth", "triangle", "instance", "samples"};
+constexpr std::array<const char*, 7> kLayers{"color", "depth", "triangle", "instance", "samples", "normal", "uv"};
 constexpr std::array<const char*, 3> kBackends{"auto", "cpu", "cuda"};
 constexpr std::array<const char*, 3> kTextures{"keep", "raw", "jpeg"};
 

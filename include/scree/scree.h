@@ -274,13 +274,17 @@ SCREE_API scree_status scree_draw_batch(scree_view* view, const scree_camera* ca
  * chunks are streamed. */
 SCREE_API scree_status scree_shade(scree_view* view, const scree_draw_options* options);
 
-/* A pixel of depth, triangle and instance shows its nearest sample. */
+/* A pixel shows its nearest sample, but for colours. */
 typedef enum scree_layer {
   SCREE_COLOR = 0,    /* height x width x 4 uint8: 8-bit sRGB, alpha linear and not premultiplied */
   SCREE_DEPTH = 1,    /* height x width float32: from the eye's plane, in units; infinity on the background */
   SCREE_TRIANGLE = 2, /* height x width int64: id, -1 on the background */
   SCREE_INSTANCE = 3, /* height x width int32: index for scree_get_instance_info(), -1 on the background */
   SCREE_SAMPLES = 4,  /* height * samples x width * samples uint64: 28 bits of depth code over 36 of triangle id */
+  SCREE_NORMAL = 5,   /* height x width x 3 float32: unit length, world space, of the front also where the back is seen;
+                         0 on the background. As SCREE_UV not where chunks are streamed: SCREE_ERROR_ARGUMENT */
+  SCREE_UV = 6,       /* height x width x 2 float32: texture coordinates as the mesh has them, no material's transform
+                         applied; 0 on the background and where the mesh has none */
   SCREE_LAYER_32_BITS = 0x7fffffff
 } scree_layer;
 

@@ -341,6 +341,19 @@ Result<void> occlusion_cpu(const View& view, uint32_t samples_per_side, std::spa
   }
 }
 
+Result<void> layers_cpu(const SceneView& scene, const View& view, uint32_t samples_per_side,
+                        std::span<const uint64_t> samples, const LayerTargets& out, uint32_t threads) {
+  if (auto checked = check_resolve(view, samples_per_side); !checked) return checked;
+  if (auto checked = check_picture(view, samples.size(), 1, "samples"); !checked) return checked;
+  try {
+    ThreadPool pool(threads);
+    passes_for(best_instruction_set()).layers(pool, scene, view, samples_per_side, samples.data(), out);
+    return {};
+  } catch (const std::bad_alloc&) {
+    return out_of_memory();
+  }
+}
+
 SrgbTables make_srgb_tables() {
   const auto decode = [](double code) {
     return static_cast<float>(code <= 0.04045 ? code / 12.92 : std::pow((code + 0.055) / 1.055, 2.4));

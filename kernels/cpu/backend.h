@@ -67,6 +67,8 @@ struct CpuPasses {
                          const float* visibility, uint32_t channels, uint8_t* pixels);
   void (*occlude)(ThreadPool& pool, const View& view, uint32_t side, const uint64_t* samples,
                   const ShadeOptions& options, float* depth, float* open, float* visibility);
+  void (*layers)(ThreadPool& pool, const SceneView& scene, const View& view, uint32_t side, const uint64_t* samples,
+                 const LayerTargets& out);
 };
 namespace isa_baseline {
 extern const CpuPasses kPasses;

@@ -2,6 +2,7 @@
 #include "kernels/cpu/passes.h"
 #include "kernels/cpu/team.h"
 #include "kernels/shade/ambient_occlusion.h"
+#include "kernels/shade/layers.h"
 #include "kernels/shade/pixels.h"
 #include "kernels/shade/stored_colors.h"
 
@@ -69,10 +70,17 @@ void occlude(ThreadPool& pool, const View& view, uint32_t side, const uint64_t* 
                 [&](const auto& pass, uint32_t count) { backend.for_each(count, pass); });
 }
 
+void layers(ThreadPool& pool, const SceneView& scene, const View& view, uint32_t side, const uint64_t* samples,
+            const LayerTargets& out) {
+  CpuBackend backend(pool);
+  run_layers(scene, view, side, samples, nullptr, out,
+             [&](const auto& pass, uint32_t count) { backend.for_each(count, pass); });
+}
+
 }  // namespace
 
 extern const CpuPasses kPasses;
-const CpuPasses kPasses = {draw, shade, resolve, shade_part, resolve_colors, occlude};
+const CpuPasses kPasses = {draw, shade, resolve, shade_part, resolve_colors, occlude, layers};
 
 }  // namespace SCREE_ISA
 }  // namespace scree::kernels

@@ -4,23 +4,30 @@
 
 #include "kernels/cuda/check.h"
 #include "kernels/cuda/pixels.cuh"
+#include "kernels/shade/layers.h"
 
 namespace scree::kernels {
 namespace {
 
-__global__ void run_layers(const __grid_constant__ MakeLayers pass, uint32_t count) {
+template <class Pass>
+__global__ void run_layer(const __grid_constant__ Pass pass, uint32_t count) {
   const uint32_t item = (blockIdx.x * kPixelThreads + threadIdx.x) / 32;
   if (item < count) pass(item, PixelTeam{});
 }
 
 }  // namespace
 
-Result<void> start_layers(const MakeLayers& pass, cudaStream_t stream) {
-  constexpr uint32_t kItemsPerBlock = kPixelThreads / 32;
-  const uint32_t count = pass.items();
-  if (count == 0) return {};
-  run_layers<<<(count + kItemsPerBlock - 1) / kItemsPerBlock, kPixelThreads, 0, stream>>>(pass, count);
-  return cuda_check(cudaGetLastError(), "starting to make a layer");
+Result<void> start_layers(const SceneView& scene, const View& view, uint32_t samples_per_side, const uint64_t* samples,
+                          const Transform* transforms, const LayerTargets& out, cudaStream_t stream) {
+  if (Result<void> checked = check_resolve(view, samples_per_side); !checked) return checked;
+  cudaError_t status = cudaSuccess;
+  run_layers(scene, view, samples_per_side, samples, transforms, out, [&]<class Pass>(const Pass& pass, uint32_t count) {
+    if (status != cudaSuccess || count == 0) return;
+    constexpr uint32_t kItemsPerBlock = kPixelThreads / 32;
+    run_layer<Pass><<<(count + kItemsPerBlock - 1) / kItemsPerBlock, kPixelThreads, 0, stream>>>(pass, count);
+    status = cudaGetLastError();
+  });
+  return cuda_check(status, "starting to make a layer");
 }
 
 }  // namespace scree::kernels

@@ -6,11 +6,14 @@
 #include <cstdint>
 
 #include "format/result.h"
-#include "kernels/shade/layers.h"
+#include "kernels/frame.h"
+#include "kernels/raster/transform.h"
 
 namespace scree::kernels {
 
-/// Queues `pass`, all of whose pointers are of the current device, on `stream`. Errors kDevice.
-Result<void> start_layers(const MakeLayers& pass, cudaStream_t stream);
+/// As layers_cpu(), queued on `stream`; all pointers, those in `scene` too, are of the current device. `transforms`: of
+/// `view`, by instance number, valid for the instances that `samples` show. Errors kRange, kDevice.
+Result<void> start_layers(const SceneView& scene, const View& view, uint32_t samples_per_side, const uint64_t* samples,
+                          const Transform* transforms, const LayerTargets& out, cudaStream_t stream);
 
 }  // namespace scree::kernels

@@ -185,7 +185,7 @@ SCREE_HD inline Corners<Real> fetch_corners(const ChunkReader& reader, const uin
   return out;
 }
 
-/// a * b + c, rounded once or twice: for shading, which is not held to the bit.
+/// a * b + c, on CUDA rounded once: for colours, which are not held to the bit.
 SCREE_HD inline float multiply_add(float a, float b, float c) {
 #if defined(__CUDA_ARCH__)
   return __fmaf_rn(a, b, c);
@@ -193,12 +193,9 @@ SCREE_HD inline float multiply_add(float a, float b, float c) {
   return a * b + c;
 #endif
 }
+/// Rounded twice everywhere: layers of floats are held to the bit.
 SCREE_HD inline double multiply_add(double a, double b, double c) {
-#if defined(__CUDA_ARCH__)
-  return __fma_rn(a, b, c);
-#else
   return a * b + c;
-#endif
 }
 
 /// 1 / value, on CUDA to 1 ulp for a float.

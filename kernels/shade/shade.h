@@ -104,8 +104,9 @@ inline ShadeInputs make_shade_inputs(const SceneView& scene, const View& view, c
 }
 
 /// Vertex normals between the corners, in object space, any length.
-SCREE_HD inline void vertex_normal(const PlacedChunk& at, const uint32_t vertex[3], const float weights[3],
-                                   float normal[3]) {
+template <class Real>
+SCREE_HD inline void vertex_normal(const PlacedChunk& at, const uint32_t vertex[3], const Real weights[3],
+                                   Real normal[3]) {
   const std::byte* stream = at.page + at.chunk.offset + streams_of(at.mesh, at.chunk).normals.offset;
   const uint32_t bits = at.chunk.normal_bits;
   normal[0] = normal[1] = normal[2] = 0;
@@ -113,7 +114,7 @@ SCREE_HD inline void vertex_normal(const PlacedChunk& at, const uint32_t vertex[
     const uint64_t bit = uint64_t{vertex[i]} * (2u * bits);
     float unit[3];
     format::decode_octahedral(unpack_bits(stream, bit, bits), unpack_bits(stream, bit + bits, bits), bits, unit);
-    for (int j = 0; j < 3; ++j) normal[j] = multiply_add(weights[i], unit[j], normal[j]);
+    for (int j = 0; j < 3; ++j) normal[j] = multiply_add(weights[i], static_cast<Real>(unit[j]), normal[j]);
   }
 }
 
@@ -123,11 +124,12 @@ SCREE_HD inline bool has_vertex_normals(const PlacedChunk& at) {
 
 /// The normal of a face in world space, outwards for glTF's counter-clockwise fronts, also under mirroring matrices; or
 /// the mesh's own normals between the corners.
+template <class Real>
 SCREE_HD inline void world_normal(const PlacedChunk& at, const format::MatrixRecord& matrix, const uint32_t vertex[3],
-                                  const Corners<double>& corners, const float weights[3], double normal[3]) {
+                                  const Corners<double>& corners, const Real weights[3], double normal[3]) {
   const double(*m)[4] = matrix.rows;
   if (has_vertex_normals(at)) {
-    float object[3];
+    Real object[3];
     vertex_normal(at, vertex, weights, object);
     const double wide[3] = {object[0], object[1], object[2]};
     // The inverse transpose is the cofactor matrix over the determinant, whose sign is all that matters here.

@@ -19,7 +19,7 @@ from ._scree import Camera, Error, SharedLayer, __version__
 
 __all__ = ["Camera", "Error", "File", "Scene", "SharedLayer", "View", "convert", "look_at", "matrices", "open"]
 
-LAYERS = ("color", "depth", "triangle", "instance", "samples")
+LAYERS = ("color", "depth", "triangle", "instance", "samples", "normal", "uv")
 
 
 def look_at(eye, target=None, up=(0, 1, 0), fov=45.0) -> Camera:
@@ -156,7 +156,7 @@ class View:
                    edl=False, background=(0, 0, 0, 0)) -> View:
         """Draws a frame for each of `cameras`, all of width x height pixels, in one call.
 
-        `layers`: which of color, depth, triangle and instance are made. read() and share() then give them with one more,
+        `layers`: which are made, of all but samples. read() and share() then give them with one more,
         first dimension, of cameras; on a GPU they are one block of its memory. Otherwise as draw().
         """
         self._view.draw_batch(list(cameras), width, height, layers=list(layers), samples=samples, show=show, light=light,
@@ -173,7 +173,10 @@ class View:
 
         color: height x width x 4 uint8, 8-bit sRGB, alpha linear and not premultiplied. depth: float32, from the eye's
         plane in world units, inf on the background. triangle: int64 ids, -1 on the background. instance: int32, places
-        in Scene.instances(), -1 on the background. samples: uint64, the visibility buffer.
+        in Scene.instances(), -1 on the background. samples: uint64, the visibility buffer. normal: height x width x 3
+        float32, unit length in world space, of the front also where the back is seen, 0 on the background. uv: height x
+        width x 2 float32, texture coordinates as the mesh has them, 0 where it has none. Neither of the last two where
+        chunks are streamed.
         """
         return self._view.read(layer)
 

@@ -8,7 +8,7 @@ import numpy.typing as npt
 __version__: str
 LAYERS: tuple[str, ...]
 
-_Layer = Literal["color", "depth", "triangle", "instance", "samples"]
+_Layer = Literal["color", "depth", "triangle", "instance", "samples", "normal", "uv"]
 _Show = Literal["texture", "color", "uv", "normal", "triangle", "cluster", "mesh", "stage", "depth"]
 _Progress = Callable[[str, int, int], bool | None]
 _Path = str | os.PathLike[str]

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <optional>
 #include <span>
@@ -26,11 +27,29 @@ struct PictureNeeds {
 };
 
 /// What beside the colours can be made of a picture's pixels (kernels/shade/layers.h).
-enum class PixelLayer { kDepth, kTriangle, kInstance };
+enum class PixelLayer { kDepth, kTriangle, kInstance, kNormal, kUv };
+inline constexpr size_t kPixelLayerCount = 5;
+inline constexpr size_t kBlockCount = 7;  // of DeviceView::reserve_block(): one per Layer of a ViewRenderer
 
 /// Bytes of a pixel of it.
 constexpr uint64_t layer_bytes(PixelLayer layer) {
-  return layer == PixelLayer::kTriangle ? sizeof(int64_t) : sizeof(int32_t);
+  constexpr uint64_t kBytes[kPixelLayerCount] = {sizeof(float), sizeof(int64_t), sizeof(int32_t), 3 * sizeof(float),
+                                                 2 * sizeof(float)};
+  return kBytes[static_cast<size_t>(layer)];
+}
+
+/// Where a layer goes.
+inline void set_target(kernels::LayerTargets& targets, PixelLayer layer, std::byte* out) {
+  if (layer == PixelLayer::kDepth) targets.depth = reinterpret_cast<float*>(out);
+  if (layer == PixelLayer::kTriangle) targets.triangle = reinterpret_cast<int64_t*>(out);
+  if (layer == PixelLayer::kInstance) targets.instance = reinterpret_cast<int32_t*>(out);
+  if (layer == PixelLayer::kNormal) targets.normal = reinterpret_cast<float*>(out);
+  if (layer == PixelLayer::kUv) targets.uv = reinterpret_cast<float*>(out);
+}
+inline kernels::LayerTargets target_of(PixelLayer layer, std::byte* out) {
+  kernels::LayerTargets targets{};
+  set_target(targets, layer, out);
+  return targets;
 }
 
 /// What one view of a DeviceScene keeps on the device from frame to frame: samples, pictures, layers, and of a resident
@@ -57,16 +76,29 @@ class DeviceView {
   Result<uint64_t> read_sample(uint64_t index);
 
   /// Queues a layer of that picture, in device memory that stays until the next call for this layer. Errors kRange (no
-  /// such picture), kDevice. `out`: device memory for it in place of that, as resolve() has it for pixels.
-  Result<const std::byte*> make_layer(const kernels::View& view, uint32_t samples_per_side, PixelLayer layer,
-                                      std::byte* out = nullptr);
+  /// such picture), kUnsupported (normals and texture coordinates of a streamed scene, whose chunks are not there any
+  /// more), kDevice.
+  Result<const std::byte*> make_layer(const kernels::View& view, uint32_t samples_per_side, PixelLayer layer);
+
+  /// Queues several layers of that picture into device memory. Errors as make_layer().
+  Result<void> make_layers(const kernels::View& view, uint32_t samples_per_side, const kernels::LayerTargets& out);
+
+  /// Draws pictures of one size, one after the other. `make(i)` queues what is made of picture i, by resolve() and
+  /// make_layers(); it may be called twice for a picture, whose second result holds. The scene's next picture is
+  /// submitted before the host waits for this one, so that the device has work all the time: two pictures have samples
+  /// and draw lists then, the second as long as the view lives. Where memory is missing for those, and where chunks are
+  /// streamed, pictures are waited for one by one. `scene`: the one that was uploaded. Sums of what draw() counts.
+  Result<kernels::FrameStats> draw_batch(const Scene& scene, std::span<const kernels::View> views,
+                                         const kernels::ShadeOptions* shade,
+                                         const std::function<Result<void>(size_t)>& make);
 
   /// The picture that resolve() made last of `width` x `height` pixels, as a JPEG file that is made on the device:
   /// baseline, with libjpeg's tables of `quality` (1 to 100) and a restart marker after every few MCUs. `is_sharp`:
   /// colours in full resolution in place of a quarter. Errors kDevice, kMemory, kRange (a side of 0 or over 65,535).
   Result<std::vector<std::byte>> encode_jpeg(uint32_t width, uint32_t height, int quality, bool is_sharp);
 
-  /// Device memory for the pictures of a batch, `index` below 4: at least so many bytes, until it is asked for again.
+  /// Device memory for the pictures of a batch, `index` below kBlockCount: at least so many bytes, until it is asked
+  /// for again.
   Result<std::byte*> reserve_block(size_t index, uint64_t bytes);
 
   /// Device memory: the picture that resolve() made last, RGBA8, and the samples.
@@ -136,6 +168,15 @@ class DeviceScene {
   /// byte, read back; may be empty where the time is all that is wanted.
   Result<void> resolve(const kernels::View& view, uint32_t samples_per_side, const kernels::ShadeOptions& options,
                        std::span<uint32_t> pixels, kernels::ResolveTimes* times = nullptr);
+
+  /// Linear light of the samples of that picture, 3 floats each, read back: as kernels::shade_part_cpu() with all
+  /// chunks. Those of the background hold anything. `view` and `options` as for resolve(); what they show is shaded
+  /// from chunks. Errors as resolve().
+  Result<void> read_colors(const kernels::View& view, const kernels::ShadeOptions& options, std::span<float> colors);
+
+  /// A layer of the picture that draw() made last, read back: `out` is all of it. Errors as DeviceView::make_layer().
+  Result<void> read_layer(const kernels::View& view, uint32_t samples_per_side, PixelLayer layer,
+                          std::span<std::byte> out);
 
   /// As DeviceView's.
   Result<std::vector<std::byte>> encode_jpeg(uint32_t width, uint32_t height, int quality, bool is_sharp);

@@ -88,8 +88,14 @@ struct DeviceView::Impl {
   kernels::CudaResolver resolver;
   DeviceBuffer samples;
   DeviceBuffer pixels;
-  DeviceBuffer layers[3];  // by PixelLayer
-  DeviceBuffer blocks[4];
+  DeviceBuffer colors;  // of read_colors()
+  DeviceBuffer layers[kPixelLayerCount];
+  DeviceBuffer blocks[kBlockCount];
+  // Of the second picture that a batch has on its way; they take turns with `frames` and `samples`.
+  std::optional<kernels::CudaFrames> second_frames;
+  DeviceBuffer second_samples;
+  size_t picture = 0;      // whose turn it is
+  bool has_room_for_second = true;
   kernels::CudaJpegCoder jpeg;
   cudaEvent_t queued = nullptr;
   std::optional<StreamStats> streamed;
@@ -106,6 +112,14 @@ struct DeviceView::Impl {
                                         std::to_string(view.height) + " samples was drawn"};
   }
   uint64_t* sample_data() const { return reinterpret_cast<uint64_t*>(samples.data()); }
+
+  void use_picture(size_t number) {
+    if (picture == number) return;
+    std::swap(frames, second_frames);
+    std::swap(samples, second_samples);
+    picture = number;
+  }
+  bool open_second(const kernels::SceneView& host);
 };
 
 struct DeviceScene::Impl {
@@ -125,6 +139,17 @@ struct DeviceScene::Impl {
                                uint64_t texture_cache, uint64_t host_memory, const PictureNeeds& pictures,
                                JobProgress* progress);
 };
+
+/// False where the device has no room for it, or the scene is streamed.
+bool DeviceView::Impl::open_second(const kernels::SceneView& host) {
+  if (scene.stream != nullptr || !has_room_for_second) return false;
+  std::optional<kernels::CudaFrames>& second = picture == 0 ? second_frames : frames;
+  if (second) return true;
+  Result<kernels::CudaFrames> made = kernels::CudaFrames::create(host, scene.scene.view());
+  has_room_for_second = static_cast<bool>(made);
+  if (made) second = std::move(*made);
+  return has_room_for_second;
+}
 
 DeviceScene::DeviceScene(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
 DeviceScene::DeviceScene(DeviceScene&&) noexcept = default;
@@ -275,6 +300,38 @@ Result<void> DeviceScene::resolve(const kernels::View& view, uint32_t samples_pe
   return DeviceView(impl_->own).resolve(view, samples_per_side, options, pixels, times);
 }
 
+Result<void> DeviceScene::read_colors(const kernels::View& view, const kernels::ShadeOptions& options,
+                                      std::span<float> colors) {
+  DeviceView::Impl& own = *impl_->own;
+  if (Result<void> checked = own.check_drawn(view); !checked) return checked;
+  if (colors.size() != uint64_t{3} * view.width * view.height || !kernels::shades_from_chunks(options.show))
+    return Error{ErrorCode::kRange, std::to_string(colors.size()) + " values for the colours of " +
+                                        std::to_string(view.width) + " x " + std::to_string(view.height) + " samples"};
+  const float* made = nullptr;
+  if (impl_->stream != nullptr) {
+    made = impl_->stream->colors();
+    if (made == nullptr) return Error{ErrorCode::kRange, "the streamed frame was not drawn to be shaded so"};
+  } else {
+    Result<void> done = own.colors.reserve(colors.size_bytes(), "allocating the samples' colours");
+    if (done)
+      done = own.resolver.shade_part(impl_->scene.view(), view, own.sample_data(), own.frames->transforms(), options,
+                                     reinterpret_cast<float*>(own.colors.data()), nullptr,
+                                     impl_->scene.texture_cache());
+    if (!done) return done;
+    made = reinterpret_cast<const float*>(own.colors.data());
+  }
+  return cuda_check(cudaMemcpy(colors.data(), made, colors.size_bytes(), cudaMemcpyDeviceToHost),
+                    "reading the samples' colours");
+}
+
+Result<void> DeviceScene::read_layer(const kernels::View& view, uint32_t samples_per_side, PixelLayer layer,
+                                     std::span<std::byte> out) {
+  DeviceView own(impl_->own);
+  const Result<const std::byte*> made = own.make_layer(view, samples_per_side, layer);
+  if (!made) return made.error();
+  return own.read(*made, out);
+}
+
 Result<std::vector<std::byte>> DeviceScene::encode_jpeg(uint32_t width, uint32_t height, int quality, bool is_sharp) {
   return DeviceView(impl_->own).encode_jpeg(width, height, quality, is_sharp);
 }
@@ -371,27 +428,76 @@ Result<void> DeviceView::resolve(const kernels::View& view, uint32_t samples_per
                     "reading the picture");
 }
 
-Result<const std::byte*> DeviceView::make_layer(const kernels::View& view, uint32_t samples_per_side, PixelLayer layer,
-                                                std::byte* out) {
+Result<const std::byte*> DeviceView::make_layer(const kernels::View& view, uint32_t samples_per_side,
+                                                PixelLayer layer) {
+  DeviceBuffer& buffer = impl_->layers[static_cast<size_t>(layer)];
+  const uint64_t count = uint64_t{view.width / samples_per_side} * (view.height / samples_per_side);
+  if (auto reserved = buffer.reserve(count * layer_bytes(layer), "allocating a layer"); !reserved)
+    return reserved.error();
+  if (Result<void> made = make_layers(view, samples_per_side, target_of(layer, buffer.data())); !made)
+    return made.error();
+  return buffer.data();
+}
+
+Result<void> DeviceView::make_layers(const kernels::View& view, uint32_t samples_per_side,
+                                     const kernels::LayerTargets& out) {
   Impl& impl = *impl_;
-  if (Result<void> checked = impl.check_drawn(view); !checked) return checked.error();
-  if (auto checked = kernels::check_resolve(view, samples_per_side); !checked) return checked.error();
-  if (out == nullptr) {
-    DeviceBuffer& buffer = impl.layers[static_cast<size_t>(layer)];
-    const uint64_t count = uint64_t{view.width / samples_per_side} * (view.height / samples_per_side);
-    if (auto reserved = buffer.reserve(count * layer_bytes(layer), "allocating a layer"); !reserved)
-      return reserved.error();
-    out = buffer.data();
+  if (Result<void> checked = impl.check_drawn(view); !checked) return checked;
+  const bool reads_chunks = out.normal != nullptr || out.uv != nullptr;
+  if (reads_chunks && impl.scene.stream != nullptr)
+    return Error{ErrorCode::kUnsupported,
+                 "a streamed scene has no normals and no texture coordinates to read: the GPU's memory or a larger "
+                 "budget of it has to hold the scene, or the CPU draws it"};
+  return kernels::start_layers(impl.scene.scene.view(), view, samples_per_side, impl.sample_data(),
+                               reads_chunks ? impl.frames->transforms() : nullptr, out, nullptr);
+}
+
+Result<kernels::FrameStats> DeviceView::draw_batch(const Scene& scene, std::span<const kernels::View> views,
+                                                   const kernels::ShadeOptions* shade,
+                                                   const std::function<Result<void>(size_t)>& make) {
+  Impl& impl = *impl_;
+  kernels::FrameStats sum{};
+  if (views.size() < 2 || !impl.open_second(scene.view())) {
+    for (size_t i = 0; i < views.size(); ++i) {
+      const Result<kernels::FrameStats> drawn = draw(views[i], nullptr, shade);
+      if (!drawn) return drawn.error();
+      sum += *drawn;
+      if (Result<void> made = make(i); !made) return made.error();
+    }
+    return sum;
   }
-  kernels::LayerTargets targets{};
-  if (layer == PixelLayer::kDepth) targets.depth = reinterpret_cast<float*>(out);
-  if (layer == PixelLayer::kTriangle) targets.triangle = reinterpret_cast<int64_t*>(out);
-  if (layer == PixelLayer::kInstance) targets.instance = reinterpret_cast<int32_t*>(out);
-  if (auto started = kernels::start_layers(
-          kernels::make_layers(impl.scene.scene.view(), view, samples_per_side, impl.sample_data(), targets), nullptr);
-      !started)
-    return started.error();
-  return out;
+  // Both pictures' frames and samples take turns as the view's own.
+  const auto end = [&](size_t i) -> Result<void> {
+    impl.use_picture(i % 2);
+    const Result<kernels::CudaFrames::Finished> finished = impl.frames->finish();
+    if (!finished) return finished.error();
+    sum += finished->stats;
+    return finished->is_drawn_again ? make(i) : Result<void>();
+  };
+  Result<void> done;
+  size_t started = 0;
+  size_t ended = 0;
+  while (done && started < views.size()) {
+    if (started >= 2) {
+      done = end(ended++);
+      if (!done) break;
+    }
+    impl.use_picture(started % 2);
+    const kernels::View& view = views[started];
+    done = impl.samples.reserve(uint64_t{view.width} * view.height * sizeof(uint64_t), "allocating the visibility buffer");
+    if (done) done = impl.frames->start(view, impl.sample_data());
+    if (!done) break;
+    impl.width = view.width;
+    impl.height = view.height;
+    done = make(started++);
+  }
+  // Nothing is on its way to memory of the view's any more, even after an error.
+  while (ended < started)
+    if (const Result<void> last = end(ended++); done) done = last;
+  impl.use_picture((views.size() - 1) % 2);
+  if (!done) impl.width = 0;
+  if (!done) return done.error();
+  return sum;
 }
 
 Result<std::vector<std::byte>> DeviceView::encode_jpeg(uint32_t width, uint32_t height, int quality, bool is_sharp) {

@@ -33,6 +33,14 @@ Result<void> DeviceScene::resolve(const kernels::View&, uint32_t, const kernels:
   return current_gpu().error();
 }
 
+Result<void> DeviceScene::read_colors(const kernels::View&, const kernels::ShadeOptions&, std::span<float>) {
+  return current_gpu().error();
+}
+
+Result<void> DeviceScene::read_layer(const kernels::View&, uint32_t, PixelLayer, std::span<std::byte>) {
+  return current_gpu().error();
+}
+
 Result<std::vector<std::byte>> DeviceScene::encode_jpeg(uint32_t, uint32_t, int, bool) {
   return current_gpu().error();
 }
@@ -92,7 +100,17 @@ Result<uint64_t> DeviceView::read_sample(uint64_t) {
   return current_gpu().error();
 }
 
-Result<const std::byte*> DeviceView::make_layer(const kernels::View&, uint32_t, PixelLayer, std::byte*) {
+Result<const std::byte*> DeviceView::make_layer(const kernels::View&, uint32_t, PixelLayer) {
+  return current_gpu().error();
+}
+
+Result<void> DeviceView::make_layers(const kernels::View&, uint32_t, const kernels::LayerTargets&) {
+  return current_gpu().error();
+}
+
+Result<kernels::FrameStats> DeviceView::draw_batch(const Scene&, std::span<const kernels::View>,
+                                                   const kernels::ShadeOptions*,
+                                                   const std::function<Result<void>(size_t)>&) {
   return current_gpu().error();
 }
 

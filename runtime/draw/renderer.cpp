@@ -9,6 +9,8 @@
 
 #include "format/bitpack.h"
 #include "format/geometry/chunk_layout.h"
+#include "kernels/frame_parts.h"
+#include "runtime/textures/srgb.h"
 #include "runtime/threads/parallel.h"
 
 namespace scree::runtime {
@@ -103,22 +105,62 @@ Result<Picture> Frame::shade(const kernels::ShadeOptions& options, uint32_t thre
   }
 }
 
-std::vector<float> Frame::depth() const {
-  assert(!samples_.empty());
-  std::vector<float> out(uint64_t{width()} * height());
-  for (uint64_t y = 0; y < height(); ++y) {
-    for (uint64_t x = 0; x < width(); ++x) {
-      uint64_t nearest = kernels::kBackground;  // the smallest code is the nearest
-      for (uint64_t j = 0; j < samples_per_side_; ++j)
-        for (uint64_t i = 0; i < samples_per_side_; ++i)
-          nearest = std::min(nearest, samples_[(y * samples_per_side_ + j) * view_.width + x * samples_per_side_ + i]);
-      out[y * width() + x] =
-          nearest == kernels::kBackground
-              ? INFINITY
-              : static_cast<float>(kernels::depth_of_code(view_, kernels::sample_depth_code(nearest)));
+Result<std::vector<float>> Frame::linear(const kernels::ShadeOptions& options, uint32_t threads) const {
+  try {
+    std::vector<float> out(uint64_t{4} * width() * height());
+    if (!kernels::shades_from_chunks(options.show)) {
+      const Result<Picture> picture = shade(options, threads);
+      if (!picture) return picture.error();
+      const uint8_t* code = picture->pixels.data();
+      for (size_t i = 0; i < out.size(); i += 4, code += picture->channels) {
+        out[i + 3] = picture->channels == 4 ? static_cast<float>(code[3]) / 255.0f : 1.0f;
+        for (size_t c = 0; c < 3; ++c) out[i + c] = linear_of_srgb(code[c]) * out[i + 3];
+      }
+      return out;
     }
+    assert(!samples_.empty());
+    std::vector<float> colors(3 * samples_.size());
+    const Result<void> shaded =
+        device_ != nullptr ? device_->read_colors(view_, options, colors)
+                           : kernels::shade_part_cpu(scene_->view(), view_, samples_, options, colors, threads);
+    if (!shaded) return shaded.error();
+    std::vector<float> visibility(options.ssao || options.edl ? out.size() / 4 : 0);
+    if (!visibility.empty())
+      if (const Result<void> found =
+              kernels::occlusion_cpu(view_, samples_per_side_, samples_, options, visibility, threads);
+          !found)
+        return found.error();
+    const uint64_t side = samples_per_side_;
+    parallel_for(height(), threads, [&](uint64_t y) {
+      for (uint64_t x = 0; x < width(); ++x) {
+        const uint64_t pixel = y * width() + x;
+        float light[3] = {0, 0, 0};
+        float surface = 0;
+        for (uint64_t j = 0; j < side; ++j) {
+          for (uint64_t i = 0; i < side; ++i) {
+            const uint64_t sample = (y * side + j) * view_.width + x * side + i;
+            if (samples_[sample] == kernels::kBackground) continue;
+            surface += 1;
+            for (uint64_t c = 0; c < 3; ++c) light[c] += colors[3 * sample + c];
+          }
+        }
+        const float factor = visibility.empty() ? 1.0f : visibility[pixel];
+        const float share = 1.0f / static_cast<float>(side * side);
+        const float behind = (static_cast<float>(side * side) - surface) * options.background[3];
+        for (uint64_t c = 0; c < 3; ++c)
+          out[4 * pixel + c] = (light[c] * factor + behind * options.background[c]) * share;
+        out[4 * pixel + 3] = (surface + behind) * share;
+      }
+    });
+    return out;
+  } catch (const std::bad_alloc&) {
+    return Error{ErrorCode::kMemory, "no memory left for the picture"};
   }
-  return out;
+}
+
+Result<void> Frame::read_layer(PixelLayer layer, std::span<std::byte> out, uint32_t threads) const {
+  if (device_ != nullptr) return device_->read_layer(view_, samples_per_side_, layer, out);
+  return kernels::layers_cpu(scene_->view(), view_, samples_per_side_, samples_, target_of(layer, out.data()), threads);
 }
 
 Result<std::optional<Pick>> Frame::pick(uint32_t x, uint32_t y) const {

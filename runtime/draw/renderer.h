@@ -1,7 +1,9 @@
 // A frame: from a scene and a view to a picture, a depth image and what lies under a pixel.
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
+#include <new>
 #include <optional>
 #include <span>
 #include <vector>
@@ -59,13 +61,28 @@ class Frame {
   /// opaque. Errors kMemory, those of kernels::resolve_cpu and DeviceScene::resolve.
   Result<Picture> shade(const kernels::ShadeOptions& options, uint32_t threads) const;
 
-  /// Brings the samples of a GPU to where samples(), depth() and pick() find them; nothing to do on a CPU. Errors
+  /// The same in linear light: RGBA, 4 floats a pixel, premultiplied by alpha. Of what shows ids or depths, the 8-bit
+  /// colours in linear light. On a GPU after read_samples(). Takes 12 bytes a sample meanwhile. Errors kMemory, those of
+  /// shade(), kernels::shade_part_cpu and DeviceScene::read_colors.
+  Result<std::vector<float>> linear(const kernels::ShadeOptions& options, uint32_t threads) const;
+
+  /// Brings the samples of a GPU to where samples() and pick() find them; nothing to do on a CPU. Errors
   /// kMemory, kDevice.
   Result<void> read_samples();
 
-  /// Distance from the eye's plane in world units, one float a pixel, rows top to bottom: of the nearest sample of a
-  /// pixel; infinity where all are background. Throws std::bad_alloc.
-  std::vector<float> depth() const;
+  /// A layer (kernels::LayerTargets has their values and types), rows top to bottom. Errors kMemory, those of
+  /// kernels::layers_cpu and DeviceScene::read_layer.
+  template <class T>
+  Result<std::vector<T>> layer(PixelLayer layer, uint32_t threads) const {
+    try {
+      std::vector<T> values(uint64_t{width()} * height() * layer_bytes(layer) / sizeof(T));
+      if (const Result<void> read = read_layer(layer, std::as_writable_bytes(std::span(values)), threads); !read)
+        return read.error();
+      return values;
+    } catch (const std::bad_alloc&) {
+      return Error{ErrorCode::kMemory, "no memory left for a layer of the picture"};
+    }
+  }
 
   /// pick_sample() of sample_index(); x < width, y < height in pixels.
   Result<std::optional<Pick>> pick(uint32_t x, uint32_t y) const;
@@ -80,6 +97,7 @@ class Frame {
  private:
   Frame() = default;
   Result<void> make_room();  // for samples_
+  Result<void> read_layer(PixelLayer layer, std::span<std::byte> out, uint32_t threads) const;
 
   const Scene* scene_ = nullptr;
   DeviceScene* device_ = nullptr;

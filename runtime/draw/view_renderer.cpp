@@ -8,44 +8,29 @@
 #include <string>
 #include <utility>
 
-#include "kernels/shade/layers.h"
 #include "runtime/threads/first_error.h"
 #include "runtime/threads/parallel.h"
 
 namespace scree::runtime {
 namespace {
 
-/// A thread as a team of one lane, for passes over pixels.
-struct OneLane {
-  static constexpr uint32_t rank() { return 0; }
-  static constexpr uint32_t size() { return 1; }
-};
+/// All that a batch makes.
+constexpr uint32_t kPixelLayers = ((1u << kLayerCount) - 1) & ~(1u << static_cast<uint32_t>(Layer::kSamples));
 
+/// Of all but kColor and kSamples.
 PixelLayer pixel_layer(Layer layer) {
-  return layer == Layer::kDepth      ? PixelLayer::kDepth
-         : layer == Layer::kTriangle ? PixelLayer::kTriangle
-                                     : PixelLayer::kInstance;
-}
-
-kernels::LayerTargets target_of(Layer layer, std::byte* out) {
-  kernels::LayerTargets targets{};
-  if (layer == Layer::kDepth) targets.depth = reinterpret_cast<float*>(out);
-  if (layer == Layer::kTriangle) targets.triangle = reinterpret_cast<int64_t*>(out);
-  if (layer == Layer::kInstance) targets.instance = reinterpret_cast<int32_t*>(out);
-  return targets;
-}
-
-void add(kernels::FrameStats& sum, const kernels::FrameStats& frame) {
-  sum.instances_drawn += frame.instances_drawn;
-  sum.draws += frame.draws;
-  sum.triangles += frame.triangles;
-  sum.triangles_small += frame.triangles_small;
-  sum.triangles_medium += frame.triangles_medium;
-  sum.triangles_large += frame.triangles_large;
-  sum.triangles_clipped += frame.triangles_clipped;
-  sum.groups_tested += frame.groups_tested;
-  sum.clusters_tested += frame.clusters_tested;
-  sum.clusters_drawn += frame.clusters_drawn;
+  switch (layer) {
+    case Layer::kDepth:
+      return PixelLayer::kDepth;
+    case Layer::kTriangle:
+      return PixelLayer::kTriangle;
+    case Layer::kInstance:
+      return PixelLayer::kInstance;
+    case Layer::kNormal:
+      return PixelLayer::kNormal;
+    default:
+      return PixelLayer::kUv;
+  }
 }
 
 Error out_of_memory(uint64_t bytes) {
@@ -144,10 +129,10 @@ Result<void> ViewRenderer::draw(const kernels::View& view, uint32_t samples_per_
 
 Result<void> ViewRenderer::draw_batch(std::span<const kernels::View> views, uint32_t samples_per_side,
                                       const kernels::ShadeOptions& shade, uint32_t layers) {
-  constexpr uint32_t kAll = (1u << static_cast<uint32_t>(Layer::kSamples)) - 1;
   if (views.empty() || views.size() > UINT32_MAX) return Error{ErrorCode::kUsage, "a batch has 1 to 2^32 - 1 cameras"};
-  if (layers == 0 || (layers & ~kAll) != 0)
-    return Error{ErrorCode::kUsage, "a batch has one layer at least, of colour, depth, triangle and instance"};
+  if (layers == 0 || (layers & ~kPixelLayers) != 0)
+    return Error{ErrorCode::kUsage,
+                 "a batch has one layer at least, of colour, depth, triangle, instance, normal and uv"};
   for (const kernels::View& view : views)
     if (view.width != views[0].width || view.height != views[0].height)
       return Error{ErrorCode::kUsage, "all frames of a batch have one size"};
@@ -160,6 +145,26 @@ Result<void> ViewRenderer::draw_batch(std::span<const kernels::View> views, uint
   draw_time_ = watch.elapsed();
   has_frame_ = true;
   return {};
+}
+
+/// Where the layers of frame `v` of a batch go, `block(layer)` being all of a layer.
+template <class Block>
+ViewRenderer::FrameTargets ViewRenderer::targets_of(uint32_t layers, uint64_t v, const Block& block) const {
+  FrameTargets targets;
+  for (size_t i = 0; i < kLayerCount; ++i) {
+    if ((layers >> i & 1) == 0) continue;
+    const auto layer = static_cast<Layer>(i);
+    const uint64_t bytes = layer_bytes(layer) / batch_;
+    std::byte* const out = block(i) + v * bytes;
+    if (layer == Layer::kColor) {
+      targets.color = out;
+      targets.color_bytes = bytes;
+    } else {
+      set_target(targets.others, pixel_layer(layer), out);
+      targets.has_others = true;
+    }
+  }
+  return targets;
 }
 
 Result<void> ViewRenderer::draw_batch_on_cpu(std::span<const kernels::View> views, uint32_t layers) {
@@ -188,16 +193,17 @@ Result<void> ViewRenderer::draw_batch_on_cpu(std::span<const kernels::View> view
       const kernels::View view = in_samples(views[v]);
       const Result<kernels::FrameStats> drawn = kernels::draw_cpu(scene_->scene().view(), view, samples, threads_each);
       Result<void> done = drawn ? Result<void>() : drawn.error();
-      for (size_t i = 0; i < kLayerCount && done; ++i) {
-        if ((layers >> i & 1) == 0) continue;
-        const uint64_t bytes = layer_bytes(static_cast<Layer>(i)) / batch_;
-        done = make_of(static_cast<Layer>(i), view, samples, threads_each,
-                       std::span(host_[i].bytes).subspan(v * bytes, bytes));
-      }
+      const FrameTargets targets = targets_of(layers, v, [&](size_t layer) { return host_[layer].bytes.data(); });
+      if (done && targets.color != nullptr)
+        done = kernels::resolve_cpu(scene_->scene().view(), view, samples_per_side_, samples, shade_, 4,
+                                    {reinterpret_cast<uint8_t*>(targets.color), targets.color_bytes}, threads_each);
+      if (done && targets.has_others)
+        done = kernels::layers_cpu(scene_->scene().view(), view, samples_per_side_, samples, targets.others,
+                                   threads_each);
       if (!done) failure.report(v, done.error());
       lock.lock();
       free.push_back(worker);
-      if (drawn) add(stats_, *drawn);
+      if (drawn) stats_ += *drawn;
     });
     if (failure.any()) return failure.error();
   } catch (const std::bad_alloc&) {
@@ -218,26 +224,24 @@ Result<void> ViewRenderer::draw_batch_on_gpu(std::span<const kernels::View> view
     blocks[i] = *block;
   }
   const bool shades = (layers & 1u << static_cast<uint32_t>(Layer::kColor)) != 0;
-  for (uint64_t v = 0; v < views.size(); ++v) {
-    const kernels::View view = in_samples(views[v]);
-    const Result<kernels::FrameStats> drawn =
-        device_->draw(view, nullptr, scene_->is_streamed() && shades ? &shade_ : nullptr);
-    if (!drawn) return drawn.error();
-    add(stats_, *drawn);
-    for (size_t i = 0; i < kLayerCount; ++i) {
-      if (blocks[i] == nullptr) continue;
-      const auto layer = static_cast<Layer>(i);
-      std::byte* const out = blocks[i] + v * (layer_bytes(layer) / batch_);
-      if (layer == Layer::kColor) {
-        if (Result<void> done =
-                device_->resolve(view, samples_per_side_, shade_, {}, nullptr, reinterpret_cast<uint32_t*>(out));
-            !done)
-          return done;
-      } else if (const auto done = device_->make_layer(view, samples_per_side_, pixel_layer(layer), out); !done) {
-        return done.error();
-      }
-    }
+  std::vector<kernels::View> in;
+  try {
+    for (const kernels::View& view : views) in.push_back(in_samples(view));
+  } catch (const std::bad_alloc&) {
+    return out_of_memory(views.size_bytes());
   }
+  const Result<kernels::FrameStats> drawn = device_->draw_batch(
+      scene_->scene(), in, scene_->is_streamed() && shades ? &shade_ : nullptr, [&](size_t v) -> Result<void> {
+        const FrameTargets targets = targets_of(layers, v, [&](size_t layer) { return blocks[layer]; });
+        Result<void> done;
+        if (targets.color != nullptr)
+          done = device_->resolve(in[v], samples_per_side_, shade_, {}, nullptr,
+                                  reinterpret_cast<uint32_t*>(targets.color));
+        if (done && targets.has_others) done = device_->make_layers(in[v], samples_per_side_, targets.others);
+        return done;
+      });
+  if (!drawn) return drawn.error();
+  stats_ = *drawn;
   std::copy(std::begin(blocks), std::end(blocks), std::begin(on_gpu_));
   return {};
 }
@@ -324,10 +328,8 @@ Result<void> ViewRenderer::make_of(Layer layer, const kernels::View& view, std::
   if (layer == Layer::kColor)
     return kernels::resolve_cpu(scene, view, samples_per_side_, samples, shade_, 4,
                                 {reinterpret_cast<uint8_t*>(out.data()), out.size()}, threads);
-  const kernels::MakeLayers pass =
-      kernels::make_layers(scene, view, samples_per_side_, samples.data(), target_of(layer, out.data()));
-  parallel_for(pass.items(), threads, [&](uint64_t i) { pass(static_cast<uint32_t>(i), OneLane{}); });
-  return {};
+  return kernels::layers_cpu(scene, view, samples_per_side_, samples, target_of(pixel_layer(layer), out.data()),
+                             threads);
 }
 
 /// With the GPUs' lock held.

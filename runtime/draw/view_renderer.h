@@ -17,19 +17,23 @@
 
 namespace scree::runtime {
 
-/// What can be read of a frame, rows from the top. A pixel of depth, triangle and instance shows its nearest sample.
+/// What can be read of a frame, rows from the top. A pixel shows its nearest sample, but for colours
+/// (kernels::LayerTargets).
 enum class Layer {
   kColor,     // 4 bytes a pixel: red, green, blue as 8-bit sRGB, alpha linear, not premultiplied
   kDepth,     // float: distance from the eye's plane in world units, infinity on the background
   kTriangle,  // int64_t: global triangle id, -1 on the background
   kInstance,  // int32_t: place in the scene's instances, -1 on the background
   kSamples,   // uint64_t a sample: the visibility buffer (kernels/visbuffer.h)
+  kNormal,    // 3 floats: unit length, world space, 0 on the background
+  kUv,        // 2 floats: texture coordinates, 0 on the background and where the mesh has none
 };
-inline constexpr size_t kLayerCount = 5;
+inline constexpr size_t kLayerCount = 7;
 
 /// Bytes of a pixel, or of a sample of kSamples.
 constexpr uint64_t bytes_of(Layer layer) {
-  return layer == Layer::kTriangle || layer == Layer::kSamples ? 8 : 4;
+  constexpr uint64_t kBytes[kLayerCount] = {4, 4, 8, 4, 8, 12, 8};
+  return kBytes[static_cast<size_t>(layer)];
 }
 
 /// Draws frame after frame of one scene, of any camera, size, samples and shading. Layers are made when they are first
@@ -60,7 +64,7 @@ class ViewRenderer {
   Result<void> set_shade(const kernels::ShadeOptions& shade);
 
   /// A layer in host memory of this view's, until the next draw(), set_shade() or end. Errors kRange (no frame),
-  /// kMemory, kDevice.
+  /// kUnsupported (DeviceView::make_layer()), kMemory, kDevice.
   Result<std::span<const std::byte>> layer(Layer layer);
 
   /// The same into `out`, of layer_bytes().
@@ -100,6 +104,14 @@ class ViewRenderer {
   Result<void> begin(const kernels::View& view, uint32_t samples_per_side, const kernels::ShadeOptions& shade);
   Result<void> draw_batch_on_cpu(std::span<const kernels::View> views, uint32_t layers);
   Result<void> draw_batch_on_gpu(std::span<const kernels::View> views, uint32_t layers);
+  struct FrameTargets {
+    std::byte* color = nullptr;
+    uint64_t color_bytes = 0;
+    kernels::LayerTargets others{};
+    bool has_others = false;
+  };
+  template <class Block>
+  FrameTargets targets_of(uint32_t layers, uint64_t v, const Block& block) const;
   kernels::View in_samples(kernels::View view) const;
   Result<void> draw_on_gpu();
   Result<void> make(Layer layer, std::span<std::byte> out);

@@ -170,14 +170,17 @@ uint64_t image_check_bytes(const ImageInfo& info, uint64_t file_bytes) {
 
 Result<void> write_pfm(const std::string& path, uint32_t width, uint32_t height, std::span<const float> values,
                        format::Existing existing) {
-  assert(values.size() == uint64_t{width} * height);
-  const std::string head = "Pf\n" + std::to_string(width) + " " + std::to_string(height) + "\n-1.0\n";
+  const uint64_t pixels = uint64_t{width} * height;
+  assert(values.size() == pixels || values.size() == 3 * pixels);
+  const bool is_grey = values.size() == pixels;
+  const uint64_t in_row = is_grey ? width : uint64_t{3} * width;
+  const std::string head = (is_grey ? "Pf\n" : "PF\n") + std::to_string(width) + " " + std::to_string(height) + "\n-1.0\n";
   Result<format::PartFile> file = format::PartFile::create(path, format::PartFile::Content::kEmpty, existing);
   if (!file) return file.error();
   Result<void> done = file->write_at(0, std::as_bytes(std::span(head)));
   uint64_t end = head.size();
-  for (uint64_t row = height; row-- > 0 && done; end += sizeof(float) * width) {
-    done = file->write_at(end, std::as_bytes(values.subspan(row * width, width)));
+  for (uint64_t row = height; row-- > 0 && done; end += sizeof(float) * in_row) {
+    done = file->write_at(end, std::as_bytes(values.subspan(row * in_row, in_row)));
   }
   if (done) done = file->commit();
   return done;

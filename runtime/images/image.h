@@ -129,9 +129,9 @@ Result<void> write_png(const std::string& path, uint32_t width, uint32_t height,
 Result<std::vector<std::byte>> encode_png(uint32_t width, uint32_t height, uint32_t channels,
                                           std::span<const uint8_t> pixels);
 
-/// Writes one float per pixel as a PFM (Portable Float Map, grey): "Pf", size, scale -1.0 (little-endian), rows bottom
-/// to top as the format requires. `values`: width * height, rows top to bottom; infinities are written unchanged.
-/// Errors kFile.
+/// Writes one or three floats per pixel as a PFM (Portable Float Map): "Pf" or "PF", size, scale -1.0 (little-endian),
+/// rows bottom to top as the format requires. `values`: width * height, or three times as many, rows top to bottom;
+/// infinities are written unchanged. Errors kFile.
 Result<void> write_pfm(const std::string& path, uint32_t width, uint32_t height, std::span<const float> values,
                        format::Existing existing = format::Existing::kReplace);
 

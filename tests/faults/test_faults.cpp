@@ -64,10 +64,12 @@ constexpr Job kReaders[] = {
     {"out.png", "compare a.vis b.vis --of in.scree --of coarse.scree --size 24x16 -o out.png --force --threads 1"},
     {"out.png", "compare a.png b.png -o out.png --force --threads 1"},
     {"", "inspect coarse.scree --source in.gltf --threads 1"},
-    {"out.png,out.pfm,out.bin",
-     "render in.scree --force -o out.png --depth out.pfm --visbuffer out.bin --size 24x16 --ssao --pick 12,8 --backend "
-     "cpu "
-     "--quiet --threads 1"},
+    {"out.png,out.pfm,normals.pfm,uvs.pfm,out.bin",
+     "render in.scree --force -o out.png --depth out.pfm --normals normals.pfm --uvs uvs.pfm --visbuffer out.bin "
+     "--size 24x16 --ssao --pick 12,8 --backend cpu --quiet --threads 1"},
+#if defined(SCREE_HAS_EXR)
+    {"out.exr", "render in.scree --force -o out.exr --size 24x16 --edl --backend cpu --quiet --threads 1"},
+#endif
     {"out.png", "render packed.scree --force -o out.png --size 24x16 --samples 2 --backend cpu --quiet --threads 2"},
 };
 constexpr Job kDevice[] = {

@@ -77,11 +77,13 @@ inline std::string layer_of(scree_view* view, scree_layer layer) {
   return {static_cast<const char*>(array.data), array.bytes};
 }
 
+inline constexpr scree_layer kAllLayers[] = {SCREE_COLOR,   SCREE_DEPTH,  SCREE_TRIANGLE, SCREE_INSTANCE,
+                                             SCREE_SAMPLES, SCREE_NORMAL, SCREE_UV};
+
 /// All layers, concatenated.
 inline std::string frame_of(scree_view* view) {
   std::string bytes;
-  for (const scree_layer layer : {SCREE_COLOR, SCREE_DEPTH, SCREE_TRIANGLE, SCREE_INSTANCE, SCREE_SAMPLES})
-    bytes += layer_of(view, layer);
+  for (const scree_layer layer : kAllLayers) bytes += layer_of(view, layer);
   return bytes;
 }
 

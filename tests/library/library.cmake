@@ -5,6 +5,10 @@ set_property(TARGET scree_library_tests PROPERTY UNITY_BUILD OFF)
 target_link_libraries(scree_library_tests PRIVATE scree::scree scree_convert
   $<IF:$<TARGET_EXISTS:Catch2::Catch2WithMain>,Catch2::Catch2WithMain,Catch2::Catch2>)
 add_dependencies(scree_library_tests scree)
+if(TARGET OpenEXR::OpenEXR)
+  target_sources(scree_library_tests PRIVATE library/test_exr.cpp)
+  target_link_libraries(scree_library_tests PRIVATE OpenEXR::OpenEXR)
+endif()
 catch_discover_tests(scree_library_tests TEST_SPEC "~[cuda]~[.]" PROPERTIES LABELS cpu)
 if(scree_cuda STREQUAL emulated)
   catch_discover_tests(scree_library_tests TEST_SPEC "[cuda]~[.]" TEST_SUFFIX " (emulated)"

@@ -256,7 +256,7 @@ TEST_CASE("frames that are not there, buffers of another size, pixels outside", 
   CHECK(buffer == std::vector<unsigned char>(280, 9));
   must(scree_read(opened.view, SCREE_COLOR, buffer.data(), 280));
   failed(scree_read(opened.view, SCREE_TRIANGLE, buffer.data(), 280), SCREE_ERROR_BUFFER, "560");
-  failed(scree_host_layer(opened.view, static_cast<scree_layer>(5), &array), SCREE_ERROR_ARGUMENT, "no layer 5");
+  failed(scree_host_layer(opened.view, static_cast<scree_layer>(7), &array), SCREE_ERROR_ARGUMENT, "no layer 7");
   failed(scree_pick(opened.view, 10, 0, &pick), SCREE_ERROR_ARGUMENT, "10,0");
   failed(scree_device_layer(opened.view, SCREE_COLOR, nullptr, &array), SCREE_ERROR_DEVICE, "CPU");
 

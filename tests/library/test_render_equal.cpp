@@ -17,10 +17,13 @@ namespace fs = std::filesystem;
 
 namespace {
 
-/// The values of a PFM, rows from the top.
-std::string pfm_values(const std::string& bytes, uint32_t width, uint32_t height) {
-  const size_t head = ("Pf\n" + std::to_string(width) + " " + std::to_string(height) + "\n-1.0\n").size();
-  const size_t row = 4 * size_t{width};
+/// The values of a PFM, rows from the top. `channels`: 1 or 3 a pixel.
+std::string pfm_values(const std::string& bytes, uint32_t width, uint32_t height, uint32_t channels = 1) {
+  const std::string head_text =
+      (channels == 1 ? "Pf\n" : "PF\n") + std::to_string(width) + " " + std::to_string(height) + "\n-1.0\n";
+  REQUIRE(bytes.starts_with(head_text));
+  const size_t head = head_text.size();
+  const size_t row = 4 * size_t{width} * channels;
   REQUIRE(bytes.size() == head + row * height);
   std::string values;
   for (size_t y = height; y-- > 0;) values += bytes.substr(head + y * row, row);
@@ -31,11 +34,12 @@ std::string pfm_values(const std::string& bytes, uint32_t width, uint32_t height
 void compare(const TempFolder& folder, const std::string& file, uint32_t samples) {
   const uint32_t width = 97, height = 61;
   const std::string picture = folder.file("a.png"), depth = folder.file("a.pfm"), visibility = folder.file("a.vis");
+  const std::string normals = folder.file("n.pfm"), uvs = folder.file("uv.pfm");
   const ProgramRun run =
       run_program({"render",       file,       "-o",        picture, "--depth",   depth,
                    "--visbuffer",  visibility, "--size",    "97x61", "--samples", std::to_string(samples),
                    "--background", "none",     "--backend", "cpu",   "--threads", "2",
-                   "--force",      "--quiet"},
+                   "--normals",    normals,    "--uvs",     uvs,     "--force",   "--quiet"},
                   folder.file("log"));
   if (run.exit_code != 0) INFO(run.output);
   REQUIRE(run.exit_code == 0);
@@ -45,6 +49,11 @@ void compare(const TempFolder& folder, const std::string& file, uint32_t samples
   must(scree_draw(opened.view, nullptr, &options));
   CHECK(layer_of(opened.view, SCREE_SAMPLES) == read_whole(visibility));
   CHECK(layer_of(opened.view, SCREE_DEPTH) == pfm_values(read_whole(depth), width, height));
+  CHECK(layer_of(opened.view, SCREE_NORMAL) == pfm_values(read_whole(normals), width, height, 3));
+  const std::string wide = pfm_values(read_whole(uvs), width, height, 3);
+  std::string uv;
+  for (size_t i = 0; i < wide.size(); i += 12) uv += wide.substr(i, 8);
+  CHECK(layer_of(opened.view, SCREE_UV) == uv);
   const std::string png = read_whole(picture);
   const scree::Result<scree::runtime::Image> image = scree::runtime::decode_image(std::as_bytes(std::span(png)));
   REQUIRE(image);

@@ -64,6 +64,15 @@ class Package(unittest.TestCase):
                          == frame["triangle"][seen]).all())
         first = self.scene.instances()["first_triangle"][frame["instance"][seen]]
         self.assertTrue((first <= frame["triangle"][seen]).all())
+        self.assertEqual(frame["normal"].shape, (50, 70, 3))
+        self.assertEqual(frame["uv"].shape, (50, 70, 2))
+        self.assertEqual(frame["uv"].dtype, np.float32)
+        lengths = np.linalg.norm(frame["normal"], axis=2)
+        self.assertTrue(np.allclose(lengths, seen, atol=1e-6))
+        self.assertTrue((frame["uv"][~seen] == 0).all())
+        batch = self.scene.view().draw_batch([None, None], 70, 50, layers=["normal", "uv"])
+        self.assertTrue((batch.read("normal")[1] == frame["normal"]).all())
+        self.assertEqual(np.from_dlpack(batch.share("uv")).shape, (2, 50, 70, 2))
 
     def test_share_is_no_copy(self):
         view = self.scene.view().draw(40, 30)

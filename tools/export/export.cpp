@@ -16,6 +16,7 @@
 #include "runtime/textures/block_image.h"
 #include "tools/common/command.h"
 #include "tools/common/human.h"
+#include "tools/common/json_writer.h"
 #include "tools/common/options.h"
 #include "tools/common/output_file.h"
 #include "tools/common/progress.h"
@@ -337,6 +338,7 @@ struct Arguments {
   std::string output;
   uint32_t threads = 0;
   bool force = false;
+  bool json = false;
   bool quiet = false;
 };
 
@@ -377,8 +379,25 @@ Result<void> run_export(const Arguments& arguments) {
   note_written(arguments.output);
   if (summary->is_version_3)
     std::fprintf(stderr, "scree export: warning: %s%s\n", arguments.output.c_str(), kVersion3Note);
-  if (arguments.quiet) return {};
   const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  if (arguments.json) {
+    std::string text;
+    JsonWriter json(text);
+    json.begin_object();
+    json.member("file", arguments.input);
+    json.member("file_bytes", uint64_t{map->size()});
+    json.member("output", arguments.output);
+    json.member("output_bytes", summary->bytes);
+    json.member("triangles", summary->triangles);
+    json.member("vertices", summary->vertices);
+    json.member("primitives", summary->primitives);
+    json.member("images", summary->images);
+    json.member("seconds", seconds);
+    json.end_object();
+    std::printf("%s\n", text.c_str());
+    return finish_output();
+  }
+  if (arguments.quiet) return {};
   std::printf("%s (%s) -> %s (%s): %s triangles, %s vertices, %s primitives, %s images in %.2f s\n",
               arguments.input.c_str(), format_bytes(map->size()).c_str(), arguments.output.c_str(),
               format_bytes(summary->bytes).c_str(), grouped(summary->triangles).c_str(),
@@ -433,6 +452,7 @@ Command add_export(CLI::App& parent) {
   app->add_option("-o,--output", arguments->output, "What to write: .glb, or .gltf with .bin and images beside it")
       ->required();
   app->add_flag("-f,--force", arguments->force, kForceHelp);
+  app->add_flag("--json", arguments->json, "Print one JSON object instead of the closing line");
   app->add_flag("-q,--quiet", arguments->quiet, "No progress and no closing line");
   app->add_option("--threads", arguments->threads, "Threads; 0: one per processor")->capture_default_str();
   return {app, [arguments] { return run_export(*arguments); }};

@@ -23,6 +23,8 @@
 #include "tools/common/standard_output.h"
 #include "tools/common/stop_signal.h"
 #include "tools/common/text_table.h"
+#include "tools/render/exr.h"
+#include "tools/render/layers.h"
 #include "tools/render/render_options.h"
 #include "tools/render/render_path.h"
 #include "tools/render/render_ranks.h"
@@ -164,10 +166,11 @@ void print_stats(const runtime::Scene& scene, const runtime::Frame& frame, const
               both_times(times.shade).c_str(), both_times(times.write).c_str());
 }
 
-/// What was drawn: the samples, and the picture where one is written.
+/// What was drawn: the samples, and what is written of them; empty where it is not.
 struct Drawn {
   runtime::Frame frame;
   std::optional<runtime::Picture> picture;
+  FrameLayers layers;
 };
 
 double loading_ms(const runtime::Scene& scene, const Times& times) {
@@ -180,8 +183,8 @@ double loading_ms(const runtime::Scene& scene, const Times& times) {
 void print_summary(const RenderOptions& options, const runtime::Scene& scene, const runtime::Frame& frame,
                    const Times& times) {
   std::string places;
-  for (const std::string* path : {&options.output, &options.depth, &options.visbuffer})
-    if (!path->empty()) places += (places.empty() ? "" : ", ") + *path;
+  for (const auto& [name, path] : options.outputs())
+    if (!path.empty()) places += (places.empty() ? "" : ", ") + path;
   if (places.empty()) return;  // picks only
   const uint64_t triangles = scene.view().instance_base[scene.view().instance_count];
   std::string size = std::to_string(frame.width()) + " x " + std::to_string(frame.height());
@@ -201,10 +204,8 @@ void print_json(const RenderOptions& options, const runtime::Scene& scene, const
   JsonWriter json(text);
   json.begin_object();
   json.member("file", options.file);
-  const std::pair<const char*, const std::string*> outputs[] = {
-      {"output", &options.output}, {"depth", &options.depth}, {"visbuffer", &options.visbuffer}};
-  for (const auto& [name, path] : outputs)
-    if (!path->empty()) json.member(name, *path);
+  for (const auto& [name, path] : options.outputs())
+    if (!path.empty()) json.member(name, path);
   json.member("width", frame.width());
   json.member("height", frame.height());
   json.member("samples_per_side", options.samples_per_side);
@@ -246,9 +247,18 @@ Result<void> write_outputs(const RenderOptions& options, const runtime::MappedFi
                       options.output);
     times.write = write_watch.elapsed();
   }
-  if (done && !options.depth.empty())
-    done = is_written(runtime::write_pfm(options.depth, frame.width(), frame.height(), frame.depth(), options.existing),
-                      options.depth);
+  if (options.writes_exr()) {
+    const Stopwatch write_watch;
+    done = is_written(write_exr_layers(options, frame, drawn.layers), options.output);
+    times.write = write_watch.elapsed();
+  }
+  const auto write_floats = [&](const std::string& path, const std::vector<float>& values) {
+    if (done && !path.empty())
+      done = is_written(runtime::write_pfm(path, frame.width(), frame.height(), values, options.existing), path);
+  };
+  write_floats(options.depth, drawn.layers.depth);
+  write_floats(options.normals, drawn.layers.normals);
+  if (!options.uvs.empty()) write_floats(options.uvs, three_channels(drawn.layers.uvs));
   if (done && !options.visbuffer.empty())
     done =
         is_written(runtime::write_visibility(options.visbuffer, frame.samples(), options.existing), options.visbuffer);
@@ -274,20 +284,25 @@ Error with_advice(Error error) {
   return error;
 }
 
+/// Whether a GPU's samples are brought to the host.
+bool reads_samples(const RenderOptions& options) {
+  return !options.visbuffer.empty() || !options.picks.empty() || layers_need_samples(options);
+}
+
 /// What the pictures take on the host: samples, depths, and pixels as they are shaded and written. 0 where nothing says
 /// how much that may be.
 uint64_t host_picture_bytes(const RenderOptions& options, bool on_gpu) {
   if (options.host_memory == 0) return 0;
   const uint64_t pixels = uint64_t{options.camera.width} * options.camera.height;
   const uint64_t samples = pixels * options.samples_per_side * options.samples_per_side;
-  const bool reads = !options.depth.empty() || !options.visbuffer.empty() || !options.picks.empty();
+  const bool reads = reads_samples(options);
   uint64_t bytes = 0;
   if (!on_gpu || reads) bytes += samples * sizeof(uint64_t);
   if (!options.output.empty()) bytes += pixels * (options.shade.background[3] >= 1.0f ? 3 : 4);
   if (!options.output.empty() && on_gpu) bytes += pixels * sizeof(uint32_t);
+  bytes += layer_bytes(options);
   if (!options.output.empty() && !on_gpu && (options.shade.ssao || options.shade.edl))
     bytes += 3 * pixels * sizeof(float);
-  if (!options.depth.empty()) bytes += pixels * sizeof(float);
   return bytes;
 }
 
@@ -314,11 +329,16 @@ Result<Drawn> draw(const RenderOptions& options, const runtime::Scene& scene, co
     frame = draw_frame();
   }
   if (!frame) return frame.error();
-  Drawn drawn{std::move(*frame), {}};
-  if (!options.depth.empty() || !options.visbuffer.empty() || !options.picks.empty())
+  Drawn drawn{std::move(*frame), {}, {}};
+  if (reads_samples(options))
     if (const Result<void> read = drawn.frame.read_samples(); !read) return read.error();
-  if (!options.output.empty()) {
-    const Stopwatch watch;
+  const Stopwatch watch;
+  Result<FrameLayers> layers =
+      make_layers(options, scene, drawn.frame, device != nullptr && device->is_streamed());
+  if (!layers) return layers.error();
+  drawn.layers = std::move(*layers);
+  if (options.writes_exr()) times.shade = watch.elapsed();
+  if (!options.output.empty() && !options.writes_exr()) {
     Result<runtime::Picture> shaded = drawn.frame.shade(options.shade, options.threads);
     if (!shaded) return shaded.error();
     times.shade = watch.elapsed();
@@ -337,8 +357,10 @@ Result<void> render(const RenderOptions& options) {
   Result<Ranks> ranks = Ranks::join();
   if (!ranks) return ranks.error();
   if (ranks->count() > 1) return render_ranks(options, *ranks);
-  for (const std::string* path : {&options.output, &options.depth, &options.visbuffer})
-    if (const Result<void> checked = check_output_file(*path, options.existing); !checked) return checked;
+  for (const auto& [name, path] : options.outputs())
+    if (const Result<void> checked = check_output_file(path, options.existing); !checked) return checked;
+  if (options.writes_exr())
+    if (const Result<void> supported = check_exr_support(); !supported) return at(options.output, supported.error());
   Times times;
   const Stopwatch open_watch;
   report_sigbus("render", options.file);
@@ -442,7 +464,13 @@ Command add_render(CLI::App& parent) {
   const auto words = std::make_shared<RenderWords>();
   CLI::App* app = parent.add_subcommand("render", "Draws a packed scene");
   app->add_option("file", words->file, "The scene: a .scree file")->required();
-  app->add_option("-o,--output", words->output, "The picture to write, a .png (default: beside the file)");
+  app->add_option("-o,--output", words->output, "The picture to write, a .png, or an .exr of all --layers (default: a .png beside the file)");
+  app->add_option("--layers", words->layers,
+                  "What an .exr holds, of color: R, G, B, A, linear and premultiplied; depth: Z; normal: N.X, N.Y, N.Z; uv: "
+                  "UV.U, UV.V; id: id.instance, id.mesh, id.material, id.triangle of the mesh, 4294967295 where there is "
+                  "none (default: color,depth,normal,uv,id)")
+      ->type_name("NAMES");
+  app->add_flag("--float", words->float_color, "Colours of an .exr with 32 bits, not 16");
   add_picture_options(*app, *words);
   add_camera_options(*app, *words);
   app->add_flag("--list-cameras", words->list_cameras, "List the scene's cameras and draw nothing");
@@ -461,6 +489,11 @@ Command add_render(CLI::App& parent) {
   app->add_option(
       "--depth", words->depth,
       "Write the depth image, a .pfm: distances from the eye's plane in the scene's units, inf where nothing is");
+  app->add_option("--normals", words->normals,
+                  "Write the normals, a .pfm of three floats per pixel: unit length, in world space, of the front also "
+                  "where the back is seen, 0 where nothing is");
+  app->add_option("--uvs", words->uvs,
+                  "Write the texture coordinates, a .pfm of three floats per pixel: u, v as the mesh has them, and 0");
   app->add_option(
       "--visbuffer", words->visbuffer,
       "Write the visibility buffer: a little-endian 64-bit word a sample, rows from the top, 28 bits of depth "

@@ -18,6 +18,10 @@ Error usage(std::string_view option, std::string_view text, const std::string& e
   return {ErrorCode::kUsage, std::string(option) + ": '" + std::string(text) + "' is not " + expected};
 }
 
+bool has_extension(const std::string& path, std::string_view extension) {
+  return format::lower_case(std::filesystem::path(path).extension().string()) == extension;
+}
+
 struct NamedShow {
   const char* name;
   kernels::Show show;
@@ -172,11 +176,13 @@ Result<void> parse_path(const RenderWords& words, RenderOptions& options) {
   const std::pair<const char*, bool> others[] = {
       {"--camera", !words.camera.empty()}, {"--view", !words.view.empty()},   {"--eye", !words.eye.empty()},
       {"--target", !words.target.empty()}, {"--up", !words.up.empty()},       {"--fov", !words.fov.empty()},
-      {"--pick", !words.picks.empty()},    {"--list-cameras", words.list_cameras}, {"--stats", words.stats}};
+      {"--pick", !words.picks.empty()},    {"--list-cameras", words.list_cameras}, {"--stats", words.stats},
+      {"--normals", !words.normals.empty()}, {"--uvs", !words.uvs.empty()}};
   for (const auto& [name, is_given] : others)
     if (is_given) return Error{ErrorCode::kUsage, std::string("--path and ") + name + " exclude each other"};
   if (words.resume && words.force)
     return Error{ErrorCode::kUsage, "--resume and --force exclude each other: frames that are there stay, or do not"};
+  if (options.writes_exr()) return usage("--output", options.output, "a .png file, as frames of a --path are");
   PathOptions path;
   path.file = words.path;
   path.resume = words.resume;
@@ -206,20 +212,28 @@ Result<void> parse_path(const RenderWords& words, RenderOptions& options) {
 
 /// Outputs: a picture is a .png, and nothing is written over the file that is read.
 Result<void> check_outputs(const RenderOptions& options) {
-  if (!options.output.empty())
-    if (Result<void> checked = check_picture_path("--output", options.output); !checked) return checked;
-  const std::pair<const char*, const std::string*> outputs[] = {
-      {"--output", &options.output}, {"--depth", &options.depth}, {"--visbuffer", &options.visbuffer}};
-  for (const auto& [name, path] : outputs) {
-    if (path->empty()) continue;
-    if (is_same_file(*path, options.file))
-      return Error{ErrorCode::kUsage, std::string(name) + ": " + *path + " is the file to draw"};
-    for (const auto& [other_name, other] : outputs)
-      if (other != path && !other->empty() && is_same_file(*other, *path))
-        return Error{ErrorCode::kUsage, std::string(name) + " and " + other_name + " are both " + *path};
+  if (!options.writes_exr()) {
+    if (!options.output.empty() && !has_extension(options.output, ".png"))
+      return usage("--output", options.output, "a .png or .exr file");
+    if (options.layers.are_chosen) return Error{ErrorCode::kUsage, "--layers needs -o NAME.exr"};
+    if (options.layers.float_color) return Error{ErrorCode::kUsage, "--float needs -o NAME.exr"};
   }
-  if (!options.depth.empty() && format::lower_case(std::filesystem::path(options.depth).extension().string()) != ".pfm")
-    return usage("--depth", options.depth, "a .pfm file, which holds a float per pixel (--show depth draws a .png)");
+  const auto outputs = options.outputs();
+  for (const auto& [name, path] : outputs) {
+    if (path.empty()) continue;
+    if (is_same_file(path, options.file))
+      return Error{ErrorCode::kUsage, "--" + std::string(name) + ": " + path + " is the file to draw"};
+    for (const auto& [other_name, other] : outputs)
+      if (&other != &path && !other.empty() && is_same_file(other, path))
+        return Error{ErrorCode::kUsage, "--" + std::string(name) + " and --" + other_name + " are both " + path};
+  }
+  const std::array<std::pair<RenderOptions::Output, const char*>, 3> floats{
+      {{{"depth", options.depth}, "a .pfm file, which holds a float per pixel (--show depth draws a .png)"},
+       {{"normals", options.normals}, "a .pfm file, which holds three floats per pixel (--show normal draws a .png)"},
+       {{"uvs", options.uvs}, "a .pfm file, which holds three floats per pixel (--show uv draws a .png)"}}};
+  for (const auto& [output, expected] : floats)
+    if (!output.path.empty() && !has_extension(output.path, ".pfm"))
+      return usage("--" + std::string(output.name), output.path, expected);
   return {};
 }
 
@@ -271,8 +285,25 @@ Result<std::array<float, 4>> parse_color(std::string_view text) {
                               runtime::linear_of_srgb(bytes[2]), static_cast<float>(bytes[3]) / 255.0f};
 }
 
+bool RenderOptions::writes_exr() const {
+  return has_extension(output, ".exr");
+}
+
+Result<ExrLayers> parse_layers(std::string_view text) {
+  ExrLayers out{false, false, false, false, false, true, false};
+  const std::pair<std::string_view, bool*> names[] = {
+      {"color", &out.color}, {"depth", &out.depth}, {"normal", &out.normal}, {"uv", &out.uv}, {"id", &out.id}};
+  for (const std::string_view part : split(text, ',')) {
+    const auto* const named =
+        std::find_if(std::begin(names), std::end(names), [&](const auto& one) { return one.first == part; });
+    if (named == std::end(names)) return usage("--layers", text, "a list of color, depth, normal, uv, id");
+    *named->second = true;
+  }
+  return out;
+}
+
 Result<void> check_picture_path(std::string_view option, const std::string& path) {
-  if (format::lower_case(std::filesystem::path(path).extension().string()) == ".png") return {};
+  if (has_extension(path, ".png")) return {};
   return usage(option, path, "a .png file, the one kind of picture that is written");
 }
 
@@ -298,7 +329,15 @@ Result<RenderOptions> parse_render_options(const RenderWords& words) {
   options.file = words.file;
   options.output = words.output;
   options.depth = words.depth;
+  options.normals = words.normals;
+  options.uvs = words.uvs;
   options.visbuffer = words.visbuffer;
+  if (!words.layers.empty()) {
+    const Result<ExrLayers> layers = parse_layers(words.layers);
+    if (!layers) return layers.error();
+    options.layers = *layers;
+  }
+  options.layers.float_color = words.float_color;
   options.scene = words.scene;
   options.list_cameras = words.list_cameras;
   options.stats = words.stats;
@@ -335,8 +374,9 @@ Result<RenderOptions> parse_render_options(const RenderWords& words) {
     if (!place) return place.error();
     options.picks.push_back(*place);
   }
-  if (options.output.empty() && options.depth.empty() && options.visbuffer.empty() && options.picks.empty() &&
-      !options.list_cameras) {
+  const auto outputs = options.outputs();
+  const bool writes = std::any_of(outputs.begin(), outputs.end(), [](const auto& one) { return !one.path.empty(); });
+  if (!writes && options.picks.empty() && !options.list_cameras) {
     if (options.path)
       return Error{ErrorCode::kUsage, "--path needs the names of the frames' files, such as -o frame_%05d.png"};
     options.output = std::filesystem::path(options.file).replace_extension(".png").string();

@@ -22,7 +22,10 @@ struct RenderWords : DrawWords {
   std::string file;
   std::string output;
   std::string depth;
+  std::string normals;
+  std::string uvs;
   std::string visbuffer;
+  std::string layers;
   std::string scene;
   std::string camera;
   std::string view;
@@ -44,11 +47,23 @@ struct RenderWords : DrawWords {
   bool ssao = false;
   bool edl = false;
   bool list_cameras = false;
+  bool float_color = false;
   bool resume = false;
   bool stats = false;
   bool json = false;
   bool force = false;
   bool quiet = false;
+};
+
+/// What an .exr holds.
+struct ExrLayers {
+  bool color = true;
+  bool depth = true;
+  bool normal = true;
+  bool uv = true;
+  bool id = true;
+  bool are_chosen = false;  // by --layers
+  bool float_color = false;
 };
 
 struct PixelPlace {
@@ -68,7 +83,10 @@ struct RenderOptions : DrawOptions {
   std::string file;
   std::string output;     // of the picture; empty: none
   std::string depth;      // likewise
+  std::string normals;    // likewise
+  std::string uvs;        // likewise
   std::string visbuffer;  // likewise
+  ExrLayers layers;       // of the picture, where it is an .exr
   std::string scene;
   runtime::CameraOptions camera;  // its size is the picture's, in pixels
   kernels::ShadeOptions shade;
@@ -84,6 +102,17 @@ struct RenderOptions : DrawOptions {
   bool stats = false;
   bool json = false;
   bool quiet = false;
+
+  struct Output {
+    const char* name;  // of its option, without the dashes
+    const std::string& path;
+  };
+  bool writes_exr() const;
+
+  /// All that may be written, in the order in which it is.
+  std::array<Output, 5> outputs() const {
+    return {{{"output", output}, {"depth", depth}, {"normals", normals}, {"uvs", uvs}, {"visbuffer", visbuffer}}};
+  }
 };
 
 /// --scene, --camera, --view, --eye, --target, --up and --fov, of render and compare.
@@ -99,7 +128,10 @@ Result<kernels::Show> parse_show(std::string_view text);
 /// "#rgb", "#rrggbb", "#rrggbbaa", "none" or a name, as linear RGBA. Errors kUsage.
 Result<std::array<float, 4>> parse_color(std::string_view text);
 
-/// Whether `path` names a picture that can be written, a .png. Errors kUsage; `option` is named.
+/// "color,depth": names of what an .exr holds. Errors kUsage: the names there are.
+Result<ExrLayers> parse_layers(std::string_view text);
+
+/// Whether `path` names a picture of 8 bits that can be written, a .png. Errors kUsage; `option` is named.
 Result<void> check_picture_path(std::string_view option, const std::string& path);
 
 /// "1,-2.5,3e4": three finite numbers. Errors kUsage; `what` names the option.

@@ -68,14 +68,17 @@ class RankedPicture {
                                                    {"--stats", options_.stats},
                                                    {"--list-cameras", options_.list_cameras},
                                                    {"--frames", options_.frames != 1},
+                                                   {"--normals", !options_.normals.empty()},
+                                                   {"--uvs", !options_.uvs.empty()},
+                                                   {"an .exr picture", options_.writes_exr()},
                                                    {"--backend cuda", options_.backend.choice == BackendChoice::kCuda}};
     for (const auto& [name, is_given] : others)
       if (is_given)
         return Error{ErrorCode::kUsage, std::string(name) + ": is not for one picture that " +
                                             std::to_string(ranks_.count()) + " ranks draw, on their CPUs"};
     if (!ranks_.is_first()) return {};
-    for (const std::string* path : {&options_.output, &options_.depth, &options_.visbuffer})
-      if (const Result<void> checked = check_output_file(*path, options_.existing); !checked) return checked;
+    for (const auto& [name, path] : options_.outputs())
+      if (const Result<void> checked = check_output_file(path, options_.existing); !checked) return checked;
     return {};
   }
 
@@ -216,8 +219,8 @@ class RankedPicture {
       std::printf("%s\n", text.c_str());
     } else if (!options_.quiet) {
       std::string places;
-      for (const std::string* path : {&options_.output, &options_.depth, &options_.visbuffer})
-        if (!path->empty()) places += (places.empty() ? "" : ", ") + *path;
+      for (const auto& [name, path] : options_.outputs())
+        if (!path.empty()) places += (places.empty() ? "" : ", ") + path;
       std::printf(
           "%s: %u x %u on the CPUs of %u ranks (each: loading %s of pages %.0f ms, drawing %.1f ms, shading %.1f ms; "
           "exchange %.1f ms) -> %s\n",

@@ -9,6 +9,7 @@
 #include <string>
 
 #include "tools/common/command.h"
+#include "tools/common/json_writer.h"
 #include "tools/common/output_file.h"
 #include "tools/common/standard_output.h"
 #include "tools/common/stop_signal.h"
@@ -65,6 +66,12 @@ Result<synth::SynthReport> synthesize_or_stop(synth::SynthOptions options) {
   return synth::synthesize(options);
 }
 
+std::string hexadecimal(uint64_t value) {
+  char text[20];
+  std::snprintf(text, sizeof text, "%016" PRIx64, value);
+  return text;
+}
+
 Result<void> run_synth(const synth::SynthOptions& options) {
   const auto start = std::chrono::steady_clock::now();
   if (const Result<void> checked = check_output_file(options.output, options.existing); !checked) return checked;
@@ -72,9 +79,30 @@ Result<void> run_synth(const synth::SynthOptions& options) {
   if (!report) return report.error();
   if (!options.output.empty()) note_written(options.output);
   const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  if (options.json) {
+    std::string text;
+    JsonWriter json(text);
+    json.begin_object();
+    json.member("scene", options.scene);
+    if (!options.output.empty()) json.member("output", options.output);
+    json.member("triangles", report->drawn_triangles);
+    json.member("unique_triangles", report->unique_triangles);
+    json.member("instances", report->instances);
+    json.member("vertices", report->vertices);
+    json.member("output_bytes", report->file_bytes);
+    if (options.checks) {
+      // 64 bits, of which JSON's readers may keep 53.
+      json.member("position_sum", hexadecimal(report->position_sum));
+      json.member("index_sum", hexadecimal(report->index_sum));
+    }
+    json.member("seconds", seconds);
+    json.end_object();
+    std::printf("%s\n", text.c_str());
+    return finish_output();
+  }
   if (options.checks)
-    std::printf("%s %s 0 %016" PRIx64 " %016" PRIx64 "\n", options.scene.c_str(),
-                options.order == synth::MeshOrder::kRow ? "row" : "block", report->position_sum, report->index_sum);
+    std::printf("%s %s 0 %s %s\n", options.scene.c_str(), options.order == synth::MeshOrder::kRow ? "row" : "block",
+                hexadecimal(report->position_sum).c_str(), hexadecimal(report->index_sum).c_str());
   if (!options.progress) return finish_output();
   std::fprintf(stderr,
                "scene %s -> %s: %" PRIu64 " triangles in %" PRIu64 " instances (%" PRIu64 " unique), %" PRIu64
@@ -127,6 +155,8 @@ Command add_synth(CLI::App& parent) {
       ->type_name("N");
   const auto force = std::make_shared<bool>(false);
   app->add_flag("-f,--force", *force, kForceHelp);
+  app->add_flag("--json", options->json,
+                "Print one JSON object on standard output instead of the closing line and the sums of --checks");
   const auto quiet = std::make_shared<bool>(false);
   app->add_flag("-q,--quiet", *quiet, "No progress and no closing line");
   return {app, [options, order, force, quiet] {

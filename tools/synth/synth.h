@@ -22,6 +22,7 @@ struct SynthOptions {
   bool gpu_instancing =
       false;            // EXT_mesh_gpu_instancing (float TRS; bit-exact matrices for A, B and D) instead of a node each
   bool checks = false;  // A to D: compute the sums
+  bool json = false;    // scree synth prints its report so
   uint32_t threads = 0;  // 0: as many as the machine runs at once; the bytes do not depend on it
   uint32_t seed = 1;     // slope and forest only
   // Slope, forest: texels per side, a power of two from 64 to 8192; without it 1024 and 4096.

@@ -6,8 +6,7 @@
 #include <type_traits>
 #include <utility>
 
-#include "tools/common/json_writer.h"
-#include "tools/common/memory_use.h"
+#include "tools/view/replies.h"
 
 namespace scree::tools::view {
 namespace {
@@ -27,42 +26,6 @@ constexpr auto kLongestWait = 3s;
 
 double ms_between(Hub::Clock::time_point from, Hub::Clock::time_point to) {
   return Milliseconds(to - from).count();
-}
-
-template <class Numbers>
-void write_numbers(JsonWriter& json, std::string_view name, const Numbers& numbers) {
-  json.key(name);
-  json.begin_array();
-  for (const auto number : numbers) json.value(number);
-  json.end_array();
-}
-
-void write_camera(JsonWriter& json, const Camera& camera) {
-  write_numbers(json, "eye", camera.eye);
-  write_numbers(json, "target", camera.target);
-  write_numbers(json, "up", camera.up);
-  json.member("fov", camera.fov_degrees);
-}
-
-std::string text_of_error(const std::string& message) {
-  std::string text;
-  JsonWriter json(text);
-  json.begin_object();
-  json.member("type", "error");
-  json.member("message", std::string_view(message));
-  json.end_object();
-  return text;
-}
-
-/// u32, JSON, image: one message.
-std::vector<std::byte> picture_message(const std::string& head, const std::vector<std::byte>& image) {
-  std::vector<std::byte> out;
-  out.reserve(4 + head.size() + image.size());
-  for (int shift = 0; shift < 32; shift += 8) out.push_back(static_cast<std::byte>(head.size() >> shift));
-  const auto* const text = reinterpret_cast<const std::byte*>(head.data());
-  out.insert(out.end(), text, text + head.size());
-  out.insert(out.end(), image.begin(), image.end());
-  return out;
 }
 
 /// Ids have colours that a quarter of the colour resolution would smear.
@@ -89,24 +52,6 @@ uint32_t scaled(uint32_t side, double scale) {
   return std::max(1u, static_cast<uint32_t>(std::lround(side * scale)));
 }
 
-/// Which picture it is, and for which view.
-void write_place(JsonWriter& json, uint64_t frame, const PictureRequest& request) {
-  json.member("frame", frame);
-  json.member("seq", request.sequence);
-  json.member("fullWidth", request.width);
-  json.member("fullHeight", request.height);
-}
-
-/// What the head of a picture and of a screenshot have in common.
-void write_head(JsonWriter& json, const Drawn& drawn, double encode_ms) {
-  json.member("width", drawn.pixels.width);
-  json.member("height", drawn.pixels.height);
-  json.member("samples", drawn.samples);
-  json.member("drawMs", drawn.draw_ms);
-  json.member("shadeMs", drawn.shade_ms);
-  json.member("encodeMs", encode_ms);
-}
-
 }  // namespace
 
 Hub::Hub(SessionOptions options, std::function<void(Error)> on_end)
@@ -130,7 +75,7 @@ uint32_t Hub::join(std::shared_ptr<ViewerLink> link) {
   viewer->number = ++last_number_;
   viewer->link = std::move(link);
   viewers_[viewer->number] = viewer;
-  viewer->link->send_text(scene_text());
+  viewer->link->send_text(is_ready_ ? scene_text_ : loading_text(options_.file));
   tell_viewers();
   return viewer->number;
 }
@@ -144,32 +89,9 @@ void Hub::leave(uint32_t number) {
 }
 
 void Hub::tell_viewers() const {
-  for (const auto& [number, viewer] : viewers_) viewer->link->send_text(viewers_text(number));
-}
-
-std::string Hub::viewers_text(uint32_t viewer) const {
-  std::string text;
-  JsonWriter json(text);
-  json.begin_object();
-  json.member("type", "viewers");
-  json.member("you", viewer);
-  json.key("viewers");
-  json.begin_array();
-  for (const auto& [number, other] : viewers_) json.value(number);
-  json.end_array();
-  json.end_object();
-  return text;
-}
-
-std::string Hub::scene_text() const {
-  if (is_ready_) return R"({"type":"scene",)" + scene_members_ + "}";
-  std::string text;
-  JsonWriter json(text);
-  json.begin_object();
-  json.member("type", "loading");
-  json.member("file", std::string_view(options_.file));
-  json.end_object();
-  return text;
+  std::vector<uint32_t> numbers;
+  for (const auto& [number, viewer] : viewers_) numbers.push_back(number);
+  for (const auto& [number, viewer] : viewers_) viewer->link->send_text(viewers_text(number, numbers));
 }
 
 void Hub::receive(uint32_t number, Message message) {
@@ -179,7 +101,7 @@ void Hub::receive(uint32_t number, Message message) {
   Viewer& viewer = *found->second;
   const auto add_job = [&](Job job) {
     if (!is_ready_ || !viewer.wanted) return;  // there is nothing to look at yet
-    if (viewer.jobs.size() >= kMaxJobs) return viewer.link->send_text(text_of_error("too many questions at once"));
+    if (viewer.jobs.size() >= kMaxJobs) return viewer.link->send_text(error_text("too many questions at once"));
     viewer.jobs.push_back(std::move(job));
   };
   std::visit(
@@ -187,19 +109,9 @@ void Hub::receive(uint32_t number, Message message) {
         using Body = std::decay_t<decltype(body)>;
         if constexpr (std::is_same_v<Body, PictureRequest>) {
           if (!viewer.wanted || !(viewer.wanted->camera == body.camera)) {
-            std::string text;
-            for (const auto& [other_number, other] : viewers_) {
-              if (other->follows != number) continue;
-              if (text.empty()) {
-                JsonWriter json(text);
-                json.begin_object();
-                json.member("type", "camera");
-                json.member("viewer", number);
-                write_camera(json, body.camera);
-                json.end_object();
-              }
-              other->link->send_text(text);
-            }
+            const std::string text = camera_text(number, body.camera);
+            for (const auto& [other_number, other] : viewers_)
+              if (other->follows == number) other->link->send_text(text);
           }
           // What was sent for a moment of movement is the moving picture of the rest as well.
           const bool is_drawn =
@@ -222,15 +134,7 @@ void Hub::receive(uint32_t number, Message message) {
           // Depths of another view would name a point that lies elsewhere by now.
           const bool is_current = viewer.wanted && viewer.depths_version == viewer.version;
           if (!is_current || body.at.x >= viewer.wanted->width || body.at.y >= viewer.wanted->height) return;
-          std::string text;
-          JsonWriter json(text);
-          json.begin_object();
-          json.member("type", "point");
-          json.member("x", body.at.x);
-          json.member("y", body.at.y);
-          if (const auto point = viewer.depths.point(body.at)) write_numbers(json, "point", *point);
-          json.end_object();
-          viewer.link->send_text(std::move(text));
+          viewer.link->send_text(point_text(body.at, viewer.depths.point(body.at)));
         } else if constexpr (std::is_same_v<Body, Visibility>) {
           if (body == viewer.visibility) return;
           viewer.visibility = std::move(body);
@@ -241,14 +145,7 @@ void Hub::receive(uint32_t number, Message message) {
           const auto leader = viewers_.find(body.viewer);
           viewer.follows = leader == viewers_.end() || body.viewer == number ? 0 : body.viewer;
           if (viewer.follows == 0 || !leader->second->wanted) return;
-          std::string text;
-          JsonWriter json(text);
-          json.begin_object();
-          json.member("type", "camera");
-          json.member("viewer", body.viewer);
-          write_camera(json, leader->second->wanted->camera);
-          json.end_object();
-          viewer.link->send_text(std::move(text));
+          viewer.link->send_text(camera_text(body.viewer, leader->second->wanted->camera));
         } else if constexpr (!std::is_same_v<Body, Hello>) {
           add_job(std::move(body));
         }
@@ -331,53 +228,11 @@ void Hub::run() {
       return end();
     }
     session_ = std::move(*opened);
-    const auto describe = [&] {
-      std::string text;
-      JsonWriter json(text);
-      json.begin_object();
-      const runtime::Scene& scene = session_->scene();
-      const format::Container& container = scene.container();
-      const std::string_view name = container.string(container.source().name);
-      const size_t slash = options_.file.find_last_of('/');
-      json.member("name", std::string_view(options_.file).substr(slash == std::string::npos ? 0 : slash + 1));
-      json.member("source", name);
-      json.member("file", std::string_view(options_.file));
-      json.member("scene", std::string_view(options_.scene));
-      json.member("triangles", scene.view().instance_base[scene.view().instance_count]);
-      json.member("instances", scene.view().instance_count);
-      json.member("meshes", scene.view().mesh_count);
-      json.member("nodes", uint64_t{container.nodes().size()});
-      json.member("drawnOn", std::string_view(session_->drawn_on()));
-      json.member("deviceBytes", session_->device_bytes());
-      json.member("canHide", session_->can_hide());
-      const runtime::WorldBox box = session_->box();
-      if (!box.is_empty()) {
-        write_numbers(json, "boxMin", box.min);
-        write_numbers(json, "boxMax", box.max);
-      }
-      json.key("home");
-      json.begin_object();
-      // A wide picture's home; pages with a narrow one step back.
-      if (const Result<Camera> home = session_->home(1920, 1080); home) write_camera(json, *home);
-      json.end_object();
-      json.key("cameras");
-      json.begin_array();
-      for (const NamedCamera& camera : session_->cameras()) {
-        json.begin_object();
-        json.member("name", std::string_view(camera.name));
-        write_camera(json, camera.camera);
-        json.end_object();
-      }
-      json.end_array();
-      json.end_object();
-      return text.substr(1, text.size() - 2);
-    };
-    std::string members = describe(), drawn_on = session_->drawn_on();
-
+    std::string text = scene_text(*session_, options_), drawn_on = session_->drawn_on();
     std::unique_lock lock(mutex_);
-    scene_members_ = std::move(members);
+    scene_text_ = std::move(text);
     is_ready_ = true;
-    for (const auto& [number, viewer] : viewers_) viewer->link->send_text(scene_text());
+    for (const auto& [number, viewer] : viewers_) viewer->link->send_text(scene_text_);
     while (!is_stopping_) {
       const Clock::time_point now = Clock::now();
       Clock::time_point wake = now + 10s;
@@ -389,16 +244,16 @@ void Hub::run() {
       lock.unlock();
       const Result<void> done = work->job ? do_job(*work) : work->samples == 0 ? draw_moving(*work) : draw_exact(*work);
       const bool fell_back = session_->drawn_on() != drawn_on;  // from a GPU that failed to the CPU
-      if (fell_back) members = describe();
+      if (fell_back) text = scene_text(*session_, options_);
       lock.lock();
       if (fell_back) {
         drawn_on = session_->drawn_on();
-        scene_members_ = members;
-        for (const auto& [number, viewer] : viewers_) viewer->link->send_text(scene_text());
+        scene_text_ = text;
+        for (const auto& [number, viewer] : viewers_) viewer->link->send_text(scene_text_);
       }
       if (done) continue;
       // The request asks too much, or is none: it counts as drawn, so that it is not tried again and again.
-      work->viewer->link->send_text(text_of_error(done.error().message));
+      work->viewer->link->send_text(error_text(done.error().message));
       if (!work->job && work->viewer->version == work->version) {
         work->viewer->drawn_version = work->version;
         work->viewer->exact_samples = 4;
@@ -436,20 +291,8 @@ Result<void> Hub::draw_moving(const Work& work) {
     const std::lock_guard lock(mutex_);
     frame = ++frames_;
   }
-  std::string head;
-  JsonWriter json(head);
-  json.begin_object();
-  json.member("kind", "jpeg");
-  json.member("exact", false);
-  write_place(json, frame, request);
-  json.member("quality", static_cast<uint32_t>(quality.jpeg));
-  json.member("scale", quality.scale);
-  write_head(json, *drawn, drawn->encode_ms);
-  json.member("waitMs", ms_between(work.wanted_at, work.begun));
-  json.member("triangles", drawn->stats.triangles);
-  if (point) write_numbers(json, "point", *point);
-  json.end_object();
-  std::vector<std::byte> message = picture_message(head, drawn->jpeg);
+  std::vector<std::byte> message =
+      moving_picture(frame, request, quality, *drawn, ms_between(work.wanted_at, work.begun), point);
   sent(work, frame, true);
   work.viewer->link->send_picture(std::move(message));
   return {};
@@ -487,22 +330,8 @@ Result<void> Hub::draw_exact(const Work& work) {
     }
     frame = ++frames_;
   }
-  std::string head;
-  JsonWriter json(head);
-  json.begin_object();
-  json.member("kind", "png");
-  json.member("exact", true);
-  json.member("scale", 1.0);
-  write_place(json, frame, request);
-  write_head(json, *drawn, encode_ms);
-  json.member("triangles", drawn->stats.triangles);
-  json.member("instancesDrawn", drawn->stats.instances_drawn);
-  json.member("clustersDrawn", drawn->stats.clusters_drawn);
-  json.member("hostBytes", memory_use().anonymous);
-  json.member("deviceBytes", session_->device_bytes());
-  if (point) write_numbers(json, "point", *point);
-  json.end_object();
-  std::vector<std::byte> message = picture_message(head, *image);
+  std::vector<std::byte> message =
+      exact_picture(frame, request, *drawn, encode_ms, session_->device_bytes(), point, *image);
   sent(work, frame, false);
   work.viewer->link->send_picture(std::move(message));
   return {};
@@ -511,7 +340,7 @@ Result<void> Hub::draw_exact(const Work& work) {
 Result<void> Hub::do_job(const Work& work) {
   if (const auto* const request = std::get_if<PickRequest>(&*work.job)) return pick(work, *request);
   if (const auto* const shot = std::get_if<Screenshot>(&*work.job)) return take_screenshot(work, *shot);
-  send_nodes(work);
+  work.viewer->link->send_text(nodes_text(session_->scene()));
   return {};
 }
 
@@ -527,14 +356,7 @@ Result<void> Hub::take_screenshot(const Work& work, const Screenshot& shot) {
   const Result<std::vector<std::byte>> image = encode_png(drawn->pixels, session_->workers(), is_stopping);
   if (!image) return image.error();
   if (image->empty()) return {};
-  std::string head;
-  JsonWriter json(head);
-  json.begin_object();
-  json.member("kind", "screenshot");
-  json.member("id", shot.id);
-  write_head(json, *drawn, watch.elapsed().wall_ms);
-  json.end_object();
-  work.viewer->link->send_picture(picture_message(head, *image));
+  work.viewer->link->send_picture(screenshot_picture(shot.id, *drawn, watch.elapsed().wall_ms, *image));
   return {};
 }
 
@@ -543,76 +365,8 @@ Result<void> Hub::pick(const Work& work, const PickRequest& request) {
   if (!drawn) return drawn.error();
   const Result<std::optional<Picked>> picked = session_->pick(request.at);
   if (!picked) return picked.error();
-  std::string text;
-  JsonWriter json(text);
-  json.begin_object();
-  json.member("type", "pick");
-  json.member("id", request.id);
-  json.member("hit", picked->has_value());
-  if (const std::optional<Picked>& hit = *picked) {
-    json.member("node", hit->node);
-    json.member("nodeName", std::string_view(hit->node_name));
-    json.member("nodeInstance", hit->node_instance);
-    json.member("instance", hit->instance);
-    json.member("mesh", hit->mesh);
-    json.member("meshName", std::string_view(hit->mesh_name));
-    json.member("triangle", hit->triangle);
-    if (hit->material != format::kNone) json.member("material", hit->material);
-    json.member("materialName", std::string_view(hit->material_name));
-    json.member("depth", hit->depth);
-    write_numbers(json, "point", hit->point);
-    json.key("box");
-    json.begin_array();
-    for (const runtime::Vec3& corner : hit->box) {
-      json.begin_array();
-      for (const double coordinate : corner) json.value(coordinate);
-      json.end_array();
-    }
-    json.end_array();
-  }
-  json.end_object();
-  work.viewer->link->send_text(std::move(text));
+  work.viewer->link->send_text(pick_text(request.id, *picked));
   return {};
-}
-
-void Hub::send_nodes(const Work& work) const {
-  // 200,000 nodes are some MB; a page with more would be slow, and says that it has not all.
-  constexpr uint64_t kMostNodes = 200000;
-  const format::Container& container = session_->scene().container();
-  const auto nodes = container.nodes();
-  constexpr uint64_t kMostNameBytes = uint64_t{8} << 20;  // nodes may share one long name
-  uint64_t count = std::min<uint64_t>(nodes.size(), kMostNodes);
-  std::string text;
-  JsonWriter json(text);
-  json.begin_object();
-  json.member("type", "nodes");
-  json.member("total", uint64_t{nodes.size()});
-  json.key("names");
-  json.begin_array();
-  for (uint64_t n = 0; n < count; ++n) {
-    std::string_view name = container.string(nodes[n].name);
-    if (name.empty() && nodes[n].group != format::kNone)
-      name = container.string(container.groups()[nodes[n].group].name);
-    if (text.size() + name.size() > kMostNameBytes) {
-      count = n;
-      break;
-    }
-    json.value(name);
-  }
-  json.end_array();
-  json.key("parents");  // -1: none, but JsonWriter has no sign: one more than the number, and 0
-  json.begin_array();
-  for (uint64_t n = 0; n < count; ++n)
-    json.value(nodes[n].parent == format::kNone ? uint64_t{0} : uint64_t{nodes[n].parent} + 1);
-  json.end_array();
-  std::vector<uint64_t> triangles(count, 0);
-  const kernels::SceneView& scene = session_->scene().view();
-  for (uint64_t i = 0; i < scene.instance_count; ++i)
-    if (scene.instances[i].node < count)
-      triangles[scene.instances[i].node] += scene.meshes[scene.instances[i].mesh].triangle_count;
-  write_numbers(json, "triangles", triangles);
-  json.end_object();
-  work.viewer->link->send_text(std::move(text));
 }
 
 }  // namespace scree::tools::view

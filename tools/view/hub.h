@@ -107,10 +107,7 @@ class Hub {
   Result<void> do_job(const Work& work);
   Result<void> take_screenshot(const Work& work, const Screenshot& shot);
   Result<void> pick(const Work& work, const PickRequest& request);
-  void send_nodes(const Work& work) const;
   void sent(const Work& work, uint64_t frame, bool is_moving);
-  std::string scene_text() const;
-  std::string viewers_text(uint32_t viewer) const;
   void tell_viewers() const;
   bool is_outdated(const Work& work) const;
 
@@ -128,7 +125,7 @@ class Hub {
   uint32_t last_number_ = 0;
   uint32_t served_ = 0;        // the viewer that was drawn for last
   uint64_t frames_ = 0;        // sent so far
-  std::string scene_members_;  // of the "scene" text, the same for all
+  std::string scene_text_;     // the same for all; empty until the scene is open
   std::thread thread_;
 };
 

@@ -121,7 +121,7 @@ TEST_CASE("picking names node, mesh, triangle, source triangle and depth", "[ren
     CHECK(high->source_triangle == 71u);
     CHECK_FALSE(*frame.pick(2, 2));
 
-    const std::vector<float> depth = frame.depth();
+    const std::vector<float> depth = *frame.layer<float>(scree::runtime::PixelLayer::kDepth, 2);
     REQUIRE(depth.size() == 3200);
     CHECK(depth[20 * 80 + 40] == Approx(2).epsilon(1e-5));
     CHECK(std::isinf(depth[0]));

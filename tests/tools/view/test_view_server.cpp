@@ -272,6 +272,54 @@ TEST_CASE("viewers follow each other and Ctrl-C ends scree view within a second"
   CHECK(close_code(leader) == 4000);
 }
 
+TEST_CASE("eight viewers move at once, each with a camera of its own, one following", "[view][view-server]") {
+  ViewProcess server;
+  constexpr size_t kViewers = 8;
+  constexpr uint64_t kMoves = kIsSanitized ? 10 : 40;
+  std::vector<std::unique_ptr<PageClient>> pages;
+  for (size_t i = 0; i < kViewers; ++i) {
+    pages.push_back(std::make_unique<PageClient>(server.port()));
+    pages.back()->join(server);
+  }
+  const uint64_t before = server.resident();
+  // Each its own picture: the last exact one of viewer i shows the camera of viewer i.
+  std::vector<std::string> last(kViewers);
+  std::vector<uint64_t> shown(kViewers, 0);
+  std::vector<std::thread> threads;
+  for (size_t i = 0; i + 1 < kViewers; ++i)
+    threads.emplace_back([&, i] {
+      // Without Catch's macros, which are one thread's.
+      for (uint64_t move = 1; move <= kMoves; ++move) {
+        const bool is_last = move == kMoves;
+        const double eye = is_last ? 0.1 * static_cast<double>(i) : 0.01 * static_cast<double>(move);
+        pages[i]->send(view_text(move, 64, 36, eye, !is_last));
+        for (;;) {
+          const auto got = pages[i]->receive();
+          if (!got || got->close_code != 0) return;
+          if (got->is_text) continue;
+          const size_t head = static_cast<unsigned char>(got->bytes[0]) | static_cast<unsigned char>(got->bytes[1]) << 8;
+          const PageClient::Picture picture{got->bytes.substr(4, head), got->bytes.substr(4 + head)};
+          pages[i]->acknowledge(picture);
+          shown[i] = picture.number("seq");
+          const bool is_exact = is_last && shown[i] == move && picture.is_exact();
+          if (is_exact) last[i] = picture.file;
+          if (is_last ? is_exact : shown[i] == move) break;
+        }
+      }
+    });
+  PageClient& follower = *pages.back();
+  follower.send("{\"type\":\"follow\",\"viewer\":1}");
+  for (std::thread& thread : threads) thread.join();
+  for (size_t i = 0; i + 1 < kViewers; ++i) {
+    INFO("viewer " << i);
+    CHECK(shown[i] == kMoves);
+    CHECK_FALSE(last[i].empty());
+    for (size_t j = 0; j < i; ++j) CHECK(last[i] != last[j]);
+  }
+  CHECK(holds(follower.receive_text("camera"), "\"viewer\":1"));
+  CHECK(server.resident() < before + (uint64_t{kIsSanitized ? 288 : 48} << 20));
+}
+
 TEST_CASE("scree view says what is wrong with its words", "[view][view-server]") {
   TempFolder folder;
   const auto run = [&](std::vector<std::string> words) {

@@ -1,0 +1,46 @@
+// .exr files that cannot be written; tests/library/test_exr.cpp reads those that can.
+#include "tools/render/exr.h"
+
+#include <sys/resource.h>
+
+#include <cmath>
+#include <csignal>
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "tests/catch.h"
+#include "tests/tools/temp_folder.h"
+
+using namespace scree::tests;
+namespace fs = std::filesystem;
+
+TEST_CASE("an .exr that cannot be written whole leaves nothing behind", "[render][exr]") {
+  const TempFolder folder;
+  const std::string path = folder.file("full.exr");
+  std::vector<float> values(100 * 100);
+  for (size_t i = 0; i < values.size(); ++i) values[i] = std::sin(static_cast<float>(i * i));  // does not compress
+  const scree::tools::ExrChannel channel{"Z", scree::tools::ExrType::kFloat, values.data(), 1};
+  const auto write = [&] {
+    return scree::tools::write_exr(path, 100, 100, {&channel, 1}, scree::format::Existing::kReplace);
+  };
+  REQUIRE(write());
+  const auto whole = fs::file_size(path);
+  fs::remove(path);
+  const auto before = std::signal(SIGXFSZ, SIG_IGN);
+  rlimit limit{};
+  REQUIRE(getrlimit(RLIMIT_FSIZE, &limit) == 0);
+  // In the header, among the pixels, and one byte before the end.
+  for (const uint64_t bytes : {uint64_t{20}, uint64_t{9000}, uint64_t{whole - 1}}) {
+    rlimit low = limit;
+    low.rlim_cur = bytes;
+    REQUIRE(setrlimit(RLIMIT_FSIZE, &low) == 0);
+    const scree::Result<void> written = write();
+    setrlimit(RLIMIT_FSIZE, &limit);
+    REQUIRE_FALSE(written);
+    CHECK(written.error().message.find("full.exr.part: write: File too large") != std::string::npos);
+    CHECK_FALSE(fs::exists(path));
+    CHECK_FALSE(fs::exists(path + ".part"));
+  }
+  std::signal(SIGXFSZ, before);
+}

@@ -1,0 +1,116 @@
+#include "tools/render/layers.h"
+
+#include <new>
+#include <string>
+#include <utility>
+
+#include "tools/render/exr.h"
+
+namespace scree::tools {
+namespace {
+
+using runtime::PixelLayer;
+
+uint64_t pixels_of(const RenderOptions& options) {
+  return uint64_t{options.camera.width} * options.camera.height;
+}
+
+Result<std::vector<uint32_t>> make_ids(const RenderOptions& options, const runtime::Scene& scene,
+                                       const runtime::Frame& frame) {
+  const Result<std::vector<int64_t>> triangles = frame.layer<int64_t>(PixelLayer::kTriangle, options.threads);
+  if (!triangles) return triangles.error();
+  const Result<std::vector<int32_t>> instances = frame.layer<int32_t>(PixelLayer::kInstance, options.threads);
+  if (!instances) return instances.error();
+  const kernels::SceneView& view = scene.view();
+  std::vector<uint32_t> ids(kIdCount * instances->size(), UINT32_MAX);
+  for (size_t i = 0; i < instances->size(); ++i) {
+    if ((*instances)[i] < 0) continue;
+    const auto instance = static_cast<uint64_t>((*instances)[i]);
+    const uint32_t mesh = view.instances[instance].mesh;
+    const uint64_t triangle = static_cast<uint64_t>((*triangles)[i]) - view.instance_base[instance];
+    if (triangle >= UINT32_MAX)
+      return Error{ErrorCode::kUnsupported, "triangle " + std::to_string(triangle) + " of mesh " + std::to_string(mesh) +
+                                                ": channels of an .exr have 32 bits; leave id out of --layers"};
+    uint32_t* const out = ids.data() + kIdCount * i;
+    out[0] = static_cast<uint32_t>(instance);
+    out[1] = mesh;
+    out[2] = view.meshes[mesh].material;
+    out[3] = static_cast<uint32_t>(triangle);
+  }
+  static_assert(format::kNone == UINT32_MAX);  // of a mesh without a material
+  return ids;
+}
+
+/// `out` = `made`, or its error.
+template <class T>
+Result<void> take(Result<std::vector<T>> made, std::vector<T>& out) {
+  if (!made) return made.error();
+  out = std::move(*made);
+  return {};
+}
+
+}  // namespace
+
+bool layers_need_samples(const RenderOptions& options) {
+  return options.writes_exr() && options.layers.color;
+}
+
+uint64_t layer_bytes(const RenderOptions& options) {
+  const uint64_t pixels = pixels_of(options);
+  const uint64_t samples = pixels * options.samples_per_side * options.samples_per_side;
+  const bool exr = options.writes_exr();
+  uint64_t bytes = 0;
+  if (exr && options.layers.color) bytes += 12 * samples + (16 + 8 + 4) * pixels;  // with halves and occlusion
+  if (!options.depth.empty() || (exr && options.layers.depth)) bytes += 4 * pixels;
+  if (!options.normals.empty() || (exr && options.layers.normal)) bytes += 12 * pixels;
+  if (!options.uvs.empty() || (exr && options.layers.uv)) bytes += 8 * pixels;
+  if (!options.uvs.empty()) bytes += 12 * pixels;
+  if (exr && options.layers.id) bytes += (4 * kIdCount + 12) * pixels;
+  return bytes;
+}
+
+Result<FrameLayers> make_layers(const RenderOptions& options, const runtime::Scene& scene, const runtime::Frame& frame,
+                                bool is_streamed) {
+  const bool exr = options.writes_exr();
+  const bool with_surface = exr && (!is_streamed || options.layers.are_chosen);
+  FrameLayers out;
+  Result<void> done;
+  try {
+    if (exr && options.layers.color) done = take(frame.linear(options.shade, options.threads), out.color);
+    if (done && (!options.depth.empty() || (exr && options.layers.depth)))
+      done = take(frame.layer<float>(PixelLayer::kDepth, options.threads), out.depth);
+    if (done && (!options.normals.empty() || (with_surface && options.layers.normal)))
+      done = take(frame.layer<float>(PixelLayer::kNormal, options.threads), out.normals);
+    if (done && (!options.uvs.empty() || (with_surface && options.layers.uv)))
+      done = take(frame.layer<float>(PixelLayer::kUv, options.threads), out.uvs);
+    if (done && exr && options.layers.id) done = take(make_ids(options, scene, frame), out.ids);
+  } catch (const std::bad_alloc&) {
+    return Error{ErrorCode::kMemory, "no memory left for the layers of the picture"};
+  }
+  if (!done) return done.error();
+  return out;
+}
+
+Result<void> write_exr_layers(const RenderOptions& options, const runtime::Frame& frame, const FrameLayers& layers) {
+  std::vector<ExrChannel> channels;
+  const auto add = [&](const auto& values, ExrType type, std::initializer_list<const char*> names) {
+    if (values.empty()) return;
+    const auto stride = static_cast<uint32_t>(names.size());
+    const auto* value = values.data();
+    for (const char* const name : names) channels.push_back({name, type, value++, stride});
+  };
+  add(layers.color, options.layers.float_color ? ExrType::kFloat : ExrType::kHalf, {"R", "G", "B", "A"});
+  if (options.layers.depth) add(layers.depth, ExrType::kFloat, {"Z"});
+  if (options.layers.normal) add(layers.normals, ExrType::kFloat, {"N.X", "N.Y", "N.Z"});
+  if (options.layers.uv) add(layers.uvs, ExrType::kFloat, {"UV.U", "UV.V"});
+  add(layers.ids, ExrType::kUint, {"id.instance", "id.mesh", "id.material", "id.triangle"});
+  return write_exr(options.output, frame.width(), frame.height(), channels, options.existing);
+}
+
+std::vector<float> three_channels(const std::vector<float>& uvs) {
+  std::vector<float> out(uvs.size() / 2 * 3);
+  for (size_t i = 0; i < uvs.size(); ++i) out[i / 2 * 3 + i % 2] = uvs[i];
+  return out;
+}
+
+}  // namespace scree::tools

@@ -1,0 +1,278 @@
+#include "tools/view/replies.h"
+
+#include <algorithm>
+#include <utility>
+
+#include "tools/common/json_writer.h"
+#include "tools/common/memory_use.h"
+
+namespace scree::tools::view {
+namespace {
+
+template <class Numbers>
+void write_numbers(JsonWriter& json, std::string_view name, const Numbers& numbers) {
+  json.key(name);
+  json.begin_array();
+  for (const auto number : numbers) json.value(number);
+  json.end_array();
+}
+
+void write_camera(JsonWriter& json, const Camera& camera) {
+  write_numbers(json, "eye", camera.eye);
+  write_numbers(json, "target", camera.target);
+  write_numbers(json, "up", camera.up);
+  json.member("fov", camera.fov_degrees);
+}
+
+/// u32, JSON, image: one message.
+std::vector<std::byte> picture_message(const std::string& head, const std::vector<std::byte>& image) {
+  std::vector<std::byte> out;
+  out.reserve(4 + head.size() + image.size());
+  for (int shift = 0; shift < 32; shift += 8) out.push_back(static_cast<std::byte>(head.size() >> shift));
+  const auto* const text = reinterpret_cast<const std::byte*>(head.data());
+  out.insert(out.end(), text, text + head.size());
+  out.insert(out.end(), image.begin(), image.end());
+  return out;
+}
+
+/// Which picture it is, and for which view.
+void write_place(JsonWriter& json, uint64_t frame, const PictureRequest& request) {
+  json.member("frame", frame);
+  json.member("seq", request.sequence);
+  json.member("fullWidth", request.width);
+  json.member("fullHeight", request.height);
+}
+
+/// What the head of a picture and of a screenshot have in common.
+void write_head(JsonWriter& json, const Drawn& drawn, double encode_ms) {
+  json.member("width", drawn.pixels.width);
+  json.member("height", drawn.pixels.height);
+  json.member("samples", drawn.samples);
+  json.member("drawMs", drawn.draw_ms);
+  json.member("shadeMs", drawn.shade_ms);
+  json.member("encodeMs", encode_ms);
+}
+
+}  // namespace
+
+std::string error_text(std::string_view message) {
+  std::string text;
+  JsonWriter json(text);
+  json.begin_object();
+  json.member("type", "error");
+  json.member("message", message);
+  json.end_object();
+  return text;
+}
+
+std::string loading_text(std::string_view file) {
+  std::string text;
+  JsonWriter json(text);
+  json.begin_object();
+  json.member("type", "loading");
+  json.member("file", file);
+  json.end_object();
+  return text;
+}
+
+std::string viewers_text(uint32_t you, std::span<const uint32_t> viewers) {
+  std::string text;
+  JsonWriter json(text);
+  json.begin_object();
+  json.member("type", "viewers");
+  json.member("you", you);
+  write_numbers(json, "viewers", viewers);
+  json.end_object();
+  return text;
+}
+
+std::string camera_text(uint32_t viewer, const Camera& camera) {
+  std::string text;
+  JsonWriter json(text);
+  json.begin_object();
+  json.member("type", "camera");
+  json.member("viewer", viewer);
+  write_camera(json, camera);
+  json.end_object();
+  return text;
+}
+
+std::string point_text(Pixel at, const std::optional<runtime::Vec3>& point) {
+  std::string text;
+  JsonWriter json(text);
+  json.begin_object();
+  json.member("type", "point");
+  json.member("x", at.x);
+  json.member("y", at.y);
+  if (point) write_numbers(json, "point", *point);
+  json.end_object();
+  return text;
+}
+
+std::string scene_text(const ViewSession& session, const SessionOptions& options) {
+  std::string text;
+  JsonWriter json(text);
+  json.begin_object();
+  json.member("type", "scene");
+  const runtime::Scene& scene = session.scene();
+  const format::Container& container = scene.container();
+  const std::string_view name = container.string(container.source().name);
+  const size_t slash = options.file.find_last_of('/');
+  json.member("name", std::string_view(options.file).substr(slash == std::string::npos ? 0 : slash + 1));
+  json.member("source", name);
+  json.member("file", std::string_view(options.file));
+  json.member("scene", std::string_view(options.scene));
+  json.member("triangles", scene.view().instance_base[scene.view().instance_count]);
+  json.member("instances", scene.view().instance_count);
+  json.member("meshes", scene.view().mesh_count);
+  json.member("nodes", uint64_t{container.nodes().size()});
+  json.member("drawnOn", std::string_view(session.drawn_on()));
+  json.member("deviceBytes", session.device_bytes());
+  json.member("canHide", session.can_hide());
+  const runtime::WorldBox box = session.box();
+  if (!box.is_empty()) {
+    write_numbers(json, "boxMin", box.min);
+    write_numbers(json, "boxMax", box.max);
+  }
+  json.key("home");
+  json.begin_object();
+  // A wide picture's home; pages with a narrow one step back.
+  if (const Result<Camera> home = session.home(1920, 1080); home) write_camera(json, *home);
+  json.end_object();
+  json.key("cameras");
+  json.begin_array();
+  for (const NamedCamera& camera : session.cameras()) {
+    json.begin_object();
+    json.member("name", std::string_view(camera.name));
+    write_camera(json, camera.camera);
+    json.end_object();
+  }
+  json.end_array();
+  json.end_object();
+  return text;
+}
+
+std::vector<std::byte> moving_picture(uint64_t frame, const PictureRequest& request, const Quality& quality,
+                                      const Drawn& drawn, double wait_ms, const std::optional<runtime::Vec3>& point) {
+  std::string head;
+  JsonWriter json(head);
+  json.begin_object();
+  json.member("kind", "jpeg");
+  json.member("exact", false);
+  write_place(json, frame, request);
+  json.member("quality", static_cast<uint32_t>(quality.jpeg));
+  json.member("scale", quality.scale);
+  write_head(json, drawn, drawn.encode_ms);
+  json.member("waitMs", wait_ms);
+  json.member("triangles", drawn.stats.triangles);
+  if (point) write_numbers(json, "point", *point);
+  json.end_object();
+  return picture_message(head, drawn.jpeg);
+}
+
+std::vector<std::byte> exact_picture(uint64_t frame, const PictureRequest& request, const Drawn& drawn,
+                                     double encode_ms, uint64_t device_bytes, const std::optional<runtime::Vec3>& point,
+                                     const std::vector<std::byte>& image) {
+  std::string head;
+  JsonWriter json(head);
+  json.begin_object();
+  json.member("kind", "png");
+  json.member("exact", true);
+  json.member("scale", 1.0);
+  write_place(json, frame, request);
+  write_head(json, drawn, encode_ms);
+  json.member("triangles", drawn.stats.triangles);
+  json.member("instancesDrawn", drawn.stats.instances_drawn);
+  json.member("clustersDrawn", drawn.stats.clusters_drawn);
+  json.member("hostBytes", memory_use().anonymous);
+  json.member("deviceBytes", device_bytes);
+  if (point) write_numbers(json, "point", *point);
+  json.end_object();
+  return picture_message(head, image);
+}
+
+std::vector<std::byte> screenshot_picture(uint64_t id, const Drawn& drawn, double encode_ms,
+                                          const std::vector<std::byte>& image) {
+  std::string head;
+  JsonWriter json(head);
+  json.begin_object();
+  json.member("kind", "screenshot");
+  json.member("id", id);
+  write_head(json, drawn, encode_ms);
+  json.end_object();
+  return picture_message(head, image);
+}
+
+std::string pick_text(uint64_t id, const std::optional<Picked>& picked) {
+  std::string text;
+  JsonWriter json(text);
+  json.begin_object();
+  json.member("type", "pick");
+  json.member("id", id);
+  json.member("hit", picked.has_value());
+  if (picked) {
+    json.member("node", picked->node);
+    json.member("nodeName", std::string_view(picked->node_name));
+    json.member("nodeInstance", picked->node_instance);
+    json.member("instance", picked->instance);
+    json.member("mesh", picked->mesh);
+    json.member("meshName", std::string_view(picked->mesh_name));
+    json.member("triangle", picked->triangle);
+    if (picked->material != format::kNone) json.member("material", picked->material);
+    json.member("materialName", std::string_view(picked->material_name));
+    json.member("depth", picked->depth);
+    write_numbers(json, "point", picked->point);
+    json.key("box");
+    json.begin_array();
+    for (const runtime::Vec3& corner : picked->box) {
+      json.begin_array();
+      for (const double coordinate : corner) json.value(coordinate);
+      json.end_array();
+    }
+    json.end_array();
+  }
+  json.end_object();
+  return text;
+}
+
+std::string nodes_text(const runtime::Scene& scene) {
+  // 200,000 nodes are some MB; a page with more would be slow, and says that it has not all.
+  constexpr uint64_t kMostNodes = 200000;
+  const format::Container& container = scene.container();
+  const auto nodes = container.nodes();
+  constexpr uint64_t kMostNameBytes = uint64_t{8} << 20;  // nodes may share one long name
+  uint64_t count = std::min<uint64_t>(nodes.size(), kMostNodes);
+  std::string text;
+  JsonWriter json(text);
+  json.begin_object();
+  json.member("type", "nodes");
+  json.member("total", uint64_t{nodes.size()});
+  json.key("names");
+  json.begin_array();
+  for (uint64_t n = 0; n < count; ++n) {
+    std::string_view name = container.string(nodes[n].name);
+    if (name.empty() && nodes[n].group != format::kNone)
+      name = container.string(container.groups()[nodes[n].group].name);
+    if (text.size() + name.size() > kMostNameBytes) {
+      count = n;
+      break;
+    }
+    json.value(name);
+  }
+  json.end_array();
+  json.key("parents");  // -1: none, but JsonWriter has no sign: one more than the number, and 0
+  json.begin_array();
+  for (uint64_t n = 0; n < count; ++n)
+    json.value(nodes[n].parent == format::kNone ? uint64_t{0} : uint64_t{nodes[n].parent} + 1);
+  json.end_array();
+  std::vector<uint64_t> triangles(count, 0);
+  const kernels::SceneView& view = scene.view();
+  for (uint64_t i = 0; i < view.instance_count; ++i)
+    if (view.instances[i].node < count)
+      triangles[view.instances[i].node] += view.meshes[view.instances[i].mesh].triangle_count;
+  write_numbers(json, "triangles", triangles);
+  json.end_object();
+  return text;
+}
+
+}  // namespace scree::tools::view
