@@ -10,7 +10,6 @@
 #include <utility>
 
 #include "kernels/frame_parts.h"
-#include "kernels/shade/layers.h"
 #include "runtime/images/image.h"
 #include "runtime/scene/scene.h"
 #include "runtime/threads/first_error.h"
@@ -26,12 +25,6 @@ namespace scree::tools {
 namespace {
 
 using runtime::Stopwatch;
-
-/// A pass's team on a CPU.
-struct OneLane {
-  static uint32_t rank() { return 0; }
-  static uint32_t size() { return 1; }
-};
 
 class RankedPicture {
  public:
@@ -180,10 +173,10 @@ class RankedPicture {
       std::vector<float> depths(uint64_t{width()} * height());
       kernels::LayerTargets targets{};
       targets.depth = depths.data();
-      const kernels::MakeLayers pass =
-          kernels::make_layers(scene_view_, view_, options_.samples_per_side, samples_.data(), targets);
-      runtime::parallel_for(pass.items(), options_.threads,
-                            [&](uint64_t i) { pass(static_cast<uint32_t>(i), OneLane{}); });
+      if (const auto made = kernels::layers_cpu(scene_view_, view_, options_.samples_per_side, samples_, targets,
+                                                options_.threads);
+          !made)
+        return at(options_.file, made.error());
       if (const auto done = runtime::write_pfm(options_.depth, width(), height(), depths, options_.existing); !done)
         return done;
       note_written(options_.depth);
