@@ -49,14 +49,14 @@ void give_normals_a_value(std::vector<std::string>& words) {
 }
 
 int run(int argc, char** argv) {
-  CLI::App app("Packs huge glTF scenes, checks them, draws them exactly.", "scree");
+  CLI::App app("Packs huge glTF scenes, checks them and draws them exactly.", "scree");
   app.set_version_flag("--version", scree::tools::version_text());
   app.require_subcommand(1);
-  const std::vector<scree::tools::Command> commands = {
-      scree::tools::add_convert(app), scree::tools::add_merge(app),  scree::tools::add_inspect(app),
-      scree::tools::add_render(app),  scree::tools::add_compare(app), scree::tools::add_export(app),
-      scree::tools::add_synth(app),   scree::tools::add_bench(app),   scree::tools::add_devices(app),
-      scree::tools::add_view(app)};
+  const std::vector<scree::tools::Command> commands = {scree::tools::add_convert(app), scree::tools::add_merge(app),
+                                                       scree::tools::add_inspect(app), scree::tools::add_render(app),
+                                                       scree::tools::add_compare(app), scree::tools::add_export(app),
+                                                       scree::tools::add_synth(app),   scree::tools::add_bench(app),
+                                                       scree::tools::add_devices(app), scree::tools::add_view(app)};
   std::vector<std::string> words(argv + 1, argv + argc);
   ask_for_help(app, words);
   give_normals_a_value(words);

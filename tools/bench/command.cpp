@@ -41,11 +41,10 @@ Command add_bench(CLI::App& parent) {
       ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll)
       ->type_name("NAME");
   add_picture_options(*app, *words);
-  app->add_option("--frames", options.frames,
-                  "Frames of each view; fewer where they take more than two seconds together")
+  app->add_option("--frames", options.frames, "Frames per view; fewer if they take over two seconds")
       ->capture_default_str()
       ->type_name("N");
-  app->add_option("--warmup", options.warmup, "Frames drawn before them")->capture_default_str()->type_name("N");
+  app->add_option("--warmup", options.warmup, "Frames before the measured ones")->capture_default_str()->type_name("N");
   app->add_option("--repeats", options.repeats, "Loads from the disk, and as many from the page cache")
       ->capture_default_str()
       ->type_name("N");

@@ -23,26 +23,24 @@ void add_device_options(CLI::App& app, DrawWords& words) {
                  "The GPU, by its index or UUID, as scree devices lists them (default: the first that can be used)")
       ->type_name("N|UUID");
   app.add_option("--device-memory", words.device_memory,
-                 "The most that the scene, its frames and the picture may take of the GPU's memory, such as 8GiB "
-                 "(default: what is free); chunks that it does not hold are streamed")
+                 "Limit of GPU memory for scene, frames and picture, such as 8GiB (default: all free memory); chunks "
+                 "that do not fit are streamed")
       ->type_name("SIZE");
-  app.add_option(
-         "--host-memory", words.host_memory,
-         "The most host memory for the picture's buffers and for pinned memory that the GPU is fed from, such as "
-         "16GiB; "
-         "the rest of it keeps the chunks of a scene that the GPU's memory does not hold (default, and with 0: no "
-         "limit, and chunks come from the file)")
+  app.add_option("--host-memory", words.host_memory,
+                 "Limit of host memory, such as 16GiB, for picture buffers, pinned memory, and chunks that the GPU's "
+                 "memory cannot hold (default and 0: no limit, chunks come from the file)")
       ->type_name("SIZE");
   app.add_option("--read", words.read,
-                 "How the GPU's pages come from the file: mapped, buffered: read through the page cache, direct: past "
-                 "it, or auto: direct where much is to be read that is not cached, else buffered (default)")
+                 "How pages are read for the GPU: mapped; buffered (through the page cache); direct (past it); auto "
+                 "(default): direct for large uncached files, else buffered")
       ->type_name("NAME");
 }
 
 void add_light_options(CLI::App& app, LightWords& words) {
-  app.add_option("--light", words.light,
-                 "Where light comes from: camera: from the eye, on matt surfaces; environment: from all around; scene: "
-                 "the file's own lights (default: environment where materials have more than a base colour, else camera)")
+  app.add_option(
+         "--light", words.light,
+         "Where light comes from: camera: from the eye, on matt surfaces; environment: from all around; scene: "
+         "the file's own lights (default: environment where materials have more than a base colour, else camera)")
       ->type_name("NAME");
   app.add_option("--environment", words.environment,
                  "The surroundings for --light environment, which it implies: a Radiance picture (.hdr) of all "

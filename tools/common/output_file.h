@@ -17,6 +17,6 @@ inline format::Existing existing_of(bool force) {
   return force ? format::Existing::kReplace : format::Existing::kRefuse;
 }
 
-inline constexpr const char* kForceHelp = "Replace a file that has an output's name; without it that is an error";
+inline constexpr const char* kForceHelp = "Replace existing output files (without this, an existing file is an error)";
 
 }  // namespace scree::tools

@@ -303,7 +303,7 @@ Command add_compare(CLI::App& parent) {
       "Of a .scree file and its glTF: vertices, pixels of another triangle, depths, and how far the lit pictures lie\n"
       "apart (PSNR and FLIP), from which textures are left out.");
   app->add_option("A", render.file, "A PNG, a visibility buffer, or a .scree file")->required();
-  app->add_option("B", words->other, "What is right: a PNG, a visibility buffer, or a .gltf or .glb")->required();
+  app->add_option("B", words->other, "The reference: a PNG, a visibility buffer, a .gltf or .glb")->required();
   app->add_option("-o,--output", render.output,
                   "A picture of the difference, a .png: right surfaces grey, background against surface blue, other\n"
                   "mesh or triangle red, triangle sharing no vertex orange, neighbouring triangle green; of two\n"
@@ -313,12 +313,9 @@ Command add_compare(CLI::App& parent) {
                   ".scree file and its glTF");
   app->add_option("--size", render.size, "Pixels, WxH (default: 1920x1080)");
   add_camera_options(*app, render);
-  app->add_option(
-         "--of", words->of,
-         "The .scree file of two visibility buffers: tells other meshes and neighbours apart. Given twice, A's "
-         "file\nfirst, then B's, encoded differently: triangles are matched by their source numbers (convert "
-         "--source-ids). Files of\none source have the same triangles, so that a wrong order shows only as wrong "
-         "pixels")
+  app->add_option("--of", words->of,
+                  "The .scree file of the buffers, to distinguish meshes and neighbours. Give it twice, A's file "
+                  "first, if the two differ in encoding (needs convert --source-ids)")
       ->type_size(1)
       ->expected(1)
       ->allow_extra_args(false)  // the next word is a file to read
@@ -326,12 +323,12 @@ Command add_compare(CLI::App& parent) {
   app->add_option("--exclude", words->exclude, "The --exclude that the .scree file was converted with");
   app->add_flag("--allow-outside", words->allow_outside, convert::kAllowOutsideHelp);
   app->add_option("--ppd", words->pixels_per_degree,
-                  "FLIP's pixels per degree of what the eye sees (default: 67, a screen of 3840 pixels at its width)")
+                  "Pixels per degree of the viewer's eye for FLIP, 1 to 1000 (default: 67, a 3840-pixel screen viewed "
+                  "from its width)")
       ->check(CLI::Range(1.0, 1000.0));
-  app->add_option(
-      "--memory", words->memory,
-      "The most that a glTF's vertices and triangles may take of memory, such as 8GiB: all of them are held\n"
-      "at once (default: what is available)");
+  app->add_option("--memory", words->memory,
+                  "Limit of memory for the glTF's vertices and triangles, all held at once, such as 8GiB (default: "
+                  "available memory)");
   app->add_option("--threads", render.threads, "Threads; 0: one per processor (default)");
   app->add_flag("-f,--force", words->force, kForceHelp);
   app->add_flag("--json", words->json, "One JSON object");

@@ -210,10 +210,11 @@ Result<void> run(const ConvertArguments& words, bool positions_given) {
     std::fputs(convert::json_report(*options, *report).c_str(), stdout);
   } else if (options->shards > 0) {
     if (!words.quiet)
-      std::printf("%s: shard %u of %u -> %s: %llu windows, %s; %.2f s, peak memory %s (scree merge makes a file of all)\n",
-                  options->input.c_str(), options->shard + 1, options->shards, report->output.c_str(),
-                  static_cast<unsigned long long>(report->windows), format_bytes(report->output_bytes).c_str(),
-                  report->seconds, format_bytes(report->peak_bytes).c_str());
+      std::printf(
+          "%s: shard %u of %u -> %s: %llu windows, %s; %.2f s, peak memory %s (scree merge makes a file of all)\n",
+          options->input.c_str(), options->shard + 1, options->shards, report->output.c_str(),
+          static_cast<unsigned long long>(report->windows), format_bytes(report->output_bytes).c_str(), report->seconds,
+          format_bytes(report->peak_bytes).c_str());
   } else if (!words.quiet) {
     if (!report->positions.rows().empty()) std::printf("%s", report->positions.text().c_str());
     std::fputs(convert::describe(*options, *report, words.stats).c_str(), stdout);
@@ -228,18 +229,14 @@ Command add_convert(CLI::App& parent) {
   CLI::App* app = parent.add_subcommand("convert", "Packs a glTF scene into a .scree file");
   app->add_option("input", words->input, "The scene: .gltf or .glb")->required();
   app->add_option("-o,--output", words->output, "The file to write (default: the input with the extension .scree)");
-  CLI::Option* positions =
-      app->add_option("--positions", words->positions,
-                      "Bits an axis of a mesh's positions, 8 to 24, or float32: as they are (default: 16)");
+  CLI::Option* positions = app->add_option("--positions", words->positions,
+                                           "Bits per axis of positions, 8 to 24, or float32 (unchanged) (default: 16)");
   app->add_option("--max-error", words->max_error,
-                  "Largest position error an axis in a mesh's own units (0.5mm, 1e-3; a unit is a metre); picks the "
-                  "step instead of --positions, and keeps the floats of meshes that more than 24 bits would serve");
-  app->add_option(
-         "--max-error-pixels", words->max_error_pixels,
-         "The fewest bits for each mesh with which no vertex is drawn more than N pixels from its place where it\n"
-         "is --at-distance or more from the eye's plane: a world error of N D / (f sqrt(1 + t^2) + N), with f =\n"
-         "height / (2 tan(fov / 2)) and t the tangent of the view's half diagonal; picks the steps instead of\n"
-         "--positions, keeps the floats of meshes that more than 24 bits would serve, and prints what is saved")
+                  "Largest position error per axis, in model units (0.5mm, 1e-3; a unit is a metre). Chooses the step "
+                  "instead of --positions. Meshes for which 24 bits are not enough keep their floats");
+  app->add_option("--max-error-pixels", words->max_error_pixels,
+                  "Choose for each mesh the fewest bits that move no vertex by more than N pixels when it is "
+                  "--at-distance or farther from the eye's plane (formula: docs/design.md)")
       ->type_name("N");
   app->add_option("--at-distance", words->at_distance,
                   "D of --max-error-pixels in world units (2m, 1e3; a unit is a metre)")
@@ -253,16 +250,14 @@ Command add_convert(CLI::App& parent) {
   app->add_option("--order", words->order,
                   "fifo: triangles in vertex-cache order, vertices by first use (default); none: as in the source");
   app->add_option("--encoding", words->encoding,
-                  "clustered: clusters of up to 128 triangles, half the bytes, culled and drawn far faster on a GPU "
-                  "(default); indexed: chunks of vertices and indices; meshes of float32 positions are indexed, and "
-                  "chunks that an error bound would else make\n"
-                  "larger than with float32");
+                  "clustered (default): clusters of up to 128 triangles, half the bytes, drawn far faster on a GPU; "
+                  "indexed: vertices and indices. Meshes with float32 positions are always indexed, as are chunks that "
+                  "would exceed float32 size under an error bound");
   app->add_option("--clusters", words->clusters,
-                  "fast: clusters of triangles as --order has them (default); best: smaller ones, in an order of their "
-                  "own, many times slower");
+                  "fast (default): clusters in the order of --order; best: smaller files, many times slower");
   app->add_option("--chunk-triangles", words->chunk_triangles,
-                  "Most triangles of a chunk, 1 to 65536 (default); 0: every mesh is one chunk, which takes memory for "
-                  "the whole of the largest mesh");
+                  "Largest number of triangles per chunk, 1 to 65536 (default: 65536); 0: one chunk per mesh, which "
+                  "needs memory for the whole largest mesh");
   app->add_option("--zstd", words->zstd, "Compress pages with zstd at this level, 1 to 22; 0: not at all (default)");
   app->add_option(
       "--textures", words->textures,
@@ -271,34 +266,34 @@ Command add_convert(CLI::App& parent) {
       "keep, but JPEGs stay as they are too");
   app->add_flag("--keep-going", words->keep_going,
                 "An image that is damaged or of an unsupported kind becomes grey instead of an error");
-  app->add_option("--normals", words->normals,
-                  "Which normals are stored, 12 bits an axis of the octahedral map: auto: those of meshes on which they "
-                  "show, for they are not their faces' (default); always, which --normals alone means; never")
+  app->add_option(
+         "--normals", words->normals,
+         "Which normals are stored, 12 bits an axis of the octahedral map: auto: those of meshes on which they "
+         "show, for they are not their faces' (default); always, which --normals alone means; never")
       ->type_name("WHICH");
   app->add_flag("--source-ids", words->source_ids, "Store every triangle's number in the source");
   app->add_option("--exclude", words->exclude,
-                  "Leave out nodes whose name has a match of this regular expression, and those below them");
+                  "Leave out nodes whose name matches this regular expression, and their children");
   app->add_flag("--allow-outside", words->allow_outside, convert::kAllowOutsideHelp);
   app->add_flag("--drop-nonfinite", words->drop_nonfinite,
                 "Leave out triangles with a position that is NaN or infinite instead of failing");
-  app->add_flag("--no-weld", words->no_weld,
-                "Keep vertices apart that are equal, bit for bit, in all that is stored of them");
+  app->add_flag("--no-weld", words->no_weld, "Do not merge vertices whose stored data are equal bit for bit");
   app->add_flag("--no-share", words->no_share,
                 "Store equal meshes, textures and materials as often as the source has them");
   app->add_option("--threads", words->threads, "Threads; 0: one per processor (default)");
   app->add_option("--memory", words->memory,
                   "The most memory to take (default: 2GiB): with less, fewer threads work at a time on the same bytes")
       ->type_name("SIZE");
-  app->add_option("--shard", words->shard,
-                  "Make share I of N, which count from 1, into a file of its own (default: the input with the extension "
-                  ".I.part), of which scree merge makes the file of one run (docs/scale.md)")
+  app->add_option(
+         "--shard", words->shard,
+         "Make share I of N, which count from 1, into a file of its own (default: the input with the extension "
+         ".I.part), of which scree merge makes the file of one run (docs/scale.md)")
       ->type_name("I/N");
-  app->add_flag(
-      "--resume", words->resume,
-      "Go on with OUTPUT.part where an earlier run of the same input and options was killed, to the same bytes;\n"
-      "and leave it there when this one is stopped or fails");
+  app->add_flag("--resume", words->resume,
+                "Continue a killed run from OUTPUT.part (same input and options, same bytes); keep OUTPUT.part if this "
+                "run stops or fails");
   app->add_flag("-f,--force", words->force, kForceHelp);
-  app->add_flag("--stats", words->stats, "Print rates of every stage, and which of them limited the others");
+  app->add_flag("--stats", words->stats, "Print the rate of every stage and the slowest one");
   app->add_flag("--json", words->json, "Print one JSON object instead of the closing lines");
   app->add_flag("-q,--quiet", words->quiet, "No progress and no closing lines");
   return {app, [words, positions] { return run(*words, positions->count() > 0); }};

@@ -447,9 +447,9 @@ Result<ExportSummary> export_gltf(const format::Container& file, const std::stri
 
 Command add_export(CLI::App& parent) {
   auto arguments = std::make_shared<Arguments>();
-  CLI::App* app = parent.add_subcommand("export", "Decode a .scree file to glTF again");
+  CLI::App* app = parent.add_subcommand("export", "Decodes a .scree file to glTF");
   app->add_option("FILE", arguments->input, "The .scree file")->required();
-  app->add_option("-o,--output", arguments->output, "What to write: .glb, or .gltf with .bin and images beside it")
+  app->add_option("-o,--output", arguments->output, "Output: .glb, or .gltf with .bin and images beside it")
       ->required();
   app->add_flag("-f,--force", arguments->force, kForceHelp);
   app->add_flag("--json", arguments->json, "Print one JSON object instead of the closing line");

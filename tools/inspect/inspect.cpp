@@ -121,7 +121,7 @@ Command add_inspect(CLI::App& parent) {
   };
   auto arguments = std::make_shared<Arguments>();
   inspect::InspectOptions& options = arguments->options;
-  CLI::App* app = parent.add_subcommand("inspect", "Show what a .scree file holds and costs, and check it");
+  CLI::App* app = parent.add_subcommand("inspect", "Shows the contents and costs of a .scree file, and checks it");
   app->add_option("FILE", arguments->path, "The .scree file")->required();
   app->add_flag("--json", options.json, "One JSON object, amounts in bytes");
   app->add_flag("--verify", options.verify,

@@ -333,8 +333,7 @@ Result<Drawn> draw(const RenderOptions& options, const runtime::Scene& scene, co
   if (reads_samples(options))
     if (const Result<void> read = drawn.frame.read_samples(); !read) return read.error();
   const Stopwatch watch;
-  Result<FrameLayers> layers =
-      make_layers(options, scene, drawn.frame, device != nullptr && device->is_streamed());
+  Result<FrameLayers> layers = make_layers(options, scene, drawn.frame, device != nullptr && device->is_streamed());
   if (!layers) return layers.error();
   drawn.layers = std::move(*layers);
   if (options.writes_exr()) times.shade = watch.elapsed();
@@ -464,11 +463,13 @@ Command add_render(CLI::App& parent) {
   const auto words = std::make_shared<RenderWords>();
   CLI::App* app = parent.add_subcommand("render", "Draws a packed scene");
   app->add_option("file", words->file, "The scene: a .scree file")->required();
-  app->add_option("-o,--output", words->output, "The picture to write, a .png, or an .exr of all --layers (default: a .png beside the file)");
-  app->add_option("--layers", words->layers,
-                  "What an .exr holds, of color: R, G, B, A, linear and premultiplied; depth: Z; normal: N.X, N.Y, N.Z; uv: "
-                  "UV.U, UV.V; id: id.instance, id.mesh, id.material, id.triangle of the mesh, 4294967295 where there is "
-                  "none (default: color,depth,normal,uv,id)")
+  app->add_option("-o,--output", words->output,
+                  "The picture to write, a .png, or an .exr of all --layers (default: a .png beside the file)");
+  app->add_option(
+         "--layers", words->layers,
+         "What an .exr holds, of color: R, G, B, A, linear and premultiplied; depth: Z; normal: N.X, N.Y, N.Z; uv: "
+         "UV.U, UV.V; id: id.instance, id.mesh, id.material, id.triangle of the mesh, 4294967295 where there is "
+         "none (default: color,depth,normal,uv,id)")
       ->type_name("NAMES");
   app->add_flag("--float", words->float_color, "Colours of an .exr with 32 bits, not 16");
   add_picture_options(*app, *words);
@@ -478,12 +479,12 @@ Command add_render(CLI::App& parent) {
       "--show", words->show,
       "texture (default), color: without textures, uv, normal, triangle, cluster, mesh, stage: of the rasteriser, or "
       "depth");
-  app->add_flag("--no-light", words->no_light, "Surfaces as they are, without light");
+  app->add_flag("--no-light", words->no_light, "No light: surface colours only");
   add_light_options(*app, words->light);
-  app->add_flag("--ssao", words->ssao, "Ambient occlusion: corners and what lies close behind something get darker");
-  app->add_flag("--edl", words->edl, "Eye-dome lighting: a pixel gets darker where its neighbours stand before it");
+  app->add_flag("--ssao", words->ssao, "Ambient occlusion: darkens corners and surfaces close behind others");
+  app->add_flag("--edl", words->edl, "Eye-dome lighting: darkens pixels whose neighbours are nearer");
   app->add_option("--edl-strength", words->edl_strength, "How much darker, 0 to 100 (default: 1)");
-  app->add_option("--edl-radius", words->edl_radius, "Of which neighbours, in pixels, 1 to 64 (default: 1)");
+  app->add_option("--edl-radius", words->edl_radius, "Distance of these neighbours in pixels, 1 to 64 (default: 1)");
   app->add_option("--background", words->background,
                   "#rgb, #rrggbb, #rrggbbaa, a name such as black or skyblue, or transparent (default: #9aa4b0)");
   app->add_option(
@@ -494,12 +495,11 @@ Command add_render(CLI::App& parent) {
                   "where the back is seen, 0 where nothing is");
   app->add_option("--uvs", words->uvs,
                   "Write the texture coordinates, a .pfm of three floats per pixel: u, v as the mesh has them, and 0");
-  app->add_option(
-      "--visbuffer", words->visbuffer,
-      "Write the visibility buffer: a little-endian 64-bit word a sample, rows from the top, 28 bits of depth "
-      "code over 36 of triangle id, all ones where nothing is");
+  app->add_option("--visbuffer", words->visbuffer,
+                  "Write the visibility buffer: one little-endian 64-bit word per sample, top row first, 28 bits of "
+                  "depth code above 36 of triangle id, all ones on the background");
   app->add_option("--pick", words->picks,
-                  "Print what lies under the pixel X,Y; may be given several times; without -o no picture is written")
+                  "Print the object under pixel X,Y; repeatable; without -o no picture is written")
       ->type_size(1)
       ->expected(1)
       ->allow_extra_args(false)  // the next word is a file to read
@@ -509,10 +509,11 @@ Command add_render(CLI::App& parent) {
                   "Draw the frames of a camera's path, a JSON file as scree view saves it (docs/scale.md); outputs are "
                   "then patterns, such as -o frame_%05d.png")
       ->type_name("FILE");
-  app->add_option("--frames", words->frames,
-                  "Of a path: FIRST:END, as 0:600 for frames 0 to 599, and I/N, every N-th of them from the I-th on, or "
-                  "both, as 0:600,1/8 (default: all). Without a path: draw so many frames of a still camera and write "
-                  "the last (default: 1); with --stats, what each of them streamed");
+  app->add_option(
+      "--frames", words->frames,
+      "Of a path: FIRST:END, as 0:600 for frames 0 to 599, and I/N, every N-th of them from the I-th on, or "
+      "both, as 0:600,1/8 (default: all). Without a path: draw so many frames of a still camera and write "
+      "the last (default: 1); with --stats, what each of them streamed");
   app->add_option("--fps", words->fps, "Frames per second of a path (default: the file's, else 30)")->type_name("N");
   app->add_flag("--resume", words->resume,
                 "Of a path: leave frames alone that are there, whole and of this size; they may be of another run");

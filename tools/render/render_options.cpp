@@ -167,17 +167,24 @@ Result<void> parse_path(const RenderWords& words, RenderOptions& options) {
     for (const auto& [name, is_given] : {std::pair("--fps", !words.fps.empty()), std::pair("--resume", words.resume)})
       if (is_given) return Error{ErrorCode::kUsage, std::string(name) + " needs --path"};
     if (words.frames.find_first_of(":/") != std::string::npos)
-      return Error{ErrorCode::kUsage, "--frames: '" + words.frames + "' chooses frames of a --path, which is not there"};
+      return Error{ErrorCode::kUsage,
+                   "--frames: '" + words.frames + "' chooses frames of a --path, which is not there"};
     const Result<uint64_t> frames = parse_whole(words.frames.empty() ? "1" : words.frames, 1, 1000000, "--frames");
     if (!frames) return frames.error();
     options.frames = static_cast<uint32_t>(*frames);
     return {};
   }
-  const std::pair<const char*, bool> others[] = {
-      {"--camera", !words.camera.empty()}, {"--view", !words.view.empty()},   {"--eye", !words.eye.empty()},
-      {"--target", !words.target.empty()}, {"--up", !words.up.empty()},       {"--fov", !words.fov.empty()},
-      {"--pick", !words.picks.empty()},    {"--list-cameras", words.list_cameras}, {"--stats", words.stats},
-      {"--normals", !words.normals.empty()}, {"--uvs", !words.uvs.empty()}};
+  const std::pair<const char*, bool> others[] = {{"--camera", !words.camera.empty()},
+                                                 {"--view", !words.view.empty()},
+                                                 {"--eye", !words.eye.empty()},
+                                                 {"--target", !words.target.empty()},
+                                                 {"--up", !words.up.empty()},
+                                                 {"--fov", !words.fov.empty()},
+                                                 {"--pick", !words.picks.empty()},
+                                                 {"--list-cameras", words.list_cameras},
+                                                 {"--stats", words.stats},
+                                                 {"--normals", !words.normals.empty()},
+                                                 {"--uvs", !words.uvs.empty()}};
   for (const auto& [name, is_given] : others)
     if (is_given) return Error{ErrorCode::kUsage, std::string("--path and ") + name + " exclude each other"};
   if (words.resume && words.force)
@@ -248,9 +255,9 @@ void add_camera_options(CLI::App& app, RenderWords& words) {
                  "the right of its front and 20 above)")
       ->type_name("NAME");
   app.add_option("--eye", words.eye, "Where to look from, X,Y,Z")->type_name("X,Y,Z");
-  app.add_option("--target", words.target, "Where --eye looks to, X,Y,Z (default: the middle of the scene)")
+  app.add_option("--target", words.target, "Point that --eye looks at, X,Y,Z (default: middle of the scene)")
       ->type_name("X,Y,Z");
-  app.add_option("--up", words.up, "What is up in the picture, X,Y,Z (default: 0,1,0)")->type_name("X,Y,Z");
+  app.add_option("--up", words.up, "Up direction in the picture, X,Y,Z (default: 0,1,0)")->type_name("X,Y,Z");
   app.add_option("--fov", words.fov, "Vertical field of view in degrees (default: 45, or the camera's)")
       ->type_name("DEGREES");
 }

@@ -140,14 +140,15 @@ Command add_synth(CLI::App& parent) {
       ->type_name("ORDER");
   app->add_flag("--normals", options->normals, "A to D: add normals");
   app->add_flag("--uvs", options->uvs, "A to D: add texture coordinates and a texture");
-  app->add_flag("--gpu-instancing", options->gpu_instancing, "EXT_mesh_gpu_instancing instead of a node an instance");
+  app->add_flag("--gpu-instancing", options->gpu_instancing,
+                "EXT_mesh_gpu_instancing instead of one node per instance");
   app->add_flag(
       "--checks", options->checks,
       "A to D: print scene, order, 0 and the order-independent sums of positions and indices (-o is not needed)");
   app->add_option("--threads", options->threads, "Threads; 0: one per processor")
       ->capture_default_str()
       ->type_name("N");
-  app->add_option("--seed", options->seed, "Slope, forest: another scattering of the stones or plants")
+  app->add_option("--seed", options->seed, "Slope: seed of the stones' positions")
       ->capture_default_str()
       ->type_name("N");
   app->add_option("--texture-size", options->texture_size,

@@ -237,12 +237,12 @@ Command add_view(CLI::App& parent) {
   app->add_option("--scene", words->scene, "Scene of the file, by name or number (default: the file's default)");
   app->add_flag("--open", words->open, "Open the page in this machine's browser");
   app->add_option("--host", words->host,
-                  "The address to listen on (default: 127.0.0.1, which only this machine reaches)");
+                  "The address to listen on (default: 127.0.0.1, reachable only from this machine)");
   app->add_option("--port", words->port,
                   "The port to listen on; 0: any that is free (default: 8080, or the next of 20 that is free)");
   app->add_option("--base-path", words->base_path, "Path under which a proxy serves the page, such as /scree");
   app->add_option("--allow-host", words->allowed_hosts,
-                  "A host name by which browsers may reach the server, as that of a proxy; may be given several times")
+                  "Host name that browsers may use, such as a proxy's; repeatable")
       ->type_size(1)
       ->expected(1)
       ->allow_extra_args(false)
@@ -256,8 +256,8 @@ Command add_view(CLI::App& parent) {
       "The GPU to draw on, by its index or UUID, as scree devices lists them (default: the first that can be "
       "used)");
   app->add_option("--device-memory", words->device_memory,
-                  "The most that the scene, its frames and the picture may take of the GPU's memory, such as 8GiB "
-                  "(default: what is free); chunks that it does not hold are streamed");
+                  "Limit of GPU memory for scene, frames and picture, such as 8GiB (default: all free memory); chunks "
+                  "that do not fit are streamed");
   app->add_option("--texture-cache", words->texture_cache,
                   "Memory for decoded blocks of JPEG textures, such as 1GiB (default: 64MiB, on a GPU 256MiB)");
   add_light_options(*app, words->light);
