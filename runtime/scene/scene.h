@@ -55,7 +55,7 @@ struct SceneOptions {
   // levels are then decoded on demand. 0: all levels are decoded when the scene is loaded.
   uint64_t texture_cache = 0;
   kernels::Lighting lighting = kernels::Lighting::kAuto;  // what pictures will ask for: what that takes is made
-  std::string environment;  // a Radiance picture for kEnvironment; empty: make_sky()
+  std::string environment{};                              // a Radiance picture for kEnvironment; empty: make_sky()
   bool pages = true;                // false: view().pages are null until load_pages(), for scenes that a GPU draws
   JobProgress* progress = nullptr;  // reports every page and image, and may stop the loading
 };

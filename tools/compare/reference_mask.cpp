@@ -7,10 +7,10 @@ namespace scree::compare {
 namespace {
 
 using kernels::View;
-using Place = std::array<double, 2>;
+using TexturePoint = std::array<double, 2>;
 
 /// Where the ray meets the triangle's plane on the mask. With `inside` the weights are brought into the triangle.
-Place place_of(const View& view, const std::array<SeenPoint, 3>& corners, const std::array<Place, 3>& places, Ray ray,
+TexturePoint place_of(const View& view, const std::array<SeenPoint, 3>& corners, const std::array<TexturePoint, 3>& places, Ray ray,
                bool inside) {
   std::array<double, 3> weights = corner_weights(view, corners, ray);
   const double orientation = weights[0] + weights[1] + weights[2] < 0 ? -1 : 1;
@@ -19,7 +19,7 @@ Place place_of(const View& view, const std::array<SeenPoint, 3>& corners, const 
     weight = inside ? std::max(orientation * weight, 0.0) : orientation * weight;
     sum += weight;
   }
-  Place place{};
+  TexturePoint place{};
   for (size_t n = 0; n < 3; ++n)
     for (size_t c = 0; c < 2; ++c) place[c] += weights[n] / sum * places[n][c];
   return place;
@@ -46,7 +46,7 @@ int64_t neighbour(int64_t texel, int64_t size, format::Wrap wrap) {
 bool mask_passes(const View& view, const ReferenceMesh& mesh, uint64_t triangle,
                  const std::array<SeenPoint, 3>& corners, uint32_t x, uint32_t y) {
   const ReferenceMask& mask = *mesh.mask;
-  std::array<Place, 3> places;
+  std::array<TexturePoint, 3> places;
   for (size_t n = 0; n < 3; ++n) {
     const float* const uv = &mesh.uvs[2 * uint64_t{mesh.corners[3 * triangle + n]}];
     for (size_t c = 0; c < 2; ++c)
@@ -57,17 +57,17 @@ bool mask_passes(const View& view, const ReferenceMesh& mesh, uint64_t triangle,
   constexpr double kStep = 1e-3;
   const Ray ray = ray_of(view, x, y);
   const double pixel_x = 2 * view.half_width / view.width, pixel_y = 2 * view.half_height / view.height;
-  const Place at = place_of(view, corners, places, ray, false);
-  const Place right = place_of(view, corners, places, {ray.x + kStep * pixel_x, ray.y}, false);
-  const Place down = place_of(view, corners, places, {ray.x, ray.y - kStep * pixel_y}, false);
-  const auto step = [&](const Place& to) {
+  const TexturePoint at = place_of(view, corners, places, ray, false);
+  const TexturePoint right = place_of(view, corners, places, {ray.x + kStep * pixel_x, ray.y}, false);
+  const TexturePoint down = place_of(view, corners, places, {ray.x, ray.y - kStep * pixel_y}, false);
+  const auto step = [&](const TexturePoint& to) {
     return std::hypot((to[0] - at[0]) * mask.width, (to[1] - at[1]) * mask.height) / kStep;
   };
   const double footprint = std::max(step(right), step(down));
   size_t level = 0;
   while (level + 1 < mask.levels.size() && !(footprint < std::sqrt(2.0) * static_cast<double>(1u << level))) ++level;
 
-  const Place inside = place_of(view, corners, places, ray, true);
+  const TexturePoint inside = place_of(view, corners, places, ray, true);
   const int64_t size[2] = {std::max(1u, mask.width >> level), std::max(1u, mask.height >> level)};
   int64_t texel[2][2];
   double weight[2];

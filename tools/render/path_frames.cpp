@@ -10,7 +10,7 @@ namespace scree::tools {
 namespace {
 
 /// A number of [0, kMaxPathFrames] that is all of `text`.
-std::optional<uint64_t> whole(std::string_view text) {
+std::optional<uint64_t> frame_count(std::string_view text) {
   uint64_t value = 0;
   const auto [rest, status] = std::from_chars(text.data(), text.data() + text.size(), value);
   if (status != std::errc{} || rest != text.data() + text.size() || value > kMaxPathFrames) return std::nullopt;
@@ -18,7 +18,7 @@ std::optional<uint64_t> whole(std::string_view text) {
 }
 
 bool parse_ends(std::string_view text, size_t colon, FrameRange& range) {
-  const auto first = whole(text.substr(0, colon)), end = whole(text.substr(colon + 1));
+  const auto first = frame_count(text.substr(0, colon)), end = frame_count(text.substr(colon + 1));
   if (!first || !end || *first >= *end) return false;
   range.first = *first;
   range.end = *end;
@@ -26,7 +26,7 @@ bool parse_ends(std::string_view text, size_t colon, FrameRange& range) {
 }
 
 bool parse_share(std::string_view text, size_t slash, FrameRange& range) {
-  const auto part = whole(text.substr(0, slash)), parts = whole(text.substr(slash + 1));
+  const auto part = frame_count(text.substr(0, slash)), parts = frame_count(text.substr(slash + 1));
   if (!part || !parts || *part == 0 || *part > *parts) return false;
   range.part = *part - 1;
   range.parts = *parts;
@@ -78,7 +78,7 @@ Result<FramePattern> FramePattern::parse(std::string_view option, const std::str
     const size_t end = rest.find('d');
     if (has_number || end == std::string_view::npos) return wrong;
     if (end > 0) {
-      const auto digits = whole(rest.substr(1, end - 1));
+      const auto digits = frame_count(rest.substr(1, end - 1));
       if (rest[0] != '0' || !digits || *digits == 0 || *digits > 19) return wrong;
       pattern.digits_ = *digits;
     }

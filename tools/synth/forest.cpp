@@ -14,12 +14,12 @@
 #include "tools/gltf/writer.h"
 #include "tools/synth/gltf_parts.h"
 #include "tools/synth/scene_functions.h"
+#include "tools/synth/vec3.h"
 
 namespace scree::synth {
 namespace {
 
 using namespace tools;
-using Vec3 = std::array<double, 3>;
 
 constexpr uint32_t kTrees = 12, kBushes = 4, kGrasses = 4;
 constexpr uint32_t kPlants = kTrees + kBushes + kGrasses;
@@ -39,10 +39,6 @@ class Chance {
   uint32_t seed_;
   uint32_t number_ = 0;
 };
-
-Vec3 cross(const Vec3& a, const Vec3& b) {
-  return {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]};
-}
 
 Vec3 unit(Vec3 v) {
   const double length = std::sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);

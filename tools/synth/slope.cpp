@@ -14,33 +14,14 @@
 #include "tools/gltf/writer.h"
 #include "tools/synth/gltf_parts.h"
 #include "tools/synth/textures.h"
+#include "tools/synth/vec3.h"
 
 namespace scree::synth {
 namespace {
 
 using namespace tools;
 
-using Vec3 = std::array<double, 3>;
 using Quaternion = std::array<double, 4>;  // xyzw
-
-Vec3 operator+(const Vec3& a, const Vec3& b) {
-  return {a[0] + b[0], a[1] + b[1], a[2] + b[2]};
-}
-Vec3 operator-(const Vec3& a, const Vec3& b) {
-  return {a[0] - b[0], a[1] - b[1], a[2] - b[2]};
-}
-Vec3 operator*(const Vec3& a, double t) {
-  return {a[0] * t, a[1] * t, a[2] * t};
-}
-double dot(const Vec3& a, const Vec3& b) {
-  return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-}
-Vec3 cross(const Vec3& a, const Vec3& b) {
-  return {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]};
-}
-Vec3 normalized(const Vec3& a) {
-  return a * (1.0 / std::sqrt(dot(a, a)));
-}
 
 /// Octaves of noise3, for a point of any sign; values approximately in [-1, 1].
 double fbm(uint32_t seed, uint32_t octaves, double x, double y, double z) {
