@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <span>
 
+#include "format/hd.h"
 #include "format/result.h"
 #include "kernels/scene_view.h"
 #include "kernels/visbuffer.h"
@@ -63,6 +64,8 @@ struct ShadeOptions {
   uint32_t edl_radius = 1;        // pixels
 };
 
+inline namespace SCREE_ISA {
+
 /// The light that a picture has.
 inline Lighting lighting_of(const SceneView& scene, const ShadeOptions& options) {
   if (!options.light) return Lighting::kCamera;
@@ -77,6 +80,8 @@ inline bool shades_surfaces(const SceneView& scene, const ShadeOptions& options)
   if (options.show != Show::kTexture || !options.light) return false;
   return scene.surface_count != 0 || lighting_of(scene, options) != Lighting::kCamera;
 }
+
+}  // namespace SCREE_ISA
 
 /// Times of one resolve by the GPU's clock.
 struct ResolveTimes {

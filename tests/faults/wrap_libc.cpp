@@ -286,6 +286,8 @@ SCREE_WRAP_FILESYSTEM(_ZNSt10filesystem10equivalentERKNS_7__cxx114pathES3_RSt10e
 SCREE_WRAP_FILESYSTEM(_ZNSt10filesystem5spaceERKNS_7__cxx114pathERSt10error_code, "filesystem::space", fs::space_info,
                       (fs::space_info{UINTMAX_MAX, UINTMAX_MAX, UINTMAX_MAX}),
                       (const fs::path& path, std::error_code& error), (path, error))
+SCREE_WRAP_FILESYSTEM(_ZNSt10filesystem8absoluteERKNS_7__cxx114pathERSt10error_code, "filesystem::absolute", fs::path,
+                      (fs::path()), (const fs::path& path, std::error_code& error), (path, error))
 #undef SCREE_WRAP_FILESYSTEM
 
 }  // extern "C"

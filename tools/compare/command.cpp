@@ -322,9 +322,9 @@ Command add_compare(CLI::App& parent) {
       ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll);
   app->add_option("--exclude", words->exclude, "The --exclude that the .scree file was converted with");
   app->add_flag("--allow-outside", words->allow_outside, convert::kAllowOutsideHelp);
-  app->add_option("--ppd", words->pixels_per_degree,
-                  "Pixels per degree of the viewer's eye for FLIP, 1 to 1000 (default: 67, a 3840-pixel screen viewed "
-                  "from its width)")
+  app->add_option(
+         "--ppd", words->pixels_per_degree,
+         "Pixels per degree of the viewer's eye for FLIP (default: 67, a 3840-pixel screen viewed from its width)")
       ->check(CLI::Range(1.0, 1000.0));
   app->add_option("--memory", words->memory,
                   "Limit of memory for the glTF's vertices and triangles, all held at once, such as 8GiB (default: "

@@ -192,7 +192,7 @@ class Converter {
   /// Leaves this shard's share of the images and windows, and says where encoding them begins.
   EncodeStart cut_shard() {
     shard_share_.index = options_.shard;
-    shard_share_.input = std::filesystem::absolute(options_.input).string();
+    shard_share_.input = whole_path(options_.input).string();
     const auto keep = [](auto& list, Part part) {
       list.erase(list.begin() + static_cast<ptrdiff_t>(part.end), list.end());
       list.erase(list.begin(), list.begin() + static_cast<ptrdiff_t>(part.first));

@@ -148,7 +148,7 @@ Command add_synth(CLI::App& parent) {
   app->add_option("--threads", options->threads, "Threads; 0: one per processor")
       ->capture_default_str()
       ->type_name("N");
-  app->add_option("--seed", options->seed, "Slope: seed of the stones' positions")
+  app->add_option("--seed", options->seed, "Slope, forest: seed of the positions of stones or plants")
       ->capture_default_str()
       ->type_name("N");
   app->add_option("--texture-size", options->texture_size,

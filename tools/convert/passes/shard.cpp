@@ -168,8 +168,13 @@ std::string shard_name(uint64_t index, uint64_t count) {
 
 }  // namespace
 
+std::filesystem::path whole_path(const std::string& path) {
+  std::error_code error;
+  const std::filesystem::path whole = std::filesystem::absolute(path, error);
+  return (error ? std::filesystem::path(path) : whole).lexically_normal();
+}
+
 std::vector<FileStamp> stamp_files(const std::string& input, const std::set<std::string>& files) {
-  const auto whole_path = [](const std::string& path) { return std::filesystem::absolute(path).lexically_normal(); };
   const std::filesystem::path folder = whole_path(input).parent_path();
   std::vector<FileStamp> stamps;
   for (const std::string& file : files) {

@@ -4,6 +4,7 @@
 #pragma once
 
 #include <cstdint>
+#include <filesystem>
 #include <set>
 #include <span>
 #include <string>
@@ -30,6 +31,9 @@ struct FileStamp {
   int64_t changed_ns = 0;
   bool operator==(const FileStamp&) const = default;
 };
+/// `path` from the root on, or as it is where the working directory cannot be had.
+std::filesystem::path whole_path(const std::string& path);
+
 /// `files`: of source_files(). One that vanished has 0 bytes.
 std::vector<FileStamp> stamp_files(const std::string& input, const std::set<std::string>& files);
 
