@@ -177,7 +177,8 @@ void check_totals(const std::string& path, const json& report) {
   CHECK(sum_of(report.at("chunk_rows"), "triangles") == meshes.at("triangles").get<uint64_t>());
   CHECK(report.at("textures").at("jpeg").at("bytes").get<uint64_t>() +
             report.at("textures").at("indexed_jpeg").at("bytes").get<uint64_t>() +
-            report.at("textures").at("png").at("bytes").get<uint64_t>() ==
+            report.at("textures").at("png").at("bytes").get<uint64_t>() +
+            report.at("textures").at("mask_bytes").get<uint64_t>() ==
         report.at("size").at("textures").at("bytes").get<uint64_t>());
 }
 
