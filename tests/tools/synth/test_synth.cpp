@@ -516,9 +516,6 @@ TEST_CASE("what synth refuses", "[synth]") {
   CHECK(code(options) == ErrorCode::kUsage);
   options.output = folder.file("missing/x.glb");
   CHECK(code(options) == ErrorCode::kFile);
-  options = scene_options("A");  // 7 GB
-  options.output = folder.file("x.glb");
-  CHECK(code(options) == ErrorCode::kRange);
   options = scene_options("slope");
   options.output = folder.file("x.glb");
   options.uvs = true;
