@@ -221,10 +221,12 @@ class Converter {
     const std::pair<format::PageKind, std::vector<std::byte>> pages[] = {{kShardPlanPage, shard_plan_},
                                                                          {kShardSharePage, pack_share(shard_share_)}};
     for (const auto& [kind, bytes] : pages) {
-      const Result<uint32_t> page = writer_->append_raw(kind, bytes.size(), [&](uint64_t offset, std::span<std::byte> out) {
-        std::copy_n(bytes.begin() + static_cast<ptrdiff_t>(offset), out.size(), out.begin());
+      const std::span<const std::byte> from(bytes);
+      const auto copy = [from](uint64_t offset, std::span<std::byte> out) {
+        std::copy_n(from.begin() + static_cast<ptrdiff_t>(offset), out.size(), out.begin());
         return Result<void>();
-      });
+      };
+      const Result<uint32_t> page = writer_->append_raw(kind, bytes.size(), copy);
       if (!page) return page.error();
     }
     format::TableSet tables;
