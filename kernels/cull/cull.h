@@ -22,8 +22,6 @@ SCREE_HD inline bool box_may_be_seen(const Real* const rows[3], const FrameView&
       terms[r] += abs_of(rows[r][i]) * (abs_of(box.center[i]) + box.extent[i]);
     }
   }
-  // Products that underflow are off by more than any slack of terms.
-  if (!(terms[2] >= Real{1e-30f})) return true;
   const Real half[2] = {static_cast<Real>(view.half_width), static_cast<Real>(view.half_height)};
   for (int axis = 0; axis < 2; ++axis) {
     for (int side = -1; side <= 1; side += 2) {
