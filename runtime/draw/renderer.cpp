@@ -82,7 +82,7 @@ Result<Picture> Frame::shade(const kernels::ShadeOptions& options, uint32_t thre
     Picture picture;
     picture.width = width();
     picture.height = height();
-    picture.channels = options.background[3] >= 1.0f ? 3 : 4;
+    picture.channels = picture_channels(options);
     picture.pixels.resize(uint64_t{picture.width} * picture.height * picture.channels);
     if (device_ == nullptr) {
       const Result<void> resolved = kernels::resolve_cpu(scene_->view(), view_, samples_per_side_, samples_, options,

@@ -24,6 +24,11 @@ struct Picture {
   std::vector<uint8_t> pixels;
 };
 
+/// 4 channels only where the background lets something show through.
+inline uint32_t picture_channels(const kernels::ShadeOptions& options) {
+  return options.background[3] >= 1.0f ? 3 : 4;
+}
+
 /// What lies under a pixel.
 struct Pick {
   kernels::Hit hit;

@@ -42,7 +42,7 @@ Result<Picture> CpuStream::picture(uint32_t samples_per_side) const {
     Picture picture;
     picture.width = view_.width / samples_per_side;
     picture.height = view_.height / samples_per_side;
-    picture.channels = shade_->background[3] >= 1.0f ? 3 : 4;
+    picture.channels = picture_channels(*shade_);
     picture.pixels.resize(uint64_t{picture.width} * picture.height * picture.channels);
     const Result<void> resolved = kernels::shades_from_chunks(shade_->show)
                                       ? kernels::resolve_colors_cpu(view_, samples_per_side, samples_, colors_, *shade_,

@@ -38,6 +38,16 @@ void warn_of_cpu(const char* command, const std::string& reason) {
   std::fprintf(stderr, "scree %s: warning: the CPU draws: %s\n", command, reason.c_str());
 }
 
+Error with_cpu_advice(Error error) {
+  if (error.code == ErrorCode::kDevice && error.message.find("--backend cpu") == std::string::npos)
+    error.message += "; --backend cpu draws without a GPU";
+  return error;
+}
+
+std::string name_of_cpu(uint32_t threads) {
+  return "the CPU, " + std::to_string(threads) + (threads == 1 ? " thread" : " threads");
+}
+
 std::string name_of(const runtime::Gpu& gpu) {
   return "cuda:" + std::to_string(gpu.index) + " (" + gpu.name + ")";
 }

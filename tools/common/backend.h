@@ -1,6 +1,7 @@
 // The options --backend and --device, and their choice on this machine.
 #pragma once
 
+#include <cstdint>
 #include <optional>
 #include <string>
 
@@ -28,7 +29,13 @@ Result<std::optional<runtime::Gpu>> choose_gpu(const char* command, const Backen
 /// Prints the line of a fallback: "scree render: warning: the CPU draws: no NVIDIA driver found".
 void warn_of_cpu(const char* command, const std::string& reason);
 
+/// An error of the device, with what the user can do; other errors as they are.
+Error with_cpu_advice(Error error);
+
 /// "cuda:0 (NVIDIA H200)".
 std::string name_of(const runtime::Gpu& gpu);
+
+/// "the CPU, 16 threads".
+std::string name_of_cpu(uint32_t threads);
 
 }  // namespace scree::tools

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdio>
 #include <cstdlib>
 #include <utility>
 
@@ -74,9 +75,14 @@ Result<LightOptions> parse_light_options(const LightWords& words) {
   return options;
 }
 
-Result<void> check_lights(const LightOptions& options, const kernels::SceneView& scene) {
-  if (options.lighting != kernels::Lighting::kScene || scene.light_count != 0) return {};
-  return Error{ErrorCode::kUsage, "--light scene: the scene has no lights"};
+Result<void> accept_scene(const char* command, const runtime::Scene& scene, const LightOptions& light, bool quiet) {
+  const std::string& path = scene.file().path();
+  if (light.lighting == kernels::Lighting::kScene && scene.view().light_count == 0)
+    return at(path, Error{ErrorCode::kUsage, "--light scene: the scene has no lights"});
+  if (quiet) return {};
+  for (const std::string& warning : scene.warnings())
+    std::fprintf(stderr, "scree %s: warning: %s: %s\n", command, path.c_str(), warning.c_str());
+  return {};
 }
 
 Result<DrawOptions> parse_draw_options(const DrawWords& words) {

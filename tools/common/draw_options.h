@@ -8,6 +8,7 @@
 
 #include "format/result.h"
 #include "kernels/frame.h"
+#include "runtime/scene/scene.h"
 #include "runtime/stream/upload.h"
 #include "tools/common/backend.h"
 #include "tools/common/options.h"
@@ -55,8 +56,9 @@ void add_light_options(CLI::App& app, LightWords& words);
 /// Errors kUsage: the option, what was typed, what is allowed.
 Result<LightOptions> parse_light_options(const LightWords& words);
 
-/// Errors kUsage: --light scene, but the scene has no lights.
-Result<void> check_lights(const LightOptions& options, const kernels::SceneView& scene);
+/// Looks at a scene that was loaded to be drawn: errors kUsage, with the file's name, where --light scene has no lights;
+/// prints the scene's warnings on stderr unless `quiet`.
+Result<void> accept_scene(const char* command, const runtime::Scene& scene, const LightOptions& light, bool quiet);
 
 /// --size and --samples; and those that choose what draws and what it may take: --threads, --backend, --device,
 /// --device-memory, --host-memory, --read.

@@ -277,13 +277,6 @@ Result<void> print_picks(const RenderOptions& options, const runtime::Scene& sce
   return {};
 }
 
-/// An error of the device says what to do.
-Error with_advice(Error error) {
-  if (error.code == ErrorCode::kDevice && error.message.find("--backend cpu") == std::string::npos)
-    error.message += "; --backend cpu draws without a GPU";
-  return error;
-}
-
 /// Whether a GPU's samples are brought to the host.
 bool reads_samples(const RenderOptions& options) {
   return !options.visbuffer.empty() || !options.picks.empty() || layers_need_samples(options);
@@ -298,7 +291,7 @@ uint64_t host_picture_bytes(const RenderOptions& options, bool on_gpu) {
   const bool reads = reads_samples(options);
   uint64_t bytes = 0;
   if (!on_gpu || reads) bytes += samples * sizeof(uint64_t);
-  if (!options.output.empty()) bytes += pixels * (options.shade.background[3] >= 1.0f ? 3 : 4);
+  if (!options.output.empty()) bytes += pixels * runtime::picture_channels(options.shade);
   if (!options.output.empty() && on_gpu) bytes += pixels * sizeof(uint32_t);
   bytes += layer_bytes(options);
   if (!options.output.empty() && !on_gpu && (options.shade.ssao || options.shade.edl))
@@ -374,21 +367,13 @@ Result<void> render(const RenderOptions& options) {
   times.open = open_watch.elapsed();
 
   const Result<std::optional<runtime::Gpu>> gpu = choose_gpu("render", options.backend, options.quiet);
-  if (!gpu) return at(options.file, with_advice(gpu.error()));
-  runtime::SceneOptions load;
-  load.textures = !options.output.empty() && options.shade.show == kernels::Show::kTexture;
-  load.threads = options.threads;
-  load.lighting = load.textures && options.shade.light ? options.light.lighting : kernels::Lighting::kCamera;
-  load.environment = options.light.environment;
+  if (!gpu) return at(options.file, with_cpu_advice(gpu.error()));
+  runtime::SceneOptions load = options.scene_options();
   load.pages = !gpu->has_value();
-  load.texture_cache = options.texture_cache.value_or(runtime::kHostTextureCache);
   Result<runtime::Scene> scene = runtime::Scene::load(std::move(*file), *scene_index, load);
   if (!scene) return scene.error();
-  if (const Result<void> checked = check_lights(options.light, scene->view()); !checked)
-    return at(options.file, checked.error());
-  if (!options.quiet)
-    for (const std::string& warning : scene->warnings())
-      std::fprintf(stderr, "scree render: warning: %s: %s\n", options.file.c_str(), warning.c_str());
+  if (const Result<void> accepted = accept_scene("render", *scene, options.light, options.quiet); !accepted)
+    return accepted;
   if (!gpu->has_value() || runtime::view_reads_vertices(scene->view(), options.camera))
     if (const Result<void> loaded = scene->load_pages(options.threads); !loaded) return loaded.error();
   const Result<kernels::View> view =
@@ -422,7 +407,7 @@ Result<void> render(const RenderOptions& options) {
     }
     if (failed) {
       if (failed->code != ErrorCode::kDevice || options.backend.choice != BackendChoice::kAuto)
-        return at(options.file, with_advice(*failed));
+        return at(options.file, with_cpu_advice(*failed));
       if (!options.quiet) warn_of_cpu("render", name_of(**gpu) + ": " + failed->message);
       device.reset();
       times.upload.reset();
@@ -435,7 +420,7 @@ Result<void> render(const RenderOptions& options) {
     Result<Drawn> on_cpu = draw(options, *scene, *view, nullptr, times);
     if (!on_cpu) return at(options.file, on_cpu.error());
     drawn = std::move(*on_cpu);
-    times.drawn_on = "the CPU, " + std::to_string(options.threads) + (options.threads == 1 ? " thread" : " threads");
+    times.drawn_on = name_of_cpu(options.threads);
   }
   const runtime::Frame& frame = drawn->frame;
   if (const auto written = write_outputs(options, scene->file().map(), *drawn, times); !written) return written;

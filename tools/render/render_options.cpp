@@ -292,6 +292,16 @@ Result<std::array<float, 4>> parse_color(std::string_view text) {
                               runtime::linear_of_srgb(bytes[2]), static_cast<float>(bytes[3]) / 255.0f};
 }
 
+runtime::SceneOptions RenderOptions::scene_options() const {
+  runtime::SceneOptions load;
+  load.textures = !output.empty() && shade.show == kernels::Show::kTexture;
+  load.threads = threads;
+  load.lighting = load.textures && shade.light ? light.lighting : kernels::Lighting::kCamera;
+  load.environment = light.environment;
+  load.texture_cache = texture_cache.value_or(runtime::kHostTextureCache);
+  return load;
+}
+
 bool RenderOptions::writes_exr() const {
   return has_extension(output, ".exr");
 }

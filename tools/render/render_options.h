@@ -109,6 +109,9 @@ struct RenderOptions : DrawOptions {
   };
   bool writes_exr() const;
 
+  /// What has to be loaded of a scene for these outputs. Pages are.
+  runtime::SceneOptions scene_options() const;
+
   /// All that may be written, in the order in which it is.
   std::array<Output, 5> outputs() const {
     return {{{"output", output}, {"depth", depth}, {"normals", normals}, {"uvs", uvs}, {"visbuffer", visbuffer}}};

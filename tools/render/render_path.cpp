@@ -167,9 +167,10 @@ class PathRenderer {
     load.on = on;
     load.gpu = gpu_of_rank();
     load.threads = options_.threads;
-    load.textures = has_color && options_.shade.show == kernels::Show::kTexture;
-    load.lighting = load.textures && options_.shade.light ? options_.light.lighting : kernels::Lighting::kCamera;
-    load.environment = options_.light.environment;
+    const runtime::SceneOptions wanted = options_.scene_options();
+    load.textures = wanted.textures;
+    load.lighting = wanted.lighting;
+    load.environment = wanted.environment;
     load.texture_cache = options_.texture_cache.value_or(0);
     load.device_memory = options_.device_memory;
     load.reading = options_.reading;
@@ -182,16 +183,14 @@ class PathRenderer {
     renderer_.reset();
     scene_.reset();
     Result<std::shared_ptr<LoadedScene>> scene = LoadedScene::load(std::move(*file), load);
-    if (!scene) return with_advice(scene.error());
+    if (!scene) return with_cpu_advice(scene.error());
     scene_ = std::move(*scene);
-    if (const Result<void> checked = check_lights(options_.light, scene_->scene().view()); !checked)
-      return at(options_.file, checked.error());
-    if (!options_.quiet && is_first)
-      for (const std::string& warning : scene_->scene().warnings())
-        std::fprintf(stderr, "scree render: warning: %s: %s\n", options_.file.c_str(), warning.c_str());
+    const bool is_quiet = options_.quiet || !is_first;
+    if (const auto accepted = accept_scene("render", scene_->scene(), options_.light, is_quiet); !accepted)
+      return accepted;
     if (!options_.quiet && !scene_->why_cpu().empty()) warn_of_cpu("render", scene_->why_cpu());
     Result<std::unique_ptr<ViewRenderer>> renderer = ViewRenderer::create(scene_);
-    if (!renderer) return at(options_.file, with_advice(renderer.error()));
+    if (!renderer) return at(options_.file, with_cpu_advice(renderer.error()));
     renderer_ = std::move(*renderer);
     load_ms_ += watch.elapsed().wall_ms;
     return {};
@@ -220,13 +219,6 @@ class PathRenderer {
     const uint64_t waiting = allowed == 0 ? kMostWaitingBytes : std::min(kMostWaitingBytes, (allowed - own) / 2);
     most_waiting_ = std::clamp<uint64_t>(waiting / bytes, 1, options_.threads);
     return allowed == 0 ? 0 : allowed - own - most_waiting_ * bytes;
-  }
-
-  /// An error of the device says what to do.
-  Error with_advice(Error error) const {
-    if (error.code == ErrorCode::kDevice && error.message.find("--backend cpu") == std::string::npos)
-      error.message += "; --backend cpu draws without a GPU";
-    return error;
   }
 
   Result<kernels::View> view_of(uint64_t frame) const {
@@ -274,7 +266,7 @@ class PathRenderer {
         if (const Result<void> opened = open(runtime::DrawOn::kCpu); !opened) return opened;
         continue;
       }
-      if (!drawn) return at(options_.file, with_advice(drawn.error()));
+      if (!drawn) return at(options_.file, with_cpu_advice(drawn.error()));
       if (const Result<void> whole = check_not_cut(scene_->scene().file().map()); !whole) return whole;
       const auto job = std::make_shared<const DrawnFrame>(std::move(*drawn));
       written.submit([this, job](uint32_t) { return write(*job); }, 0);
@@ -324,7 +316,7 @@ class PathRenderer {
 
   /// With alpha where the background is not opaque, as a single picture is written.
   Result<void> write_color(const std::string& name, std::span<const std::byte> rgba, format::Existing existing) const {
-    const uint32_t channels = options_.shade.background[3] >= 1.0f ? 3 : 4;
+    const uint32_t channels = runtime::picture_channels(options_.shade);
     std::vector<uint8_t> packed(pixels() * channels);
     for (uint64_t i = 0; i < pixels(); ++i) std::memcpy(packed.data() + i * channels, rgba.data() + i * 4, channels);
     return runtime::write_png(name, width(), height(), channels, packed, existing);
@@ -339,7 +331,7 @@ class PathRenderer {
   std::string drawn_on() const {
     if (scene_ == nullptr) return "nothing";
     if (scene_->gpu()) return name_of(*scene_->gpu());
-    return "the CPU, " + std::to_string(options_.threads) + (options_.threads == 1 ? " thread" : " threads");
+    return name_of_cpu(options_.threads);
   }
 
   /// Of all ranks, by the first; times are those of one rank on average, but the whole, which is the first's.

@@ -10,6 +10,7 @@
 #include <utility>
 
 #include "kernels/frame_parts.h"
+#include "runtime/draw/renderer.h"
 #include "runtime/images/image.h"
 #include "runtime/scene/scene.h"
 #include "runtime/threads/first_error.h"
@@ -82,21 +83,13 @@ class RankedPicture {
     if (!file) return file.error();
     const Result<uint32_t> index = file->find_scene(options_.scene);
     if (!index) return index.error();
-    runtime::SceneOptions load;
-    load.textures = !options_.output.empty() && options_.shade.show == kernels::Show::kTexture;
-    load.lighting = load.textures && options_.shade.light ? options_.light.lighting : kernels::Lighting::kCamera;
-    load.environment = options_.light.environment;
-    load.threads = options_.threads;
+    runtime::SceneOptions load = options_.scene_options();
     load.pages = false;
-    load.texture_cache = options_.texture_cache.value_or(runtime::kHostTextureCache);
     Result<runtime::Scene> scene = runtime::Scene::load(std::move(*file), *index, load);
     if (!scene) return scene.error();
     scene_.emplace(std::move(*scene));
-    if (const Result<void> checked = check_lights(options_.light, scene_->view()); !checked)
-      return at(options_.file, checked.error());
-    if (!options_.quiet && ranks_.is_first())
-      for (const std::string& warning : scene_->warnings())
-        std::fprintf(stderr, "scree render: warning: %s: %s\n", options_.file.c_str(), warning.c_str());
+    const bool is_quiet = options_.quiet || !ranks_.is_first();
+    if (const auto accepted = accept_scene("render", *scene_, options_.light, is_quiet); !accepted) return accepted;
     // A default view is fitted to the vertices where they are few; such a scene every rank reads whole.
     if (runtime::view_reads_vertices(scene_->view(), options_.camera))
       if (const Result<void> loaded = scene_->load_pages(options_.threads); !loaded) return loaded;
@@ -155,7 +148,7 @@ class RankedPicture {
   Result<void> write() {
     const StopOnSignal handlers;
     if (!options_.output.empty()) {
-      const uint32_t channels = options_.shade.background[3] >= 1.0f ? 3 : 4;
+      const uint32_t channels = runtime::picture_channels(options_.shade);
       std::vector<uint8_t> pixels(uint64_t{width()} * height() * channels);
       const Result<void> resolved =
           kernels::shades_from_chunks(options_.shade.show)

@@ -155,7 +155,7 @@ struct ViewSession::Impl {
   Result<void> use_cpu() {
     device.reset();
     key.reset();
-    drawn_on = "the CPU, " + std::to_string(options.threads) + (options.threads == 1 ? " thread" : " threads");
+    drawn_on = name_of_cpu(options.threads);
     return scene.load_pages(options.threads);
   }
 
@@ -273,11 +273,8 @@ Result<ViewSession> ViewSession::open(const SessionOptions& options) {
   load.texture_cache = options.texture_cache != 0 ? options.texture_cache : runtime::kHostTextureCache;
   Result<runtime::Scene> scene = runtime::Scene::load(std::move(*file), *scene_index, load);
   if (!scene) return scene.error();
-  if (const Result<void> checked = check_lights(options.light, scene->view()); !checked)
-    return at(options.file, checked.error());
-  if (!options.quiet)
-    for (const std::string& warning : scene->warnings())
-      std::fprintf(stderr, "scree view: warning: %s: %s\n", options.file.c_str(), warning.c_str());
+  if (const Result<void> accepted = accept_scene("view", *scene, options.light, options.quiet); !accepted)
+    return accepted.error();
   if (!gpu->has_value() || runtime::view_reads_vertices(scene->view(), {}))  // for home()
     if (const Result<void> loaded = scene->load_pages(options.threads); !loaded) return loaded.error();
 
