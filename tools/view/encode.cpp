@@ -10,6 +10,8 @@
 #include <turbojpeg.h>
 #include <zlib.h>
 
+#include "runtime/images/jpeg_head.h"
+
 namespace scree::tools::view {
 namespace {
 
@@ -60,50 +62,19 @@ Bytes jpeg_strip(const PixelView& picture, uint32_t first, uint32_t count, int q
   return out;
 }
 
-/// Where the entropy-coded bytes of a strip begin; they end before the EOI, its last two bytes.
-struct StripPlaces {
-  size_t frame = 0;  // the SOF0 marker
-  size_t scan = 0;   // the SOS marker
-  size_t data = 0;
-};
-
-StripPlaces find_places(const Bytes& jpeg) {
-  StripPlaces places;
-  const auto byte = [&](size_t at) { return static_cast<size_t>(jpeg[at]); };
-  for (size_t at = 2; at + 4 <= jpeg.size();) {  // behind SOI
-    const size_t length = byte(at + 2) << 8 | byte(at + 3);
-    if (byte(at + 1) == 0xc0) places.frame = at;
-    if (byte(at + 1) == 0xda) {
-      places.scan = at;
-      places.data = at + 2 + length;
-      break;
-    }
-    at += 2 + length;
-  }
-  assert(places.frame != 0 && places.data != 0 && places.data + 2 <= jpeg.size());
-  return places;
-}
-
-/// The strips as one picture: the first one's head with the whole height and the restart interval, then all their
-/// data. Each starts from a DC of 0 at a byte's edge, as behind a restart marker. Source: T.81, B.2.1, B.2.4.4.
-Bytes join_strips(const std::vector<Bytes>& strips, uint32_t height, uint32_t mcus_per_strip) {
-  size_t total = 64;
+/// The strips' data behind one head for all of them. Each strip starts from a DC of 0 at a byte's edge, as behind a
+/// restart marker. Source: T.81, B.2.1, B.2.4.4. Errors as parse_jpeg().
+Result<Bytes> join_strips(Bytes head, const std::vector<Bytes>& strips) {
+  Bytes out = std::move(head);
+  size_t total = out.size() + 2;
   for (const Bytes& strip : strips) total += strip.size();
-  Bytes out;
   out.reserve(total);
   for (size_t i = 0; i < strips.size(); ++i) {
+    const Result<format::JpegHeader> header = format::parse_jpeg(strips[i]);
+    if (!header) return header.error();
+    if (i != 0) append_bytes(out, 0xff, 0xd0 + (i - 1) % 8);
     const std::span<const std::byte> strip(strips[i]);
-    const StripPlaces places = find_places(strips[i]);
-    if (i == 0) {
-      append(out, strip.first(places.scan));
-      out[places.frame + 5] = static_cast<std::byte>(height >> 8);
-      out[places.frame + 6] = static_cast<std::byte>(height);
-      append_bytes(out, 0xff, 0xdd, 0, 4, mcus_per_strip >> 8, mcus_per_strip);
-      append(out, strip.subspan(places.scan, places.data - places.scan));
-    } else {
-      append_bytes(out, 0xff, 0xd0 + (i - 1) % 8);
-    }
-    append(out, strip.subspan(places.data, strip.size() - 2 - places.data));
+    append(out, strip.first(strip.size() - 2).subspan(header->data_offset));  // less the EOI
   }
   append_bytes(out, 0xff, 0xd9);
   return out;
@@ -183,7 +154,10 @@ Result<Bytes> encode_jpeg(const PixelView& picture, int quality, bool is_sharp, 
   if (is_left) return Bytes();
   if (std::any_of(strips.begin(), strips.end(), [](const Bytes& strip) { return strip.empty(); }))
     return out_of_memory();
-  return join_strips(strips, picture.height, per_strip * mcus_across);
+  Result<runtime::JpegHead> head = runtime::make_jpeg_head(picture.width, picture.height, quality, is_sharp,
+                                                           static_cast<uint16_t>(per_strip * mcus_across));
+  if (!head) return head.error();
+  return join_strips(std::move(head->bytes), strips);
 } catch (const std::bad_alloc&) {
   return out_of_memory();
 }

@@ -53,103 +53,87 @@ void write_head(JsonWriter& json, const Drawn& drawn, double encode_ms) {
   json.member("encodeMs", encode_ms);
 }
 
+/// A message of `type`; body(json) adds its members.
+template <class Body>
+std::string message_of(std::string_view type, const Body& body) {
+  std::string text;
+  JsonWriter json(text);
+  json.begin_object();
+  json.member("type", type);
+  body(json);
+  json.end_object();
+  return text;
+}
+
 }  // namespace
 
 std::string error_text(std::string_view message) {
-  std::string text;
-  JsonWriter json(text);
-  json.begin_object();
-  json.member("type", "error");
-  json.member("message", message);
-  json.end_object();
-  return text;
+  return message_of("error", [&](JsonWriter& json) { json.member("message", message); });
 }
 
 std::string loading_text(std::string_view file) {
-  std::string text;
-  JsonWriter json(text);
-  json.begin_object();
-  json.member("type", "loading");
-  json.member("file", file);
-  json.end_object();
-  return text;
+  return message_of("loading", [&](JsonWriter& json) { json.member("file", file); });
 }
 
 std::string viewers_text(uint32_t you, std::span<const uint32_t> viewers) {
-  std::string text;
-  JsonWriter json(text);
-  json.begin_object();
-  json.member("type", "viewers");
-  json.member("you", you);
-  write_numbers(json, "viewers", viewers);
-  json.end_object();
-  return text;
+  return message_of("viewers", [&](JsonWriter& json) {
+    json.member("you", you);
+    write_numbers(json, "viewers", viewers);
+  });
 }
 
 std::string camera_text(uint32_t viewer, const Camera& camera) {
-  std::string text;
-  JsonWriter json(text);
-  json.begin_object();
-  json.member("type", "camera");
-  json.member("viewer", viewer);
-  write_camera(json, camera);
-  json.end_object();
-  return text;
+  return message_of("camera", [&](JsonWriter& json) {
+    json.member("viewer", viewer);
+    write_camera(json, camera);
+  });
 }
 
 std::string point_text(Pixel at, const std::optional<runtime::Vec3>& point) {
-  std::string text;
-  JsonWriter json(text);
-  json.begin_object();
-  json.member("type", "point");
-  json.member("x", at.x);
-  json.member("y", at.y);
-  if (point) write_numbers(json, "point", *point);
-  json.end_object();
-  return text;
+  return message_of("point", [&](JsonWriter& json) {
+    json.member("x", at.x);
+    json.member("y", at.y);
+    if (point) write_numbers(json, "point", *point);
+  });
 }
 
 std::string scene_text(const ViewSession& session, const SessionOptions& options) {
-  std::string text;
-  JsonWriter json(text);
-  json.begin_object();
-  json.member("type", "scene");
-  const runtime::Scene& scene = session.scene();
-  const format::Container& container = scene.container();
-  const std::string_view name = container.string(container.source().name);
-  const size_t slash = options.file.find_last_of('/');
-  json.member("name", std::string_view(options.file).substr(slash == std::string::npos ? 0 : slash + 1));
-  json.member("source", name);
-  json.member("file", std::string_view(options.file));
-  json.member("scene", std::string_view(options.scene));
-  json.member("triangles", scene.view().instance_base[scene.view().instance_count]);
-  json.member("instances", scene.view().instance_count);
-  json.member("meshes", scene.view().mesh_count);
-  json.member("nodes", uint64_t{container.nodes().size()});
-  json.member("drawnOn", std::string_view(session.drawn_on()));
-  json.member("deviceBytes", session.device_bytes());
-  json.member("canHide", session.can_hide());
-  const runtime::WorldBox box = session.box();
-  if (!box.is_empty()) {
-    write_numbers(json, "boxMin", box.min);
-    write_numbers(json, "boxMax", box.max);
-  }
-  json.key("home");
-  json.begin_object();
-  // A wide picture's home; pages with a narrow one step back.
-  if (const Result<Camera> home = session.home(1920, 1080); home) write_camera(json, *home);
-  json.end_object();
-  json.key("cameras");
-  json.begin_array();
-  for (const NamedCamera& camera : session.cameras()) {
+  return message_of("scene", [&](JsonWriter& json) {
+    const runtime::Scene& scene = session.scene();
+    const format::Container& container = scene.container();
+    const std::string_view name = container.string(container.source().name);
+    const size_t slash = options.file.find_last_of('/');
+    json.member("name", std::string_view(options.file).substr(slash == std::string::npos ? 0 : slash + 1));
+    json.member("source", name);
+    json.member("file", std::string_view(options.file));
+    json.member("scene", std::string_view(options.scene));
+    json.member("triangles", scene.view().instance_base[scene.view().instance_count]);
+    json.member("instances", scene.view().instance_count);
+    json.member("meshes", scene.view().mesh_count);
+    json.member("nodes", uint64_t{container.nodes().size()});
+    json.member("drawnOn", std::string_view(session.drawn_on()));
+    json.member("deviceBytes", session.device_bytes());
+    json.member("canHide", session.can_hide());
+    const runtime::WorldBox box = session.box();
+    if (!box.is_empty()) {
+      write_numbers(json, "boxMin", box.min);
+      write_numbers(json, "boxMax", box.max);
+    }
+    json.key("home");
     json.begin_object();
-    json.member("name", std::string_view(camera.name));
-    write_camera(json, camera.camera);
+    // A wide picture's home; pages with a narrow one step back.
+    if (const Result<Camera> home = session.home(1920, 1080); home) write_camera(json, *home);
     json.end_object();
-  }
-  json.end_array();
-  json.end_object();
-  return text;
+    json.key("cameras");
+    json.begin_array();
+    for (const NamedCamera& camera : session.cameras()) {
+      json.begin_object();
+      json.member("name", std::string_view(camera.name));
+      write_camera(json, camera.camera);
+      json.end_object();
+    }
+    json.end_array();
+  });
 }
 
 std::vector<std::byte> moving_picture(uint64_t frame, const PictureRequest& request, const Quality& quality,
@@ -204,35 +188,31 @@ std::vector<std::byte> screenshot_picture(uint64_t id, const Drawn& drawn, doubl
 }
 
 std::string pick_text(uint64_t id, const std::optional<Picked>& picked) {
-  std::string text;
-  JsonWriter json(text);
-  json.begin_object();
-  json.member("type", "pick");
-  json.member("id", id);
-  json.member("hit", picked.has_value());
-  if (picked) {
-    json.member("node", picked->node);
-    json.member("nodeName", std::string_view(picked->node_name));
-    json.member("nodeInstance", picked->node_instance);
-    json.member("instance", picked->instance);
-    json.member("mesh", picked->mesh);
-    json.member("meshName", std::string_view(picked->mesh_name));
-    json.member("triangle", picked->triangle);
-    if (picked->material != format::kNone) json.member("material", picked->material);
-    json.member("materialName", std::string_view(picked->material_name));
-    json.member("depth", picked->depth);
-    write_numbers(json, "point", picked->point);
-    json.key("box");
-    json.begin_array();
-    for (const runtime::Vec3& corner : picked->box) {
+  return message_of("pick", [&](JsonWriter& json) {
+    json.member("id", id);
+    json.member("hit", picked.has_value());
+    if (picked) {
+      json.member("node", picked->node);
+      json.member("nodeName", std::string_view(picked->node_name));
+      json.member("nodeInstance", picked->node_instance);
+      json.member("instance", picked->instance);
+      json.member("mesh", picked->mesh);
+      json.member("meshName", std::string_view(picked->mesh_name));
+      json.member("triangle", picked->triangle);
+      if (picked->material != format::kNone) json.member("material", picked->material);
+      json.member("materialName", std::string_view(picked->material_name));
+      json.member("depth", picked->depth);
+      write_numbers(json, "point", picked->point);
+      json.key("box");
       json.begin_array();
-      for (const double coordinate : corner) json.value(coordinate);
+      for (const runtime::Vec3& corner : picked->box) {
+        json.begin_array();
+        for (const double coordinate : corner) json.value(coordinate);
+        json.end_array();
+      }
       json.end_array();
     }
-    json.end_array();
-  }
-  json.end_object();
-  return text;
+  });
 }
 
 std::string nodes_text(const runtime::Scene& scene) {
