@@ -7,17 +7,6 @@
 
 namespace scree::kernels {
 
-/// Sum over the lanes before this one of a full warp.
-__device__ inline uint64_t sum_before(uint64_t value, uint32_t lane, uint64_t& total) {
-  uint64_t sum = value;
-  for (uint32_t distance = 1; distance < kWarpLanes; distance *= 2) {
-    const uint64_t other = __shfl_up_sync(~0u, sum, distance);
-    if (lane >= distance) sum += other;
-  }
-  total = __shfl_sync(~0u, sum, kWarpLanes - 1);
-  return sum - value;
-}
-
 __device__ inline bool is_double_sided(const SceneView& scene, const format::MeshRecord& mesh) {
   return mesh.material != format::kNone && (scene.materials[mesh.material].flags & format::kMaterialDoubleSided) != 0;
 }

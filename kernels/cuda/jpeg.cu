@@ -5,7 +5,7 @@
 #include <cmath>
 #include <new>
 
-#include "kernels/cuda/device_array.h"
+#include "kernels/cuda/check.h"
 #include "kernels/cuda/warp.cuh"
 
 #pragma nv_diag_suppress 2810  // nvcc 13 takes the assignment of a nodiscard class for an ignored result
@@ -192,19 +192,14 @@ __global__ void __launch_bounds__(kWarpLanes* kCoders)
   };
   uint32_t count = 0;
   code([&](uint32_t, uint32_t length) { count += length; });
-  uint32_t end = count;
-  for (uint32_t step = 1; step < kWarpLanes; step *= 2) {
-    const uint32_t before = __shfl_up_sync(~0u, end, step);
-    if (lane >= step) end += before;
-  }
-  uint32_t at = end - count;
+  uint32_t bit_count;
+  uint32_t at = sum_before(count, lane, bit_count);
   code([&](uint32_t value, uint32_t length) {
     const uint64_t window = uint64_t{value} << (64 - length - at % 32);
     atomicOr(words + at / 32, static_cast<uint32_t>(window >> 32));
     if (static_cast<uint32_t>(window) != 0) atomicOr(words + at / 32 + 1, static_cast<uint32_t>(window));
     at += length;
   });
-  const uint32_t bit_count = __shfl_sync(~0u, end, kWarpLanes - 1);
   const uint32_t byte_count = (bit_count + 7) / 8;
   if (lane == 0 && bit_count % 8 != 0)  // ones fill the last byte
     atomicOr(words + bit_count / 32, ((1u << (8 - bit_count % 8)) - 1) << (24 - bit_count / 8 % 4 * 8));
@@ -216,12 +211,8 @@ __global__ void __launch_bounds__(kWarpLanes* kCoders)
   const uint32_t last = min_of(first + share, byte_count);
   uint32_t size = last - first;
   for (uint32_t i = first; i < last; ++i) size += byte_at(i) == 255 ? 1 : 0;
-  uint32_t size_end = size;
-  for (uint32_t step = 1; step < kWarpLanes; step *= 2) {
-    const uint32_t before = __shfl_up_sync(~0u, size_end, step);
-    if (lane >= step) size_end += before;
-  }
-  const uint32_t total = __shfl_sync(~0u, size_end, kWarpLanes - 1);
+  uint32_t total;
+  const uint32_t size_before = sum_before(size, lane, total);
   unsigned long long offset = 0;
   if (lane == 0) {
     auto& all = reinterpret_cast<unsigned long long&>(segments[segment_count].offset);
@@ -231,7 +222,7 @@ __global__ void __launch_bounds__(kWarpLanes* kCoders)
   }
   offset = __shfl_sync(~0u, offset, 0);
   if (offset + total > capacity) return;
-  std::byte* to = bytes + offset + (size_end - size);
+  std::byte* to = bytes + offset + size_before;
   for (uint32_t i = first; i < last; ++i) {
     const uint32_t value = byte_at(i);
     *to++ = static_cast<std::byte>(value);
@@ -283,13 +274,15 @@ Result<std::vector<std::byte>> CudaJpegCoder::encode(const uint32_t* pixels, con
                                                      bool is_sharp) try {
   const Transform picture = make_transform(pixels, head, is_sharp);
   const uint32_t count = (picture.block_count + kSegmentBlocks - 1) / kSegmentBlocks;
-  std::vector<Codes> codes(1);
+  Codes codes{};
   for (size_t i = 0; i < 2; ++i) {
-    set_codes(head.dc[i], codes[0].dc[i]);
-    set_codes(head.ac[i], codes[0].ac[i]);
+    set_codes(head.dc[i], codes.dc[i]);
+    set_codes(head.ac[i], codes.ac[i]);
   }
-  DeviceArray<Codes> device_codes;
-  Result<void> done = device_codes.fill(codes, "bringing the tables of a JPEG to the GPU");
+  Result<void> done = codes_.reserve(sizeof codes, "allocating a JPEG's tables");
+  if (done)
+    done = cuda_check(cudaMemcpy(codes_.data(), &codes, sizeof codes, cudaMemcpyHostToDevice),
+                      "bringing the tables of a JPEG to the GPU");
   if (done)
     done = coefficients_.reserve(uint64_t{picture.block_count} * kBlockValues * sizeof(int16_t),
                                  "allocating a JPEG's coefficients");
@@ -306,8 +299,8 @@ Result<std::vector<std::byte>> CudaJpegCoder::encode(const uint32_t* pixels, con
     done = cuda_check(cudaMemsetAsync(device_segments + count, 0, sizeof(Segment), nullptr), "clearing a count");
     if (!done) return done.error();
     code_segments<<<(count + kCoders - 1) / kCoders, kWarpLanes * kCoders>>>(
-        coefficients, picture.block_count, is_sharp, device_codes.data(), device_segments, count, bytes_.data(),
-        bytes_.bytes());
+        coefficients, picture.block_count, is_sharp, reinterpret_cast<const Codes*>(codes_.data()), device_segments,
+        count, bytes_.data(), bytes_.bytes());
     done = cuda_check(cudaGetLastError(), "starting to code a JPEG");
     if (done)
       done = cuda_check(

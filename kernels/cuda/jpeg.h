@@ -31,6 +31,7 @@ class CudaJpegCoder {
   static uint64_t device_bytes(uint32_t width, uint32_t height);
 
  private:
+  DeviceBuffer codes_;
   DeviceBuffer coefficients_;
   DeviceBuffer segments_;
   DeviceBuffer bytes_;

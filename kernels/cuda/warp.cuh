@@ -86,6 +86,18 @@ __device__ inline T bits_of_lanes(T value) {
   }
 }
 
+/// Sum over the lanes before this one of a full warp; `total`: over all lanes.
+template <class T>
+__device__ inline T sum_before(T value, uint32_t lane, T& total) {
+  T sum = value;
+  for (uint32_t distance = 1; distance < kWarpLanes; distance *= 2) {
+    const T other = __shfl_up_sync(~0u, sum, distance);
+    if (lane >= distance) sum += other;
+  }
+  total = __shfl_sync(~0u, sum, kWarpLanes - 1);
+  return sum - value;
+}
+
 /// Copies runs of up to 64 pieces of 16 bytes to shared memory by a warp: each is begun while the warp works on the one
 /// before. begin() starts a copy, in which lane i takes the pieces i and i + 32. commit() follows every begin(), and
 /// once more where nothing is left to copy. After wait() and __syncwarp() all copies but the last committed one are
