@@ -40,12 +40,6 @@ class Chance {
   uint32_t number_ = 0;
 };
 
-Vec3 unit(Vec3 v) {
-  const double length = std::sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
-  for (double& part : v) part /= length;
-  return v;
-}
-
 Vec3 direction(Chance& chance) {
   const double z = chance.between(-1, 1), angle = chance.between(0, 2 * std::numbers::pi);
   const double side = std::sqrt(1 - z * z);
@@ -94,7 +88,7 @@ Part make_leaves(uint32_t plant, uint32_t material) {
       const double angle = chance.between(0, 2 * std::numbers::pi), away = 1.5 * std::sqrt(chance());
       const double turn = chance.between(0, std::numbers::pi);
       const Vec3 foot{away * std::cos(angle), -0.03, away * std::sin(angle)};
-      const Vec3 lean = unit({chance.between(-0.4, 0.4), 1, chance.between(-0.4, 0.4)});
+      const Vec3 lean = normalized({chance.between(-0.4, 0.4), 1, chance.between(-0.4, 0.4)});
       add_card(part, foot, lean, {std::cos(turn), 0, std::sin(turn)}, height * chance.between(0.6, 1.1), sprig);
       continue;
     }
@@ -104,8 +98,8 @@ Part make_leaves(uint32_t plant, uint32_t material) {
     const double wide = is_tree ? 0.3 * height : 0.6 * height, high = is_tree ? 0.36 * height : 0.5 * height;
     const double middle = is_tree ? 0.64 * height : 0.45 * height;
     const Vec3 foot{wide * reach * out[0], middle + high * reach * out[1], wide * reach * out[2]};
-    const Vec3 up = unit({out[0], out[1] - 0.3, out[2]});
-    const Vec3 side = unit(cross(up, direction(chance)));
+    const Vec3 up = normalized({out[0], out[1] - 0.3, out[2]});
+    const Vec3 side = normalized(cross(up, direction(chance)));
     add_card(part, foot, up, side, (is_tree ? 0.16 : 0.4) * height * chance.between(0.7, 1.2), sprig);
   }
   return part;
@@ -310,8 +304,8 @@ uint32_t add_camera(GltfWriter& writer, const char* name, const Vec3& eye, const
   lens.name = name;
   lens.y = std::numbers::pi / 3;
   lens.x = 16.0 / 9.0;
-  const Vec3 back = unit({eye[0] - target[0], eye[1] - target[1], eye[2] - target[2]});
-  const Vec3 right = unit(cross({0, 1, 0}, back)), up = cross(back, right);
+  const Vec3 back = normalized({eye[0] - target[0], eye[1] - target[1], eye[2] - target[2]});
+  const Vec3 right = normalized(cross({0, 1, 0}, back)), up = cross(back, right);
   GltfNode node;
   node.name = name;
   node.camera = writer.add_camera(lens);

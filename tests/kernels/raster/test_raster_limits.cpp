@@ -2,7 +2,7 @@
 
 #include "kernels/cpu/backend.h"
 #include "kernels/shade/locate.h"
-#include "tests/kernels/scene_builder.h"
+#include "tests/kernels/square.h"
 
 using namespace scree;
 using namespace scree::kernels;
@@ -298,14 +298,7 @@ TEST_CASE("raster: slivers and points", "[raster]") {
 
 TEST_CASE("raster: images of 16384 samples a side", "[raster]") {
   SceneBuilder builder;
-  Soup soup;
-  soup.add(-1, -1, 0);
-  soup.add(1, -1, 0);
-  soup.add(1, 1, 0);
-  soup.add(-1, 1, 0);
-  soup.triangle(0, 1, 2);
-  soup.triangle(0, 2, 3);
-  builder.instance(builder.mesh(soup, Encoding{}), builder.identity());
+  builder.instance(builder.mesh(square(), Encoding{}), builder.identity());
   for (const auto& [width, height] : {std::array<uint32_t, 2>{16384, 3}, std::array<uint32_t, 2>{2, 16384}}) {
     const View view = orthographic(look_at({0, 0, 1}, {0, 0, 0}, width, height), 0.9, 0, 2);
     View exact = view;

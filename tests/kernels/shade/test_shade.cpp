@@ -2,7 +2,7 @@
 #include <set>
 
 #include "kernels/cpu/backend.h"
-#include "tests/kernels/scene_builder.h"
+#include "tests/kernels/square.h"
 
 using namespace scree;
 using namespace scree::kernels;
@@ -42,19 +42,6 @@ std::vector<uint8_t> noise(uint32_t side, uint32_t seed) {
   std::vector<uint8_t> out(size_t{4} * side * side);
   for (uint8_t& value : out) value = static_cast<uint8_t>(random());
   return out;
-}
-
-/// A square from -1 to 1 facing +z with texture coordinates from (u0, v0), top left, to (u1, v1), bottom right.
-Soup square(double u0, double v0, double u1, double v1) {
-  Soup soup;
-  soup.add(-1, -1, 0);
-  soup.add(1, -1, 0);
-  soup.add(1, 1, 0);
-  soup.add(-1, 1, 0);
-  soup.triangle(0, 1, 2);
-  soup.triangle(0, 2, 3);
-  for (double c : {u0, v1, u1, v1, u1, v0, u0, v0}) soup.uvs.push_back(static_cast<float>(c));
-  return soup;
 }
 
 View front(uint32_t side) {

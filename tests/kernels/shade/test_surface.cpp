@@ -5,7 +5,7 @@
 #include <random>
 
 #include "kernels/cpu/backend.h"
-#include "tests/kernels/scene_builder.h"
+#include "tests/kernels/square.h"
 
 using namespace scree;
 using namespace scree::kernels;
@@ -32,22 +32,9 @@ double expected_share(double diffuse, double f0, double f90, double roughness, c
   return ((1 - f) * diffuse / kPiWide + f * d * g1 * g2 / (4 * n_l * n_v)) * n_l;
 }
 
-Soup square(bool is_mirrored = false) {
-  Soup soup;
-  soup.add(-1, -1, 0);
-  soup.add(1, -1, 0);
-  soup.add(1, 1, 0);
-  soup.add(-1, 1, 0);
-  soup.triangle(0, 1, 2);
-  soup.triangle(0, 2, 3);
-  const float left = is_mirrored ? 1.0f : 0.0f;
-  soup.uvs = {left, 1, 1 - left, 1, 1 - left, 0, left, 0};
-  return soup;
-}
-
 /// A white square from -1 to 1 that faces +z and the camera, with one surface.
 struct LitSquare {
-  explicit LitSquare(const Soup& soup = square()) {
+  explicit LitSquare(const Soup& soup = square(0, 0, 1, 1)) {
     encoding.material = builder.material(0);
     builder.instance(builder.mesh(soup, encoding), builder.identity());
     surface.roughness = 1;
@@ -204,7 +191,7 @@ TEST_CASE("surface: a normal map's red points along u, its green against v", "[s
   for (const View& view : cameras()) {
     for (const bool is_mirrored : {false, true}) {
       const auto lit = [&](const std::array<uint8_t, 4>& normal, const PlacedLight& light) {
-        LitSquare scene(square(is_mirrored));
+        LitSquare scene(is_mirrored ? square(1, 0, 0, 1) : square(0, 0, 1, 1));
         scene.surface.specular = 0;
         scene.lights = {light};
         scene.set_texture(format::SurfaceUse::kNormalMap, normal);
