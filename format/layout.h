@@ -230,9 +230,9 @@ struct MaterialRecord {
 };
 static_assert(sizeof(MaterialRecord) == 56);
 
-/// What a surface's textures are for, in the order of SurfaceRecord::textures. Emission and the specular colour are
-/// sRGB-coded; the others hold numbers: of metallic-roughness green is roughness and blue metalness, of the normal map
-/// x, y, z, of occlusion red, of specular alpha.
+/// The uses of a surface's textures, in the order of SurfaceRecord::textures. Emission and the specular colour are
+/// sRGB-coded. The others hold numbers: roughness in green and metalness in blue, the normal map's x, y and z in red,
+/// green and blue, occlusion in red, specular in alpha.
 enum class SurfaceUse : uint32_t { kMetallicRoughness, kNormalMap, kOcclusion, kEmission, kSpecular, kSpecularColor };
 inline constexpr uint32_t kSurfaceUses = 6;
 
@@ -249,8 +249,8 @@ struct SurfaceTexture {
 };
 static_assert(sizeof(SurfaceTexture) == 24);
 
-/// What a material has beyond its base colour, where it has anything: glTF's metallic-roughness model. Ascending by
-/// material, each at most once.
+/// The part of a material beyond its base colour: glTF's metallic-roughness model. A material without such a part has
+/// no record. The records ascend by material.
 struct SurfaceRecord {
   uint32_t material;
   float metallic;   // 0 to 1
@@ -268,7 +268,7 @@ static_assert(sizeof(SurfaceRecord) == 200);
 
 enum class LightKind : uint32_t { kDirectional = 1, kPoint = 2, kSpot = 3 };
 
-/// A light of KHR_lights_punctual at a node, whose -z it shines along. Of the scenes that have the node.
+/// A light of KHR_lights_punctual at a node. It shines along the node's -z, in the scenes that have the node.
 struct LightRecord {
   uint32_t name;
   uint32_t node;
