@@ -67,11 +67,14 @@ constexpr Job kReaders[] = {
     {"out.png,out.pfm,normals.pfm,uvs.pfm,out.bin",
      "render in.scree --force -o out.png --depth out.pfm --normals normals.pfm --uvs uvs.pfm --visbuffer out.bin "
      "--size 24x16 --ssao --pick 12,8 --backend cpu --quiet --threads 1"},
-#if defined(SCREE_HAS_EXR)
-    {"out.exr", "render in.scree --force -o out.exr --size 24x16 --edl --backend cpu --quiet --threads 1"},
-#endif
     {"out.png", "render packed.scree --force -o out.png --size 24x16 --samples 2 --backend cpu --quiet --threads 2"},
 };
+#if defined(SCREE_HAS_EXR)
+// For calls for files alone: where memory runs out while it writes, OpenEXR 3.1 may wait for ever.
+constexpr Job kExr[] = {
+    {"out.exr", "render in.scree --force -o out.exr --size 24x16 --edl --backend cpu --quiet --threads 1"},
+};
+#endif
 constexpr Job kDevice[] = {
     {"out.png,out.bin",
      "render in.scree --force -o out.png --visbuffer out.bin --size 640x480 --ssao --edl --pick 12,8 --backend cuda "
@@ -185,6 +188,9 @@ TEST_CASE("faults: every place that takes memory fails once while sorting in pas
 }
 TEST_CASE("faults: every call for a file fails once while reading", "[faults]") {
   check_all("file", "all", kReaders);
+#if defined(SCREE_HAS_EXR)
+  check_all("file", "all", kExr);
+#endif
 }
 TEST_CASE("faults: every place that takes memory fails once while converting", "[faults]") {
   check_all("memory", SCREE_FAULT_SITES, kConvert);
