@@ -10,13 +10,8 @@
 #include "tools/gltf/source.h"
 
 namespace scree::convert {
-namespace {
 
-constexpr uint64_t kStackWindowBytes = 64 << 10;
-constexpr uint64_t kGatherWindowBytes = 1 << 20;
-constexpr uint64_t kGatherGapBytes = 4096;  // reading a page too much costs less than another system call
-
-uint64_t bytes_of_component(ComponentType type) {
+uint64_t component_bytes(ComponentType type) {
   switch (type) {
     case ComponentType::kInt8:
     case ComponentType::kUint8:
@@ -30,6 +25,12 @@ uint64_t bytes_of_component(ComponentType type) {
   }
   return 4;
 }
+
+namespace {
+
+constexpr uint64_t kStackWindowBytes = 64 << 10;
+constexpr uint64_t kGatherWindowBytes = 1 << 20;
+constexpr uint64_t kGatherGapBytes = 4096;  // reading a page too much costs less than another system call
 
 // Elements that fit a window of `bytes`: the last one needs no full stride.
 uint64_t elements_in(uint64_t bytes, const Accessor& accessor) {
@@ -49,7 +50,7 @@ uint32_t load_index(ComponentType type, const std::byte* at) {
 // Puts the sparse values of elements [first, first + count) over a window of them.
 Result<void> overlay_sparse(const Accessor& accessor, uint64_t first, uint64_t count, std::span<std::byte> window) {
   const Accessor::Sparse& sparse = *accessor.sparse;
-  const uint64_t index_bytes = bytes_of_component(sparse.index_type);
+  const uint64_t index_bytes = component_bytes(sparse.index_type);
   const uint64_t value_bytes = accessor.element_bytes();
 
   // The first sparse index at or past `first`: they ascend.
@@ -240,12 +241,12 @@ Result<void> read_joined_triangles(const Primitive& primitive, uint64_t first, s
 float float_of(const Accessor& accessor, float component) {
   if (!accessor.normalized || accessor.type == ComponentType::kFloat32) return component;
   const bool is_signed = accessor.type == ComponentType::kInt8 || accessor.type == ComponentType::kInt16;
-  const uint64_t bits = 8 * bytes_of_component(accessor.type) - (is_signed ? 1 : 0);
+  const uint64_t bits = 8 * component_bytes(accessor.type) - (is_signed ? 1 : 0);
   return normalized_float(component, static_cast<float>((uint64_t{1} << bits) - 1));
 }
 
 uint64_t Accessor::element_bytes() const {
-  return bytes_of_component(type) * components;
+  return component_bytes(type) * components;
 }
 
 uint64_t Primitive::triangle_count() const {

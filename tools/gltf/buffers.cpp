@@ -15,7 +15,7 @@ namespace {
 
 // Sparse indices: strictly ascending, each below the accessor's count.
 Result<void> check_ascending(const Accessor::Sparse& sparse, uint64_t count) {
-  const uint64_t index_bytes = component_bytes(static_cast<int32_t>(sparse.index_type));
+  const uint64_t index_bytes = component_bytes(sparse.index_type);
   std::array<std::byte, 16 << 10> window;
   const uint64_t step = window.size() / index_bytes;
   uint64_t next = 0;  // the smallest index that may follow

@@ -10,19 +10,6 @@
 namespace scree::convert {
 namespace {
 
-uint64_t component_bytes_of(ComponentType type) {
-  switch (type) {
-    case ComponentType::kInt8:
-    case ComponentType::kUint8:
-      return 1;
-    case ComponentType::kInt16:
-    case ComponentType::kUint16:
-      return 2;
-    default:
-      return 4;
-  }
-}
-
 class DracoSource final : public ByteSource {
  public:
   DracoSource(DracoPrimitive primitive, std::shared_ptr<const ByteSource> stream, uint64_t offset, uint64_t bytes,
@@ -75,7 +62,7 @@ class DracoSource final : public ByteSource {
 std::optional<uint64_t> DracoPrimitive::offset_of(size_t number) const {
   auto end = format::checked_mul(triangles, 12);
   for (size_t i = 0; i < number && end; ++i) {
-    const uint64_t bytes = vertices * arrays[i].components * component_bytes_of(arrays[i].type);  // below 2^36
+    const uint64_t bytes = vertices * arrays[i].components * component_bytes(arrays[i].type);  // below 2^36
     end = format::checked_add(*end, format::align_up(bytes, 4));
   }
   return end;

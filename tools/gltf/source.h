@@ -33,6 +33,8 @@ class ByteSource {
 };
 
 enum class ComponentType : uint16_t { kInt8 = 5120, kUint8, kInt16, kUint16, kUint32 = 5125, kFloat32 = 5126 };
+/// Bytes of a component, 1, 2 or 4.
+uint64_t component_bytes(ComponentType type);
 
 /// A checked accessor: every element lies inside its buffer, sparse indices ascend and lie below count.
 struct Accessor {
@@ -165,7 +167,7 @@ struct SourceGroup {
 
 struct NamedMaterial {
   std::string name;
-  format::MaterialRecord record{};  // name unset; texture is an index into SourceScene::textures
+  format::MaterialRecord record{};               // name unset; texture is an index into SourceScene::textures
   std::optional<format::SurfaceRecord> surface;  // material unset; textures as in the record
 };
 
