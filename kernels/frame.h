@@ -52,9 +52,9 @@ enum class Lighting : uint32_t {
 
 struct ShadeOptions {
   Show show = Show::kTexture;
-  bool light = true;                   // false: base colours as they are (kTexture and kColor)
+  bool light = true;  // false: base colours as they are (kTexture and kColor)
   Lighting lighting = Lighting::kAuto;
-  float exposure = 1;    // a factor for the light of kEnvironment and kScene
+  float exposure = 1;                  // a factor for the light of kEnvironment and kScene
   float background[4] = {0, 0, 0, 0};  // linear RGBA
   // Factors a pixel, from the picture's depths, for the light of its surfaces, whatever is shown.
   bool ssao = false;              // ambient occlusion

@@ -44,8 +44,8 @@ scree_status translate(const scree_load_options& options, runtime::LoadOptions& 
   out.pictures.width = options.max_width;
   out.pictures.height = options.max_height;
   if (options.max_samples > 4 || options.max_samples == 3)
-    return fail(SCREE_ERROR_ARGUMENT, "scree_load_options::max_samples is " + std::to_string(options.max_samples) +
-                                          ", expected 1, 2 or 4");
+    return fail(SCREE_ERROR_ARGUMENT,
+                "scree_load_options::max_samples is " + std::to_string(options.max_samples) + ", expected 1, 2 or 4");
   out.pictures.samples_per_side = std::max(options.max_samples, 1u);
   const uint64_t side = uint64_t{std::max(options.max_width, options.max_height)} * out.pictures.samples_per_side;
   if (side > kernels::kMaxImageSide)

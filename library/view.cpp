@@ -275,8 +275,7 @@ scree_status scree_device_layer(scree_view* view, scree_layer layer, void* strea
 scree_status scree_hold(scree_view* view, const scree_array* array, scree_memory** memory) {
   return with<Views>(view, "scree_view", [&](DrawnView& drawn) {
     scree_array taken;
-    if (array == nullptr || memory == nullptr)
-      return fail(SCREE_ERROR_ARGUMENT, "scree_hold: array or memory is null");
+    if (array == nullptr || memory == nullptr) return fail(SCREE_ERROR_ARGUMENT, "scree_hold: array or memory is null");
     if (const scree_status checked = take(array, taken, "scree_array"); checked != SCREE_OK) return checked;
     const std::lock_guard<std::mutex> lock(drawn.mutex);
     scree::Result<std::shared_ptr<const void>> held = drawn.renderer->hold(static_cast<const std::byte*>(taken.data));

@@ -141,7 +141,8 @@ struct SharedLayer {
   py::capsule dlpack(const py::object& stream, const py::object& version, const py::object& wanted,
                      const py::object& copy) const {
     (void)version;  // of the newest capsules that the consumer takes; it takes these as well
-    if (!copy.is_none() && copy.cast<bool>()) throw py::buffer_error("a shared layer is no copy: View.read() makes one");
+    if (!copy.is_none() && copy.cast<bool>())
+      throw py::buffer_error("a shared layer is no copy: View.read() makes one");
     if (!wanted.is_none() && wanted.cast<std::pair<int, int>>() != device())
       throw py::buffer_error("the layer lies on another device than dl_device");
     scree_array array;

@@ -38,9 +38,9 @@
 extern "C" {
 #endif
 
-typedef struct scree_file scree_file;   /* an open .scree file */
-typedef struct scree_scene scree_scene; /* one scene of it, loaded to be drawn */
-typedef struct scree_view scree_view;   /* what draws a scene, frame after frame */
+typedef struct scree_file scree_file;     /* an open .scree file */
+typedef struct scree_scene scree_scene;   /* one scene of it, loaded to be drawn */
+typedef struct scree_view scree_view;     /* what draws a scene, frame after frame */
 typedef struct scree_memory scree_memory; /* a layer's memory, held beyond the next draw */
 
 typedef enum scree_status {
@@ -315,8 +315,8 @@ SCREE_API scree_status scree_host_layer(scree_view* view, scree_layer layer, scr
  * until the layer is there; null: the default stream. SCREE_ERROR_DEVICE where the CPU draws. */
 SCREE_API scree_status scree_device_layer(scree_view* view, scree_layer layer, void* stream, scree_array* array);
 
-/* Holds the memory of a layer, `array` as scree_host_layer() or scree_device_layer() gave it, until scree_release(), also
- * beyond the end of the view: later draws write over it while their frames fit, and larger ones take other memory.
+/* Holds the memory of a layer, `array` as scree_host_layer() or scree_device_layer() gave it, until scree_release(),
+ * also beyond the end of the view: later draws write over it while their frames fit, and larger ones take other memory.
  * SCREE_ERROR_ARGUMENT where the view has drawn to other memory since. */
 SCREE_API scree_status scree_hold(scree_view* view, const scree_array* array, scree_memory** memory);
 SCREE_API scree_status scree_release(scree_memory* memory);

@@ -21,12 +21,13 @@ Result<void> start_layers(const SceneView& scene, const View& view, uint32_t sam
                           const Transform* transforms, const LayerTargets& out, cudaStream_t stream) {
   if (Result<void> checked = check_resolve(view, samples_per_side); !checked) return checked;
   cudaError_t status = cudaSuccess;
-  run_layers(scene, view, samples_per_side, samples, transforms, out, [&]<class Pass>(const Pass& pass, uint32_t count) {
-    if (status != cudaSuccess || count == 0) return;
-    constexpr uint32_t kItemsPerBlock = kPixelThreads / 32;
-    run_layer<Pass><<<(count + kItemsPerBlock - 1) / kItemsPerBlock, kPixelThreads, 0, stream>>>(pass, count);
-    status = cudaGetLastError();
-  });
+  run_layers(
+      scene, view, samples_per_side, samples, transforms, out, [&]<class Pass>(const Pass& pass, uint32_t count) {
+        if (status != cudaSuccess || count == 0) return;
+        constexpr uint32_t kItemsPerBlock = kPixelThreads / 32;
+        run_layer<Pass><<<(count + kItemsPerBlock - 1) / kItemsPerBlock, kPixelThreads, 0, stream>>>(pass, count);
+        status = cudaGetLastError();
+      });
   return cuda_check(status, "starting to make a layer");
 }
 

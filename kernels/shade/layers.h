@@ -1,5 +1,5 @@
-// What programs read of a picture beside its colours: depth, triangle, instance, normal and texture coordinates of every
-// pixel, each of the pixel's nearest sample.
+// What programs read of a picture beside its colours: depth, triangle, instance, normal and texture coordinates of
+// every pixel, each of the pixel's nearest sample.
 #pragma once
 
 #include "kernels/frame.h"
@@ -98,8 +98,8 @@ struct Surface {
     locate(team, in.scene, id, wanted, state.at);
     if (!wanted) return;
     const uint32_t triangle = static_cast<uint32_t>(id - state.at.first_id);
-    const PlacedChunk at = place_chunk<ChunkKinds::kMixed>(in.scene, state.at.chunk, triangle,
-                                                           state.source.get(in, state.at.instance));
+    const PlacedChunk at =
+        place_chunk<ChunkKinds::kMixed>(in.scene, state.at.chunk, triangle, state.source.get(in, state.at.instance));
     if (!kNormal && (at.mesh.attributes & format::kHasUv) == 0) {
       values[0] = values[1] = 0;
       return;
@@ -151,8 +151,8 @@ struct MakeSurfaces {
   }
 };
 
-/// Calls run(pass, items) with the passes that make the layers of a picture. `view` and `samples`: of the whole picture,
-/// in samples. `transforms`: as ShadeInputs has it.
+/// Calls run(pass, items) with the passes that make the layers of a picture. `view` and `samples`: of the whole
+/// picture, in samples. `transforms`: as ShadeInputs has it.
 template <class Run>
 inline void run_layers(const SceneView& scene, const View& view, uint32_t samples_per_side, const uint64_t* samples,
                        const Transform* transforms, const LayerTargets& out, const Run& run) {
@@ -160,8 +160,8 @@ inline void run_layers(const SceneView& scene, const View& view, uint32_t sample
   const uint32_t height = view.height / samples_per_side;
   const PixelSamples pixels{samples, width, samples_per_side};
   if (out.depth != nullptr || out.triangle != nullptr || out.instance != nullptr) {
-    const MakeLayers pass{scene.instance_base, scene.instance_count, pixels, height, view.orthographic,
-                          view.z_near,         view.z_far,           out};
+    const MakeLayers pass{scene.instance_base, scene.instance_count, pixels,     height,
+                          view.orthographic,   view.z_near,          view.z_far, out};
     run(pass, pass.items());
   }
   if (out.normal == nullptr && out.uv == nullptr) return;

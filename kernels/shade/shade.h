@@ -455,14 +455,14 @@ struct Shader {
   }
 
   /// `transform`: as in texture_corners().
-  SCREE_HD TexturePlace find_place(const PlacedChunk& at, const uint32_t vertex[3],
-                                   const float* transform, float width, float height, const PlaneHit<float>& m,
-                                   const float weights[3], float x, float y) const {
+  SCREE_HD TexturePlace find_place(const PlacedChunk& at, const uint32_t vertex[3], const float* transform, float width,
+                                   float height, const PlaneHit<float>& m, const float weights[3], float x,
+                                   float y) const {
     const TexturePlace place = texture_place<kOrthographic>(in, at, vertex, transform, width, height, m, weights);
     if (place.exact) return place;
     const uint64_t chunk = static_cast<uint64_t>(&at.chunk - in.scene.chunks);
-    return exact_place(in, chunk, at.triangle, &at.transform, vertex[0], vertex[1], vertex[2], transform, width,
-                       height, x, y);
+    return exact_place(in, chunk, at.triangle, &at.transform, vertex[0], vertex[1], vertex[2], transform, width, height,
+                       x, y);
   }
 
   /// Rare and wide: a call that takes values alone, so that on a GPU the others keep what they have in registers.

@@ -78,16 +78,16 @@ SCREE_HD inline Float3 reflected_share(const SurfacePoint& at, const Float3& to_
   const float square = alpha * alpha;
   const float spread = n_h * n_h * (square - 1.0f) + 1.0f;
   const float distribution = square / (kPi * spread * spread);
-  const float masking = (n_l + std::sqrt(square + (1.0f - square) * n_l * n_l)) *
-                        (n_v + std::sqrt(square + (1.0f - square) * n_v * n_v));
+  const float masking =
+      (n_l + std::sqrt(square + (1.0f - square) * n_l * n_l)) * (n_v + std::sqrt(square + (1.0f - square) * n_v * n_v));
   const float grazing = 1.0f - v_h;
   const float fifth = grazing * grazing * grazing * grazing * grazing;
   const Float3 fresnel = mix(at.f0, grey(at.f90), fifth);
   return (at.diffuse * ((1.0f - largest_of(fresnel)) / kPi) + fresnel * (distribution / masking)) * n_l;
 }
 
-/// Reflectance of a whole hemisphere of equal light: f0 * scale + f90 * bias. Source: B. Karis, Physically Based Shading
-/// on Mobile, 2014, a fit of D. Lazarov, Getting More Physical in Call of Duty: Black Ops II, 2013.
+/// Reflectance of a whole hemisphere of equal light: f0 * scale + f90 * bias. Source: B. Karis, Physically Based
+/// Shading on Mobile, 2014, a fit of D. Lazarov, Getting More Physical in Call of Duty: Black Ops II, 2013.
 SCREE_HD inline void split_sum(float roughness, float n_v, float& scale, float& bias) {
   const float x = 1.0f - roughness;
   const float y = 0.0425f - 0.0275f * roughness;
@@ -219,8 +219,8 @@ SCREE_HD void light_surface(const Shader& shader, const PlacedChunk& at, uint32_
                             float y, typename Shader::Texels::Lane& lane, float rgb[3]) {
   const ShadeInputs& in = shader.in;
   const Lighting lighting = in.light.lighting;
-  const uint32_t number = material != format::kNone && in.scene.surface_of != nullptr ? in.scene.surface_of[material]
-                                                                                      : format::kNone;
+  const uint32_t number =
+      material != format::kNone && in.scene.surface_of != nullptr ? in.scene.surface_of[material] : format::kNone;
   const format::SurfaceRecord* const surface = number != format::kNone ? in.scene.surfaces + number : nullptr;
   const SurfaceReader<Shader> reader{shader, at, vertex, m, weights, x, y, lane};
   const auto use = [&](format::SurfaceUse which) -> const format::SurfaceTexture& {
@@ -239,8 +239,7 @@ SCREE_HD void light_surface(const Shader& shader, const PlacedChunk& at, uint32_
   SurfacePoint point;
   point.to_viewer = unit_or(ray * -1.0f, {0, 0, -1});
   const float hand = at.transform.mirrored ? -1.0f : 1.0f;
-  const Float3 face =
-      unit_or(cross(unit_or(edge[0], grey(0)), unit_or(edge[1], grey(0))) * hand, point.to_viewer);
+  const Float3 face = unit_or(cross(unit_or(edge[0], grey(0)), unit_or(edge[1], grey(0))) * hand, point.to_viewer);
   Float3 normal = face;
   if (has_vertex_normals(at)) {
     float object[3];
@@ -290,8 +289,7 @@ SCREE_HD void light_surface(const Shader& shader, const PlacedChunk& at, uint32_
         specular_color = specular_color * Float3{code[0], code[1], code[2]};
     }
     const Float3 tinted = specular_color * reflectance;
-    const Float3 dielectric =
-        Float3{min_of(tinted.x, 1.0f), min_of(tinted.y, 1.0f), min_of(tinted.z, 1.0f)} * specular;
+    const Float3 dielectric = Float3{min_of(tinted.x, 1.0f), min_of(tinted.y, 1.0f), min_of(tinted.z, 1.0f)} * specular;
     point.roughness = max_of(roughness, kLeastRoughness);
     point.diffuse = base * (1.0f - metallic);
     point.f0 = mix(dielectric, base, metallic);
@@ -302,8 +300,8 @@ SCREE_HD void light_surface(const Shader& shader, const PlacedChunk& at, uint32_
       const TransformRows<float> rows = rows_of(at.transform, 0.0f);
       float depth = rows.w[3];
       for (int i = 0; i < 3; ++i)
-        depth = multiply_add(rows.w[i],
-                             corners.first[i] + weights[1] * corners.edge[0][i] + weights[2] * corners.edge[1][i], depth);
+        depth = multiply_add(
+            rows.w[i], corners.first[i] + weights[1] * corners.edge[0][i] + weights[2] * corners.edge[1][i], depth);
       const Float3 place = kOrthographic ? Float3{x, y * in.aspect, in.light.far_plane + depth * focal} : ray * depth;
       light = punctual_light(in, point, place);
     }

@@ -94,7 +94,7 @@ struct DeviceView::Impl {
   // Of the second picture that a batch has on its way; they take turns with `frames` and `samples`.
   std::optional<kernels::CudaFrames> second_frames;
   DeviceBuffer second_samples;
-  size_t picture = 0;      // whose turn it is
+  size_t picture = 0;  // whose turn it is
   bool has_room_for_second = true;
   kernels::CudaJpegCoder jpeg;
   cudaEvent_t queued = nullptr;
@@ -314,9 +314,9 @@ Result<void> DeviceScene::read_colors(const kernels::View& view, const kernels::
   } else {
     Result<void> done = own.colors.reserve(colors.size_bytes(), "allocating the samples' colours");
     if (done)
-      done = own.resolver.shade_part(impl_->scene.view(), view, own.sample_data(), own.frames->transforms(), options,
-                                     reinterpret_cast<float*>(own.colors.data()), nullptr,
-                                     impl_->scene.texture_cache());
+      done =
+          own.resolver.shade_part(impl_->scene.view(), view, own.sample_data(), own.frames->transforms(), options,
+                                  reinterpret_cast<float*>(own.colors.data()), nullptr, impl_->scene.texture_cache());
     if (!done) return done;
     made = reinterpret_cast<const float*>(own.colors.data());
   }
@@ -484,7 +484,8 @@ Result<kernels::FrameStats> DeviceView::draw_batch(const Scene& scene, std::span
     }
     impl.use_picture(started % 2);
     const kernels::View& view = views[started];
-    done = impl.samples.reserve(uint64_t{view.width} * view.height * sizeof(uint64_t), "allocating the visibility buffer");
+    done =
+        impl.samples.reserve(uint64_t{view.width} * view.height * sizeof(uint64_t), "allocating the visibility buffer");
     if (done) done = impl.frames->start(view, impl.sample_data());
     if (!done) break;
     impl.width = view.width;

@@ -25,14 +25,14 @@ struct LoadOptions {
   std::string gpu;  // as use_gpu(); empty: the first that can be used
   uint32_t threads = 1;
   bool textures = true;
-  uint64_t texture_cache = 0;       // bytes of decoded blocks; 0: kHostTextureCache, kDeviceTextureCache
-  uint64_t device_memory = 0;       // as DeviceScene::upload()
-  uint64_t host_memory = 0;         // likewise
-  PictureNeeds pictures;            // likewise
+  uint64_t texture_cache = 0;        // bytes of decoded blocks; 0: kHostTextureCache, kDeviceTextureCache
+  uint64_t device_memory = 0;        // as DeviceScene::upload()
+  uint64_t host_memory = 0;          // likewise
+  PictureNeeds pictures;             // likewise
   Reading reading = Reading::kAuto;  // likewise
   kernels::Lighting lighting = kernels::Lighting::kAuto;  // as SceneOptions has it
   std::string environment;                                // likewise
-  JobProgress* progress = nullptr;  // hears of loading, and may stop it (kFile)
+  JobProgress* progress = nullptr;                        // hears of loading, and may stop it (kFile)
 };
 
 class LoadedScene {

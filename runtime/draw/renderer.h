@@ -67,8 +67,8 @@ class Frame {
   Result<Picture> shade(const kernels::ShadeOptions& options, uint32_t threads) const;
 
   /// The same in linear light: RGBA, 4 floats a pixel, premultiplied by alpha. Of what shows ids or depths, the 8-bit
-  /// colours in linear light. On a GPU after read_samples(). Takes 12 bytes a sample meanwhile. Errors kMemory, those of
-  /// shade(), kernels::shade_part_cpu and DeviceScene::read_colors.
+  /// colours in linear light. On a GPU after read_samples(). Takes 12 bytes a sample meanwhile. Errors kMemory, those
+  /// of shade(), kernels::shade_part_cpu and DeviceScene::read_colors.
   Result<std::vector<float>> linear(const kernels::ShadeOptions& options, uint32_t threads) const;
 
   /// Brings the samples of a GPU to where samples() and pick() find them; nothing to do on a CPU. Errors

@@ -198,8 +198,8 @@ Result<void> ViewRenderer::draw_batch_on_cpu(std::span<const kernels::View> view
         done = kernels::resolve_cpu(scene_->scene().view(), view, samples_per_side_, samples, shade_, 4,
                                     {reinterpret_cast<uint8_t*>(targets.color), targets.color_bytes}, threads_each);
       if (done && targets.has_others)
-        done = kernels::layers_cpu(scene_->scene().view(), view, samples_per_side_, samples, targets.others,
-                                   threads_each);
+        done =
+            kernels::layers_cpu(scene_->scene().view(), view, samples_per_side_, samples, targets.others, threads_each);
       if (!done) failure.report(v, done.error());
       lock.lock();
       free.push_back(worker);

@@ -75,8 +75,8 @@ class ViewRenderer {
   Result<const std::byte*> device_layer(Layer layer, void* stream);
 
   /// Keeps a layer's memory, `data` of layer() or device_layer(), where it is for as long as the result lives, also
-  /// beyond the view. Later draws write to it while their frames fit; larger frames get other memory. Errors kRange: the
-  /// view has no such memory any more; kMemory, kDevice.
+  /// beyond the view. Later draws write to it while their frames fit; larger frames get other memory. Errors kRange:
+  /// the view has no such memory any more; kMemory, kDevice.
   Result<std::shared_ptr<const void>> hold(const std::byte* data) const;
 
   /// As Frame::pick(); reads one sample. Errors kRange: no frame, no such pixel.

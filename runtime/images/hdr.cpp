@@ -69,9 +69,7 @@ class Reader {
                                           " pixels, expected 1 to " + std::to_string(kMaxHdrPixels));
     return size;
   }
-  static Error order() {
-    return error(ErrorCode::kUnsupported, "the size is not given as -Y HEIGHT +X WIDTH");
-  }
+  static Error order() { return error(ErrorCode::kUnsupported, "the size is not given as -Y HEIGHT +X WIDTH"); }
   static Error truncated() { return error(ErrorCode::kTruncated, "the file ends"); }
 
   size_t left() const { return file_.size() - at_; }

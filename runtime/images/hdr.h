@@ -1,5 +1,5 @@
-// Radiance pictures (.hdr): red, green and blue with one exponent. Source: G. Ward, Real Pixels, Graphics Gems II, 1991,
-// and the Radiance file formats.
+// Radiance pictures (.hdr): red, green and blue with one exponent. Source: G. Ward, Real Pixels, Graphics Gems II,
+// 1991, and the Radiance file formats.
 #pragma once
 
 #include <cstddef>

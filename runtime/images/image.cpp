@@ -174,7 +174,8 @@ Result<void> write_pfm(const std::string& path, uint32_t width, uint32_t height,
   assert(values.size() == pixels || values.size() == 3 * pixels);
   const bool is_grey = values.size() == pixels;
   const uint64_t in_row = is_grey ? width : uint64_t{3} * width;
-  const std::string head = (is_grey ? "Pf\n" : "PF\n") + std::to_string(width) + " " + std::to_string(height) + "\n-1.0\n";
+  const std::string head =
+      (is_grey ? "Pf\n" : "PF\n") + std::to_string(width) + " " + std::to_string(height) + "\n-1.0\n";
   Result<format::PartFile> file = format::PartFile::create(path, format::PartFile::Content::kEmpty, existing);
   if (!file) return file.error();
   Result<void> done = file->write_at(0, std::as_bytes(std::span(head)));

@@ -181,9 +181,7 @@ class JpegReader {
     return errors_.manager.num_warnings > 0 ? std::string("JPEG: ") + errors_.warning : std::string();
   }
 
-  Error failure() const {
-    return file_.error() ? *file_.error() : errors_.error();
-  }
+  Error failure() const { return file_.error() ? *file_.error() : errors_.error(); }
 
  private:
   ImageFile& file_;

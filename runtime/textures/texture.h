@@ -21,9 +21,9 @@ struct MipChain {
 };
 
 /// Makes the levels of a picture, at most kMaxDecodedSide a side. Each texel is the mean of the area it covers of the
-/// level above: colour in linear light, numbers and alpha as they are. A level is half the size, rounded down, of the one above; where
-/// that was odd, a texel covers two texels and a fraction, weighted, so that no column or row is lost and the picture's
-/// mean stays. Levels are averaged in float, each rounded once. Throws std::bad_alloc.
+/// level above: colour in linear light, numbers and alpha as they are. A level is half the size, rounded down, of the
+/// one above; where that was odd, a texel covers two texels and a fraction, weighted, so that no column or row is lost
+/// and the picture's mean stays. Levels are averaged in float, each rounded once. Throws std::bad_alloc.
 MipChain make_mips(Image image, TexelCoding coding = TexelCoding::kColor);
 
 /// The view of a chain for kernels, with a texture record's wrapping and filters.

@@ -15,7 +15,8 @@ void draw(const runtime::Scene& scene, const runtime::CameraOptions& camera) {
   if (!frame) return;
   kernels::ShadeOptions shade;
   must(bool(frame->shade(shade, 1)), "a frame that was drawn is shaded");
-  for (const runtime::PixelLayer layer : {runtime::PixelLayer::kDepth, runtime::PixelLayer::kNormal, runtime::PixelLayer::kUv})
+  for (const runtime::PixelLayer layer :
+       {runtime::PixelLayer::kDepth, runtime::PixelLayer::kNormal, runtime::PixelLayer::kUv})
     (void)frame->layer<float>(layer, 1);
   for (uint32_t x = 0; x < camera.width; x += 7) (void)frame->pick(x, camera.height / 2);
 }

@@ -51,8 +51,8 @@ struct ExrFile {
 };
 
 std::string render(const TempFolder& folder, const std::string& file, std::vector<std::string> more) {
-  std::vector<std::string> words{"render",    file,  "--size",  "61x47",   "--samples", "2",
-                                 "--backend", "cpu", "--force", "--quiet"};
+  std::vector<std::string> words{"render", file,        "--size", "61x47",   "--samples",
+                                 "2",      "--backend", "cpu",    "--force", "--quiet"};
   words.insert(words.end(), more.begin(), more.end());
   const ProgramRun run = run_program(words, folder.file("log"));
   INFO(run.output);
@@ -94,7 +94,8 @@ TEST_CASE("an .exr holds the picture in linear light and the library's layers", 
     CHECK(read.floats("UV.V") == channel_of(uvs, 1, 2));
     const auto instances = values_of<int32_t>(layer_of(opened.view, SCREE_INSTANCE));
     const auto triangles = values_of<int64_t>(layer_of(opened.view, SCREE_TRIANGLE));
-    const auto instance = read.read<uint32_t>("id.instance", Imf::UINT), mesh = read.read<uint32_t>("id.mesh", Imf::UINT),
+    const auto instance = read.read<uint32_t>("id.instance", Imf::UINT),
+               mesh = read.read<uint32_t>("id.mesh", Imf::UINT),
                material = read.read<uint32_t>("id.material", Imf::UINT),
                triangle = read.read<uint32_t>("id.triangle", Imf::UINT);
     size_t covered = 0;
@@ -133,7 +134,8 @@ TEST_CASE("an .exr holds the picture in linear light and the library's layers", 
 TEST_CASE("an .exr holds the layers that are asked for", "[render][exr]") {
   const TempFolder folder;
   const std::string file = packed(folder);
-  const std::string some = folder.file("some.exr"), again = folder.file("again.exr"), colors = folder.file("colors.exr");
+  const std::string some = folder.file("some.exr"), again = folder.file("again.exr"),
+                    colors = folder.file("colors.exr");
   render(folder, file, {"-o", some, "--layers", "depth,id", "--threads", "3"});
   CHECK(ExrFile(some).names() == "Z:f id.instance:u id.material:u id.mesh:u id.triangle:u");
   render(folder, file, {"-o", again, "--layers", "id,depth", "--threads", "1"});

@@ -56,8 +56,8 @@ void add_light_options(CLI::App& app, LightWords& words);
 /// Errors kUsage: the option, what was typed, what is allowed.
 Result<LightOptions> parse_light_options(const LightWords& words);
 
-/// Looks at a scene that was loaded to be drawn: errors kUsage, with the file's name, where --light scene has no lights;
-/// prints the scene's warnings on stderr unless `quiet`.
+/// Looks at a scene that was loaded to be drawn: errors kUsage, with the file's name, where --light scene has no
+/// lights; prints the scene's warnings on stderr unless `quiet`.
 Result<void> accept_scene(const char* command, const runtime::Scene& scene, const LightOptions& light, bool quiet);
 
 /// --size and --samples; and those that choose what draws and what it may take: --threads, --backend, --device,

@@ -12,8 +12,8 @@ namespace scree::tools {
 /// This process among the others; alone, where no launcher started several. Used by one thread.
 class Ranks {
  public:
-  /// Finds the others. Errors kUsage: a launcher has started several, but this program was built without MPI; kFile: what
-  /// MPI says.
+  /// Finds the others. Errors kUsage: a launcher has started several, but this program was built without MPI; kFile:
+  /// what MPI says.
   static Result<Ranks> join();
 
   uint32_t rank() const { return rank_; }
@@ -21,11 +21,12 @@ class Ranks {
   uint32_t rank_on_host() const { return rank_on_host_; }
   bool is_first() const { return rank_ == 0; }
 
-  /// Called by all: whether all go on. The lowest of those that met an error gets it back and is to end the program, which
-  /// ends the others, who wait here for that: so one line says what all of them met.
+  /// Called by all: whether all go on. The lowest of those that met an error gets it back and is to end the program,
+  /// which ends the others, who wait here for that: so one line says what all of them met.
   Result<void> agree(Result<void> own);
 
-  /// Called by all when their work is done: the end of this process's part. One that fails calls end_all_ranks() instead.
+  /// Called by all when their work is done: the end of this process's part. One that fails calls end_all_ranks()
+  /// instead.
   void leave();
 
   /// Called by all: `values` become their sums over all ranks, at rank 0. Errors kFile.

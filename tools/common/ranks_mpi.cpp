@@ -69,7 +69,8 @@ Result<void> Ranks::agree(Result<void> own) {
   if (count_ == 1) return own;
   const uint32_t mine = own ? count_ : rank_;
   uint32_t lowest = count_;
-  if (const auto done = checked(MPI_Allreduce(&mine, &lowest, 1, MPI_UINT32_T, MPI_MIN, MPI_COMM_WORLD), "MPI_Allreduce");
+  if (const auto done =
+          checked(MPI_Allreduce(&mine, &lowest, 1, MPI_UINT32_T, MPI_MIN, MPI_COMM_WORLD), "MPI_Allreduce");
       !done)
     return done;
   if (lowest == count_ || lowest == rank_) return own;
@@ -83,8 +84,9 @@ void Ranks::leave() {
 Result<void> Ranks::sum(std::span<double> values) {
   if (count_ == 1) return {};
   const void* const own = is_first() ? MPI_IN_PLACE : values.data();
-  return checked(MPI_Reduce(own, values.data(), static_cast<int>(values.size()), MPI_DOUBLE, MPI_SUM, 0, MPI_COMM_WORLD),
-                 "MPI_Reduce");
+  return checked(
+      MPI_Reduce(own, values.data(), static_cast<int>(values.size()), MPI_DOUBLE, MPI_SUM, 0, MPI_COMM_WORLD),
+      "MPI_Reduce");
 }
 
 /// In bands, whose lengths MPI's counts hold.
@@ -116,8 +118,8 @@ Result<void> Ranks::sum(std::span<float> values) {
 
 Error Ranks::named(Error error) const {
   if (count_ > 1)
-    error.message = "rank " + std::to_string(rank_) + " of " + std::to_string(count_) + " on " + host_name() + ": " +
-                    error.message;
+    error.message =
+        "rank " + std::to_string(rank_) + " of " + std::to_string(count_) + " on " + host_name() + ": " + error.message;
   return error;
 }
 

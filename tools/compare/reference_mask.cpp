@@ -10,8 +10,8 @@ using kernels::View;
 using TexturePoint = std::array<double, 2>;
 
 /// Where the ray meets the triangle's plane on the mask. With `inside` the weights are brought into the triangle.
-TexturePoint place_of(const View& view, const std::array<SeenPoint, 3>& corners, const std::array<TexturePoint, 3>& places, Ray ray,
-               bool inside) {
+TexturePoint place_of(const View& view, const std::array<SeenPoint, 3>& corners,
+                      const std::array<TexturePoint, 3>& places, Ray ray, bool inside) {
   std::array<double, 3> weights = corner_weights(view, corners, ray);
   const double orientation = weights[0] + weights[1] + weights[2] < 0 ? -1 : 1;
   double sum = 0;

@@ -209,7 +209,8 @@ class Converter {
     for (const WindowPlan& window : windows) costs.push_back(window.count);
     const Part own = part_of(costs, options_.shard, options_.shards);
     EncodeStart start;
-    for (uint64_t i = own.first; own.first < own.end && i-- > 0 && windows[i].primitive == windows[own.first].primitive;)
+    for (uint64_t i = own.first;
+         own.first < own.end && i-- > 0 && windows[i].primitive == windows[own.first].primitive;)
       start.triangle += windows[i].kept;
     if (start.triangle > 0) start.mesh = mesh_of_[windows[own.first].primitive];
     keep(windows, own);
@@ -264,8 +265,9 @@ class Converter {
       if (options_.stop != nullptr && options_.stop->load()) return Error{ErrorCode::kFile, "interrupted"};
     }
     if (number != windows.size())
-      return Error{ErrorCode::kFormat, shards_->files.back().map.path() + ": its shards have " + std::to_string(number) +
-                                           " of " + std::to_string(windows.size()) + " windows"};
+      return Error{ErrorCode::kFormat, shards_->files.back().map.path() + ": its shards have " +
+                                           std::to_string(number) + " of " + std::to_string(windows.size()) +
+                                           " windows"};
     const Result<void> finished = pass.finish();
     report_.rates = rates();
     return finished;
@@ -327,8 +329,8 @@ class Converter {
     const std::optional<std::vector<bool>> used = materials_known();
     std::error_code ignored;
     const bool is_other_part = std::filesystem::exists(report_.output + ".part", ignored);
-    if (options_.resume || options_.shards > 0 || is_other_part || options_.grid != Grid::kMesh || options_.pixel_bound.pixels > 0 || !used ||
-        !memory_.ahead())
+    if (options_.resume || options_.shards > 0 || is_other_part || options_.grid != Grid::kMesh ||
+        options_.pixel_bound.pixels > 0 || !used || !memory_.ahead())
       return;
     if (const Result<void> planned = plan_images(*used); planned) {
       Result<format::ContainerWriter> writer = create_writer(most_bytes_known());
@@ -814,7 +816,8 @@ Result<ConvertReport> convert_or_throw(const ConvertOptions& options, ShardSet* 
       return same.error();
   {
     tools::Progress progress(options.progress, options.on_progress);
-    if (const Result<void> done = Converter(options, *scene, files, shards, progress, report).run(); !done) return done.error();
+    if (const Result<void> done = Converter(options, *scene, files, shards, progress, report).run(); !done)
+      return done.error();
   }
   report.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   report.peak_bytes = tools::peak_anonymous(before);

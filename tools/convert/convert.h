@@ -22,7 +22,7 @@ namespace scree::convert {
 Result<ConvertReport> convert(const ConvertOptions& options);
 
 struct MergeOptions {
-  std::vector<std::string> shards;                         // all of a conversion, in any order
+  std::vector<std::string> shards;  // all of a conversion, in any order
   std::string output;
   format::Existing existing = format::Existing::kReplace;  // of `output`
   uint32_t threads = 0;                                    // as in ConvertOptions, and the rest too

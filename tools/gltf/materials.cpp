@@ -97,7 +97,8 @@ class MaterialMaker {
   }
 
   /// What a material has beyond its base colour; nothing where it is matt, says nothing of metal and roughness (which
-  /// glTF takes for a rough metal, and writers mean to be matt), or is unlit. After record(), whose `uv_set` it goes on with.
+  /// glTF takes for a rough metal, and writers mean to be matt), or is unlit. After record(), whose `uv_set` it goes on
+  /// with.
   Result<std::optional<format::SurfaceRecord>> surface(const DocMaterial& from, uint32_t& uv_set) {
     if (from.unlit) return std::optional<format::SurfaceRecord>();
     format::SurfaceRecord to{};
@@ -120,10 +121,9 @@ class MaterialMaker {
       to.textures[use] = *made;
       is_plain = is_plain && made->texture == kNone;
     }
-    for (const double value :
-         {from.metallic, from.roughness, from.normal_scale, from.occlusion_strength, from.ior, from.specular,
-          from.emission[0], from.emission[1], from.emission[2], from.specular_color[0], from.specular_color[1],
-          from.specular_color[2]})
+    for (const double value : {from.metallic, from.roughness, from.normal_scale, from.occlusion_strength, from.ior,
+                               from.specular, from.emission[0], from.emission[1], from.emission[2],
+                               from.specular_color[0], from.specular_color[1], from.specular_color[2]})
       if (!std::isfinite(static_cast<float>(value))) return Error{ErrorCode::kRange, "a factor that no float holds"};
     if (is_plain) return std::optional<format::SurfaceRecord>();
     return std::optional(to);
@@ -337,7 +337,8 @@ void warn_of_blending(const GltfDocument& document, const std::vector<bool>& use
     blended += used[i] && document.materials[i].alpha_blend ? 1 : 0;
   if (blended == 0) return;
   scene.warnings.push_back("alpha blending of " + std::to_string(blended) +
-                           (blended == 1 ? " material" : " materials") + " is left out: drawn where alpha is at least 0.5");
+                           (blended == 1 ? " material" : " materials") +
+                           " is left out: drawn where alpha is at least 0.5");
   scene.left_out.push_back({"alpha blending", blended, 0, 0});
 }
 

@@ -34,13 +34,20 @@ std::string counted(uint64_t count, const char* one, const char* many) {
 // Extensions a document may require. The first are read, the others change only how a surface is lit or what a
 // file says about itself: without them every triangle keeps its place and its base colour.
 constexpr std::string_view kDracoName = "KHR_draco_mesh_compression";
-constexpr std::string_view kSupported[] = {"KHR_mesh_quantization",   "KHR_texture_transform",
-                                           "KHR_materials_unlit",     "EXT_mesh_gpu_instancing",
-                                           "EXT_meshopt_compression", "KHR_meshopt_compression",
-                                           "KHR_texture_basisu",      "MSFT_texture_dds",
-                                           "EXT_texture_webp",        "KHR_lights_punctual",
-                                           "KHR_materials_ior",       "KHR_materials_specular",
-                                           "KHR_materials_emissive_strength", kDracoName};
+constexpr std::string_view kSupported[] = {"KHR_mesh_quantization",
+                                           "KHR_texture_transform",
+                                           "KHR_materials_unlit",
+                                           "EXT_mesh_gpu_instancing",
+                                           "EXT_meshopt_compression",
+                                           "KHR_meshopt_compression",
+                                           "KHR_texture_basisu",
+                                           "MSFT_texture_dds",
+                                           "EXT_texture_webp",
+                                           "KHR_lights_punctual",
+                                           "KHR_materials_ior",
+                                           "KHR_materials_specular",
+                                           "KHR_materials_emissive_strength",
+                                           kDracoName};
 constexpr std::string_view kLookOnly[] = {"KHR_materials_anisotropy",
                                           "KHR_materials_clearcoat",
                                           "KHR_materials_diffuse_transmission",

@@ -208,10 +208,9 @@ GltfTextureTransform transform_of(const format::SurfaceTexture& use) {
 bool has_transform(const GltfMaterial& material) {
   if (material.texture != format::kNone && is_moved(material.transform)) return true;
   if (!material.surface) return false;
-  return std::any_of(std::begin(material.surface->textures), std::end(material.surface->textures),
-                     [](const format::SurfaceTexture& use) {
-                       return use.texture != format::kNone && is_moved(transform_of(use));
-                     });
+  return std::any_of(
+      std::begin(material.surface->textures), std::end(material.surface->textures),
+      [](const format::SurfaceTexture& use) { return use.texture != format::kNone && is_moved(transform_of(use)); });
 }
 
 /// A texture of a material, with what else its object has: `name` and `value`, where `value` is not 1.

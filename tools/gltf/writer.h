@@ -95,7 +95,7 @@ struct GltfMaterial {
   GltfAlpha alpha = GltfAlpha::kOpaque;
   double alpha_cutoff = 0.5;
   bool double_sided = false;
-  bool unlit = false;  // KHR_materials_unlit
+  bool unlit = false;                            // KHR_materials_unlit
   std::optional<format::SurfaceRecord> surface;  // its textures by number here; none: not metallic, fully rough
 };
 

@@ -148,15 +148,16 @@ Result<CameraPath> CameraPath::parse(std::string_view text, std::optional<double
     if (!key) return at_key(key.error());
     if (i == 0) have_t = has_t;
     if (has_t != have_t)
-      return at_key({ErrorCode::kFormat, has_t ? "has a \"t\", but key 0 has none" : "has no \"t\", but key 0 has one"});
+      return at_key(
+          {ErrorCode::kFormat, has_t ? "has a \"t\", but key 0 has none" : "has no \"t\", but key 0 has one"});
     if (!has_t) key->t = static_cast<double>(i) / path.frames_per_second_;
     if (i > 0 && !(key->t > path.keys_.back().t))
       return at_key({ErrorCode::kRange, "its \"t\" is not later than that of the key before"});
     path.keys_.push_back(*key);
   }
-  const auto [narrowest, widest] = std::minmax_element(
-      path.keys_.begin(), path.keys_.end(),
-      [](const PathKey& a, const PathKey& b) { return a.fov_degrees < b.fov_degrees; });
+  const auto [narrowest, widest] =
+      std::minmax_element(path.keys_.begin(), path.keys_.end(),
+                          [](const PathKey& a, const PathKey& b) { return a.fov_degrees < b.fov_degrees; });
   path.narrowest_ = narrowest->fov_degrees;
   path.widest_ = widest->fov_degrees;
   if (!(path.keys_.back().t * path.frames_per_second_ < static_cast<double>(kMaxPathFrames)))
@@ -210,7 +211,8 @@ PathKey CameraPath::at(uint64_t frame) const {
       out.target[i] = curve(a.target[i], b.target[i], c.target[i], d.target[i]);
       out.up[i] = curve(a.up[i], b.up[i], c.up[i], d.up[i]);
     }
-    out.fov_degrees = std::clamp(curve(a.fov_degrees, b.fov_degrees, c.fov_degrees, d.fov_degrees), narrowest_, widest_);
+    out.fov_degrees =
+        std::clamp(curve(a.fov_degrees, b.fov_degrees, c.fov_degrees, d.fov_degrees), narrowest_, widest_);
   }
   out.t = time;
   return out;

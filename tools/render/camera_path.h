@@ -13,8 +13,8 @@
 
 namespace scree::tools {
 
-inline constexpr uint64_t kMaxPathBytes = uint64_t{16} << 20;   // about 100,000 keys
-inline constexpr uint64_t kMaxPathFrames = 10000000;  // four days at 30 a second
+inline constexpr uint64_t kMaxPathBytes = uint64_t{16} << 20;  // about 100,000 keys
+inline constexpr uint64_t kMaxPathFrames = 10000000;           // four days at 30 a second
 inline constexpr double kDefaultFramesPerSecond = 30;
 
 /// Where the camera is at one time.
@@ -31,8 +31,8 @@ class CameraPath {
   /// A JSON text: {"format": "scree camera path", "version": 1, "fps": 30, "keys": [...]}, where "fps" may be left out.
   /// A key has "eye", "target" and where wanted "up" and "fov", or "matrix": 16 numbers, column by column, from camera
   /// to world, as a glTF node's. All keys have "t", which rises, or none has: key i is then frame i. Every number of a
-  /// path is finite. Safe on any bytes. Errors kFormat (malformed: with its line; a member that is missing, unknown or of
-  /// another kind), kRange (a number outside its limits, more than kMaxPathFrames), kVersion; keys count from 0.
+  /// path is finite. Safe on any bytes. Errors kFormat (malformed: with its line; a member that is missing, unknown or
+  /// of another kind), kRange (a number outside its limits, more than kMaxPathFrames), kVersion; keys count from 0.
   /// `frames_per_second`: above 0, instead of the file's.
   static Result<CameraPath> parse(std::string_view text, std::optional<double> frames_per_second = {});
 
@@ -45,8 +45,8 @@ class CameraPath {
   uint64_t frame_count() const;
 
   /// The camera at frame / frames_per_second() seconds: eyes, targets, ups and fields of view are joined by Catmull-Rom
-  /// curves, each through its two keys with the slopes of the keys around them (the first and the last key are their own
-  /// neighbours); before the first key and after the last the camera stands still. A field of view keeps within
+  /// curves, each through its two keys with the slopes of the keys around them (the first and the last key are their
+  /// own neighbours); before the first key and after the last the camera stands still. A field of view keeps within
   /// those of all keys. The bits are the same on every machine. `frame`: below frame_count().
   PathKey at(uint64_t frame) const;
 

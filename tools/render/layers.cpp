@@ -29,7 +29,8 @@ Result<std::vector<uint32_t>> make_ids(const RenderOptions& options, const runti
     const uint32_t mesh = view.instances[instance].mesh;
     const uint64_t triangle = static_cast<uint64_t>((*triangles)[i]) - view.instance_base[instance];
     if (triangle >= UINT32_MAX)
-      return Error{ErrorCode::kUnsupported, "triangle " + std::to_string(triangle) + " of mesh " + std::to_string(mesh) +
+      return Error{ErrorCode::kUnsupported, "triangle " + std::to_string(triangle) + " of mesh " +
+                                                std::to_string(mesh) +
                                                 ": channels of an .exr have 32 bits; leave id out of --layers"};
     uint32_t* const out = ids.data() + kIdCount * i;
     out[0] = static_cast<uint32_t>(instance);

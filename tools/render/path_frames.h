@@ -30,7 +30,8 @@ struct FrameRange {
 /// kUsage.
 Result<FrameRange> parse_frame_range(std::string_view text);
 
-/// A file name with the frame's number in it: %d, or %05d with zeros in front up to so many digits (1 to 19); %% is a %.
+/// A file name with the frame's number in it: %d, or %05d with zeros in front up to so many digits (1 to 19); %% is a
+/// %.
 class FramePattern {
  public:
   /// Errors kUsage, with the name of the option: not exactly one number, another use of %.

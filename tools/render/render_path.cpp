@@ -73,9 +73,8 @@ class PathRenderer {
 
   /// frames_: those that are to be drawn.
   Result<void> choose_frames() {
-    const std::pair<const std::string*, Layer> wanted[] = {{&options_.output, Layer::kColor},
-                                                           {&options_.depth, Layer::kDepth},
-                                                           {&options_.visbuffer, Layer::kSamples}};
+    const std::pair<const std::string*, Layer> wanted[] = {
+        {&options_.output, Layer::kColor}, {&options_.depth, Layer::kDepth}, {&options_.visbuffer, Layer::kSamples}};
     for (const auto& [text, layer] : wanted) {
       if (text->empty()) continue;
       const Result<FramePattern> pattern = FramePattern::parse("", *text);
@@ -107,8 +106,8 @@ class PathRenderer {
       const std::string name = output.pattern.name(frame);
       for (const std::string* input : {&options_.file, &options_.path->file})
         if (is_same_file(name, *input))
-          return Error{ErrorCode::kUsage, "frame " + std::to_string(frame) + " would replace " + *input +
-                                              ", which is read"};
+          return Error{ErrorCode::kUsage,
+                       "frame " + std::to_string(frame) + " would replace " + *input + ", which is read"};
       is_whole = is_whole && has_whole_file(output.layer, name);
       if (options_.path->resume || options_.existing == format::Existing::kReplace) continue;
       if (const Result<void> checked = check_output_file(name, options_.existing); !checked)
@@ -230,8 +229,8 @@ class PathRenderer {
     camera.fov_degrees = key.fov_degrees;
     const Result<kernels::View> view = scene_->view(camera);
     if (view) return view;
-    return Error{view.error().code, options_.path->file + ": frame " + std::to_string(frame) + ", at " +
-                                        number(key.t) + " s: " + view.error().message};
+    return Error{view.error().code, options_.path->file + ": frame " + std::to_string(frame) + ", at " + number(key.t) +
+                                        " s: " + view.error().message};
   }
 
   Result<void> check_cameras() const {

@@ -93,8 +93,7 @@ class RankedPicture {
     // A default view is fitted to the vertices where they are few; such a scene every rank reads whole.
     if (runtime::view_reads_vertices(scene_->view(), options_.camera))
       if (const Result<void> loaded = scene_->load_pages(options_.threads); !loaded) return loaded;
-    const Result<kernels::View> view =
-        runtime::make_view(scene_->container(), *index, scene_->view(), options_.camera);
+    const Result<kernels::View> view = runtime::make_view(scene_->container(), *index, scene_->view(), options_.camera);
     if (!view) return at(options_.file, view.error());
     view_ = *view;
     view_.width *= options_.samples_per_side;
@@ -166,8 +165,8 @@ class RankedPicture {
       std::vector<float> depths(uint64_t{width()} * height());
       kernels::LayerTargets targets{};
       targets.depth = depths.data();
-      if (const auto made = kernels::layers_cpu(scene_view_, view_, options_.samples_per_side, samples_, targets,
-                                                options_.threads);
+      if (const auto made =
+              kernels::layers_cpu(scene_view_, view_, options_.samples_per_side, samples_, targets, options_.threads);
           !made)
         return at(options_.file, made.error());
       if (const auto done = runtime::write_pfm(options_.depth, width(), height(), depths, options_.existing); !done)

@@ -43,8 +43,8 @@ struct SynthReport {
 };
 
 /// Makes the scene and writes it. Memory: about 2 MiB per thread, 200 bytes per instance, and 5 bytes per texel of the
-/// forest. Errors kUsage (options that contradict each other), kFile, kRange (a .glb past 4 GiB), after which nothing is
-/// left on disk.
+/// forest. Errors kUsage (options that contradict each other), kFile, kRange (a .glb past 4 GiB), after which nothing
+/// is left on disk.
 Result<SynthReport> synthesize(const SynthOptions& options);
 
 /// Writes scene A, B, C or D; a part of synthesize().

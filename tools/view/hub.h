@@ -123,9 +123,9 @@ class Hub {
   bool has_ended_ = false;
   std::map<uint32_t, ViewerPtr> viewers_;
   uint32_t last_number_ = 0;
-  uint32_t served_ = 0;        // the viewer that was drawn for last
-  uint64_t frames_ = 0;        // sent so far
-  std::string scene_text_;     // the same for all; empty until the scene is open
+  uint32_t served_ = 0;     // the viewer that was drawn for last
+  uint64_t frames_ = 0;     // sent so far
+  std::string scene_text_;  // the same for all; empty until the scene is open
   std::thread thread_;
 };
 

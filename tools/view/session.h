@@ -29,7 +29,7 @@ struct SessionOptions {
   uint64_t device_memory = 0;  // bytes; 0: what is free
   uint64_t texture_cache = 0;  // bytes; 0: the runtime's default
   LightOptions light;
-  bool quiet = false;          // no warnings
+  bool quiet = false;  // no warnings
 };
 
 /// A camera of the document as a page takes it.

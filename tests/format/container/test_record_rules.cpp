@@ -628,8 +628,7 @@ TEST_CASE("container rules: surfaces and lights", "[container]") {
   b.record<S>(
       s, 1, [](S& r) { r.textures[2].texture = 1; }, "surface 1: texture 1, but the file has 1 textures");
   b.record<S>(
-      s, 1, [](S& r) { r.textures[5].uv_rotation = float(kNan); },
-      "surface 1: a texture transform that is not finite");
+      s, 1, [](S& r) { r.textures[5].uv_rotation = float(kNan); }, "surface 1: a texture transform that is not finite");
 
   using L = LightRecord;
   constexpr TableKind l = TableKind::kLights;

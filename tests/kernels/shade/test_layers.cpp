@@ -53,8 +53,9 @@ Soup ball(bool with_normals) {
     soup.uvs.push_back(3 * soup.positions[i] + 1);
     soup.uvs.push_back(soup.positions[i + 1] - 2 * soup.positions[i + 2]);
     if (!with_normals) continue;
-    const Vector normal = unit({static_cast<double>(soup.positions[i]) + 0.3, static_cast<double>(soup.positions[i + 1]),
-                                static_cast<double>(soup.positions[i + 2])});
+    const Vector normal =
+        unit({static_cast<double>(soup.positions[i]) + 0.3, static_cast<double>(soup.positions[i + 1]),
+              static_cast<double>(soup.positions[i + 2])});
     for (const double c : normal) soup.normals.push_back(static_cast<float>(c));
   }
   return soup;
@@ -75,8 +76,8 @@ Vector weights_of(const View& view, uint32_t x, uint32_t y, const std::array<Vec
   const Vector hit{origin[0] + distance * ray[0], origin[1] + distance * ray[1], origin[2] + distance * ray[2]};
   Vector weights{};
   for (size_t i = 0; i < 3; ++i)
-    weights[i] = dot(normal, cross(corner[(i + 2) % 3] - corner[(i + 1) % 3], hit - corner[(i + 1) % 3])) /
-                 dot(normal, normal);
+    weights[i] =
+        dot(normal, cross(corner[(i + 2) % 3] - corner[(i + 1) % 3], hit - corner[(i + 1) % 3])) / dot(normal, normal);
   return weights;
 }
 
@@ -122,8 +123,7 @@ void check(SceneBuilder& builder, const Soup& soup, const View& view) {
       if (!soup.normals.empty()) {
         Vector object{};
         for (size_t i = 0; i < 3; ++i)
-          for (size_t c = 0; c < 3; ++c)
-            object[c] += weights[i] * static_cast<double>(soup.normals[3 * vertex[i] + c]);
+          for (size_t c = 0; c < 3; ++c) object[c] += weights[i] * static_cast<double>(soup.normals[3 * vertex[i] + c]);
         for (size_t r = 0; r < 3; ++r) {
           const Vector a{matrix.rows[(r + 1) % 3][0], matrix.rows[(r + 1) % 3][1], matrix.rows[(r + 1) % 3][2]};
           const Vector b{matrix.rows[(r + 2) % 3][0], matrix.rows[(r + 2) % 3][1], matrix.rows[(r + 2) % 3][2]};
@@ -160,7 +160,8 @@ TEST_CASE("normals and texture coordinates are those where a pixel's ray meets t
     encoding.chunk_triangles = 100;
     const uint32_t mesh = builder.mesh(soup, encoding);
     builder.instance(mesh, builder.identity());
-    for (int round = 1; round <= 7; ++round) add_turned_instance(builder, mesh, round, 1.2 * any(random), [&] { return any(random); });
+    for (int round = 1; round <= 7; ++round)
+      add_turned_instance(builder, mesh, round, 1.2 * any(random), [&] { return any(random); });
     const View view = look_at({2, 1.5, 4}, {0, 0, 0}, 71, 53);
     check(builder, soup, view);
     check(builder, soup, orthographic(view, 1.5, 0.1, 20));

@@ -95,7 +95,8 @@ TEST_CASE("normals: those of a mesh are stored where they are not its faces'", "
     add("one", ground(maker, 6, [](uint32_t triangle) { return triangle == 71 ? 5.0 : 0.0; }));
     add("inwards", ground(maker, 6, [](uint32_t) { return 180.0; }));
     // Floats of 2^21 and more have steps of a quarter: faces are as uncertain.
-    add("far away", ground(maker, 6, [](uint32_t) { return 10.0; }, 4e6f));
+    add("far away", ground(
+                        maker, 6, [](uint32_t) { return 10.0; }, 4e6f));
     tools::GltfPrimitive unlit = ground(maker, 6, [](uint32_t) { return 30.0; });
     tools::GltfMaterial material;
     material.unlit = true;
@@ -160,7 +161,8 @@ TEST_CASE("normals: what is stored depends neither on threads nor on the place o
   for (const uint32_t odd : {0u, 2 * kSide * kSide - 1, UINT32_MAX}) {
     {
       tests::ModelMaker maker(folder.file("in.glb"));
-      maker.node("", maker.mesh("", {ground(maker, kSide, [&](uint32_t triangle) { return triangle == odd ? 3.0 : 0.0; })}));
+      maker.node(
+          "", maker.mesh("", {ground(maker, kSide, [&](uint32_t triangle) { return triangle == odd ? 3.0 : 0.0; })}));
       maker.finish();
     }
     std::string first;

@@ -1,5 +1,5 @@
-// convert --shard and merge: the bytes of one run, from shards that were made in any order by any number of threads; and
-// shards that do not belong together are named.
+// convert --shard and merge: the bytes of one run, from shards that were made in any order by any number of threads;
+// and shards that do not belong together are named.
 #include <algorithm>
 #include <filesystem>
 #include <functional>
@@ -201,7 +201,8 @@ TEST_CASE("shards of real models merge to the bytes of one run", "[convert][shar
 TEST_CASE("shards that do not belong together are refused by name", "[convert][shards]") {
   const Sharded scene;
   const std::vector<std::string> shards = scene.make_shards(scene.options(), 3);
-  has(scene.refusal({shards[0], shards[2]}, ErrorCode::kUsage), "x.3.part: is one of 3 shards, of which are missing: 2");
+  has(scene.refusal({shards[0], shards[2]}, ErrorCode::kUsage),
+      "x.3.part: is one of 3 shards, of which are missing: 2");
   fs::copy_file(shards[0], scene.folder().file("copy.part"));
   has(scene.refusal({shards[0], shards[1], shards[2], scene.folder().file("copy.part")}, ErrorCode::kUsage),
       "copy.part: is shard 3 of 3, as " + shards[0] + " is");
@@ -222,7 +223,8 @@ TEST_CASE("shards that do not belong together are refused by name", "[convert][s
   has(scene.refusal({shards[0], shards[1], other.output}, ErrorCode::kUsage), "is one of 4, but the first one of 3");
 
   (void)scene.one_run(scene.options());
-  has(scene.refusal({scene.folder().file("one.scree")}, ErrorCode::kUsage), "one.scree: is a .scree file, but no shard");
+  has(scene.refusal({scene.folder().file("one.scree")}, ErrorCode::kUsage),
+      "one.scree: is a .scree file, but no shard");
   has(scene.refusal({scene.folder().file("nothing.part")}, ErrorCode::kFile), "nothing.part");
   has(scene.refusal({scene.input()}, ErrorCode::kFormat), "scene.gltf");
 
@@ -235,8 +237,8 @@ TEST_CASE("shards that do not belong together are refused by name", "[convert][s
   other.shard = 1;
   other.output = scene.shard(2);
   REQUIRE(convert::convert(other));
-  has(scene.refusal(shards, ErrorCode::kUsage), "x.2.part: is of another conversion than " + shards[0] +
-                                                    ": it was made from scene.bin of ");
+  has(scene.refusal(shards, ErrorCode::kUsage),
+      "x.2.part: is of another conversion than " + shards[0] + ": it was made from scene.bin of ");
 }
 
 TEST_CASE("a damaged shard is refused and nothing is left", "[convert][shards]") {
@@ -278,7 +280,8 @@ TEST_CASE("whatever a shard claims is held against the source", "[convert][shard
   REQUIRE(share_again);
   CHECK(convert::pack_share(*share_again) == share);
   for (size_t size = 0; size < plan.size(); size += 1 + size / 64)
-    CHECK_FALSE(convert::unpack_plan(std::vector<std::byte>(plan.begin(), plan.begin() + static_cast<ptrdiff_t>(size))));
+    CHECK_FALSE(
+        convert::unpack_plan(std::vector<std::byte>(plan.begin(), plan.begin() + static_cast<ptrdiff_t>(size))));
   for (size_t size = 0; size < share.size(); size += 1 + size / 64)
     CHECK_FALSE(
         convert::unpack_share(std::vector<std::byte>(share.begin(), share.begin() + static_cast<ptrdiff_t>(size))));

@@ -2,12 +2,12 @@
 #include <filesystem>
 #include <fstream>
 
+#include "runtime/scene/scene.h"
 #include "tests/catch.h"
 #include "tests/models.h"
 #include "tests/tools/convert/convert_fixture.h"
 #include "tests/tools/packed_file.h"
 #include "tests/tools/temp_folder.h"
-#include "runtime/scene/scene.h"
 #include "tools/gltf/source.h"
 
 using namespace scree;
@@ -19,9 +19,11 @@ using tests::TempFolder;
 namespace {
 
 /// A triangle for each material, lights at nodes of their own, and a texture of checker.png.
-std::string document(const std::string& materials, const std::string& lights = "", const std::string& light_nodes = "") {
+std::string document(const std::string& materials, const std::string& lights = "",
+                     const std::string& light_nodes = "") {
   size_t count = 0;
-  for (size_t at = materials.find("\"name\""); at != std::string::npos; at = materials.find("\"name\"", at + 1)) ++count;
+  for (size_t at = materials.find("\"name\""); at != std::string::npos; at = materials.find("\"name\"", at + 1))
+    ++count;
   std::string primitives, roots = "0";
   for (size_t i = 0; i < count; ++i)
     primitives += std::string(i == 0 ? "" : ",") +
@@ -36,8 +38,9 @@ std::string document(const std::string& materials, const std::string& lights = "
          R"("bufferViews":[{"buffer":0,"byteLength":36}],"images":[{"uri":"checker.png"}],"textures":[{"source":0},)"
          R"({"source":0,"name":"other"}],"accessors":[{"bufferView":0,"componentType":5126,"count":3,"type":"VEC3",)"
          R"("min":[0,0,0],"max":[1,1,0]},{"bufferView":0,"componentType":5126,"count":3,"type":"VEC2"}],)"
-         R"("materials":[)" + materials + R"(],"meshes":[{"primitives":[)" + primitives +
-         R"(]}],"nodes":[{"mesh":0})" + placed + R"(],"scenes":[{"nodes":[)" + roots + R"(]}],"scene":0})";
+         R"("materials":[)" +
+         materials + R"(],"meshes":[{"primitives":[)" + primitives + R"(]}],"nodes":[{"mesh":0})" + placed +
+         R"(],"scenes":[{"nodes":[)" + roots + R"(]}],"scene":0})";
 }
 
 std::string write(const TempFolder& folder, const std::string& text) {
@@ -52,16 +55,18 @@ std::string write(const TempFolder& folder, const std::string& text) {
 
 TEST_CASE("surfaces: a material has one where it is more than a base colour", "[gltf][surfaces]") {
   const TempFolder folder;
-  const std::string path = write(folder, document(
-      R"({"name":"plain","pbrMetallicRoughness":{"baseColorFactor":[1,0.5,0,1],"baseColorTexture":{"index":0}}},)"
-      R"({"name":"matt","pbrMetallicRoughness":{"metallicFactor":0,"roughnessFactor":0.5}},)"
-      R"({"name":"unlit","pbrMetallicRoughness":{"metallicFactor":0},"extensions":{"KHR_materials_unlit":{}}},)"
-      R"({"name":"all","pbrMetallicRoughness":{"metallicFactor":2,"metallicRoughnessTexture":{"index":1,"texCoord":1,)"
-      R"("extensions":{"KHR_texture_transform":{"offset":[1,2],"scale":[3,4],"rotation":5}}}},)"
-      R"("normalTexture":{"index":0,"texCoord":1,"scale":0.25},"occlusionTexture":{"index":0,"strength":0.75},)"
-      R"("emissiveFactor":[0.5,1,0],"extensions":{"KHR_materials_emissive_strength":{"emissiveStrength":4},)"
-      R"("KHR_materials_ior":{"ior":1.25},"KHR_materials_specular":{"specularFactor":0.5,)"
-      R"("specularColorFactor":[1,2,3],"specularColorTexture":{"index":1,"texCoord":1}}}})"));
+  const std::string path = write(
+      folder,
+      document(
+          R"({"name":"plain","pbrMetallicRoughness":{"baseColorFactor":[1,0.5,0,1],"baseColorTexture":{"index":0}}},)"
+          R"({"name":"matt","pbrMetallicRoughness":{"metallicFactor":0,"roughnessFactor":0.5}},)"
+          R"({"name":"unlit","pbrMetallicRoughness":{"metallicFactor":0},"extensions":{"KHR_materials_unlit":{}}},)"
+          R"({"name":"all","pbrMetallicRoughness":{"metallicFactor":2,"metallicRoughnessTexture":{"index":1,"texCoord":1,)"
+          R"("extensions":{"KHR_texture_transform":{"offset":[1,2],"scale":[3,4],"rotation":5}}}},)"
+          R"("normalTexture":{"index":0,"texCoord":1,"scale":0.25},"occlusionTexture":{"index":0,"strength":0.75},)"
+          R"("emissiveFactor":[0.5,1,0],"extensions":{"KHR_materials_emissive_strength":{"emissiveStrength":4},)"
+          R"("KHR_materials_ior":{"ior":1.25},"KHR_materials_specular":{"specularFactor":0.5,)"
+          R"("specularColorFactor":[1,2,3],"specularColorTexture":{"index":1,"texCoord":1}}}})"));
   const auto scene = import_gltf(path, {});
   if (!scene) FAIL(scene.error().message);
   REQUIRE(scene->materials.size() == 4);
@@ -110,7 +115,8 @@ TEST_CASE("surfaces: a material has one where it is more than a base colour", "[
   CHECK(loaded->view().environment != nullptr);
 
   // A file of base colours is of version 1.0, and has no environment made.
-  options.input = write(folder, document(R"({"name":"plain","pbrMetallicRoughness":{"baseColorTexture":{"index":0}}})"));
+  options.input =
+      write(folder, document(R"({"name":"plain","pbrMetallicRoughness":{"baseColorTexture":{"index":0}}})"));
   must_convert(options);
   CHECK(tests::read_whole(options.output)[10] == 0);
   const auto plain = runtime::Scene::open(options.output, {});
@@ -123,11 +129,13 @@ TEST_CASE("surfaces: lights stand at their nodes", "[gltf][surfaces]") {
   const TempFolder folder;
   ConvertOptions options;
   options.output = folder.file("out.scree");
-  options.input = write(folder, document(
-      R"({"name":"plain"})",
-      R"({"type":"directional","color":[1,0.5,0],"intensity":3},{"type":"spot","range":7,"spot":{"outerConeAngle":0.5}})",
-      R"(,{~"translation":[1,2,3],"scale":[2,2,2],"extensions":{"KHR_lights_punctual":{"light":1}}})"
-      R"(,{~"rotation":[0.70710678,0,0,0.70710678],"extensions":{"KHR_lights_punctual":{"light":0}}})"));
+  options.input = write(
+      folder,
+      document(
+          R"({"name":"plain"})",
+          R"({"type":"directional","color":[1,0.5,0],"intensity":3},{"type":"spot","range":7,"spot":{"outerConeAngle":0.5}})",
+          R"(,{~"translation":[1,2,3],"scale":[2,2,2],"extensions":{"KHR_lights_punctual":{"light":1}}})"
+          R"(,{~"rotation":[0.70710678,0,0,0.70710678],"extensions":{"KHR_lights_punctual":{"light":0}}})"));
   must_convert(options);
   const tests::OpenFile packed = must_open(options.output);
   REQUIRE(packed.file.lights().size() == 2);
@@ -159,7 +167,8 @@ TEST_CASE("surfaces: what glTF does not have is refused, its place named", "[glt
   refused(document(plain, R"({"type":"sun"})", node), "light 0: type is \"sun\", expected directional, point or spot");
   refused(document(plain, R"({"type":"point","intensity":-1})", node),
           "light 0: a colour, intensity or range that is not 0 or more");
-  refused(document(plain, R"({"type":"spot","spot":{"innerConeAngle":-1}})", node), "light 0: a cone that has no inside");
+  refused(document(plain, R"({"type":"spot","spot":{"innerConeAngle":-1}})", node),
+          "light 0: a cone that has no inside");
   refused(document(plain, "", node), "node 1: light 0 is not there, the document has 0");
   refused(document(R"({"name":"a","normalTexture":{"index":9}})"),
           "material 0: texture 9 is not there, the document has 2");

@@ -32,7 +32,8 @@ const std::string kEye = R"("eye": [4, 2, 6], "target": [0, 1, 0])";
 }  // namespace
 
 TEST_CASE("a path goes through its keys, by the curve of scree view", "[path]") {
-  const CameraPath path = must_parse(path_of("{\"t\": 0, " + kEye + R"(}, {"t": 1, "eye": [6, 2, 0], "target": [0, 1, 0],
+  const CameraPath path =
+      must_parse(path_of("{\"t\": 0, " + kEye + R"(}, {"t": 1, "eye": [6, 2, 0], "target": [0, 1, 0],
     "fov": 60, "up": [0, 0, 1]}, {"t": 3, "eye": [0, 2, -6], "target": [1, 1, 0], "fov": 50})"));
   CHECK(path.frames_per_second() == 30);
   CHECK(path.frame_count() == 91);
@@ -52,7 +53,8 @@ TEST_CASE("a path goes through its keys, by the curve of scree view", "[path]") 
 }
 
 TEST_CASE("keys without times are frames, and matrices are cameras", "[path]") {
-  const std::string keys = "{" + kEye + R"(}, {"matrix": [0,0,-1,0, 0,1,0,0, 3,0,0,0, 5,2,0,1], "fov": 30}, {)" + kEye + "}";
+  const std::string keys =
+      "{" + kEye + R"(}, {"matrix": [0,0,-1,0, 0,1,0,0, 3,0,0,0, 5,2,0,1], "fov": 30}, {)" + kEye + "}";
   for (const double fps : {30.0, 23.976, 7.0}) {
     const CameraPath path = must_parse(path_of(keys), fps);
     REQUIRE(path.frame_count() == 3);
@@ -81,7 +83,8 @@ TEST_CASE("a mistake in a path is named with its place", "[path]") {
         "has an unknown member \"speed\"; a path has format, version, fps, keys, name");
   CHECK(refusal(path_of("7")) == "key 0: is not an object");
   CHECK(refusal(path_of(R"({"eye": [1, 2, 3]})")) == "key 0: has no \"target\"");
-  CHECK(refusal(path_of(R"({"eye": [1, 2], "target": [1, 2, 3]})")) == "key 0: \"eye\" is not 3 numbers of at most 1e15");
+  CHECK(refusal(path_of(R"({"eye": [1, 2], "target": [1, 2, 3]})")) ==
+        "key 0: \"eye\" is not 3 numbers of at most 1e15");
   CHECK(refusal(path_of(R"({"eye": [1, 2, "3"], "target": [1, 2, 3]})")) ==
         "key 0: \"eye\" is not 3 numbers of at most 1e15");
   CHECK(refusal(path_of(R"({"eye": [1, 2, 1e16], "target": [1, 2, 3]})")) ==
@@ -89,7 +92,8 @@ TEST_CASE("a mistake in a path is named with its place", "[path]") {
   CHECK(refusal(path_of(R"({"eye": [1, 2, 1e999], "target": [1, 2, 3]})")) == "has a number that is too large");
   CHECK(refusal(path_of("{" + kEye + ", \"fow\": 3}")) ==
         "key 0: has an unknown member \"fow\"; a key has t, eye, target, up, fov, matrix, name");
-  CHECK(refusal(path_of("{" + kEye + ", \"fov\": 180}")) == "key 0: \"fov\" is not an angle above 0 and below 180 degrees");
+  CHECK(refusal(path_of("{" + kEye + ", \"fov\": 180}")) ==
+        "key 0: \"fov\" is not an angle above 0 and below 180 degrees");
   CHECK(refusal(path_of("{\"t\": 1, " + kEye + "}, {\"t\": 1, " + kEye + "}")) ==
         "key 1: its \"t\" is not later than that of the key before");
   CHECK(refusal(path_of("{\"t\": 1, " + kEye + "}, {" + kEye + "}")) == "key 1: has no \"t\", but key 0 has one");
@@ -141,8 +145,9 @@ TEST_CASE("a frame's number is written into its name once", "[path]") {
   CHECK(name("frame_%05d.png", 1234567) == "frame_1234567.png");
   CHECK(name("%d", 0) == "0");
   CHECK(name("100%%/%03d%%.png", 7) == "100%/007%.png");
-  for (const char* text : {"frame.png", "%", "%%d.png", "%d%d", "%s.png", "%n.png", "%5d", "%-5d", "%+d", "%05", "%020d",
-                           "%00d", "%99999999999d", "%0x5d", "%ld", "%.3d", "%*d", "%1$d", "%d%s", "%d%"}) {
+  for (const char* text :
+       {"frame.png", "%",    "%%d.png",       "%d%d",  "%s.png", "%n.png", "%5d", "%-5d", "%+d",  "%05",
+        "%020d",     "%00d", "%99999999999d", "%0x5d", "%ld",    "%.3d",   "%*d", "%1$d", "%d%s", "%d%"}) {
     INFO(text);
     CHECK(name(text, 1) == "refused");
   }

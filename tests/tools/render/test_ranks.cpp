@@ -12,10 +12,10 @@
 #include <thread>
 #include <vector>
 
+#include "runtime/scene/scene.h"
 #include "tests/catch.h"
 #include "tests/models.h"
 #include "tests/paths.h"
-#include "runtime/scene/scene.h"
 #include "tests/runtime/small_scene.h"
 #include "tests/tools/model_maker.h"
 #include "tests/tools/temp_folder.h"
@@ -100,7 +100,8 @@ bool runs(pid_t process) {
 void make_inputs(const TempFolder& folder, const char* end) {
   SmallScene().write(folder.file("quad.scree"));
   folder.write("path.json", std::string(R"({"format": "scree camera path", "version": 1, "keys": [
-    {"t": 0, "eye": [0, 0, 3], "target": [0, 0, 0]}, {"t": )") + end + R"(, "eye": [2, 1, 3], "target": [0, 0, 0]}]})");
+    {"t": 0, "eye": [0, 0, 3], "target": [0, 0, 0]}, {"t": )") +
+                                end + R"(, "eye": [2, 1, 3], "target": [0, 0, 0]}]})");
 }
 
 std::string render(int ranks, const std::string& more) {
@@ -127,7 +128,8 @@ TEST_CASE("ranks share the frames of a path", "[render][path][ranks]") {
     std::string bytes;
     for (int frame = 0; frame < 10; ++frame)
       for (const char* extension : {".png", ".bin", ".pfm"})
-        bytes += scree::tests::read_whole(folder.file("n" + std::to_string(ranks) + "_" + std::to_string(frame) + extension));
+        bytes += scree::tests::read_whole(
+            folder.file("n" + std::to_string(ranks) + "_" + std::to_string(frame) + extension));
     if (ranks == 1) expected = bytes;
     CHECK(bytes == expected);
   }
@@ -220,7 +222,8 @@ void make_large_scene(const TempFolder& folder) {
 
 std::string files_of(const TempFolder& folder, const std::string& name) {
   std::string bytes;
-  for (const char* extension : {".png", ".pfm", ".bin"}) bytes += scree::tests::read_whole(folder.file(name + extension));
+  for (const char* extension : {".png", ".pfm", ".bin"})
+    bytes += scree::tests::read_whole(folder.file(name + extension));
   return bytes;
 }
 
@@ -230,7 +233,8 @@ TEST_CASE("ranks that share a scene's pages draw the picture of one", "[render][
   const TempFolder folder;
   make_large_scene(folder);
   const char* const cases[] = {"", "--samples 2 --ssao --edl --eye 1,1,3 --background transparent", "--show triangle",
-                               "--show depth --view iso", "--show normal --eye 0.5,0.5,0.9 --target 0.5,0.5,0 --no-light"};
+                               "--show depth --view iso",
+                               "--show normal --eye 0.5,0.5,0.9 --target 0.5,0.5,0 --no-light"};
   for (const char* more : cases) {
     std::string expected;
     for (const int ranks : {1, 2, 3, 5}) {

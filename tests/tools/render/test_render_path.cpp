@@ -44,8 +44,19 @@ class PathRun {
 
   Result<void> draw(const std::vector<std::string>& more, const std::string& pattern = "f_%02d",
                     const std::string& size = "40x30") const {
-    std::vector<std::string> all{name("quad.scree"), "--path", name("path.json"), "--size", size, "-q", "--backend",
-                                 "cpu", "-o", name(pattern + ".png"), "--depth", name(pattern + ".pfm"), "--visbuffer",
+    std::vector<std::string> all{name("quad.scree"),
+                                 "--path",
+                                 name("path.json"),
+                                 "--size",
+                                 size,
+                                 "-q",
+                                 "--backend",
+                                 "cpu",
+                                 "-o",
+                                 name(pattern + ".png"),
+                                 "--depth",
+                                 name(pattern + ".pfm"),
+                                 "--visbuffer",
                                  name(pattern + ".bin")};
     all.insert(all.end(), more.begin(), more.end());
     return run(all);
@@ -74,9 +85,22 @@ TEST_CASE("each frame of a path has the bytes of a picture of its camera", "[ren
     const std::vector<std::vector<std::string>> cameras{{"--eye", "0,0,3", "--target", "0,0,0"},
                                                         {"--eye", "2,1,3", "--target", "0.2,0,0", "--fov", "60"}};
     for (size_t i = 0; i < 2; ++i) {
-      std::vector<std::string> words{path.name("quad.scree"), "--size", "40x30", "-q", "-f", "--backend", "cpu",
-                                     "--samples", samples, "--background", samples == "1" ? "black" : "transparent",
-                                     "-o", path.name("one.png"), "--depth", path.name("one.pfm"), "--visbuffer",
+      std::vector<std::string> words{path.name("quad.scree"),
+                                     "--size",
+                                     "40x30",
+                                     "-q",
+                                     "-f",
+                                     "--backend",
+                                     "cpu",
+                                     "--samples",
+                                     samples,
+                                     "--background",
+                                     samples == "1" ? "black" : "transparent",
+                                     "-o",
+                                     path.name("one.png"),
+                                     "--depth",
+                                     path.name("one.pfm"),
+                                     "--visbuffer",
                                      path.name("one.bin")};
       words.insert(words.end(), cameras[i].begin(), cameras[i].end());
       REQUIRE(PathRun::run(words));
@@ -127,8 +151,9 @@ TEST_CASE("a resumed path draws what is not there or not whole", "[render][path]
 
 TEST_CASE("mistakes with a path are told before anything is drawn", "[render][path]") {
   const PathRun path;
-  CHECK(message(path.draw({"--frames", "0:6"}), ErrorCode::kUsage).find("path.json has 5 frames, from 0 on, at 4 per") !=
-        std::string::npos);
+  CHECK(
+      message(path.draw({"--frames", "0:6"}), ErrorCode::kUsage).find("path.json has 5 frames, from 0 on, at 4 per") !=
+      std::string::npos);
   CHECK(message(path.draw({"--frames", "5/5", "--fps", "0.5", "--fov", "5"}), ErrorCode::kUsage) ==
         "--path and --fov exclude each other");
   CHECK(message(path.draw({"--resume", "--force"}), ErrorCode::kUsage).find("exclude each other") != std::string::npos);

@@ -297,7 +297,8 @@ TEST_CASE("eight viewers move at once, each with a camera of its own, one follow
           const auto got = pages[i]->receive();
           if (!got || got->close_code != 0) return;
           if (got->is_text) continue;
-          const size_t head = static_cast<unsigned char>(got->bytes[0]) | static_cast<unsigned char>(got->bytes[1]) << 8;
+          const size_t head = static_cast<unsigned char>(got->bytes[0]) | static_cast<unsigned char>(got->bytes[1])
+                                                                              << 8;
           const PageClient::Picture picture{got->bytes.substr(4, head), got->bytes.substr(4 + head)};
           pages[i]->acknowledge(picture);
           shown[i] = picture.number("seq");

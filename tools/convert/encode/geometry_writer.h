@@ -41,9 +41,7 @@ class GeometryWriter {
   Result<void> add(EncodedChunk& chunk);
 
   /// Whether a chunk of so many bytes would join others in a page.
-  bool fits(uint64_t bytes) const {
-    return open_.is_open && open_.bytes.size() + bytes <= format::kPageTargetBytes;
-  }
+  bool fits(uint64_t bytes) const { return open_.is_open && open_.bytes.size() + bytes <= format::kPageTargetBytes; }
 
   /// A page that is sealed already, in place of its chunks, whose first no longer fits(). Returns its number. Errors of
   /// ContainerWriter::append.

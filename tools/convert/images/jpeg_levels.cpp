@@ -63,14 +63,16 @@ Result<std::vector<std::vector<std::byte>>> make_or_throw(const format::JpegInde
   MipRows levels(base.width, base.height, count, [&](uint32_t level, uint32_t, std::span<const Texel> row) {
     codes.clear();
     for (const Texel& texel : row)
-      for (size_t c = 0; c < (is_grey ? 1 : 3); ++c) codes.push_back(is_color ? srgb.code(texel[c]) : code_of_number(texel[c]));
+      for (size_t c = 0; c < (is_grey ? 1 : 3); ++c)
+        codes.push_back(is_color ? srgb.code(texel[c]) : code_of_number(texel[c]));
     if (failure) return;
     if (const Result<void> written = writers[level - 1].row(codes); !written) failure = written.error();
   });
   std::vector<Texel> texels(base.width, Texel{0, 0, 0, 1});
   const auto decoded = format::decode_jpeg_rows(base, [&](uint32_t, std::span<const uint8_t> rgb) {
     for (size_t x = 0; x < texels.size(); ++x)
-      for (size_t c = 0; c < 3; ++c) texels[x][c] = is_color ? srgb.linear(rgb[3 * x + c]) : static_cast<float>(rgb[3 * x + c]) * (1.0f / 255.0f);
+      for (size_t c = 0; c < 3; ++c)
+        texels[x][c] = is_color ? srgb.linear(rgb[3 * x + c]) : static_cast<float>(rgb[3 * x + c]) * (1.0f / 255.0f);
     levels.push(texels);
   });
   if (!decoded) return decoded.error();

@@ -10,8 +10,8 @@
 namespace scree::convert {
 
 /// The mesh that `primitive` becomes if it keeps all of its triangles, the box that its document states of its
-/// positions is that of the vertices they use, and its colours and normals are like those `so_far`. Nothing where no box
-/// is stated or there is no lattice for it.
+/// positions is that of the vertices they use, and its colours and normals are like those `so_far`. Nothing where no
+/// box is stated or there is no lattice for it.
 std::optional<PlannedMesh> guess_mesh(const ConvertOptions& options, const SourceScene& scene, uint32_t primitive,
                                       const Measured& so_far);
 

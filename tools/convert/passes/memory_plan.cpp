@@ -94,8 +94,8 @@ Result<MemoryPlan> MemoryPlan::make(const ConvertOptions& options, const SourceS
     plan.usual_.span = std::max(plan.usual_.span, usual_span);
     plan.id_bits_ = std::max(plan.id_bits_, static_cast<uint32_t>(std::bit_width(all)));
     if (may_sort(options) && all > triangles) {
-      const SortNeeds needs =
-          sort_needs(primitive, std::min(primitive.vertex_count(), kMostVertices * all), options.normals != Normals::kNever);
+      const SortNeeds needs = sort_needs(primitive, std::min(primitive.vertex_count(), kMostVertices * all),
+                                         options.normals != Normals::kNever);
       sort_bytes = std::max(sort_bytes, needs.shared_bytes + needs.thread_bytes + kThreadBytes + kLeastMapBytes);
     }
     const uint64_t windows = triangles == 0 ? 0 : (all - 1) / triangles + 1;
@@ -108,7 +108,8 @@ Result<MemoryPlan> MemoryPlan::make(const ConvertOptions& options, const SourceS
   }
   plan.usual_.triangles = plan.most_.triangles;
   plan.usual_.chunks = plan.most_.chunks;
-  plan.vertex_bits_ += (has_uv ? 48u : 0u) + (has_color ? 32u : 0u) + (has_normal && options.normals != Normals::kNever ? 24u : 0u);
+  plan.vertex_bits_ +=
+      (has_uv ? 48u : 0u) + (has_color ? 32u : 0u) + (has_normal && options.normals != Normals::kNever ? 24u : 0u);
   plan.attribute_components_ = has_color ? 4 : has_normal ? 3 : has_uv ? 2 : 0;
 
   uint64_t held_instances = 0;

@@ -27,8 +27,8 @@ Result<uint32_t> append_page(const ShardFile& shard, uint32_t page, format::Cont
     return writer.append({record, std::move(*stored)});
   }
   format::Checksum checksum;
-  const Result<uint32_t> number =
-      writer.append_raw(record.kind, record.stored_bytes, [&](uint64_t offset, std::span<std::byte> out) -> Result<void> {
+  const Result<uint32_t> number = writer.append_raw(
+      record.kind, record.stored_bytes, [&](uint64_t offset, std::span<std::byte> out) -> Result<void> {
         const Result<void> read = shard.map.read(record.offset + offset, out);
         if (!read) return at(shard.map.path(), read.error());
         checksum.add(out);

@@ -331,8 +331,7 @@ Result<ShardSet> open_shards(const std::vector<std::string>& paths) {
       if (!plan) return at(path, plan.error());
       set.plan = std::move(*plan);
       first_plan = opened->plan;
-      if (set.plan.count > std::max<size_t>(4096, paths.size()))
-        return at(path, damaged("plan"));
+      if (set.plan.count > std::max<size_t>(4096, paths.size())) return at(path, damaged("plan"));
       places.resize(set.plan.count);
     } else if (opened->plan != first_plan) {
       const Result<ShardPlan> plan = unpack_plan(opened->plan);
@@ -343,8 +342,8 @@ Result<ShardSet> open_shards(const std::vector<std::string>& paths) {
     const uint32_t index = opened->file.share.index;
     if (index >= places.size()) return at(path, damaged("share"));
     if (places[index])
-      return Error{ErrorCode::kUsage, path + ": is " + shard_name(index, places.size()) + ", as " +
-                                          places[index]->map.path() + " is"};
+      return Error{ErrorCode::kUsage,
+                   path + ": is " + shard_name(index, places.size()) + ", as " + places[index]->map.path() + " is"};
     places[index] = std::move(opened->file);
   }
   std::string missing;
@@ -383,8 +382,7 @@ Result<void> check_shards(const ShardSet& shards, const SourceScene& scene) {
   const ImagePlan& images = shards.plan.images;
   const size_t count = images.records.size();
   if (images.places.size() != scene.images.size() || images.sources.size() != count || images.costs.size() != count ||
-      images.is_color.size() != count ||
-      images.hashes.size() != count || images.broken.size() != count)
+      images.is_color.size() != count || images.hashes.size() != count || images.broken.size() != count)
     return wrong("its number of images");
   for (const uint32_t place : images.places)
     if (place != format::kNone && place >= count) return wrong("an image");

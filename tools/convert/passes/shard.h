@@ -1,6 +1,6 @@
-// Shards of a conversion: files with a share of the images and windows each, of which merge_pass.h makes the file of one
-// run. A shard is a .scree file without a scene: the pages of its share, and two of kinds of their own, with what all
-// shards of a conversion have in common and what this one adds to it.
+// Shards of a conversion: files with a share of the images and windows each, of which merge_pass.h makes the file of
+// one run. A shard is a .scree file without a scene: the pages of its share, and two of kinds of their own, with what
+// all shards of a conversion have in common and what this one adds to it.
 #pragma once
 
 #include <cstdint>
@@ -39,12 +39,12 @@ std::vector<FileStamp> stamp_files(const std::string& input, const std::set<std:
 
 /// Equal in all shards of a conversion.
 struct ShardPlan {
-  uint32_t count = 1;                // of shards
-  ConvertOptions options;            // those that shape the bytes
-  std::vector<FileStamp> files;      // of the source
-  Measurement measurement;           // of all, equal meshes too
-  std::vector<uint32_t> sorted;      // primitives without locality
-  ImagePlan images;                  // before any is stored
+  uint32_t count = 1;            // of shards
+  ConvertOptions options;        // those that shape the bytes
+  std::vector<FileStamp> files;  // of the source
+  Measurement measurement;       // of all, equal meshes too
+  std::vector<uint32_t> sorted;  // primitives without locality
+  ImagePlan images;              // before any is stored
 };
 
 /// What one shard has of it.

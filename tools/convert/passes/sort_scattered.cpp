@@ -66,8 +66,9 @@ Result<SortedPrimitives> sort_scattered(const SourceScene& scene, const std::str
   for (const ScatteredPrimitive& scattered : measurement.scattered) {
     const Primitive& primitive = scene.primitives[scattered.primitive];
     const SortNeeds needs = sort_needs(primitive, scattered.vertex_count, options.normals != Normals::kNever);
-    Result<Primitive> copy = sort_primitive(primitive, scattered, options.normals != Normals::kNever, memory.sort(needs),
-                                            file, offset, stop, [&](uint64_t now) { progress.update(done + now, 0); });
+    Result<Primitive> copy =
+        sort_primitive(primitive, scattered, options.normals != Normals::kNever, memory.sort(needs), file, offset, stop,
+                       [&](uint64_t now) { progress.update(done + now, 0); });
     if (!copy) return at(scene.file_name, copy.error());
     offset += needs.kept_file_bytes;
     done += 2 * (primitive.triangle_count() + scattered.vertex_count);

@@ -54,7 +54,7 @@ struct ConvertOptions {
   uint32_t threads = 0;                 // upper limit; 0: one per processor
   uint64_t memory = uint64_t{2} << 30;  // limit for the process; if it is small, fewer threads work
   bool allow_outside = false;           // may read files outside the source's folder
-  bool resume = false;    // continues the .part of an earlier run if it fits, and leaves an unfinished .part behind
+  bool resume = false;  // continues the .part of an earlier run if it fits, and leaves an unfinished .part behind
   // If `shards` is above 0: make only share `shard` of so many, counted from 0, for merge().
   uint32_t shard = 0;
   uint32_t shards = 0;

@@ -158,7 +158,12 @@ Result<WindowFacts> measure_window(const Primitive& primitive, const WindowPlan&
 class Measurer {
  public:
   Measurer(const SourceScene& scene, const MeasureOptions& options, const MeasureRun& run)
-      : scene_(scene), options_(options), run_(run), listener_(run.listener), scratch_(run.pool.threads()), is_flat_(scene.primitives.size()) {
+      : scene_(scene),
+        options_(options),
+        run_(run),
+        listener_(run.listener),
+        scratch_(run.pool.threads()),
+        is_flat_(scene.primitives.size()) {
     out_.primitives.resize(scene.primitives.size());
     for (std::atomic<bool>& is_flat : is_flat_) is_flat = true;
   }
@@ -201,19 +206,19 @@ class Measurer {
     const bool is_any_hashed = std::find(options_.hashed.begin(), options_.hashed.end(), true) != options_.hashed.end();
     std::optional<ReadAhead> ahead;
     if (run_.ahead_bytes > 0)
-      ahead.emplace(scene_, windows, run_.ahead_bytes, listener_ != nullptr || is_any_hashed, options_.normals != Normals::kNever);
+      ahead.emplace(scene_, windows, run_.ahead_bytes, listener_ != nullptr || is_any_hashed,
+                    options_.normals != Normals::kNever);
     HeldBudget* const budget = listener_ == nullptr ? nullptr : &listener_->budget();
     const auto work = [&](uint64_t batch, uint32_t worker) -> Result<std::vector<WindowFacts>> {
       const TimedWork timed(run_.times.measuring);
       std::vector<WindowFacts> facts;
       for (uint64_t i = batches[batch].first; i < batches[batch].first + batches[batch].count; ++i) {
         const uint32_t primitive = windows[i].primitive;
-        Result<WindowFacts> measured = measure_window(scene_.primitives[primitive], windows[i], options_,
-                                                      {uses_.contains(primitive),
-                                                       may_keep_normals(scene_, scene_.primitives[primitive],
-                                                                        options_.normals),
-                                                       &is_flat_[primitive], budget},
-                                                      scratch_[worker]);
+        Result<WindowFacts> measured = measure_window(
+            scene_.primitives[primitive], windows[i], options_,
+            {uses_.contains(primitive), may_keep_normals(scene_, scene_.primitives[primitive], options_.normals),
+             &is_flat_[primitive], budget},
+            scratch_[worker]);
         if (!measured) return at(scene_.file_name, measured.error());
         facts.push_back(std::move(*measured));
       }

@@ -66,7 +66,7 @@ struct MeasureOptions {
   bool drop_nonfinite = false;
   bool whole_meshes = false;  // one window per primitive
   Normals normals = Normals::kAuto;
-  std::vector<bool> hashed;   // one flag per primitive; empty: none
+  std::vector<bool> hashed;  // one flag per primitive; empty: none
 };
 
 struct Measurement {
