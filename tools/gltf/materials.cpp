@@ -97,8 +97,8 @@ class MaterialMaker {
     return to;
   }
 
-  /// The properties of a material beyond its base colour. Nothing if it is matt or unlit, or has neither a metallic nor
-  /// a roughness factor (by glTF's defaults a rough metal, but such writers mean matt). Runs after record() and
+  /// The properties of a material beyond its base colour. Nothing if it is matt or unlit, or has glTF's default
+  /// metallic and roughness factors (a rough metal, but writers of such files mean matt). Runs after record() and
   /// continues with its `uv_set`.
   Result<std::optional<format::SurfaceRecord>> surface(const DocMaterial& from, uint32_t& uv_set) {
     if (from.unlit) return std::optional<format::SurfaceRecord>();
