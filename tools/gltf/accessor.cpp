@@ -172,7 +172,7 @@ bool lies_as_floats(const Accessor& accessor) {
 
 Error range_error(const Primitive& primitive, uint32_t index, uint64_t place) {
   return {ErrorCode::kRange, "mesh " + std::to_string(primitive.mesh) + " primitive " +
-                                 std::to_string(primitive.place) + ": index " + std::to_string(index) + " at place " +
+                                 std::to_string(primitive.place) + ": index " + std::to_string(index) + " at element " +
                                  std::to_string(place) + ", but the mesh has " +
                                  std::to_string(primitive.vertex_count()) + " vertices"};
 }

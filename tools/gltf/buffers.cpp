@@ -31,7 +31,7 @@ Result<void> check_ascending(const Accessor::Sparse& sparse, uint64_t count) {
                              : index_bytes == 2 ? format::load<uint16_t>(from)
                                                 : uint64_t{format::load<uint32_t>(from)};
       if (value >= count || value < next) {
-        return Error{ErrorCode::kRange, "index " + std::to_string(value) + " at place " + std::to_string(done + i) +
+        return Error{ErrorCode::kRange, "index " + std::to_string(value) + " at element " + std::to_string(done + i) +
                                             (value < next ? std::string(", expected ascending indices")
                                                           : ", but there are " + std::to_string(count) + " elements")};
       }

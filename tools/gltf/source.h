@@ -102,7 +102,7 @@ struct Primitive {
 
 /// Reads the vertex numbers of triangles [first, first + count) of a primitive, 3 per triangle, counter-clockwise
 /// (every other strip triangle is turned). Errors kFile, kRange: an index of vertex_count or more, named with its place
-/// in the index accessor: "mesh 3 primitive 0: index 70211 at place 17, but the mesh has 65536 vertices". These are
+/// in the index accessor: "mesh 3 primitive 0: index 70211 at element 17, but the mesh has 65536 vertices". These are
 /// glTF's numbers; the caller prepends the file name.
 Result<void> read_triangles(const Primitive& primitive, uint64_t first, uint64_t count, std::span<uint32_t> out);
 

@@ -67,7 +67,7 @@ Result<std::vector<std::byte>> decode_base64(std::string_view text) {
   uint32_t bits = 0;
   for (size_t i = 0; i < text.size(); ++i) {
     const int digit = kTable[static_cast<unsigned char>(text[i])];
-    if (digit < 0) return Error{ErrorCode::kFormat, "data: URI: not a base64 digit at place " + std::to_string(i)};
+    if (digit < 0) return Error{ErrorCode::kFormat, "data: URI: not a base64 digit at character " + std::to_string(i)};
     bits = (bits << 6) | static_cast<uint32_t>(digit);
     if (i % 4 == 3) {
       out.push_back(static_cast<std::byte>(bits >> 16));

@@ -292,7 +292,7 @@ TEST_CASE("files of different sources are not matched", "[compare]") {
       {[](tests::ModelMaker& maker) {
          add_squares(maker, 2, {0, 0.001, 0});
        },
-       "node 0 stands in another place"},
+       "node 0 has another transform"},
       {[](tests::ModelMaker& maker) {
          add_squares(maker, 2, {0, 0, 0}, 1.01f);
        },
