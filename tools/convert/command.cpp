@@ -115,6 +115,24 @@ Result<void> parse_shard(const std::string& text, convert::ConvertOptions& optio
   return {};
 }
 
+Result<void> parse_choices(const ConvertArguments& words, convert::ConvertOptions& options) {
+  using namespace convert;
+  Result<void> done =
+      parse_choice(words.grid, "--grid", options.grid, {{"mesh", Grid::kMesh}, {"scene", Grid::kScene}});
+  if (done)
+    done = parse_choice(words.order, "--order", options.order, {{"fifo", Order::kFifo}, {"none", Order::kNone}});
+  if (done)
+    done = parse_choice(words.encoding, "--encoding", options.encoding,
+                        {{"clustered", Encoding::kClustered}, {"indexed", Encoding::kIndexed}});
+  if (done)
+    done = parse_choice(words.clusters, "--clusters", options.clusters,
+                        {{"fast", ClusterEffort::kFast}, {"best", ClusterEffort::kBest}});
+  if (done)
+    done = parse_choice(words.normals, "--normals", options.normals,
+                        {{"auto", Normals::kAuto}, {"always", Normals::kAlways}, {"never", Normals::kNever}});
+  return done;
+}
+
 Result<convert::ConvertOptions> parse(const ConvertArguments& words, bool positions_given) {
   convert::ConvertOptions options;
   if (words.input == "-")
@@ -147,18 +165,7 @@ Result<convert::ConvertOptions> parse(const ConvertArguments& words, bool positi
     if (!bound) return bound.error();
     options.pixel_bound = *bound;
   }
-  if (words.grid != "mesh" && words.grid != "scene")
-    return Error{ErrorCode::kUsage, "--grid: '" + words.grid + "' is neither 'mesh' nor 'scene'"};
-  options.grid = words.grid == "scene" ? convert::Grid::kScene : convert::Grid::kMesh;
-  if (words.order != "fifo" && words.order != "none")
-    return Error{ErrorCode::kUsage, "--order: '" + words.order + "' is neither 'fifo' nor 'none'"};
-  options.order = words.order == "none" ? convert::Order::kNone : convert::Order::kFifo;
-  if (words.encoding != "indexed" && words.encoding != "clustered")
-    return Error{ErrorCode::kUsage, "--encoding: '" + words.encoding + "' is neither 'indexed' nor 'clustered'"};
-  options.encoding = words.encoding == "indexed" ? convert::Encoding::kIndexed : convert::Encoding::kClustered;
-  if (words.clusters != "fast" && words.clusters != "best")
-    return Error{ErrorCode::kUsage, "--clusters: '" + words.clusters + "' is neither 'fast' nor 'best'"};
-  options.clusters = words.clusters == "best" ? ClusterEffort::kBest : ClusterEffort::kFast;
+  if (const Result<void> chosen = parse_choices(words, options); !chosen) return chosen.error();
   const Result<uint64_t> chunk = parse_whole(words.chunk_triangles, 0, format::kMaxChunkTriangles, "--chunk-triangles");
   if (!chunk) return chunk.error();
   options.chunk_triangles = *chunk;
@@ -176,11 +183,6 @@ Result<convert::ConvertOptions> parse(const ConvertArguments& words, bool positi
   if (!images) return images.error();
   options.images = *images;
   options.images.keep_going = words.keep_going;
-  if (words.normals != "auto" && words.normals != "always" && words.normals != "never")
-    return Error{ErrorCode::kUsage, "--normals: '" + words.normals + "' is none of 'auto', 'always' and 'never'"};
-  options.normals = words.normals == "auto"     ? convert::Normals::kAuto
-                    : words.normals == "always" ? convert::Normals::kAlways
-                                                : convert::Normals::kNever;
   options.source_ids = words.source_ids;
   options.drop_nonfinite = words.drop_nonfinite;
   options.weld = !words.no_weld;
