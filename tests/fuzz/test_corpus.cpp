@@ -34,7 +34,7 @@ void replay(const std::string& name, const std::string& folder) {
   target->run({});
   for (const std::filesystem::path& file : files) {
     INFO(file.string());  // a broken promise ends the program
-    const tests::Bytes bytes = tests::read_file(file.string());
+    const tests::Bytes bytes = tests::read_bytes(file.string());
     target->run(bytes);
     target->run(Bytes(bytes).first(bytes.size() / 2));
   }

@@ -202,7 +202,7 @@ TEST_CASE("compressed pages draw as raw ones do", "[renderer]") {
 TEST_CASE("a flipped bit in any page is found when it is loaded", "[renderer]") {
   const ScratchPath path("flipped.scree");
   SmallScene{}.write(path.string());
-  const std::vector<std::byte> whole = scree::tests::file_bytes(path.path());
+  const std::vector<std::byte> whole = scree::tests::read_bytes(path.path());
   size_t refused = 0;
   for (size_t at = 0; at < whole.size(); at += 61) {
     std::vector<std::byte> file = whole;

@@ -232,7 +232,7 @@ TEST_CASE("the judge takes a type and a limit from kernels/, and no code", "[ref
   for (const auto& entry : std::filesystem::directory_iterator(folder)) {
     if (!entry.path().filename().string().starts_with("reference")) continue;
     ++files;
-    const std::string text = tests::read_file(entry.path());
+    const std::string text = tests::read_whole(entry.path());
     INFO(entry.path().filename().string());
     for (std::sregex_iterator at(text.begin(), text.end(), name), end; at != end; ++at)
       CHECK(((*at)[1] == "View" || (*at)[1] == "kMaxImageSide"));
