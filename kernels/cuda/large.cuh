@@ -1,4 +1,4 @@
-// Stages 2 and 3 on a GPU: a warp a medium triangle, a warp a tile of a large one.
+// Stages 2 and 3 on a GPU: a warp per medium triangle, a warp per tile of a large one.
 #pragma once
 
 #include "kernels/cuda/backend.cuh"
@@ -18,17 +18,17 @@ struct LargeFrame {
 };
 
 inline constexpr uint32_t kLargeThreads = 256;
-// Blocks of a multiprocessor, all at once. Those that draw masked triangles need more registers.
+// Blocks per multiprocessor, all at once. The builds that draw masked triangles need more registers.
 template <bool kMasked>
 inline constexpr uint32_t kMediumBlocks = kMasked ? 2 : 3;
 template <bool kMasked>
 inline constexpr uint32_t kLargeBlocks = kMasked ? 3 : 4;
 
-/// Tiles are drawn in strips of so many rows.
+/// Rows of a tile that are drawn together, as a strip.
 inline constexpr int32_t kStripRows = 8;
 inline constexpr uint32_t kStrips = kTileSide / kStripRows;
 
-/// `rows` rows of a box, after `part` times as many; may be empty.
+/// The `part`-th strip of `rows` rows of a box; may be empty.
 __device__ inline PixelBox rows_of(const PixelBox& box, uint32_t part, int32_t rows) {
   PixelBox out = box;
   out.y0 = box.y0 + static_cast<int32_t>(part) * rows;
@@ -69,8 +69,8 @@ struct WarpPlanes {
   }
 };
 
-/// Appends the tiles that a large triangle may touch, by a warp: counts them first, since each addition to the queue's
-/// counter is waited for. What the queue has no room for is drawn at once.
+/// Appends the tiles that a large triangle may touch, with a warp. Counts them first, because each addition to the
+/// queue's counter costs a wait. Draws tiles without room immediately.
 template <bool kOrthographic, bool kMasked>
 __device__ inline void split_triangle(const LargeFrame<kMasked>& frame, uint32_t number) {
   const Queues& queues = frame.queues;
@@ -116,7 +116,7 @@ __device__ inline void split_triangle(const LargeFrame<kMasked>& frame, uint32_t
   }
 }
 
-/// Splits the large queue into tiles, a triangle a warp.
+/// Splits the large queue into tiles, one triangle per warp.
 template <bool kOrthographic, bool kMasked>
 __global__ void __launch_bounds__(kLargeThreads, kLargeBlocks<kMasked>)
     split_large(const __grid_constant__ LargeFrame<kMasked> frame) {
@@ -127,11 +127,12 @@ __global__ void __launch_bounds__(kLargeThreads, kLargeBlocks<kMasked>)
     split_triangle<kOrthographic>(frame, static_cast<uint32_t>(i));
 }
 
-/// Larger boxes of the medium queue are drawn in so many parts.
+/// Larger boxes of the medium queue are drawn in this many parts.
 inline constexpr uint32_t kMediumParts = 4;
 inline constexpr int64_t kWholeBox = 512;  // pixels
 
-/// Draws one part of a triangle of the medium queue, or all of it where it has but one. `maker`: of its plane.
+/// Draws one part of a triangle of the medium queue, or the whole triangle if its box is small. `maker`: the lane that
+/// made its plane.
 template <bool kOrthographic, bool kMasked>
 __device__ inline void draw_medium_part(const LargeFrame<kMasked>& frame, const Triangle& triangle, uint32_t part,
                                         uint32_t maker) {
@@ -161,10 +162,10 @@ __global__ void __launch_bounds__(kLargeThreads, kMediumBlocks<kMasked>)
   const uint64_t from = min_of(frame.drawn->medium, frame.queues.medium_capacity);
   const uint64_t medium = min_of(frame.queues.counters->medium, frame.queues.medium_capacity) - from;
   const Triangle* const triangles = frame.queues.medium + from;
-  uint64_t first = warp;  // triangle whose first part is next
-  uint64_t next = warp;   // the other parts, one after the other: those to be looked at next
+  uint64_t first = warp;  // the next triangle whose part 0 is drawn
+  uint64_t next = warp;   // the next of the remaining parts, which are numbered through
   uint64_t found = 0;     // by this lane
-  uint32_t left = 0;      // lanes that have found one
+  uint32_t left = 0;      // lanes that found a part
   uint32_t maker = kWarpLanes - 1;
   const WarpPlanes<kOrthographic, kMasked> planes{frame};
   for (;;) {
@@ -193,14 +194,14 @@ __global__ void __launch_bounds__(kLargeThreads, kMediumBlocks<kMasked>)
   }
 }
 
-/// The edge functions of a strip's pixels by additions of 32 bits: a step of one pixel changes them by a multiple of
-/// 256, corners lie within 2^23 sub-pixels of the image's centre, and so what is above bit 7 changes by less than 2^31
-/// from one end of a strip to the other.
+/// The edge functions of a strip's pixels by 32-bit additions. A step of one pixel changes them by a multiple of 256,
+/// and corners lie within 2^23 sub-pixels of the image's centre. So the bits above bit 7 change by less than 2^31 from
+/// one end of a strip to the other.
 struct StripEdges {
-  int32_t high[3];     // at the strip's first pixel: bit 24 and on
+  int32_t high[3];     // at the strip's first pixel: bits 24 and up
   int32_t low[3];      // bits 8 to 23
   uint32_t lowest[3];  // bits 0 to 7, the same at all pixels
-  int32_t right[3];    // what `low` changes by to the next pixel right
+  int32_t right[3];    // change of `low` per pixel to the right
   int32_t down[3];
 
   __device__ explicit StripEdges(const Edges<int64_t>& edges) {
@@ -213,22 +214,22 @@ struct StripEdges {
     }
   }
 
-  /// Bit 24 and on of edge `e` where its `low` has become `moved`: negative outside.
+  /// Bits 24 and up of edge `e` at a pixel whose `low` is `moved`; negative outside.
   __device__ int32_t high_at(int e, int32_t moved) const { return high[e] + (moved >> 16); }
 
-  /// The edge value there plus `more`, 0 or 1, rounded once to float. `kHuge`: it may be 2^48 or more.
+  /// The edge value there plus `more` (0 or 1), rounded once to float. `kHuge`: it may be 2^48 or larger.
   template <bool kHuge>
   __device__ float value_at(int e, int32_t moved, uint32_t more) const {
     const int32_t above = high_at(e, moved);
     const uint32_t rest = __byte_perm(static_cast<uint32_t>(moved), lowest[e], 0x7104) + more;
     if constexpr (kHuge) return static_cast<float>((int64_t{above} << 24) + static_cast<int64_t>(rest));
-    // Both are floats without rounding, and so is the product: what is rounded is the sum, once.
+    // Both are exact as floats, and so is the product. Only the sum is rounded, once.
     return fused(static_cast<float>(above), 16777216.0f, static_cast<float>(rest));
   }
 };
 
-/// A strip of a tile, `rows` (a bit each) of its pixels in columns `x0` to `x1`. A lane has two columns, whose samples
-/// it asks for before it finds their depths.
+/// Draws the pixels of a strip of a tile: `rows` (one bit each) in columns `x0` to `x1`. A lane has two columns, and
+/// starts loading their samples before it computes their depths.
 template <bool kOrthographic, bool kHuge, class Mask>
 __device__ inline void draw_strip(const Target& target, const StripEdges& strip, const DepthPlane& plane,
                                   uint32_t exclusive1, uint32_t exclusive2, uint64_t id, int32_t first_x,
@@ -262,7 +263,7 @@ __device__ inline void draw_strip(const Target& target, const StripEdges& strip,
   }
 }
 
-/// Draws the tiles, a strip a warp.
+/// Draws the tiles, one strip per warp.
 template <bool kOrthographic, bool kMasked>
 __global__ void __launch_bounds__(kLargeThreads, kLargeBlocks<kMasked>)
     raster_large(const __grid_constant__ LargeFrame<kMasked> frame) {
