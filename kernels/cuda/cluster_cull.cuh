@@ -10,19 +10,6 @@
 
 namespace scree::kernels {
 
-/// The bucket of a chunk's nearest point, from near to far: 32 buckets per octave of w, counted down from the farthest
-/// point of the scene, `farthest`. The buckets span 16 octaves; the first one also takes all nearer points. The near
-/// plane may lie many octaves nearer, but little lies between. An orthographic camera's t is linear: 1 on the near
-/// plane and 0 on the far one. NaN may be in any bucket.
-__device__ inline uint32_t near_bucket(const FrameView& view, const Transform& transform, const RoundedBox& box,
-                                       float farthest) {
-  const float near = nearness(transform.w, view, box);
-  if (view.orthographic)
-    return static_cast<uint32_t>(fast_max(fast_min(near * kNearBuckets, kNearBuckets - 1.0f), 0.0f));
-  const float nearest = fast_min(fast_max(near, 1.0f), farthest);
-  return kNearBuckets - 1 - min_of((float_bits(farthest) - float_bits(nearest)) >> 18, kNearBuckets - 1);
-}
-
 /// The input of a thread of the two kernels below: one of the kDrawInstances instances of a candidate.
 struct CandidateInstance {
   CandidateDraw candidate;
@@ -69,7 +56,7 @@ __global__ void __launch_bounds__(kCullThreads)
       const Transform& transform = list.transforms[at.instance(list, chunk.mesh)];
       const RoundedBox box = rounded_chunk_box(mesh, chunk, transform);
       if (mesh.chunk_count == 1 || may_be_seen(transform, view, box)) {
-        bucket = sorts ? near_bucket(view, transform, box, clusters.farthest) : 0;
+        bucket = sorts ? near_bucket(nearness(transform.w, view, box), view.orthographic, clusters.farthest) : 0;
         triangles = chunk.triangle_count;
         atomicAdd(reinterpret_cast<unsigned long long*>(in_bucket + bucket), packed_count(chunk));
       }

@@ -2,6 +2,7 @@
 // by which warps take rows of triangles. The CPU's frame (passes.h) has draw blocks instead.
 #pragma once
 
+#include "kernels/cull/near_bucket.h"
 #include "kernels/raster/queues.h"
 
 namespace scree::kernels {
@@ -41,9 +42,6 @@ inline constexpr uint64_t kMaxDraws = uint64_t{1} << 28;
 /// Passes of a frame that draw clusters: those visible in the last frame, then the rest, in rounds from near to far.
 inline constexpr uint32_t kMostRounds = 8;
 inline constexpr uint32_t kClusterPasses = 1 + kMostRounds;
-
-/// Clustered chunks are drawn from near to far, in the order of these buckets (near_bucket()).
-inline constexpr uint32_t kNearBuckets = 512;
 
 /// How much of a queue the earlier passes have drawn.
 struct DrawnTriangles {

@@ -149,9 +149,53 @@ __device__ inline WarpMasks& small_masks() {
                                       kSmallWarps)[threadIdx.x / kWarpLanes];
 }
 
+/// Pixel `inside` of the box of a triangle. False where the triangle does not cover it; else `drawn` is the sample,
+/// and `sample` its index in the picture.
+template <bool kOrthographic>
+__device__ inline bool sample_at(const SetUpTriangle& its, uint32_t inside, int32_t picture_width, uint64_t& drawn,
+                                 uint32_t& sample) {
+  const uint32_t shape = its.shape;
+  // Exact: inside < 128 and width <= 128, so the error of the quotient is below 2^-9, while a remainder is at least
+  // 2^-7.
+  const uint32_t y = inside * (shape & SetUpTriangle::kInverseWidthMask) >> 16;
+  int32_t value[3];
+  for (int i = 0; i < 3; ++i) {
+    value[i] = static_cast<int32_t>(its.value[i] + inside * its.step_x[i] + y * its.to_row[i]);
+  }
+  if ((value[0] | value[1] | value[2]) < 0) return false;
+  const float depth =
+      depth_at<int32_t>(its.plane, value[1] + static_cast<int32_t>(shape >> SetUpTriangle::kExclusive1Bit & 1),
+                        value[2] + static_cast<int32_t>(shape >> SetUpTriangle::kExclusive2Bit & 1));
+  drawn = pack_sample(depth_code<kOrthographic>(depth), its.id);
+  sample = its.first + inside + y * (static_cast<uint32_t>(picture_width) - (shape >> SetUpTriangle::kWidthBit));
+  return true;
+}
+
+/// Draws those of the `count` samples that wait which pass their masks, a lane each. `slot`: of the lane's triangle,
+/// kWarpLanes if it has none. `missing`: the triangles whose planes have to be made first, a bit each.
+template <bool kOrthographic, class Masks>
+__device__ inline void draw_masked_samples(const Target& target, const SetUpTriangles& triangles, const Masks& mask,
+                                           uint32_t slot, uint32_t count, uint32_t missing) {
+  WarpMasks& shared = *mask.shared;
+  if (slot < kWarpLanes && (missing >> slot & 1) != 0) mask.template make_plane<kOrthographic>(shared.planes[slot]);
+  __syncwarp();
+  const auto row = static_cast<uint32_t>(target.width);
+#pragma unroll 1
+  for (uint32_t i = threadIdx.x % kWarpLanes; i < count; i += kWarpLanes) {
+    const uint32_t waiting = shared.samples[i];
+    uint64_t drawn;
+    uint32_t sample;
+    sample_at<kOrthographic>(triangles.items[waiting >> 7], waiting & 127, target.width, drawn, sample);
+    if (shared.planes[waiting >> 7].passes(static_cast<int32_t>(sample % row), static_cast<int32_t>(sample / row)))
+      WarpTeam::atomic_min(target.samples + sample, drawn);
+  }
+  __syncwarp();
+}
+
 /// Draws the boxes of the lanes' triangles, of `pixels` <= kSmallBox each (0: the lane has none), with narrow edges.
 /// Every lane draws every 32nd pixel of all boxes together, so boxes of 1 and of 128 pixels leave no lane waiting.
-/// `masks`: NoLaneMask or the lane's LaneMask.
+/// `masks`: NoLaneMask, or the maker of the plane of the lane's triangle. Samples of masked triangles that would be
+/// seen wait until there are enough of them for all lanes. Many triangles have none, and get no plane.
 template <bool kOrthographic, class Masks>
 __device__ inline void draw_pixels(const Target& target, SetUpTriangles& shared, const Triangle& triangle,
                                    const PixelBox& box, int64_t area, uint32_t pixels, const Masks& masks) {
@@ -167,11 +211,16 @@ __device__ inline void draw_pixels(const Target& target, SetUpTriangles& shared,
   if (total == 0) return;
   const uint32_t lanes = __ballot_sync(~0u, pixels != 0);
   const uint32_t start = pixels != 0 ? end - pixels : ~0u;
+  const auto slot = static_cast<uint32_t>(__popc(lanes & before_lane));
+  [[maybe_unused]] uint32_t masked = 0;  // triangles, a bit each; those whose planes are made; and those that this
+  [[maybe_unused]] uint32_t made = 0;    // lane has found a sample of
+  [[maybe_unused]] uint32_t needed = 0;
+  [[maybe_unused]] uint32_t waiting = 0;  // samples
+  if constexpr (Masks::kTests) masked = bits_of_lanes(pixels != 0 && masks.mask != nullptr ? 1u << slot : 0u);
   if (pixels != 0) {
     const Edges<int32_t> edges = make_edges<int32_t>(triangle, box.x0, box.y0);
     const auto width = static_cast<uint32_t>(box.x1 - box.x0 + 1);
-    SetUpTriangle& out = shared.items[__popc(lanes & before_lane)];
-    if constexpr (Masks::kTests) masks.template set_up<kOrthographic>(__popc(lanes & before_lane));
+    SetUpTriangle& out = shared.items[slot];
     for (int i = 0; i < 3; ++i) {
       out.value[i] = static_cast<uint32_t>(edges.value[i]);
       out.step_x[i] = static_cast<uint32_t>(edges.step_x[i]);
@@ -204,30 +253,34 @@ __device__ inline void draw_pixels(const Target& target, SetUpTriangles& shared,
       if constexpr (Masks::kTests) owners[k] = owner;
       if (pixel >= total) continue;
       const SetUpTriangle& its = shared.items[owner];
-      const uint32_t shape = its.shape;
-      const uint32_t inside = pixel - its.start;
-      // Exact: inside < 128 and width <= 128, so the error of the quotient is below 2^-9, while a remainder is at least
-      // 2^-7.
-      const uint32_t y = inside * (shape & SetUpTriangle::kInverseWidthMask) >> 16;
-      int32_t value[3];
-      for (int i = 0; i < 3; ++i) {
-        value[i] = static_cast<int32_t>(its.value[i] + inside * its.step_x[i] + y * its.to_row[i]);
-      }
-      if ((value[0] | value[1] | value[2]) < 0) continue;
-      const float depth =
-          depth_at<int32_t>(its.plane, value[1] + static_cast<int32_t>(shape >> SetUpTriangle::kExclusive1Bit & 1),
-                            value[2] + static_cast<int32_t>(shape >> SetUpTriangle::kExclusive2Bit & 1));
-      drawn[k] = pack_sample(depth_code<kOrthographic>(depth), its.id);
-      sample[k] = its.first + inside + y * (static_cast<uint32_t>(target.width) - (shape >> SetUpTriangle::kWidthBit));
+      sample_at<kOrthographic>(its, pixel - its.start, target.width, drawn[k], sample[k]);
     }
     for (uint32_t k = 0; k < kBatch; ++k) {
       seen[k] = drawn[k] != kBackground ? WarpTeam::load_relaxed(target.samples + sample[k]) : 0;
     }
-    for (uint32_t k = 0; k < kBatch; ++k) {
-      if constexpr (Masks::kTests) {
-        if (drawn[k] < seen[k] && masks.passes(owners[k], sample[k], target.width))
-          WarpTeam::atomic_min(target.samples + sample[k], drawn[k]);
-      } else {
+    if constexpr (Masks::kTests) {
+      for (uint32_t k = 0; k < kBatch; ++k) {
+        const bool shows = drawn[k] < seen[k];
+        const bool waits = shows && (masked >> owners[k] & 1) != 0;
+        if (shows && !waits) WarpTeam::atomic_min(target.samples + sample[k], drawn[k]);
+        const uint32_t those = __ballot_sync(~0u, waits);
+        if (waits) {
+          const uint32_t inside = base + k * kWarpLanes + lane - shared.items[owners[k]].start;
+          masks.shared->samples[waiting + static_cast<uint32_t>(__popc(those & before_lane))] =
+              static_cast<uint16_t>(inside | owners[k] << 7);
+          needed |= 1u << owners[k];
+        }
+        waiting += static_cast<uint32_t>(__popc(those));
+      }
+      if (waiting != 0 &&
+          (waiting > WarpMasks::kMostSamples - kBatch * kWarpLanes || base + kBatch * kWarpLanes >= total)) {
+        const uint32_t missing = bits_of_lanes(needed) & ~made;
+        draw_masked_samples<kOrthographic>(target, shared, masks, pixels != 0 ? slot : kWarpLanes, waiting, missing);
+        made |= missing;
+        needed = waiting = 0;
+      }
+    } else {
+      for (uint32_t k = 0; k < kBatch; ++k) {
         if (drawn[k] < seen[k]) WarpTeam::atomic_min(target.samples + sample[k], drawn[k]);
       }
     }
@@ -298,7 +351,7 @@ __device__ inline uint32_t draw_survivors(const SmallFrame& frame, uint32_t firs
   int64_t pixels = 0;  // 0: there is nothing to draw
   uint32_t drawn = 0;
   std::conditional_t<kMasked, LaneMask, NoLaneMask> mask;
-  if constexpr (kMasked) mask.planes = small_masks<kInstanced>().planes;
+  if constexpr (kMasked) mask.shared = &small_masks<kInstanced>();
   if (lane < count) {
     const uint32_t number = shared.survivors[first + lane];
     const InstanceTransform& exact = shared.exact[kInstanced ? shared.survivor_instance[first + lane] : 0];

@@ -402,9 +402,9 @@ struct ShadeState {
   typename Shader::Texels::Lane texels;
 };
 
-/// Show::kSurface: lights the base colour in `rgb` (shade/surface.h).
+/// Show::kSurface: the light of a sample (shade/surface.h).
 template <bool kOrthographic, class Shader>
-SCREE_HD void light_surface(const Shader& shader, const PlacedChunk& at, uint32_t material, const uint32_t vertex[3],
+SCREE_HD void shade_surface(const Shader& shader, const PlacedChunk& at, const uint32_t vertex[3],
                             const PlaneHit<float>& m, const Corners<float>& corners, const float weights[3], float x,
                             float y, typename Shader::Texels::Lane& lane, float rgb[3]);
 
@@ -482,10 +482,19 @@ struct Shader {
     return texture_place<kOrthographic>(in, at, vertex, transform_uv, width, height, m, weights);
   }
 
- private:
-  static constexpr bool kTextured = kShow == Show::kTexture || kShow == Show::kSurface;
-  static constexpr bool kLight = kTextured || kShow == Show::kColor;
+  /// Multiplies `rgb` by the colours of the vertices.
+  SCREE_HD static void vertex_color(const PlacedChunk& at, const uint32_t vertex[3], const float weights[3],
+                                    float rgb[3]) {
+    const std::byte* stream = at.page + at.chunk.offset + streams_of(at.mesh, at.chunk).colors.offset;
+    float color[3] = {0, 0, 0};
+    for (int i = 0; i < 3; ++i) {
+      const uint8_t* texel = reinterpret_cast<const uint8_t*>(stream) + 4 * uint64_t{vertex[i]};
+      for (int c = 0; c < 3; ++c) color[c] = multiply_add(weights[i], static_cast<float>(texel[c]), color[c]);
+    }
+    for (int c = 0; c < 3; ++c) rgb[c] = rgb[c] * (color[c] * (1.0f / 255.0f));
+  }
 
+ private:
   SCREE_HD void shade(const PlacedChunk& at, uint64_t instance, const uint32_t vertex[3], float x, float y,
                       [[maybe_unused]] typename Texels::Lane& lane, float rgb[3]) const {
     const Corners<float> corners = fetch_corners<float>(at.reader, vertex);
@@ -503,16 +512,16 @@ struct Shader {
       const TexturePlace place = find_place(at, vertex, nullptr, 1.0f, 1.0f, m, weights, x, y);
       rgb[0] = srgb_to_linear(static_cast<float>(place.u - std::floor(place.u)));
       rgb[1] = srgb_to_linear(static_cast<float>(place.v - std::floor(place.v)));
-    } else if constexpr (kLight) {
+    } else if constexpr (kShow == Show::kSurface) {
+      shade_surface<kOrthographic>(*this, at, vertex, m, corners, weights, x, y, lane, rgb);
+    } else if constexpr (kShow == Show::kTexture || kShow == Show::kColor) {
       const format::MaterialRecord* material =
           at.mesh.material != format::kNone ? in.scene.materials + at.mesh.material : nullptr;
       const bool unlit = material != nullptr && (material->flags & format::kMaterialUnlit) != 0;
-      [[maybe_unused]] float light = 1.0f;
-      if constexpr (kShow != Show::kSurface)
-        light = in.options.light && !unlit ? diffuse_light(at, vertex, m, weights, x, y) : 1.0f;
+      const float light = in.options.light && !unlit ? diffuse_light(at, vertex, m, weights, x, y) : 1.0f;
       rgb[0] = rgb[1] = rgb[2] = 1.0f;
       if (material != nullptr) {
-        if constexpr (kTextured) {
+        if constexpr (kShow == Show::kTexture) {
           if ((at.mesh.attributes & format::kHasUv) != 0 && material->texture != format::kNone) {
             const TextureView& texture = in.scene.textures[material->texture];
             if (texture.level_count != 0) {
@@ -526,12 +535,7 @@ struct Shader {
         for (int c = 0; c < 3; ++c) rgb[c] = rgb[c] * material->base_color[c];
       }
       if ((at.mesh.attributes & format::kHasColor) != 0) vertex_color(at, vertex, weights, rgb);
-      if constexpr (kShow == Show::kSurface) {
-        if (!unlit)
-          light_surface<kOrthographic>(*this, at, at.mesh.material, vertex, m, corners, weights, x, y, lane, rgb);
-      } else {
-        for (int c = 0; c < 3; ++c) rgb[c] = rgb[c] * light;
-      }
+      for (int c = 0; c < 3; ++c) rgb[c] = rgb[c] * light;
     }
   }
 
@@ -545,17 +549,6 @@ struct Shader {
     }
     if (!(cosine >= 0)) cosine = face_cosine<kOrthographic>(in, m, x, y);
     return kAmbient + (1.0f - kAmbient) * (cosine >= 0 ? min_of(cosine, 1.0f) : 0.0f);
-  }
-
-  SCREE_HD static void vertex_color(const PlacedChunk& at, const uint32_t vertex[3], const float weights[3],
-                                    float rgb[3]) {
-    const std::byte* stream = at.page + at.chunk.offset + streams_of(at.mesh, at.chunk).colors.offset;
-    float color[3] = {0, 0, 0};
-    for (int i = 0; i < 3; ++i) {
-      const uint8_t* texel = reinterpret_cast<const uint8_t*>(stream) + 4 * uint64_t{vertex[i]};
-      for (int c = 0; c < 3; ++c) color[c] = multiply_add(weights[i], static_cast<float>(texel[c]), color[c]);
-    }
-    for (int c = 0; c < 3; ++c) rgb[c] = rgb[c] * (color[c] * (1.0f / 255.0f));
   }
 
   SCREE_HD static void random_color(uint64_t number, float rgb[3]) {

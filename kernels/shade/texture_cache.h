@@ -236,8 +236,9 @@ struct FallbackTexels {
   TextureCache cache;
   uint32_t now;
 
-  SCREE_HD void fetch(Lane&, const TextureView& texture, uint32_t level, const TexelPair& column, const TexelPair& row,
-                      uint32_t texels[4]) const {
+  /// A call, so that the decoder is compiled once and not in every kernel.
+  [[gnu::noinline]] SCREE_HD void fetch(Lane&, const TextureView& texture, uint32_t level, const TexelPair& column,
+                                        const TexelPair& row, uint32_t texels[4]) const {
     if (level >= texture.jpeg_level_count) return decoded_texels(texture, level, column, row, texels);
     const JpegLevel& jpeg = texture.jpeg[level];
     format::JpegPlace places[4];
