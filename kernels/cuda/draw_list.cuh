@@ -11,7 +11,7 @@ __device__ inline bool is_double_sided(const SceneView& scene, const format::Mes
   return mesh.material != format::kNone && (scene.materials[mesh.material].flags & format::kMaterialDoubleSided) != 0;
 }
 
-/// The smallest box known of a chunk's vertices.
+/// The smallest known box of a chunk's vertices.
 __device__ inline RelativeBox drawn_box(const DrawList& list, const format::MeshRecord& mesh,
                                         const format::ChunkRecord& chunk, uint32_t chunk_number,
                                         const Transform& transform) {
@@ -22,7 +22,7 @@ __device__ inline RelativeBox drawn_box(const DrawList& list, const format::Mesh
     const auto low = static_cast<double>(bounds.min[i]);
     const auto high = static_cast<double>(bounds.max[i]);
     box.center[i] = 0.5 * (low + high) - static_cast<double>(transform.center[i]);
-    // A position is rounded once where the center is taken from it.
+    // Subtracting the center from a position rounds once.
     box.extent[i] = 0.5 * (high - low) + (abs_of(low) + abs_of(high)) * (1.0 / (1 << 22));
   }
   return box;

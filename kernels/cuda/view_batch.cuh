@@ -330,7 +330,7 @@ __device__ __noinline__ bool draw_survivors(const BatchFrame& in, uint64_t* samp
   int64_t area = 0;
   int64_t pixels = 0;
   std::conditional_t<kMasked, LaneMask, NoLaneMask> mask;
-  if constexpr (kMasked) mask.planes = batch_masks().planes;
+  if constexpr (kMasked) mask.shared = &batch_masks();
   if (lane < count) {
     triangle = shared.survivors[first + lane];
     box = pixel_box(triangle.x, triangle.y, in.size);
