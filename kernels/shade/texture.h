@@ -1,4 +1,4 @@
-// Sampling a texture: wrap modes, bilinear in linear light, between mip levels, decoded ones and JPEGs.
+// Samples a texture: wrap modes, bilinear in linear light, and between mip levels, which are decoded or JPEGs.
 #pragma once
 
 #include <cmath>
@@ -11,8 +11,8 @@
 namespace scree::kernels {
 inline namespace SCREE_ISA {
 
-/// A coordinate brought into [0, 1] by its wrap mode. In double, so that coordinates of thousands of repeats keep their
-/// texels.
+/// A coordinate brought into [0, 1] by its wrap mode. In double, so that coordinates thousands of repeats away still
+/// find the right texels.
 SCREE_HD inline double wrap_coordinate(double value, format::Wrap wrap) {
   if (wrap == format::Wrap::kClamp) return min_of(max_of(value, 0.0), 1.0);
   if (wrap == format::Wrap::kMirror) {
@@ -47,8 +47,8 @@ SCREE_HD inline TexelPair texel_pair(double wrapped, uint32_t size, format::Wrap
   return pair;
 }
 
-/// The four texels of two columns and two rows, row by row, as coded, red in the low byte, alpha in the high one. Of a
-/// level that is no JPEG.
+/// The four texels of two columns and two rows, row by row, as coded: red in the low byte, alpha in the high one. For
+/// levels that are not JPEGs.
 SCREE_HD inline void decoded_texels(const TextureView& texture, uint32_t level, const TexelPair& column,
                                     const TexelPair& row, uint32_t texels[4]) {
   const uint32_t width = max_of(texture.width >> level, 1u);
@@ -71,10 +71,10 @@ SCREE_HD inline void decoded_texels(const TextureView& texture, uint32_t level, 
   }
 }
 
-/// Where a sample finds its texels: the decoded levels, and on a CPU the scene's block cache. Never without them.
+/// The source of a sample's texels: the decoded levels, and on a CPU the scene's block cache. Texels are never missing.
 struct SceneTexels {
   static constexpr bool kMayMiss = false;
-  struct Lane {};  // what a lane keeps of its lookups
+  struct Lane {};  // the state of a lane's lookups
 
   BlockCache* blocks;  // SceneView::blocks
 
@@ -121,8 +121,8 @@ SCREE_HD inline void sample_level(const Texels& source, typename Texels::Lane& l
     if (level < texture.jpeg_level_count) out[3] = 1.0f;
 }
 
-/// The first kCount channels at (u, v), any finite numbers; 1 where there is no picture. `footprint`: the square of the
-/// larger side of a pixel in texels of level 0; picks the mip levels.
+/// The first kCount channels at (u, v), any finite numbers; 1 if there is no picture. `footprint`: the square of the
+/// larger side of a pixel in texels of level 0; selects the mip levels.
 template <uint32_t kCount, class Texels, class Table>
 SCREE_HD inline void sample_channels(const Texels& source, typename Texels::Lane& lane, const TextureView& texture,
                                      const Table& table, double u, double v, float footprint, float out[kCount]) {
@@ -144,7 +144,7 @@ SCREE_HD inline void sample_channels(const Texels& source, typename Texels::Lane
   }
 }
 
-/// The colour there. `table`: linear light of the 256 sRGB codes.
+/// The colour at (u, v). `table`: linear light of the 256 sRGB codes.
 template <class Texels>
 SCREE_HD inline void sample_texture(const Texels& source, typename Texels::Lane& lane, const TextureView& texture,
                                     const float* table, double u, double v, float footprint, float rgb[3]) {
