@@ -38,7 +38,7 @@ namespace {
 
 using format::kNone;
 
-constexpr uint64_t kJobsPerThread = 3;
+constexpr uint64_t kEncodeJobsPerThread = 3;
 
 class Converter {
  public:
@@ -599,7 +599,7 @@ class Converter {
     }
 
     WorkerPool pool(limits.threads, options_.stop);
-    EncodePass pass(options_, scene_, pool, writer, {kJobsPerThread * pool.threads(), limits.flight_bytes}, times_,
+    EncodePass pass(options_, scene_, pool, writer, {kEncodeJobsPerThread * pool.threads(), limits.flight_bytes}, times_,
                     std::move(start));
     const uint64_t done_before = times_.encoded_triangles;
     uint64_t number = resumed_.whole_windows;
