@@ -77,7 +77,8 @@ SCREE_HD inline uint64_t clusters_before(const FrameCounters& counters, uint32_t
   return sum;
 }
 
-/// Runs between two passes of a frame: stages 2 and 3 continue after the triangles that they have drawn.
+/// Runs between two passes of a frame after which clipping and stages 2 and 3 ran: they continue after the triangles
+/// that they have drawn.
 SCREE_HD inline void begin_pass(FrameCounters& counters) {
   counters.drawn = {counters.queues.medium, counters.queues.large};
   counters.clipped_drawn = {counters.clipped.medium, counters.clipped.large};

@@ -125,6 +125,9 @@ bool same_view(const FrameView& a, const FrameView& b) {
          a.offset_w == b.offset_w && a.width == b.width && a.height == b.height && a.orthographic == b.orthographic;
 }
 
+/// Medium triangles up to which stages 2 and 3 may wait for the last pass (defers_stages).
+constexpr uint64_t kMostDeferred = 4096;
+
 /// Every hint is tested anew once in so many frames.
 constexpr uint32_t kHintPeriod = 4;
 
@@ -165,13 +168,15 @@ struct CudaFrames::Impl {
   template <bool kOrthographic, bool kMasked>
   Result<void> submit_passes(const FrameStreams& streams);
   template <bool kOrthographic, ClusterPass kPass, bool kMasked>
-  void submit_clusters(const SmallFrame& small, uint32_t round, uint32_t rounds, const FrameStreams& streams);
+  void submit_clusters(const SmallFrame& small, uint32_t round, uint32_t rounds, bool clips,
+                       const FrameStreams& streams);
   template <bool kOrthographic, bool kMasked>
   void submit_clipped(const ClusterFrame& clusters, cudaStream_t stream);
   template <bool kOrthographic, bool kMasked>
   Result<void> submit_clipping_on_own_stream(const SmallFrame& small, const FrameStreams& streams);
   template <bool kOrthographic, bool kMasked>
   Result<void> submit_stages(const SmallFrame& small, const StageEvents& events_of_pass, const FrameStreams& streams);
+  Result<void> record_stages(const StageEvents& events_of_pass, const FrameStreams& streams);
   template <bool kMasked>
   LargeFrame<kMasked> large_frame(const SmallFrame& small, const Queues& queued, const DrawnTriangles* drawn) const {
     LargeFrame<kMasked> out{small.view, small.target, queued, drawn, {}};
@@ -194,6 +199,9 @@ struct CudaFrames::Impl {
   /// triangles would wait for it to be fetched.
   bool clips_many() const { return clipped_before > uint64_t{resident.multiprocessors()} * kClusterWarps; }
   bool clips_on_own_stream() const { return has_clusters() && !in_two_passes(); }
+  /// Whether clipping and stages 2 and 3 run only after the last pass. A guess from the frame before, like
+  /// clips_many(): it queued so little that nothing would have hidden behind that.
+  bool defers_stages() const { return two_passes && options.part == FramePart::kWhole && queued_little; }
   /// For the next frame, while nobody waits.
   Result<void> clear_counters() {
     Result<void> done =
@@ -257,6 +265,7 @@ struct CudaFrames::Impl {
   uint64_t round_groups = 0;
   uint32_t frame_number = 0;
   uint64_t clipped_before = 0;  // triangles of clusters, in the last frame
+  bool queued_little = false;   // the last frame: nothing large or to be clipped, and hardly anything medium
   bool counters_cleared = false;
   uint32_t hint_period = kHintPeriod;  // of the next frame
 };
@@ -413,9 +422,10 @@ void CudaFrames::Impl::submit_small_scene_culling(const DrawList& list, const Sa
        group_count, clear});
 }
 
-/// Finds the clusters that a pass draws, unless they are few and found, and draws them.
+/// Finds the clusters that a pass draws, unless they are few and found, and draws them. `clips`: and what has to be
+/// clipped of them.
 template <bool kOrthographic, ClusterPass kPass, bool kMasked>
-void CudaFrames::Impl::submit_clusters(const SmallFrame& small, uint32_t round, uint32_t rounds,
+void CudaFrames::Impl::submit_clusters(const SmallFrame& small, uint32_t round, uint32_t rounds, bool clips,
                                        const FrameStreams& streams) {
   const uint32_t pass = kPass == ClusterPass::kNewlyVisible ? 1 + round : 0;
   if (!culls_as_small_scene()) {
@@ -431,7 +441,7 @@ void CudaFrames::Impl::submit_clusters(const SmallFrame& small, uint32_t round, 
                                        : raster_clusters<kOrthographic, 1, false, kMasked>;
   constexpr size_t kShared = kClusterSharedBytes<kMasked>;
   kernel<<<resident.of(kernel, kClusterThreads, kShared), kClusterThreads, kShared, streams.main>>>(clusters);
-  if (!clips_on_own_stream()) submit_clipped<kOrthographic, kMasked>(clusters, streams.main);
+  if (clips && !clips_on_own_stream()) submit_clipped<kOrthographic, kMasked>(clusters, streams.main);
 }
 
 /// Clips the triangles of clusters that need it.
@@ -498,6 +508,14 @@ Result<void> CudaFrames::Impl::submit_stages(const SmallFrame& small, const Stag
   return done;
 }
 
+/// The events of stages that are left to the last pass, which the stages' times are read from.
+Result<void> CudaFrames::Impl::record_stages(const StageEvents& at, const FrameStreams& streams) {
+  Result<void> done;
+  for (const FrameEvent event : {at.small_done, at.large_begun, at.large_done, at.medium_done})
+    if (done) done = record_event(event, streams);
+  return done;
+}
+
 /// Draws the frame.
 template <bool kOrthographic, bool kMasked>
 Result<void> CudaFrames::Impl::submit_passes(const FrameStreams& streams) {
@@ -551,15 +569,19 @@ Result<void> CudaFrames::Impl::submit_passes(const FrameStreams& streams) {
     const uint32_t blocks = resident.of(variant.kernel, kSmallThreads, variant.shared_bytes);
     variant.kernel<<<blocks, kSmallThreads, variant.shared_bytes, streams.main>>>(small);
   }
+  const bool defers = defers_stages();
   if (done && draws_clusters) {
     if (two_passes && options.part != FramePart::kRest) {
-      submit_clusters<kOrthographic, ClusterPass::kPreviouslyVisible, kMasked>(small, 0, 1, streams);
+      submit_clusters<kOrthographic, ClusterPass::kPreviouslyVisible, kMasked>(small, 0, 1, !defers, streams);
     } else if (!two_passes) {
-      submit_clusters<kOrthographic, ClusterPass::kOnly, kMasked>(small, 0, 1, streams);
+      submit_clusters<kOrthographic, ClusterPass::kOnly, kMasked>(small, 0, 1, true, streams);
     }
   }
   if (done) done = cuda_check(cudaGetLastError(), "starting stage 1");
-  if (done) done = submit_stages<kOrthographic, kMasked>(small, kFirstStages, streams);
+  if (done) {
+    done = defers ? record_stages(kFirstStages, streams)
+                  : submit_stages<kOrthographic, kMasked>(small, kFirstStages, streams);
+  }
   if (done) done = record_event(kFirstDone, streams);
   if (done && two_passes && !draws_only_previously_visible) {
     const auto tiles_along = [](int32_t side) { return (static_cast<uint32_t>(side) - 1) / kPyramidTile + 1; };
@@ -568,11 +590,12 @@ Result<void> CudaFrames::Impl::submit_passes(const FrameStreams& streams) {
     const uint32_t rounds = same_view(frame, last_view) ? 1 : rounds_when_moving();
     for (uint32_t round = 0; round < rounds && done; ++round) {
       build_pyramid_tiles<<<tiles_of_image, kPyramidThreads, 0, streams.main>>>(pyramid, samples);
-      build_pyramid_top_and_begin_pass<<<1, 1024, 0, streams.main>>>(pyramid, counters);
+      build_pyramid_top_and_begin_pass<<<1, 1024, 0, streams.main>>>(pyramid, counters, !defers);
       if (round == 0) done = record_event(kPyramidDone, streams);
-      submit_clusters<kOrthographic, ClusterPass::kNewlyVisible, kMasked>(small, round, rounds, streams);
+      const bool ends = !defers || round + 1 == rounds;
+      submit_clusters<kOrthographic, ClusterPass::kNewlyVisible, kMasked>(small, round, rounds, ends, streams);
       if (done) done = cuda_check(cudaGetLastError(), "starting the second pass");
-      if (done) done = submit_stages<kOrthographic, kMasked>(small, kSecondStages, streams);
+      if (done && ends) done = submit_stages<kOrthographic, kMasked>(small, kSecondStages, streams);
     }
   }
   return done;
@@ -709,6 +732,8 @@ Result<void> CudaFrames::Impl::grow_queues() {
 void CudaFrames::Impl::adapt_next_frame() {
   last_view = frame;
   clipped_before = host_counters->to_clip;
+  queued_little =
+      host_counters->to_clip == 0 && host_counters->queues.large == 0 && host_counters->queues.medium <= kMostDeferred;
   // After a jump of the camera most clusters that the second pass found turn out to be hidden: all are tested anew. So
   // are they in each part of a frame: few of the chunks that may hide a part's first clusters were there.
   const uint64_t previously_visible = host_counters->clusters[0];

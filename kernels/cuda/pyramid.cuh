@@ -73,15 +73,15 @@ __global__ void __launch_bounds__(kPyramidThreads)
 }
 
 /// Builds the levels above the tiles', one after the other, by one block. The same launch begins the frame's next pass
-/// (begin_pass): all queued triangles are drawn by now, and stages 2 and 3 continue after them. A launch of its own for
-/// that would take as long as this one. The next pass must not start without it.
-__global__ void __launch_bounds__(1024)
-    build_pyramid_top_and_begin_pass(const __grid_constant__ DepthPyramid pyramid, FrameCounters* counters) {
+/// (begin_pass): if `stages_ran`, all queued triangles are drawn by now, and stages 2 and 3 continue after them. A
+/// launch of its own for that would take as long as this one. The next pass must not start without it.
+__global__ void __launch_bounds__(1024) build_pyramid_top_and_begin_pass(const __grid_constant__ DepthPyramid pyramid,
+                                                                         FrameCounters* counters, bool stages_ran) {
   for (uint32_t level = kPyramidTileLevel + 1; level <= kPyramidLevels; ++level) {
     fill_level(pyramid, level, static_cast<int32_t>(threadIdx.x), static_cast<int32_t>(blockDim.x));
     __syncthreads();
   }
-  if (threadIdx.x == 0) begin_pass(*counters);
+  if (threadIdx.x == 0 && stages_ran) begin_pass(*counters);
 }
 
 }  // namespace scree::kernels
