@@ -267,9 +267,9 @@ __device__ inline WarpMasks& cluster_masks() {
                                       kClusterWarps)[threadIdx.x / kWarpLanes];
 }
 
-/// This warp's in raster_near_clipped.
+/// This warp's in kernels whose shared memory is static.
 template <bool kMasked>
-__device__ inline WarpMasks* near_clipped_masks() {
+__device__ inline WarpMasks* block_masks() {
   if constexpr (kMasked) {
     __shared__ WarpMasks masks[kClusterWarps];
     return masks + threadIdx.x / kWarpLanes;
@@ -608,7 +608,7 @@ __global__ void __launch_bounds__(kClusterThreads, kNearClippedBlocks)
        first < end; first += threads) {
     const bool has_one = first + lane < end;
     const uint32_t drawn = draw_near_clipped<kMasked>(frame, frame.list.to_clip[has_one ? first + lane : first],
-                                                      has_one, set_up[warp], near_clipped_masks<kMasked>());
+                                                      has_one, set_up[warp], block_masks<kMasked>());
     small += drawn & 0xffffu;
     clipped += drawn >> 16;
   }

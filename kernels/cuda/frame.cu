@@ -11,6 +11,7 @@
 #include "kernels/cuda/check.h"
 #include "kernels/cuda/cluster.cuh"
 #include "kernels/cuda/draw_tables.h"
+#include "kernels/cuda/few_clusters.cuh"
 #include "kernels/cuda/frame.h"
 #include "kernels/cuda/graph.h"
 #include "kernels/cuda/large.cuh"
@@ -193,6 +194,8 @@ struct CudaFrames::Impl {
     return min_of(max_of(static_cast<uint32_t>(std::bit_width(tables.cluster_groups / round_groups)), 1u), kMostRounds);
   }
   bool in_two_passes() const { return tables.cluster_groups >= two_pass_groups; }
+  /// So few that a block draws each.
+  bool has_few_clusters() const { return tables.cluster_groups < min_of(few_groups, two_pass_groups); }
   /// So few, and nothing else, that one kernel culls them.
   bool culls_as_small_scene() const { return small_scene_groups.count() != 0; }
   /// A guess from the frame before. raster_near_clipped is faster for many triangles, but its code is longer, and a few
@@ -263,6 +266,7 @@ struct CudaFrames::Impl {
   bool two_passes = false;  // the last frame
   uint64_t two_pass_groups = 0;
   uint64_t round_groups = 0;
+  uint64_t few_groups = 0;
   uint32_t frame_number = 0;
   uint64_t clipped_before = 0;  // triangles of clusters, in the last frame
   bool queued_little = false;   // the last frame: nothing large or to be clipped, and hardly anything medium
@@ -274,6 +278,7 @@ Result<void> CudaFrames::Impl::open(const SceneView& host, const CudaQueueSizes&
   triangle_count = host.instance_base[host.instance_count];
   two_pass_groups = sizes.two_pass_groups;
   round_groups = max_of<uint64_t>(sizes.round_groups, 1);
+  few_groups = sizes.few_groups;
   Result<DrawTables> made = make_draw_tables(host);
   if (!made) return made.error();
   tables = std::move(*made);
@@ -436,11 +441,12 @@ void CudaFrames::Impl::submit_clusters(const SmallFrame& small, uint32_t round, 
   const ClusterFrame clusters{small, cluster_list(), pass};
   // Not of parts of a frame: what the last of them draws has no first pass to compare with.
   const bool culls_late = kPass == ClusterPass::kNewlyVisible && options.part == FramePart::kWhole;
-  const auto kernel = !in_two_passes() ? raster_clusters<kOrthographic, kClusterParts, false, kMasked>
-                      : culls_late     ? raster_clusters<kOrthographic, 1, true, kMasked>
-                                       : raster_clusters<kOrthographic, 1, false, kMasked>;
-  constexpr size_t kShared = kClusterSharedBytes<kMasked>;
-  kernel<<<resident.of(kernel, kClusterThreads, kShared), kClusterThreads, kShared, streams.main>>>(clusters);
+  const auto kernel = has_few_clusters() ? raster_few_clusters<kOrthographic, kMasked>
+                      : !in_two_passes() ? raster_clusters<kOrthographic, kClusterParts, false, kMasked>
+                      : culls_late       ? raster_clusters<kOrthographic, 1, true, kMasked>
+                                         : raster_clusters<kOrthographic, 1, false, kMasked>;
+  const size_t shared_bytes = has_few_clusters() ? 0 : kClusterSharedBytes<kMasked>;
+  kernel<<<resident.of(kernel, kClusterThreads, shared_bytes), kClusterThreads, shared_bytes, streams.main>>>(clusters);
   if (clips && !clips_on_own_stream()) submit_clipped<kOrthographic, kMasked>(clusters, streams.main);
 }
 

@@ -65,6 +65,8 @@ struct CudaQueueSizes {
   // If the camera moves, the second pass takes one round for up to twice this many groups, and one more round for every
   // doubling.
   uint64_t round_groups = 1u << 17;
+  // Scenes in one pass of fewer groups have a block of stage 1 per cluster instead of a warp (D has 128).
+  uint64_t few_groups = 192;
 };
 
 /// Draws on the current device, on streams that the default stream is ordered with, one frame at a time.

@@ -28,8 +28,11 @@ TEST_CASE("masked scenes are drawn alike on the GPU", "[cuda][mask]") {
   const DeviceCopy device(scene, builder.pages);
   kernels::CudaQueueSizes two_passes;
   two_passes.two_pass_groups = two_passes.round_groups = 1;
+  kernels::CudaQueueSizes by_warps;
+  by_warps.few_groups = 0;
   kernels::CudaQueueSizes no_room{1, 1, 1, 1, 1, 1, 1, 1};
   CHECK((device.draw_in_turn(views) == expected));
+  CHECK((device.draw_in_turn(views, by_warps) == expected));
   CHECK((device.draw_in_turn(views, two_passes) == expected));
   CHECK((device.draw_in_turn(views, no_room) == expected));
   kernels::DrawOptions by_kernel;

@@ -190,6 +190,13 @@ kernels::CudaQueueSizes in_two_passes() {
   return sizes;
 }
 
+/// In one pass, with a warp per cluster as in larger scenes.
+kernels::CudaQueueSizes by_warps() {
+  kernels::CudaQueueSizes sizes;
+  sizes.few_groups = 0;
+  return sizes;
+}
+
 constexpr kernels::CudaQueueSizes kNoRoom{1, 1, 1, 1, 1, 1, 1, 1};
 
 }  // namespace
@@ -199,7 +206,7 @@ TEST_CASE("scenes of clustered and other chunks are drawn alike on the GPU, fram
   const MixedScene mixed(is_clustered);
   if (!has_gpu()) return;
   const DeviceCopy device(mixed.scene, mixed.builder.pages);
-  for (const kernels::CudaQueueSizes& sizes : {kernels::CudaQueueSizes{}, in_two_passes(), kNoRoom}) {
+  for (const kernels::CudaQueueSizes& sizes : {kernels::CudaQueueSizes{}, by_warps(), in_two_passes(), kNoRoom}) {
     for (const bool occlusion : {true, false}) {
       if (scree::tests::kEmulatesGpu && !occlusion) continue;
       kernels::DrawOptions options;
