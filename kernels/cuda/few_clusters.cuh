@@ -9,7 +9,7 @@ namespace scree::kernels {
 inline constexpr uint32_t kFewClusterBlocks =
     blocks_in_shared(kClusterWarps * sizeof(SetUpTriangles) + format::kMaxClusterVertices * sizeof(ScreenVertex), 8);
 
-/// Projects a vertex of a cluster exactly. `code`: its lattice offset from the cluster's.
+/// Projects a vertex of a cluster exactly. `code`: its lattice offset from the smallest of the cluster's `bounds`.
 template <bool kOrthographic>
 __device__ inline ScreenVertex project_cluster_vertex(const FrameView& view, const ClusterDraw& draw,
                                                       const format::ClusterBounds& bounds, const uint32_t code[3]) {
