@@ -44,7 +44,7 @@ struct CudaViewBatch::Impl {
   DeviceArray<ClusterGroup> groups;
   DeviceArray<Triangle> queued;
   DeviceArray<BatchCounters> counters;
-  DeviceArray<BatchView> views;  // of the batch
+  DeviceArray<BatchView> views;  // the batch's
   DeviceArray<uint64_t> samples;
   PinnedBuffer read_stats;
   std::vector<BatchView> host_views;
@@ -64,7 +64,7 @@ Result<void> CudaViewBatch::Impl::open(const SceneView& host) {
   return done;
 }
 
-/// Draws so many views that their samples are there at once; the first is view `first` of the batch.
+/// Draws views whose samples fit into memory at once. The first is view `first` of the batch.
 Result<void> CudaViewBatch::Impl::draw_part(std::span<const View> part, uint64_t first, uint32_t samples_per_side,
                                             const LayerTargets& out) {
   const uint64_t view_samples = samples_of(part[0]);
@@ -170,7 +170,7 @@ Result<FrameStats> CudaViewBatch::draw(std::span<const View> views, uint32_t sam
     done = cuda_check(cudaMemcpyAsync(impl.read_stats.data(), &impl.counters.data()->stats, sizeof(FrameStats),
                                       cudaMemcpyDeviceToHost),
                       "reading the counters");
-  // Also after an error: nothing is on its way to the caller's memory any more.
+  // Also after an error, so that nothing is written to the caller's memory any more.
   if (const Result<void> waited = cuda_check(cudaStreamSynchronize(nullptr), "drawing a batch"); done) done = waited;
   if (!done) return done.error();
   return *reinterpret_cast<const FrameStats*>(impl.read_stats.data());
