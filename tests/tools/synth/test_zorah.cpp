@@ -461,7 +461,8 @@ TEST_CASE("zorah-textured is written, converted and drawn", "[synth][zorah]") {
   std::map<std::string, int> modes, extensions;
   for (const json& material : document["materials"]) {
     ++modes[material.value("alphaMode", "OPAQUE")];
-    for (const auto& [name, content] : material.value("extensions", json::object()).items()) ++extensions[name];
+    const json used = material.value("extensions", json::object());
+    for (const auto& [name, content] : used.items()) ++extensions[name];
   }
   CHECK(modes["OPAQUE"] == 1403);
   CHECK(modes["MASK"] == 110);
