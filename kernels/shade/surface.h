@@ -1,6 +1,6 @@
 // Surfaces under light: glTF 2.0's metallic-roughness model (its appendix B: GGX, Smith, Schlick), with
-// KHR_materials_specular and KHR_materials_ior, under an environment, the file's lights, or the camera's.
-// All in view space: x right, y down, z away from the eye, in units of ShadeInputs::light.unit.
+// KHR_materials_specular and KHR_materials_ior, under an environment, the file's lights, or the camera's. Everything is
+// in view space: x right, y down, z away from the eye, LightFrame::unit units per world unit.
 #pragma once
 
 #include "kernels/shade/environment.h"
@@ -10,7 +10,8 @@ namespace scree::kernels {
 inline namespace SCREE_ISA {
 
 inline constexpr float kPi = 3.14159265f;
-inline constexpr float kLeastRoughness = 0.045f;  // smoother is a mirror, whose highlights no sample would meet
+inline constexpr float kLeastRoughness =
+    0.045f;  // a smoother surface is a mirror, whose highlights the samples would miss
 
 struct Float3 {
   float x;
@@ -41,11 +42,11 @@ SCREE_HD inline Float3 cross(const Float3& a, const Float3& b) {
 SCREE_HD inline float largest_of(const Float3& a) {
   return max_of(a.x, max_of(a.y, a.z));
 }
-/// Of unit length, or `otherwise` where there is no direction.
+/// Scaled to unit length, or `otherwise` if there is no direction.
 SCREE_HD inline Float3 unit_or(const Float3& a, const Float3& otherwise) {
   const float largest = max_of(abs_of(a.x), max_of(abs_of(a.y), abs_of(a.z)));
   if (!(largest > 0) || !(largest < 3e38f)) return otherwise;
-  const Float3 scaled = a * (1.0f / largest);  // squares of tiny lengths would vanish
+  const Float3 scaled = a * (1.0f / largest);  // squares of tiny lengths would underflow
   return scaled * inverse_root(dot(scaled, scaled));
 }
 SCREE_HD inline float unit_range(float value) {
@@ -55,13 +56,13 @@ SCREE_HD inline Float3 mix(const Float3& a, const Float3& b, float share) {
   return a + (b - a) * share;
 }
 
-/// What light meets at a sample.
+/// The surface that light hits at a sample.
 struct SurfacePoint {
-  Float3 diffuse;    // albedo of what enters the surface
+  Float3 diffuse;    // albedo of the light that enters the surface
   Float3 f0;         // reflectance at normal incidence
   float f90;         // and at grazing incidence
   float roughness;   // perceptual
-  float occlusion;   // share of the surroundings' light that comes there
+  float occlusion;   // share of the surroundings' light that arrives
   Float3 normal;     // unit, towards the viewer
   Float3 to_viewer;  // unit
 };
@@ -86,7 +87,7 @@ SCREE_HD inline Float3 reflected_share(const SurfacePoint& at, const Float3& to_
   return (at.diffuse * ((1.0f - largest_of(fresnel)) / kPi) + fresnel * (distribution / masking)) * n_l;
 }
 
-/// Reflectance of a whole hemisphere of equal light: f0 * scale + f90 * bias. Source: B. Karis, Physically Based
+/// Reflectance under equal light from the whole hemisphere: f0 * scale + f90 * bias. Source: B. Karis, Physically Based
 /// Shading on Mobile, 2014, a fit of D. Lazarov, Getting More Physical in Call of Duty: Black Ops II, 2013.
 SCREE_HD inline void split_sum(float roughness, float n_v, float& scale, float& bias) {
   const float x = 1.0f - roughness;
@@ -116,7 +117,7 @@ SCREE_HD inline Float3 environment_light(const ShadeInputs& in, const SurfacePoi
   return (diffuse + specular * Float3{light[0], light[1], light[2]}) * at.occlusion;
 }
 
-/// The light of the file's lights (KHR_lights_punctual). `place`: of the sample, from the eye.
+/// The light from the file's lights (KHR_lights_punctual). `place`: the sample, relative to the eye.
 SCREE_HD inline Float3 punctual_light(const ShadeInputs& in, const SurfacePoint& at, const Float3& place) {
   const float(*axes)[3] = in.light.axes;
   const auto turned = [&](const float v[3]) {
@@ -131,7 +132,7 @@ SCREE_HD inline Float3 punctual_light(const ShadeInputs& in, const SurfacePoint&
     Float3 to_light = along * -1.0f;
     float strength = 1.0f;
     if (light.kind != format::LightKind::kDirectional) {
-      // Both are large where a scene lies far from the origin: the difference first.
+      // Both are large if a scene lies far from the origin, so the difference is taken first.
       const float offset[3] = {static_cast<float>(light.position[0] - in.view.eye[0]),
                                static_cast<float>(light.position[1] - in.view.eye[1]),
                                static_cast<float>(light.position[2] - in.view.eye[2])};
@@ -154,50 +155,22 @@ SCREE_HD inline Float3 punctual_light(const ShadeInputs& in, const SurfacePoint&
   return sum;
 }
 
-/// A surface's look-ups at one sample.
-template <class Shader>
-struct SurfaceReader {
-  const Shader& shader;
-  const PlacedChunk& at;
-  const uint32_t* vertex;
-  const PlaneHit<float>& m;
-  const float* weights;
-  float x;
-  float y;
-  typename Shader::Texels::Lane& lane;
-
-  SCREE_HD const TextureView* texture(const format::SurfaceTexture& use) const {
-    if (use.texture == format::kNone || (at.mesh.attributes & format::kHasUv) == 0) return nullptr;
-    const TextureView& view = shader.in.scene.textures[use.texture];
-    return view.level_count != 0 ? &view : nullptr;
-  }
-
-  /// Channels [first, first + count) of a texture, or false where there is none. `table`: what a code means.
-  template <uint32_t kFirst, uint32_t kCount, class Table>
-  SCREE_HD bool read(const format::SurfaceTexture& use, const Table& table, float out[kCount]) const {
-    const TextureView* const view = texture(use);
-    if (view == nullptr) return false;
-    const TexturePlace place = shader.find_place(at, vertex, uv_transform(use), static_cast<float>(view->width),
-                                                 static_cast<float>(view->height), m, weights, x, y);
-    sample_channels<kFirst, kCount>(shader.texels, lane, *view, table, place.u, place.v, place.footprint, out);
-    return true;
+/// Values of a texture's codes: linear light, or with a null table numbers from 0 to 1.
+struct SurfaceCodes {
+  const float* linear;
+  SCREE_HD float operator[](uint32_t code) const {
+    return linear != nullptr ? linear[code] : static_cast<float>(code) * (1.0f / 255.0f);
   }
 };
 
-/// Codes that are numbers from 0 to 1.
-struct UnitCodes {
-  SCREE_HD float operator[](uint32_t code) const { return static_cast<float>(code) * (1.0f / 255.0f); }
-};
-
-/// The normal map's normal around `normal` (unit, of the front). The tangent is that of the triangle's texture
-/// coordinates, as they are after their transform: constant on a triangle, where MikkTSpace's is a mean at its corners.
-template <class Reader>
-SCREE_HD inline Float3 mapped_normal(const Reader& reader, const format::SurfaceRecord& surface, const Float3 edge[2],
+/// The normal that a normal map's `code` gives around `normal` (unit length, of the front). The tangent comes from the
+/// triangle's transformed texture coordinates. It is constant on a triangle, while MikkTSpace's is averaged at its
+/// corners.
+SCREE_HD inline Float3 mapped_normal(const PlacedChunk& at, const uint32_t vertex[3],
+                                     const format::SurfaceRecord& surface, const Float3& code, const Float3 edge[2],
                                      const Float3& normal) {
   const format::SurfaceTexture& use = surface.textures[static_cast<uint32_t>(format::SurfaceUse::kNormalMap)];
-  float code[3];
-  if (!reader.template read<0, 3>(use, UnitCodes{}, code)) return normal;
-  const TextureCorners<float> corners = texture_corners<float>(reader.at, reader.vertex, uv_transform(use));
+  const TextureCorners<float> corners = texture_corners<float>(at, vertex, uv_transform(use));
   const float(*d)[2] = corners.edge;
   const float side = d[0][0] * d[1][1] - d[1][0] * d[0][1] >= 0 ? 1.0f : -1.0f;
   const Float3 along_u = unit_or((edge[0] * d[1][1] - edge[1] * d[0][1]) * side, grey(0));
@@ -205,30 +178,134 @@ SCREE_HD inline Float3 mapped_normal(const Reader& reader, const format::Surface
   const Float3 tangent = unit_or(along_u - normal * dot(normal, along_u), grey(0));
   Float3 bitangent = cross(normal, tangent);
   if (dot(bitangent, along_v) > 0) bitangent = bitangent * -1.0f;  // green is up, v goes down
-  const float bump_x = (2.0f * code[0] - 1.0f) * surface.normal_scale;
-  const float bump_y = (2.0f * code[1] - 1.0f) * surface.normal_scale;
-  const float bump_z = 2.0f * code[2] - 1.0f;
-  if (dot(tangent, tangent) == 0) return normal;  // no area in the texture
+  const float bump_x = (2.0f * code.x - 1.0f) * surface.normal_scale;
+  const float bump_y = (2.0f * code.y - 1.0f) * surface.normal_scale;
+  const float bump_z = 2.0f * code.z - 1.0f;
+  if (dot(tangent, tangent) == 0) return normal;  // the triangle has no area in the texture
   return unit_or(tangent * bump_x + bitangent * bump_y + normal * bump_z, normal);
 }
 
-/// As shade.h declares it.
+/// A material at a sample: its factors times its textures.
+struct SurfaceValues {
+  Float3 base{1, 1, 1};
+  Float3 bump{0, 0, 0};  // the normal map's code
+  bool has_bump = false;
+  float metallic = 0;  // a material without a surface is matt
+  float roughness = 1;
+  float occlusion = 1;
+  Float3 emission{0, 0, 0};
+  float specular = 1;
+  Float3 specular_color{1, 1, 1};
+};
+
+/// One bit per use of a texture: the uses of SurfaceUse, and after them the base colour.
+SCREE_HD constexpr uint32_t use_bit(format::SurfaceUse use) {
+  return 1u << static_cast<uint32_t>(use);
+}
+inline constexpr uint32_t kBaseUse = format::kSurfaceUses;
+inline constexpr uint32_t kCameraUses = use_bit(format::SurfaceUse::kNormalMap) |
+                                        use_bit(format::SurfaceUse::kOcclusion) |
+                                        use_bit(format::SurfaceUse::kEmission);  // visible in the camera's light
+inline constexpr uint32_t kColorUses = [] {
+  uint32_t bits = 1u << kBaseUse;
+  for (uint32_t i = 0; i < format::kSurfaceUses; ++i)
+    if (format::is_color(static_cast<format::SurfaceUse>(i))) bits |= 1u << i;
+  return bits;
+}();
+
+/// Multiplies a material's textures into `out`, which holds its factors. `surface`: null if there is only a base
+/// colour. It is one loop over all textures, so that the kernel contains one sampler; with seven, nvcc took minutes to
+/// compile it.
+template <class Shader>
+SCREE_HD inline void read_textures(const Shader& shader, const PlacedChunk& at, const uint32_t vertex[3],
+                                   const format::MaterialRecord& material, const format::SurfaceRecord* surface,
+                                   const PlaneHit<float>& m, const float weights[3], float x, float y,
+                                   typename Shader::Texels::Lane& lane, SurfaceValues& out) {
+  using Use = format::SurfaceUse;
+  const ShadeInputs& in = shader.in;
+  uint32_t uses = 1u << kBaseUse;
+  if (surface != nullptr) uses |= in.light.lighting == Lighting::kCamera ? kCameraUses : (1u << kBaseUse) - 1u;
+  if ((uses & use_bit(Use::kEmission)) != 0 && !(largest_of(out.emission) > 0)) uses &= ~use_bit(Use::kEmission);
+#if defined(__CUDA_ARCH__)
+#pragma unroll 1
+#endif
+  for (uint32_t i = 0; i <= kBaseUse; ++i) {
+    if ((uses >> i & 1u) == 0) continue;
+    const bool is_base = i == kBaseUse;
+    const uint32_t number = is_base ? material.texture : surface->textures[i].texture;
+    if (number == format::kNone) continue;
+    const TextureView& texture = in.scene.textures[number];
+    const Use use = static_cast<Use>(i);
+    if (texture.level_count == 0) continue;
+    if (use == Use::kSpecular && texture.jpeg_level_count == texture.level_count) continue;  // no alpha in JPEGs
+    const float* const transform = is_base ? uv_transform(material) : uv_transform(surface->textures[i]);
+    const TexturePlace place = shader.find_place(at, vertex, transform, static_cast<float>(texture.width),
+                                                 static_cast<float>(texture.height), m, weights, x, y);
+    float code[4];
+    sample_channels<4>(shader.texels, lane, texture,
+                       SurfaceCodes{(kColorUses >> i & 1u) != 0 ? in.srgb->linear : nullptr}, place.u, place.v,
+                       place.footprint, code);
+    const Float3 color{code[0], code[1], code[2]};
+    if (is_base) {
+      out.base = color;
+    } else if (use == Use::kMetallicRoughness) {
+      out.roughness *= code[1];
+      out.metallic *= code[2];
+    } else if (use == Use::kNormalMap) {
+      out.bump = color;
+      out.has_bump = true;
+    } else if (use == Use::kOcclusion) {
+      out.occlusion = 1.0f + surface->occlusion_strength * (code[0] - 1.0f);
+    } else if (use == Use::kEmission) {
+      out.emission = out.emission * color;
+    } else if (use == Use::kSpecular) {
+      out.specular *= code[3];
+    } else {
+      out.specular_color = out.specular_color * color;
+    }
+  }
+}
+
+/// See shade.h.
 template <bool kOrthographic, class Shader>
-SCREE_HD void light_surface(const Shader& shader, const PlacedChunk& at, uint32_t material, const uint32_t vertex[3],
+SCREE_HD void shade_surface(const Shader& shader, const PlacedChunk& at, const uint32_t vertex[3],
                             const PlaneHit<float>& m, const Corners<float>& corners, const float weights[3], float x,
                             float y, typename Shader::Texels::Lane& lane, float rgb[3]) {
   const ShadeInputs& in = shader.in;
   const Lighting lighting = in.light.lighting;
-  const uint32_t number =
-      material != format::kNone && in.scene.surface_of != nullptr ? in.scene.surface_of[material] : format::kNone;
-  const format::SurfaceRecord* const surface = number != format::kNone ? in.scene.surfaces + number : nullptr;
-  const SurfaceReader<Shader> reader{shader, at, vertex, m, weights, x, y, lane};
-  const auto use = [&](format::SurfaceUse which) -> const format::SurfaceTexture& {
-    return surface->textures[static_cast<uint32_t>(which)];
-  };
+  const uint32_t number = at.mesh.material;
+  const format::MaterialRecord* const material = number != format::kNone ? in.scene.materials + number : nullptr;
+  const bool unlit = material != nullptr && (material->flags & format::kMaterialUnlit) != 0;
+  const format::SurfaceRecord* surface = nullptr;
+  if (material != nullptr && !unlit && in.scene.surface_of != nullptr && in.scene.surface_of[number] != format::kNone)
+    surface = in.scene.surfaces + in.scene.surface_of[number];
 
-  // The plane, and the ray that meets it.
-  const float focal = kOrthographic ? -in.focal : in.focal;  // the depth row of an orthographic camera falls
+  // From here on a GPU keeps only this number of the corners.
+  float depth = at.transform.w[3];
+  for (int i = 0; i < 3; ++i)
+    depth = multiply_add(at.transform.w[i],
+                         corners.first[i] + weights[1] * corners.edge[0][i] + weights[2] * corners.edge[1][i], depth);
+  SurfaceValues values;
+  if (surface != nullptr) {
+    values.metallic = surface->metallic;
+    values.roughness = surface->roughness;
+    values.emission = {surface->emission[0], surface->emission[1], surface->emission[2]};
+    values.specular = surface->specular;
+    values.specular_color = {surface->specular_color[0], surface->specular_color[1], surface->specular_color[2]};
+  }
+  if (material != nullptr) {
+    if ((at.mesh.attributes & format::kHasUv) != 0)
+      read_textures(shader, at, vertex, *material, surface, m, weights, x, y, lane, values);
+    values.base = values.base * Float3{material->base_color[0], material->base_color[1], material->base_color[2]};
+  }
+  rgb[0] = values.base.x;
+  rgb[1] = values.base.y;
+  rgb[2] = values.base.z;
+  if ((at.mesh.attributes & format::kHasColor) != 0) Shader::vertex_color(at, vertex, weights, rgb);
+  if (unlit) return;
+
+  // The triangle's plane, and the ray that hits it.
+  const float focal = kOrthographic ? -in.focal : in.focal;  // the depth row of an orthographic camera decreases
   Float3 edge[2];
   for (int n = 0; n < 2; ++n) {
     edge[n] = kOrthographic ? Float3{m.edge_x[n], m.edge_y[n] * in.aspect, m.edge_w[n] * focal}
@@ -248,64 +325,35 @@ SCREE_HD void light_surface(const Shader& shader, const PlacedChunk& at, uint32_
     view_normal(in, at, object, focal, turned);
     normal = unit_or(Float3{turned[0], turned[1], turned[2]} * hand, face);
   }
-  if (surface != nullptr) normal = mapped_normal(reader, *surface, edge, normal);
+  if (values.has_bump) normal = mapped_normal(at, vertex, *surface, values.bump, edge, normal);
   if (dot(face, point.to_viewer) < 0) normal = normal * -1.0f;
   point.normal = normal;
-
-  float metallic = surface != nullptr ? surface->metallic : 0.0f;  // a base colour alone is matt
-  float roughness = surface != nullptr ? surface->roughness : 1.0f;
-  Float3 emission = grey(0);
-  point.occlusion = 1.0f;
-  if (surface != nullptr) {
-    float code[3];
-    emission = {surface->emission[0], surface->emission[1], surface->emission[2]};
-    if (largest_of(emission) > 0 &&
-        reader.template read<0, 3>(use(format::SurfaceUse::kEmission), in.srgb->linear, code))
-      emission = emission * Float3{code[0], code[1], code[2]};
-    if (reader.template read<0, 1>(use(format::SurfaceUse::kOcclusion), UnitCodes{}, code))
-      point.occlusion = 1.0f + surface->occlusion_strength * (code[0] - 1.0f);
-  }
+  point.occlusion = values.occlusion;
   const Float3 base{rgb[0], rgb[1], rgb[2]};
   Float3 light;
   if (lighting == Lighting::kCamera) {
     const float cosine = unit_range(dot(point.normal, point.to_viewer));
-    light = base * (kAmbient * point.occlusion + (1.0f - kAmbient) * cosine) + emission;
+    light = base * (kAmbient * point.occlusion + (1.0f - kAmbient) * cosine) + values.emission;
   } else {
     float reflectance = 0.04f;
-    float specular = 1.0f;
-    Float3 specular_color = grey(1);
     if (surface != nullptr) {
-      float code[3];
-      if (reader.template read<1, 2>(use(format::SurfaceUse::kMetallicRoughness), UnitCodes{}, code)) {
-        roughness *= code[0];
-        metallic *= code[1];
-      }
       const float root = (surface->ior - 1.0f) / (surface->ior + 1.0f);
-      reflectance = root * root;  // of ior 0 it is 1
-      specular = surface->specular;
-      specular_color = {surface->specular_color[0], surface->specular_color[1], surface->specular_color[2]};
-      if (reader.template read<3, 1>(use(format::SurfaceUse::kSpecular), UnitCodes{}, code)) specular *= code[0];
-      if (reader.template read<0, 3>(use(format::SurfaceUse::kSpecularColor), in.srgb->linear, code))
-        specular_color = specular_color * Float3{code[0], code[1], code[2]};
+      reflectance = root * root;  // 1 if ior is 0
     }
-    const Float3 tinted = specular_color * reflectance;
-    const Float3 dielectric = Float3{min_of(tinted.x, 1.0f), min_of(tinted.y, 1.0f), min_of(tinted.z, 1.0f)} * specular;
-    point.roughness = max_of(roughness, kLeastRoughness);
-    point.diffuse = base * (1.0f - metallic);
-    point.f0 = mix(dielectric, base, metallic);
-    point.f90 = specular + (1.0f - specular) * metallic;
+    const Float3 tinted = values.specular_color * reflectance;
+    const Float3 dielectric =
+        Float3{min_of(tinted.x, 1.0f), min_of(tinted.y, 1.0f), min_of(tinted.z, 1.0f)} * values.specular;
+    point.roughness = max_of(values.roughness, kLeastRoughness);
+    point.diffuse = base * (1.0f - values.metallic);
+    point.f0 = mix(dielectric, base, values.metallic);
+    point.f90 = values.specular + (1.0f - values.specular) * values.metallic;
     if (lighting == Lighting::kEnvironment) {
       light = environment_light(in, point);
     } else {
-      const TransformRows<float> rows = rows_of(at.transform, 0.0f);
-      float depth = rows.w[3];
-      for (int i = 0; i < 3; ++i)
-        depth = multiply_add(
-            rows.w[i], corners.first[i] + weights[1] * corners.edge[0][i] + weights[2] * corners.edge[1][i], depth);
       const Float3 place = kOrthographic ? Float3{x, y * in.aspect, in.light.far_plane + depth * focal} : ray * depth;
       light = punctual_light(in, point, place);
     }
-    light = (light + emission) * in.options.exposure;
+    light = (light + values.emission) * in.options.exposure;
   }
   rgb[0] = light.x;
   rgb[1] = light.y;

@@ -74,7 +74,7 @@ class Runner {
     std::printf("%s, driver %s, copies %.2f TB/s; commit %s; median of %u frames after %u, ms\n",
                 machine_.device.c_str(), machine_.driver.c_str(), machine_.copy_gb_per_s * 1e-3,
                 machine_.commit.c_str(), options_.frames, options_.warmup);
-    // Results measured before a failure are printed all the same.
+    // Results measured before a failure are printed as well.
     const Result<void> done = measure_all();
     if (!results_.empty()) print();
     return done;
@@ -244,8 +244,9 @@ class Runner {
   }
 
   /// Warms up, then times options_.frames frames, or the frames of a path once.
-  Result<void> measure(const ResidentScene& resident, Frames& frames, const NamedView& view, const Culling& culling,
+  Result<void> measure(const ResidentScene& resident, Frames& frames, NamedView view, const Culling& culling,
                        const Effects& effects, CaseResult& result) {
+    if (options_.near > 0) view = with_near(std::move(view), resident.host(), options_.near);
     result.view = view.name;
     result.frames = view.frames.size() > 1 ? static_cast<uint32_t>(view.frames.size()) : options_.frames;
     Series series;

@@ -298,29 +298,33 @@ Command add_compare(CLI::App& parent) {
   RenderWords& render = words->render;
   CLI::App* app = parent.add_subcommand(
       "compare",
-      "Says by how much A misses B: two PNG pictures, two visibility buffers of one view, or a .scree file\n"
-      "(made with convert --source-ids) and its glTF, which a double-precision rasteriser draws and lights as it is.\n"
-      "Of a .scree file and its glTF: vertices, pixels of another triangle, depths, and how far the lit pictures lie\n"
-      "apart (PSNR and FLIP), from which textures are left out.");
+      "Measures how A differs from B: two PNG pictures, two visibility buffers of one view, or a .scree file (made\n"
+      "with convert --source-ids) and its glTF, which a double-precision rasteriser draws and lights exactly. For a\n"
+      ".scree file and its glTF it compares vertices, the pixels' triangles, depths, and the lit pictures without\n"
+      "textures (PSNR and FLIP).");
   app->add_option("A", render.file, "A PNG, a visibility buffer, or a .scree file")->required();
   app->add_option("B", words->other, "The reference: a PNG, a visibility buffer, a .gltf or .glb")->required();
   app->add_option("-o,--output", render.output,
                   "A picture of the difference, a .png: right surfaces grey, background against surface blue, other\n"
                   "mesh or triangle red, triangle sharing no vertex orange, neighbouring triangle green; of two\n"
-                  "PNGs the FLIP error, black 0 to white 1");
+                  "PNGs the FLIP error, black 0 to white 1")
+      ->type_name("FILE");
   app->add_option("--flip", words->flip,
                   "A picture of the FLIP error, a .png, black 0 to white 1: of two PNGs, or of the lit pictures of a\n"
-                  ".scree file and its glTF");
-  app->add_option("--size", render.size, "Pixels, WxH (default: 1920x1080)");
+                  ".scree file and its glTF")
+      ->type_name("FILE");
+  app->add_option("--size", render.size, "Pixels, WxH (default: 1920x1080)")->type_name("WxH");
   add_camera_options(*app, render);
   app->add_option("--of", words->of,
                   "The .scree file of the buffers, to distinguish meshes and neighbours. Give it twice, A's file "
                   "first, if the two differ in encoding (needs convert --source-ids)")
+      ->type_name("FILE")
       ->type_size(1)
       ->expected(1)
       ->allow_extra_args(false)  // the next word is a file to read
       ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll);
-  app->add_option("--exclude", words->exclude, "The --exclude that the .scree file was converted with");
+  app->add_option("--exclude", words->exclude, "The --exclude that the .scree file was converted with")
+      ->type_name("REGEX");
   app->add_flag("--allow-outside", words->allow_outside, convert::kAllowOutsideHelp);
   app->add_option(
          "--ppd", words->pixels_per_degree,
@@ -328,8 +332,9 @@ Command add_compare(CLI::App& parent) {
       ->check(CLI::Range(1.0, 1000.0));
   app->add_option("--memory", words->memory,
                   "Limit of memory for the glTF's vertices and triangles, all held at once, such as 8GiB (default: "
-                  "available memory)");
-  app->add_option("--threads", render.threads, "Threads; 0: one per processor (default)");
+                  "available memory)")
+      ->type_name("SIZE");
+  app->add_option("--threads", render.threads, "Threads; 0: one per processor (default)")->type_name("N");
   app->add_flag("-f,--force", words->force, kForceHelp);
   app->add_flag("--json", words->json, "One JSON object");
   return {app, [words] { return run(*words); }};

@@ -11,10 +11,7 @@ namespace {
 
 template <class Numbers>
 void write_numbers(JsonWriter& json, std::string_view name, const Numbers& numbers) {
-  json.key(name);
-  json.begin_array();
-  for (const auto number : numbers) json.value(number);
-  json.end_array();
+  json.array(name, numbers);
 }
 
 void write_camera(JsonWriter& json, const Camera& camera) {
@@ -24,7 +21,7 @@ void write_camera(JsonWriter& json, const Camera& camera) {
   json.member("fov", camera.fov_degrees);
 }
 
-/// u32, JSON, image: one message.
+/// One message of u32, JSON and image.
 std::vector<std::byte> picture_message(const std::string& head, const std::vector<std::byte>& image) {
   std::vector<std::byte> out;
   out.reserve(4 + head.size() + image.size());
@@ -35,7 +32,7 @@ std::vector<std::byte> picture_message(const std::string& head, const std::vecto
   return out;
 }
 
-/// Which picture it is, and for which view.
+/// The picture's number, and the view that it shows.
 void write_place(JsonWriter& json, uint64_t frame, const PictureRequest& request) {
   json.member("frame", frame);
   json.member("seq", request.sequence);
@@ -43,7 +40,7 @@ void write_place(JsonWriter& json, uint64_t frame, const PictureRequest& request
   json.member("fullHeight", request.height);
 }
 
-/// What the head of a picture and of a screenshot have in common.
+/// The members that a picture's head and a screenshot's head share.
 void write_head(JsonWriter& json, const Drawn& drawn, double encode_ms) {
   json.member("width", drawn.pixels.width);
   json.member("height", drawn.pixels.height);
@@ -119,20 +116,14 @@ std::string scene_text(const ViewSession& session, const SessionOptions& options
       write_numbers(json, "boxMin", box.min);
       write_numbers(json, "boxMax", box.max);
     }
-    json.key("home");
-    json.begin_object();
-    // A wide picture's home; pages with a narrow one step back.
-    if (const Result<Camera> home = session.home(1920, 1080); home) write_camera(json, *home);
-    json.end_object();
-    json.key("cameras");
-    json.begin_array();
-    for (const NamedCamera& camera : session.cameras()) {
-      json.begin_object();
+    json.object("home", [&] {
+      // A wide picture's home; pages with a narrow one step back.
+      if (const Result<Camera> home = session.home(1920, 1080); home) write_camera(json, *home);
+    });
+    json.objects("cameras", session.cameras(), [&](const NamedCamera& camera) {
       json.member("name", std::string_view(camera.name));
       write_camera(json, camera.camera);
-      json.end_object();
-    }
-    json.end_array();
+    });
   });
 }
 
@@ -216,7 +207,7 @@ std::string pick_text(uint64_t id, const std::optional<Picked>& picked) {
 }
 
 std::string nodes_text(const runtime::Scene& scene) {
-  // 200,000 nodes are some MB; a page with more would be slow, and says that it has not all.
+  // 200,000 nodes are some MB. A larger page would be slow; the page tells the user that nodes are missing.
   constexpr uint64_t kMostNodes = 200000;
   const format::Container& container = scene.container();
   const auto nodes = container.nodes();

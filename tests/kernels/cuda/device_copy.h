@@ -45,6 +45,9 @@ class DeviceCopy {
     pages_ = std::move(table);
   }
 
+  /// The scene as kernels see it.
+  const kernels::SceneView& view() const { return view_; }
+
   /// The GPU's samples of the scene, with queues that start at `sizes`.
   std::vector<uint64_t> draw(const kernels::View& view, const kernels::CudaQueueSizes& sizes = {},
                              const kernels::DrawOptions& options = {}) const {
