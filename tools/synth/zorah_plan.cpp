@@ -17,7 +17,7 @@ using format::kNone;
 /// What is known of the files: an audit of them, and NVIDIA's page of scenes (vk_lod_clusters), 2026.
 namespace main_file {
 constexpr uint64_t kUnique = 1627207159, kDrawn = 18937042387, kVertices = 1013678594;
-constexpr uint64_t kLargest = 32054609, kLargestVertices = 16005261;
+constexpr uint64_t kLargestTriangles = 32054609, kLargestVertices = 16005261;
 constexpr uint64_t kFloor = 19461216;
 constexpr uint32_t kFloors = 365, kMountains = 50;
 constexpr uint32_t kMeshes = 2068, kPrimitives = 3163, kNodes = 16988, kDrawnPrimitives = 19144;
@@ -39,7 +39,7 @@ constexpr uint32_t k8192 = 40, k512 = 30, k1024 = 28, k2048 = 225, k4096x2048 = 
 
 /// Vertices per triangle of all but the largest primitive.
 constexpr double kVertexShare = static_cast<double>(main_file::kVertices - main_file::kLargestVertices) /
-                                static_cast<double>(main_file::kUnique - main_file::kLargest);
+                                static_cast<double>(main_file::kUnique - main_file::kLargestTriangles);
 
 /// The numbers below `count` in an order of no meaning.
 std::vector<uint32_t> shuffled(uint32_t count, uint32_t seed) {
@@ -197,7 +197,7 @@ ZorahPlan zorah_plan(double scale) {
 
   // Meshes by class: 5 mountains, the floor, 548 of several primitives (547 of three), the others of one.
   constexpr uint32_t kMountainMeshes = 5, kSeveral = 548;
-  constexpr uint64_t kMountainTriangles[kMountainMeshes] = {kLargest, 12000000, 9000000, 7000000, 5000000};
+  constexpr uint64_t kMountainTriangles[kMountainMeshes] = {kLargestTriangles, 12000000, 9000000, 7000000, 5000000};
   plan.meshes.resize(kMeshes);
   std::vector<uint64_t> sizes(kPrimitives);
   std::vector<Sized> sized;
