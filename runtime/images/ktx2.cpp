@@ -60,7 +60,10 @@ constexpr Format kFormats[] = {
 };
 
 constexpr BlockHeadErrors kErrors{
-    "KTX2", "which scree does not read: transcode it, for example with \"ktx transcode --target bc7\""};
+    "KTX2",
+    "which scree does not read: make it again as BC1 to BC5, BC7 or 8 bits per channel (KTX-Software: ktx create)"};
+constexpr BlockHeadErrors kBasisErrors{
+    "KTX2", "which scree does not read: transcode it (KTX-Software: ktx transcode --target bc7 IN.ktx2 OUT.ktx2)"};
 
 Error fail(ErrorCode code, const std::string& what) {
   return kErrors.fail(code, what);
@@ -130,7 +133,7 @@ class Reader {
       case 0:
         break;
       case 1:
-        return not_read("supercompressed by BasisLZ");
+        return kBasisErrors.not_read("supercompressed by BasisLZ");
       case 2:
         head_.packing = BlockFile::Packing::kZstd;
         break;
@@ -151,8 +154,8 @@ class Reader {
     if (number == 0) {
       const uint32_t offset = word(48);
       const uint32_t model = offset >= index_end() && offset < file_.size() ? file_.byte(offset + 12u) : 0;
-      if (model == kEtc1s) return not_read("of ETC1S");
-      if (model == kUastc) return not_read("of UASTC");
+      if (model == kEtc1s) return kBasisErrors.not_read("of ETC1S");
+      if (model == kUastc) return kBasisErrors.not_read("of UASTC");
       return not_read("of no Vulkan format");
     }
     for (const Format& format : kFormats) {

@@ -29,15 +29,27 @@ constexpr uint32_t kGlbMagic = 0x46546c67;    // "glTF"
 constexpr uint32_t kGlbJson = 0x4e4f534a;
 constexpr uint32_t kGlbBinary = 0x004e4942;
 constexpr size_t kDrainBytes = size_t{1} << 20;
+constexpr const char* kMeshopt = "EXT_meshopt_compression";
 
 using Sampler = std::tuple<format::Wrap, format::Wrap, uint16_t, uint16_t>;
 constexpr Sampler kDefaultSampler{format::Wrap::kRepeat, format::Wrap::kRepeat, uint16_t{0}, uint16_t{0}};
 
 struct Image {
   std::string name;
-  format::ImageCodec codec;
   uint32_t buffer_view;  // kNone: `uri` is used
   std::string uri;
+  std::string mime_type;
+};
+
+struct Buffer {
+  std::string file_name;
+  uint64_t bytes;
+};
+
+/// A buffer view and its buffer; one with meshopt is in the fallback buffer.
+struct PlacedView {
+  GltfBufferView view;
+  uint32_t buffer;
 };
 
 const char* type_name(GltfType type) {
@@ -55,7 +67,13 @@ const char* type_name(GltfType type) {
 }
 
 const char* mime_type(format::ImageCodec codec) {
+  if (codec == format::ImageCodec::kBlocks) return "image/ktx2";
   return codec == format::ImageCodec::kJpeg ? "image/jpeg" : "image/png";
+}
+
+const char* file_extension(format::ImageCodec codec) {
+  if (codec == format::ImageCodec::kBlocks) return ".ktx2";
+  return codec == format::ImageCodec::kJpeg ? ".jpg" : ".png";
 }
 
 uint32_t wrap_number(format::Wrap wrap) {
@@ -87,12 +105,13 @@ std::string uri_of(const std::string& file_name) {
   return uri;
 }
 
-/// `name` reduced to letters, digits, '-' and '_', at most 64 of them.
-std::string safe_name(std::string_view name) {
+/// `name` reduced to letters, digits, '-' and '_', at most 64 of them, and to '.' where `keeps_dots`.
+std::string safe_name(std::string_view name, bool keeps_dots = false) {
   std::string safe;
   for (const char letter : name.substr(0, 64)) {
     const unsigned char byte = static_cast<unsigned char>(letter);
-    const bool kept = byte < 0x80 && (std::isalnum(byte) != 0 || letter == '-' || letter == '_');
+    const bool kept =
+        byte < 0x80 && (std::isalnum(byte) != 0 || letter == '-' || letter == '_' || (keeps_dots && letter == '.'));
     safe += kept ? letter : '_';
   }
   return safe.empty() ? "image" : safe;
@@ -123,12 +142,27 @@ void write_attributes(JsonWriter& json, const std::vector<std::pair<std::string,
   json.end_object();
 }
 
-void write_buffer_view(JsonWriter& json, const GltfBufferView& view) {
-  json.member("buffer", uint64_t{0});
+/// `fallback`: number of the fallback buffer.
+void write_buffer_view(JsonWriter& json, const PlacedView& placed, uint64_t fallback) {
+  const GltfBufferView& view = placed.view;
+  json.member("buffer", view.meshopt ? fallback : uint64_t{placed.buffer});
   if (view.offset != 0) json.member("byteOffset", view.offset);
   json.member("byteLength", view.bytes);
   if (view.stride != 0) json.member("byteStride", view.stride);
   if (view.target != GltfTarget::kNone) json.member("target", static_cast<uint64_t>(view.target));
+  if (!view.meshopt) return;
+  json.key("extensions");
+  json.begin_object();
+  json.key(kMeshopt);
+  json.begin_object();
+  json.member("buffer", placed.buffer);
+  if (view.meshopt->offset != 0) json.member("byteOffset", view.meshopt->offset);
+  json.member("byteLength", view.meshopt->bytes);
+  json.member("byteStride", view.meshopt->stride);
+  json.member("mode", view.meshopt->mode == GltfMeshopt::Mode::kAttributes ? "ATTRIBUTES" : "TRIANGLES");
+  json.member("count", view.meshopt->count);
+  json.end_object();
+  json.end_object();
 }
 
 void write_accessor(JsonWriter& json, const GltfAccessor& accessor) {
@@ -259,6 +293,7 @@ bool has_specular(const format::SurfaceRecord& surface) {
 std::vector<const char*> material_extensions(const GltfMaterial& material) {
   std::vector<const char*> names;
   if (material.unlit) names.push_back("KHR_materials_unlit");
+  if (material.transmission != 0) names.push_back("KHR_materials_transmission");
   if (!material.surface) return names;
   if (emissive_strength(*material.surface) != 1) names.push_back("KHR_materials_emissive_strength");
   if (material.surface->ior != 1.5f) names.push_back("KHR_materials_ior");
@@ -304,6 +339,7 @@ void write_material(JsonWriter& json, const GltfMaterial& material) {
     json.begin_object();
     if (name == "KHR_materials_emissive_strength")
       json.member("emissiveStrength", static_cast<double>(emissive_strength(*surface)));
+    if (name == "KHR_materials_transmission") json.member("transmissionFactor", material.transmission);
     if (name == "KHR_materials_ior") json.member("ior", static_cast<double>(surface->ior));
     if (name == "KHR_materials_specular") {
       if (surface->specular != 1) json.member("specularFactor", static_cast<double>(surface->specular));
@@ -318,7 +354,7 @@ void write_material(JsonWriter& json, const GltfMaterial& material) {
 
 void write_image(JsonWriter& json, const Image& image) {
   write_name(json, image.name);
-  json.member("mimeType", mime_type(image.codec));
+  json.member("mimeType", image.mime_type);
   if (image.buffer_view != format::kNone)
     json.member("bufferView", image.buffer_view);
   else
@@ -332,18 +368,23 @@ struct GltfWriter::State {
   bool glb = false;
   std::string copyright;
   PartFile document;
-  PartFile binary;
+  PartFile binary;                     // the current buffer
+  std::vector<PartFile> buffer_files;  // earlier ones
   std::vector<PartFile> image_files;
-  std::set<std::string> image_names;  // in lower case, for file systems that ignore case
+  std::set<std::string> image_names;   // in lower case, for file systems that ignore case
+  std::set<std::string> buffer_names;  // likewise
   format::Existing existing = format::Existing::kReplace;
   const std::atomic<bool>* stop = nullptr;
+  std::vector<Buffer> buffers;  // earlier ones
+  std::string buffer_file;      // of the current buffer
   uint64_t buffer_bytes = 0;
+  uint64_t fallback_bytes = 0;
   uint64_t image_bytes = 0;
   uint64_t total_bytes = 0;
   uint64_t most_version_2_bytes = kGlbMaxBytes;
   bool is_version_3 = false;
 
-  std::vector<GltfBufferView> buffer_views;
+  std::vector<PlacedView> buffer_views;
   std::vector<GltfAccessor> accessors;
   std::vector<GltfMesh> meshes;
   std::deque<GltfNode> nodes;  // stable references; no doubling of memory with millions of nodes
@@ -358,8 +399,11 @@ struct GltfWriter::State {
 
   std::string stem() const { return path.stem().string(); }
   std::string sibling(const std::string& file_name) const { return (path.parent_path() / file_name).string(); }
-  /// "city_NAME.jpg", made unique among `taken`, to which it is added.
-  std::string image_file_name(std::string_view name, format::ImageCodec codec, std::set<std::string>& taken) const;
+  /// "city_NAME.jpg", made unique among `taken`, to which it is added. `safe`: NAME.
+  std::string file_name(const std::string& safe, const std::string& extension, std::set<std::string>& taken) const;
+  std::string image_file_name(std::string_view name, format::ImageCodec codec, std::set<std::string>& taken) const {
+    return file_name(safe_name(name, codec == format::ImageCodec::kBlocks), file_extension(codec), taken);
+  }
   Result<void> check_stop() const {
     if (stop != nullptr && stop->load()) return Error{ErrorCode::kFile, "interrupted"};
     return {};
@@ -374,6 +418,9 @@ struct GltfWriter::State {
     const uint64_t head = is_version_3 ? kGlbWideHeaderBytes : kGlbChunkHeaderBytes;
     return document_end + (buffer_bytes == 0 ? 0 : head + format::align_up(buffer_bytes, alignment()));
   }
+  /// Makes the current buffer of a .gltf one of the earlier ones.
+  Result<void> end_buffer();
+  void write_buffers(JsonWriter& json) const;
   /// Writes the document and returns its end, padded.
   Result<uint64_t> write_document();
   /// Writes the header of a .glb, and its buffer after the document.
@@ -457,9 +504,10 @@ Result<GltfWriter> GltfWriter::create(const std::string& path, std::string_view 
   state->document = std::move(*document);
   // A .glb begins with the JSON, whose length is known only at the end. Until then its buffer lies in a file of its
   // own.
+  state->buffer_file = state->stem() + ".bin";
   Result<PartFile> binary =
       state->glb ? PartFile::create(path + ".bin")
-                 : PartFile::create(state->sibling(state->stem() + ".bin"), PartFile::Content::kEmpty, existing);
+                 : PartFile::create(state->sibling(state->buffer_file), PartFile::Content::kEmpty, existing);
   if (!binary) return binary.error();
   if (state->glb)
     if (const Result<void> hidden = binary->hide(); !hidden) return hidden.error();
@@ -494,8 +542,35 @@ uint64_t GltfWriter::buffer_bytes() const {
   return state_->buffer_bytes;
 }
 
+Result<void> GltfWriter::next_buffer(std::string_view name) {
+  State& state = *state_;
+  if (state.glb) return Error{ErrorCode::kUsage, state.path.string() + ": a .glb has one buffer"};
+  if (Result<void> ended = state.end_buffer(); !ended) return ended;
+  if (!state.buffer_files.empty())
+    if (Result<void> parked = state.buffer_files.back().park(); !parked) return parked;
+  state.buffer_file = state.file_name(safe_name(name), ".bin", state.buffer_names);
+  Result<PartFile> next = PartFile::create(state.sibling(state.buffer_file), PartFile::Content::kEmpty, state.existing);
+  if (!next) return next.error();
+  state.binary = std::move(*next);
+  return {};
+}
+
+Result<void> GltfWriter::State::end_buffer() {
+  if (buffer_bytes == 0) return binary.hide();  // the file is not needed
+  if (Result<void> sized = binary.resize(buffer_bytes); !sized) return sized;
+  buffer_files.push_back(std::move(binary));
+  buffers.push_back({std::move(buffer_file), std::exchange(buffer_bytes, 0)});
+  return {};
+}
+
 uint32_t GltfWriter::add_buffer_view(const GltfBufferView& view) {
-  return add(state_->buffer_views, view);
+  PlacedView placed{view, static_cast<uint32_t>(state_->buffers.size())};
+  if (view.meshopt) {
+    use_extension(kMeshopt, true);
+    placed.view.offset = format::align_up(state_->fallback_bytes, 4);
+    state_->fallback_bytes = placed.view.offset + view.bytes;
+  }
+  return add(state_->buffer_views, std::move(placed));
 }
 uint32_t GltfWriter::add_accessor(GltfAccessor accessor) {
   return add(state_->accessors, std::move(accessor));
@@ -527,10 +602,8 @@ uint32_t GltfWriter::add_texture(GltfTexture texture) {
   return add(state_->textures, std::move(texture));
 }
 
-std::string GltfWriter::State::image_file_name(std::string_view name, format::ImageCodec codec,
-                                               std::set<std::string>& taken) const {
-  const char* extension = codec == format::ImageCodec::kJpeg ? ".jpg" : ".png";
-  const std::string safe = safe_name(name);
+std::string GltfWriter::State::file_name(const std::string& safe, const std::string& extension,
+                                         std::set<std::string>& taken) const {
   std::string unique = safe;
   for (uint64_t k = 2; !taken.insert(format::lower_case(unique) + extension).second; ++k)
     unique = safe + "_" + std::to_string(k);
@@ -552,8 +625,8 @@ Result<void> GltfWriter::check_images(std::span<const PlannedImage> planned) con
 }
 
 Result<uint32_t> GltfWriter::add_image(std::string_view name, format::ImageCodec codec,
-                                       std::span<const std::byte> bytes) {
-  Image image{std::string(name), codec, format::kNone, {}};
+                                       std::span<const std::byte> bytes, std::string_view mime) {
+  Image image{std::string(name), format::kNone, {}, std::string(mime.empty() ? mime_type(codec) : mime)};
   if (state_->glb) {
     const Result<uint64_t> offset = append(bytes);
     if (!offset) return offset.error();
@@ -590,11 +663,7 @@ uint64_t GltfWriter::total_bytes() const {
 
 Result<void> GltfWriter::State::commit_all() {
   std::vector<PartFile*> files;
-  if (!glb && buffer_bytes != 0) {
-    files.push_back(&binary);
-  } else if (!glb) {  // the file is not needed
-    if (Result<void> removed = binary.hide(); !removed) return removed;
-  }
+  for (PartFile& file : buffer_files) files.push_back(&file);
   for (PartFile& file : image_files) files.push_back(&file);
   files.push_back(&document);
   Replacement replacement(files);
@@ -611,6 +680,36 @@ bool GltfWriter::is_version_3() const {
   return state_->is_version_3;
 }
 
+void GltfWriter::State::write_buffers(JsonWriter& json) const {
+  if (buffers.empty() && buffer_bytes == 0) return;
+  json.key("buffers");
+  json.begin_array();
+  for (const Buffer& buffer : buffers) {
+    json.begin_object();
+    json.member("uri", uri_of(buffer.file_name));
+    json.member("byteLength", buffer.bytes);
+    json.end_object();
+  }
+  if (buffer_bytes != 0) {  // a .glb's
+    json.begin_object();
+    json.member("byteLength", buffer_bytes);
+    json.end_object();
+  }
+  if (fallback_bytes != 0) {
+    json.begin_object();
+    json.member("byteLength", fallback_bytes);
+    json.key("extensions");
+    json.begin_object();
+    json.key(kMeshopt);
+    json.begin_object();
+    json.member("fallback", true);
+    json.end_object();
+    json.end_object();
+    json.end_object();
+  }
+  json.end_array();
+}
+
 Result<uint64_t> GltfWriter::State::write_document() {
   State& state = *this;
   DocumentText text(state.document, document_start());
@@ -624,15 +723,7 @@ Result<uint64_t> GltfWriter::State::write_document() {
   json.end_object();
   if (!state.extensions_used.empty()) write_numbers(json, "extensionsUsed", state.extensions_used);
   if (!state.extensions_required.empty()) write_numbers(json, "extensionsRequired", state.extensions_required);
-  if (state.buffer_bytes != 0) {
-    json.key("buffers");
-    json.begin_array();
-    json.begin_object();
-    if (!state.glb) json.member("uri", uri_of(state.stem() + ".bin"));
-    json.member("byteLength", state.buffer_bytes);
-    json.end_object();
-    json.end_array();
-  }
+  write_buffers(json);
   if (!state.scenes.empty()) json.member("scene", state.default_scene);
 
   std::vector<Sampler> samplers;
@@ -670,7 +761,9 @@ Result<uint64_t> GltfWriter::State::write_document() {
   if (written) written = text.section("samplers", samplers, write_sampler);
   if (written) written = text.section("images", state.images, write_image);
   if (written) written = text.section("accessors", state.accessors, write_accessor);
-  if (written) written = text.section("bufferViews", state.buffer_views, write_buffer_view);
+  const uint64_t fallback = state.buffers.size() + (state.buffer_bytes != 0 ? 1 : 0);
+  const auto write_view = [&](JsonWriter& out, const PlacedView& view) { write_buffer_view(out, view, fallback); };
+  if (written) written = text.section("bufferViews", state.buffer_views, write_view);
   if (!written) return written.error();
   json.line();
   json.end_object();
@@ -727,7 +820,8 @@ Result<void> GltfWriter::State::write_chunks(uint64_t document_end) {
 
 Result<void> GltfWriter::finish() {
   State& state = *state_;
-  if (Result<void> sized = state.binary.resize(state.buffer_bytes); !sized) return sized;
+  const Result<void> ended = state.glb ? state.binary.resize(state.buffer_bytes) : state.end_buffer();
+  if (!ended) return ended;
   state.is_version_3 = state.glb && state.buffer_bytes > state.most_version_2_bytes;
   Result<uint64_t> end = state.write_document();
   if (!end) return end.error();
@@ -740,7 +834,8 @@ Result<void> GltfWriter::finish() {
     if (written = state.write_chunks(*end); !written) return written;
   if (written = state.check_stop(); !written) return written;
   if (written = state.commit_all(); !written) return written;
-  state.total_bytes = (state.glb ? state.file_bytes(*end) : *end + state.buffer_bytes) + state.image_bytes;
+  state.total_bytes = (state.glb ? state.file_bytes(*end) : *end) + state.image_bytes;
+  for (const Buffer& buffer : state.buffers) state.total_bytes += buffer.bytes;
   return {};
 }
 

@@ -27,11 +27,22 @@ enum class GltfComponent : uint16_t { kInt8 = 5120, kUint8, kInt16, kUint16, kUi
 enum class GltfType : uint8_t { kScalar, kVec2, kVec3, kVec4 };
 enum class GltfTarget : uint16_t { kNone = 0, kVertices = 34962, kIndices = 34963 };
 
+/// EXT_meshopt_compression of a buffer view: a stream in the current buffer.
+struct GltfMeshopt {
+  enum class Mode : uint8_t { kAttributes, kTriangles };
+  uint64_t offset = 0;  // bytes in the buffer, as append() returns it
+  uint64_t bytes = 0;
+  Mode mode = Mode::kAttributes;
+  uint64_t count = 0;   // elements
+  uint32_t stride = 0;  // bytes of an element, unpacked
+};
+
 struct GltfBufferView {
-  uint64_t offset = 0;  // in the buffer, as reserve() and append() return it
-  uint64_t bytes = 0;   // >= 1
+  uint64_t offset = 0;  // bytes in the current buffer, as reserve() and append() return it; with `meshopt`: ignored
+  uint64_t bytes = 0;   // >= 1, unpacked
   uint32_t stride = 0;  // bytes, 4 to 252; 0: tightly packed
   GltfTarget target = GltfTarget::kNone;
+  std::optional<GltfMeshopt> meshopt = {};
 };
 
 struct GltfAccessor {
@@ -96,6 +107,7 @@ struct GltfMaterial {
   double alpha_cutoff = 0.5;
   bool double_sided = false;
   bool unlit = false;                            // KHR_materials_unlit
+  double transmission = 0;                       // KHR_materials_transmission
   std::optional<format::SurfaceRecord> surface;  // texture numbers are those here; none: not metallic, fully rough
 };
 
@@ -149,7 +161,12 @@ class GltfWriter {
   /// reserve() and write_at().
   Result<uint64_t> append(std::span<const std::byte> bytes, uint64_t alignment = 4);
   uint64_t buffer_bytes() const;
+  /// Ends the current buffer. What follows goes to a new one, the file "city_NAME.bin" (NAME made safe and unique). Of
+  /// a .gltf only: kUsage.
+  Result<void> next_buffer(std::string_view name);
 
+  /// A view with `meshopt` gets its place in a fallback buffer without a file, the document's last buffer; the
+  /// extension is then required.
   uint32_t add_buffer_view(const GltfBufferView& view);
   uint32_t add_accessor(GltfAccessor accessor);
   uint32_t add_mesh(GltfMesh mesh);
@@ -159,9 +176,10 @@ class GltfWriter {
   uint32_t add_camera(GltfCamera camera);
   uint32_t add_material(GltfMaterial material);
   uint32_t add_texture(GltfTexture texture);
-  /// Stores an encoded JPEG or PNG: inside a .glb, otherwise as a file "city_NAME.jpg" beside the .gltf (NAME is made
-  /// safe and unique).
-  Result<uint32_t> add_image(std::string_view name, format::ImageCodec codec, std::span<const std::byte> bytes);
+  /// Stores an encoded JPEG or PNG, or a KTX2 file (kBlocks): inside a .glb, otherwise as a file "city_NAME.jpg" beside
+  /// the .gltf (NAME is made safe and unique). `mime_type`: what the document says of it; empty: the truth.
+  Result<uint32_t> add_image(std::string_view name, format::ImageCodec codec, std::span<const std::byte> bytes,
+                             std::string_view mime_type = {});
   /// The first one added is the default scene unless set_default_scene() names another.
   uint32_t add_scene(GltfScene scene);
   void set_default_scene(uint32_t scene);

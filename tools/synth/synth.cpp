@@ -15,6 +15,7 @@
 #include "tools/common/stop_signal.h"
 #include "tools/synth/forest.h"
 #include "tools/synth/slope.h"
+#include "tools/synth/zorah.h"
 
 namespace scree::synth {
 namespace {
@@ -24,18 +25,24 @@ Error usage(const std::string& message) {
 }
 
 Result<void> check_options(const SynthOptions& options) {
-  const bool slope = options.scene == "slope" || options.scene == "forest";
+  const bool is_zorah = options.scene.starts_with("zorah");
+  const bool is_scattered = options.scene == "slope" || options.scene == "forest", is_other = is_zorah || is_scattered;
   if (!(options.scale > 0 && options.scale <= 1)) return usage("--scale lies above 0 and is at most 1");
   if (options.output.empty() && !options.checks) return usage("where to? (-o FILE.gltf or FILE.glb)");
-  if (slope && options.output.empty()) return usage("where to? (-o FILE.gltf or FILE.glb)");
-  if (slope && options.checks) return usage("--checks is for the scenes A, B, C and D");
-  if (slope && (options.normals || options.uvs)) return usage("--normals and --uvs are for the scenes A, B, C and D");
-  if (slope && options.order != MeshOrder::kRow) return usage("--order is for the scenes A, B and C");
+  if (is_other && options.output.empty()) return usage("where to? (-o FILE.gltf or FILE.glb)");
+  if (is_other && options.checks) return usage("--checks is for the scenes A, B, C and D");
+  if (is_other && (options.normals || options.uvs))
+    return usage("--normals and --uvs are for the scenes A, B, C and D");
+  if (is_other && options.order != MeshOrder::kRow) return usage("--order is for the scenes A, B and C");
+  if (is_zorah && options.gpu_instancing)
+    return usage("--gpu-instancing is not for zorah, which has instances as it is");
   if (options.scene == "D" && options.order != MeshOrder::kRow) return usage("scene D has row order only");
   const uint32_t size = options.texture_size.value_or(64);
   if (!std::has_single_bit(size) || size < 64 || size > 8192)
     return usage("--texture-size is a power of two from 64 to 8192");
-  if (!slope && options.seed != 1) return usage("--seed is for the slope and the forest: the other scenes are fixed");
+  if (is_zorah && options.texture_size) return usage("--texture-size is for the slope and the forest");
+  if (!is_scattered && options.seed != 1)
+    return usage("--seed is for the slope and the forest: the other scenes are fixed");
   return {};
 }
 
@@ -51,7 +58,9 @@ Result<SynthReport> synthesize(const SynthOptions& options) {
   if (options.scene == "B") return write_scene(lantern_scene(options.order, options.scale), options);
   if (options.scene == "C") return write_scene(zorahlike_scene(options.order, options.scale), options);
   if (options.scene == "D") return write_scene(sponzalike_scene(options.scale), options);
-  return usage("no scene \"" + options.scene + "\": A, B, C, D, slope or forest");
+  if (options.scene == "zorah") return write_zorah(zorah_plan(options.scale), options);
+  if (options.scene == "zorah-textured") return write_zorah(zorah_textured_plan(options.scale), options);
+  return usage("no scene \"" + options.scene + "\": A, B, C, D, slope, forest, zorah or zorah-textured");
 }
 
 }  // namespace scree::synth
@@ -120,17 +129,21 @@ Command add_synth(CLI::App& parent) {
   CLI::App* app = parent.add_subcommand(
       "synth",
       "Writes a generated scene as glTF, streaming: the measured scenes A (terrain), B (one mesh 3000 times), C (2000\n"
-      "meshes, 26,000 instances) and D (a small hall), a slope of textured stones, or a forest of leaf cards with "
-      "alpha\n"
-      "masks.");
-  app->add_option("scene", options->scene, "A, B, C, D, slope or forest")->required()->type_name("SCENE");
-  app->add_option("-o,--output", options->output,
-                  "FILE.gltf (with FILE.bin beside it) or FILE.glb (past 4 GiB of version 3, which few programs read)")
+      "meshes, 26,000 instances) and D (a small hall), a slope of textured stones, a forest of leaf cards with alpha\n"
+      "masks, or scenes with the counts of NVIDIA's Zorah: zorah (geometry behind EXT_meshopt_compression, 10 GB) and\n"
+      "zorah-textured (also 4,418 KTX2 textures, 78 GB).");
+  app->add_option("scene", options->scene, "A, B, C, D, slope, forest, zorah or zorah-textured")
+      ->required()
+      ->type_name("SCENE");
+  app->add_option(
+         "-o,--output", options->output,
+         "FILE.gltf, with FILE.bin and others beside it, or FILE.glb (not of zorah; past 4 GiB of version 3, which\n"
+         "few programs read)")
       ->type_name("FILE");
   app->add_option("--scale", options->scale,
                   "Share of the triangles to keep, above 0 to 1: A to D have coarser grids (n * sqrt(scale)) under\n"
-                  "the same cameras (A's tiles are stretched to cover the same ground), the slope fewer stones, the "
-                  "forest fewer plants")
+                  "the same cameras (A's tiles are stretched to cover the same ground), the slope fewer stones, the\n"
+                  "forest fewer plants, zorah fewer triangles per primitive and texels per texture")
       ->capture_default_str()
       ->type_name("SHARE");
   const auto order = std::make_shared<std::string>("row");

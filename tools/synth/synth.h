@@ -1,4 +1,5 @@
-// Writes generated scenes as glTF: the measured scenes A, B, C and D, the slope of stones and the forest.
+// Writes generated scenes as glTF: the measured scenes A, B, C and D, the slope of stones, the forest and two of the
+// shape of Zorah.
 #pragma once
 
 #include <atomic>
@@ -13,9 +14,9 @@
 namespace scree::synth {
 
 struct SynthOptions {
-  std::string scene;   // "A", "B", "C", "D", "slope" or "forest"
+  std::string scene;   // "A", "B", "C", "D", "slope", "forest", "zorah" or "zorah-textured"
   std::string output;  // .gltf or .glb; empty with `checks`: nothing is written
-  double scale = 1;    // 0 < scale <= 1: scenes.h, slope.h, forest.h
+  double scale = 1;    // 0 < scale <= 1: scenes.h, slope.h, forest.h, zorah_plan.h
   MeshOrder order = MeshOrder::kRow;
   bool normals = false;  // A to D: NORMAL of the surface, from central differences (one-sided at a blob's face edges)
   bool uvs = false;      // A to D: TEXCOORD_0, with every grid as the unit square, and a texture
@@ -43,8 +44,8 @@ struct SynthReport {
 };
 
 /// Makes the scene and writes it. Memory: about 2 MiB per thread, 200 bytes per instance, and 5 bytes per texel of the
-/// forest. Errors kUsage (options that contradict each other), kFile, kRange (a .glb past 4 GiB), after which nothing
-/// is left on disk.
+/// forest; of zorah see zorah.h. Errors kUsage (options that contradict each other), kFile, kRange (a .glb past 4 GiB),
+/// after which nothing is left on disk.
 Result<SynthReport> synthesize(const SynthOptions& options);
 
 /// Writes scene A, B, C or D; a part of synthesize().

@@ -48,20 +48,28 @@ Result<ContentHash> hash_image(const SourceImage& image) {
   return hash.value();
 }
 
+/// Whether the image keeps its blocks. Storing it unpacks and checks every level, so only its head is read before.
+bool keeps_blocks(const ImageOptions& options, format::ImageCodec codec) {
+  return codec == format::ImageCodec::kBlocks && options.textures != Textures::kJpeg;
+}
+
 /// Whether the image is stored as an indexed JPEG.
 bool is_indexed(const ImageOptions& options, format::ImageCodec codec) {
   return options.textures == Textures::kJpeg ||
          (options.textures == Textures::kKeep && codec == format::ImageCodec::kJpeg);
 }
 
-Result<CheckedImage> check_source(const SourceImage& image, const ImageOptions& options) {
+/// `may_repeat`: another image has as many bytes.
+Result<CheckedImage> check_source(const SourceImage& image, const ImageOptions& options, bool may_repeat) {
   if (image.bytes > kMaxImageBytes)
     return Error{ErrorCode::kUnsupported, std::to_string(image.bytes) + " bytes, but images of at most " +
                                               std::to_string(kMaxImageBytes) + " are read"};
   CheckedImage checked;
   const Result<runtime::ImageInfo> info = runtime::probe_image(image_file(image));
   Result<std::string> warning = std::string();
-  if (info && !is_indexed(options, info->codec)) warning = runtime::check_image(image_file(image));  // indexing decodes
+  const bool is_checked_later =
+      info && (is_indexed(options, info->codec) || keeps_blocks(options, info->codec));  // both decode it
+  if (info && !is_checked_later) warning = runtime::check_image(image_file(image));
   if (info && warning) {
     checked.info = *info;
     checked.warning = std::move(*warning);
@@ -71,6 +79,7 @@ Result<CheckedImage> check_source(const SourceImage& image, const ImageOptions& 
     checked.info.codec = format::ImageCodec::kIndexedJpeg;
     checked.broken = error.message;
   }
+  if (!may_repeat && keeps_blocks(options, checked.info.codec)) return checked;
   const Result<ContentHash> hash = hash_image(image);
   if (!hash) return hash.error();
   checked.hash = *hash;
@@ -78,9 +87,10 @@ Result<CheckedImage> check_source(const SourceImage& image, const ImageOptions& 
 }
 
 /// Memory for checking an image. For a file that is no image, the check itself reports the error.
-uint64_t check_cost(const SourceImage& image) {
+uint64_t check_cost(const SourceImage& image, const ImageOptions& options) {
   const Result<runtime::ImageInfo> info = runtime::probe_image(image_file(image));
-  return kBlockBytes + (info ? runtime::image_check_bytes(*info, image.bytes) : 0);
+  return kBlockBytes +
+         (info && !keeps_blocks(options, info->codec) ? runtime::image_check_bytes(*info, image.bytes) : 0);
 }
 
 /// The stored form of an image that is not kept as a file.
@@ -98,26 +108,31 @@ struct StoredImage {
   std::string warning;
 };
 
+Error changed() {
+  return {ErrorCode::kFile, "was changed while it was converted"};
+}
+
+/// The file, checked against its hash where it has one.
 Result<std::vector<std::byte>> read_file(const SourceImage& image, const ContentHash& hash) {
   std::vector<std::byte> file(static_cast<size_t>(image.bytes));
   if (const Result<void> read = read_image(image, 0, file); !read) return read.error();
   ContentHasher found;
+  if (hash == ContentHash{}) return file;
   found.add(file);
-  if (found.value() != hash) return Error{ErrorCode::kFile, "was changed while it was converted"};
+  if (found.value() != hash) return changed();
   return file;
 }
 
 /// The blocks of a KTX2 or DDS file: one page for level 0, and one for all other levels.
-Result<StoredImage> store_blocks(const SourceImage& source, const ContentHash& hash, int zstd_level) {
+Result<StoredImage> store_blocks(const SourceImage& source, const format::ImageRecord& record, const ContentHash& hash,
+                                 int zstd_level) {
   const auto bytes = read_file(source, hash);
   if (!bytes) return bytes.error();
   runtime::ImageFile file(*bytes);
   const auto head = runtime::open_block_file(file);
   if (!head) return head.error();
+  if (head->width != record.width || head->height != record.height) return changed();
   StoredImage stored;
-  stored.width = head->width;
-  stored.height = head->height;
-  stored.channels = format::block_channels(head->format);
   stored.block_format = head->format;
   stored.swizzle = head->swizzle;
   std::vector<std::byte> together;
@@ -203,8 +218,11 @@ Result<StoredImage> store_png(std::span<const std::byte> file, uint32_t channels
 /// The form in which an image is stored.
 Result<StoredImage> store_image(const SourceImage& source, const format::ImageRecord& record, const ContentHash& hash,
                                 const ImageOptions& options, runtime::TexelCoding coding) {
-  if (record.codec == format::ImageCodec::kBlocks && options.textures != Textures::kJpeg)
-    return store_blocks(source, hash, options.zstd_level);
+  const auto or_grey = [&](Result<StoredImage> stored) {
+    const bool is_bad = !stored && stored.error().code != ErrorCode::kMemory && stored.error().code != ErrorCode::kFile;
+    return is_bad && options.keep_going ? grey_image(stored.error().message) : std::move(stored);
+  };
+  if (keeps_blocks(options, record.codec)) return or_grey(store_blocks(source, record, hash, options.zstd_level));
   const auto file = read_file(source, hash);
   if (!file) return file.error();
   Result<StoredImage> stored = StoredImage{};
@@ -219,8 +237,7 @@ Result<StoredImage> store_image(const SourceImage& source, const format::ImageRe
     const auto coded = code_jpeg(*file, channels, options.quality, warning);
     stored = coded ? index_image(*coded, std::move(warning), coding) : coded.error();
   }
-  if (stored || !options.keep_going || stored.error().code == ErrorCode::kMemory) return stored;
-  return grey_image(stored.error().message);
+  return or_grey(std::move(stored));
 }
 
 /// Memory that compressing a page takes beside the page.
@@ -231,9 +248,8 @@ uint64_t zstd_bytes(int level, uint64_t page_bytes) {
 }
 
 uint64_t store_cost(const SourceImage& source, const runtime::ImageInfo& info, const ImageOptions& options) {
-  const bool has_blocks = info.codec == format::ImageCodec::kBlocks;
   // All levels together take a third more than level 0; the compressed ones are in memory at the same time.
-  if (has_blocks && options.textures != Textures::kJpeg)
+  if (keeps_blocks(options, info.codec))
     return source.bytes + 3 * info.block_bytes + kBlockBytes + zstd_bytes(options.zstd_level, info.block_bytes);
   const uint64_t pixels = uint64_t{info.width} * info.height;
   if (!is_indexed(options, info.codec)) {
@@ -242,7 +258,7 @@ uint64_t store_cost(const SourceImage& source, const runtime::ImageInfo& info, c
   }
   uint64_t bytes = 4 * source.bytes;
   if (info.codec != format::ImageCodec::kJpeg) bytes += 10 * pixels;
-  if (has_blocks) bytes += 2 * info.block_bytes;
+  if (info.codec == format::ImageCodec::kBlocks) bytes += 2 * info.block_bytes;
   if (info.needs_transcode) bytes += 2 * info.channels * pixels;
   return bytes;
 }
@@ -310,7 +326,7 @@ Result<void> append_file(const SourceImage& image, const ContentHash& expected, 
         return read;
       });
   if (!page) return page.error();
-  if (hash.value() != expected) return Error{ErrorCode::kFile, "was changed while it was converted"};
+  if (hash.value() != expected) return changed();
   written.record.page = *page;
   ++written.page_count;
   return {};
@@ -334,7 +350,7 @@ uint64_t largest_image_bytes(const SourceScene& scene, const ImageOptions& optio
   for (const SourceImage& image : scene.images) {
     if (image.bytes > kMaxImageBytes) continue;  // refused later, like pictures with too many pixels
     const Result<runtime::ImageInfo> info = runtime::probe_decodable(image_file(image));
-    if (info) largest = std::max({largest, check_cost(image), store_cost(image, *info, options)});
+    if (info) largest = std::max({largest, check_cost(image, options), store_cost(image, *info, options)});
   }
   return largest;
 }
@@ -354,10 +370,13 @@ Result<ImagePlan> check_images(const SourceScene& scene, const std::vector<bool>
   for (uint32_t i = 0; i < wanted.size(); ++i)
     if (wanted[i]) images.push_back(i);
   std::map<std::tuple<uint64_t, uint64_t, uint64_t>, uint32_t> known;  // hash and size -> record
+  std::map<uint64_t, uint32_t> of_size;                                // images by the bytes of their files
+  for (const uint32_t image : images) ++of_size[scene.images[image].bytes];
   std::vector<uint64_t> costs;
-  for (const uint32_t image : images) costs.push_back(check_cost(scene.images[image]));
+  for (const uint32_t image : images) costs.push_back(check_cost(scene.images[image], options));
   const auto work = [&](uint64_t i, uint32_t) -> Result<CheckedImage> {
-    Result<CheckedImage> checked = check_source(scene.images[images[i]], options);
+    const SourceImage& image = scene.images[images[i]];
+    Result<CheckedImage> checked = check_source(image, options, of_size.at(image.bytes) > 1);
     if (!checked) return at(image_place(scene, images[i]), checked.error());
     return checked;
   };

@@ -39,7 +39,7 @@ struct ImagePlan {
   std::vector<std::string> broken;             // why a record's file becomes grey; empty where it does not
   std::vector<format::MipLevelRecord> levels;  // of the records
   uint32_t page_count = 0;                     // number of written pages
-  std::vector<ContentHash> hashes;             // by record: hash of its file
+  std::vector<ContentHash> hashes;             // by record: hash of its file, or 0 if that is read only once
   std::vector<std::string> warnings;           // tolerated defects and changes, with the image
 };
 
@@ -58,9 +58,10 @@ uint64_t largest_image_bytes(const SourceScene& scene, const ImageOptions& optio
 std::string image_place(const SourceScene& scene, uint32_t image);
 
 /// Reads the header of every image of `wanted` (flags). Images that stay files are decoded once to check them, without
-/// holding file or pixels; as many at a time as fit 128 MiB and ImageOptions::memory by runtime::image_check_bytes.
-/// `progress(images, bytes)`: images done so far, and the bytes of their files. Errors as runtime::check_image and
-/// ByteSource::read, with the image; kUnsupported: more than 1 GiB.
+/// holding file or pixels. Images that keep their blocks are checked by write_images(); until then only those that
+/// another may equal, because it has as many bytes, are read. As many at a time as fit 128 MiB and ImageOptions::memory
+/// by runtime::image_check_bytes. `progress(images, bytes)`: images done so far, and the bytes of their files. Errors
+/// as runtime::check_image and ByteSource::read, with the image; kUnsupported: more than 1 GiB.
 Result<ImagePlan> check_images(const SourceScene& scene, const std::vector<bool>& wanted, const ImageOptions& options,
                                WorkerPool& pool, const std::function<void(uint64_t images, uint64_t bytes)>& progress);
 

@@ -1,0 +1,67 @@
+// The counts of NVIDIA's Zorah, as its files have them: scenes of the same shape with other content. No data here.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "tools/synth/block_texture.h"
+#include "tools/synth/scenes.h"
+
+namespace scree::synth {
+
+/// A set of accessors, which several primitives may share.
+struct ZorahGroup {
+  uint64_t triangles = 0;
+  uint64_t vertices = 0;
+  uint32_t buffer = 0;  // the file that it lies in
+  bool normals = false, uvs = false, tangents = false;
+};
+
+enum class ZorahKind : uint8_t { kFloor, kWall, kColumn, kProp, kMountain, kKite };
+
+struct ZorahMesh {
+  uint32_t first_group = 0;         // a group per primitive, one after the other
+  std::vector<uint32_t> materials;  // of each primitive
+  uint32_t nodes = 0;               // that draw it once
+  uint32_t instances = 0;           // of its node with EXT_mesh_gpu_instancing; 0: there is none
+  ZorahKind kind = ZorahKind::kProp;
+};
+
+/// What a material has. Textures by their numbers; kNone without.
+struct ZorahMaterial {
+  enum class Alpha : uint8_t { kOpaque, kMask, kBlend };
+  Alpha alpha = Alpha::kOpaque;
+  bool double_sided = false, unlit = false, transmission = false, specular = false, transform = false;
+  uint32_t color, surface, normals, specular_texture, emission;
+};
+
+struct ZorahPlan {
+  std::string name;  // "zorah" or "zorah-textured"
+  std::vector<ZorahGroup> groups;
+  std::vector<ZorahMesh> meshes;
+  std::vector<ZorahMaterial> materials;
+  std::vector<BlockTexture> textures;
+  uint32_t buffers = 1;      // of geometry
+  uint32_t parents = 0;      // nodes that have children
+  uint32_t png_images = 0;   // so many textures, the first ones, say that they are PNGs
+  uint32_t tile_images = 0;  // so many are named like UDIM tiles
+  SceneCamera camera;        // y up, 60 degrees
+
+  uint64_t unique_triangles() const;
+  uint64_t named_triangles() const;  // of meshes, whether they share accessors or not
+  uint64_t drawn_triangles() const;
+  uint64_t vertices() const;
+  uint64_t drawn_meshes() const;
+  uint64_t drawn_primitives() const;
+  uint64_t primitives() const;
+};
+
+/// The geometry alone ("zorah_main_public.v2.gltf"), and the textured scene ("zorah_textured_public.v1.gltf"). `scale`
+/// (0 < scale <= 1) is the share of the triangles, vertices and texels that is kept; everything else is counted as it
+/// is. At scale 1 the counts are those of the files.
+ZorahPlan zorah_plan(double scale);
+ZorahPlan zorah_textured_plan(double scale);
+
+}  // namespace scree::synth
