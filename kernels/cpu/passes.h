@@ -108,9 +108,9 @@ struct PyramidBand {
 template <class Backend, bool kOrthographic, bool kMasked>
 class FrameDrawer {
  public:
-  FrameDrawer(Backend& backend, const SceneView& scene, const FrameView& view, uint64_t* samples,
+  FrameDrawer(Backend& backend, const SceneView& scene, const FrameView& view, const Target& target,
               const QueueSizes& sizes)
-      : backend_(backend), scene_(scene), view_(view), target_{samples, view.width}, sizes_(sizes) {
+      : backend_(backend), scene_(scene), view_(view), target_(target), sizes_(sizes) {
     queues_ = Queues{};
     queues_.counters = backend.counters();
     culling_.centers = center_range(view);
@@ -288,10 +288,10 @@ void clear_frame(Backend& backend, const FrameView& view, uint64_t* samples) {
 }
 
 template <class Backend>
-bool draw_frame(Backend& backend, const SceneView& scene, const FrameView& view, uint64_t* samples,
+bool draw_frame(Backend& backend, const SceneView& scene, const FrameView& view, const Target& target,
                 const QueueSizes& sizes, FrameStats& stats) {
   const auto draw = [&]<bool kOrthographic, bool kMasked>() {
-    return FrameDrawer<Backend, kOrthographic, kMasked>(backend, scene, view, samples, sizes).draw(stats);
+    return FrameDrawer<Backend, kOrthographic, kMasked>(backend, scene, view, target, sizes).draw(stats);
   };
   const auto draw_with = [&]<bool kMasked>() {
     return view.orthographic ? draw.template operator()<true, kMasked>() : draw.template operator()<false, kMasked>();

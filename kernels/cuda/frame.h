@@ -28,6 +28,7 @@ struct DrawOptions {
   bool cluster_bounds = true;   // so do clusters, and those outside of the picture
   bool occlusion = true;        // clusters behind the depth pyramid go; takes cluster_bounds
   FramePart part = FramePart::kWhole;
+  const uint64_t* peeled = nullptr;  // of Target, in device memory; of frames that draw blended surfaces
   // Frames of small scenes are one submission, whose stages have no times of their own. With this they are submitted
   // kernel by kernel, which costs 0.02 ms on D.
   bool stage_times = false;

@@ -220,7 +220,8 @@ __device__ inline void draw_pixels(const Target& target, SetUpTriangles& shared,
     }
     for (uint32_t k = 0; k < kBatch; ++k) {
       if constexpr (Masks::kTests) {
-        if (drawn[k] < seen[k] && masks.passes(owners[k], sample[k], target.width))
+        if (drawn[k] < seen[k] && target.is_behind_peeled(target.samples + sample[k], drawn[k]) &&
+            masks.passes(owners[k], sample[k], target.width))
           WarpTeam::atomic_min(target.samples + sample[k], drawn[k]);
       } else {
         if (drawn[k] < seen[k]) WarpTeam::atomic_min(target.samples + sample[k], drawn[k]);

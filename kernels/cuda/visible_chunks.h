@@ -31,7 +31,8 @@ class CudaVisibleChunks {
 
   /// By chunk, the nearest depth code that it may have in `view`; ~0 where it draws no sample. Waits for it; until the
   /// next call. Errors kDevice.
-  Result<std::span<const uint32_t>> find_nearest(const View& view);
+  /// `draws_blended`: as SceneView has it.
+  Result<std::span<const uint32_t>> find_nearest(const View& view, bool draws_blended = false);
 
   /// Queues the same search on the default stream, for the view of the last find_nearest(), restricted to places where
   /// the chunk is not hidden by the picture that `samples` (device memory) then holds; ~0 where it is hidden
